@@ -1,0 +1,39 @@
+"""The one helper behind the frozen data types: float64, shape-checked, read-only arrays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from seaid.errors import SeaidError
+
+Array = NDArray[np.float64]
+
+
+def frozen(
+    name: str,
+    value: Any,
+    shape: tuple[int | None, ...],
+    error: type[SeaidError] = SeaidError,
+) -> Array:
+    """Return a read-only float64 copy of `value`.
+
+    `shape` has None where any length is allowed. Raises `error` naming `name` otherwise.
+    """
+    try:
+        array = np.array(value, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as problem:
+        raise error(f"{name} must be numbers of shape {_text(shape)}: {problem}") from None
+    fits = array.ndim == len(shape) and all(
+        wanted in (None, found) for wanted, found in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        raise error(f"{name} must have shape {_text(shape)}, found {array.shape}")
+    array.setflags(write=False)
+    return array
+
+
+def _text(shape: tuple[int | None, ...]) -> str:
+    return "(" + ", ".join("any" if length is None else str(length) for length in shape) + ")"

@@ -1,0 +1,139 @@
+"""Base parameters by QR reduction of the numeric regressor (Gautier 1991), left to right."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from seaid.arrays import Array, frozen
+from seaid.errors import ExcitationError
+from seaid.motion import Motion
+from seaid.regression import rigid_body_regressor
+from seaid.robot import Robot
+
+RANK_TOLERANCE = 1e-8
+"""Relative: a column is dependent if less than this part of it is new."""
+
+@dataclass(frozen=True, eq=False)
+class BaseParameters:
+    """The p identifiable combinations of m standard parameters.
+
+    base = grouping @ standard, and Y @ standard = Y[..., columns] @ base for every motion.
+    `columns` (p,) are the indices of the base columns; `names` the standard parameters there;
+    `expressions` the combinations as text; `grouping` (p, m); `gap` the smallest accepted over the
+    largest rejected relative column residual: how clear the rank decision was.
+    """
+
+    columns: tuple[int, ...]
+    names: tuple[str, ...]
+    expressions: tuple[str, ...]
+    grouping: Array
+    gap: float
+
+    def reduce(self, Y: Array) -> Array:
+        """Return the base columns (..., p) of a standard regressor (..., m)."""
+        return np.asarray(Y)[..., list(self.columns)]
+
+    def project(self, theta: Array) -> Array:
+        """Return the base parameters (p,) of standard parameters (m,), (14)."""
+        return self.grouping @ np.asarray(theta)
+
+
+def base_parameters(
+    robot: Robot,
+    motion: Motion | None = None,
+    *,
+    rows: Sequence[str] | None = None,
+    seed: int = 0,
+) -> BaseParameters:
+    """Return the base parameters of a robot: structural, or what one motion can tell.
+
+    Without `motion` the regressor is taken at random full states. `rows` names the joints whose
+    torques are known (default all). Raises ExcitationError where nothing is identifiable.
+    """
+    q, v, a = random_states(robot, seed) if motion is None else motion.joint_states
+    Y = rigid_body_regressor(robot, q, v, a)
+    known = [robot.index(joint) for joint in (robot.joint_names if rows is None else rows)]
+    H = Y[:, known].reshape(-1, Y.shape[2])
+    columns, grouping, gap = left_to_right(H, _negligible(H))
+    if not columns:
+        raise ExcitationError(
+            f"no parameter of '{robot.name}' is identifiable from the torques at "
+            f"{', '.join(robot.joint_names if rows is None else rows)}"
+        )
+    names = robot.parameter_names
+    return BaseParameters(
+        columns=tuple(columns),
+        names=tuple(names[column] for column in columns),
+        expressions=tuple(grouped_text(row, names) for row in grouping),
+        grouping=frozen("grouping", grouping, (None, None)),
+        gap=gap,
+    )
+
+
+def random_states(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
+    """Return random q, v, a, enough rows for a rank decision; q over a full turn or a metre."""
+    rng = np.random.default_rng(seed)
+    shape = (max(40, -(-30 * robot.n // min(robot.n, 6))), robot.n)
+    reach = np.where(robot.is_prismatic, 1.0, np.pi)
+    return rng.uniform(-reach, reach, shape), rng.normal(0, 3, shape), rng.normal(0, 10, shape)
+
+
+def left_to_right(H: Array, zero: Array | None = None) -> tuple[list[int], Array, float]:
+    """Return base columns, grouping matrix (p, m) and gap of the columns of H, taken in order.
+
+    Columns are scaled to unit norm first; those marked `zero` (default: none but exact zeros) are
+    left out before. The triangular factor of H stands for H: both have the same dependencies.
+    """
+    norms = np.linalg.norm(H, axis=0)
+    zero = (norms == 0) | (False if zero is None else zero)
+    scale = np.where(zero, 1.0, norms)
+    R = linalg.qr(H / scale, mode="r", check_finite=False)[0][: H.shape[1]]
+    basis = np.zeros((R.shape[0], min(R.shape)))
+    columns: list[int] = []
+    accepted, rejected = 1.0, float(np.finfo(float).eps)
+    for column in np.flatnonzero(~zero):
+        found = basis[:, : len(columns)]
+        new = R[:, column] - found @ (found.T @ R[:, column])
+        new -= found @ (found.T @ new)
+        residual = float(np.linalg.norm(new))
+        if residual > RANK_TOLERANCE and len(columns) < basis.shape[1]:
+            accepted = min(accepted, residual)
+            basis[:, len(columns)] = new / residual
+            columns.append(int(column))
+        else:
+            rejected = max(rejected, residual)
+    basis = basis[:, : len(columns)]
+    grouping = linalg.solve_triangular(basis.T @ R[:, columns], basis.T @ R)
+    grouping *= scale[None, :] / scale[columns][:, None]
+    grouping[:, zero] = 0.0
+    for row, base in enumerate(columns):  # exact where it is known: left of the base column, at it
+        grouping[row, :base] = 0.0
+        grouping[:, base] = 0.0
+        grouping[row, base] = 1.0
+    grouping[np.abs(grouping) < 1e-11 * np.max(np.abs(grouping), initial=1.0)] = 0.0
+    return columns, grouping, accepted / rejected
+
+
+def grouped_text(coefficients: Array, names: Sequence[str]) -> str:
+    """Return 'Iyy_thigh + 0.0756 m_shank' of coefficients (m,), four digits, 1 left out."""
+    text = ""
+    for index in np.flatnonzero(coefficients):
+        value = coefficients[index]
+        size = "" if abs(abs(value) - 1) < 5e-5 else f"{abs(value) * (1 + 1e-9):.4g} "
+        sign = ("-" if value < 0 else "") if not text else (" - " if value < 0 else " + ")
+        text += f"{sign}{size}{names[index]}"
+    return text
+
+
+def _negligible(H: Array) -> Array:
+    """Tell columns that are zero but for rounding, before scaling makes them look like others.
+
+    A column of H is the torque of a unit parameter; those of mass times one or two metres are
+    alike in size, so one far below the largest is the trace of a rounded angle.
+    """
+    norms = np.linalg.norm(H, axis=0)
+    return norms < 1e-9 * norms.max(initial=0.0)

@@ -1,0 +1,64 @@
+"""A joint controller for simulated experiments: feedforward of the plan, feedback on the motor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from seaid.arrays import Array
+from seaid.plant import Plant
+
+_LEAST_BANDWIDTH_RAD_S = 60.0
+_DAMPING = 0.7
+
+
+@dataclass(frozen=True, eq=False)
+class JointController:
+    """Motor references and feedforward torque (T, n) a tick, and feedback gains (n,)."""
+
+    motor_position: Array
+    motor_velocity: Array
+    feedforward: Array
+    position_gain: Array
+    velocity_gain: Array
+    velocity_filter: Array
+
+    def torque(self, tick: int, position: Array, velocity: Array) -> Array:
+        """Return the motor torque [N m] for the motor angle and speed that were measured."""
+        return (
+            self.feedforward[tick]
+            + self.position_gain * (self.motor_position[tick] - position)
+            + self.velocity_gain * (self.motor_velocity[tick] - velocity)
+        )
+
+
+def joint_controller(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float) -> JointController:
+    """Design the controller for a planned joint motion (T, n), sampled at its own rate.
+
+    An elastic joint is flat in its position: (8) gives the motor angle, (7) the motor torque.
+    """
+    data = plant.model.createData()
+    load = np.array([pin.rnea(plant.model, data, *states) for states in zip(q, v, a, strict=True)])
+    N, r_M, r_L = plant.ratio, plant.motor_radius, plant.load_radius
+    stretch = np.where(plant.elastic, load / (np.where(plant.elastic, plant.stiffness, 1) * r_L), 0)
+    motor_position = np.where(plant.elastic, N / r_M * (r_L * q + stretch), N * q)
+    motor_velocity = np.gradient(motor_position, 1 / rate_hz, axis=0)
+    motor_acceleration = np.gradient(motor_velocity, 1 / rate_hz, axis=0)
+    friction = plant.viscous * motor_velocity + plant.coulomb * np.tanh(motor_velocity)
+    elastic = plant.motor_inertia * motor_acceleration + r_M / N * load / r_L
+    feedforward = friction + np.where(plant.elastic, elastic, load / N)
+    load_inertia = np.diag(pin.crba(plant.model, data, q[0])) / N**2
+    inertia = np.where(plant.elastic, plant.motor_inertia, load_inertia)
+    resonance = np.sqrt(plant.stiffness / np.maximum(plant.motor_inertia, 1e-300)) * r_M / N
+    bandwidth = np.where(plant.elastic, 2 * resonance, 0.0)
+    bandwidth = np.clip(bandwidth, _LEAST_BANDWIDTH_RAD_S, 0.2 * rate_hz)
+    return JointController(
+        motor_position=motor_position,
+        motor_velocity=motor_velocity,
+        feedforward=feedforward,
+        position_gain=inertia * bandwidth**2,
+        velocity_gain=2 * _DAMPING * inertia * bandwidth,
+        velocity_filter=1 - np.exp(-5 * bandwidth / rate_hz),
+    )

@@ -1,0 +1,75 @@
+"""The ten inertial parameters of a body: order, names, pseudo-inertia.
+
+Pinocchio's order (m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz): mass [kg], first moments [kg m] and
+the inertia [kg m^2] about the origin of the body's frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import pinocchio as pin
+
+from seaid.arrays import Array
+
+PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+UNITS = ("kg",) + ("kg m",) * 3 + ("kg m^2",) * 6
+_UPPER = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+
+
+def parameter_names(bodies: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of the standard parameters of the bodies, ten a body, as 'Iyy_thigh'."""
+    return tuple(f"{parameter}_{body}" for body in bodies for parameter in PARAMETERS)
+
+
+def pseudo_inertia(parameters: Array) -> Array:
+    """Return the 4x4 pseudo-inertia [[S, h], [h^T, m]] of ten parameters (Wensing et al. 2018).
+
+    It is linear in the parameters; the body is physically possible where it is positive
+    semidefinite.
+    """
+    inertia = np.zeros((3, 3))
+    for value, (row, column) in zip(parameters[4:], _UPPER, strict=True):
+        inertia[row, column] = inertia[column, row] = value
+    pseudo = np.empty((4, 4))
+    pseudo[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    pseudo[:3, 3] = pseudo[3, :3] = parameters[1:4]
+    pseudo[3, 3] = parameters[0]
+    return pseudo
+
+
+def from_pseudo_inertia(pseudo: Array) -> Array:
+    """Return the ten parameters of a 4x4 pseudo-inertia."""
+    second = pseudo[:3, :3]
+    inertia = np.trace(second) * np.eye(3) - second
+    return np.array([pseudo[3, 3], *pseudo[:3, 3], *(inertia[index] for index in _UPPER)])
+
+
+def in_parent_frame(parameters: Array, placement: pin.SE3) -> Array:
+    """Return the ten parameters seen from the frame in which `placement` places the body."""
+    transform = placement.homogeneous
+    return from_pseudo_inertia(transform @ pseudo_inertia(parameters) @ transform.T)
+
+
+def from_center_of_mass(mass: float, com: Array, inertia: Array) -> Array:
+    """Return the ten parameters of mass [kg], centre [m] and 3x3 inertia at the centre [kg m^2]."""
+    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia + mass * np.outer(com, com)
+    pseudo = np.block([[second, mass * com[:, None]], [mass * com[None, :], np.array([[mass]])]])
+    return from_pseudo_inertia(pseudo)
+
+
+def is_physical(parameters: Array, tolerance: float = 1e-12) -> bool:
+    """Tell whether a body with these ten parameters can exist (no negative mass density)."""
+    eigenvalues = np.linalg.eigvalsh(pseudo_inertia(parameters))
+    return bool(eigenvalues[0] >= -tolerance * max(eigenvalues[-1], 1e-300))
+
+
+def to_pinocchio(parameters: Array) -> pin.Inertia:
+    """Return the Pinocchio inertia of ten parameters.
+
+    Pinocchio keeps the centre of mass, so a body without mass cannot have first moments there.
+    """
+    if not np.any(parameters):
+        return pin.Inertia.Zero()
+    return pin.Inertia.FromDynamicParameters(np.asarray(parameters))

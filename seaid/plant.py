@@ -1,0 +1,210 @@
+"""The complete model (7) + (8) as a plant that moves, with dry friction that can hold.
+
+Inside this module all joints are in the order of Pinocchio's model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from seaid.arrays import Array
+from seaid.drivetrain.equations import extra_torque
+from seaid.drivetrain.model import Drive, SeriesElasticDrive
+from seaid.errors import RobotError, SeaidError
+from seaid.robot import Robot
+
+REST_RAD_S = 1e-9
+"""A motor slower than this is at rest, and friction may hold it."""
+
+_MOST_EVENTS = 200
+
+Extra = Callable[[float, float, float, float, float, float], float]
+POSITION, SPEED, JOINT_POSITION, JOINT_SPEED = range(4)
+"""Rows of a state (4, n): motor angle and speed, joint position and speed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """Numbers of the complete model, each (n,); stiffness 0 and not `elastic` where stiff.
+
+    `model` carries the rotor inertia of stiff drives as armature, seen at the joint.
+    """
+
+    model: pin.Model
+    elastic: np.ndarray
+    ratio: Array
+    motor_inertia: Array
+    viscous: Array
+    coulomb: Array
+    motor_radius: Array
+    load_radius: Array
+    stiffness: Array
+    extras: tuple[tuple[int, Extra], ...]
+
+
+def plant_of(robot: Robot) -> Plant:
+    """Return the plant of a robot with its payloads and nominal values.
+
+    Raises RobotError naming joint and value where a nominal value is not given.
+    """
+    if not np.all(np.isfinite(robot.parameters)):
+        raise RobotError(f"'{robot.name}' has no inertial parameters: it cannot be simulated")
+    drives = [robot.drivetrains[robot.joint_names[index]] for index in robot.model_order]
+    names = [robot.joint_names[index] for index in robot.model_order]
+    elastic = np.array([isinstance(drive, SeriesElasticDrive) for drive in drives])
+    ratio = np.array([drive.ratio for drive in drives])
+    inertia = np.array([_nominal(n, d, "motor_inertia_kg_m2") for n, d in zip(names, drives)])
+    model = robot.model.copy()
+    model.armature = np.where(elastic, 0.0, ratio**2 * inertia)
+    if np.any(elastic & (inertia == 0)):
+        name = names[int(np.flatnonzero(elastic & (inertia == 0))[0])]
+        raise RobotError(f"joint '{name}': an elastic drive needs a motor inertia to be simulated")
+    return Plant(
+        model=model,
+        elastic=elastic,
+        ratio=ratio,
+        motor_inertia=inertia,
+        viscous=np.array([_friction(n, d, "viscous") for n, d in zip(names, drives)]),
+        coulomb=np.array([_friction(n, d, "coulomb") for n, d in zip(names, drives)]),
+        motor_radius=np.array([getattr(drive, "motor_radius", 1.0) for drive in drives]),
+        load_radius=np.array([getattr(drive, "load_radius", 1.0) for drive in drives]),
+        stiffness=np.array([_nominal(n, d, "stiffness") for n, d in zip(names, drives)]),
+        extras=tuple(
+            (index, extra_torque(drive)) for index, drive in enumerate(drives) if drive.extra_terms
+        ),
+    )
+
+
+def _nominal(joint: str, drive: Drive, name: str) -> float:
+    if name == "stiffness" and not isinstance(drive, SeriesElasticDrive):
+        return 0.0
+    value = getattr(drive, name)
+    if value is None:
+        raise RobotError(
+            f"joint '{joint}': '{name}' is not given; a simulation needs a nominal value"
+        )
+    return float(value)
+
+
+def _friction(joint: str, drive: Drive, term: str) -> float:
+    name = {"viscous": "viscous_friction_Nms_per_rad", "coulomb": "coulomb_friction_Nm"}[term]
+    return _nominal(joint, drive, name) if term in drive.friction else 0.0
+
+
+def accelerations(
+    plant: Plant, data: pin.Data, state: Array, torque: Array, slip: Array
+) -> tuple[Array, Array]:
+    """Return motor and joint acceleration at a state under a motor torque.
+
+    `slip` (n,) is the direction in which dry friction is overcome, 0 where it holds the motor.
+    """
+    N, r_M, r_L = plant.ratio, plant.motor_radius, plant.load_radius
+    free = torque - plant.viscous * state[SPEED] - plant.coulomb * slip
+    for index, extra in plant.extras:
+        free[index] -= extra(*state[:, index])
+    force = plant.stiffness * (r_M / N * state[POSITION] - r_L * state[JOINT_POSITION])  # (3)
+    load_torque = np.where(plant.elastic, r_L * force, N * free)
+    joint = np.array(
+        pin.aba(plant.model, data, state[JOINT_POSITION], state[JOINT_SPEED], load_torque)
+    )
+    held = slip == 0
+    stiff_held = np.flatnonzero(held & ~plant.elastic)
+    if stiff_held.size:
+        joint += _holding(plant, data, state, joint, stiff_held)[1]
+    motor = np.where(held, 0.0, (free - r_M / N * force) / np.maximum(plant.motor_inertia, 1e-300))
+    return np.where(plant.elastic, motor, N * joint), joint
+
+
+def _holding(
+    plant: Plant, data: pin.Data, state: Array, joint: Array, held: np.ndarray
+) -> tuple[Array, Array]:
+    """Return the joint torques that keep the held joints still, and their joint accelerations."""
+    inverse = np.triu(pin.computeMinverse(plant.model, data, state[JOINT_POSITION]))
+    inverse = inverse + np.triu(inverse, 1).T
+    torque = -np.linalg.solve(inverse[np.ix_(held, held)], joint[held])
+    return torque, inverse[:, held] @ torque
+
+
+def slip_directions(plant: Plant, data: pin.Data, state: Array, torque: Array) -> Array:
+    """Return where friction slips (+-1) and where it can hold the motor (0), all joints at once."""
+    speed = state[SPEED]
+    slip = np.where(np.abs(speed) > REST_RAD_S, np.sign(speed), 0.0)
+    slip[plant.coulomb == 0] = 1.0
+    resting = np.flatnonzero(slip == 0)
+    if not resting.size:
+        return slip
+    free = torque.copy()
+    for index, extra in plant.extras:
+        free[index] -= extra(*state[:, index])
+    pull = plant.motor_radius / plant.ratio * state[POSITION] - plant.load_radius * state[JOINT_POSITION]
+    free -= plant.motor_radius / plant.ratio * plant.stiffness * pull
+    moves = plant.elastic & (slip == 0) & (np.abs(free) > plant.coulomb)
+    slip[moves] = np.sign(free[moves])
+    while (held := np.flatnonzero((slip == 0) & ~plant.elastic)).size:
+        without = slip.copy()
+        without[held] = 1e-300
+        joint = accelerations(plant, data, state, torque, without)[1]
+        needed = -_holding(plant, data, state, joint, held)[0] / plant.ratio[held]
+        breaks = np.abs(needed) > plant.coulomb[held]
+        if not np.any(breaks):
+            break
+        slip[held[breaks]] = np.sign(needed[breaks])
+    return slip
+
+
+def advance(
+    plant: Plant, data: pin.Data, state: Array, torque: Array, torque_rate: Array, step: float
+) -> Array:
+    """Return the state one step later, stopping inside it wherever a motor comes to rest.
+
+    The torque is `torque` at the start and grows with `torque_rate`. Raises SeaidError if the
+    state is no longer finite or the friction events do not end.
+    """
+    done, stuck = 0.0, np.zeros(len(torque), dtype=bool)
+    for _ in range(_MOST_EVENTS):
+        now = torque + torque_rate * done
+        slip = slip_directions(plant, data, state, now)
+        slip[stuck] = 0.0
+        rest = step - done
+        new = _runge_kutta(plant, data, state, now, torque_rate, slip, rest)
+        before, after = state[SPEED] * slip, new[SPEED] * slip
+        crossed = np.flatnonzero((after < 0) & (plant.coulomb > 0))
+        if not crossed.size:
+            if not np.all(np.isfinite(new)):
+                raise SeaidError("the simulation diverged: check stiffness, inertias and controller")
+            return new
+        fractions = np.clip(before[crossed] / (before[crossed] - after[crossed]), 0.0, 1.0)
+        first, fraction = crossed[np.argmin(fractions)], float(fractions.min())
+        if fraction * rest < 1e-12:
+            stuck[first] = True
+        state = _runge_kutta(plant, data, state, now, torque_rate, slip, fraction * rest)
+        state[SPEED, first] = 0.0
+        if not plant.elastic[first]:
+            state[JOINT_SPEED, first] = 0.0
+        done += fraction * rest
+    raise SeaidError("the simulation stopped: friction events without end in one step")
+
+
+def _runge_kutta(
+    plant: Plant,
+    data: pin.Data,
+    state: Array,
+    torque: Array,
+    torque_rate: Array,
+    slip: Array,
+    step: float,
+) -> Array:
+    def rate(at: float, y: Array) -> Array:
+        motor, joint = accelerations(plant, data, y, torque + torque_rate * at, slip)
+        return np.array([y[SPEED], motor, y[JOINT_SPEED], joint])
+
+    half = 0.5 * step
+    k1 = rate(0.0, state)
+    k2 = rate(half, state + half * k1)
+    k3 = rate(half, state + half * k2)
+    k4 = rate(step, state + step * k3)
+    return np.asarray(state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4))

@@ -1,0 +1,185 @@
+"""An experiment in simulation: plant, joint controller and the sensors that watch."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from seaid.arrays import Array, frozen
+from seaid.controller import joint_controller
+from seaid.errors import SeaidError
+from seaid.excitation.trajectory import Trajectory
+from seaid.log import Log
+from seaid.motion import Motion
+from seaid.plant import (
+    JOINT_POSITION,
+    JOINT_SPEED,
+    POSITION,
+    SPEED,
+    Plant,
+    accelerations,
+    advance,
+    plant_of,
+    slip_directions,
+)
+from seaid.progress import track
+from seaid.robot import Robot
+
+SETTLE_S = 1.0
+"""The controller holds the start of the trajectory so long before the log begins."""
+
+_LONGEST_STEP_S = 5e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """What the sensors add: a number for all joints or one a joint; the default adds nothing.
+
+    Encoder steps and unknown encoder zeros of both sides [rad; joint side of a prismatic joint m],
+    and the standard deviation of the white noise on the motor torque [N m].
+    """
+
+    motor_resolution_rad: float | tuple[float, ...] = 0.0
+    joint_resolution_rad: float | tuple[float, ...] = 0.0
+    motor_zero_rad: float | tuple[float, ...] = 0.0
+    joint_zero_rad: float | tuple[float, ...] = 0.0
+    torque_std_Nm: float | tuple[float, ...] = 0.0
+
+
+def simulate(
+    robot: Robot,
+    trajectory: Trajectory,
+    *,
+    rate_hz: float = 1000.0,
+    noise: Noise | None = None,
+    seed: int = 0,
+    progress: bool = False,
+) -> Log:
+    """Return the log of a robot that follows a trajectory under joint control.
+
+    The robot moves with its payloads and its nominal stiffness and friction; the controller sees
+    the motor encoders as the log has them. The same seed gives the same log. Raises RobotError
+    where a drive lacks a nominal value.
+    """
+    noise = Noise() if noise is None else noise
+    motion = simulate_motion(robot, trajectory, rate_hz=rate_hz, noise=noise, progress=progress)
+    return measure(robot, motion, noise, seed)
+
+
+def measure(robot: Robot, motion: Motion, noise: Noise, seed: int = 0) -> Log:
+    """Return what the sensors say of a true motion: zeros, steps, white torque noise."""
+    rng = np.random.default_rng(seed)
+    noise_torque = rng.normal(size=motion.motor_torque.shape) * _spread(
+        robot, "torque_std_Nm", noise.torque_std_Nm
+    )
+    return Log(
+        time=motion.time,
+        joint_names=robot.joint_names,
+        motor_position=_reading(robot, noise, "motor", motion.motor_position),
+        joint_position=_reading(robot, noise, "joint", motion.joint_position),
+        motor_torque=motion.motor_torque + noise_torque,
+        is_prismatic=robot.is_prismatic,
+    )
+
+
+def simulate_motion(
+    robot: Robot,
+    trajectory: Trajectory,
+    *,
+    rate_hz: float = 1000.0,
+    noise: Noise | None = None,
+    progress: bool = False,
+) -> Motion:
+    """Return the true motion of the experiment: states, accelerations and torques at each tick.
+
+    The motor current ramps from one command of the controller to the next within one tick, so the
+    torque that a sensor reads at a tick is the one that acts then.
+    """
+    if not (math.isfinite(rate_hz) and rate_hz > 0):
+        raise SeaidError(f"rate_hz must be more than zero, found {rate_hz}")
+    plant, order = plant_of(robot), list(robot.model_order)
+    noise = Noise() if noise is None else noise
+    settle = round(SETTLE_S * rate_hz)
+    count = round(trajectory.duration * rate_hz) + 1
+    time = np.arange(count) / rate_hz
+    planned = [
+        np.concatenate([np.repeat(rows[:1] * hold, settle, axis=0), rows])[:, order]
+        for rows, hold in zip(trajectory.sample(time), (1.0, 0.0, 0.0), strict=True)
+    ]
+    states, torques = _run(robot, plant, planned, noise, rate_hz, progress)
+    return _motion(robot, plant, time, states[settle:], torques[settle:])
+
+
+def _run(
+    robot: Robot,
+    plant: Plant,
+    planned: list[Array],
+    noise: Noise,
+    rate_hz: float,
+    progress: bool,
+) -> tuple[Array, Array]:
+    """Return states (T, 4, n) and motor torques (T, n) at the ticks, in the model's order."""
+    controller = joint_controller(plant, *planned, rate_hz)
+    ticks, joints = planned[0].shape
+    order = list(robot.model_order)
+    data = plant.model.createData()
+    steps = math.ceil(1 / (rate_hz * _LONGEST_STEP_S))
+    states, torques = np.empty((ticks, 4, joints)), np.empty((ticks, joints))
+    state = np.zeros((4, joints))
+    state[POSITION], state[JOINT_POSITION] = controller.motor_position[0], planned[0][0]
+    torque, velocity, previous = controller.feedforward[0], np.zeros(joints), None
+    for tick in track(range(ticks), "simulating", progress):
+        states[tick], torques[tick] = state, torque
+        reading = np.empty(joints)
+        reading[:] = _reading(robot, noise, "motor", state[POSITION][None, np.argsort(order)])[0][order]
+        if previous is not None:
+            velocity += controller.velocity_filter * ((reading - previous) * rate_hz - velocity)
+        previous = reading
+        command = controller.torque(tick, reading, velocity)
+        rate = (command - torque) * rate_hz
+        for step in range(steps):
+            at = torque + rate * step / (steps * rate_hz)
+            state = advance(plant, data, state, at, rate, 1 / (steps * rate_hz))
+        torque = command
+    return states, torques
+
+
+def _motion(robot: Robot, plant: Plant, time: Array, states: Array, torques: Array) -> Motion:
+    data, order = plant.model.createData(), list(robot.model_order)
+    speeds = np.empty((2, *torques.shape))
+    for tick, (state, torque) in enumerate(zip(states, torques, strict=True)):
+        slip = slip_directions(plant, data, state, torque)
+        speeds[:, tick] = accelerations(plant, data, state, torque, slip)
+    stretch = plant.motor_radius / plant.ratio * states[:, POSITION]
+    stretch = stretch - plant.load_radius * states[:, JOINT_POSITION]
+    load = np.where(plant.elastic, plant.load_radius * plant.stiffness * stretch, np.nan)  # (4b)
+    back = np.argsort(order)
+    return Motion(
+        time=time,
+        joint_names=robot.joint_names,
+        joint_position=states[:, JOINT_POSITION, back],
+        joint_velocity=states[:, JOINT_SPEED, back],
+        joint_acceleration=speeds[1][:, back],
+        motor_position=states[:, POSITION, back],
+        motor_velocity=states[:, SPEED, back],
+        motor_acceleration=speeds[0][:, back],
+        motor_torque=torques[:, back],
+        joint_torque=load[:, back],
+        cutoff_hz=math.inf,
+    )
+
+
+def _reading(robot: Robot, noise: Noise, side: str, position: Array) -> Array:
+    """Return the encoder's reading (T, n) of a position: shifted zero, whole steps."""
+    step = _spread(robot, f"{side}_resolution_rad", getattr(noise, f"{side}_resolution_rad"))
+    zero = _spread(robot, f"{side}_zero_rad", getattr(noise, f"{side}_zero_rad"))
+    shifted = position + zero
+    whole = np.where(step > 0, step, 1.0)
+    return np.where(step > 0, np.round(shifted / whole) * whole, shifted)
+
+
+def _spread(robot: Robot, name: str, value: float | tuple[float, ...]) -> Array:
+    values = np.full(robot.n, value) if np.ndim(value) == 0 else value
+    return frozen(f"Noise.{name}", values, (robot.n,))
