@@ -1,0 +1,155 @@
+"""Functions of time that a planned motion is made of, linear in their coefficients (18).
+
+Both bases are clamped B-splines over [0, duration] (de Boor 1978): "bspline" is quintic on uniform
+knots, "polynomial" has no knot inside, which is (18) in Bernstein form: the same polynomials as the
+powers of t, with coefficients that stay of the size of the motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from seaid.arrays import Array, frozen
+from seaid.errors import ExcitationError, unknown_name
+
+BASES = ("bspline", "polynomial")
+_QUINTIC = 5
+
+
+@dataclass(frozen=True, eq=False)
+class SplineBasis:
+    """Clamped B-splines of one `degree` on `knots` (K + degree + 1,) [s], from 0 to the duration.
+
+    Position, velocity and acceleration of a joint are matrices of this basis times its K
+    coefficients, the control points [rad or m]. Raises ExcitationError for knots that are not
+    clamped, not in order, or too many at one place for a continuous acceleration.
+    """
+
+    degree: int
+    knots: Array
+
+    def __post_init__(self) -> None:
+        knots = frozen("knots", self.knots, (None,), ExcitationError)
+        object.__setattr__(self, "knots", knots)
+        if not (self.degree >= 3 and self.degree == int(self.degree)):
+            raise ExcitationError(
+                f"the degree of a spline is a whole number of at least 3, found {self.degree}"
+            )
+        count, end = self.degree + 1, len(knots) - self.degree - 1
+        clamped = end >= count and np.all(knots[:count] == 0) and np.all(knots[end:] == knots[-1])
+        inside = knots[count:end]
+        ordered = np.all(np.isfinite(knots)) and np.all(np.diff(knots) >= 0) and knots[-1] > 0
+        if not (clamped and ordered and np.all((inside > 0) & (inside < knots[-1]))):
+            raise ExcitationError(
+                f"knots of degree {self.degree} must be {count} zeros, then rising times, then "
+                f"{count} times the duration, found {knots.tolist()}"
+            )
+        if np.unique(inside, return_counts=True)[1].max(initial=0) > self.degree - 2:
+            raise ExcitationError(
+                f"a knot of degree {self.degree} stands more than {self.degree - 2} times at one "
+                "place: the acceleration would jump there"
+            )
+
+    @property
+    def duration(self) -> float:
+        """End of the motion [s]; it starts at 0."""
+        return float(self.knots[-1])
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients a joint, K."""
+        return len(self.knots) - self.degree - 1
+
+    def matrices(self, time: Array) -> tuple[Array, Array, Array]:
+        """Return the matrices (T, K) of position, velocity and acceleration at times (T,) [s].
+
+        Times must lie within [0, duration].
+        """
+        from scipy.interpolate import BSpline
+
+        spline = BSpline(self.knots, np.eye(self.size), self.degree)
+        position, velocity, acceleration = (spline(time, nu=order) for order in range(3))
+        return position, velocity, acceleration
+
+    def hull(self, order: int, pieces: int = 1) -> Array:
+        """Return the matrix (C, K) to control points of the derivative of `order` (0, 1, 2).
+
+        The derivative lies between the least and the greatest control point at every instant
+        (convex hull property). Each span between knots is cut into `pieces` first: the more pieces,
+        the closer the control points lie to the curve (quadratically).
+        """
+        matrix, knots = np.eye(self.size), np.asarray(self.knots)
+        for degree in range(self.degree, self.degree - order, -1):
+            spans = knots[degree + 1 : -1] - knots[1 : -degree - 1]
+            matrix = degree * np.diff(matrix, axis=0) / spans[:, None]
+            knots = knots[1:-1]
+        ends = np.unique(knots)
+        cuts = ends[:-1, None] + np.diff(ends)[:, None] * np.arange(1, pieces) / pieces
+        for cut in cuts.ravel():
+            matrix, knots = _insert_knot(matrix, knots, self.degree - order, cut)
+        return matrix
+
+    def free_coefficients(self, *, rest_to_rest: bool) -> Array:
+        """Return the matrix (K, k) from free variables to coefficients.
+
+        At rest the first three control points are equal and the last three: zero velocity and
+        acceleration at both ends, at positions that stay free.
+        """
+        identity = np.eye(self.size)
+        if not rest_to_rest:
+            return identity
+        middle = identity[:, 2:-2].copy()
+        middle[:3, 0] = 1.0
+        middle[-3:, -1] = 1.0
+        return middle
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what a JSON file keeps of the basis."""
+        return {"type": "spline", "degree": self.degree, "knots": self.knots.tolist()}
+
+
+def make_basis(name: str, duration: float, coefficients: int, *, rest_to_rest: bool) -> SplineBasis:
+    """Return the basis "bspline" or "polynomial" with so many coefficients a joint.
+
+    `duration` [s]. Raises ExcitationError for another name, a duration that is not more than zero,
+    or too few coefficients to move with the ends asked for.
+    """
+    if name not in BASES:
+        raise ExcitationError(unknown_name("basis", name, BASES))
+    if not (np.isfinite(duration) and duration > 0):
+        raise ExcitationError(f"duration must be more than zero seconds, found {duration}")
+    least = 7 if rest_to_rest else (_QUINTIC + 1 if name == "bspline" else 4)
+    if coefficients != int(coefficients) or coefficients < least:
+        ends = "rest at both ends" if rest_to_rest else "free ends"
+        raise ExcitationError(
+            f"a {name} with {ends} needs at least {least} coefficients a joint, "
+            f"found {coefficients}"
+        )
+    degree = _QUINTIC if name == "bspline" else int(coefficients) - 1
+    inside = np.linspace(0.0, duration, int(coefficients) - degree + 1)[1:-1]
+    zeros = np.zeros(degree + 1)
+    return SplineBasis(degree, np.concatenate([zeros, inside, zeros + duration]))
+
+
+def bernstein_from_powers(powers: Array, duration: float) -> Array:
+    """Return Bernstein coefficients (d+1, n) over [0, duration] of the a_i (d+1, n) of (18)."""
+    from scipy.special import comb
+
+    count = len(powers)
+    scaled = powers * (duration ** np.arange(count))[:, None]
+    i, j = np.indices((count, count))
+    return np.asarray(np.where(j <= i, comb(i, j) / comb(count - 1, j), 0.0) @ scaled)
+
+
+def _insert_knot(matrix: Array, knots: Array, degree: int, cut: float) -> tuple[Array, Array]:
+    """Insert one knot: the same curve with one more control point (Boehm 1980)."""
+    span = int(np.searchsorted(knots, cut, side="right")) - 1
+    first, last = knots[span - degree + 1 : span + 1], knots[span + 1 : span + degree + 1]
+    share = ((cut - first) / (last - first))[:, None]
+    above, below = matrix[span - degree + 1 : span + 1], matrix[span - degree : span]
+    mixed = share * above + (1 - share) * below
+    rows = [matrix[: span - degree + 1], mixed, matrix[span:]]
+    return np.concatenate(rows), np.insert(knots, span + 1, cut)

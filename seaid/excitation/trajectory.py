@@ -1,0 +1,181 @@
+"""Trajectory: a planned motion as a function of time, and its files."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from seaid.arrays import Array, frozen
+from seaid.errors import ExcitationError, unknown_name
+from seaid.excitation.basis import SplineBasis, bernstein_from_powers
+from seaid.files import whole_file
+
+_FORMAT = "seaid trajectory 1"
+_TURNING = ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
+_SLIDING = ("position_m", "velocity_m_s", "acceleration_m_s2")
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A motion of n joints over [0, duration], linear in its `coefficients` (K, n) [rad or m].
+
+    `prismatic_joints` names the joints that slide, for the units in files. Make one from own
+    coefficients with any `SplineBasis`, or with `polynomial_trajectory`. Raises ExcitationError
+    for coefficients that are not finite or do not fit the basis and the joints.
+    """
+
+    joint_names: tuple[str, ...]
+    basis: SplineBasis
+    coefficients: Array
+    prismatic_joints: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joint_names", tuple(self.joint_names))
+        object.__setattr__(self, "prismatic_joints", tuple(self.prismatic_joints))
+        if not self.joint_names or len(set(self.joint_names)) < len(self.joint_names):
+            raise ExcitationError(
+                f"a trajectory needs joint names, each once, found {list(self.joint_names)}"
+            )
+        for joint in self.prismatic_joints:
+            if joint not in self.joint_names:
+                raise ExcitationError(unknown_name("joint", joint, self.joint_names))
+        shape = (self.basis.size, len(self.joint_names))
+        values = frozen("coefficients", self.coefficients, shape, ExcitationError)
+        if not np.all(np.isfinite(values)):
+            joint = self.joint_names[int(np.argwhere(~np.isfinite(values))[0, 1])]
+            raise ExcitationError(f"coefficients of joint '{joint}' are not all finite")
+        object.__setattr__(self, "coefficients", values)
+
+    @property
+    def duration(self) -> float:
+        """End of the motion [s]; it starts at 0."""
+        return self.basis.duration
+
+    @cached_property
+    def rests_at_ends(self) -> bool:
+        """Whether velocity and acceleration are zero at both ends, to rounding."""
+        _, v, a = self._inside(np.array([0.0, self.duration]))
+        reach = np.ptp(self.coefficients)
+        slow = np.max(np.abs(v)) * self.duration <= 1e-9 * reach
+        return bool(slow and np.max(np.abs(a)) * self.duration**2 <= 1e-9 * reach)
+
+    def sample(self, time: Any) -> tuple[Array, Array, Array]:
+        """Return position, velocity, acceleration, each (T, n) [rad or m, s], at times (T,) [s].
+
+        Before 0 and after the duration a motion that rests at its ends holds the position there,
+        with zero velocity and acceleration. Raises ExcitationError for times outside of a motion
+        that does not rest, and for times that are not finite.
+        """
+        time = frozen("time", np.atleast_1d(time), (None,), ExcitationError)
+        if not np.all(np.isfinite(time)):
+            raise ExcitationError("times to sample a trajectory at must be finite")
+        within = np.clip(time, 0.0, self.duration)
+        outside = np.abs(time - within) > 1e-9 * self.duration
+        rests = self.rests_at_ends
+        if np.any(outside) and not rests:
+            raise ExcitationError(
+                f"time {time[outside][0]:.6g} s is outside of this motion (0 to "
+                f"{self.duration:.6g} s), which does not rest at its ends; sample inside, or plan "
+                "with rest_to_rest=True"
+            )
+        q, v, a = self._inside(within)
+        if rests:
+            still = (within == 0.0) | (within == self.duration)
+            v[still], a[still] = 0.0, 0.0
+        return q, v, a
+
+    def save(self, path: str | Path) -> None:
+        """Write the trajectory as JSON, exactly; `load_trajectory` reads it.
+
+        Raises SeaidError where the file cannot be written.
+        """
+        content = {
+            "format": _FORMAT,
+            "joints": list(self.joint_names),
+            "prismatic_joints": list(self.prismatic_joints),
+            "basis": self.basis.to_dict(),
+            "coefficients": self.coefficients.tolist(),
+        }
+        with whole_file(path) as temporary:
+            temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+    def save_set_points(self, path: str | Path, rate_hz: float = 1000.0) -> None:
+        """Write the set-points as CSV at a rate [1/s], the end included.
+
+        Columns: `time_s`, then a joint `.position_rad`, `.velocity_rad_s`, `.acceleration_rad_s2`;
+        of a prismatic one `_m`, `_m_s`, `_m_s2`. Raises ExcitationError for a rate that is not more
+        than zero, SeaidError where the file cannot be written.
+        """
+        if not (np.isfinite(rate_hz) and rate_hz > 0):
+            raise ExcitationError(f"rate_hz must be more than zero, found {rate_hz}")
+        time = np.arange(int(np.floor(self.duration * rate_hz + 1e-6)) + 1) / rate_hz
+        states = np.stack(self.sample(np.minimum(time, self.duration)), axis=2)
+        header = ["time_s"]
+        for joint in self.joint_names:
+            units = _SLIDING if joint in self.prismatic_joints else _TURNING
+            header += [f"{joint}.{unit}" for unit in units]
+        with whole_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as f:
+            writer = csv.writer(f, lineterminator="\n")
+            writer.writerow(header)
+            writer.writerows(np.column_stack([time, states.reshape(len(time), -1)]).tolist())
+
+    def _inside(self, time: Array) -> tuple[Array, Array, Array]:
+        position, velocity, acceleration = self.basis.matrices(time)
+        c = self.coefficients
+        return position @ c, velocity @ c, acceleration @ c
+
+
+def polynomial_trajectory(
+    joint_names: Sequence[str],
+    duration: float,
+    coefficients: Any,
+    prismatic_joints: Sequence[str] = (),
+) -> Trajectory:
+    """Return the trajectory sum_i a_i t^i of (18), `coefficients` (d+1, n) being the a_i.
+
+    Degree 3 at least (pad with zeros), `duration` [s]. Raises ExcitationError for a duration that
+    is not more than zero or coefficients of another shape.
+    """
+    powers = frozen("coefficients", coefficients, (None, len(joint_names)), ExcitationError)
+    if not (np.isfinite(duration) and duration > 0):
+        raise ExcitationError(f"duration must be more than zero seconds, found {duration}")
+    knots = np.repeat([0.0, duration], len(powers))
+    basis = SplineBasis(len(powers) - 1, knots)
+    return Trajectory(
+        tuple(joint_names),
+        basis,
+        bernstein_from_powers(powers, duration),
+        tuple(prismatic_joints),
+    )
+
+
+def load_trajectory(path: str | Path) -> Trajectory:
+    """Return the trajectory of a JSON file that `Trajectory.save` wrote.
+
+    Raises ExcitationError for a file that is missing, not JSON or not a trajectory.
+    """
+    path = Path(path)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as problem:
+        raise ExcitationError(f"cannot read trajectory '{path}': {problem.strerror}") from None
+    except ValueError as problem:
+        raise ExcitationError(f"trajectory '{path}' is not JSON: {problem}") from None
+    found = content.get("format") if isinstance(content, dict) else None
+    if found != _FORMAT:
+        raise ExcitationError(f"'{path}' is no trajectory: 'format' is {found!r}, not {_FORMAT!r}")
+    try:
+        basis = SplineBasis(content["basis"]["degree"], content["basis"]["knots"])
+        joints, prismatic = tuple(content["joints"]), tuple(content["prismatic_joints"])
+        return Trajectory(joints, basis, content["coefficients"], prismatic)
+    except (KeyError, TypeError) as problem:
+        raise ExcitationError(f"trajectory '{path}' is not complete: {problem!r}") from None
+    except ExcitationError as problem:
+        raise ExcitationError(f"trajectory '{path}': {problem}") from None
