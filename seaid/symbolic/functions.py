@@ -1,0 +1,214 @@
+"""Which functions equations are made of: the generators of their polynomials.
+
+Sums inside sin, cos and exp are taken apart, so that sin(q1 + 2 q2) needs sin q1, cos q1, sin q2
+and cos q2; |x| needs sign(x); any other function is a generator of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from math import lcm
+
+import sympy as sp
+from flint import fmpq_mpoly_ctx
+from sympy.core.function import AppliedUndef
+
+from seaid.errors import SymbolicError
+from seaid.symbolic.polynomial import Ring
+
+CIRCULAR = (sp.sin, sp.cos, sp.tan, sp.cot, sp.sec, sp.csc)
+
+
+@dataclass(frozen=True, eq=False)
+class _Scan:
+    """What was declared, and what has been found so far while walking through the equations."""
+
+    motion: tuple[sp.Expr, ...]
+    unknowns: tuple[sp.Symbol, ...]
+    time: frozenset[sp.Symbol]
+    plain: dict[sp.Expr, None] = field(default_factory=dict)
+    signs: dict[sp.Expr, None] = field(default_factory=dict)
+    units: dict[tuple[str, sp.Expr], int] = field(default_factory=dict)
+    seen: set[sp.Expr] = field(default_factory=set)
+
+
+@contextmanager
+def located(place: str) -> Iterator[None]:
+    """Put the place in front of the message of a SymbolicError raised inside."""
+    try:
+        yield
+    except SymbolicError as problem:
+        raise SymbolicError(f"{place}: {problem}") from None
+
+
+def find_functions(
+    equations: Sequence[sp.Expr],
+    motion: tuple[sp.Expr, ...],
+    unknowns: tuple[sp.Symbol, ...],
+    max_terms: int,
+) -> Ring:
+    """Return the ring of the equations' functions and symbols, its relations still to be added.
+
+    Raises SymbolicError, with the equation, the term and the unknown, where an unknown stands
+    inside a function.
+    """
+    scan = _Scan(motion, unknowns, time_symbols(equations, motion))
+    for number, equation in enumerate(equations, 1):
+        for term in sp.Add.make_args(equation):
+            with located(f"equation {number}, term {term}"):
+                _visit(scan, term)
+    return _ring(scan, max_terms)
+
+
+def time_symbols(equations: Sequence[sp.Expr], motion: tuple[sp.Expr, ...]) -> frozenset[sp.Symbol]:
+    """The symbols that mean time: arguments of the declared signals, and any symbol t."""
+    declared = {s for m in motion if isinstance(m, AppliedUndef) for s in m.free_symbols}
+    free = {s for equation in equations for s in equation.free_symbols}
+    return frozenset(declared | {s for s in free if s.name == "t" and s not in motion})
+
+
+def _visit(scan: _Scan, expression: sp.Expr) -> None:
+    """Note every function and symbol of the expression."""
+    if expression in scan.seen or expression.is_Rational:
+        return
+    scan.seen.add(expression)
+    if expression.is_Add or expression.is_Mul:
+        for part in expression.args:
+            _visit(scan, part)
+    elif expression.is_Pow and expression.exp.is_Integer:
+        _visit(scan, expression.base)
+    elif expression.is_Symbol or isinstance(expression, sp.NumberSymbol):
+        scan.plain[expression] = None
+    elif expression.is_number and not expression.is_real:
+        raise SymbolicError(f"found {expression}; only finite real numbers are allowed")
+    else:
+        _visit_function(scan, expression)
+
+
+def _visit_function(scan: _Scan, function: sp.Expr) -> None:
+    inside = [u for u in scan.unknowns if function.has(u)]
+    if inside:
+        raise SymbolicError(
+            f"the unknown {inside[0]} stands inside {function}, so the equation is not linear in "
+            f"any product of unknowns; make {inside[0]} known, or name the whole function as one "
+            "unknown"
+        )
+    if isinstance(function, CIRCULAR):
+        _note_units(scan, "angle", function.args[0])
+        for turn in turns(function.args[0]):
+            _visit(scan, sp.cos(turn))
+            _visit(scan, sp.sin(turn))
+    elif isinstance(function, sp.exp):
+        _note_units(scan, "exponent", function.args[0])
+    elif isinstance(function, sp.Abs | sp.sign):
+        argument = signed(function.args[0])[1]
+        scan.signs[argument] = None
+        _visit(scan, argument)
+    elif function.is_Pow and function.exp.is_Rational:
+        for base in root_bases(function.base):
+            key = ("root", base)
+            scan.units[key] = lcm(scan.units.get(key, 1), int(function.exp.q))
+            _visit(scan, base)
+    else:
+        scan.plain[expanded_inside(function)] = None
+
+
+def _note_units(scan: _Scan, kind: str, argument: sp.Expr) -> None:
+    for part, factor in parts(argument):
+        scan.units[kind, part] = lcm(scan.units.get((kind, part), 1), int(factor.q))
+
+
+def parts(argument: sp.Expr) -> list[tuple[sp.Expr, sp.Rational]]:
+    """Take a sum inside a function apart: what stands in it, with its rational factor."""
+    parts = sp.expand(argument).as_coefficients_dict().items()
+    return [(part, factor) for part, factor in parts if not _is_turn(part * factor)]
+
+
+def turns(argument: sp.Expr) -> list[sp.Expr]:
+    """The fractions of pi in the sum whose sine and cosine sympy knows in square roots."""
+    parts = sp.expand(argument).as_coefficients_dict().items()
+    return [part * factor for part, factor in parts if _is_turn(part * factor)]
+
+
+def _is_turn(angle: sp.Expr) -> bool:
+    return bool(angle.is_number) and not sp.cos(angle).has(*CIRCULAR)
+
+
+def root_bases(base: sp.Expr) -> list[sp.Expr]:
+    """The base of a root; of an integer, its primes, whose roots are independent."""
+    return [sp.Integer(p) for p in sp.factorint(base)] if base.is_Integer else [base]
+
+
+def signed(argument: sp.Expr) -> tuple[int, sp.Expr]:
+    """Return sign and expression such that sign(x), sign(2 x), sign(-x) share the expression."""
+    argument = sp.expand(argument).primitive()[1]
+    return (-1, -argument) if argument.could_extract_minus_sign() else (1, argument)
+
+
+def expanded_inside(function: sp.Expr) -> sp.Expr:
+    """Return a function with its arguments expanded, the same however they are written."""
+    if isinstance(function, AppliedUndef | sp.Derivative):
+        return function
+    return function.func(*(sp.expand(a) if isinstance(a, sp.Expr) else a for a in function.args))
+
+
+def _ring(scan: _Scan, max_terms: int) -> Ring:
+    """Order the generators so that the leading term of every relation is the one it removes."""
+    roots = {root(base, unit): base for (kind, base), unit in scan.units.items() if kind == "root"}
+    order = [
+        *sorted(roots, key=lambda x: (-roots[x].count_ops(), sp.default_sort_key(x))),
+        *sorted((sp.sign(x) for x in scan.signs), key=sp.default_sort_key),
+    ]
+    for kind, functions in (("angle", (sp.sin, sp.cos)), ("exponent", (sp.exp,))):
+        parts = [part / unit for (found, part), unit in scan.units.items() if found == kind]
+        parts.sort(key=sp.default_sort_key)
+        order += [function(part) for function in functions for part in parts]
+    order = list(dict.fromkeys([*order, *sorted(scan.plain, key=_plain_key(scan))]))
+    kinds = [_kind(scan, x) for x in order]
+    places = {
+        kind: tuple(i for i, found in enumerate(kinds) if found == kind)
+        for kind in ("motion", "unknown", "known")
+    }
+    return Ring(
+        context=fmpq_mpoly_ctx.get([f"x{i}" for i in range(len(order))], "lex"),
+        generators=tuple(order),
+        motion=places["motion"],
+        unknown=places["unknown"],
+        known=places["known"],
+        undeclared=tuple(i for i in places["motion"] if _undeclared(scan, order[i])),
+        units=scan.units,
+        max_terms=max_terms,
+    )
+
+
+def root(base: sp.Expr, unit: int) -> sp.Expr:
+    """Return the generator of the roots of `base`, of which all others are powers."""
+    return sp.Pow(base, sp.Rational(1, unit))
+
+
+def _plain_key(scan: _Scan) -> Callable[[sp.Expr], tuple[object, ...]]:
+    """Order signals as declared, each before its derivatives; unknowns as declared; then names."""
+    place = {x: i for i, x in enumerate((*scan.motion, *scan.unknowns))}
+
+    def key(x: sp.Expr) -> tuple[object, ...]:
+        signal, order = (x.expr, x.derivative_count) if isinstance(x, sp.Derivative) else (x, 0)
+        return place.get(signal, len(place)), sp.default_sort_key(signal), order
+
+    return key
+
+
+def _kind(scan: _Scan, generator: sp.Expr) -> str:
+    if generator in scan.unknowns:
+        return "unknown"
+    free = generator.free_symbols
+    return "motion" if free & scan.time or free.intersection(scan.motion) else "known"
+
+
+def _undeclared(scan: _Scan, generator: sp.Expr) -> bool:
+    """True for a generator that holds a function of time which is not in `motion`."""
+    return any(
+        signal not in scan.motion and scan.time.intersection(signal.args)
+        for signal in generator.atoms(AppliedUndef)
+    )

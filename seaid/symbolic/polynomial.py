@@ -1,0 +1,228 @@
+"""Exact arithmetic for equations of motion: quotients of sparse polynomials over the rationals.
+
+The generators are the functions of the motion (q', q'', sin q, cos q, sign q' ...), the known
+symbols and the unknown ones. Algebraic generators are reduced wherever they occur (sin^2 to
+1 - cos^2, sqrt(a)^2 to a, sign^2 to 1), so a polynomial is zero exactly when it has no terms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import sympy as sp
+from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
+
+from seaid.errors import SymbolicError
+
+Exponents = tuple[int, ...]
+
+MAX_TERMS = 500_000
+"""Default limit on the terms of one polynomial, a few hundred megabytes."""
+
+_PRODUCTS_PER_TERM = 100
+"""A multiplication may form this many products a term of the limit before it is refused."""
+
+
+class Relation(NamedTuple):
+    """generator^degree = lower terms, as `polynomial` = 0 with leading term generator^degree."""
+
+    generator: int
+    degree: int
+    polynomial: fmpq_mpoly
+
+
+class Ratio(NamedTuple):
+    """numerator / denominator, without common factors, the denominator with leading term 1."""
+
+    numerator: fmpq_mpoly
+    denominator: fmpq_mpoly
+
+
+@dataclass(frozen=True, eq=False)
+class Ring:
+    """The generators of a system of equations and what is known of them.
+
+    `generators` are sympy expressions; `motion`, `unknown`, `known` are their places by kind;
+    `undeclared` are the functions of time that nobody declared. `units` holds, for every angle,
+    exponent and root base, the common denominator of its rational factors.
+    """
+
+    context: fmpq_mpoly_ctx
+    generators: tuple[sp.Expr, ...]
+    motion: tuple[int, ...]
+    unknown: tuple[int, ...]
+    known: tuple[int, ...]
+    undeclared: tuple[int, ...]
+    units: Mapping[tuple[str, sp.Expr], int]
+    max_terms: int
+    relations: list[Relation] = field(default_factory=list)
+    index: dict[sp.Expr, int] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "index", {g: i for i, g in enumerate(self.generators)})
+
+    def constant(self, value: int | fmpq) -> fmpq_mpoly:
+        """Return the polynomial of one number."""
+        return self.context.constant(value)
+
+    def generator(self, expression: sp.Expr) -> fmpq_mpoly:
+        """Return the generator that stands for `expression`."""
+        return self.context.gen(self.index[expression])
+
+
+def rational(value: sp.Rational) -> fmpq:
+    """Return a sympy rational as a flint one."""
+    return fmpq(int(value.p), int(value.q))
+
+
+def from_polynomial(ring: Ring, polynomial: fmpq_mpoly) -> Ratio:
+    """Return the polynomial as a ratio with denominator 1."""
+    return Ratio(polynomial, ring.constant(1))
+
+
+def ratio(ring: Ring, numerator: fmpq_mpoly, denominator: fmpq_mpoly) -> Ratio:
+    """Return numerator / denominator in lowest terms, the denominator free of square roots.
+
+    Raises SymbolicError for a denominator that is zero.
+    """
+    numerator, denominator = _rationalised(ring, numerator, denominator)
+    if denominator.is_zero():
+        raise SymbolicError("a denominator is identically zero; check the equation for x/(a - a)")
+    if not denominator.is_constant():
+        common = numerator.gcd(denominator)
+        numerator, denominator = numerator / common, denominator / common
+    leading = denominator.leading_coefficient()
+    return Ratio(numerator / leading, denominator / leading)
+
+
+def _rationalised(
+    ring: Ring, numerator: fmpq_mpoly, denominator: fmpq_mpoly
+) -> tuple[fmpq_mpoly, fmpq_mpoly]:
+    """Free the denominator of generators with a relation: 1/sqrt(2) becomes sqrt(2)/2."""
+    for place, degree, _ in ring.relations:
+        power = denominator.degrees()[place]
+        if power < 1:
+            continue
+        x = ring.context.gen(place)
+        parts = collect(ring, denominator, place)
+        if len(parts) == 1:
+            factor = x ** (degree - power)
+        elif degree == 2:
+            factor = parts[0] - x * parts[1]
+        else:
+            continue
+        numerator = multiply(ring, numerator, factor)
+        denominator = multiply(ring, denominator, factor)
+    return numerator, denominator
+
+
+def collect(ring: Ring, polynomial: fmpq_mpoly, place: int) -> dict[int, fmpq_mpoly]:
+    """Return {power: coefficient} of the polynomial in one generator."""
+    parts: dict[int, dict[Exponents, fmpq]] = {}
+    for exponents, value in polynomial.terms():
+        rest = (*exponents[:place], 0, *exponents[place + 1 :])
+        parts.setdefault(exponents[place], {})[rest] = value
+    return {power: ring.context.from_dict(terms) for power, terms in parts.items()}
+
+
+def multiply(ring: Ring, left: fmpq_mpoly, right: fmpq_mpoly) -> fmpq_mpoly:
+    """Return left * right, reduced. Raises SymbolicError before `max_terms` is exceeded."""
+    if len(left) < len(right):
+        left, right = right, left
+    products = len(left) * len(right)
+    if products <= ring.max_terms:
+        return reduced(ring, left * right)
+    if products > _PRODUCTS_PER_TERM * ring.max_terms:
+        raise _too_large(ring, f"a product of {len(left)} by {len(right)} terms")
+    terms = list(left.terms())
+    step = max(1, ring.max_terms // len(right))
+    total = ring.constant(0)
+    for start in range(0, len(terms), step):
+        total += reduced(ring, ring.context.from_dict(dict(terms[start : start + step])) * right)
+        if len(total) > ring.max_terms:
+            raise _too_large(ring, f"a product of {len(left)} by {len(right)} terms")
+    return total
+
+
+def _too_large(ring: Ring, found: str) -> SymbolicError:
+    return SymbolicError(
+        f"the equations are too large: {found} goes beyond max_terms={ring.max_terms}; raise "
+        "max_terms (about 500 bytes a term), or write the equations with fewer symbols"
+    )
+
+
+def reduced(ring: Ring, polynomial: fmpq_mpoly) -> fmpq_mpoly:
+    """Return the polynomial with every relation applied: sin^2 becomes 1 - cos^2."""
+    for place, degree, relation in ring.relations:
+        if polynomial.degrees()[place] >= degree:
+            polynomial = divmod(polynomial, relation)[1]
+    return polynomial
+
+
+def product(ring: Ring, left: Ratio, right: Ratio) -> Ratio:
+    """Return left * right."""
+    numerator = multiply(ring, left.numerator, right.numerator)
+    if left.denominator.is_one() and right.denominator.is_one():
+        return Ratio(numerator, left.denominator)
+    return ratio(ring, numerator, multiply(ring, left.denominator, right.denominator))
+
+
+def quotient(ring: Ring, left: Ratio, right: Ratio) -> Ratio:
+    """Return left / right."""
+    return product(ring, left, ratio(ring, right.denominator, right.numerator))
+
+
+def total(ring: Ring, parts: Iterable[Ratio]) -> Ratio:
+    """Return the sum, added in pairs so that long sums stay cheap."""
+    left = list(parts) or [from_polynomial(ring, ring.constant(0))]
+    while len(left) > 1:
+        pairs = [_sum(ring, *left[i : i + 2]) for i in range(0, len(left) - 1, 2)]
+        left = pairs + left[2 * len(pairs) :]
+    if len(left[0].numerator) > ring.max_terms:
+        raise _too_large(ring, f"a sum of {len(left[0].numerator)} terms")
+    return left[0]
+
+
+def _sum(ring: Ring, left: Ratio, right: Ratio) -> Ratio:
+    a, b = left
+    c, d = right
+    if b.is_one() and d.is_one():
+        return Ratio(a + c, b)
+    common = b.gcd(d)
+    numerator = multiply(ring, a, d / common) + multiply(ring, c, b / common)
+    return ratio(ring, numerator, multiply(ring, b, d / common))
+
+
+def power(ring: Ring, base: Ratio, exponent: int) -> Ratio:
+    """Return base^exponent by repeated squaring, each step under the limit of terms."""
+    if exponent < 0:
+        base, exponent = ratio(ring, base.denominator, base.numerator), -exponent
+    if len(base.numerator) == 1 and base.denominator.is_one():
+        return Ratio(reduced(ring, base.numerator**exponent), base.denominator)
+    result = from_polynomial(ring, ring.constant(1))
+    while exponent:
+        if exponent % 2:
+            result = product(ring, result, base)
+        exponent //= 2
+        if exponent:
+            base = product(ring, base, base)
+    return result
+
+
+def to_sympy(ring: Ring, polynomial: fmpq_mpoly) -> sp.Expr:
+    """Return the polynomial as a sympy sum of products of the generators' expressions."""
+    return sp.Add(*(term_to_sympy(ring, *term) for term in polynomial.terms()))
+
+
+def term_to_sympy(ring: Ring, exponents: Exponents, value: fmpq | int = 1) -> sp.Expr:
+    """Return one term, value times generators to their (possibly negative) exponents."""
+    number = sp.Rational(int(value.p), int(value.q)) if isinstance(value, fmpq) else value
+    factors = (ring.generators[i] ** e for i, e in enumerate(exponents) if e)
+    return sp.Mul(number, *factors)
+
+
+def ratio_to_sympy(ring: Ring, value: Ratio) -> sp.Expr:
+    """Return the ratio as a sympy expression, a sum over one denominator."""
+    return to_sympy(ring, value.numerator) / to_sympy(ring, value.denominator)

@@ -1,0 +1,204 @@
+"""From sympy to polynomials: equations as ratios of polynomials in the functions of the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import sympy as sp
+from flint import fmpq_mpoly
+from sympy.core.function import AppliedUndef
+
+from seaid.errors import SymbolicError
+from seaid.symbolic.functions import (
+    CIRCULAR,
+    expanded_inside,
+    find_functions,
+    located,
+    parts,
+    root,
+    signed,
+    turns,
+)
+from seaid.symbolic.polynomial import (
+    Ratio,
+    Relation,
+    Ring,
+    from_polynomial,
+    multiply,
+    power,
+    product,
+    quotient,
+    rational,
+    total,
+)
+
+_MOST_TURNS = 1000
+"""The sine of n q is a polynomial of n terms with numbers of n digits in sin q and cos q."""
+
+Memory = dict[sp.Expr, Ratio]
+
+
+def read_equations(
+    equations: Sequence[sp.Expr],
+    motion: tuple[sp.Expr, ...],
+    unknowns: tuple[sp.Symbol, ...],
+    max_terms: int,
+) -> tuple[Ring, list[Ratio]]:
+    """Return the ring of the equations and each of them as a ratio of polynomials in it.
+
+    Floats become the rational numbers they are exactly. Raises SymbolicError, with the equation,
+    the term and the unknown, where an unknown stands inside a function; and where the equations
+    are too large.
+    """
+    equations = [_exact_numbers(_derivatives_done(equation)) for equation in equations]
+    ring = find_functions(equations, motion, unknowns, max_terms)
+    _add_relations(ring)
+    memory: Memory = {}
+    ratios = []
+    for number, equation in enumerate(equations, 1):
+        with located(f"equation {number}"):
+            ratios.append(_read(ring, equation, memory))
+    return ring, ratios
+
+
+def _exact_numbers(expression: sp.Expr) -> sp.Expr:
+    return expression.xreplace({x: sp.Rational(x) for x in expression.atoms(sp.Float)})
+
+
+def _derivatives_done(expression: sp.Expr) -> sp.Expr:
+    composite = {
+        d: d.doit() for d in expression.atoms(sp.Derivative) if not isinstance(d.expr, AppliedUndef)
+    }
+    return expression.xreplace(composite)
+
+
+def _add_relations(ring: Ring) -> None:
+    """Write the relations down, lowest generator first: each reading uses those below it."""
+    roots = {root(x, unit): (x, unit) for (kind, x), unit in ring.units.items() if kind == "root"}
+    for place in reversed(range(len(ring.generators))):
+        expression, x = ring.generators[place], ring.context.gen(place)
+        degree = 2
+        if expression in roots:
+            base, degree = roots[expression]
+            below = _read(ring, base, {})
+            if not below.denominator.is_one():
+                continue
+            polynomial = x**degree - below.numerator
+        elif isinstance(expression, sp.sign):
+            polynomial = x**2 - 1
+        elif isinstance(expression, sp.sin):
+            polynomial = x**2 + ring.generator(sp.cos(expression.args[0])) ** 2 - 1
+        else:
+            continue
+        ring.relations.insert(0, Relation(place, degree, polynomial))
+
+
+def _read(ring: Ring, expression: sp.Expr, memory: Memory) -> Ratio:
+    found = memory.get(expression)
+    if found is None:
+        found = memory[expression] = _read_new(ring, expression, memory)
+    return found
+
+
+def _read_new(ring: Ring, expression: sp.Expr, memory: Memory) -> Ratio:
+    if expression in ring.index:
+        return from_polynomial(ring, ring.generator(expression))
+    if expression.is_Rational:
+        return from_polynomial(ring, ring.constant(rational(expression)))
+    if expression.is_Add:
+        return total(ring, (_read(ring, part, memory) for part in expression.args))
+    if expression.is_Mul:
+        result = from_polynomial(ring, ring.constant(1))
+        for part in expression.args:
+            result = product(ring, result, _read(ring, part, memory))
+        return result
+    if expression.is_Pow and expression.exp.is_Integer:
+        return power(ring, _read(ring, expression.base, memory), int(expression.exp))
+    return _read_function(ring, expression, memory)
+
+
+def _read_function(ring: Ring, function: sp.Expr, memory: Memory) -> Ratio:
+    if isinstance(function, CIRCULAR):
+        return _read_circular(ring, function, memory)
+    if isinstance(function, sp.exp):
+        factors = [
+            (sp.exp(part / ring.units["exponent", part]), factor * ring.units["exponent", part])
+            for part, factor in parts(function.args[0])
+        ]
+        return _powers(ring, factors)
+    if isinstance(function, sp.Abs | sp.sign):
+        turned, argument = signed(function.args[0])
+        sign = from_polynomial(ring, turned * ring.generator(sp.sign(argument)))
+        if isinstance(function, sp.sign):
+            return sign
+        return product(ring, sign, _read(ring, function.args[0], memory))
+    if function.is_Pow and function.exp.is_Rational:
+        is_integer = function.base.is_Integer
+        bases = sp.factorint(function.base) if is_integer else {function.base: 1}
+        units = {base: ring.units["root", sp.sympify(base)] for base in bases}
+        return _powers(
+            ring,
+            [(root(b, units[b]), function.exp * times * units[b]) for b, times in bases.items()],
+        )
+    return from_polynomial(ring, ring.generator(expanded_inside(function)))
+
+
+def _powers(ring: Ring, factors: list[tuple[sp.Expr, sp.Rational]]) -> Ratio:
+    result = from_polynomial(ring, ring.constant(1))
+    for generator, exponent in factors:
+        base = from_polynomial(ring, ring.generator(generator))
+        result = product(ring, result, power(ring, base, int(exponent)))
+    return result
+
+
+def _read_circular(ring: Ring, function: sp.Expr, memory: Memory) -> Ratio:
+    """Read sin, cos, tan ... of a sum, from the product of cos + i sin of its parts."""
+    pair = (ring.constant(1), ring.constant(0))
+    for turn in turns(function.args[0]):
+        cosine, sine = (_read(ring, f(turn), memory).numerator for f in (sp.cos, sp.sin))
+        pair = _turned(ring, pair, (cosine, sine))
+    for part, factor in parts(function.args[0]):
+        unit = ring.units["angle", part]
+        times = int(factor * unit)
+        cosine, sine = (ring.generator(f(part / unit)) for f in (sp.cos, sp.sin))
+        step = (cosine, sine if times > 0 else -sine)
+        pair = _turned(ring, pair, _times(ring, step, abs(times)))
+    c, s, one = (from_polynomial(ring, x) for x in (*pair, ring.constant(1)))
+    above, below = {
+        sp.sin: (s, one),
+        sp.cos: (c, one),
+        sp.tan: (s, c),
+        sp.cot: (c, s),
+        sp.sec: (one, c),
+        sp.csc: (one, s),
+    }[function.func]
+    return quotient(ring, above, below)
+
+
+Pair = tuple[fmpq_mpoly, fmpq_mpoly]
+
+
+def _turned(ring: Ring, left: Pair, right: Pair) -> Pair:
+    """Cosine and sine of the sum of two angles."""
+    (c, s), (d, t) = left, right
+    return (
+        multiply(ring, c, d) - multiply(ring, s, t),
+        multiply(ring, s, d) + multiply(ring, c, t),
+    )
+
+
+def _times(ring: Ring, step: Pair, times: int) -> Pair:
+    """Cosine and sine of a multiple of an angle, by repeated doubling."""
+    if times > _MOST_TURNS:
+        raise SymbolicError(
+            f"found the sine or cosine of {times} times an angle; "
+            f"up to {_MOST_TURNS} times are allowed; give the multiple as a signal of its own"
+        )
+    result = (ring.constant(1), ring.constant(0))
+    while times:
+        if times % 2:
+            result = _turned(ring, result, step)
+        times //= 2
+        if times:
+            step = _turned(ring, step, step)
+    return result
