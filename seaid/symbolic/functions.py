@@ -18,6 +18,8 @@ from sympy.core.function import AppliedUndef
 from seaid.errors import SymbolicError
 from seaid.symbolic.polynomial import Ring
 
+_LONGEST_TEXT = 200
+
 CIRCULAR = (sp.sin, sp.cos, sp.tan, sp.cot, sp.sec, sp.csc)
 
 
@@ -35,12 +37,20 @@ class _Scan:
 
 
 @contextmanager
-def located(place: str) -> Iterator[None]:
-    """Put the place in front of the message of a SymbolicError raised inside."""
+def located(place: str, detail: object = None) -> Iterator[None]:
+    """Put place and detail in front of the message of a SymbolicError raised inside."""
     try:
         yield
     except SymbolicError as problem:
+        if detail is not None:
+            place = f"{place} {shortened(detail)}"
         raise SymbolicError(f"{place}: {problem}") from None
+
+
+def shortened(expression: object) -> str:
+    """Return an expression as text that is short enough for a message."""
+    text = str(expression)
+    return text if len(text) <= _LONGEST_TEXT else text[: _LONGEST_TEXT - 4] + " ..."
 
 
 def find_functions(
@@ -57,7 +67,7 @@ def find_functions(
     scan = _Scan(motion, unknowns, time_symbols(equations, motion))
     for number, equation in enumerate(equations, 1):
         for term in sp.Add.make_args(equation):
-            with located(f"equation {number}, term {term}"):
+            with located(f"equation {number}, term", term):
                 _visit(scan, term)
     return _ring(scan, max_terms)
 
@@ -178,6 +188,7 @@ def _ring(scan: _Scan, max_terms: int) -> Ring:
         unknown=places["unknown"],
         known=places["known"],
         undeclared=tuple(i for i in places["motion"] if _undeclared(scan, order[i])),
+        moving=scan.time.union(x for x in scan.motion if x.is_Symbol),
         units=scan.units,
         max_terms=max_terms,
     )

@@ -45,8 +45,9 @@ class Ring:
     """The generators of a system of equations and what is known of them.
 
     `generators` are sympy expressions; `motion`, `unknown`, `known` are their places by kind;
-    `undeclared` are the functions of time that nobody declared. `units` holds, for every angle,
-    exponent and root base, the common denominator of its rational factors.
+    `undeclared` are the functions of time that nobody declared, `moving` the symbols that change in
+    a motion, time among them. `units` holds, for every angle, exponent and base of a root, the
+    common denominator of its rational factors.
     """
 
     context: fmpq_mpoly_ctx
@@ -55,6 +56,7 @@ class Ring:
     unknown: tuple[int, ...]
     known: tuple[int, ...]
     undeclared: tuple[int, ...]
+    moving: frozenset[sp.Symbol]
     units: Mapping[tuple[str, sp.Expr], int]
     max_terms: int
     relations: list[Relation] = field(default_factory=list)
@@ -219,7 +221,7 @@ def to_sympy(ring: Ring, polynomial: fmpq_mpoly) -> sp.Expr:
 def term_to_sympy(ring: Ring, exponents: Exponents, value: fmpq | int = 1) -> sp.Expr:
     """Return one term, value times generators to their (possibly negative) exponents."""
     number = sp.Rational(int(value.p), int(value.q)) if isinstance(value, fmpq) else value
-    factors = (ring.generators[i] ** e for i, e in enumerate(exponents) if e)
+    factors = (ring.generators[i] ** int(e) for i, e in enumerate(exponents) if e)
     return sp.Mul(number, *factors)
 
 

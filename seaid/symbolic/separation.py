@@ -7,45 +7,28 @@ unknowns stand as a product.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import sympy as sp
 from flint import fmpq, fmpq_mpoly
 from sympy.core.function import AppliedUndef
 
 from seaid.errors import SymbolicError
-from seaid.symbolic.functions import located
+from seaid.symbolic.entries import Entry, Row, column_key, entry_to_sympy, grouped_by_motion
+from seaid.symbolic.functions import located, shortened
 from seaid.symbolic.polynomial import (
     MAX_TERMS,
     Exponents,
     Ratio,
     Ring,
     from_polynomial,
-    product,
-    quotient,
     ratio,
-    ratio_to_sympy,
-    term_to_sympy,
     to_sympy,
 )
 from seaid.symbolic.reading import read_equations
-
-
-class Entry(NamedTuple):
-    """One element of R or zeta: sum of coefficient times motion term, over a function of motion."""
-
-    terms: Mapping[Exponents, Ratio]
-    denominator: fmpq_mpoly
-
-
-_MOST_SCALES = 30
-"""Coefficients tried as the scale of a row that has no input."""
-
-Row = Mapping[Exponents, Entry]
-"""One equation: for each product of unknowns (its exponents) what it multiplies."""
+from seaid.symbolic.scaling import normalised
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,16 +61,17 @@ def separate(
     `equations`: one expression that is zero or a sympy Eq, or several. `motion`: the measured
     signals, functions of time (their derivatives come with them) or plain symbols. `unknowns`:
     the symbols to identify, in the order of the columns; unknowns that only occur as products
-    become one lumped parameter a product, after the single ones. Every other symbol is known and
-    stays a symbol; a function of time that is not in `motion` is taken as an input where it
-    stands without unknowns. An unknown that no equation holds keeps a column of zeros.
+    become one lumped parameter a product, which comes after its first factor. Every other symbol
+    is known and stays a symbol; a function of time that is not in `motion` is taken as an input
+    where it stands without unknowns. An unknown that no equation holds keeps a column of zeros.
 
     The result does not depend on how an equation is written. A denominator with unknowns is
     cleared. Each row is then divided by one coefficient: that of its input, a signal which stands
-    alone, linearly, in one term without unknowns, and of which no derivative or function occurs
-    (tau_M of (7)); of several, or of all terms if there is none, by the one that leaves the
-    simplest coefficients: fewest known symbols, then shortest numbers. This coefficient becomes
-    +1, in zeta if its term has no unknowns. So (7) gives (10).
+    alone, linearly, in one term without unknowns, of which no derivative or function occurs, and
+    whose coefficient is, up to a number, also that of a term with an unknown (tau_M of (7)). If
+    several terms could be the input, or none, it is the coefficient by which the others become
+    simplest: fewest known symbols, then shortest numbers, then first in order. This coefficient
+    becomes +1, in zeta if its term has no unknowns. So (7) gives (10).
 
     Raises SymbolicError where an unknown stands inside a function or in a denominator that cannot
     be cleared, for unusable `motion` or `unknowns`, for an undeclared function of time beside an
@@ -98,7 +82,7 @@ def separate(
     rows = []
     for number, (equation, expression) in enumerate(zip(ratios, expressions, strict=True), 1):
         with located(f"equation {number}"):
-            rows.append(_normalised(ring, _grouped(ring, equation, expression, symbols)))
+            rows.append(normalised(ring, _grouped(ring, equation, expression, symbols)))
     _check_undeclared(ring, rows, symbols)
     monomials = _columns(rows, symbols)
     known = (0,) * len(symbols)
@@ -112,17 +96,6 @@ def separate(
         rows=tuple(rows),
         monomials=monomials,
     )
-
-
-def entry_to_sympy(ring: Ring, entry: Entry | None) -> sp.Expr:
-    """Return an element of R or zeta as a sympy sum."""
-    if entry is None:
-        return sp.Integer(0)
-    terms = (
-        ratio_to_sympy(ring, value) * term_to_sympy(ring, exponents)
-        for exponents, value in entry.terms.items()
-    )
-    return sp.Add(*terms) / to_sympy(ring, entry.denominator)
 
 
 def _lumped(unknowns: Sequence[sp.Symbol], monomial: Exponents) -> sp.Expr:
@@ -244,128 +217,16 @@ def _shift(
     terms = sp.Add.make_args(expression)
     term = next((x for x in terms if sp.fraction(sp.together(x))[1].has(unknown)), expression)
     raise SymbolicError(
-        f"the unknown {unknown} stands in the denominator {found} of the term {term}, and it does "
-        "not clear: multiplied by it, every term holds an unknown and nothing fixes their scale; "
-        "make it known, or name the whole fraction as one unknown"
+        f"the unknown {unknown} stands in the denominator {found} of the term {shortened(term)}, "
+        "and it does not clear: multiplied by it, every term holds an unknown and nothing fixes "
+        "their scale; make it known, or name the whole fraction as one unknown"
     )
 
 
 def _entry(ring: Ring, value: Ratio) -> Entry:
     """Group a ratio by its functions of the motion."""
-    moving = set(ring.motion)
-    terms: dict[Exponents, dict[Exponents, fmpq]] = {}
-    for exponents, coefficient in value.numerator.terms():
-        motion = tuple(e if i in moving else 0 for i, e in enumerate(exponents))
-        known = tuple(0 if i in moving else e for i, e in enumerate(exponents))
-        terms.setdefault(motion, {})[known] = coefficient
-    return Entry(
-        {m: from_polynomial(ring, ring.context.from_dict(k)) for m, k in terms.items()},
-        value.denominator,
-    )
-
-
-def _normalised(ring: Ring, row: Mapping[Exponents, Entry]) -> Row:
-    """Divide a row by its scale and bring the terms without unknowns to the other side."""
-    if not row:
-        return row
-    scale, pivot = _scale(ring, row)
-    if not any(pivot):
-        scale = _negative(scale)
-    inverse = {True: ratio(ring, *reversed(scale))}
-    inverse[False] = _negative(inverse[True])
-    return {
-        monomial: Entry(
-            {m: product(ring, value, inverse[any(monomial)]) for m, value in entry.terms.items()},
-            entry.denominator,
-        )
-        for monomial, entry in row.items()
-    }
-
-
-def _negative(value: Ratio) -> Ratio:
-    return Ratio(-value.numerator, value.denominator)
-
-
-def _scale(ring: Ring, row: Mapping[Exponents, Entry]) -> tuple[Ratio, Exponents]:
-    """Return the coefficient to divide the row by, and the product of unknowns it belongs to."""
-    terms = [
-        (monomial, motion, value)
-        for monomial, entry in sorted(row.items(), key=lambda item: _column_key(item[0]))
-        for motion, value in sorted(entry.terms.items(), reverse=True)
-    ]
-    inputs = [term for term in terms if not any(term[0]) and _is_input(ring, row, term[1])]
-    candidates = inputs or terms
-    if len(candidates) > 1:
-        counts = Counter(_text(value) for _, _, value in terms)
-        different = {_text(value): value for _, _, value in terms}
-        weighted = [(value, counts[text]) for text, value in different.items()]
-        candidates = _shortlist(ring, candidates)
-        candidates.sort(key=lambda term: _cost_of_row(ring, weighted, term[2]))
-    monomial, _, scale = candidates[0]
-    return scale, monomial
-
-
-def _text(value: Ratio) -> str:
-    return f"{value.numerator}/{value.denominator}"
-
-
-_Term = tuple[Exponents, Exponents, Ratio]
-
-
-def _shortlist(ring: Ring, terms: list[_Term]) -> list[_Term]:
-    """The first terms of the few coefficients that are simplest without their common factor."""
-    common = terms[0][2].numerator
-    for _, _, value in terms:
-        common = common.gcd(value.numerator)
-    different: dict[str, _Term] = {}
-    for term in terms:
-        different.setdefault(_text(term[2]), term)
-    order = sorted(
-        different.values(),
-        key=lambda term: _cost(ratio(ring, term[2].numerator, common))[0],
-    )
-    return order[:_MOST_SCALES]
-
-
-def _cost_of_row(
-    ring: Ring, weighted: Sequence[tuple[Ratio, int]], scale: Ratio
-) -> tuple[int, int]:
-    """How complicated the coefficients of a row are once divided by `scale`."""
-    symbols, digits = 0, 0
-    for value, count in weighted:
-        cost = _cost(quotient(ring, value, scale))
-        symbols, digits = symbols + count * cost[0], digits + count * cost[1]
-    return symbols, digits
-
-
-def _cost(value: Ratio) -> tuple[int, int]:
-    """Known symbols in a coefficient, with multiplicity, and binary digits of its numbers."""
-    symbols, digits = 0, 0
-    for polynomial in value:
-        for exponents, number in polynomial.terms():
-            symbols += sum(exponents)
-            digits += int(number.p).bit_length() + int(number.q).bit_length()
-    return symbols, digits
-
-
-def _is_input(ring: Ring, row: Mapping[Exponents, Entry], motion: Exponents) -> bool:
-    """True for a signal alone in its term, no function of which occurs elsewhere in the row."""
-    if sum(motion) != 1:
-        return False
-    place = motion.index(1)
-    signal = ring.generators[place]
-    if not isinstance(signal, sp.Symbol | AppliedUndef) or any(
-        other != signal and other.has(signal) for other in ring.generators
-    ):
-        return False
-    occurs = sum(m[place] != 0 for entry in row.values() for m in entry.terms)
-    return occurs == 1 and all(e.denominator.degrees()[place] == 0 for e in row.values())
-
-
-def _column_key(monomial: Exponents) -> tuple[bool, Exponents, Exponents]:
-    """Order of the columns: single unknowns as declared, then products by their first factor."""
-    factors = tuple(i for i, e in enumerate(monomial) for _ in range(abs(e)))
-    return sum(monomial) != 1 or len(factors) != 1, factors, monomial
+    grouped = grouped_by_motion(ring, value.numerator).items()
+    return Entry({m: from_polynomial(ring, known) for m, known in grouped}, value.denominator)
 
 
 def _columns(rows: Sequence[Row], unknowns: Sequence[sp.Symbol]) -> tuple[Exponents, ...]:
@@ -380,7 +241,7 @@ def _columns(rows: Sequence[Row], unknowns: Sequence[sp.Symbol]) -> tuple[Expone
     for place in range(len(unknowns)):
         if not any(monomial[place] for monomial in found):
             found.add(tuple(int(i == place) for i in range(len(unknowns))))
-    return tuple(sorted(found, key=_column_key))
+    return tuple(sorted(found, key=column_key))
 
 
 def _check_undeclared(ring: Ring, rows: Sequence[Row], unknowns: Sequence[sp.Symbol]) -> None:

@@ -1,0 +1,230 @@
+"""Are the fundamental functions of (11) linearly independent? The paper needs it and does not say.
+
+Monomials in signals, and in sine, cosine and exponential of different signals (sin^2 reduced), are.
+Of other functions nobody knows beforehand: they are evaluated at random points with high precision.
+"""
+
+from __future__ import annotations
+
+import random
+import warnings
+from collections.abc import Collection, Mapping
+from fractions import Fraction
+
+import numpy as np
+import sympy as sp
+from flint import fmpq
+from mpmath import mp, mpf  # type: ignore[import-untyped]
+from sympy.core.function import AppliedUndef
+
+from seaid.errors import SeaidWarning, SymbolicError
+from seaid.symbolic.polynomial import Exponents, Ring, term_to_sympy
+
+Combination = dict[Exponents, fmpq]
+
+_DIGITS = 200
+_SMALL = mpf(10) ** -(_DIGITS // 2)
+_LONGEST = 10**12
+_MOST_FUNCTIONS = 300
+_CERTAIN = (sp.Symbol, AppliedUndef, sp.Derivative, sp.sin, sp.cos, sp.exp)
+
+
+def independent_functions(
+    ring: Ring, functions: Collection[Exponents]
+) -> tuple[dict[Exponents, Combination], tuple[tuple[sp.Expr, sp.Expr], ...]]:
+    """Return what to replace functions by, so that the rest is independent; and the relations.
+
+    `functions` are exponents of the motion's generators. The first result has, for each
+    function to be replaced, its combination of others; the second the relations behind it,
+    pairs of sympy expressions, said in a SeaidWarning too. Raises SymbolicError for a dependence
+    whose factors are no short rationals.
+    """
+    replaced: dict[Exponents, Combination] = {}
+    relations: list[tuple[sp.Expr, sp.Expr]] = []
+    for group in _groups(ring):
+        current = sorted({g for f in functions for g in replaced.get(f, {f: fmpq(1)})})
+        parts = sorted({_part(f, group) for f in current}, key=lambda e: (sum(e), e[::-1]))
+        found = _dependences(ring, group, parts)
+        if not found:
+            continue
+        relations += [_relation(ring, part, found[part]) for part in found]
+        step = {f: _rewritten(f, group, found) for f in current if _part(f, group) in found}
+        for f in functions:
+            replaced[f] = _applied(replaced.get(f, {f: fmpq(1)}), step)
+    if relations:
+        text = "; ".join(f"{left} = {right}" for left, right in relations)
+        warnings.warn(
+            f"functions of the motion depend on each other, found at random points: {text}; the "
+            "left sides were replaced by the right ones",
+            SeaidWarning,
+            stacklevel=3,
+        )
+    return {f: c for f, c in replaced.items() if c != {f: fmpq(1)}}, tuple(relations)
+
+
+def _groups(ring: Ring) -> list[tuple[int, ...]]:
+    """Generators that share a signal, directly or through others, where any is not certain."""
+    groups: list[tuple[set[int], set[sp.Expr]]] = []
+    for place in ring.motion:
+        places, signals = {place}, _signals(ring, ring.generators[place])
+        apart = []
+        for group in groups:
+            if group[1] & signals:
+                places, signals = places | group[0], signals | group[1]
+            else:
+                apart.append(group)
+        groups = [*apart, (places, signals)]
+    return [
+        tuple(sorted(places))
+        for places, _ in groups
+        if any(not isinstance(ring.generators[i], _CERTAIN) for i in places)
+    ]
+
+
+def _signals(ring: Ring, expression: sp.Basic) -> set[sp.Expr]:
+    """The functions of time and moving symbols an expression is made of."""
+    if isinstance(expression, AppliedUndef | sp.Derivative) or expression in ring.moving:
+        return {expression}
+    return {signal for part in expression.args for signal in _signals(ring, part)}
+
+
+def _part(function: Exponents, group: tuple[int, ...]) -> Exponents:
+    return tuple(e if i in group else 0 for i, e in enumerate(function))
+
+
+def _rewritten(
+    function: Exponents, group: tuple[int, ...], found: Mapping[Exponents, Combination]
+) -> Combination:
+    rest = tuple(0 if i in group else e for i, e in enumerate(function))
+    return {
+        tuple(a + b for a, b in zip(rest, part, strict=True)): factor
+        for part, factor in found[_part(function, group)].items()
+    }
+
+
+def _applied(combination: Combination, step: Mapping[Exponents, Combination]) -> Combination:
+    result: Combination = {}
+    for function, factor in combination.items():
+        for other, times in step.get(function, {function: fmpq(1)}).items():
+            result[other] = result.get(other, fmpq(0)) + factor * times
+    return {function: factor for function, factor in result.items() if factor != 0}
+
+
+def _relation(ring: Ring, part: Exponents, found: Combination) -> tuple[sp.Expr, sp.Expr]:
+    right = (term_to_sympy(ring, other, factor) for other, factor in found.items())
+    return term_to_sympy(ring, part), sp.Add(*right)
+
+
+def _dependences(
+    ring: Ring, group: tuple[int, ...], parts: list[Exponents]
+) -> dict[Exponents, Combination]:
+    """Return {function: combination of functions before it}, by evaluation at random points."""
+    with mp.workdps(_DIGITS):
+        table = _evaluated(ring, group, parts, len(parts) + 4, seed=1)
+        if table is None or len(parts) > _MOST_FUNCTIONS:
+            names = ", ".join(str(ring.generators[i]) for i in group)
+            warnings.warn(
+                f"whether {len(parts)} functions made of {names} are independent was not checked; "
+                "if they are not, too many base parameters are counted",
+                SeaidWarning,
+                stacklevel=4,
+            )
+            return {}
+        if _surely_independent(table):
+            return {}
+        factors = _eliminated(table)
+        fresh = _evaluated(ring, group, parts, 8, seed=2) or []
+        found = {}
+        for column, combination in factors.items():
+            short = {other: _short_rational(factor) for other, factor in combination.items()}
+            holds = all(
+                abs(row[column] - sum(_value(short[j]) * row[j] for j in short)) < _SMALL
+                for row in fresh
+            )
+            if not holds:
+                raise _no_rationals(ring, parts[column], [parts[j] for j in combination])
+            found[parts[column]] = {parts[j]: factor for j, factor in short.items()}
+    return found
+
+
+def _no_rationals(ring: Ring, function: Exponents, others: list[Exponents]) -> SymbolicError:
+    names = ", ".join(str(term_to_sympy(ring, other)) for other in others)
+    return SymbolicError(
+        f"the function {term_to_sympy(ring, function)} of the motion depends on {names} with "
+        "factors that are no short rational numbers; write the equations with one of these "
+        "functions less"
+    )
+
+
+def _evaluated(
+    ring: Ring, group: tuple[int, ...], parts: list[Exponents], count: int, seed: int
+) -> list[list[mpf]] | None:
+    """Values of the functions at `count` random points, one row a point; None if not real there."""
+    generator = random.Random(seed)
+    expressions = {i: ring.generators[i] for i in group}
+    signals = sorted({s for x in expressions.values() for s in _signals(ring, x)}, key=str)
+    free = {s for x in expressions.values() for s in x.free_symbols} - ring.moving
+    constants = {s: _random(generator, positive=True) for s in sorted(free, key=str)}
+    rows: list[list[mpf]] = []
+    for attempt in range(20 * count):
+        positive = attempt >= 10 * count
+        point = constants | {s: _random(generator, positive) for s in signals}
+        values = {i: x.xreplace(point).evalf(_DIGITS) for i, x in expressions.items()}
+        if all(value.is_Float or value.is_Rational for value in values.values()):
+            numbers = {i: mp.mpmathify(value) for i, value in values.items()}
+            rows.append([mp.fprod(numbers[i] ** int(part[i]) for i in group) for part in parts])
+            if len(rows) == count:
+                return rows
+    return None
+
+
+def _random(generator: random.Random, positive: bool) -> sp.Rational:
+    sign = 1 if positive else generator.choice((-1, 1))
+    return sp.Rational(sign * generator.randint(200, 2200), 1009)
+
+
+def _surely_independent(table: list[list[mpf]]) -> bool:
+    """True if already double precision shows independence, as it nearly always does."""
+    values = np.array(table, dtype=np.float64)
+    values /= np.linalg.norm(values, axis=0)
+    singular = np.linalg.svd(values, compute_uv=False)
+    return bool(singular[-1] > 1e-9 * singular[0])
+
+
+def _eliminated(table: list[list[mpf]]) -> dict[int, dict[int, mpf]]:
+    """Gauss-Jordan with row exchange: {dependent column: factors of the independent ones}."""
+    rows = [list(row) for row in table]
+    pivots: list[int] = []
+    for column in range(len(rows[0])):
+        below = rows[len(pivots) :]
+        best = max(range(len(below)), key=lambda i: abs(below[i][column]))
+        if abs(below[best][column]) < _SMALL:
+            continue
+        top = len(pivots)
+        rows[top], rows[top + best] = rows[top + best], rows[top]
+        rows[top] = [x / rows[top][column] for x in rows[top]]
+        for i, row in enumerate(rows):
+            if i != top and row[column] != 0:
+                rows[i] = [x - row[column] * y for x, y in zip(row, rows[top], strict=True)]
+        pivots.append(column)
+    return {
+        column: {
+            pivot: rows[i][column]
+            for i, pivot in enumerate(pivots)
+            if pivot < column and abs(rows[i][column]) > _SMALL
+        }
+        for column in range(len(rows[0]))
+        if column not in pivots
+    }
+
+
+def _short_rational(number: mpf) -> fmpq:
+    mantissa, exponent = mp.frexp(number)
+    scaled = int(mp.ldexp(mantissa, mp.prec))
+    exact = Fraction(scaled) * Fraction(2) ** (int(exponent) - mp.prec)
+    near = exact.limit_denominator(_LONGEST)
+    return fmpq(near.numerator, near.denominator)
+
+
+def _value(number: fmpq) -> mpf:
+    return mpf(int(number.p)) / int(number.q)

@@ -1,0 +1,205 @@
+"""From the regressor form to the base regressor form, (11)-(14), over the exact known numbers.
+
+Coefficients are quotients of polynomials in the known symbols, so lengths may stay symbols and the
+groupings come out in closed form. Nothing is rounded, and no tolerance decides the rank.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+import sympy as sp
+from flint import fmpq, fmpq_mpoly
+
+from seaid.errors import SymbolicError
+from seaid.symbolic.elimination import SparseRow, eliminate
+from seaid.symbolic.entries import Entry, Row, grouped_by_motion
+from seaid.symbolic.independence import independent_functions
+from seaid.symbolic.polynomial import (
+    Exponents,
+    Ratio,
+    Ring,
+    from_polynomial,
+    product,
+    ratio,
+    ratio_to_sympy,
+    term_to_sympy,
+    to_sympy,
+    total,
+)
+from seaid.symbolic.separation import RegressorForm
+
+_Function = tuple[sp.Expr, Exponents]
+"""A fundamental function: its denominator, and the exponents of its numerator."""
+
+_Table = dict[_Function, SparseRow]
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """One column of the regressor and its type in the echelon form.
+
+    `kind` is "zero" (the parameter has no effect), "base" (needed, independent of the columns
+    before it) or "dependent"; then R_column = sum of coefficient * R_base over `depends_on`, which
+    has the coefficient for each base column's parameter.
+    """
+
+    parameter: sp.Expr
+    kind: Literal["zero", "base", "dependent"]
+    depends_on: Mapping[sp.Expr, sp.Expr] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class BaseForm:
+    """The base regressor form (14): zeta = regressor * parameters, with independent columns.
+
+    `zeta` (n, 1); `regressor` R_0 (n, p), the columns of R at `pivots`; `parameters` theta_0
+    (p, 1), each a base parameter with what is grouped to it; `echelon` B_Eu (p, m) of (13);
+    `fundamental_functions` f (k, 1), linearly independent; `columns` the type of each of
+    the m columns. `function_relations` holds what had to be replaced among functions that were
+    not independent, pairs of a function and its replacement; `different_rows` is the number of rows
+    of B that differ by more than a factor. `ring` and `rows` hold B as exact polynomials, `rows[i]`
+    the rows of equation i.
+    """
+
+    zeta: sp.ImmutableMatrix
+    regressor: sp.ImmutableMatrix
+    parameters: sp.ImmutableMatrix
+    echelon: sp.ImmutableMatrix
+    pivots: tuple[int, ...]
+    fundamental_functions: sp.ImmutableMatrix
+    columns: tuple[Column, ...]
+    function_relations: tuple[tuple[sp.Expr, sp.Expr], ...]
+    different_rows: int
+    ring: Ring = field(repr=False)
+    rows: tuple[tuple[SparseRow, ...], ...] = field(repr=False)
+
+    @cached_property
+    def B(self) -> sp.ImmutableSparseMatrix:
+        """The matrix of (12), (n k, m): R = kron(identity, f^T) B. Made when first asked for."""
+        k = len(self.fundamental_functions)
+        entries = {
+            (i * k + j, column): ratio_to_sympy(self.ring, value)
+            for i, rows in enumerate(self.rows)
+            for j, row in enumerate(rows)
+            for column, value in row.items()
+        }
+        return sp.ImmutableSparseMatrix(len(self.rows) * k, len(self.columns), entries)
+
+
+def reduce(form: RegressorForm) -> BaseForm:
+    """Reduce the regressor form of `separate` to the base regressor form, by (11)-(14).
+
+    R is written in linearly independent functions of the motion (11), their coefficients make B
+    (12), Gauss-Jordan brings it to echelon form (13), with the leftmost possible columns as base.
+    Functions whose independence is not certain (tanh, roots, sign ... of one signal) are
+    evaluated at random points with high precision; a dependence is removed, said in a
+    SeaidWarning and kept in `function_relations`.
+
+    Raises SymbolicError if no parameter is identifiable, and where functions depend on each other
+    with factors that are no short rational numbers.
+    """
+    if not isinstance(form, RegressorForm):
+        raise SymbolicError(f"reduce takes the result of separate, found {type(form).__name__}")
+    ring = form.ring
+    tables = [_table(ring, row, form.monomials) for row in form.rows]
+    functions = {motion for table in tables for _, motion in table}
+    replaced, relations = independent_functions(ring, functions)
+    tables = [_replaced(ring, table, replaced) for table in tables]
+    rows = (row for table in tables for row in table.values())
+    echelon, pivots, different = eliminate(ring, rows, len(form.monomials))
+    if not pivots:
+        raise SymbolicError(
+            "no parameter is identifiable: the regressor is zero in every column, of "
+            f"{', '.join(map(str, form.parameters))}; check equations and unknowns"
+        )
+    order = sorted({f for table in tables for f in table}, key=_function_key)
+    closed = sp.ImmutableMatrix(
+        len(pivots),
+        len(form.monomials),
+        lambda i, j: ratio_to_sympy(ring, echelon[i][j]) if j in echelon[i] else 0,
+    )
+    return BaseForm(
+        zeta=form.zeta,
+        regressor=form.regressor.extract(list(range(form.regressor.rows)), list(pivots)),
+        parameters=closed * form.parameters,
+        echelon=closed,
+        pivots=pivots,
+        fundamental_functions=sp.ImmutableMatrix([term_to_sympy(ring, f) / d for d, f in order]),
+        columns=_column_types(form.parameters, closed, pivots),
+        function_relations=relations,
+        different_rows=different,
+        ring=ring,
+        rows=tuple(tuple(table.get(f, {}) for f in order) for table in tables),
+    )
+
+
+def _table(ring: Ring, row: Row, monomials: Sequence[Exponents]) -> _Table:
+    """Return one equation's part of B: {fundamental function: {column: coefficient}}."""
+    entries = [(j, row[monomial]) for j, monomial in enumerate(monomials) if monomial in row]
+    common = ring.constant(1)
+    for _, entry in entries:
+        common *= entry.denominator / common.gcd(entry.denominator)
+    below = to_sympy(ring, common)
+    table: _Table = {}
+    for column, entry in entries:
+        for motion, value in _over(ring, entry, common).items():
+            table.setdefault((below, motion), {})[column] = value
+    return table
+
+
+def _over(ring: Ring, entry: Entry, common: fmpq_mpoly) -> Mapping[Exponents, Ratio]:
+    """Return the terms of an element of R written over a common denominator of its row."""
+    if entry.denominator == common:
+        return entry.terms
+    one = ring.constant(1)
+    terms = (
+        Ratio(value.numerator * ring.context.term(one.coefficient(0), motion), value.denominator)
+        for motion, value in entry.terms.items()
+    )
+    factor = from_polynomial(ring, common / entry.denominator)
+    numerator, denominator = product(ring, total(ring, terms), factor)
+    grouped = grouped_by_motion(ring, numerator)
+    return {motion: ratio(ring, value, denominator) for motion, value in grouped.items()}
+
+
+def _replaced(
+    ring: Ring, table: _Table, replaced: Mapping[Exponents, Mapping[Exponents, fmpq]]
+) -> _Table:
+    """Write a table in independent functions."""
+    if not replaced:
+        return table
+    result: dict[_Function, dict[int, list[Ratio]]] = {}
+    for (below, motion), row in table.items():
+        for other, factor in replaced.get(motion, {motion: fmpq(1)}).items():
+            target = result.setdefault((below, other), {})
+            for column, (numerator, denominator) in row.items():
+                target.setdefault(column, []).append(Ratio(factor * numerator, denominator))
+    sums = {f: {j: total(ring, parts) for j, parts in row.items()} for f, row in result.items()}
+    kept = {
+        f: {j: x for j, x in row.items() if not x.numerator.is_zero()} for f, row in sums.items()
+    }
+    return {f: row for f, row in kept.items() if row}
+
+
+def _function_key(function: _Function) -> tuple[str, int, tuple[int, ...]]:
+    """Order of the fundamental functions: by degree, then by the order of the generators."""
+    below, motion = function
+    return str(below), sum(motion), tuple(-e for e in motion)
+
+
+def _column_types(
+    parameters: sp.ImmutableMatrix, echelon: sp.ImmutableMatrix, pivots: tuple[int, ...]
+) -> tuple[Column, ...]:
+    """Name the type of each column of (13)."""
+    columns = []
+    for j, parameter in enumerate(parameters):
+        factors = {parameters[p]: echelon[i, j] for i, p in enumerate(pivots) if echelon[i, j] != 0}
+        if j in pivots:
+            columns.append(Column(parameter, "base"))
+        else:
+            columns.append(Column(parameter, "dependent" if factors else "zero", factors))
+    return tuple(columns)
