@@ -1,0 +1,74 @@
+"""seaid: parameter identification of robots with series elastic actuators.
+
+`load_robot` -> `design_excitation` -> `simulate` or `read_log` -> `identify` -> `validate`.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from seaid import regression, symbolic
+    from seaid.base import BaseParameters, base_parameters
+    from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
+    from seaid.errors import (
+        ExcitationError,
+        IdentificationError,
+        LogError,
+        RobotError,
+        SeaidError,
+        SeaidWarning,
+        SymbolicError,
+    )
+    from seaid.estimation.estimate import Estimate
+    from seaid.excitation import Excitation, Limits, Trajectory, design_excitation, load_trajectory
+    from seaid.identification import Identification, identify
+    from seaid.log import Log, read_log, write_log
+    from seaid.motion import Motion, reconstruct_motion
+    from seaid.robot import Payload, Robot, load_robot
+    from seaid.simulation import Noise, simulate
+    from seaid.validation import Validation, validate
+
+__version__ = "0.1.0"
+
+_WHERE = {
+    "base": ("BaseParameters", "base_parameters"),
+    "drivetrain.model": ("SeriesElasticDrive", "StiffDrive"),
+    "errors": (
+        "ExcitationError",
+        "IdentificationError",
+        "LogError",
+        "RobotError",
+        "SeaidError",
+        "SeaidWarning",
+        "SymbolicError",
+    ),
+    "estimation.estimate": ("Estimate",),
+    "excitation": ("Excitation", "Limits", "Trajectory", "design_excitation", "load_trajectory"),
+    "identification": ("Identification", "identify"),
+    "log": ("Log", "read_log", "write_log"),
+    "motion": ("Motion", "reconstruct_motion"),
+    "robot": ("Payload", "Robot", "load_robot"),
+    "simulation": ("Noise", "simulate"),
+    "validation": ("Validation", "validate"),
+}
+_MODULE_OF = {name: module for module, names in _WHERE.items() for name in names}
+_SUBMODULES = ("regression", "symbolic")
+
+__all__ = [*_MODULE_OF, *_SUBMODULES]  # noqa: PLE0604
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used, so that `import seaid` stays quick."""
+    if name in _SUBMODULES:
+        return importlib.import_module(f"seaid.{name}")
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'seaid' has no attribute '{name}'")
+    value = getattr(importlib.import_module(f"seaid.{_MODULE_OF[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -11,7 +11,8 @@ from scipy import linalg
 from seaid.arrays import Array, frozen
 from seaid.errors import ExcitationError
 from seaid.motion import Motion
-from seaid.regression import rigid_body_regressor
+from seaid.motion import Motion
+from seaid.rigid_body import rigid_body_regressor
 from seaid.robot import Robot
 
 RANK_TOLERANCE = 1e-8
@@ -58,7 +59,7 @@ def base_parameters(
     Y = rigid_body_regressor(robot, q, v, a)
     known = [robot.index(joint) for joint in (robot.joint_names if rows is None else rows)]
     H = Y[:, known].reshape(-1, Y.shape[2])
-    columns, grouping, gap = left_to_right(H, _negligible(H))
+    columns, grouping, gap = left_to_right(H, negligible(H))
     if not columns:
         raise ExcitationError(
             f"no parameter of '{robot.name}' is identifiable from the torques at "
@@ -129,7 +130,7 @@ def grouped_text(coefficients: Array, names: Sequence[str]) -> str:
     return text
 
 
-def _negligible(H: Array) -> Array:
+def negligible(H: Array) -> Array:
     """Tell columns that are zero but for rounding, before scaling makes them look like others.
 
     A column of H is the torque of a unit parameter; those of mass times one or two metres are

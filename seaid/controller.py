@@ -49,8 +49,7 @@ def joint_controller(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float)
     friction = plant.viscous * motor_velocity + plant.coulomb * np.tanh(motor_velocity)
     elastic = plant.motor_inertia * motor_acceleration + r_M / N * load / r_L
     feedforward = friction + np.where(plant.elastic, elastic, load / N)
-    load_inertia = np.diag(pin.crba(plant.model, data, q[0])) / N**2
-    inertia = np.where(plant.elastic, plant.motor_inertia, load_inertia)
+    inertia = np.where(plant.elastic, plant.motor_inertia, _least_inertia(plant, q) / N**2)
     resonance = np.sqrt(plant.stiffness / np.maximum(plant.motor_inertia, 1e-300)) * r_M / N
     bandwidth = np.where(plant.elastic, 2 * resonance, 0.0)
     bandwidth = np.clip(bandwidth, _LEAST_BANDWIDTH_RAD_S, 0.2 * rate_hz)
@@ -62,3 +61,16 @@ def joint_controller(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float)
         velocity_gain=2 * _DAMPING * inertia * bandwidth,
         velocity_filter=1 - np.exp(-5 * bandwidth / rate_hz),
     )
+
+
+def _least_inertia(plant: Plant, q: Array) -> Array:
+    """Return the least inertia (n,) that each joint feels along a motion with the others free.
+
+    Gains on the diagonal inertia would be too high where joints are strongly coupled.
+    """
+    data = plant.model.createData()
+    felt = []
+    for configuration in q[:: max(1, len(q) // 50)]:
+        inverse = np.triu(pin.computeMinverse(plant.model, data, configuration))
+        felt.append(1 / np.diag(inverse))
+    return np.min(felt, axis=0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +65,19 @@ class Log:
         _check_time(self.time)
         for name, column in self.columns().items():
             _check_column(name, column, self.time)
+
+    def between(self, start_s: float, end_s: float) -> Log:
+        """Return the samples with start_s <= time < end_s."""
+        kept = (self.time >= start_s) & (self.time < end_s)
+        torque = self.joint_torque
+        return replace(
+            self,
+            time=self.time[kept],
+            motor_position=self.motor_position[kept],
+            joint_position=self.joint_position[kept],
+            motor_torque=self.motor_torque[kept],
+            joint_torque=None if torque is None else torque[kept],
+        )
 
     def columns(self) -> dict[str, Array]:
         """Return {file column name: samples} of all sensors that are there."""

@@ -2,9 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from seaid.arrays import Array
+from seaid.drivetrain.model import SeriesElasticDrive
+from seaid.errors import LogError
+from seaid.filtering import low_pass, propose_cutoff_hz, spline_derivatives
+from seaid.log import Log
+from seaid.robot import Robot
+
+POSITION_BAND = 5.0
+"""Positions are filtered at so many times the cutoff, to leave the pass band untouched."""
+
+_REGULAR = 1e-3
+"""Time steps that differ by more than this part are resampled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -12,7 +26,9 @@ class Motion:
     """Position, velocity, acceleration and torque of both sides, each (T, n), on a uniform grid.
 
     Joint side in rad or m, motor side in rad; torques in N m (`joint_torque` of a prismatic joint
-    in N); NaN where a joint has no such sensor.
+    in N); NaN where a joint has no such sensor. `cutoff_hz` is the pass band in which a regression
+    compares regressor and torque (inf: no filter); torques are as measured. `regressions` leave
+    `trim_s` away at both ends, where filters swing in.
     """
 
     time: Array
@@ -26,6 +42,7 @@ class Motion:
     motor_torque: Array
     joint_torque: Array
     cutoff_hz: float
+    trim_s: float = 0.0
 
     @property
     def joint_states(self) -> tuple[Array, Array, Array]:
@@ -36,3 +53,100 @@ class Motion:
     def rate_hz(self) -> float:
         """Samples a second."""
         return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
+
+
+def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -> Motion:
+    """Return the motion of a log: resampled if need be, filtered, differentiated.
+
+    Positions pass a zero-phase low pass at five times `cutoff_hz`, the pass band of the
+    identification, and are differentiated by a quintic spline; the torques stay as they are, since
+    a regression filters regressor and torque alike. `cutoff_hz` None: proposed from the spectra.
+    The side of a stiff drive that has no encoder is computed from the other. Raises LogError where
+    the log does not fit the robot or is too short for the cutoff.
+    """
+    columns = _columns(robot, log)
+    time, signals = _uniform(log, columns)
+    rate_hz = (len(time) - 1) / (time[-1] - time[0])
+    joint, motor, motor_torque, joint_torque = signals
+    joint, motor = _both_sides(robot, joint, motor)
+    if cutoff_hz is None:
+        cutoff_hz = propose_cutoff_hz(np.hstack([joint, motor]), rate_hz)
+    _check_cutoff(cutoff_hz, rate_hz, float(time[-1] - time[0]))
+    both = low_pass(np.hstack([joint, motor]), rate_hz, POSITION_BAND * cutoff_hz)
+    position, velocity, acceleration = spline_derivatives(time, both)
+    n = robot.n
+    return Motion(
+        time=time,
+        joint_names=robot.joint_names,
+        joint_position=position[:, :n],
+        joint_velocity=velocity[:, :n],
+        joint_acceleration=acceleration[:, :n],
+        motor_position=position[:, n:],
+        motor_velocity=velocity[:, n:],
+        motor_acceleration=acceleration[:, n:],
+        motor_torque=motor_torque,
+        joint_torque=joint_torque,
+        cutoff_hz=float(cutoff_hz),
+        trim_s=1.0 / cutoff_hz,
+    )
+
+
+def _columns(robot: Robot, log: Log) -> list[int]:
+    missing = [joint for joint in robot.joint_names if joint not in log.joint_names]
+    if missing:
+        raise LogError(
+            f"the log has no joint {', '.join(missing)} of '{robot.name}'; "
+            f"its joints: {', '.join(log.joint_names)}"
+        )
+    return [log.joint_names.index(joint) for joint in robot.joint_names]
+
+
+def _uniform(log: Log, columns: list[int]) -> tuple[Array, list[Array]]:
+    """Return time and the four signals on a uniform grid at the log's median rate."""
+    nothing = np.full((len(log.time), len(columns)), np.nan)
+    signals = [
+        nothing if signal is None else signal[:, columns]
+        for signal in (log.joint_position, log.motor_position, log.motor_torque, log.joint_torque)
+    ]
+    steps = np.diff(log.time)
+    step = float(np.median(steps))
+    if np.max(np.abs(steps - step)) <= _REGULAR * step:
+        return log.time, signals
+    step = float(np.mean(steps))
+    count = math.floor((log.time[-1] - log.time[0]) / step + 1e-9) + 1
+    time = log.time[0] + step * np.arange(count)
+    return time, [
+        np.column_stack([np.interp(time, log.time, column) for column in signal.T])
+        for signal in signals
+    ]
+
+
+def _both_sides(robot: Robot, joint: Array, motor: Array) -> tuple[Array, Array]:
+    joint, motor = joint.copy(), motor.copy()
+    for index, name in enumerate(robot.joint_names):
+        drive = robot.drivetrains[name]
+        no_joint, no_motor = np.isnan(joint[0, index]), np.isnan(motor[0, index])
+        if isinstance(drive, SeriesElasticDrive):
+            if no_joint or no_motor:
+                side = "joint" if no_joint else "motor"
+                raise LogError(f"elastic joint '{name}' needs its {side} position in the log")
+        elif no_joint and no_motor:
+            raise LogError(f"joint '{name}' has no position in the log")
+        elif no_joint:
+            joint[:, index] = motor[:, index] / drive.ratio
+        elif no_motor:
+            motor[:, index] = joint[:, index] * drive.ratio
+    return joint, motor
+
+
+def _check_cutoff(cutoff_hz: float, rate_hz: float, duration_s: float) -> None:
+    if not 0 < cutoff_hz < rate_hz / 2:
+        raise LogError(
+            f"cutoff_hz must be between 0 and half the sampling rate, {rate_hz / 2:.4g} Hz, "
+            f"found {cutoff_hz}"
+        )
+    if duration_s * cutoff_hz < 10:
+        raise LogError(
+            f"the log is too short: {duration_s:.3g} s hold fewer than ten periods of the cutoff, "
+            f"{cutoff_hz:.3g} Hz; record more, or set cutoff_hz higher"
+        )

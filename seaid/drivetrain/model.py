@@ -15,7 +15,11 @@ from typing import Any
 
 from seaid.errors import RobotError, unknown_name
 
-FRICTION_TERMS = ("viscous", "coulomb")
+FRICTION_TERMS = ("viscous", "coulomb", "offset")
+"""What `friction` may name; an offset (a constant torque) only at a stiff drive: the deflection
+offset of an elastic one is the same column."""
+
+_PLAIN_FRICTION = ("viscous", "coulomb")
 
 
 @dataclass(frozen=True)
@@ -23,8 +27,8 @@ class StiffDrive:
     """A motor behind a stiff gear: N tau_M - N^2 I_M q'' - friction = joint torque.
 
     `gear_ratio` motor turns a joint turn (`gear_ratio_rad_per_m` at a prismatic joint);
-    `motor_inertia_kg_m2` None = unknown, to be identified; `friction` the terms of its friction, all
-    to be identified, of "viscous" and "coulomb"; the friction values are nominal. `extra_terms` are
+    `motor_inertia_kg_m2` None = unknown, to be identified; `friction` names the terms of its
+    friction, all to be identified ("viscous", "coulomb", "offset"); friction values are nominal. `extra_terms` are
     expressions added to the motor's equation, see `seaid.drivetrain.equations`.
     """
 
@@ -33,7 +37,7 @@ class StiffDrive:
     motor_inertia_kg_m2: float | None = None
     viscous_friction_Nms_per_rad: float | None = None
     coulomb_friction_Nm: float | None = None
-    friction: tuple[str, ...] = FRICTION_TERMS
+    friction: tuple[str, ...] = _PLAIN_FRICTION
     extra_terms: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -73,7 +77,7 @@ class SeriesElasticDrive:
     stiffness_Nm_per_rad: float | None = None
     viscous_friction_Nms_per_rad: float | None = None
     coulomb_friction_Nm: float | None = None
-    friction: tuple[str, ...] = FRICTION_TERMS
+    friction: tuple[str, ...] = _PLAIN_FRICTION
     extra_terms: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -217,6 +221,10 @@ def _check_terms(drive: Drive) -> None:
     for term in drive.friction:
         if term not in FRICTION_TERMS:
             raise RobotError(unknown_name("friction term", str(term), FRICTION_TERMS))
+    if isinstance(drive, SeriesElasticDrive) and "offset" in drive.friction:
+        raise RobotError(
+            "an elastic drive has no friction offset: its constant column is the deflection offset"
+        )
 
 
 IDEAL_DRIVE = StiffDrive(gear_ratio=1.0, motor_inertia_kg_m2=0.0, friction=())

@@ -1,0 +1,1 @@
+"""Estimators: they read a Regression and know nothing of sides, robots or logs."""

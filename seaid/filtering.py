@@ -1,0 +1,72 @@
+"""Zero-phase low pass, derivatives and the pass band that the data ask for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from seaid.arrays import Array
+
+_ORDER = 4
+_SHARE, _MARGIN, _FEWEST_PERIODS = 0.99, 3.0, 15.0
+_NARROWEST_HZ, _WIDEST_HZ = 4.0, 12.0
+_SMOOTHED_BINS = 9
+ROWS_PER_PERIOD = 4.0
+"""After the low pass, so many rows a period of the cutoff say all there is."""
+
+
+def low_pass(signals: Array, rate_hz: float, cutoff_hz: float) -> Array:
+    """Return columns (T, any) behind a zero-phase Butterworth low pass; all of them if too high.
+
+    A cutoff above 0.8 of half the rate, inf too, leaves the signals as they are.
+    """
+    if cutoff_hz >= 0.8 * rate_hz / 2:
+        return signals
+    from scipy.signal import butter, sosfiltfilt
+
+    sections = butter(_ORDER // 2, cutoff_hz, fs=rate_hz, output="sos")
+    pad = min(len(signals) - 1, round(3 * rate_hz / cutoff_hz))
+    return np.asarray(sosfiltfilt(sections, signals, axis=0, padtype="odd", padlen=pad))
+
+
+def decimation(rate_hz: float, cutoff_hz: float) -> int:
+    """Return how many samples a row of the filtered regression stands for."""
+    return max(1, int(rate_hz / (ROWS_PER_PERIOD * cutoff_hz)))
+
+
+def spline_derivatives(time: Array, signals: Array) -> tuple[Array, Array, Array]:
+    """Return value, first and second derivative (T, any) of an interpolating quintic spline.
+
+    Right up to the ends, where one-sided differences are not. NaN columns stay NaN.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    values, first, second = (np.full_like(signals, np.nan) for _ in range(3))
+    known = np.flatnonzero(np.isfinite(signals[0]))
+    spline = make_interp_spline(time, signals[:, known], k=5)
+    values[:, known] = signals[:, known]
+    first[:, known], second[:, known] = spline(time, 1), spline(time, 2)
+    return values, first, second
+
+
+def propose_cutoff_hz(positions: Array, rate_hz: float) -> float:
+    """Return the pass band [Hz] for an identification from the spectra of positions (T, any).
+
+    Three times the frequency below which the fastest channel has 99 % of the power of its velocity,
+    counted up to where the spectrum sinks into the white noise floor. Between 4 and 12 Hz, as far
+    as rate (at most an eighth) and duration (at least fifteen periods) allow.
+    """
+    from scipy.signal import detrend, periodogram
+
+    highest = min(_WIDEST_HZ, rate_hz / 8)
+    lowest = min(max(_NARROWEST_HZ, _FEWEST_PERIODS * rate_hz / len(positions)), highest)
+    moving = positions[:, np.ptp(positions, axis=0) > 0]
+    if not moving.shape[1]:
+        return highest
+    frequency, power = periodogram(detrend(moving, axis=0), fs=rate_hz, window="hann", axis=0)
+    floor = np.median(power[frequency > 0.25 * rate_hz], axis=0) / np.log(2)
+    window = np.ones(_SMOOTHED_BINS) / _SMOOTHED_BINS
+    smooth = np.apply_along_axis(np.convolve, 0, power, window, mode="same")
+    in_signal = np.cumsum(smooth < 3 * floor, axis=0) == 0
+    speed_power = np.cumsum(power * in_signal * frequency[:, None] ** 2, axis=0)
+    edges = frequency[np.argmax(speed_power >= _SHARE * speed_power[-1], axis=0)]
+    return float(np.clip(_MARGIN * np.max(edges), lowest, highest))

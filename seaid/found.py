@@ -1,0 +1,67 @@
+"""What an estimate of a drive means: its spring, its drive with the found values, its flags."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from seaid.drivetrain.model import Drive, SeriesElasticDrive
+from seaid.estimation.estimate import Estimate
+from seaid.regression import Regression
+
+POORLY_IDENTIFIED = 0.1
+"""Relative standard error above which a parameter is flagged."""
+
+_SPRING = ("stiffness", "deflection_offset")
+
+
+def spring_of(estimate: Estimate) -> Estimate:
+    """Return stiffness and deflection offset alone, in that order."""
+    return estimate.part([estimate.names.index(name) for name in _SPRING], _SPRING)
+
+
+def with_estimate(drive: Drive, estimate: Estimate) -> Drive:
+    """Return the drive with the found friction, stiffness and rotor inertia."""
+    fields = {
+        "viscous_friction": "viscous_friction_Nms_per_rad",
+        "coulomb_friction": "coulomb_friction_Nm",
+        "motor_inertia": "motor_inertia_kg_m2",
+    }
+    if isinstance(drive, SeriesElasticDrive):
+        linear = drive.is_linear_spring
+        fields["stiffness"] = "stiffness_N_per_m" if linear else "stiffness_Nm_per_rad"
+    values = {
+        fields[name]: max(float(value), 0.0)
+        for name, value in zip(estimate.names, estimate.values, strict=True)
+        if name in fields
+    }
+    if values.get(fields.get("stiffness", ""), 1.0) <= 0.0:
+        del values[fields["stiffness"]]
+    return replace(drive, **values)  # type: ignore[arg-type]
+
+
+def with_flags(estimate: Estimate, joint: str, regression: Regression | None) -> Estimate:
+    """Return the estimate of a drive with its flags: poorly identified, or impossible."""
+    flags = []
+    for name, value, error in zip(
+        estimate.names, estimate.values, estimate.standard_errors, strict=True
+    ):
+        if name == "deflection_offset":
+            continue
+        text = name.replace("_", " ") + f" of {joint}"
+        if value < 0:
+            flags.append(f"{text} is negative, {value:.3g}: check signs and zeros of the log")
+        elif error > POORLY_IDENTIFIED * value:
+            reason = f"standard error {error / value:.0%}" if value else "found zero"
+            if name == "stiffness" and regression is not None:
+                reason += "; " + _loading(estimate, regression)
+            flags.append(f"{text} is poorly identified: {reason}")
+    return replace(estimate, flags=tuple(flags))
+
+
+def _loading(estimate: Estimate, regression: Regression) -> str:
+    """Say how much the motion loads a spring, seen at the motor."""
+    column = regression.H[:, estimate.names.index("stiffness")]
+    swing = np.ptp(column) / 2 * abs(estimate.value("stiffness"))
+    return f"the motion changes this spring's torque at the motor by only +-{swing:.2g} N m"

@@ -1,0 +1,77 @@
+"""Figures in the manner of the paper's Fig. 3 and Fig. 4: measured grey, computed black."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from seaid.files import whole_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from seaid.validation import Fit, Validation
+
+_MEASURED = {"color": "0.62", "linewidth": 2.4, "label": "measured"}
+_COMPUTED = {"color": "black", "linewidth": 0.9, "label": "computed"}
+
+
+def save_actuator_figure(result: Validation, path: str | Path) -> None:
+    """Draw the motor torques of the best and the worst elastic joint, as Fig. 3 of the paper."""
+    errors = result.actuator.relative_error
+    elastic = np.flatnonzero(np.isfinite(errors))
+    best, worst = elastic[np.argmin(errors[elastic])], elastic[np.argmax(errors[elastic])]
+    shown = [(best, "best joint")] if best == worst else [(best, "best joint"), (worst, "worst joint")]
+    title = "Actuator side: motor torque of a motion the identification has not seen"
+    _save(_torques(result, result.actuator, shown, title, 1e3, "mN m"), path)
+
+
+def save_load_figure(result: Validation, path: str | Path) -> None:
+    """Draw the load torque of every joint that has one, as Fig. 4 of the paper."""
+    there = np.flatnonzero(np.isfinite(result.load.relative_error))
+    title = "Load side: torque on the load in a motion the identification has not seen"
+    _save(_torques(result, result.load, [(i, "") for i in there], title, 1.0, "N m"), path)
+
+
+def _torques(
+    result: Validation,
+    fit: Fit,
+    shown: Sequence[tuple[int, str]],
+    title: str,
+    scale: float,
+    unit: str,
+) -> Figure:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 0.9 + 2.2 * len(shown)), layout="constrained")
+    figure.suptitle(title, fontsize=11)
+    for position, (index, note) in enumerate(shown):
+        axes = figure.add_subplot(len(shown), 1, position + 1)
+        axes.plot(result.time, scale * fit.measured[:, index], **_MEASURED)
+        axes.plot(result.time, scale * fit.computed[:, index], **_COMPUTED)
+        axes.set_title(
+            f"({chr(97 + position)}) {result.joints[index]}{', ' + note if note else ''}: "
+            f"relative error {fit.relative_error[index]:.1%} below {result.cutoff_hz:.3g} Hz "
+            f"({fit.raw_relative_error[index]:.1%} raw), rms {scale * fit.rms_error[index]:.3g} "
+            f"{unit}, R² {fit.r_squared[index]:.4f}",
+            fontsize=9,
+            loc="left",
+        )
+        axes.set_ylabel(f"torque [{unit}]")
+        axes.margins(x=0)
+        axes.grid(color="0.9")
+        if position == 0:
+            axes.legend(loc="upper right", ncols=2, fontsize=8)
+    axes.set_xlabel("time [s]")
+    return figure
+
+
+def _save(figure: Figure, path: str | Path) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    FigureCanvasAgg(figure)
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, dpi=130)

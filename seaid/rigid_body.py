@@ -1,0 +1,48 @@
+"""Regressors over time: the rigid body's by Pinocchio, stacked over samples (15)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from seaid.arrays import Array, frozen
+from seaid.errors import SeaidError
+from seaid.robot import Robot
+
+
+def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Return the joint-torque regressor Y (T, n, 10n): Y[t] @ theta is the inverse dynamics at t.
+
+    `q`, `v`, `a` (T, n) are joint position, velocity and acceleration [rad or m, s], in the robot's
+    joint order; theta the standard parameters in the order of `robot.parameter_names`. Without
+    payload, friction and rotor inertia. Raises SeaidError for wrong shapes.
+    """
+    model, data, n = robot.model, robot.model.createData(), robot.n
+    order = list(robot.model_order)
+    q, v, a = (
+        frozen(name, value, (None, n))[:, order] for name, value in zip("qva", (q, v, a), strict=True)
+    )
+    if not len(q) == len(v) == len(a):
+        raise SeaidError(f"q, v and a must have as many rows, found {len(q)}, {len(v)}, {len(a)}")
+    pin.computeJointTorqueRegressor(model, data, np.zeros(n), np.zeros(n), np.zeros(n))
+    # Pinocchio's matrix is column-major: its transposed view copies in one run into C order.
+    column_major = data.jointTorqueRegressor.T
+    stacked = np.empty((len(q), 10 * n, n))
+    for t in range(len(q)):
+        pin.computeJointTorqueRegressor(model, data, q[t], v[t], a[t])
+        stacked[t] = column_major
+    Y = stacked.swapaxes(1, 2)
+    if order == sorted(order):
+        return Y
+    inverse = np.argsort(order)
+    by_body = Y[:, inverse].reshape(len(q), n, n, 10)[:, :, inverse]
+    return by_body.reshape(len(q), n, 10 * n)
+
+
+def joint_torques(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Return the inverse dynamics (T, n) of the robot with its payloads, by Pinocchio's rnea."""
+    model, data, order = robot.model, robot.model.createData(), list(robot.model_order)
+    torques = np.empty_like(np.asarray(q, dtype=np.float64))
+    for t in range(len(torques)):
+        torques[t, order] = pin.rnea(model, data, q[t, order], v[t, order], a[t, order])
+    return torques
