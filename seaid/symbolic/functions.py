@@ -64,7 +64,7 @@ def find_functions(
     Raises SymbolicError, with the equation, the term and the unknown, where an unknown stands
     inside a function.
     """
-    scan = _Scan(motion, unknowns, time_symbols(equations, motion))
+    scan = _Scan(motion, unknowns, time_symbols(subexpressions(*equations), motion))
     for number, equation in enumerate(equations, 1):
         for term in sp.Add.make_args(equation):
             with located(f"equation {number}, term", term):
@@ -72,11 +72,37 @@ def find_functions(
     return _ring(scan, max_terms)
 
 
-def time_symbols(equations: Sequence[sp.Expr], motion: tuple[sp.Expr, ...]) -> frozenset[sp.Symbol]:
+def subexpressions(*expressions: sp.Basic) -> set[sp.Basic]:
+    """Return every different part of the expressions; shared parts are walked through once."""
+    found: set[sp.Basic] = set()
+    waiting = list(expressions)
+    while waiting:
+        part = waiting.pop()
+        if part not in found:
+            found.add(part)
+            waiting += part.args
+    return found
+
+
+def prepared(expression: sp.Expr) -> sp.Expr:
+    """Carry out derivatives of composites, and make floats the rationals they are exactly."""
+    found = subexpressions(expression)
+    composite = {
+        part: part.doit()
+        for part in found
+        if isinstance(part, sp.Derivative) and not isinstance(part.expr, AppliedUndef)
+    }
+    if composite:
+        expression = expression.xreplace(composite)
+        found = subexpressions(expression)
+    return expression.xreplace({x: sp.Rational(x) for x in found if x.is_Float})
+
+
+def time_symbols(parts: set[sp.Basic], motion: tuple[sp.Expr, ...]) -> frozenset[sp.Symbol]:
     """The symbols that mean time: arguments of the declared signals, and any symbol t."""
     declared = {s for m in motion if isinstance(m, AppliedUndef) for s in m.free_symbols}
-    free = {s for equation in equations for s in equation.free_symbols}
-    return frozenset(declared | {s for s in free if s.name == "t" and s not in motion})
+    named = {s for s in parts if s.is_Symbol and s.name == "t" and s not in motion}
+    return frozenset(declared | named)
 
 
 def _visit(scan: _Scan, expression: sp.Expr) -> None:
@@ -98,7 +124,7 @@ def _visit(scan: _Scan, expression: sp.Expr) -> None:
 
 
 def _visit_function(scan: _Scan, function: sp.Expr) -> None:
-    inside = [u for u in scan.unknowns if function.has(u)]
+    inside = [u for u in scan.unknowns if u in function.free_symbols]
     if inside:
         raise SymbolicError(
             f"the unknown {inside[0]} stands inside {function}, so the equation is not linear in "

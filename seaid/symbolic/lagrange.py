@@ -9,8 +9,9 @@ import sympy as sp
 from sympy.core.function import AppliedUndef
 
 from seaid.errors import SymbolicError
+from seaid.symbolic.functions import prepared, subexpressions
 
-_State = dict[sp.Expr, sp.Dummy]
+_Rule = dict[sp.Expr, sp.Expr]
 
 
 def equations_of_motion(
@@ -41,29 +42,69 @@ def equations_of_motion(
             f"found {len(applied)} forces for {len(signals)} coordinates; give one a coordinate, 0 "
             "where none acts"
         )
-    energy = _expression("the Lagrangian", lagrangian).doit()
-    loss = _expression("the dissipation", 0 if dissipation is None else dissipation).doit()
+    energy = prepared(_expression("the Lagrangian", lagrangian))
+    loss = prepared(_expression("the dissipation", 0 if dissipation is None else dissipation))
     _check_functions({"the Lagrangian": energy, "the dissipation": loss}, signals)
     _check_derivatives(signals, (energy, loss, *applied))
-    state = _state(signals, energy.free_symbols | loss.free_symbols)
-    energy, loss = energy.xreplace(state), loss.xreplace(state)
-    back = {dummy: expression for expression, dummy in state.items()}
+    in_time: _Rule = {time: sp.Integer(1)}
+    for signal in signals:
+        in_time |= {signal.diff(time, k): signal.diff(time, k + 1) for k in (0, 1)}
+    memory: dict[sp.Expr, sp.Expr] = {}
     equations = []
     for signal, force in zip(signals, applied, strict=True):
-        speed = state[signal.diff(time)]
-        momentum = energy.diff(speed)
-        terms = [
-            momentum.diff(state.get(time, time)),
-            -energy.diff(state[signal]),
-            loss.diff(speed),
-        ]
-        for other in signals:
-            for order in (0, 1):
-                slope = momentum.diff(state[other.diff(time, order)])
-                terms.append(slope * state[other.diff(time, order + 1)])
-        left = sp.Add(*terms).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
-        equations.append(left.xreplace(back) - force)
+        along, by_speed = {signal: sp.Integer(1)}, {signal.diff(time): sp.Integer(1)}
+        momentum = _derived(energy, by_speed, {})
+        equations.append(
+            _derived(momentum, in_time, memory)
+            - _derived(energy, along, {})
+            + _derived(loss, by_speed, {})
+            - force
+        )
     return equations
+
+
+def _derived(expression: sp.Expr, rule: _Rule, memory: dict[sp.Expr, sp.Expr]) -> sp.Expr:
+    """Return the derivative that takes each variable of `rule` to its value there.
+
+    Each shared part is derived once, which sympy's own `diff` does not do.
+    """
+    found = memory.get(expression)
+    if found is not None:
+        return found
+    if expression in rule:
+        found = rule[expression]
+    elif not expression.args or isinstance(expression, sp.Derivative):
+        found = sp.Integer(0)
+    elif expression.is_Add:
+        found = sp.Add(*(_derived(part, rule, memory) for part in expression.args))
+    elif expression.is_Mul:
+        slopes = [_derived(part, rule, memory) for part in expression.args]
+        found = sp.Add(
+            *(
+                sp.Mul(*expression.args[:i], slope, *expression.args[i + 1 :])
+                for i, slope in enumerate(slopes)
+                if slope != 0
+            )
+        )
+    elif expression.is_Pow and expression.exp.is_Rational:
+        slope = _derived(expression.base, rule, memory)
+        found = expression.exp * expression.base ** (expression.exp - 1) * slope
+    else:
+        found = _derived_function(expression, rule)
+    memory[expression] = found
+    return found
+
+
+def _derived_function(function: sp.Expr, rule: _Rule) -> sp.Expr:
+    """Derive one function by sympy's chain rule, its variables and symbols taken as real."""
+    parts = subexpressions(function)
+    variables = {x: sp.Dummy("x", real=True) for x in rule if x in parts}
+    symbols = {x for x in parts if x.is_Symbol and x.is_real is None and x not in variables}
+    real = variables | {x: sp.Dummy(x.name, real=True) for x in symbols}
+    back = {dummy: x for x, dummy in real.items()}
+    smooth = function.xreplace(real)
+    slopes = (smooth.diff(dummy).xreplace(back) * rule[x] for x, dummy in variables.items())
+    return sp.Add(*slopes).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
 
 
 def _listed(given: Any) -> list[Any]:
@@ -106,13 +147,13 @@ def _check_functions(energies: dict[str, sp.Expr], signals: Sequence[sp.Expr]) -
     """Refuse functions of time that are no coordinates, and accelerations."""
     allowed = ", ".join(map(str, signals))
     for what, energy in energies.items():
-        for found in sorted(energy.atoms(AppliedUndef), key=str):
+        for found in _found(energy, AppliedUndef):
             if found not in signals and signals[0].args[0] in found.args:
                 raise SymbolicError(
                     f"{what} holds {found}, which is not declared; the coordinates are {allowed}; "
                     f"add {found} to them, or make it a symbol if it is constant"
                 )
-        for found in sorted(energy.atoms(sp.Derivative), key=str):
+        for found in _found(energy, sp.Derivative):
             if found.expr in signals and found.derivative_count > 1:
                 raise SymbolicError(
                     f"{what} holds {found}; only coordinates and their first derivatives are "
@@ -120,8 +161,12 @@ def _check_functions(energies: dict[str, sp.Expr], signals: Sequence[sp.Expr]) -
                 )
 
 
+def _found(expression: sp.Expr, kind: type[sp.Basic]) -> list[sp.Expr]:
+    return sorted((x for x in subexpressions(expression) if isinstance(x, kind)), key=str)
+
+
 def _check_derivatives(signals: Sequence[sp.Expr], expressions: Sequence[sp.Expr]) -> None:
-    moving = {d.expr for expression in expressions for d in expression.atoms(sp.Derivative)}
+    moving = {d.expr for expression in expressions for d in _found(expression, sp.Derivative)}
     for signal in signals:
         if signal not in moving:
             raise SymbolicError(
@@ -129,12 +174,3 @@ def _check_derivatives(signals: Sequence[sp.Expr], expressions: Sequence[sp.Expr
                 f"dissipation nor forces hold {signal.diff(signal.args[0])}; add its kinetic "
                 "energy, or write its equation down without a Lagrangian"
             )
-
-
-def _state(signals: Sequence[sp.Expr], symbols: set[sp.Symbol]) -> _State:
-    """Map coordinates, their derivatives and all complex symbols to real dummies."""
-    time = signals[0].args[0]
-    moving = [signal.diff(time, order) for signal in signals for order in range(3)]
-    state = {x: sp.Dummy(f"x{i}", real=True) for i, x in enumerate(moving)}
-    state |= {s: sp.Dummy(s.name, real=True) for s in symbols if s.is_real is None}
-    return state

@@ -89,7 +89,8 @@ def ratio(ring: Ring, numerator: fmpq_mpoly, denominator: fmpq_mpoly) -> Ratio:
 
     Raises SymbolicError for a denominator that is zero.
     """
-    numerator, denominator = _rationalised(ring, numerator, denominator)
+    if not denominator.is_constant():
+        numerator, denominator = _rationalised(ring, numerator, denominator)
     if denominator.is_zero():
         raise SymbolicError("a denominator is identically zero; check the equation for x/(a - a)")
     if not denominator.is_constant():
@@ -157,9 +158,11 @@ def _too_large(ring: Ring, found: str) -> SymbolicError:
 
 def reduced(ring: Ring, polynomial: fmpq_mpoly) -> fmpq_mpoly:
     """Return the polynomial with every relation applied: sin^2 becomes 1 - cos^2."""
+    degrees = polynomial.degrees()
     for place, degree, relation in ring.relations:
-        if polynomial.degrees()[place] >= degree:
+        if degrees[place] >= degree:
             polynomial = divmod(polynomial, relation)[1]
+            degrees = polynomial.degrees()
     return polynomial
 
 

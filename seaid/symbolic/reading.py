@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import sympy as sp
 from flint import fmpq_mpoly
-from sympy.core.function import AppliedUndef
 
 from seaid.errors import SymbolicError
 from seaid.symbolic.functions import (
@@ -15,6 +14,7 @@ from seaid.symbolic.functions import (
     find_functions,
     located,
     parts,
+    prepared,
     root,
     signed,
     turns,
@@ -50,7 +50,7 @@ def read_equations(
     the term and the unknown, where an unknown stands inside a function; and where the equations
     are too large.
     """
-    equations = [_exact_numbers(_derivatives_done(equation)) for equation in equations]
+    equations = [prepared(equation) for equation in equations]
     ring = find_functions(equations, motion, unknowns, max_terms)
     _add_relations(ring)
     memory: Memory = {}
@@ -59,17 +59,6 @@ def read_equations(
         with located(f"equation {number}"):
             ratios.append(_read(ring, equation, memory))
     return ring, ratios
-
-
-def _exact_numbers(expression: sp.Expr) -> sp.Expr:
-    return expression.xreplace({x: sp.Rational(x) for x in expression.atoms(sp.Float)})
-
-
-def _derivatives_done(expression: sp.Expr) -> sp.Expr:
-    composite = {
-        d: d.doit() for d in expression.atoms(sp.Derivative) if not isinstance(d.expr, AppliedUndef)
-    }
-    return expression.xreplace(composite)
 
 
 def _add_relations(ring: Ring) -> None:

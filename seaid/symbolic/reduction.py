@@ -61,12 +61,11 @@ class BaseForm:
     `fundamental_functions` f (k, 1), linearly independent; `columns` the type of each of
     the m columns. `function_relations` holds what had to be replaced among functions that were
     not independent, pairs of a function and its replacement; `different_rows` is the number of rows
-    of B that differ by more than a factor. `ring` and `rows` hold B as exact polynomials, `rows[i]`
-    the rows of equation i.
+    of B that differ by more than a factor. `form` is what was reduced, `rows` hold B as exact
+    polynomials, `rows[i]` the rows of equation i.
     """
 
     zeta: sp.ImmutableMatrix
-    regressor: sp.ImmutableMatrix
     parameters: sp.ImmutableMatrix
     echelon: sp.ImmutableMatrix
     pivots: tuple[int, ...]
@@ -74,15 +73,20 @@ class BaseForm:
     columns: tuple[Column, ...]
     function_relations: tuple[tuple[sp.Expr, sp.Expr], ...]
     different_rows: int
-    ring: Ring = field(repr=False)
+    form: RegressorForm = field(repr=False)
     rows: tuple[tuple[SparseRow, ...], ...] = field(repr=False)
+
+    @cached_property
+    def regressor(self) -> sp.ImmutableMatrix:
+        """R_0, (n, p). Made when first asked for."""
+        return self.form.columns(self.pivots)
 
     @cached_property
     def B(self) -> sp.ImmutableSparseMatrix:
         """The matrix of (12), (n k, m): R = kron(identity, f^T) B. Made when first asked for."""
         k = len(self.fundamental_functions)
         entries = {
-            (i * k + j, column): ratio_to_sympy(self.ring, value)
+            (i * k + j, column): ratio_to_sympy(self.form.ring, value)
             for i, rows in enumerate(self.rows)
             for j, row in enumerate(rows)
             for column, value in row.items()
@@ -124,7 +128,6 @@ def reduce(form: RegressorForm) -> BaseForm:
     )
     return BaseForm(
         zeta=form.zeta,
-        regressor=form.regressor.extract(list(range(form.regressor.rows)), list(pivots)),
         parameters=closed * form.parameters,
         echelon=closed,
         pivots=pivots,
@@ -132,7 +135,7 @@ def reduce(form: RegressorForm) -> BaseForm:
         columns=_column_types(form.parameters, closed, pivots),
         function_relations=relations,
         different_rows=different,
-        ring=ring,
+        form=form,
         rows=tuple(tuple(table.get(f, {}) for f in order) for table in tables),
     )
 

@@ -6,7 +6,7 @@ The rule of `seaid.symbolic.separate`, by which one equation has one regressor f
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import sympy as sp
 from sympy.core.function import AppliedUndef
@@ -34,17 +34,21 @@ def normalised(ring: Ring, row: Row) -> Row:
     if not row:
         return row
     scale, pivot = _scale(ring, row)
-    if not any(pivot):
-        scale = _negative(scale)
-    inverse = {True: ratio(ring, *reversed(scale))}
-    inverse[False] = _negative(inverse[True])
+    above = ratio(ring, *reversed(scale))
     return {
         monomial: Entry(
-            {m: product(ring, value, inverse[any(monomial)]) for m, value in entry.terms.items()},
+            _times(ring, entry.terms, above if any(monomial) == any(pivot) else _negative(above)),
             entry.denominator,
         )
         for monomial, entry in row.items()
     }
+
+
+def _times(ring: Ring, terms: Mapping[Exponents, Ratio], factor: Ratio) -> dict[Exponents, Ratio]:
+    if factor.numerator.is_constant() and factor.denominator.is_one():
+        number = factor.numerator.leading_coefficient()
+        return {m: Ratio(number * value.numerator, value.denominator) for m, value in terms.items()}
+    return {m: product(ring, value, factor) for m, value in terms.items()}
 
 
 def _negative(value: Ratio) -> Ratio:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import sympy as sp
@@ -17,7 +18,7 @@ from sympy.core.function import AppliedUndef
 
 from seaid.errors import SymbolicError
 from seaid.symbolic.entries import Entry, Row, column_key, entry_to_sympy, grouped_by_motion
-from seaid.symbolic.functions import located, shortened
+from seaid.symbolic.functions import located, shortened, subexpressions
 from seaid.symbolic.polynomial import (
     MAX_TERMS,
     Exponents,
@@ -42,11 +43,21 @@ class RegressorForm:
     """
 
     zeta: sp.ImmutableMatrix
-    regressor: sp.ImmutableMatrix
     parameters: sp.ImmutableMatrix
     ring: Ring = field(repr=False)
     rows: tuple[Row, ...] = field(repr=False)
     monomials: tuple[Exponents, ...] = field(repr=False)
+
+    @cached_property
+    def regressor(self) -> sp.ImmutableMatrix:
+        """R of (9), (n, m). Made when first asked for: of a large system it takes seconds."""
+        return self.columns(range(len(self.monomials)))
+
+    def columns(self, places: Iterable[int]) -> sp.ImmutableMatrix:
+        """Return the columns of R at `places`."""
+        chosen = [self.monomials[place] for place in places]
+        rows = [[entry_to_sympy(self.ring, row.get(m)) for m in chosen] for row in self.rows]
+        return sp.ImmutableMatrix(rows)
 
 
 def separate(
@@ -88,9 +99,6 @@ def separate(
     known = (0,) * len(symbols)
     return RegressorForm(
         zeta=sp.ImmutableMatrix([entry_to_sympy(ring, row.get(known)) for row in rows]),
-        regressor=sp.ImmutableMatrix(
-            [[entry_to_sympy(ring, row.get(m)) for m in monomials] for row in rows]
-        ),
         parameters=sp.ImmutableMatrix([_lumped(symbols, m) for m in monomials]),
         ring=ring,
         rows=tuple(rows),
@@ -152,7 +160,9 @@ def _check_names(expressions: Sequence[sp.Expr], declared: Sequence[sp.Expr]) ->
     """Refuse two different symbols of one name, a declared one and one of the equations."""
     names = {str(x): x for x in declared}
     for number, expression in enumerate(expressions, 1):
-        for found in expression.free_symbols | expression.atoms(AppliedUndef):
+        for found in subexpressions(expression):
+            if not isinstance(found, sp.Symbol | AppliedUndef):
+                continue
             twin = names.get(str(found), found)
             if twin != found:
                 raise SymbolicError(
