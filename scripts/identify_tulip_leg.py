@@ -26,6 +26,7 @@ MODELS = Path(__file__).resolve().parents[1] / "models"
 TEST_MASS = seaid.Payload("foot", 2.0, (0.15, 0.0, 0.0))
 LIMITS = seaid.Limits(velocity=2.5, acceleration=10.0)
 DURATION_S = 10.0
+JOINT_ZERO_STD_RAD = 0.002
 
 
 def load_leg(payloads: tuple[seaid.Payload, ...]) -> seaid.Robot:
@@ -42,7 +43,7 @@ def sensors(seed: int) -> seaid.Noise:
         motor_resolution_rad=2 * np.pi / 2000,
         joint_resolution_rad=2 * np.pi / 2**14,
         motor_zero_rad=tuple(rng.uniform(-np.pi, np.pi, 5)),
-        joint_zero_rad=tuple(rng.normal(0.0, 0.002, 5)),
+        joint_zero_rad=tuple(rng.normal(0.0, JOINT_ZERO_STD_RAD, 5)),
         torque_std_Nm=(0.005, 0.005, 0.005, 0.006, 0.006),
     )
 
@@ -80,7 +81,7 @@ def main(output: Path, seed: int) -> None:
             future.result() for future in track(futures, "simulating three runs", True)
         )
 
-    found = seaid.identify(known, log, progress=True)
+    found = seaid.identify(known, log, joint_zero_std=JOINT_ZERO_STD_RAD, progress=True)
     elastic = seaid.identify(known, log, rows=known.elastic_joints)
     free = seaid.identify(load_leg(()).without_nominal(), free_log)
     result = seaid.validate(found, other_log)

@@ -56,7 +56,41 @@ _WHERE = {
 _MODULE_OF = {name: module for module, names in _WHERE.items() for name in names}
 _SUBMODULES = ("regression", "symbolic")
 
-__all__ = [*_MODULE_OF, *_SUBMODULES]  # noqa: PLE0604
+__all__ = [
+    "BaseParameters",
+    "Estimate",
+    "Excitation",
+    "ExcitationError",
+    "Identification",
+    "IdentificationError",
+    "Limits",
+    "Log",
+    "LogError",
+    "Motion",
+    "Noise",
+    "Payload",
+    "Robot",
+    "RobotError",
+    "SeaidError",
+    "SeaidWarning",
+    "SeriesElasticDrive",
+    "StiffDrive",
+    "SymbolicError",
+    "Trajectory",
+    "Validation",
+    "base_parameters",
+    "design_excitation",
+    "identify",
+    "load_robot",
+    "load_trajectory",
+    "read_log",
+    "reconstruct_motion",
+    "regression",
+    "simulate",
+    "symbolic",
+    "validate",
+    "write_log",
+]
 
 
 def __getattr__(name: str) -> Any:

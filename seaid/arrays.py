@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from seaid.errors import SeaidError
 
 Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 
 def frozen(

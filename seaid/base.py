@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from seaid.arrays import Array, frozen
+from seaid.arrays import Array, BoolArray, frozen
 from seaid.errors import ExcitationError
-from seaid.motion import Motion
 from seaid.motion import Motion
 from seaid.rigid_body import rigid_body_regressor
 from seaid.robot import Robot
 
 RANK_TOLERANCE = 1e-8
 """Relative: a column is dependent if less than this part of it is new."""
+
 
 @dataclass(frozen=True, eq=False)
 class BaseParameters:
@@ -83,14 +83,14 @@ def random_states(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
     return rng.uniform(-reach, reach, shape), rng.normal(0, 3, shape), rng.normal(0, 10, shape)
 
 
-def left_to_right(H: Array, zero: Array | None = None) -> tuple[list[int], Array, float]:
+def left_to_right(H: Array, zero: BoolArray | None = None) -> tuple[list[int], Array, float]:
     """Return base columns, grouping matrix (p, m) and gap of the columns of H, taken in order.
 
     Columns are scaled to unit norm first; those marked `zero` (default: none but exact zeros) are
     left out before. The triangular factor of H stands for H: both have the same dependencies.
     """
     norms = np.linalg.norm(H, axis=0)
-    zero = (norms == 0) | (False if zero is None else zero)
+    zero = norms == 0 if zero is None else zero | (norms == 0)
     scale = np.where(zero, 1.0, norms)
     R = linalg.qr(H / scale, mode="r", check_finite=False)[0][: H.shape[1]]
     basis = np.zeros((R.shape[0], min(R.shape)))
@@ -122,19 +122,19 @@ def left_to_right(H: Array, zero: Array | None = None) -> tuple[list[int], Array
 def grouped_text(coefficients: Array, names: Sequence[str]) -> str:
     """Return 'Iyy_thigh + 0.0756 m_shank' of coefficients (m,), four digits, 1 left out."""
     text = ""
-    for index in np.flatnonzero(coefficients):
+    for index in map(int, np.flatnonzero(coefficients)):
         value = coefficients[index]
-        size = "" if abs(abs(value) - 1) < 5e-5 else f"{abs(value) * (1 + 1e-9):.4g} "
+        size = "" if abs(abs(value) - 1) < 1e-9 else f"{abs(value) * (1 + 1e-9):.4g} "
         sign = ("-" if value < 0 else "") if not text else (" - " if value < 0 else " + ")
         text += f"{sign}{size}{names[index]}"
     return text
 
 
-def negligible(H: Array) -> Array:
+def negligible(H: Array) -> BoolArray:
     """Tell columns that are zero but for rounding, before scaling makes them look like others.
 
     A column of H is the torque of a unit parameter; those of mass times one or two metres are
     alike in size, so one far below the largest is the trace of a rounded angle.
     """
     norms = np.linalg.norm(H, axis=0)
-    return norms < 1e-9 * norms.max(initial=0.0)
+    return np.asarray(norms < 1e-9 * norms.max(initial=0.0))

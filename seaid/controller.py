@@ -27,7 +27,7 @@ class JointController:
 
     def torque(self, tick: int, position: Array, velocity: Array) -> Array:
         """Return the motor torque [N m] for the motor angle and speed that were measured."""
-        return (
+        return np.asarray(
             self.feedforward[tick]
             + self.position_gain * (self.motor_position[tick] - position)
             + self.velocity_gain * (self.motor_velocity[tick] - velocity)
@@ -73,4 +73,4 @@ def _least_inertia(plant: Plant, q: Array) -> Array:
     for configuration in q[:: max(1, len(q) // 50)]:
         inverse = np.triu(pin.computeMinverse(plant.model, data, configuration))
         felt.append(1 / np.diag(inverse))
-    return np.min(felt, axis=0)
+    return np.asarray(np.min(felt, axis=0))

@@ -25,7 +25,9 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         os.replace(temporary, path)
     except OSError as problem:
         reason = problem.strerror or str(problem)
-        raise SeaidError(f"cannot write '{path}': {reason}; name a folder you may write to") from None
+        raise SeaidError(
+            f"cannot write '{path}': {reason}; name a folder you may write to"
+        ) from None
     finally:
         with suppress(OSError):
             temporary.unlink()

@@ -47,21 +47,39 @@ def with_flags(estimate: Estimate, joint: str, regression: Regression | None) ->
     for name, value, error in zip(
         estimate.names, estimate.values, estimate.standard_errors, strict=True
     ):
-        if name == "deflection_offset":
+        if name in ("deflection_offset", "friction_offset"):
             continue
         text = name.replace("_", " ") + f" of {joint}"
+        reasons = []
+        if error > POORLY_IDENTIFIED * abs(value):
+            reasons.append(f"standard error {error / abs(value):.0%}" if value else "found zero")
+        if name == "stiffness" and regression is not None:
+            reasons += _weak_spring(estimate, regression)
+        if reasons:
+            flags.append(f"{text} is poorly identified: {'; '.join(reasons)}")
         if value < 0:
             flags.append(f"{text} is negative, {value:.3g}: check signs and zeros of the log")
-        elif error > POORLY_IDENTIFIED * value:
-            reason = f"standard error {error / value:.0%}" if value else "found zero"
-            if name == "stiffness" and regression is not None:
-                reason += "; " + _loading(estimate, regression)
-            flags.append(f"{text} is poorly identified: {reason}")
     return replace(estimate, flags=tuple(flags))
 
 
-def _loading(estimate: Estimate, regression: Regression) -> str:
-    """Say how much the motion loads a spring, seen at the motor."""
-    column = regression.H[:, estimate.names.index("stiffness")]
-    swing = np.ptp(column) / 2 * abs(estimate.value("stiffness"))
-    return f"the motion changes this spring's torque at the motor by only +-{swing:.2g} N m"
+def _weak_spring(estimate: Estimate, regression: Regression) -> list[str]:
+    """Say how far noise in the deflection may have pulled a stiffness down.
+
+    Least squares with noise in a column gives too little; the regression the other way round gives
+    too much. Their ratio is the column's partial R^2 (Frisch 1934).
+    """
+    index = estimate.names.index("stiffness")
+    others = np.delete(regression.H, index, axis=1)
+    both = np.column_stack([regression.H[:, index], regression.y])
+    both = both - others @ np.linalg.lstsq(others, both, rcond=None)[0]
+    (xx, xy), (_, yy) = both.T @ both
+    share = xy**2 / max(xx * yy, 1e-300)
+    if share > 1 - POORLY_IDENTIFIED:
+        return []
+    value = estimate.value("stiffness")
+    swing = np.ptp(regression.H[:, index]) / 2 * abs(value)
+    return [
+        f"regressed both ways it is between {value:.3g} and {value / share:.3g} "
+        f"{estimate.units[index]}",
+        f"the motion changes the torque of this spring by only +-{swing:.2g} N m at the motor",
+    ]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -29,6 +29,7 @@ from seaid.regression import (
     load_model,
     load_regression,
     stacked,
+    zero_sensitivity,
 )
 from seaid.robot import Robot
 
@@ -40,6 +41,7 @@ Estimator = Callable[[Regression, Array | None], Estimate]
 ESTIMATORS: Mapping[str, Estimator] = MappingProxyType({"ols": ordinary, "wls": weighted})
 
 SIDES = ("sequential",)
+
 
 @dataclass(frozen=True, eq=False)
 class Identification:
@@ -120,6 +122,7 @@ def identify(
     sides: str = "sequential",
     estimator: str = "wls",
     cutoff_hz: float | None = None,
+    joint_zero_std: float = 0.0,
     progress: bool = False,
 ) -> Identification:
     """Identify drives and load from one log or several.
@@ -129,8 +132,9 @@ def identify(
     uncertainty of the springs carried along. Only ratios, radii, known rotor inertias, geometry and
     payload of `robot` are used. `rows` names the joints whose torque is used on the load side
     (default: all that were measured). `estimator` "ols" or "wls" (rows weighted by joint);
-    `cutoff_hz` the pass band, None = proposed from the data. Raises SeaidError kinds for data that
-    cannot answer.
+    `cutoff_hz` the pass band, None = proposed from the data. `joint_zero_std` [rad or m] is how
+    well the zeros of the joint encoders are known; a wrong one turns gravity, and the covariance of
+    the load side then says what that does. Raises kinds of SeaidError for data that cannot answer.
     """
     estimate = _chosen(sides, estimator)
     logs = [logs] if isinstance(logs, Log) else list(logs)
@@ -152,18 +156,14 @@ def identify(
         if joint in drives and not _all_measured(robot, motions, joint, "joint_torque")
     }
     model = load_model(robot, base_parameters(robot, rows=rows), rows)
-    values = {joint: spring.values for joint, spring in springs.items()}
-    load = stacked(
-        [
-            load_regression(robot, motion, model, values)
-            for motion in track(motions, "load side", progress)
-        ]
+    load_side, load_left_out = _load_side(
+        robot, track(motions, "load side", progress), model, springs, estimate, joint_zero_std
     )
-    covariances = [spring.covariance for spring in springs.values()]
-    load_side = estimate(load, linalg.block_diag(*covariances) if covariances else None)
     left_out = {joint: regression.left_out for joint, regression in actuators.items()}
     base, stiff = _split(model, load_side)
-    drives = {joint: (drives | stiff)[joint] for joint in robot.joint_names if joint in drives | stiff}
+    drives = {
+        joint: (drives | stiff)[joint] for joint in robot.joint_names if joint in drives | stiff
+    }
     return Identification(
         drivetrains=MappingProxyType(drives),
         load=base,
@@ -172,9 +172,9 @@ def identify(
         known=robot,
         model=model,
         load_side=load_side,
-        springs=MappingProxyType(values),
+        springs=MappingProxyType({joint: spring.values for joint, spring in springs.items()}),
         cutoff_hz=motions[0].cutoff_hz,
-        left_out=MappingProxyType({**left_out, "load": load.left_out}),
+        left_out=MappingProxyType({**left_out, "load": load_left_out}),
     )
 
 
@@ -211,6 +211,30 @@ def _known_torques(robot: Robot, motions: Sequence[Motion]) -> tuple[str, ...]:
         or _all_measured(robot, motions, joint, "motor_torque")
         or _all_measured(robot, motions, joint, "joint_torque")
     )
+
+
+def _load_side(
+    robot: Robot,
+    motions: Iterable[Motion],
+    model: LoadModel,
+    springs: Mapping[str, Estimate],
+    estimate: Estimator,
+    joint_zero_std: float,
+) -> tuple[Estimate, int]:
+    """Estimate (8), with the uncertainty of springs and zeros; also return the rows left out."""
+    values = {joint: spring.values for joint, spring in springs.items()}
+    covariances = [spring.covariance for spring in springs.values()]
+    motions = list(motions)
+    load = stacked([load_regression(robot, motion, model, values) for motion in motions])
+    if joint_zero_std > 0:
+        theta = estimate(load, None).values
+        sensitivity = stacked(
+            [zero_sensitivity(robot, one, model, values, theta) for one in motions]
+        )
+        load = replace(load, carried=np.hstack([load.carried, sensitivity.carried]))
+        covariances.append(joint_zero_std**2 * np.eye(robot.n))
+    carried = linalg.block_diag(*covariances) if covariances else None
+    return estimate(load, carried), load.left_out
 
 
 def _split(model: LoadModel, load_side: Estimate) -> tuple[Estimate, dict[str, Estimate]]:

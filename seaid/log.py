@@ -101,9 +101,7 @@ def column_names(joint: str, is_prismatic: bool) -> dict[str, str]:
     }
 
 
-def read_log(
-    path: str | Path, robot: Robot, *, columns: Mapping[str, Column] | None = None
-) -> Log:
+def read_log(path: str | Path, robot: Robot, *, columns: Mapping[str, Column] | None = None) -> Log:
     """Read a log file (.csv or .npz) of a robot; columns as in `Log.columns`, and `time_s`.
 
     `columns` maps such a name to a foreign one, alone or with its unit ("deg", "mNm", "ms", ...) or
@@ -229,9 +227,7 @@ def _log(picked: dict[str, Array], robot: Robot) -> Log:
             if name in picked:
                 fields[field][:, index] = picked[name]
         _check_sensors(robot, joint, [field for name, field in names.items() if name in picked])
-    return Log(
-        time=time, joint_names=robot.joint_names, is_prismatic=robot.is_prismatic, **fields
-    )
+    return Log(time=time, joint_names=robot.joint_names, is_prismatic=robot.is_prismatic, **fields)
 
 
 def _check_sensors(robot: Robot, joint: str, found: list[str]) -> None:

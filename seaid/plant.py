@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from seaid.arrays import Array
+from seaid.arrays import Array, BoolArray
 from seaid.drivetrain.equations import extra_torque
 from seaid.drivetrain.model import Drive, SeriesElasticDrive
 from seaid.errors import RobotError, SeaidError
@@ -22,7 +22,7 @@ REST_RAD_S = 1e-9
 
 _MOST_EVENTS = 200
 
-Extra = Callable[[float, float, float, float, float, float], float]
+Extra = Callable[[float, float, float, float], float]
 POSITION, SPEED, JOINT_POSITION, JOINT_SPEED = range(4)
 """Rows of a state (4, n): motor angle and speed, joint position and speed."""
 
@@ -35,7 +35,7 @@ class Plant:
     """
 
     model: pin.Model
-    elastic: np.ndarray
+    elastic: BoolArray
     ratio: Array
     motor_inertia: Array
     viscous: Array
@@ -55,9 +55,16 @@ def plant_of(robot: Robot) -> Plant:
         raise RobotError(f"'{robot.name}' has no inertial parameters: it cannot be simulated")
     drives = [robot.drivetrains[robot.joint_names[index]] for index in robot.model_order]
     names = [robot.joint_names[index] for index in robot.model_order]
+
+    def nominal(value_of: Callable[[str, Drive, str], float], name: str) -> Array:
+        pairs = zip(names, drives, strict=True)
+        return np.array([value_of(joint, drive, name) for joint, drive in pairs])
+
     elastic = np.array([isinstance(drive, SeriesElasticDrive) for drive in drives])
     ratio = np.array([drive.ratio for drive in drives])
-    inertia = np.array([_nominal(n, d, "motor_inertia_kg_m2") for n, d in zip(names, drives)])
+    inertia = np.array(
+        [_nominal(n, d, "motor_inertia_kg_m2") for n, d in zip(names, drives, strict=True)]
+    )
     model = robot.model.copy()
     model.armature = np.where(elastic, 0.0, ratio**2 * inertia)
     if np.any(elastic & (inertia == 0)):
@@ -68,11 +75,13 @@ def plant_of(robot: Robot) -> Plant:
         elastic=elastic,
         ratio=ratio,
         motor_inertia=inertia,
-        viscous=np.array([_friction(n, d, "viscous") for n, d in zip(names, drives)]),
-        coulomb=np.array([_friction(n, d, "coulomb") for n, d in zip(names, drives)]),
+        viscous=nominal(_friction, "viscous"),
+        coulomb=nominal(_friction, "coulomb"),
         motor_radius=np.array([getattr(drive, "motor_radius", 1.0) for drive in drives]),
         load_radius=np.array([getattr(drive, "load_radius", 1.0) for drive in drives]),
-        stiffness=np.array([_nominal(n, d, "stiffness") for n, d in zip(names, drives)]),
+        stiffness=np.array(
+            [_nominal(n, d, "stiffness") for n, d in zip(names, drives, strict=True)]
+        ),
         extras=tuple(
             (index, extra_torque(drive)) for index, drive in enumerate(drives) if drive.extra_terms
         ),
@@ -140,7 +149,10 @@ def slip_directions(plant: Plant, data: pin.Data, state: Array, torque: Array) -
     free = torque.copy()
     for index, extra in plant.extras:
         free[index] -= extra(*state[:, index])
-    pull = plant.motor_radius / plant.ratio * state[POSITION] - plant.load_radius * state[JOINT_POSITION]
+    pull = (
+        plant.motor_radius / plant.ratio * state[POSITION]
+        - plant.load_radius * state[JOINT_POSITION]
+    )
     free -= plant.motor_radius / plant.ratio * plant.stiffness * pull
     moves = plant.elastic & (slip == 0) & (np.abs(free) > plant.coulomb)
     slip[moves] = np.sign(free[moves])
@@ -175,7 +187,9 @@ def advance(
         crossed = np.flatnonzero((after < 0) & (plant.coulomb > 0))
         if not crossed.size:
             if not np.all(np.isfinite(new)):
-                raise SeaidError("the simulation diverged: check stiffness, inertias and controller")
+                raise SeaidError(
+                    "the simulation diverged: check stiffness, inertias and controller"
+                )
             return new
         fractions = np.clip(before[crossed] / (before[crossed] - after[crossed]), 0.0, 1.0)
         first, fraction = crossed[np.argmin(fractions)], float(fractions.min())

@@ -6,11 +6,11 @@ Regressor and torque pass the same low pass, then every few samples make a row.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from seaid.arrays import Array, frozen
+from seaid.arrays import Array, BoolArray, frozen
 from seaid.base import BaseParameters, grouped_text, left_to_right, negligible, random_states
 from seaid.drivetrain.equations import motor_equation, spring_equation
 from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
@@ -33,10 +33,14 @@ __all__ = [
     "spring_regressor",
     "stacked",
     "standstill",
+    "zero_sensitivity",
 ]
 
 STANDSTILL = 0.01
 """A motor slower than this part of its fastest stands still: its friction has no direction."""
+
+
+_ZERO_STEP = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +125,7 @@ def signals(motion: Motion, index: int) -> dict[str, Array]:
     }
 
 
-def standstill(motion: Motion, index: int) -> np.ndarray:
+def standstill(motion: Motion, index: int) -> BoolArray:
     """Tell the samples (T,) at which a motor stands still, so that its friction is unknown."""
     speed = np.abs(motion.motor_velocity[:, index])
     return np.asarray(speed < STANDSTILL * np.max(speed))
@@ -175,7 +179,9 @@ def load_model(robot: Robot, base: BaseParameters, rows: Sequence[str]) -> LoadM
     q, v, a = random_states(robot, seed=1)
     known = [robot.index(joint) for joint in rows]
     Y = base.reduce(rigid_body_regressor(robot, q, v, a))[:, known]
-    columns, drives = _drive_columns(robot, rows, lambda index: _stiff_signals(robot, index, q, v, a))
+    columns, drives = _drive_columns(
+        robot, rows, lambda index: _stiff_signals(robot, index, q, v, a)
+    )
     H = np.concatenate([Y, columns], axis=2).reshape(len(q) * len(known), -1)
     p = len(base.columns)
     found, grouping, _ = left_to_right(H, negligible(H))
@@ -233,6 +239,23 @@ def load_regression(
     )
 
 
+def zero_sensitivity(
+    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
+) -> Regression:
+    """Return the load side with `carried` (R, n): what a shifted zero of each joint encoder does.
+
+    It is minus the change of the computed torque, at the parameters `theta`, a unit of shift.
+    """
+    reference, changes = load_regression(robot, motion, model, springs), []
+    for joint in range(robot.n):
+        position = motion.joint_position.copy()
+        position[:, joint] += _ZERO_STEP
+        shifted = replace(motion, joint_position=position)
+        H = load_regression(robot, shifted, model, springs).H
+        changes.append((reference.H - H) @ theta / _ZERO_STEP)
+    return replace(reference, carried=np.column_stack(changes))
+
+
 def stacked(regressions: Sequence[Regression]) -> Regression:
     """Return the regressions of several logs as one, (15); they have the same columns."""
     return Regression(
@@ -252,6 +275,7 @@ def in_band(motion: Motion, columns: Array) -> Array:
     flat = columns.reshape(len(columns), -1)
     return low_pass(flat, motion.rate_hz, motion.cutoff_hz).reshape(columns.shape)
 
+
 def _rows(motion: Motion) -> np.ndarray:
     """Return the samples that become rows: decimated to the pass band, ends left away."""
     step = decimation(motion.rate_hz, motion.cutoff_hz)
@@ -259,7 +283,7 @@ def _rows(motion: Motion) -> np.ndarray:
     return np.arange(trim, len(motion.time) - trim, step)
 
 
-def _unknown_friction(robot: Robot, motion: Motion, joint: str) -> np.ndarray:
+def _unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     """Tell where a joint's equation is unusable: a stiff drive with Coulomb friction stands."""
     drive = robot.drivetrains[joint]
     if isinstance(drive, StiffDrive) and "coulomb" in drive.friction:
@@ -270,7 +294,7 @@ def _unknown_friction(robot: Robot, motion: Motion, joint: str) -> np.ndarray:
 def _drive_columns(
     robot: Robot, rows: Sequence[str], signals_of: Callable[[int], dict[str, Array]]
 ) -> tuple[Array, list[tuple[str, str, str]]]:
-    """Return the stiff drives' columns (T, rows, columns), seen at the joints, and what they are."""
+    """Return the stiff drives' columns (T, rows, columns) at the joints, and what they are."""
     blocks, drives = [], []
     for row, joint in enumerate(rows):
         drive = robot.drivetrains[joint]
@@ -282,8 +306,7 @@ def _drive_columns(
         block[:, row] = drive.ratio * R
         blocks.append(block)
         drives += [
-            (joint, name, unit)
-            for name, unit in zip(regressor.names, regressor.units, strict=True)
+            (joint, name, unit) for name, unit in zip(regressor.names, regressor.units, strict=True)
         ]
     length = len(next(iter(signals_of(0).values())))
     return np.concatenate([*blocks, np.empty((length, len(rows), 0))], axis=2), drives

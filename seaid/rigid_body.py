@@ -20,7 +20,8 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     model, data, n = robot.model, robot.model.createData(), robot.n
     order = list(robot.model_order)
     q, v, a = (
-        frozen(name, value, (None, n))[:, order] for name, value in zip("qva", (q, v, a), strict=True)
+        frozen(name, value, (None, n))[:, order]
+        for name, value in zip("qva", (q, v, a), strict=True)
     )
     if not len(q) == len(v) == len(a):
         raise SeaidError(f"q, v and a must have as many rows, found {len(q)}, {len(v)}, {len(a)}")

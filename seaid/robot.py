@@ -38,7 +38,8 @@ _MOVING = (*_TURNING, "prismatic")
 @dataclass(frozen=True)
 class Payload:
     """A known body fixed to a link: mass [kg], centre of mass [m] in the link's frame, and its
-    inertia at that centre [kg m^2] (a point mass where left out)."""
+    inertia at that centre [kg m^2] (a point mass where left out).
+    """
 
     link: str
     mass: float
@@ -65,8 +66,8 @@ class Robot:
 
     All arrays of seaid have the joints in the order of `joint_names`; body i is what joint i moves,
     named after its link, with what is fixed to it lumped in. `model` is Pinocchio's (nq = nv = n)
-    with the payloads; its joint k is joint `model_order[k]` here, which differs only where the order
-    asked for is not the tree's. `parameters` (10n,) are the standard parameters of the bodies
+    with the payloads; its joint k is joint `model_order[k]` here, which differs only where the
+    order asked for is not the tree's. `parameters` (10n,) are the standard parameters of the bodies
     without payload, `payload_parameters` (10n,) those of the payloads alone. `limits` are rows of
     lower and upper position, velocity and effort, in rad or m.
     """
@@ -182,7 +183,7 @@ def _moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, .
         if kind not in _MOVING:
             raise RobotError(
                 f"'{tree.name}': joint '{name}' is {kind}; seaid moves {', '.join(_MOVING)} joints "
-                "of a robot with a fixed base: leave it out with joints=[...] (it is locked at zero)"
+                "of a robot with a fixed base: leave it out with joints=[...] (locked at zero)"
             )
     if not names:
         raise RobotError(f"'{tree.name}' has no joint that moves")
@@ -237,8 +238,8 @@ def _check_kind(joint: UrdfJoint, drive: Drive) -> None:
         )
     elif not turning and (not drive.is_linear_spring or drive.load_pulley_radius_m is not None):
         raise RobotError(
-            f"joint '{joint.name}' is prismatic: its elastic drive has motor_pulley_radius_m and no "
-            "load_pulley_radius_m"
+            f"joint '{joint.name}' is prismatic: its elastic drive has motor_pulley_radius_m and "
+            "no load_pulley_radius_m"
         )
 
 

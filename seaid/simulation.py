@@ -121,7 +121,8 @@ def _run(
     progress: bool,
 ) -> tuple[Array, Array]:
     """Return states (T, 4, n) and motor torques (T, n) at the ticks, in the model's order."""
-    controller = joint_controller(plant, *planned, rate_hz)
+    q, v, a = planned
+    controller = joint_controller(plant, q, v, a, rate_hz)
     ticks, joints = planned[0].shape
     order = list(robot.model_order)
     data = plant.model.createData()
@@ -133,7 +134,9 @@ def _run(
     for tick in track(range(ticks), "simulating", progress):
         states[tick], torques[tick] = state, torque
         reading = np.empty(joints)
-        reading[:] = _reading(robot, noise, "motor", state[POSITION][None, np.argsort(order)])[0][order]
+        reading[:] = _reading(robot, noise, "motor", state[POSITION][None, np.argsort(order)])[0][
+            order
+        ]
         if previous is not None:
             velocity += controller.velocity_filter * ((reading - previous) * rate_hz - velocity)
         previous = reading

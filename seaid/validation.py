@@ -99,7 +99,12 @@ def _load(found: Identification, motion: Motion) -> tuple[Array, Array]:
 
 
 def _fit(robot: Robot, motion: Motion, measured: Array, computed: Array) -> Fit:
-    inner = slice(*(np.array([motion.trim_s, motion.time[-1] - motion.time[0] - motion.trim_s]) * motion.rate_hz).astype(int))
+    inner = slice(
+        *(
+            np.array([motion.trim_s, motion.time[-1] - motion.time[0] - motion.trim_s])
+            * motion.rate_hz
+        ).astype(int)
+    )
     there = np.flatnonzero(np.isfinite(measured[0]))
     smooth_measured, smooth_computed = measured.copy(), computed.copy()
     smooth_measured[:, there] = in_band(motion, measured[:, there])
@@ -112,7 +117,8 @@ def _fit(robot: Robot, motion: Motion, measured: Array, computed: Array) -> Fit:
             computed=smooth_computed,
             rms_error=np.sqrt(np.mean(error**2, axis=0)),
             relative_error=np.linalg.norm(error, axis=0) / np.linalg.norm(signal, axis=0),
-            r_squared=1 - np.sum(error**2, axis=0) / np.sum((signal - signal.mean(axis=0)) ** 2, axis=0),
+            r_squared=1
+            - np.sum(error**2, axis=0) / np.sum((signal - signal.mean(axis=0)) ** 2, axis=0),
             raw_relative_error=np.linalg.norm((measured - computed)[inner], axis=0)
             / np.linalg.norm(measured[inner], axis=0),
         )

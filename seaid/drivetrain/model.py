@@ -28,8 +28,8 @@ class StiffDrive:
 
     `gear_ratio` motor turns a joint turn (`gear_ratio_rad_per_m` at a prismatic joint);
     `motor_inertia_kg_m2` None = unknown, to be identified; `friction` names the terms of its
-    friction, all to be identified ("viscous", "coulomb", "offset"); friction values are nominal. `extra_terms` are
-    expressions added to the motor's equation, see `seaid.drivetrain.equations`.
+    friction, all to be identified ("viscous", "coulomb", "offset"); friction values are nominal.
+    `extra_terms` are expressions added to the motor's equation, see `seaid.drivetrain.equations`.
     """
 
     gear_ratio: float | None = None
@@ -213,7 +213,7 @@ def _check_numbers(drive: Drive) -> None:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise RobotError(f"{field.name} must be a number, found {value!r}")
         least = "zero or more" if field.name in _MAY_BE_ZERO else "more than zero"
-        if not (0 <= value if field.name in _MAY_BE_ZERO else 0 < value) or value == float("inf"):
+        if not (value >= 0 if field.name in _MAY_BE_ZERO else value > 0) or value == float("inf"):
             raise RobotError(f"{field.name} must be {least} and finite, found {value}")
 
 

@@ -11,13 +11,13 @@ import sympy as sp
 
 from seaid.arrays import Array
 from seaid.drivetrain.equations import (
+    F_0,
+    F_C,
+    I_M,
     PARAMETER_NAMES,
     SIGNALS,
-    F_0,
     DriveEquation,
-    F_C,
     F_v,
-    I_M,
     f_0,
     k,
     known_values,
@@ -57,7 +57,9 @@ class DriveRegressor:
         arguments = [values[name] if name in values else signals[name] for name in names]
         length = len(next(iter(signals.values())))
         columns = [np.broadcast_to(column, (length,)) for column in function(*arguments)]
-        return np.array(columns[0], dtype=float), np.column_stack([*columns[1:], np.empty((length, 0))])
+        return np.array(columns[0], dtype=float), np.column_stack(
+            [*columns[1:], np.empty((length, 0))]
+        )
 
 
 def drive_regressor(equation: DriveEquation, drive: Drive) -> DriveRegressor:

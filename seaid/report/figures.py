@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,25 +15,25 @@ if TYPE_CHECKING:
 
     from seaid.validation import Fit, Validation
 
-_MEASURED = {"color": "0.62", "linewidth": 2.4, "label": "measured"}
-_COMPUTED = {"color": "black", "linewidth": 0.9, "label": "computed"}
+_MEASURED: dict[str, Any] = {"color": "0.62", "linewidth": 2.4, "label": "measured"}
+_COMPUTED: dict[str, Any] = {"color": "black", "linewidth": 0.9, "label": "computed"}
 
 
 def save_actuator_figure(result: Validation, path: str | Path) -> None:
     """Draw the motor torques of the best and the worst elastic joint, as Fig. 3 of the paper."""
     errors = result.actuator.relative_error
-    elastic = np.flatnonzero(np.isfinite(errors))
-    best, worst = elastic[np.argmin(errors[elastic])], elastic[np.argmax(errors[elastic])]
-    shown = [(best, "best joint")] if best == worst else [(best, "best joint"), (worst, "worst joint")]
+    elastic = [int(index) for index in np.flatnonzero(np.isfinite(errors))]
+    best, worst = min(elastic, key=errors.item), max(elastic, key=errors.item)
+    shown = {best: "best joint", worst: "worst joint"} if best != worst else {best: "only joint"}
     title = "Actuator side: motor torque of a motion the identification has not seen"
-    _save(_torques(result, result.actuator, shown, title, 1e3, "mN m"), path)
+    _save(_torques(result, result.actuator, list(shown.items()), title, 1e3, "mN m"), path)
 
 
 def save_load_figure(result: Validation, path: str | Path) -> None:
     """Draw the load torque of every joint that has one, as Fig. 4 of the paper."""
     there = np.flatnonzero(np.isfinite(result.load.relative_error))
     title = "Load side: torque on the load in a motion the identification has not seen"
-    _save(_torques(result, result.load, [(i, "") for i in there], title, 1.0, "N m"), path)
+    _save(_torques(result, result.load, [(int(i), "") for i in there], title, 1.0, "N m"), path)
 
 
 def _torques(
