@@ -63,6 +63,11 @@ class SplineBasis:
         """Number of coefficients a joint, K."""
         return len(self.knots) - self.degree - 1
 
+    @property
+    def spans(self) -> int:
+        """Number of intervals between knots."""
+        return len(np.unique(self.knots)) - 1
+
     def matrices(self, time: Array) -> tuple[Array, Array, Array]:
         """Return the matrices (T, K) of position, velocity and acceleration at times (T,) [s].
 

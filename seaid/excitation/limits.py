@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from seaid.robot import Robot
 DEFAULT_ACCELERATION = 10.0
 """rad/s^2 or m/s^2."""
 
-_MARGIN_PIECES = 16
+_PIECES, _GROUP = 16, 20
 
 LimitValue = float | Sequence[float] | Array | Mapping[str, float] | None
 
@@ -60,7 +61,7 @@ class JointLimits:
 class Margins:
     """Least distance to the limits over the whole motion, each (n,) [rad or m, s].
 
-    From control points (16 a span between knots), so the true distance is at no instant less.
+    From control points close to the curve, so the true distance is at no instant less.
     """
 
     position: Array
@@ -98,28 +99,37 @@ def joint_limits(robot: Robot, limits: Limits | None = None) -> JointLimits:
     return JointLimits(lower, upper, velocity, acceleration)
 
 
-def scaled_rows(basis: SplineBasis, free: Array, limits: JointLimits, pieces: int) -> Array:
-    """Return matrices G (n, C, k): joint j keeps its limits at every instant if |G[j] x| <= 1.
+def limit_rows(basis: SplineBasis, free: Array, limits: JointLimits) -> Array:
+    """Return matrices G (n, g, c, k): joint j keeps its limits at every instant if |G[j] x| <= 1.
 
     `free` (K, k) gives the coefficients from free variables, which are x times half the joint's
-    range about its middle. The rows are control points of position, velocity and acceleration.
+    range about its middle. The rows are control points of position, velocity and acceleration, of
+    a knot vector refined until they lie close to the curve; g groups of c follow each other in
+    time (the last row of each kind is repeated to fill its group).
     """
-    position, velocity, acceleration = (basis.hull(order, pieces) @ free for order in range(3))
-    return np.stack(
-        [
-            np.concatenate([position, half / speed * velocity, half / most * acceleration])
-            for half, speed, most in zip(
-                limits.half_range, limits.velocity, limits.acceleration, strict=True
-            )
-        ]
+    pieces = -(-_PIECES * basis.size // basis.spans)
+    kinds = [_grouped(basis.hull(order, pieces) @ free) for order in range(3)]
+    scales = (
+        np.ones_like(limits.velocity),
+        limits.half_range / limits.velocity,
+        limits.half_range / limits.acceleration,
     )
+    return np.concatenate(
+        [scale[:, None, None, None] * kind for scale, kind in zip(scales, kinds, strict=True)],
+        axis=1,
+    )
+
+
+def _grouped(rows: Array) -> Array:
+    """Return rows (C, k) as (g, c, k), the last row repeated."""
+    missing = -len(rows) % _GROUP
+    return np.pad(rows, ((0, missing), (0, 0)), mode="edge").reshape(-1, _GROUP, rows.shape[1])
 
 
 def margins(trajectory: Trajectory, limits: JointLimits) -> Margins:
     """Return the least distance of a trajectory to its limits; below zero where one is broken."""
-    q, v, a = (
-        trajectory.basis.hull(order, _MARGIN_PIECES) @ trajectory.coefficients for order in range(3)
-    )
+    pieces = -(-4 * _PIECES * trajectory.basis.size // trajectory.basis.spans)
+    q, v, a = (trajectory.basis.hull(order, pieces) @ trajectory.coefficients for order in range(3))
     return Margins(
         position=np.minimum((q - limits.lower).min(axis=0), (limits.upper - q).min(axis=0)),
         velocity=limits.velocity - np.abs(v).max(axis=0),
@@ -129,17 +139,19 @@ def margins(trajectory: Trajectory, limits: JointLimits) -> Margins:
 
 def _values(robot: Robot, name: str, given: LimitValue, default: Array) -> Array:
     """Return one limit of all joints (n,), read-only."""
-    values = np.array(default, dtype=np.float64)
+    wanted: Any = given
     if isinstance(given, Mapping):
-        for joint, value in given.items():
+        for joint in given:
             if joint not in robot.joint_names:
                 raise ExcitationError(
                     f"{name} limit: " + unknown_name("joint", joint, robot.joint_names)
                 )
-            values[robot.index(joint)] = value
-    elif given is not None:
-        scalar = np.ndim(given) == 0
-        values[:] = given if scalar else frozen(f"{name} limit", given, (robot.n,), ExcitationError)
+        wanted = [given.get(joint, default[robot.index(joint)]) for joint in robot.joint_names]
+    elif given is None:
+        wanted = default
+    elif np.ndim(given) == 0:
+        wanted = [given] * robot.n
+    values = frozen(f"{name} limit", wanted, (robot.n,), ExcitationError)
     for joint, value in zip(robot.joint_names, values, strict=True):
         if not np.isfinite(value):
             found = "missing" if given is None else f"{value}, which is not finite"
@@ -147,4 +159,4 @@ def _values(robot: Robot, name: str, given: LimitValue, default: Array) -> Array
                 f"joint '{joint}' of '{robot.name}': {name} limit is {found}; give it by "
                 f"Limits({name}=...), one number for all joints, one a joint or {{'{joint}': ...}}"
             )
-    return frozen(name, values, (robot.n,), ExcitationError)
+    return values

@@ -1,0 +1,117 @@
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from seaid.errors import ExcitationError
+from seaid.excitation.basis import SplineBasis, bernstein_from_powers, make_basis
+
+BASES = [("bspline", 7), ("bspline", 30), ("polynomial", 7), ("polynomial", 18), ("polynomial", 30)]
+
+
+@pytest.mark.parametrize(("name", "count"), BASES)
+def test_velocity_and_acceleration_are_the_derivatives(name: str, count: int) -> None:
+    basis = make_basis(name, 4.0, count, rest_to_rest=True)
+    assert (basis.size, basis.duration) == (count, 4.0)
+    time, step = np.linspace(0.3, 3.7, 41), 1e-5
+    _, velocity, acceleration = basis.matrices(time)
+    before, after = basis.matrices(time - step), basis.matrices(time + step)
+    np.testing.assert_allclose((after[0] - before[0]) / (2 * step), velocity, atol=1e-6)
+    np.testing.assert_allclose((after[1] - before[1]) / (2 * step), acceleration, atol=1e-4)
+
+
+@pytest.mark.parametrize(("name", "count"), BASES)
+def test_rest_to_rest_is_at_rest_at_both_ends(name: str, count: int) -> None:
+    basis = make_basis(name, 4.0, count, rest_to_rest=True)
+    free = basis.free_coefficients(rest_to_rest=True)
+    assert free.shape == (count, count - 4)
+    position, velocity, acceleration = (
+        matrix @ free for matrix in basis.matrices(np.array([0.0, 4.0]))
+    )
+    np.testing.assert_allclose(velocity, 0.0, atol=1e-10)
+    np.testing.assert_allclose(acceleration, 0.0, atol=1e-9)
+    np.testing.assert_allclose(position[0], np.eye(count - 4)[0], atol=1e-14)
+    np.testing.assert_array_equal(basis.free_coefficients(rest_to_rest=False), np.eye(count))
+
+
+@settings(derandomize=True, max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    case=st.sampled_from(BASES),
+    order=st.sampled_from([0, 1, 2]),
+    pieces=st.sampled_from([1, 3, 8]),
+)
+def test_control_points_enclose_the_curve_and_close_in(
+    seed: int, case: tuple[str, int], order: int, pieces: int
+) -> None:
+    basis = make_basis(case[0], 3.0, case[1], rest_to_rest=False)
+    coefficients = np.random.default_rng(seed).normal(size=basis.size)
+    curve = basis.matrices(np.linspace(0.0, 3.0, 3001))[order] @ coefficients
+    control = basis.hull(order, pieces) @ coefficients
+    finer = basis.hull(order, 4 * pieces) @ coefficients
+    tolerance = 1e-9 * np.abs(control).max()
+    assert control.min() <= curve.min() + tolerance
+    assert control.max() >= curve.max() - tolerance
+    assert finer.max() <= control.max() + tolerance
+    assert finer.min() >= control.min() - tolerance
+    assert finer.max() >= curve.max() - tolerance
+
+
+def test_refined_control_points_come_close_to_the_curve() -> None:
+    basis = make_basis("bspline", 10.0, 20, rest_to_rest=False)
+    coefficients = np.random.default_rng(0).normal(size=20)
+    coefficients[[0, -1]] = 0.0
+    curve = basis.matrices(np.linspace(0.0, 10.0, 20001))[0] @ coefficients
+    gaps = [(basis.hull(0, pieces) @ coefficients).max() - curve.max() for pieces in (4, 8, 16, 32)]
+    assert gaps[3] < 0.01 * np.ptp(curve)
+    assert all(wide / close > 3 for wide, close in pairwise(gaps))  # quadratic
+
+
+def test_bernstein_form_is_the_power_form_of_equation_18() -> None:
+    powers = np.random.default_rng(3).normal(size=(6, 2))
+    basis = SplineBasis(5, np.repeat([0.0, 2.5], 6))
+    time = np.linspace(0.0, 2.5, 11)
+    position, velocity, _ = basis.matrices(time)
+    coefficients = bernstein_from_powers(powers, 2.5)
+    expected = sum(np.outer(time**i, powers[i]) for i in range(6))
+    slope = sum(np.outer(i * time ** (i - 1), powers[i]) for i in range(1, 6))
+    np.testing.assert_allclose(position @ coefficients, expected, rtol=1e-10)
+    np.testing.assert_allclose(velocity @ coefficients, slope, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "duration", "count", "rest", "words"),
+    [
+        ("bsplin", 1.0, 20, True, "no basis is named 'bsplin'; did you mean 'bspline'"),
+        ("bspline", 0.0, 20, True, "duration must be more than zero seconds, found 0.0"),
+        ("bspline", float("nan"), 20, True, "duration must be more than zero seconds, found nan"),
+        ("bspline", 1.0, 6, True, "rest at both ends needs at least 7 coefficients a joint"),
+        ("bspline", 1.0, 5, False, "free ends needs at least 6 coefficients a joint, found 5"),
+        ("polynomial", 1.0, 6, True, "rest at both ends needs at least 7 coefficients a joint"),
+        ("polynomial", 1.0, 3, False, "free ends needs at least 4 coefficients a joint, found 3"),
+    ],
+)
+def test_bad_requests_say_what_is_wrong(
+    name: str, duration: float, count: int, rest: bool, words: str
+) -> None:
+    with pytest.raises(ExcitationError, match=words):
+        make_basis(name, duration, count, rest_to_rest=rest)
+
+
+@pytest.mark.parametrize(
+    ("degree", "knots", "words"),
+    [
+        (2, [0, 0, 0, 1, 1, 1], "at least 3, found 2"),
+        (3, [0, 0, 0, 1, 1, 1, 1], "must be 4 zeros"),
+        (3, [0, 0, 0, 0, 2, 1, 1, 1, 1], "must be 4 zeros"),
+        (3, [0, 0, 0, 0, np.nan, 1, 1, 1, 1], "must be 4 zeros"),
+        (3, [0, 0, 0, 0, 0.5, 0.5, 1, 1, 1, 1], "the acceleration would jump"),
+    ],
+)
+def test_bad_knots_say_what_is_wrong(degree: int, knots: list[float], words: str) -> None:
+    with pytest.raises(ExcitationError, match=words):
+        SplineBasis(degree, np.array(knots, dtype=float))
