@@ -10,7 +10,7 @@ Item = TypeVar("Item")
 
 def track(items: Sequence[Item], description: str, enabled: bool) -> Iterable[Item]:
     """Return the items, with a progress bar on stderr while they are used if `enabled`."""
-    return _track(items, description) if enabled else items
+    return _track(items, description) if enabled and len(items) else items
 
 
 def _track(items: Sequence[Item], description: str) -> Iterator[Item]:

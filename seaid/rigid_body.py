@@ -29,9 +29,10 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     # Pinocchio's matrix is column-major: its transposed view copies in one run into C order.
     column_major = data.jointTorqueRegressor.T
     stacked = np.empty((len(q), 10 * n, n))
-    for t in range(len(q)):
-        pin.computeJointTorqueRegressor(model, data, q[t], v[t], a[t])
-        stacked[t] = column_major
+    compute = pin.computeJointTorqueRegressor
+    for block, q_t, v_t, a_t in zip(stacked, q, v, a, strict=True):
+        compute(model, data, q_t, v_t, a_t)
+        block[...] = column_major
     Y = stacked.swapaxes(1, 2)
     if order == sorted(order):
         return Y

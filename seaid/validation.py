@@ -12,13 +12,13 @@ from seaid.identification import Identification
 from seaid.log import Log
 from seaid.motion import Motion, reconstruct_motion
 from seaid.regression import actuator_columns, in_band, load_columns
-from seaid.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
     """Measured and computed torque (T, n) in the pass band, and how far apart, each (n,).
 
+    The traces are NaN at both ends, where filters swing in.
     `relative_error` is the norm of the error over the norm of the signal; `raw_relative_error` the
     same without the low pass; `r_squared` one minus the error's over the signal's variance. NaN
     where a joint has no such equation.
@@ -67,8 +67,8 @@ def validate(found: Identification, log: Log) -> Validation:
         joints=robot.joint_names,
         time=motion.time,
         cutoff_hz=motion.cutoff_hz,
-        actuator=_fit(robot, motion, *_actuator(found, motion)),
-        load=_fit(robot, motion, *_load(found, motion)),
+        actuator=_fit(motion, *_actuator(found, motion)),
+        load=_fit(motion, *_load(found, motion)),
     )
 
 
@@ -98,30 +98,32 @@ def _load(found: Identification, motion: Motion) -> tuple[Array, Array]:
     return measured, computed
 
 
-def _fit(robot: Robot, motion: Motion, measured: Array, computed: Array) -> Fit:
-    inner = slice(
-        *(
-            np.array([motion.trim_s, motion.time[-1] - motion.time[0] - motion.trim_s])
-            * motion.rate_hz
-        ).astype(int)
-    )
-    there = np.flatnonzero(np.isfinite(measured[0]))
-    smooth_measured, smooth_computed = measured.copy(), computed.copy()
-    smooth_measured[:, there] = in_band(motion, measured[:, there])
-    smooth_computed[:, there] = in_band(motion, computed[:, there])
-    error = (smooth_measured - smooth_computed)[inner]
-    signal = smooth_measured[inner]
+def _fit(motion: Motion, measured: Array, computed: Array) -> Fit:
+    ends = np.arange(len(measured))
+    trim = round(motion.trim_s * motion.rate_hz)
+    outside = (ends < trim) | (ends >= len(ends) - trim)
+    smooth_measured, smooth_computed = _smooth(motion, measured), _smooth(motion, computed)
+    smooth_measured[outside] = smooth_computed[outside] = np.nan
+    error, signal = smooth_measured - smooth_computed, smooth_measured[~outside]
+    error, raw_error = error[~outside], (measured - computed)[~outside]
+    variance = np.sum((signal - signal.mean(axis=0)) ** 2, axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         return Fit(
             measured=smooth_measured,
             computed=smooth_computed,
             rms_error=np.sqrt(np.mean(error**2, axis=0)),
             relative_error=np.linalg.norm(error, axis=0) / np.linalg.norm(signal, axis=0),
-            r_squared=1
-            - np.sum(error**2, axis=0) / np.sum((signal - signal.mean(axis=0)) ** 2, axis=0),
-            raw_relative_error=np.linalg.norm((measured - computed)[inner], axis=0)
-            / np.linalg.norm(measured[inner], axis=0),
+            r_squared=1 - np.sum(error**2, axis=0) / variance,
+            raw_relative_error=np.linalg.norm(raw_error, axis=0)
+            / np.linalg.norm(measured[~outside], axis=0),
         )
+
+
+def _smooth(motion: Motion, torque: Array) -> Array:
+    """Return torques (T, n) in the pass band; NaN columns stay NaN."""
+    smooth, there = torque.copy(), np.flatnonzero(np.isfinite(torque[0]))
+    smooth[:, there] = in_band(motion, torque[:, there])
+    return smooth
 
 
 def _number(value: float) -> float | None:

@@ -25,7 +25,7 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> s
     for row in rows:
         drawn.add_row(*row)
     text = StringIO()
-    Console(file=text, width=400).print(drawn)
+    Console(file=text, width=400, markup=False).print(drawn)
     return "\n".join(line.rstrip() for line in text.getvalue().splitlines())
 
 

@@ -1,0 +1,64 @@
+"""The stacked regressor against the bare Pinocchio calls, in the same process, turn by turn."""
+
+from __future__ import annotations
+
+import statistics
+import time
+import warnings
+from collections.abc import Callable
+from importlib.metadata import files
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+import seaid
+from seaid.arrays import Array
+from seaid.regression import rigid_body_regressor
+from seaid.report.text import table
+
+MODELS = Path(__file__).resolve().parents[2] / "models"
+SAMPLES, TURNS = 10_000, 15
+
+
+def bare(model: pin.Model, q: Array, v: Array, a: Array) -> None:
+    """Call Pinocchio for every sample and keep nothing."""
+    data, compute = model.createData(), pin.computeJointTorqueRegressor
+    for q_t, v_t, a_t in zip(q, v, a, strict=True):
+        compute(model, data, q_t, v_t, a_t)
+
+
+def seconds(function: Callable[[], object]) -> float:
+    """Return how long one call takes."""
+    begin = time.perf_counter()
+    function()
+    return time.perf_counter() - begin
+
+
+def compare(robot: seaid.Robot) -> list[str]:
+    """Return a row: microseconds a sample of both, and the ratio, medians over the turns."""
+    rng = np.random.default_rng(0)
+    q, v, a = rng.uniform(-1, 1, (3, SAMPLES, robot.n))
+    ours, theirs = [], []
+    for _ in range(TURNS):
+        theirs.append(seconds(lambda: bare(robot.model, q, v, a)))
+        ours.append(seconds(lambda: rigid_body_regressor(robot, q, v, a)))
+    ratio = statistics.median(mine / peer for mine, peer in zip(ours, theirs, strict=True))
+    cells = [1e6 * statistics.median(times) / SAMPLES for times in (theirs, ours)]
+    return [f"{robot.name} ({robot.n} joints)", *(f"{cell:.2f}" for cell in cells), f"{ratio:.2f}"]
+
+
+def main() -> None:
+    """Compare on a leg and on two arms."""
+    warnings.simplefilter("ignore", seaid.SeaidWarning)
+    paths = [MODELS / "tulip_leg.urdf"]
+    for path in files("example-robot-data") or []:
+        if path.name in ("ur10_robot.urdf", "xarm7.urdf"):
+            paths.append(Path(str(path.locate())))
+    rows = [compare(seaid.load_robot(path)) for path in paths]
+    header = ["robot", "bare calls [us]", "stacked [us]", "ratio"]
+    print(table(f"Regressor a sample, {SAMPLES} samples, median of {TURNS}", header, rows))
+
+
+if __name__ == "__main__":
+    main()
