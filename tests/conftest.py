@@ -1,0 +1,112 @@
+"""Fixtures for all tests: robots as files, and hypothesis made repeatable."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from importlib.metadata import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from seaid.errors import SeaidWarning
+from seaid.robot import Robot, load_robot
+
+MODELS = Path(__file__).parents[1] / "models"
+NOT_LOADABLE = ("ur3.urdf", "quadrotor_base.urdf", "iris_simple.urdf")
+"""Files of example-robot-data that are no robot: a xacro fragment, and two without any joint."""
+
+settings.register_profile("seaid", derandomize=True, deadline=None, max_examples=25, database=None)
+settings.load_profile("seaid")
+
+
+def example_urdfs() -> list[Path]:
+    """Return the URDFs of example-robot-data that have joints, sorted."""
+    found = [Path(str(path.locate())) for path in files("example-robot-data") or []]
+    urdfs = [path for path in found if path.suffix == ".urdf" and path.name not in NOT_LOADABLE]
+    return sorted(path.resolve() for path in urdfs)
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Run a test that takes `example_urdf` for every loadable robot of example-robot-data."""
+    if "example_urdf" in metafunc.fixturenames:
+        paths = example_urdfs()
+        metafunc.parametrize("example_urdf", paths, ids=[path.stem for path in paths])
+
+
+@pytest.fixture(scope="session")
+def example_path() -> Callable[[str], Path]:
+    """Return a function from a file name, as 'ur10_robot.urdf', to its path."""
+    return lambda name: next(path for path in example_urdfs() if path.name == name)
+
+
+@pytest.fixture(scope="session")
+def load_quietly() -> Callable[..., Robot]:
+    """Return load_robot without its warnings (rounded angles, mimic joints)."""
+
+    def load(*arguments: object, **options: object) -> Robot:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SeaidWarning)
+            return load_robot(*arguments, **options)  # type: ignore[arg-type]
+
+    return load
+
+
+@pytest.fixture(scope="session")
+def tulip_urdf() -> Path:
+    return MODELS / "tulip_leg.urdf"
+
+
+@pytest.fixture(scope="session")
+def tulip_leg(tulip_urdf: Path) -> Robot:
+    """Return the TULip leg with its nominal drives."""
+    return load_robot(tulip_urdf, drivetrains=MODELS / "tulip_leg.toml")
+
+
+@pytest.fixture
+def write_urdf(tmp_path: Path) -> Callable[[str], Path]:
+    """Return a function that writes the inside of a <robot name="test"> and returns the path."""
+
+    def write(inside: str) -> Path:
+        path = tmp_path / "test.urdf"
+        path.write_text(f'<robot name="test">\n{inside}\n</robot>\n', encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.fixture
+def write_chain(write_urdf: Callable[[str], Path]) -> Callable[..., Path]:
+    """Return a function that writes a chain: {joint: "type <elements>"} -> path.
+
+    The links are 'base' and '<joint>_link', each with a body of its own (links in `empty` with
+    none), each joint 0.1 0.2 0.3 m after the one before unless its elements have an <origin>.
+    """
+
+    def write(joints: dict[str, str], empty: tuple[str, ...] = ()) -> Path:
+        parent, text = "base", '<link name="base"/>\n'
+        for number, (name, description) in enumerate(joints.items(), 1):
+            kind, _, elements = description.partition(" ")
+            if "<origin" not in elements:
+                elements += '<origin xyz="0.1 0.2 0.3"/>'
+            link = f"{name}_link"
+            text += f'<joint name="{name}" type="{kind}"><parent link="{parent}"/>'
+            text += f'<child link="{link}"/>{elements}</joint>\n'
+            text += f'<link name="{link}">{"" if link in empty else _body(number)}</link>\n'
+            parent = link
+        return write_urdf(text)
+
+    return write
+
+
+def _body(number: int) -> str:
+    rng = np.random.default_rng(number)
+    com, rpy = rng.uniform(-0.1, 0.1, 3), rng.uniform(-1, 1, 3)
+    ixx, iyy, izz = 0.02 + 0.01 * rng.random(3)
+    return (
+        f'<inertial><origin xyz="{com[0]} {com[1]} {com[2]}" rpy="{rpy[0]} {rpy[1]} {rpy[2]}"/>'
+        f'<mass value="{1 + rng.random()}"/><inertia ixx="{ixx}" ixy="0.001" ixz="-0.002" '
+        f'iyy="{iyy}" iyz="0.0015" izz="{izz}"/></inertial>'
+    )
