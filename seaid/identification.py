@@ -18,6 +18,7 @@ from seaid.errors import IdentificationError, unknown_name
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.solve import ordinary, weighted
 from seaid.files import whole_file
+from seaid.excited import check_excitation
 from seaid.found import spring_of, with_estimate, with_flags
 from seaid.log import Log
 from seaid.motion import Motion, reconstruct_motion
@@ -141,6 +142,7 @@ def identify(
     if not logs:
         raise IdentificationError("identify needs a log, found none")
     motions = _motions(robot, logs, cutoff_hz, progress)
+    check_excitation(robot, logs)
     actuators = {
         joint: stacked([actuator_regression(robot, motion, joint) for motion in motions])
         for joint in track(robot.elastic_joints, "actuator side", progress)
