@@ -73,7 +73,7 @@ def _derived(expression: sp.Expr, rule: _Rule, memory: dict[sp.Expr, sp.Expr]) -
         return found
     if expression in rule:
         found = rule[expression]
-    elif not expression.args or isinstance(expression, sp.Derivative):
+    elif not expression.args or _is_rate(expression):
         found = sp.Integer(0)
     elif expression.is_Add:
         found = sp.Add(*(_derived(part, rule, memory) for part in expression.args))
@@ -93,6 +93,11 @@ def _derived(expression: sp.Expr, rule: _Rule, memory: dict[sp.Expr, sp.Expr]) -
         found = _derived_function(expression, rule)
     memory[expression] = found
     return found
+
+
+def _is_rate(expression: sp.Expr) -> bool:
+    """True for a derivative with respect to time, not for the slope of some f(q)."""
+    return isinstance(expression, sp.Derivative) and expression.variables[0].is_Symbol
 
 
 def _derived_function(function: sp.Expr, rule: _Rule) -> sp.Expr:
@@ -118,7 +123,7 @@ def _expression(what: str, given: Any) -> sp.Expr:
         found = given
     if isinstance(found, sp.MatrixBase) and found.shape == (1, 1):
         found = found[0, 0]
-    if not isinstance(found, sp.Expr):
+    if not isinstance(found, sp.Expr) or found.is_Matrix:
         raise SymbolicError(f"{what} must be a scalar sympy expression, found {given!r}")
     return found
 

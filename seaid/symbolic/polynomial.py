@@ -34,7 +34,7 @@ class Relation(NamedTuple):
 
 
 class Ratio(NamedTuple):
-    """numerator / denominator, without common factors, the denominator with leading term 1."""
+    """numerator / denominator without common factors, leading coefficient 1 in the denominator."""
 
     numerator: fmpq_mpoly
     denominator: fmpq_mpoly
@@ -85,7 +85,7 @@ def from_polynomial(ring: Ring, polynomial: fmpq_mpoly) -> Ratio:
 
 
 def ratio(ring: Ring, numerator: fmpq_mpoly, denominator: fmpq_mpoly) -> Ratio:
-    """Return numerator / denominator in lowest terms, the denominator free of square roots.
+    """Return numerator / denominator in lowest terms, square roots taken out of the denominator.
 
     Raises SymbolicError for a denominator that is zero.
     """
@@ -103,7 +103,12 @@ def ratio(ring: Ring, numerator: fmpq_mpoly, denominator: fmpq_mpoly) -> Ratio:
 def _rationalised(
     ring: Ring, numerator: fmpq_mpoly, denominator: fmpq_mpoly
 ) -> tuple[fmpq_mpoly, fmpq_mpoly]:
-    """Free the denominator of generators with a relation: 1/sqrt(2) becomes sqrt(2)/2."""
+    """Free the denominator of generators with a relation: 1/sqrt(2) becomes sqrt(2)/2.
+
+    Sums in several such functions of the motion stay: each of them would double the terms.
+    """
+    degrees = denominator.degrees()
+    moving = [r for r in ring.relations if r.generator in ring.motion and degrees[r.generator] > 0]
     for place, degree, _ in ring.relations:
         power = denominator.degrees()[place]
         if power < 1:
@@ -112,7 +117,7 @@ def _rationalised(
         parts = collect(ring, denominator, place)
         if len(parts) == 1:
             factor = x ** (degree - power)
-        elif degree == 2:
+        elif degree == 2 and (place not in ring.motion or len(moving) == 1):
             factor = parts[0] - x * parts[1]
         else:
             continue

@@ -151,7 +151,7 @@ def _expression(equation: Any) -> sp.Expr:
         raise SymbolicError(f"{equation!r} is no equation; give a sympy expression or Eq") from None
     if isinstance(equation, sp.Eq):
         equation = equation.lhs - equation.rhs
-    if not isinstance(equation, sp.Expr):
+    if not isinstance(equation, sp.Expr) or equation.is_Matrix:
         raise SymbolicError(f"{equation!r} is no equation; give a sympy expression or Eq")
     return equation
 
@@ -244,7 +244,7 @@ def _columns(rows: Sequence[Row], unknowns: Sequence[sp.Symbol]) -> tuple[Expone
     found = {monomial for row in rows for monomial in row if any(monomial)}
     if not found:
         raise SymbolicError(
-            "the regressor is empty: none of the unknowns "
+            "the regressor is empty, so no parameter is identifiable: none of the unknowns "
             f"{', '.join(map(str, unknowns))} is left in the equations; check that the same "
             "symbols are used, and that their terms do not cancel"
         )

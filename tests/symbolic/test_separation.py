@@ -1,23 +1,189 @@
-import sympy as sp
+import random
+from collections.abc import Callable
 
-from seaid.symbolic import separate
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from seaid.errors import SymbolicError
+from seaid.symbolic import RegressorForm, separate
 
 t = sp.Symbol("t")
 theta_M, theta_L, tau_M = (sp.Function(name)(t) for name in ("theta_M", "theta_L", "tau_M"))
-I_M, F_v, F_C, k, r_M, r_L, N = sp.symbols("I_M F_v F_C k r_M r_L N")
-speed = theta_M.diff(t)
-MOTOR = (  # (7)
-    I_M * speed.diff(t)
-    + F_v * speed
-    + F_C * sp.sign(speed)
-    + k * r_M / N * (r_M / N * theta_M - r_L * theta_L)
-    - tau_M
-)
+I_M, F_v, F_C, k, r_M, r_L, N, c = sp.symbols("I_M F_v F_C k r_M r_L N c")
+J, m, r, g, b = sp.symbols("J m r g b")
+x, y, a = sp.symbols("x y a")
+speed, load_speed = theta_M.diff(t), theta_L.diff(t)
+SPRING = k * (r_M / N * theta_M - r_L * theta_L)
+MOTOR = I_M * speed.diff(t) + F_v * speed + F_C * sp.sign(speed) + r_M / N * SPRING - tau_M  # (7)
+LOAD = r_L * SPRING - J * load_speed.diff(t) - m * r * g * sp.sin(theta_L + b)  # (8), one joint
+SIGNALS = [theta_M, theta_L, tau_M]
+
+
+def same(left: RegressorForm, right: RegressorForm) -> bool:
+    """True for forms that are equal symbol for symbol."""
+    pairs = (
+        (left.parameters, right.parameters),
+        (left.zeta, right.zeta),
+        (left.regressor, right.regressor),
+    )
+    return all(bool(one == other) for one, other in pairs)
 
 
 def test_motor_side_becomes_equation_10() -> None:
-    form = separate(MOTOR, motion=[theta_M, theta_L, tau_M], unknowns=[F_v, F_C, k])
+    form = separate(MOTOR, motion=SIGNALS, unknowns=[F_v, F_C, k])
     assert form.zeta == sp.ImmutableMatrix([tau_M - I_M * speed.diff(t)])
     assert form.parameters == sp.ImmutableMatrix([F_v, F_C, k])
     spring = sp.expand(r_M / N * (r_M / N * theta_M - r_L * theta_L))
     assert form.regressor == sp.ImmutableMatrix([[speed, sp.sign(speed), spring]])
+
+
+def test_a_term_of_the_user_gets_its_column_and_leaves_the_rest() -> None:
+    form = separate(MOTOR + c * speed**3, motion=SIGNALS, unknowns=[F_v, F_C, k, c])
+    plain = separate(MOTOR, motion=SIGNALS, unknowns=[F_v, F_C, k])
+    assert form.zeta == plain.zeta
+    assert form.regressor[:, :3] == plain.regressor
+    assert form.regressor[0, 3] == speed**3
+
+
+def test_load_side_keeps_the_scale_of_a_torque() -> None:
+    form = separate(LOAD, motion=[theta_M, theta_L], unknowns=[J, m, r])
+    assert form.zeta == sp.ImmutableMatrix([sp.expand(r_L * SPRING)])
+    assert form.regressor[0, 0] == load_speed.diff(t)
+    assert list(form.parameters) == [J, r * m]
+
+
+def test_equation_without_known_terms_has_zeta_zero() -> None:
+    form = separate([MOTOR, LOAD], motion=SIGNALS, unknowns=[F_v, F_C, k, J, m, r])
+    assert list(form.zeta) == [tau_M - I_M * speed.diff(t), 0]
+    assert list(form.parameters) == [F_v, F_C, k, J, m * r]
+    assert sp.expand(form.regressor[1, :].dot(form.parameters) + sp.expand(LOAD, trig=True)) == 0
+
+
+REWRITINGS: list[Callable[[sp.Expr], sp.Expr]] = [
+    sp.expand,
+    sp.together,
+    sp.factor_terms,
+    lambda e: sp.expand(e, trig=True),
+    lambda e: e.subs(sp.sin(x) ** 2, 1 - sp.cos(x) ** 2),
+    lambda e: e * (sp.sin(y) ** 2 + sp.cos(y) ** 2),
+    lambda e: -e,
+    lambda e: sp.Rational(3, 7) * e,
+    lambda e: e * N,
+    lambda e: e / (r_M * N),
+    lambda e: e * (r_L + r_M),
+    lambda e: sp.collect(sp.expand(e), [k, m, F_v]),
+    lambda e: e + (F_v + x) ** 2 - sp.expand((F_v + x) ** 2),
+    lambda e: sp.Add(*(term * N / N for term in sp.expand(e).args)),
+    lambda e: 0.5 * e,
+]
+EQUATIONS = [
+    F_v * x + F_C * sp.sign(x) + k * r_M / N * (r_M / N * y - r_L * sp.sin(x + 2 * y)) - a,
+    k * (x - y * r_L) * (r_M + 1 / N) + m * r * sp.sin(x) ** 2 * (x + m) + a * N,
+    m * r**2 * x + k * sp.exp(x) * (sp.exp(2 * x) + r_L) + F_v * sp.Abs(x) * x * r_M / (r_L + N),
+    F_C * sp.sqrt(r_M**2 + r_L**2) * x - (m * sp.tan(x) + k) * sp.sin(y + sp.pi / 4) + a / N,
+    F_v * x / (1 + y**2) + k * y / (r_M + x) - a * N,
+]
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(st.sampled_from(EQUATIONS), st.integers(0, 10**6), st.integers(1, 4))
+def test_result_does_not_depend_on_how_an_equation_is_written(
+    equation: sp.Expr, seed: int, steps: int
+) -> None:
+    unknowns = [F_v, F_C, k, m, r]
+    rewritten = equation
+    for rewriting in random.Random(seed).choices(REWRITINGS, k=steps):
+        rewritten = rewriting(rewritten)
+    assert same(separate(rewritten, [x, y, a], unknowns), separate(equation, [x, y, a], unknowns))
+
+
+POINTS = [[sp.Rational(n, 11) for n in point] for point in ((3, 9, 22), (12, 4, 33), (7, 13, 5))]
+
+
+@pytest.mark.parametrize("equation", EQUATIONS)
+def test_regressor_times_parameters_is_the_equation(equation: sp.Expr) -> None:
+    form = separate(equation, motion=[x, y, a], unknowns=[F_v, F_C, k, m, r])
+    residual = (form.regressor * form.parameters - form.zeta)[0]
+    values = {s: sp.Rational(3 + i, 7) for i, s in enumerate((F_v, F_C, k, m, r, r_M, r_L, N))}
+    ratios = [
+        (residual / equation).subs(values | dict(zip((x, y, a), point, strict=True))).evalf(30)
+        for point in POINTS
+    ]
+    assert max(ratios) - min(ratios) < 1e-20 * abs(ratios[0])
+
+
+def test_floats_become_the_rationals_they_are() -> None:
+    form = separate(0.1 * F_v * x - a, motion=[x, a], unknowns=[F_v])
+    assert form.regressor[0] == sp.Rational(*(0.1).as_integer_ratio()) * x
+
+
+def test_solved_equation_is_cleared_of_its_denominator() -> None:
+    form = separate(sp.Eq(y, (a - m * g * sp.sin(x)) / (J + m * r**2)), [x, y, a], [J, m])
+    assert form.zeta == sp.ImmutableMatrix([a])
+    assert list(form.regressor) == [y, r**2 * y + g * sp.sin(x)]
+
+
+def test_quotients_of_unknowns_are_one_parameter_where_that_keeps_the_known_side() -> None:
+    form = separate(a - m / J * x - k * y, [x, y, a], [J, m, k])
+    assert list(form.parameters) == [m / J, k]
+    assert form.zeta == sp.ImmutableMatrix([a])
+
+
+def test_columns_stand_in_the_order_of_the_unknowns_products_after_their_first_factor() -> None:
+    equation = m * r * x + m * y + k * sp.cos(x) + m * k * x**2 - a
+    assert list(separate(equation, [x, y, a], [k, r, m]).parameters) == [k, k * m, r * m, m]
+    assert list(separate(equation, [x, y, a], [m, r, k]).parameters) == [m, r * m, k * m, k]
+
+
+def test_an_unknown_that_no_equation_holds_keeps_a_zero_column() -> None:
+    form = separate(m * x - a, [x, a], [J, m])
+    assert list(form.parameters) == [J, m]
+    assert list(form.regressor) == [0, x]
+
+
+def test_undeclared_forces_are_inputs() -> None:
+    form = separate(J * load_speed.diff(t) - tau_M, motion=[theta_L], unknowns=[J])
+    assert form.zeta == sp.ImmutableMatrix([tau_M])
+
+
+REFUSED = [
+    (F_v * x + sp.sqrt(m) * a, [x, a], [F_v, m], ["equation 1", "a*sqrt(m)", "unknown m", "known"]),
+    (m * sp.sin(k * x) - a, [x, a], [m, k], ["m*sin(k*x)", "unknown k stands inside sin(k*x)"]),
+    (x**m - a, [x, a], [m], ["unknown m stands inside x**m"]),
+    (m * x / (m + J) - a, [x, a], [m, J], ["denominator", "m*x/(J + m)", "does not clear"]),
+    (m * theta_M, [x], [m], ["theta_M(t) multiplies the unknown m", "not declared", "add it to"]),
+    (m * x, [x, m], [m], ["m is both unknown and known", "take it out"]),
+    (m * x, [x], [m, m], ["m is listed twice"]),
+    (m * x, [x], [2 * m], ["unknowns holds 2*m", "symbols"]),
+    (m * x, [x + 1], [m], ["motion holds x + 1", "functions of time"]),
+    (m * x, [], [m], ["motion is empty"]),
+    ([], [x], [m], ["equations is empty"]),
+    (m * x, [x], [], ["unknowns is empty"]),
+    (r * x, [x], [m, J], ["regressor is empty", "unknowns m, J", "same symbols"]),
+    (m * x - m * x + a, [x, a], [m], ["regressor is empty", "cancel"]),
+    (sp.Symbol("m", positive=True) * x, [x], [m], ["not the declared m", "assumptions"]),
+    (m * x * sp.I, [x], [m], ["found I", "real numbers"]),
+    (m * x + sp.oo, [x], [m], ["real numbers"]),
+    ("m x", [x], [m], ["is no equation"]),
+    ([m * x > 0], [x], [m], ["is no equation"]),
+    (m * (x + y + a + 1) ** 3000, [x, y, a], [m], ["too large", "terms", "raise max_terms"]),
+    (m * sp.sin(10**7 * x), [x], [m], ["10000000 times", "1000"]),
+]
+
+
+@pytest.mark.parametrize(("equations", "motion", "unknowns", "words"), REFUSED)
+def test_refusals_say_what_where_and_what_to_do(
+    equations: sp.Expr, motion: list[sp.Expr], unknowns: list[sp.Symbol], words: list[str]
+) -> None:
+    with pytest.raises(SymbolicError) as caught:
+        separate(equations, motion, unknowns)
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+def test_limit_of_terms_can_be_raised() -> None:
+    equation = m * (x + y + a) ** 20
+    with pytest.raises(SymbolicError, match="max_terms=100;"):
+        separate(equation, [x, y, a], [m], max_terms=100)
+    assert separate(equation, [x, y, a], [m], max_terms=231).regressor.shape == (1, 1)
