@@ -1,0 +1,104 @@
+"""The scripts as a user runs them: files, figures of the issue, one-line errors."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+TULIP_FILES = (
+    "excitation.csv",
+    "identification_log.csv",
+    "validation_log.csv",
+    "parameters.json",
+    "actuator_side.png",
+    "load_side.png",
+)
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a script of the project in a fresh interpreter, on one thread."""
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    return subprocess.run(
+        [sys.executable, *arguments],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="session")
+def tulip(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """The main job, run once: about 20 s, since it is what the project is for."""
+    output = tmp_path_factory.mktemp("tulip")
+    done = run("scripts/identify_tulip_leg.py", "--output", str(output))
+    assert done.returncode == 0, done.stderr
+    return output, done.stdout
+
+
+@pytest.mark.slow
+def test_main_job_writes_every_file_and_says_where(tulip: tuple[Path, str]) -> None:
+    output, text = tulip
+    assert sorted(path.name for path in output.iterdir()) == sorted(TULIP_FILES)
+    assert text.rstrip().endswith(f"Results: {output}/")
+
+
+@pytest.mark.slow
+def test_main_job_reaches_the_figures(tulip: tuple[Path, str]) -> None:
+    drives = json.loads((tulip[0] / "parameters.json").read_text())["drivetrains"]
+    truth = {
+        "hip_pitch": (83008, 0.01, 0.00456, 8e-5, 0.05),
+        "knee_pitch": (59966, 0.01, 0.00268, 8e-5, 0.10),
+        "ankle_pitch": (51394, 0.02, 0.01178, None, None),
+    }
+    for joint, (stiffness, within, coulomb, viscous, viscous_within) in truth.items():
+        found = {name: entry["value"] for name, entry in drives[joint].items()}
+        assert found["stiffness"] == pytest.approx(stiffness, rel=within)
+        assert found["coulomb_friction"] == pytest.approx(coulomb, rel=0.05)
+        if viscous is not None:
+            assert found["viscous_friction"] == pytest.approx(viscous, rel=viscous_within)
+
+
+@pytest.mark.slow
+def test_main_job_predicts_the_unseen_motion(tulip: tuple[Path, str]) -> None:
+    result = json.loads((tulip[0] / "parameters.json").read_text())
+    assert len(result["load"]) == 29
+    for joint in ("hip_pitch", "knee_pitch", "ankle_pitch"):
+        assert result["validation"]["load"][joint]["relative_error"] < 0.05
+        assert result["validation"]["actuator"][joint]["relative_error"] < 0.10
+
+
+@pytest.mark.slow
+def test_main_job_flags_the_unloaded_spring(tulip: tuple[Path, str]) -> None:
+    assert "! stiffness of ankle_pitch is poorly identified" in tulip[1]
+    assert "21 base parameters are identifiable, from all five 29" in tulip[1]
+
+
+@pytest.mark.parametrize("script", ["identify_ur10.py", "identify_hebi_joint.py"])
+def test_missing_measured_log_is_one_line(script: str, tmp_path: Path) -> None:
+    done = run(f"scripts/{script}", str(tmp_path / "none.csv"))
+    assert done.returncode != 0
+    assert "no measured log" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_broken_log_is_one_line(tmp_path: Path) -> None:
+    broken = tmp_path / "run.csv"
+    broken.write_text("t_stamp,pos\n0,1\n1,x\n")
+    done = run("scripts/identify_ur10.py", str(broken))
+    assert done.returncode != 0
+    assert "Traceback" not in done.stderr
+    assert "error:" in done.stderr
+
+
+def test_unwritable_folder_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    done = run("scripts/identify_tulip_leg.py", "--output", str(tmp_path / "file" / "out"))
+    assert done.returncode != 0
+    assert "Traceback" not in done.stderr
+    assert "cannot write" in done.stderr
