@@ -12,6 +12,7 @@ import warnings
 from pathlib import Path
 
 import seaid
+from seaid.files import result_folder
 from seaid.report.figures import save_load_figure
 from seaid.report.text import drive_rows, table
 
@@ -32,6 +33,7 @@ def read(path: Path, robot: seaid.Robot) -> seaid.Log:
 
 def main(path: Path, output: Path) -> None:
     """Identify both springs and the arm's base parameters."""
+    result_folder(output)
     robot = seaid.load_robot(
         MODELS / "hebi_arm_2.urdf", drivetrains=MODELS / "hebi_arm_2.toml", gravity=(0, 0, -9.81)
     )

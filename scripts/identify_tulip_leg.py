@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import seaid
+from seaid.files import result_folder
 from seaid.progress import track
 from seaid.report.figures import save_actuator_figure, save_load_figure
 from seaid.report.text import number, percent, table, validation_table
@@ -61,6 +62,7 @@ def experiment(
 def main(output: Path, seed: int) -> None:
     """Plan, simulate, identify, validate, write."""
     begin = time.perf_counter()
+    result_folder(output)
     truth = load_leg((TEST_MASS,))
     known = truth.without_nominal()
 

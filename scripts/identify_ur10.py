@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import seaid
+from seaid.files import result_folder
 from seaid.report.figures import save_load_figure
 from seaid.report.text import percent, table
 
@@ -45,6 +46,7 @@ def read(path: Path, robot: seaid.Robot) -> seaid.Log:
 
 def main(path: Path, output: Path) -> None:
     """Identify from one half, predict the other; then all data in sample."""
+    result_folder(output)
     robot = load_ur10()
     log = read(path, robot)
     middle = float(np.mean(log.time[[0, -1]]))

@@ -3,11 +3,27 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from seaid.errors import SeaidError
+
+
+def result_folder(path: str | Path) -> Path:
+    """Make a folder for results and return it; asked before long work, not after it.
+
+    Raises SeaidError where it cannot be made or written to.
+    """
+    path = Path(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            pass
+    except OSError as problem:
+        raise _cannot_write(path, problem) from None
+    return path
 
 
 @contextmanager
@@ -24,10 +40,12 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         yield temporary
         os.replace(temporary, path)
     except OSError as problem:
-        reason = problem.strerror or str(problem)
-        raise SeaidError(
-            f"cannot write '{path}': {reason}; name a folder you may write to"
-        ) from None
+        raise _cannot_write(path, problem) from None
     finally:
         with suppress(OSError):
             temporary.unlink()
+
+
+def _cannot_write(path: Path, problem: OSError) -> SeaidError:
+    reason = problem.strerror or str(problem)
+    return SeaidError(f"cannot write '{path}': {reason}; name a folder you may write to")

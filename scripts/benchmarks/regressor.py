@@ -51,10 +51,12 @@ def compare(robot: seaid.Robot) -> list[str]:
 def main() -> None:
     """Compare on a leg and on two arms."""
     warnings.simplefilter("ignore", seaid.SeaidWarning)
-    paths = [MODELS / "tulip_leg.urdf"]
-    for path in files("example-robot-data") or []:
-        if path.name in ("ur10_robot.urdf", "xarm7.urdf"):
-            paths.append(Path(str(path.locate())))
+    arms = [
+        Path(str(path.locate()))
+        for path in files("example-robot-data") or []
+        if path.name in ("ur10_robot.urdf", "xarm7.urdf")
+    ]
+    paths = [MODELS / "tulip_leg.urdf", *arms]
     rows = [compare(seaid.load_robot(path)) for path in paths]
     header = ["robot", "bare calls [us]", "stacked [us]", "ratio"]
     print(table(f"Regressor a sample, {SAMPLES} samples, median of {TURNS}", header, rows))
