@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from seaid import regression, symbolic
+    from seaid.assembly import Payload
     from seaid.base import BaseParameters, base_parameters
     from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
     from seaid.errors import (
@@ -26,13 +27,14 @@ if TYPE_CHECKING:
     from seaid.identification import Identification, identify
     from seaid.log import Log, read_log, write_log
     from seaid.motion import Motion, reconstruct_motion
-    from seaid.robot import Payload, Robot, load_robot
+    from seaid.robot import Robot, load_robot
     from seaid.simulation import Noise, simulate
     from seaid.validation import Validation, validate
 
 __version__ = "0.1.0"
 
 _WHERE = {
+    "assembly": ("Payload",),
     "base": ("BaseParameters", "base_parameters"),
     "drivetrain.model": ("SeriesElasticDrive", "StiffDrive"),
     "errors": (
@@ -49,7 +51,7 @@ _WHERE = {
     "identification": ("Identification", "identify"),
     "log": ("Log", "read_log", "write_log"),
     "motion": ("Motion", "reconstruct_motion"),
-    "robot": ("Payload", "Robot", "load_robot"),
+    "robot": ("Robot", "load_robot"),
     "simulation": ("Noise", "simulate"),
     "validation": ("Validation", "validate"),
 }

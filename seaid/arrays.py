@@ -36,5 +36,18 @@ def frozen(
     return array
 
 
+def finite(
+    name: str,
+    value: Any,
+    shape: tuple[int | None, ...],
+    error: type[SeaidError] = SeaidError,
+) -> Array:
+    """Return `frozen` of a value without NaN and infinity. Raises `error` naming `name`."""
+    array = frozen(name, value, shape, error)
+    if not np.all(np.isfinite(array)):
+        raise error(f"{name} must be finite, found {array.tolist()}")
+    return array
+
+
 def _text(shape: tuple[int | None, ...]) -> str:
     return "(" + ", ".join("any" if length is None else str(length) for length in shape) + ")"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +12,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from seaid.arrays import Array, frozen
+from seaid.arrays import Array, finite, frozen
+from seaid.assembly import TURNING, Payload, assemble, moving_joints
 from seaid.drivetrain.model import (
     IDEAL_DRIVE,
     Drive,
@@ -23,41 +23,10 @@ from seaid.drivetrain.model import (
     read_drivetrains,
 )
 from seaid.errors import RobotError, SeaidWarning, unknown_name
-from seaid.inertia import (
-    from_center_of_mass,
-    in_parent_frame,
-    parameter_names,
-    to_pinocchio,
-)
+from seaid.inertia import parameter_names, to_pinocchio
 from seaid.urdf import UrdfJoint, UrdfTree, read_urdf
 
-_TURNING = ("revolute", "continuous")
-_MOVING = (*_TURNING, "prismatic")
-
-
-@dataclass(frozen=True)
-class Payload:
-    """A known body fixed to a link: mass [kg], centre of mass [m] in the link's frame, and its
-    inertia at that centre [kg m^2] (a point mass where left out).
-    """
-
-    link: str
-    mass: float
-    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    inertia: tuple[tuple[float, float, float], ...] = ((0.0,) * 3,) * 3
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.mass) and self.mass > 0):
-            raise RobotError(
-                f"payload on '{self.link}' must have a mass of more than zero, found {self.mass}"
-            )
-        frozen(f"com of the payload on '{self.link}'", self.com, (3,), RobotError)
-        frozen(f"inertia of the payload on '{self.link}'", self.inertia, (3, 3), RobotError)
-
-    @property
-    def parameters(self) -> Array:
-        """The ten inertial parameters in the link's frame."""
-        return from_center_of_mass(self.mass, np.array(self.com), np.array(self.inertia))
+__all__ = ["Payload", "Robot", "load_robot"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +120,7 @@ def load_robot(
     joints stay independent, with a warning. Raises RobotError for everything else.
     """
     tree = read_urdf(urdf, snap_tolerance_rad)
-    moving = _moving_joints(tree, joints)
+    moving = moving_joints(tree, joints)
     mimics = [joint for joint in moving if tree.joints[joint].is_mimic]
     if mimics:
         warnings.warn(
@@ -159,45 +128,29 @@ def load_robot(
             SeaidWarning,
             stacklevel=2,
         )
-    return _build(
-        tree,
-        moving,
-        _drives(tree, moving, drivetrains),
-        payloads,
-        frozen("gravity", gravity, (3,), RobotError),
+    drives = _drives(tree, moving, drivetrains)
+    built = assemble(tree, moving, payloads, finite("gravity", gravity, (3,), RobotError))
+    moved = [tree.joints[name] for name in moving]
+
+    def limits(name: str) -> Array:
+        return frozen(name, [getattr(joint, name) for joint in moved], (None,))
+
+    robot = Robot(
+        name=tree.name,
+        joint_names=moving,
+        body_names=tuple(joint.child for joint in moved),
+        is_prismatic=tuple(joint.type == "prismatic" for joint in moved),
+        model=built.model,
+        model_order=built.order,
+        drivetrains=MappingProxyType(drives),
+        parameters=built.bodies.ravel(),
+        payload_parameters=frozen("payload", built.payloads.ravel(), (None,)),
+        lower_limits=limits("lower"),
+        upper_limits=limits("upper"),
+        velocity_limits=limits("velocity"),
+        effort_limits=limits("effort"),
     )
-
-
-def _moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ...]:
-    if joints is None:
-        names = [joint for joint in _depth_first(tree) if tree.joints[joint].type != "fixed"]
-    else:
-        names = list(joints)
-        for name in names:
-            if name not in tree.joints:
-                raise RobotError(f"'{tree.name}': " + unknown_name("joint", name, tree.joints))
-        if len(set(names)) < len(names):
-            raise RobotError(f"joints= names a joint twice: {names}")
-    for name in names:
-        kind = tree.joints[name].type
-        if kind not in _MOVING:
-            raise RobotError(
-                f"'{tree.name}': joint '{name}' is {kind}; seaid moves {', '.join(_MOVING)} joints "
-                "of a robot with a fixed base: leave it out with joints=[...] (locked at zero)"
-            )
-    if not names:
-        raise RobotError(f"'{tree.name}' has no joint that moves")
-    return tuple(names)
-
-
-def _depth_first(tree: UrdfTree) -> list[str]:
-    order: list[str] = []
-    stack = list(reversed(tree.children(tree.root)))
-    while stack:
-        joint = stack.pop()
-        order.append(joint.name)
-        stack.extend(reversed(tree.children(joint.child)))
-    return order
+    return robot.with_values(built.bodies.ravel(), drives)
 
 
 def _drives(
@@ -207,8 +160,13 @@ def _drives(
         given: dict[str, Drive] = {}
     elif isinstance(drivetrains, str | Path):
         given = read_drivetrains(drivetrains)
-    else:
+    elif isinstance(drivetrains, Mapping):
         given = drives_from_mapping(drivetrains)
+    else:
+        raise RobotError(
+            "drivetrains= must be the path of a TOML file or {joint: drive}, found "
+            f"{type(drivetrains).__name__}"
+        )
     for name in given:
         if name not in tree.joints:
             raise RobotError(
@@ -220,8 +178,8 @@ def _drives(
 
 
 def _check_kind(joint: UrdfJoint, drive: Drive) -> None:
-    """Refuse a drive for turning joints at a prismatic one and the reverse."""
-    turning = joint.type in _TURNING
+    """Refuse a drive for turning joints at a prismatic one and the reverse, and unread terms."""
+    turning = joint.type in TURNING
     if drive is IDEAL_DRIVE:
         return
     if isinstance(drive, StiffDrive):
@@ -241,94 +199,3 @@ def _check_kind(joint: UrdfJoint, drive: Drive) -> None:
             f"joint '{joint.name}' is prismatic: its elastic drive has motor_pulley_radius_m and "
             "no load_pulley_radius_m"
         )
-
-
-def _build(
-    tree: UrdfTree,
-    moving: tuple[str, ...],
-    drives: dict[str, Drive],
-    payloads: Sequence[Payload],
-    gravity: Array,
-) -> Robot:
-    """Walk the tree from its root, adding a Pinocchio joint for each that moves."""
-    model = pin.Model()
-    model.name = tree.name
-    model.gravity.linear = np.array(gravity)
-    order: list[int] = []
-    bodies = {joint: tree.joints[joint].child for joint in moving}
-    own, loads = np.zeros((len(moving), 10)), np.zeros((len(moving), 10))
-    frames = {tree.root: (0, pin.SE3.Identity())}
-    for payload in payloads:
-        if payload.link not in tree.links:
-            raise RobotError("payload: " + unknown_name("link", payload.link, tree.links))
-    for name in _depth_first(tree):
-        joint = tree.joints[name]
-        parent, placement = frames[joint.parent]
-        placement = placement * joint.placement
-        if name in bodies:
-            parent = _add_joint(model, parent, placement, joint)
-            order.append(moving.index(name))
-            placement = pin.SE3.Identity()
-        frames[joint.child] = (parent, placement)
-        if parent:
-            own[order[parent - 1]] += in_parent_frame(tree.links[joint.child], placement)
-    for payload in payloads:
-        parent, placement = frames[payload.link]
-        if not parent:
-            raise RobotError(f"payload on '{payload.link}': no joint moves this link")
-        loads[order[parent - 1]] += in_parent_frame(payload.parameters, placement)
-    _check_masses(tree, moving, own)
-    limits = [tree.joints[name] for name in moving]
-    robot = Robot(
-        name=tree.name,
-        joint_names=moving,
-        body_names=tuple(bodies.values()),
-        is_prismatic=tuple(joint.type == "prismatic" for joint in limits),
-        model=model,
-        model_order=tuple(order),
-        drivetrains=MappingProxyType(drives),
-        parameters=own.ravel(),
-        payload_parameters=frozen("payload", loads.ravel(), (10 * len(moving),)),
-        lower_limits=frozen("limits", [joint.lower for joint in limits], (None,)),
-        upper_limits=frozen("limits", [joint.upper for joint in limits], (None,)),
-        velocity_limits=frozen("limits", [joint.velocity for joint in limits], (None,)),
-        effort_limits=frozen("limits", [joint.effort for joint in limits], (None,)),
-    )
-    return robot.with_values(own.ravel(), drives)
-
-
-def _add_joint(model: pin.Model, parent: int, placement: pin.SE3, joint: UrdfJoint) -> int:
-    prismatic = joint.type == "prismatic"
-    aligned = (
-        (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
-        if prismatic
-        else (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
-    )
-    along = np.flatnonzero(joint.axis == 1.0)
-    if along.size:
-        joint_model = aligned[along[0]]()
-    elif prismatic:
-        joint_model = pin.JointModelPrismaticUnaligned(joint.axis)
-    else:
-        joint_model = pin.JointModelRevoluteUnaligned(joint.axis)
-    return int(
-        model.addJoint(
-            parent,
-            joint_model,
-            placement,
-            joint.name,
-            np.array([joint.effort]),
-            np.array([joint.velocity]),
-            np.array([joint.lower]),
-            np.array([joint.upper]),
-        )
-    )
-
-
-def _check_masses(tree: UrdfTree, moving: Sequence[str], own: Array) -> None:
-    for name, parameters in zip(moving, own, strict=True):
-        if parameters[0] == 0.0 and np.any(parameters):
-            raise RobotError(
-                f"'{tree.name}': link '{tree.joints[name].child}' (moved by '{name}') has inertia "
-                "but zero mass; give it a mass of more than zero"
-            )
