@@ -23,8 +23,8 @@ def check_excitation(robot: Robot, logs: Sequence[Log]) -> None:
             widest = max(float(np.ptp(position)) for position in positions)
             raise ExcitationError(
                 f"the motor of '{joint}' stands still (it moves {widest:.3g} rad, noise "
-                f"{_noise(positions[0]):.2g} rad): nothing about its friction and spring is in this "
-                "log; move the joint, or leave it out with joints=[...] of load_robot"
+                f"{_noise(positions[0]):.2g} rad): the log tells nothing about its friction and "
+                "spring; move the joint, or leave it out with joints=[...] of load_robot"
             )
     every = [
         column

@@ -17,8 +17,8 @@ from seaid.base import BaseParameters, base_parameters
 from seaid.errors import IdentificationError, unknown_name
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.solve import ordinary, weighted
-from seaid.files import whole_file
 from seaid.excited import check_excitation
+from seaid.files import whole_file
 from seaid.found import spring_of, with_estimate, with_flags
 from seaid.log import Log
 from seaid.motion import Motion, reconstruct_motion

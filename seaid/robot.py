@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from seaid.arrays import Array, finite, frozen
-from seaid.assembly import TURNING, Payload, assemble, moving_joints
+from seaid.assembly import TURNING, Assembly, Payload, assemble, moving_joints
 from seaid.drivetrain.model import (
     IDEAL_DRIVE,
     Drive,
@@ -130,6 +130,12 @@ def load_robot(
         )
     drives = _drives(tree, moving, drivetrains)
     built = assemble(tree, moving, payloads, finite("gravity", gravity, (3,), RobotError))
+    return _robot(tree, moving, drives, built)
+
+
+def _robot(
+    tree: UrdfTree, moving: tuple[str, ...], drives: dict[str, Drive], built: Assembly
+) -> Robot:
     moved = [tree.joints[name] for name in moving]
 
     def limits(name: str) -> Array:
