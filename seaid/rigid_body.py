@@ -27,7 +27,7 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
         raise SeaidError(f"q, v and a must have as many rows, found {len(q)}, {len(v)}, {len(a)}")
     pin.computeJointTorqueRegressor(model, data, np.zeros(n), np.zeros(n), np.zeros(n))
     # Pinocchio's matrix is column-major: its transposed view copies in one run into C order.
-    column_major = data.jointTorqueRegressor.T
+    column_major = data.jointTorqueRegressor.T.reshape(10 * n, n)
     stacked = np.empty((len(q), 10 * n, n))
     compute = pin.computeJointTorqueRegressor
     for block, q_t, v_t, a_t in zip(stacked, q, v, a, strict=True):
