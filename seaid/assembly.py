@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 import pinocchio as pin
@@ -34,6 +35,8 @@ class Payload:
 
     def __post_init__(self) -> None:
         where = f"of the payload on '{self.link}'"
+        if isinstance(self.mass, bool) or not isinstance(self.mass, Real):
+            raise RobotError(f"mass {where} must be a number, found {self.mass!r}")
         if not finite(f"mass {where}", self.mass, (), RobotError) > 0:
             raise RobotError(
                 f"payload on '{self.link}' must have a mass of more than zero, found {self.mass}"

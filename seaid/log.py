@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Mapping
+import zlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -21,19 +24,13 @@ Column = str | tuple[str, float | str]
 """A foreign column: its name, or its name with the unit it is in or the factor to the SI unit."""
 
 UNIT_FACTORS = {
-    "rad": 1.0,
-    "deg": np.pi / 180,
-    "turn": 2 * np.pi,
-    "m": 1.0,
-    "mm": 1e-3,
-    "Nm": 1.0,
-    "mNm": 1e-3,
-    "N": 1.0,
-    "s": 1.0,
-    "ms": 1e-3,
-    "us": 1e-6,
-    "ns": 1e-9,
+    "rad": {"rad": 1.0, "deg": np.pi / 180, "turn": 2 * np.pi},
+    "m": {"m": 1.0, "mm": 1e-3},
+    "Nm": {"Nm": 1.0, "mNm": 1e-3},
+    "N": {"N": 1.0},
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
 }
+"""Factors to the SI unit with which a column name ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +52,8 @@ class Log:
     def __post_init__(self) -> None:
         shape = (len(np.atleast_1d(self.time)), len(self.joint_names))
         object.__setattr__(self, "joint_names", tuple(self.joint_names))
+        if len(set(self.joint_names)) < shape[1]:
+            raise LogError(f"joint_names has a joint twice: {', '.join(self.joint_names)}")
         object.__setattr__(self, "time", frozen("time", self.time, (None,), LogError))
         for field in ("motor_position", "joint_position", "motor_torque", "joint_torque"):
             value = getattr(self, field)
@@ -62,6 +61,10 @@ class Log:
                 object.__setattr__(self, field, frozen(field, value, shape, LogError))
         if not self.is_prismatic:
             object.__setattr__(self, "is_prismatic", (False,) * shape[1])
+        if len(self.is_prismatic) != shape[1]:
+            raise LogError(
+                f"is_prismatic needs one entry a joint, {shape[1]}, found {len(self.is_prismatic)}"
+            )
         _check_time(self.time)
         for name, column in self.columns().items():
             _check_column(name, column, self.time)
@@ -109,18 +112,18 @@ def read_log(path: str | Path, robot: Robot, *, columns: Mapping[str, Column] | 
     left alone. Raises LogError naming file and column, with the nearest name.
     """
     path = Path(path)
-    readers: dict[str, Callable[[Path], dict[str, Array]]] = {".csv": _read_csv, ".npz": _read_npz}
+    readers: dict[str, Callable[[Path], Table]] = {".csv": _read_csv, ".npz": _read_npz}
     if path.suffix.lower() not in readers:
         raise LogError(f"'{path}': cannot read '{path.suffix}' logs; allowed: {', '.join(readers)}")
     if not path.is_file():
         raise LogError(f"no log file at '{path}' (working folder {Path.cwd()})")
-    data = readers[path.suffix.lower()](path)
+    table = readers[path.suffix.lower()](path)
     allowed = ["time_s"]
     for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True):
         allowed += column_names(joint, is_prismatic)
-    picked = _pick(path, data, columns or {}, allowed)
+    picked = _pick(path, table, columns or {}, allowed)
     try:
-        return _log(picked, robot)
+        return _log(picked, robot, table.names)
     except LogError as problem:
         raise LogError(f"'{path}': {problem}") from None
 
@@ -130,8 +133,8 @@ def write_log(log: Log, path: str | Path) -> None:
     path = Path(path)
     data = {"time_s": log.time, **log.columns()}
     if path.suffix.lower() == ".npz":
-        with whole_file(path) as temporary:
-            np.savez_compressed(temporary, **data)  # type: ignore[arg-type]
+        with whole_file(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, **data)  # type: ignore[arg-type]
     elif path.suffix.lower() == ".csv":
         write_csv(path, data)
     else:
@@ -145,76 +148,139 @@ def write_csv(path: str | Path, data: Mapping[str, Array]) -> None:
         np.savetxt(file, np.column_stack(list(data.values())), fmt="%.17g", delimiter=",")
 
 
-def _read_csv(path: Path) -> dict[str, Array]:
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        header = file.readline()
-        delimiter = max(",;\t", key=header.count)
-        names = [name.strip() for name in next(csv.reader([header], delimiter=delimiter), [])]
-        if not names:
-            raise LogError(f"'{path}' is empty; a log starts with a line of column names")
-        if len(set(names)) < len(names):
-            twice = sorted({name for name in names if names.count(name) > 1})
-            raise LogError(f"'{path}': column named twice: {', '.join(twice)}")
-        start = file.tell()
-        try:
-            try:
-                values = np.loadtxt(file, delimiter=delimiter, ndmin=2)
-            except ValueError:  # empty cells: slower, as NaN
-                file.seek(start)
-                values = np.loadtxt(file, delimiter=delimiter, ndmin=2, converters=_number)
-        except (ValueError, UnicodeDecodeError) as problem:
-            raise LogError(f"'{path}' is not a table of numbers: {problem}") from None
-    if values.shape[1] != len(names) or not len(values):
-        raise LogError(f"'{path}': {len(names)} column names but data of shape {values.shape}")
-    return dict(zip(names, values.T, strict=True))
+@dataclass(frozen=True, eq=False)
+class Table:
+    """The columns of a file: their names, and how to get the samples of some of them."""
+
+    names: list[str]
+    load: Callable[[list[str]], dict[str, Array]]
 
 
-def _number(text: str) -> float:
-    return float(text) if text.strip() else float("nan")
-
-
-def _read_npz(path: Path) -> dict[str, Array]:
+def _read_csv(path: Path) -> Table:
     try:
-        with np.load(path) as archive:
-            return {name: np.asarray(archive[name], dtype=np.float64) for name in archive.files}
-    except (OSError, ValueError) as problem:
-        raise LogError(f"'{path}' is not a NumPy archive of numbers: {problem}") from None
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except UnicodeDecodeError as problem:
+        raise LogError(f"'{path}' is not a text file in UTF-8: {problem}") from None
+    except OSError as problem:
+        raise LogError(f"cannot read '{path}': {problem.strerror}") from None
+    header = lines[0] if lines else ""
+    delimiter = max(",;\t", key=header.count)
+    names = [name.strip() for name in next(csv.reader([header], delimiter=delimiter), [])]
+    if not any(names):
+        raise LogError(f"'{path}' is empty; a log starts with a line of column names")
+    return Table(names, lambda wanted: _csv_columns(path, names, lines, delimiter, wanted))
+
+
+def _csv_columns(
+    path: Path, names: list[str], lines: list[str], delimiter: str, wanted: list[str]
+) -> dict[str, Array]:
+    """Return the wanted columns; only a table with more than numbers in it takes the slow way."""
+    if not any(line.strip() for line in lines[1:]):
+        raise LogError(f"'{path}' has column names but no samples")
+    twice = sorted({name for name in wanted if names.count(name) > 1})
+    if twice:
+        raise LogError(f"'{path}': column named twice: {', '.join(twice)}")
+    places = [names.index(name) for name in wanted]
+    try:
+        values = np.loadtxt(lines[1:], delimiter=delimiter, ndmin=2)
+        if values.shape[1] == len(names):
+            return dict(zip(wanted, values.T[places], strict=True))
+    except ValueError:
+        pass
+    rows = []
+    for line, cells in enumerate(csv.reader(lines[1:], delimiter=delimiter), 2):
+        if not cells:
+            continue
+        if len(cells) != len(names):
+            raise LogError(
+                f"'{path}' is not a table: line {line} has {len(cells)} cells, the first line "
+                f"{len(names)} column names"
+            )
+        rows.append([_number(path, line, names[place], cells[place]) for place in places])
+    return dict(zip(wanted, np.array(rows).T, strict=True))
+
+
+def _number(path: Path, line: int, column: str, cell: str) -> float:
+    """Return the number in a cell; an empty one is NaN."""
+    try:
+        return float(cell) if cell.strip() else float("nan")
+    except ValueError:
+        raise LogError(
+            f"'{path}', line {line}: column '{column}' has '{cell}', which is no number"
+        ) from None
+
+
+def _read_npz(path: Path) -> Table:
+    try:
+        with path.open("rb") as file, np.load(file) as archive:
+            names = list(archive.files)
+    except (OSError, ValueError, EOFError, BadZipFile, AttributeError, TypeError):
+        raise LogError(f"'{path}' is not a NumPy archive (.npz), or a damaged one") from None
+    return Table(names, lambda wanted: _npz_columns(path, wanted))
+
+
+def _npz_columns(path: Path, wanted: list[str]) -> dict[str, Array]:
+    found: dict[str, Array] = {}
+    with np.load(path) as archive:
+        for name in wanted:
+            try:
+                values = archive[name]
+            except (OSError, ValueError, EOFError, BadZipFile, zlib.error) as problem:
+                raise LogError(f"'{path}': column '{name}' cannot be read: {problem}") from None
+            if values.dtype.kind not in "iuf" or values.ndim != 1:
+                raise LogError(
+                    f"'{path}': column '{name}' must be a row of numbers, found {values.dtype} "
+                    f"of shape {values.shape}"
+                )
+            found[name] = values.astype(np.float64)
+    lengths = {name: len(values) for name, values in found.items()}
+    if len(set(lengths.values())) > 1:
+        raise LogError(f"'{path}': columns are not equally long: {lengths}")
+    return found
 
 
 def _pick(
-    path: Path, data: dict[str, Array], columns: Mapping[str, Column], allowed: list[str]
+    path: Path, table: Table, columns: Mapping[str, Column], allowed: list[str]
 ) -> dict[str, Array]:
     """Return the columns under our names and in SI units."""
     for name in columns:
         if name not in allowed:
             raise LogError("columns=: " + unknown_name("column of this robot's log", name, allowed))
-    picked = {}
+    wanted: dict[str, tuple[str, float]] = {}
     for name in allowed:
         foreign, factor = _foreign(name, columns.get(name, name))
-        if foreign in data:
-            picked[name] = data[foreign] * factor
+        if foreign in table.names:
+            wanted[name] = (foreign, factor)
         elif name in columns or name == "time_s":
-            raise LogError(f"'{path}': " + unknown_name("column", foreign, data))
-    if len(picked) == 1:
+            raise LogError(f"'{path}': " + unknown_name("column", foreign, table.names))
+    if len(wanted) == 1:
         raise LogError(
             f"'{path}' has no column of this robot; expected names as '{allowed[1]}' (or map "
-            f"foreign ones with columns=), found: {', '.join(data)}"
+            f"foreign ones with columns=), found: {', '.join(table.names)}"
         )
-    return picked
+    data = table.load(list(dict.fromkeys(foreign for foreign, _ in wanted.values())))
+    return {name: data[foreign] * factor for name, (foreign, factor) in wanted.items()}
 
 
 def _foreign(name: str, column: Column) -> tuple[str, float]:
     if isinstance(column, str):
         return column, 1.0
+    if not (isinstance(column, tuple | list) and len(column) == 2):
+        raise LogError(
+            f"columns= '{name}' must be a column name or (name, unit or factor), found {column!r}"
+        )
     foreign, factor = column
     if isinstance(factor, str):
-        if factor not in UNIT_FACTORS:
-            raise LogError(f"columns= '{name}': " + unknown_name("unit", factor, UNIT_FACTORS))
-        factor = UNIT_FACTORS[factor]
+        units = UNIT_FACTORS[name.rsplit("_", 1)[1]]
+        if factor not in units:
+            raise LogError(f"columns= '{name}': " + unknown_name("unit for it", factor, units))
+        factor = units[factor]
+    if not (np.isfinite(factor) and factor != 0):
+        raise LogError(f"columns= '{name}': the factor must be finite and not zero, found {factor}")
     return foreign, float(factor)
 
 
-def _log(picked: dict[str, Array], robot: Robot) -> Log:
+def _log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]) -> Log:
     """Sort the columns into a Log; each joint needs enough sensors for its drive."""
     time = picked["time_s"]
     fields = {
@@ -223,14 +289,26 @@ def _log(picked: dict[str, Array], robot: Robot) -> Log:
     }
     for index, joint in enumerate(robot.joint_names):
         names = column_names(joint, robot.is_prismatic[index])
-        for name, field in names.items():
-            if name in picked:
-                fields[field][:, index] = picked[name]
-        _check_sensors(robot, joint, [field for name, field in names.items() if name in picked])
+        found = {
+            name: field
+            for name, field in names.items()
+            if name in picked and not np.all(np.isnan(picked[name]))
+        }
+        for name, field in found.items():
+            fields[field][:, index] = picked[name]
+        missing = [name for name in names if name not in found]
+        _check_sensors(robot, joint, list(found.values()), _near(missing, picked, file_names))
     return Log(time=time, joint_names=robot.joint_names, is_prismatic=robot.is_prismatic, **fields)
 
 
-def _check_sensors(robot: Robot, joint: str, found: list[str]) -> None:
+def _near(missing: list[str], picked: Iterable[str], file_names: Sequence[str]) -> str:
+    """Return a hint for columns of the file whose names are nearly those of missing ones."""
+    free = [name for name in file_names if name not in picked]
+    pairs = [(name, near) for name in missing for near in get_close_matches(name, free, 1, 0.9)]
+    return "".join(f"; '{near}' in the file is near '{name}'" for name, near in pairs)
+
+
+def _check_sensors(robot: Robot, joint: str, found: list[str], hint: str) -> None:
     elastic = isinstance(robot.drivetrains[joint], SeriesElasticDrive)
     positions = [field for field in found if field.endswith("position")]
     torques = [field for field in found if field.endswith("torque")]
@@ -239,7 +317,7 @@ def _check_sensors(robot: Robot, joint: str, found: list[str]) -> None:
         names = ", ".join(column_names(joint, robot.is_prismatic[robot.index(joint)]))
         raise LogError(
             f"joint '{joint}' needs {need} and one torque, found {', '.join(found) or 'none'}; "
-            f"its columns are {names}"
+            f"its columns are {names}{hint}"
         )
 
 

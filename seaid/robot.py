@@ -188,6 +188,13 @@ def _check_kind(joint: UrdfJoint, drive: Drive) -> None:
     turning = joint.type in TURNING
     if drive is IDEAL_DRIVE:
         return
+    if drive.extra_terms:
+        from seaid.drivetrain.equations import extra_terms
+
+        try:
+            extra_terms(drive)
+        except RobotError as problem:
+            raise RobotError(f"joint '{joint.name}': {problem}") from None
     if isinstance(drive, StiffDrive):
         wrong, right = ("gear_ratio_rad_per_m", "gear_ratio")
         wrong, right = (wrong, right) if turning else (right, wrong)

@@ -18,11 +18,23 @@ import numpy as np
 import pinocchio as pin
 
 from seaid.arrays import Array
-from seaid.errors import RobotError, SeaidWarning
+from seaid.errors import RobotError, SeaidWarning, unknown_name
 from seaid.inertia import from_center_of_mass, in_parent_frame
 
 _FLOAT_NOISE_RAD = 1e-6
 """Closer than this to a multiple of pi/2 (or to zero) is float noise of an exporter."""
+
+
+_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
+_NUMBERS = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "mass": {"value": 1},
+    "inertia": dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), 1),
+    "limit": dict.fromkeys(("lower", "upper", "velocity", "effort"), 1),
+}
+"""How many numbers each attribute has, of the elements that count for the dynamics."""
+_NEEDED = {"mass": ("value",), "inertia": ("ixx", "iyy", "izz")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +77,12 @@ def read_urdf(path: str | Path, snap_tolerance_rad: float) -> UrdfTree:
     are. Raises RobotError for a file that is missing, broken or not a tree.
     """
     path = Path(path)
+    if not 0 <= snap_tolerance_rad < math.pi / 4:
+        raise RobotError(
+            f"snap_tolerance_rad must be between 0 and pi/4, found {snap_tolerance_rad}"
+        )
     root = _parse_xml(path)
+    _check_elements(path, root)
     snapped = [text for joint in root.iter("joint") for text in _snap(joint, snap_tolerance_rad)]
     if snapped:
         shown = ", ".join(dict.fromkeys(snapped))
@@ -98,6 +115,61 @@ def _parse_xml(path: Path) -> Any:
     return root
 
 
+def _check_elements(path: Path, root: Any) -> None:
+    """Refuse what yourdfpy would trip over or fill in: names, types, ends, numbers."""
+    for tag in ("link", "joint"):
+        names = [element.get("name") for element in root.findall(tag)]
+        if not all(names):
+            raise RobotError(f"URDF '{path}': a <{tag}> has no name")
+        repeated = {name for name in names if names.count(name) > 1}
+        if repeated:
+            raise RobotError(f"URDF '{path}': {tag} name used twice: {', '.join(sorted(repeated))}")
+    for joint in root.findall("joint"):
+        where = f"URDF '{path}': joint '{joint.get('name')}'"
+        if joint.get("type") not in _TYPES:
+            kind = joint.get("type") or ""
+            raise RobotError(f"{where}: " + unknown_name("joint type", kind, _TYPES))
+        for tag in ("parent", "child"):
+            end = joint.find(tag)
+            if end is None or not end.get("link"):
+                raise RobotError(f'{where} has no <{tag} link="...">')
+        _check_numbers(where, joint)
+        _check_limit(where, joint.find("limit"))
+    for link in root.findall("link"):
+        for inertial in link.findall("inertial"):
+            _check_numbers(f"URDF '{path}': link '{link.get('name')}'", inertial)
+
+
+def _check_numbers(where: str, parent: Any) -> None:
+    for element in parent:
+        for name, count in _NUMBERS.get(element.tag, {}).items():
+            text = element.get(name)
+            if text is None:
+                if name in _NEEDED.get(element.tag, ()):
+                    raise RobotError(f"{where}: <{element.tag}> has no {name}")
+                continue
+            try:
+                found = [float(word) for word in text.split()]
+            except ValueError:
+                found = []
+            if len(found) != count or any(map(math.isnan, found)):
+                raise RobotError(
+                    f"{where}: {name} of <{element.tag}> must be {count} number"
+                    f"{'s' if count > 1 else ''}, found '{text}'"
+                )
+
+
+def _check_limit(where: str, limit: Any) -> None:
+    if limit is None:
+        return
+    lower, upper = (float(limit.get(name, 0.0)) for name in ("lower", "upper"))
+    if lower > upper:
+        raise RobotError(f"{where}: its lower limit {lower} is above its upper limit {upper}")
+    for name in ("velocity", "effort"):
+        if float(limit.get(name, 0.0)) < 0:
+            raise RobotError(f"{where}: its {name} limit is negative, {limit.get(name)}")
+
+
 def _parse_robot(path: Path, root: Any) -> Any:
     """Let yourdfpy read the XML and report what it finds missing."""
     import logging
@@ -106,13 +178,8 @@ def _parse_robot(path: Path, root: Any) -> Any:
     from yourdfpy import URDF
 
     logging.getLogger("yourdfpy.urdf").setLevel(logging.ERROR)
-    for tag in ("link", "joint"):
-        names = [element.get("name") for element in root.findall(tag)]
-        if None in names:
-            raise RobotError(f"URDF '{path}': a <{tag}> has no name")
-        repeated = {name for name in names if names.count(name) > 1}
-        if repeated:
-            raise RobotError(f"URDF '{path}': {tag} name used twice: {', '.join(sorted(repeated))}")
+    if not root.get("name"):
+        root.set("name", path.stem)
     try:
         urdf = URDF.load(BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False)
     except Exception as problem:  # yourdfpy lets whatever its parsing raises through
@@ -152,9 +219,6 @@ def _meant_angle(text: str, tolerance: float) -> float | None:
 
 
 def _joint(path: Path, joint: Any, noise: float) -> UrdfJoint:
-    for end in ("parent", "child"):
-        if not getattr(joint, end):
-            raise RobotError(f"URDF '{path}': joint '{joint.name}' has no <{end}>")
     limit = joint.limit
     turns_freely = joint.type == "continuous" or limit is None
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -183,7 +184,7 @@ def _drive(where: str, table: Any) -> Drive:
         raise RobotError(f"{where} must be a table of a drive, found {table!r}")
     if "type" not in table:
         raise RobotError(f"{where}: key 'type' is missing; allowed: {', '.join(_TYPES)}")
-    if table["type"] not in _TYPES:
+    if not isinstance(table["type"], str) or table["type"] not in _TYPES:
         raise RobotError(f"{where}: " + unknown_name("drive type", str(table["type"]), _TYPES))
     kind = _TYPES[table["type"]]
     keys = [field.name for field in fields(kind)]
@@ -196,9 +197,6 @@ def _drive(where: str, table: Any) -> Drive:
         raise RobotError(
             f"{where}: key '{needed[0]}' is missing; give the motor turns a turn behind the gear"
         )
-    for key in ("friction", "extra_terms"):
-        if isinstance(values.get(key), list):
-            values[key] = tuple(values[key])
     try:
         return kind(**values)
     except RobotError as problem:
@@ -210,14 +208,23 @@ def _check_numbers(drive: Drive) -> None:
         value = getattr(drive, field.name)
         if value is None or field.name in ("friction", "extra_terms"):
             continue
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if isinstance(value, bool) or not isinstance(value, Real):
             raise RobotError(f"{field.name} must be a number, found {value!r}")
+        number = float(value)
         least = "zero or more" if field.name in _MAY_BE_ZERO else "more than zero"
-        if not (value >= 0 if field.name in _MAY_BE_ZERO else value > 0) or value == float("inf"):
+        allowed = number >= 0 if field.name in _MAY_BE_ZERO else number > 0
+        if not allowed or number == float("inf"):
             raise RobotError(f"{field.name} must be {least} and finite, found {value}")
 
 
 def _check_terms(drive: Drive) -> None:
+    for field in ("friction", "extra_terms"):
+        terms = getattr(drive, field)
+        if not (isinstance(terms, list | tuple) and all(isinstance(term, str) for term in terms)):
+            raise RobotError(f"{field} must be a list of texts, found {terms!r}")
+        if len(set(terms)) < len(terms):
+            raise RobotError(f"{field} names a term twice: {', '.join(terms)}")
+        object.__setattr__(drive, field, tuple(terms))
     for term in drive.friction:
         if term not in FRICTION_TERMS:
             raise RobotError(unknown_name("friction term", str(term), FRICTION_TERMS))

@@ -1,0 +1,38 @@
+"""frozen: float64, shape-checked, read-only copies."""
+
+import numpy as np
+import pytest
+
+from seaid.arrays import finite, frozen
+from seaid.errors import LogError, SeaidError
+
+
+def test_result_is_a_read_only_copy_in_float64() -> None:
+    source = np.array([[1, 2], [3, 4]], dtype=np.int32)
+    array = frozen("q", source, (None, 2))
+    source[0, 0] = 9
+    assert array.dtype == np.float64
+    assert array.flags.c_contiguous
+    assert array[0, 0] == 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        array[0, 0] = 5.0
+
+
+def test_nan_is_kept_by_frozen_and_refused_by_finite() -> None:
+    assert np.isnan(frozen("q", [1.0, np.nan], (2,))[1])
+    with pytest.raises(SeaidError, match=r"q must be finite, found \[1.0, nan\]"):
+        finite("q", [1.0, np.nan], (2,))
+    with pytest.raises(SeaidError, match="gravity must be finite, found inf"):
+        finite("gravity", np.inf, ())
+
+
+@pytest.mark.parametrize("shape", [(3,), (2, 3), (None,), (None, 2, None), ()])
+def test_wrong_shape_names_the_array_and_both_shapes(shape: tuple[int | None, ...]) -> None:
+    with pytest.raises(LogError, match=r"motor_position must have shape \(.*\), found \(4, 5\)"):
+        frozen("motor_position", np.zeros((4, 5)), shape, LogError)
+
+
+@pytest.mark.parametrize("value", ["abc", ["1", "x"], [[1.0], [1.0, 2.0]], None, {}])
+def test_what_is_no_number_is_refused_by_name(value: object) -> None:
+    with pytest.raises(SeaidError, match=r"^com must "):
+        frozen("com", value, (3,))
