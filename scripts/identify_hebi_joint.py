@@ -14,7 +14,7 @@ from pathlib import Path
 import seaid
 from seaid.files import result_folder
 from seaid.report.figures import save_load_figure
-from seaid.report.text import drive_rows, table
+from seaid.report.text import drive_table
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 LOG = Path(__file__).resolve().parents[2] / "shared" / "data" / "hebi_arms" / "virtual_spring.csv"
@@ -39,8 +39,7 @@ def main(path: Path, output: Path) -> None:
     )
     log = read(path, robot)
     found = seaid.identify(robot, log, progress=True)
-    header = ["joint", "parameter", "value", "std. error", "rel.", "unit"]
-    print(table("Springs of the HEBI arm (nominal 70 N m/rad, both)", header, drive_rows(found)))
+    print(drive_table("Springs of the HEBI arm (nominal 70 N m/rad, both)", found))
     for flag in found.flags:
         print(f"! {flag}")
     result = seaid.validate(found, log)

@@ -21,7 +21,7 @@ import seaid
 from seaid.files import result_folder
 from seaid.progress import track
 from seaid.report.figures import save_actuator_figure, save_load_figure
-from seaid.report.text import number, percent, table, validation_table
+from seaid.report.text import drive_table, load_table, validation_table
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 TEST_MASS = seaid.Payload("foot", 2.0, (0.15, 0.0, 0.0))
@@ -88,11 +88,11 @@ def main(output: Path, seed: int) -> None:
     free = seaid.identify(load_leg(()).without_nominal(), free_log)
     result = seaid.validate(found, other_log)
 
-    print(f"\nExcitation: polynomial (18), condition number {plan.condition_number:.0f} ...")
+    print(f"Excitation: polynomial (18), condition number {plan.condition_number:.0f}")
     print(drive_table("Table 1: drives, with the test mass of 2 kg on the foot", found, truth))
     print(drive_table("The same with a free foot: the ankle's spring is not loaded", free, truth))
     print_flags(free)
-    print(load_table(found, truth))
+    print(load_table("Base parameters from all five torques, with the test mass", found, truth))
     print(
         f"From the torques at joints 3-5 alone {len(elastic.load.values)} base parameters are "
         f"identifiable, from all five {len(found.load.values)}."
@@ -101,46 +101,6 @@ def main(output: Path, seed: int) -> None:
     print_flags(found)
     write(output, plan, log, other_log, found, result)
     print(f"{time.perf_counter() - begin:.0f} s. Results: {output}/")
-
-
-def drive_table(title: str, found: seaid.Identification, truth: seaid.Robot) -> str:
-    """Return Table 1 of the paper with the truth beside it."""
-    rows = []
-    for joint, estimate in found.drivetrains.items():
-        true = true_values(truth, joint)
-        for name, value, error, unit in zip(
-            estimate.names, estimate.values, estimate.standard_errors, estimate.units, strict=True
-        ):
-            exact = true.get(name, float("nan"))
-            cells = [number(value), number(error), number(exact), percent(value / exact - 1)]
-            rows.append([joint, name, *cells, unit])
-    header = ["joint", "parameter", "estimated", "std. error", "true", "off by", "unit"]
-    return table(title, header, rows)
-
-
-def true_values(truth: seaid.Robot, joint: str) -> dict[str, float]:
-    """Return the true drive parameters under the names of the estimate."""
-    drive = truth.drivetrains[joint]
-    values = {
-        "viscous_friction": drive.viscous_friction_Nms_per_rad,
-        "coulomb_friction": drive.coulomb_friction_Nm,
-        "stiffness": getattr(drive, "stiffness", None),
-    }
-    return {name: value for name, value in values.items() if value is not None}
-
-
-def load_table(found: seaid.Identification, truth: seaid.Robot) -> str:
-    """Return the base parameters beside the true ones."""
-    load, true = found.load, found.base.project(truth.parameters)
-    rows = [
-        [name, number(value), number(error), number(exact), f"{(value - exact) / error:+.1f}", unit]
-        for name, value, error, exact, unit in zip(
-            found.base.names, load.values, load.standard_errors, true, load.units, strict=True
-        )
-    ]
-    header = ["base parameter", "estimated", "std. error", "true", "off [std. errors]", "unit"]
-    title = "Base parameters, each named after its column (groupings: parameters.json)"
-    return table(title, header, rows)
 
 
 def print_flags(found: seaid.Identification) -> None:

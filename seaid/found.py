@@ -23,6 +23,23 @@ def spring_of(estimate: Estimate) -> Estimate:
 
 def with_estimate(drive: Drive, estimate: Estimate) -> Drive:
     """Return the drive with the found friction, stiffness and rotor inertia."""
+    fields = _fields(drive)
+    values = {
+        fields[name]: float(value)
+        for name, value in zip(estimate.names, estimate.values, strict=True)
+        if name in fields and (value > 0 or name != "stiffness")
+    }
+    return replace(drive, **{name: max(value, 0.0) for name, value in values.items()})  # type: ignore[arg-type]
+
+
+def nominal_values(drive: Drive) -> dict[str, float]:
+    """Return the nominal values that a drive has, under the names they have in an estimate."""
+    values = {name: getattr(drive, field) for name, field in _fields(drive).items()}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _fields(drive: Drive) -> dict[str, str]:
+    """Return {name in an estimate: field of the drive}."""
     fields = {
         "viscous_friction": "viscous_friction_Nms_per_rad",
         "coulomb_friction": "coulomb_friction_Nm",
@@ -31,14 +48,7 @@ def with_estimate(drive: Drive, estimate: Estimate) -> Drive:
     if isinstance(drive, SeriesElasticDrive):
         linear = drive.is_linear_spring
         fields["stiffness"] = "stiffness_N_per_m" if linear else "stiffness_Nm_per_rad"
-    values = {
-        fields[name]: max(float(value), 0.0)
-        for name, value in zip(estimate.names, estimate.values, strict=True)
-        if name in fields
-    }
-    if values.get(fields.get("stiffness", ""), 1.0) <= 0.0:
-        del values[fields["stiffness"]]
-    return replace(drive, **values)  # type: ignore[arg-type]
+    return fields
 
 
 def with_flags(estimate: Estimate, joint: str, regression: Regression | None) -> Estimate:

@@ -8,8 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from seaid.found import nominal_values
+
 if TYPE_CHECKING:
+    from seaid.estimation.estimate import Estimate
     from seaid.identification import Identification
+    from seaid.robot import Robot
     from seaid.validation import Validation
 
 
@@ -29,40 +33,45 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> s
     return "\n".join(line.rstrip() for line in text.getvalue().splitlines())
 
 
-def drive_rows(found: Identification) -> list[list[str]]:
-    """Return joint, parameter, value, standard error, its percentage and unit of every drive."""
-    return [
-        [joint, name, number(value), number(error), percent(error / abs(value)), unit]
-        for joint, estimate in found.drivetrains.items()
-        for name, value, error, unit in zip(
-            estimate.names,
-            estimate.values,
-            estimate.standard_errors,
-            estimate.units,
-            strict=True,
-        )
-    ]
+def drive_table(title: str, found: Identification, truth: Robot | None = None) -> str:
+    """Return Table 1 of the paper: drive parameters with standard errors, beside a known truth."""
+    header = ["joint", "parameter", "estimated", "std. error", "rel."]
+    rows = []
+    for joint, estimate in found.drivetrains.items():
+        true = {} if truth is None else nominal_values(truth.drivetrains[joint])
+        for name, value, error, unit in _entries(estimate):
+            exact = true.get(name, np.nan)
+            beside = [] if truth is None else [number(exact), percent(value / exact - 1)]
+            numbers = [number(value), number(error), percent(error / abs(value))]
+            rows.append([joint, name, *numbers, *beside, unit])
+    return table(title, [*header, *([] if truth is None else ["true", "off by"]), "unit"], rows)
+
+
+def load_table(title: str, found: Identification, truth: Robot | None = None) -> str:
+    """Return the base parameters with standard errors, beside a known truth.
+
+    Long groupings are cut; `parameters.json` has them whole.
+    """
+    header = ["base parameter", "estimated", "std. error", "rel."]
+    true = np.full(len(found.load.values), np.nan)
+    if truth is not None:
+        true = found.base.project(truth.parameters)
+    rows = []
+    for exact, (name, value, error, unit) in zip(true, _entries(found.load), strict=True):
+        off = [number(exact), f"{(value - exact) / error:+.1f} s.e."]
+        numbers = [number(value), number(error), percent(error / abs(value))]
+        rows.append([_short(name), *numbers, *([] if truth is None else off), unit])
+    return table(title, [*header, *([] if truth is None else ["true", "off by"]), "unit"], rows)
 
 
 def identification_table(found: Identification) -> str:
     """Return the summary of an identification: drives, base parameters, flags."""
-    header = ["parameter", "value", "std. error", "rel.", "unit"]
-    load = [
-        [_short(name), number(value), number(error), percent(error / abs(value)), unit]
-        for name, value, error, unit in zip(
-            found.load.names,
-            found.load.values,
-            found.load.standard_errors,
-            found.load.units,
-            strict=True,
-        )
-    ]
     parts = [
         f"{found.robot.name}: {len(found.load.values)} base parameters from the torques at "
         f"{', '.join(found.model.rows)}; pass band {found.cutoff_hz:.3g} Hz",
-        table("Drives", ["joint", *header], drive_rows(found)),
-        table("Base parameters", header, load),
-        f"condition number of the load side (columns of unit norm): "
+        drive_table("Drives", found),
+        load_table("Base parameters", found),
+        "condition number of the load side (columns of unit norm): "
         f"{found.load_side.condition_number:.3g}",
         *(f"! {flag}" for flag in found.flags),
     ]
@@ -102,5 +111,10 @@ def percent(value: float) -> str:
     return f"{100 * value:.2g} %" if abs(value) < 0.995 else f"{100 * value:.0f} %"
 
 
-def _short(text: str, longest: int = 70) -> str:
+def _entries(estimate: Estimate) -> list[tuple[str, float, float, str]]:
+    values, errors = estimate.values.tolist(), estimate.standard_errors.tolist()
+    return list(zip(estimate.names, values, errors, estimate.units, strict=True))
+
+
+def _short(text: str, longest: int = 56) -> str:
     return text if len(text) <= longest else text[: longest - 4] + " ..."
