@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import compress
 from typing import NamedTuple
 
 import sympy as sp
@@ -29,15 +30,46 @@ Row = Mapping[Exponents, Entry]
 """One equation: for each product of unknowns (its exponents) what it multiplies."""
 
 
+def grouped(ring: Ring, polynomial: fmpq_mpoly) -> dict[Exponents, dict[Exponents, fmpq_mpoly]]:
+    """Return {exponents of the unknowns: {exponents of the motion: coefficient in the knowns}}.
+
+    The first exponents are those of `ring.unknown` only, the second have a place a generator.
+    """
+    kinds = [[i in places for i in range(len(ring.generators))] for places in _kinds(ring)]
+    found: dict[Exponents, dict[Exponents, dict[Exponents, fmpq]]] = {}
+    for exponents, value in polynomial.terms():
+        unknown, motion, known = (tuple(compress(exponents, kind)) for kind in kinds)
+        found.setdefault(unknown, {}).setdefault(motion, {})[known] = value
+    spread: dict[Exponents, Exponents] = {}
+    return {
+        tuple(map(int, unknown)): {
+            _spread(ring, ring.motion, motion): ring.context.from_dict(
+                {
+                    spread.setdefault(key, _spread(ring, ring.known, key)): value
+                    for key, value in known.items()
+                }
+            )
+            for motion, known in terms.items()
+        }
+        for unknown, terms in found.items()
+    }
+
+
 def grouped_by_motion(ring: Ring, polynomial: fmpq_mpoly) -> dict[Exponents, fmpq_mpoly]:
-    """Return {exponents of the motion's generators: coefficient in the known symbols}."""
-    moving = set(ring.motion)
-    terms: dict[Exponents, dict[Exponents, fmpq]] = {}
-    for exponents, coefficient in polynomial.terms():
-        motion = tuple(e if i in moving else 0 for i, e in enumerate(exponents))
-        known = tuple(0 if i in moving else e for i, e in enumerate(exponents))
-        terms.setdefault(motion, {})[known] = coefficient
-    return {motion: ring.context.from_dict(known) for motion, known in terms.items()}
+    """Return {exponents of the motion: coefficient in the knowns}, for want of unknowns."""
+    return grouped(ring, polynomial).get((0,) * len(ring.unknown), {})
+
+
+def _kinds(ring: Ring) -> tuple[tuple[int, ...], ...]:
+    return ring.unknown, ring.motion, ring.known
+
+
+def _spread(ring: Ring, places: tuple[int, ...], exponents: Exponents) -> Exponents:
+    """Put exponents of some generators to their places among all."""
+    result = [0] * len(ring.generators)
+    for place, exponent in zip(places, exponents, strict=True):
+        result[place] = int(exponent)
+    return tuple(result)
 
 
 def entry_to_sympy(ring: Ring, entry: Entry | None) -> sp.Expr:

@@ -6,7 +6,7 @@ and cos q2; |x| needs sign(x); any other function is a generator of its own.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import lcm
@@ -19,6 +19,7 @@ from seaid.errors import SymbolicError
 from seaid.symbolic.polynomial import Ring
 
 _LONGEST_TEXT = 200
+_LARGEST_PRIME = 10**6
 
 CIRCULAR = (sp.sin, sp.cos, sp.tan, sp.cot, sp.sec, sp.csc)
 
@@ -105,22 +106,45 @@ def time_symbols(parts: set[sp.Basic], motion: tuple[sp.Expr, ...]) -> frozenset
     return frozenset(declared | named)
 
 
+def bottom_up(
+    expression: sp.Expr, known: Container[sp.Expr], operands: Callable[[sp.Expr], Iterable[sp.Expr]]
+) -> Iterator[sp.Expr]:
+    """Yield what is needed for the expression and not in `known`, operands before their result.
+
+    The caller adds each to `known`. However deep the expression is nested, nothing recurses.
+    """
+    waiting = [expression]
+    while waiting:
+        missing = [part for part in operands(waiting[-1]) if part not in known]
+        if missing:
+            waiting += missing
+        else:
+            part = waiting.pop()
+            if part not in known:
+                yield part
+
+
+def operands(expression: sp.Expr) -> tuple[sp.Expr, ...]:
+    """Return what a sum, a product or an integer power is made of; nothing for all else."""
+    if expression.is_Add or expression.is_Mul:
+        return tuple(expression.args)
+    if expression.is_Pow and expression.exp.is_Integer:
+        return (expression.base,)
+    return ()
+
+
 def _visit(scan: _Scan, expression: sp.Expr) -> None:
     """Note every function and symbol of the expression."""
-    if expression in scan.seen or expression.is_Rational:
-        return
-    scan.seen.add(expression)
-    if expression.is_Add or expression.is_Mul:
-        for part in expression.args:
-            _visit(scan, part)
-    elif expression.is_Pow and expression.exp.is_Integer:
-        _visit(scan, expression.base)
-    elif expression.is_Symbol or isinstance(expression, sp.NumberSymbol):
-        scan.plain[expression] = None
-    elif expression.is_number and not expression.is_real:
-        raise SymbolicError(f"found {expression}; only finite real numbers are allowed")
-    else:
-        _visit_function(scan, expression)
+    for part in bottom_up(expression, scan.seen, operands):
+        scan.seen.add(part)
+        if part.is_Rational or operands(part):
+            continue
+        if part.is_Symbol or isinstance(part, sp.NumberSymbol):
+            scan.plain[part] = None
+        elif part.is_number and not part.is_real:
+            raise SymbolicError(f"found {part}; only finite real numbers are allowed")
+        else:
+            _visit_function(scan, part)
 
 
 def _visit_function(scan: _Scan, function: sp.Expr) -> None:
@@ -172,9 +196,11 @@ def _is_turn(angle: sp.Expr) -> bool:
     return bool(angle.is_number) and not sp.cos(angle).has(*CIRCULAR)
 
 
-def root_bases(base: sp.Expr) -> list[sp.Expr]:
-    """The base of a root; of an integer, its primes, whose roots are independent."""
-    return [sp.Integer(p) for p in sp.factorint(base)] if base.is_Integer else [base]
+def root_bases(base: sp.Expr) -> dict[sp.Expr, int]:
+    """Return {part: power}, the base of a root as product; roots of primes are independent."""
+    if not base.is_Integer:
+        return {base: 1}
+    return {sp.Integer(p): int(n) for p, n in sp.factorint(base, limit=_LARGEST_PRIME).items()}
 
 
 def signed(argument: sp.Expr) -> tuple[int, sp.Expr]:

@@ -120,8 +120,9 @@ def _dependences(
 ) -> dict[Exponents, Combination]:
     """Return {function: combination of functions before it}, by evaluation at random points."""
     with mp.workdps(_DIGITS):
-        table = _evaluated(ring, group, parts, len(parts) + 4, seed=1)
-        if table is None or len(parts) > _MOST_FUNCTIONS:
+        few = len(parts) <= _MOST_FUNCTIONS
+        table = _evaluated(ring, group, parts, len(parts) + 4, seed=1) if few else None
+        if table is None:
             names = ", ".join(str(ring.generators[i]) for i in group)
             warnings.warn(
                 f"whether {len(parts)} functions made of {names} are independent was not checked; "

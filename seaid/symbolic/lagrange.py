@@ -9,7 +9,8 @@ import sympy as sp
 from sympy.core.function import AppliedUndef
 
 from seaid.errors import SymbolicError
-from seaid.symbolic.functions import prepared, subexpressions
+from seaid.symbolic.declarations import listed, scalar
+from seaid.symbolic.functions import bottom_up, operands, prepared, subexpressions
 
 _Rule = dict[sp.Expr, sp.Expr]
 
@@ -36,14 +37,14 @@ def equations_of_motion(
     """
     signals = _coordinates(coordinates)
     time = signals[0].args[0]
-    applied = [_expression("a force", force) for force in _listed(forces)]
+    applied = [scalar("a force", force) for force in listed(forces)]
     if len(applied) != len(signals):
         raise SymbolicError(
             f"found {len(applied)} forces for {len(signals)} coordinates; give one a coordinate, 0 "
             "where none acts"
         )
-    energy = prepared(_expression("the Lagrangian", lagrangian))
-    loss = prepared(_expression("the dissipation", 0 if dissipation is None else dissipation))
+    energy = prepared(scalar("the Lagrangian", lagrangian))
+    loss = prepared(scalar("the dissipation", 0 if dissipation is None else dissipation))
     _check_functions({"the Lagrangian": energy, "the dissipation": loss}, signals)
     _check_derivatives(signals, (energy, loss, *applied))
     in_time: _Rule = {time: sp.Integer(1)}
@@ -68,31 +69,27 @@ def _derived(expression: sp.Expr, rule: _Rule, memory: dict[sp.Expr, sp.Expr]) -
 
     Each shared part is derived once, which sympy's own `diff` does not do.
     """
-    found = memory.get(expression)
-    if found is not None:
-        return found
-    if expression in rule:
-        found = rule[expression]
-    elif not expression.args or _is_rate(expression):
-        found = sp.Integer(0)
-    elif expression.is_Add:
-        found = sp.Add(*(_derived(part, rule, memory) for part in expression.args))
-    elif expression.is_Mul:
-        slopes = [_derived(part, rule, memory) for part in expression.args]
-        found = sp.Add(
-            *(
-                sp.Mul(*expression.args[:i], slope, *expression.args[i + 1 :])
-                for i, slope in enumerate(slopes)
-                if slope != 0
-            )
+    for part in bottom_up(expression, memory, operands):
+        memory[part] = _derived_part(part, rule, memory)
+    return memory[expression]
+
+
+def _derived_part(part: sp.Expr, rule: _Rule, memory: dict[sp.Expr, sp.Expr]) -> sp.Expr:
+    """Derive an expression whose operands have been derived."""
+    if part in rule:
+        return rule[part]
+    if not part.args or _is_rate(part):
+        return sp.Integer(0)
+    if part.is_Add:
+        return sp.Add(*(memory[operand] for operand in part.args))
+    if part.is_Mul:
+        slopes = ((i, memory[factor]) for i, factor in enumerate(part.args))
+        return sp.Add(
+            *(sp.Mul(*part.args[:i], slope, *part.args[i + 1 :]) for i, slope in slopes if slope)
         )
-    elif expression.is_Pow and expression.exp.is_Rational:
-        slope = _derived(expression.base, rule, memory)
-        found = expression.exp * expression.base ** (expression.exp - 1) * slope
-    else:
-        found = _derived_function(expression, rule)
-    memory[expression] = found
-    return found
+    if operands(part):
+        return part.exp * part.base ** (part.exp - 1) * memory[part.base]
+    return _derived_function(part, rule)
 
 
 def _is_rate(expression: sp.Expr) -> bool:
@@ -112,24 +109,8 @@ def _derived_function(function: sp.Expr, rule: _Rule) -> sp.Expr:
     return sp.Add(*slopes).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
 
 
-def _listed(given: Any) -> list[Any]:
-    return [given] if isinstance(given, sp.Expr | int | float) else list(given)
-
-
-def _expression(what: str, given: Any) -> sp.Expr:
-    try:
-        found = sp.sympify(given)
-    except sp.SympifyError:
-        found = given
-    if isinstance(found, sp.MatrixBase) and found.shape == (1, 1):
-        found = found[0, 0]
-    if not isinstance(found, sp.Expr) or found.is_Matrix:
-        raise SymbolicError(f"{what} must be a scalar sympy expression, found {given!r}")
-    return found
-
-
 def _coordinates(given: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
-    signals = tuple(_listed(given))
+    signals = tuple(listed(given))
     if not signals:
         raise SymbolicError("there are no coordinates; give at least one function of time")
     for place, signal in enumerate(signals):

@@ -108,8 +108,9 @@ def _rationalised(
     Sums in several such functions of the motion stay: each of them would double the terms.
     """
     degrees = denominator.degrees()
-    moving = [r for r in ring.relations if r.generator in ring.motion and degrees[r.generator] > 0]
-    for place, degree, _ in ring.relations:
+    present = [relation for relation in ring.relations if degrees[relation.generator] > 0]
+    moving = [relation for relation in present if relation.generator in ring.motion]
+    for place, degree, _ in ring.relations if present else ():
         power = denominator.degrees()[place]
         if power < 1:
             continue

@@ -10,12 +10,15 @@ from flint import fmpq_mpoly
 from seaid.errors import SymbolicError
 from seaid.symbolic.functions import (
     CIRCULAR,
+    bottom_up,
     expanded_inside,
     find_functions,
     located,
+    operands,
     parts,
     prepared,
     root,
+    root_bases,
     signed,
     turns,
 )
@@ -83,26 +86,29 @@ def _add_relations(ring: Ring) -> None:
 
 
 def _read(ring: Ring, expression: sp.Expr, memory: Memory) -> Ratio:
-    found = memory.get(expression)
-    if found is None:
-        found = memory[expression] = _read_new(ring, expression, memory)
-    return found
+    def needed(part: sp.Expr) -> tuple[sp.Expr, ...]:
+        return () if part in ring.index else operands(part)
+
+    for part in bottom_up(expression, memory, needed):
+        memory[part] = _read_part(ring, part, memory)
+    return memory[expression]
 
 
-def _read_new(ring: Ring, expression: sp.Expr, memory: Memory) -> Ratio:
+def _read_part(ring: Ring, expression: sp.Expr, memory: Memory) -> Ratio:
+    """Read an expression whose operands have been read."""
     if expression in ring.index:
         return from_polynomial(ring, ring.generator(expression))
     if expression.is_Rational:
         return from_polynomial(ring, ring.constant(rational(expression)))
     if expression.is_Add:
-        return total(ring, (_read(ring, part, memory) for part in expression.args))
+        return total(ring, (memory[part] for part in expression.args))
     if expression.is_Mul:
         result = from_polynomial(ring, ring.constant(1))
         for part in expression.args:
-            result = product(ring, result, _read(ring, part, memory))
+            result = product(ring, result, memory[part])
         return result
-    if expression.is_Pow and expression.exp.is_Integer:
-        return power(ring, _read(ring, expression.base, memory), int(expression.exp))
+    if operands(expression):
+        return power(ring, memory[expression.base], int(expression.exp))
     return _read_function(ring, expression, memory)
 
 
@@ -122,9 +128,8 @@ def _read_function(ring: Ring, function: sp.Expr, memory: Memory) -> Ratio:
             return sign
         return product(ring, sign, _read(ring, function.args[0], memory))
     if function.is_Pow and function.exp.is_Rational:
-        is_integer = function.base.is_Integer
-        bases = sp.factorint(function.base) if is_integer else {function.base: 1}
-        units = {base: ring.units["root", sp.sympify(base)] for base in bases}
+        bases = root_bases(function.base)
+        units = {base: ring.units["root", base] for base in bases}
         return _powers(
             ring,
             [(root(b, units[b]), function.exp * times * units[b]) for b, times in bases.items()],

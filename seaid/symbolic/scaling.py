@@ -21,7 +21,7 @@ from seaid.symbolic.polynomial import (
     ratio,
 )
 
-_MOST_SCALES = 30
+_MOST_SCALES = 12
 """Coefficients tried as the scale of a row that has no input."""
 
 

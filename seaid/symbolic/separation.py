@@ -7,18 +7,25 @@ unknowns stand as a product.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import sympy as sp
 from flint import fmpq, fmpq_mpoly
-from sympy.core.function import AppliedUndef
 
 from seaid.errors import SymbolicError
-from seaid.symbolic.entries import Entry, Row, column_key, entry_to_sympy, grouped_by_motion
-from seaid.symbolic.functions import located, shortened, subexpressions
+from seaid.symbolic.declarations import declared
+from seaid.symbolic.entries import (
+    Entry,
+    Row,
+    column_key,
+    entry_to_sympy,
+    grouped,
+    grouped_by_motion,
+)
+from seaid.symbolic.functions import located, shortened
 from seaid.symbolic.polynomial import (
     MAX_TERMS,
     Exponents,
@@ -88,7 +95,7 @@ def separate(
     be cleared, for unusable `motion` or `unknowns`, for an undeclared function of time beside an
     unknown, for equations without any unknown and for equations of more than `max_terms` terms.
     """
-    expressions, signals, symbols = _checked(equations, motion, unknowns)
+    expressions, signals, symbols = declared(equations, motion, unknowns)
     ring, ratios = read_equations(expressions, signals, symbols, max_terms)
     rows = []
     for number, (equation, expression) in enumerate(zip(ratios, expressions, strict=True), 1):
@@ -110,87 +117,21 @@ def _lumped(unknowns: Sequence[sp.Symbol], monomial: Exponents) -> sp.Expr:
     return sp.Mul(*(u**e for u, e in zip(unknowns, monomial, strict=True)))
 
 
-def _checked(
-    equations: Any, motion: Any, unknowns: Any
-) -> tuple[list[sp.Expr], tuple[sp.Expr, ...], tuple[sp.Symbol, ...]]:
-    """Return the three arguments as sequences. Raises SymbolicError for what cannot be used."""
-    expressions = [_expression(equation) for equation in _listed(equations)]
-    signals = tuple(m.expr if isinstance(m, sp.Derivative) else m for m in _listed(motion))
-    symbols = tuple(_listed(unknowns))
-    for kind, given in (("equations", expressions), ("motion", signals), ("unknowns", symbols)):
-        if not given:
-            raise SymbolicError(f"{kind} is empty; give at least one")
-    for signal in signals:
-        if not isinstance(signal, sp.Symbol | AppliedUndef):
-            raise SymbolicError(
-                f"motion holds {signal!r}; allowed are functions of time such as Function('q')(t), "
-                "and symbols"
-            )
-    for place, symbol in enumerate(symbols):
-        if not isinstance(symbol, sp.Symbol):
-            raise SymbolicError(f"unknowns holds {symbol!r}; allowed are sympy symbols")
-        if symbol in symbols[:place]:
-            raise SymbolicError(f"the unknown {symbol} is listed twice; list it once")
-        if any(symbol == signal or signal.has(symbol) for signal in signals):
-            raise SymbolicError(
-                f"{symbol} is both unknown and known: it stands in unknowns and in motion; take it "
-                "out of one of them"
-            )
-    _check_names(expressions, (*signals, *symbols))
-    return expressions, signals, symbols
-
-
-def _listed(given: Any) -> list[Any]:
-    return [given] if isinstance(given, sp.Expr | sp.Eq) else list(given)
-
-
-def _expression(equation: Any) -> sp.Expr:
-    try:
-        equation = sp.sympify(equation)
-    except sp.SympifyError:
-        raise SymbolicError(f"{equation!r} is no equation; give a sympy expression or Eq") from None
-    if isinstance(equation, sp.Eq):
-        equation = equation.lhs - equation.rhs
-    if not isinstance(equation, sp.Expr) or equation.is_Matrix:
-        raise SymbolicError(f"{equation!r} is no equation; give a sympy expression or Eq")
-    return equation
-
-
-def _check_names(expressions: Sequence[sp.Expr], declared: Sequence[sp.Expr]) -> None:
-    """Refuse two different symbols of one name, a declared one and one of the equations."""
-    names = {str(x): x for x in declared}
-    for number, expression in enumerate(expressions, 1):
-        for found in subexpressions(expression):
-            if not isinstance(found, sp.Symbol | AppliedUndef):
-                continue
-            twin = names.get(str(found), found)
-            if twin != found:
-                raise SymbolicError(
-                    f"equation {number} holds a {found} that is not the declared {twin}: they "
-                    "share the name but not the assumptions (real, positive ...); make it once and "
-                    "use it everywhere"
-                )
-
-
 def _grouped(
     ring: Ring, equation: Ratio, expression: sp.Expr, unknowns: Sequence[sp.Symbol]
 ) -> dict[Exponents, Entry]:
     """Group an equation by its products of unknowns, the denominators with unknowns cleared."""
     numerator = equation.numerator
     unknown_part, motion_part = _denominators(ring, equation.denominator)
-    places = [ring.index.get(u) for u in unknowns]
     shift = _shift(ring, numerator, unknown_part, expression)
-    groups: dict[Exponents, dict[Exponents, fmpq]] = {}
-    for exponents, value in numerator.terms():
-        monomial = tuple(0 if i is None else exponents[i] - shift[i] for i in places)
-        rest = list(exponents)
-        for i in ring.unknown:
-            rest[i] = 0
-        groups.setdefault(monomial, {})[tuple(rest)] = value
-    return {
-        monomial: _entry(ring, ratio(ring, ring.context.from_dict(terms), motion_part))
-        for monomial, terms in groups.items()
-    }
+    places = [unknowns.index(ring.generators[i]) for i in ring.unknown]
+    entries = {}
+    for exponents, terms in grouped(ring, numerator).items():
+        monomial = [0] * len(unknowns)
+        for place, exponent, less in zip(places, exponents, shift, strict=True):
+            monomial[place] = exponent - less
+        entries[tuple(monomial)] = _entry(ring, terms, motion_part)
+    return entries
 
 
 def _denominators(ring: Ring, denominator: fmpq_mpoly) -> tuple[fmpq_mpoly, fmpq_mpoly]:
@@ -213,15 +154,15 @@ def _shift(
 
     Clearing the denominator is right if a term without unknowns is left, to fix the scale.
     """
-    cleared = (0,) * len(ring.generators)
+    cleared = (0,) * len(ring.unknown)
     if denominator.is_constant():
         return cleared
-    products = {tuple(e[i] for i in ring.unknown) for e in numerator.monoms()}
-    if (0,) * len(ring.unknown) in products:
+    products = set(grouped(ring, numerator))
+    if cleared in products:
         return cleared
     if len(denominator) == 1:
-        lumped = denominator.monomial(0)
-        return lumped if tuple(lumped[i] for i in ring.unknown) in products else cleared
+        (lumped,) = grouped(ring, denominator)
+        return lumped if lumped in products else cleared
     found = to_sympy(ring, denominator)
     unknown = next(u for u in (ring.generators[i] for i in ring.unknown) if found.has(u))
     terms = sp.Add.make_args(expression)
@@ -233,10 +174,13 @@ def _shift(
     )
 
 
-def _entry(ring: Ring, value: Ratio) -> Entry:
-    """Group a ratio by its functions of the motion."""
-    grouped = grouped_by_motion(ring, value.numerator).items()
-    return Entry({m: from_polynomial(ring, known) for m, known in grouped}, value.denominator)
+def _entry(ring: Ring, terms: Mapping[Exponents, fmpq_mpoly], below: fmpq_mpoly) -> Entry:
+    """Return terms over a denominator of the motion as an element of R, in lowest terms."""
+    if not below.is_constant():
+        monomials = (ring.context.from_dict({m: fmpq(1)}) * known for m, known in terms.items())
+        above, below = ratio(ring, sum(monomials, ring.constant(0)), below)
+        terms = grouped_by_motion(ring, above)
+    return Entry({m: from_polynomial(ring, known) for m, known in terms.items()}, below)
 
 
 def _columns(rows: Sequence[Row], unknowns: Sequence[sp.Symbol]) -> tuple[Exponents, ...]:

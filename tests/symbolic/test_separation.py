@@ -143,6 +143,14 @@ def test_an_unknown_that_no_equation_holds_keeps_a_zero_column() -> None:
     assert list(form.regressor) == [0, x]
 
 
+@pytest.mark.parametrize("container", [list, tuple, sp.Matrix, sp.ImmutableMatrix, sp.Tuple])
+def test_equations_come_in_any_container(container: Callable[..., object]) -> None:
+    given = (MOTOR, LOAD) if container is sp.Tuple else [MOTOR, LOAD]
+    equations = container(*given) if container is sp.Tuple else container(given)
+    unknowns = [F_v, F_C, k, J, m, r]
+    assert same(separate(equations, SIGNALS, unknowns), separate([MOTOR, LOAD], SIGNALS, unknowns))
+
+
 def test_undeclared_forces_are_inputs() -> None:
     form = separate(J * load_speed.diff(t) - tau_M, motion=[theta_L], unknowns=[J])
     assert form.zeta == sp.ImmutableMatrix([tau_M])
@@ -166,8 +174,10 @@ REFUSED = [
     (sp.Symbol("m", positive=True) * x, [x], [m], ["not the declared m", "assumptions"]),
     (m * x * sp.I, [x], [m], ["found I", "real numbers"]),
     (m * x + sp.oo, [x], [m], ["real numbers"]),
-    ("m x", [x], [m], ["is no equation"]),
-    ([m * x > 0], [x], [m], ["is no equation"]),
+    (sp.true, [x], [m], ["an equation must be a scalar sympy expression, found True"]),
+    (None, [x], [m], ["an equation must be a scalar sympy expression, found None"]),
+    ("m x", [x], [m], ["an equation must be a scalar sympy expression"]),
+    ([m * x > 0], [x], [m], ["an equation must be a scalar sympy expression"]),
     (m * (x + y + a + 1) ** 3000, [x, y, a], [m], ["too large", "terms", "raise max_terms"]),
     (m * sp.sin(10**7 * x), [x], [m], ["10000000 times", "1000"]),
 ]
@@ -187,3 +197,11 @@ def test_limit_of_terms_can_be_raised() -> None:
     with pytest.raises(SymbolicError, match="max_terms=100;"):
         separate(equation, [x, y, a], [m], max_terms=100)
     assert separate(equation, [x, y, a], [m], max_terms=231).regressor.shape == (1, 1)
+
+
+def test_deeply_nested_equations_are_read() -> None:
+    nested = sp.Integer(1)
+    for _ in range(400):
+        nested = (1 - sp.cos(x) ** 2 * (1 - nested)) * (sp.sin(x) ** 2 + nested * sp.cos(x) ** 2)
+    form = separate(m * nested - a, [x, a], [m], max_terms=10_000)
+    assert form.regressor[0].subs(x, 0) == 1

@@ -1,0 +1,187 @@
+"""Systems that textbooks print, each with its published number or list of base parameters."""
+
+import pytest
+import sympy as sp
+
+from seaid.symbolic import BaseForm, equations_of_motion, reduce, separate
+
+t = sp.Symbol("t")
+g, F_v, F_C, k, r_M, r_L, N = sp.symbols("g F_v F_C k r_M r_L N")
+Offset = tuple[sp.Expr | int, ...]
+
+
+def coordinates(number: int) -> list[sp.Expr]:
+    return [sp.Function(f"q{i}")(t) for i in range(1, number + 1)]
+
+
+def rotation(axis: str, angle: sp.Expr) -> sp.Matrix:
+    c, s = sp.cos(angle), sp.sin(angle)
+    return {
+        "x": sp.Matrix([[1, 0, 0], [0, c, -s], [0, s, c]]),
+        "y": sp.Matrix([[c, 0, s], [0, 1, 0], [-s, 0, c]]),
+        "z": sp.Matrix([[c, -s, 0], [s, c, 0], [0, 0, 1]]),
+    }[axis]
+
+
+def inertial_symbols(body: int) -> list[sp.Symbol]:
+    """The ten parameters of a body in Pinocchio's order."""
+    names = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+    return [sp.Symbol(f"{name}{body}") for name in names]
+
+
+def arm(axes: str, offsets: list[Offset]) -> tuple[sp.Expr, list[sp.Expr], list[sp.Symbol]]:
+    """Lagrangian, coordinates and parameters of a chain; gravity along -z.
+
+    A letter of `axes` is the axis of a turning joint, a capital one of a sliding joint; `offsets`
+    are the places of the joints in the frame of the body before.
+    """
+    q = coordinates(len(axes))
+    turn, speed, place = sp.zeros(3, 1), sp.zeros(3, 1), sp.zeros(3, 1)
+    orientation, lagrangian = sp.eye(3), sp.Integer(0)
+    parameters: list[sp.Symbol] = []
+    for body, (axis, offset) in enumerate(zip(axes, offsets, strict=True), 1):
+        unit = sp.Matrix([int(axis.lower() == name) for name in "xyz"])
+        rate, slides = q[body - 1].diff(t), axis.isupper()
+        step = sp.Matrix(offset) + (unit * q[body - 1] if slides else sp.zeros(3, 1))
+        relative = sp.eye(3) if slides else rotation(axis, q[body - 1])
+        speed = relative.T * (speed + turn.cross(step) + (unit * rate if slides else 0 * unit))
+        turn = relative.T * turn + (0 * unit if slides else unit * rate)
+        place, orientation = place + orientation * step, orientation * relative
+        symbols = inertial_symbols(body)
+        m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz = symbols
+        moment = sp.Matrix([mx, my, mz])
+        inertia = sp.Matrix([[Ixx, Ixy, Ixz], [Ixy, Iyy, Iyz], [Ixz, Iyz, Izz]])
+        kinetic = m * speed.dot(speed) / 2 + turn.dot(inertia * turn) / 2
+        kinetic += moment.dot(speed.cross(turn))
+        lagrangian += kinetic - g * (m * place + orientation * moment)[2]
+        parameters += symbols
+    return lagrangian, q, parameters
+
+
+def base_of_arm(axes: str, offsets: list[Offset]) -> BaseForm:
+    lagrangian, q, parameters = arm(axes, offsets)
+    torques = sp.symbols(f"tau1:{len(q) + 1}")
+    return reduce(separate(equations_of_motion(lagrangian, q, torques), q, parameters))
+
+
+a2, a3, d2, d3, d4, d6, l1, l2, l3 = sp.symbols("a2 a3 d2 d3 d4 d6 l1 l2 l3")
+HERE: Offset = (0, 0, 0)
+ARMS = {
+    "pendulum, horizontal axis": ("y", [HERE], 3),
+    "pendulum, vertical axis": ("z", [HERE], 1),
+    "planar 2R, vertical plane": ("yy", [HERE, (l1, 0, 0)], 6),
+    "planar 2R, horizontal plane": ("zz", [HERE, (l1, 0, 0)], 4),
+    "planar 3R, vertical plane": ("yyy", [HERE, (l1, 0, 0), (l2, 0, 0)], 9),
+    "two joints, vertical and horizontal axis": ("zy", [HERE, (l1, 0, 0)], 8),
+    "three joints in space, all offsets": ("zyx", [HERE, (l1, l2, l3), (a2, a3, d3)], 15),
+    "SCARA": ("zzZz", [HERE, (l1, 0, 0), (l2, 0, 0), HERE], 8),
+    "PUMA 560": (
+        "zyyxyx",
+        [HERE, (0, d2, 0), (a2, 0, 0), (a3, d3, d4), HERE, HERE],
+        36,
+    ),
+    "Stanford arm": ("zyZzyz", [HERE, (0, d2, 0), HERE, HERE, HERE, (0, 0, d6)], 33),
+}
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_arm_has_its_published_number_of_base_parameters(name: str) -> None:
+    axes, offsets, published = ARMS[name]
+    assert len(base_of_arm(axes, offsets).pivots) == published
+
+
+def test_arm_with_numbers_of_45_degrees_keeps_its_count() -> None:
+    """Square roots among the known numbers: a planar 2R arm in a plane leaning by 45 degrees."""
+    lagrangian, q, parameters = arm("xzz", [HERE, HERE, (l1, 0, 0)])
+    leaning = lagrangian.subs({q[0].diff(t): 0, q[0]: sp.pi / 4}, simultaneous=True).doit()
+    equations = equations_of_motion(leaning, q[1:], sp.symbols("tau1:3"))
+    base = reduce(separate(equations, q[1:], parameters[10:]))
+    assert len(base.pivots) == 6
+
+
+def test_sine_and_cosine_that_are_not_reduced_count_nine_instead_of_eight() -> None:
+    lagrangian, q, parameters = arm("zy", [HERE, (l1, 0, 0)])
+    equations = equations_of_motion(lagrangian, q, sp.symbols("tau1:3"))
+    assert len(reduce(separate(equations, q, parameters)).pivots) == 8
+    s1, c1, s2, c2 = sp.symbols("s1 c1 s2 c2")
+    names = {sp.sin(q[0]): s1, sp.cos(q[0]): c1, sp.sin(q[1]): s2, sp.cos(q[1]): c2}
+    independent = [equation.xreplace(names) for equation in equations]
+    assert len(reduce(separate(independent, [*q, s1, c1, s2, c2], parameters)).pivots) == 9
+
+
+def test_planar_arm_gives_the_groupings_of_the_textbook() -> None:
+    """Spong, Hutchinson, Vidyasagar 2006: the two-link arm with lengths and centres of mass."""
+    q1, q2 = q = coordinates(2)
+    m1, m2, r1, r2, I1, I2 = sp.symbols("m1 m2 r1 r2 I1 I2")
+    elbow = l1 * sp.Matrix([sp.cos(q1), sp.sin(q1)])
+    centres = (
+        r1 / l1 * elbow,
+        elbow + r2 * sp.Matrix([sp.cos(q1 + q2), sp.sin(q1 + q2)]),
+    )
+    lagrangian = I1 * q1.diff(t) ** 2 / 2 + I2 * (q1 + q2).diff(t) ** 2 / 2
+    for m, centre in zip((m1, m2), centres, strict=True):
+        lagrangian += m * centre.diff(t).dot(centre.diff(t)) / 2 - m * g * centre[1]
+    equations = equations_of_motion(lagrangian, q, sp.symbols("tau1 tau2"))
+    base = reduce(separate(equations, q, [I1, I2, m1, m2, r1, r2]))
+    assert set(base.parameters) == {
+        I1 + m1 * r1**2 + m2 * l1**2,
+        I2 + m2 * r2**2,
+        m1 * r1 + m2 * l1,
+        m2 * r2,
+    }
+
+
+def test_cart_pole() -> None:
+    x, angle = q = coordinates(2)
+    M, m, r, inertia, b, c, force = sp.symbols("M m r I b c F")
+    tip = sp.Matrix([x + r * sp.sin(angle), r * sp.cos(angle)])
+    lagrangian = M * x.diff(t) ** 2 / 2 + inertia * angle.diff(t) ** 2 / 2
+    lagrangian += m * tip.diff(t).dot(tip.diff(t)) / 2 - m * g * tip[1]
+    loss = b * x.diff(t) ** 2 / 2 + c * angle.diff(t) ** 2 / 2
+    equations = equations_of_motion(lagrangian, q, [force, 0], dissipation=loss)
+    base = reduce(separate(equations, q, [M, m, r, inertia, b, c]))
+    assert list(base.parameters) == [M + m, m * r, inertia + m * r**2, b, c]
+    assert list(base.zeta) == [force, 0]
+
+
+def test_cart_pole_solved_for_its_accelerations() -> None:
+    """The form that simulators print: denominators with masses and motion, cleared."""
+    x, angle = q = coordinates(2)
+    M, m, r, force = sp.symbols("M m r F")
+    s, c = sp.sin(angle), sp.cos(angle)
+    below = M + m * s**2
+    equations = [
+        x.diff(t, 2) - (force + m * s * (r * angle.diff(t) ** 2 - g * c)) / below,
+        angle.diff(t, 2)
+        - (-force * c - m * r * angle.diff(t) ** 2 * c * s + (M + m) * g * s) / (r * below),
+    ]
+    form = separate(equations, q, [M, m])
+    assert list(form.zeta) == [force, -sp.cos(angle) * force / r]
+    assert len(reduce(form).pivots) == 2
+
+
+def test_two_masses_and_a_spring() -> None:
+    x, y = q = coordinates(2)
+    m1, m2, c, force = sp.symbols("m1 m2 c F")
+    lagrangian = (m1 * x.diff(t) ** 2 + m2 * y.diff(t) ** 2 - k * (x - y) ** 2) / 2
+    loss = c * (x - y).diff(t) ** 2 / 2
+    equations = equations_of_motion(lagrangian, q, [force, 0], dissipation=loss)
+    base = reduce(separate(equations, q, [m1, m2, k, c]))
+    assert list(base.parameters) == [m1, m2, k, c]
+
+
+def test_series_elastic_joint_with_its_load() -> None:
+    """(7) and (8) together share k: friction, spring and a link about a horizontal axis."""
+    lagrangian, (angle,), parameters = arm("y", [HERE])
+    motor, torque, I_M = sp.Function("theta_M")(t), sp.Symbol("tau_M"), sp.Symbol("I_M")
+    spring = k * (r_M / N * motor - r_L * angle)
+    lagrangian += I_M * motor.diff(t) ** 2 / 2
+    lagrangian -= k * (r_M / N * motor - r_L * angle) ** 2 / 2
+    friction = F_v * motor.diff(t) + F_C * sp.sign(motor.diff(t))
+    equations = equations_of_motion(lagrangian, [motor, angle], [torque - friction, 0])
+    base = reduce(separate(equations, [motor, angle], [F_v, F_C, k, *parameters]))
+    mx, mz, Iyy = (sp.Symbol(name) for name in ("mx1", "mz1", "Iyy1"))
+    assert list(base.parameters) == [F_v, F_C, k, mx, mz, Iyy]
+    assert list(base.zeta) == [torque - I_M * motor.diff(t, 2), 0]
+    assert base.regressor[0, 2] == sp.expand(r_M / N * spring / k)
+    assert base.regressor[1, 2] == sp.expand(-r_L * spring / k)

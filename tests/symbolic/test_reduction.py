@@ -1,0 +1,178 @@
+import warnings
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from seaid.errors import SeaidWarning, SymbolicError
+from seaid.symbolic import BaseForm, RegressorForm, reduce, separate
+
+x, y, z, a = sp.symbols("x y z a")
+r, d, g, alpha = sp.symbols("r d g alpha")
+P = sp.symbols("p1:6")
+
+FUNCTIONS = [x, y * x, sp.sin(x), sp.cos(x) ** 2, sp.sin(x) ** 2, sp.cos(x + y), sp.Integer(1), z]
+FACTORS = [0, 1, -2, r, d, r + d, r * d - 1, sp.Rational(2, 3), 1 / r, sp.sqrt(2), sp.cos(alpha)]
+EQUATIONS = st.lists(
+    st.lists(
+        st.tuples(st.sampled_from(FACTORS), st.sampled_from(FUNCTIONS)), min_size=1, max_size=3
+    ),
+    min_size=len(P),
+    max_size=len(P),
+)
+
+
+def system(columns: list[list[tuple[sp.Expr, sp.Expr]]]) -> sp.Expr:
+    return sum(p * sum(f * h for f, h in column) for p, column in zip(P, columns, strict=True)) - a
+
+
+def numeric_pivots(form: RegressorForm) -> tuple[int, ...]:
+    """Leftmost independent columns of R, stacked over random motions, with random known values."""
+    known = {r: 0.83, d: -1.37, alpha: 0.61, g: 9.81}
+    evaluate = sp.lambdify((x, y, z, a), form.regressor.subs(known), "numpy")
+    samples = np.random.default_rng(0).uniform(-2, 2, (40, 4))
+    stacked = np.vstack([np.broadcast_to(evaluate(*row), form.regressor.shape) for row in samples])
+    pivots: list[int] = []
+    for column in range(stacked.shape[1]):
+        chosen = stacked[:, [*pivots, column]]
+        if np.linalg.matrix_rank(chosen, tol=1e-8) > len(pivots):
+            pivots.append(column)
+    return tuple(pivots)
+
+
+def is_zero(matrix: sp.Matrix) -> bool:
+    return all(sp.simplify(sp.expand(element, trig=True)) == 0 for element in matrix)
+
+
+def check_laws(form: RegressorForm, base: BaseForm) -> None:
+    n, m, p = form.regressor.rows, form.regressor.cols, len(base.pivots)
+    f = sp.Matrix(base.fundamental_functions)
+    assert base.regressor == form.regressor.extract(list(range(n)), list(base.pivots))  # R_0
+    assert base.echelon.shape == (p, m)
+    assert base.echelon.extract(list(range(p)), list(base.pivots)) == sp.eye(p)
+    assert base.parameters == base.echelon * form.parameters  # (14)
+    assert base.B.shape == (n * len(f), m)
+    assert is_zero(sp.kronecker_product(sp.eye(n), f.T) * base.B - form.regressor)  # (11)
+    assert is_zero(base.regressor * base.parameters - form.regressor * form.parameters)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(EQUATIONS)
+def test_laws_of_the_base_form_and_numeric_pivots(
+    columns: list[list[tuple[sp.Expr, sp.Expr]]],
+) -> None:
+    try:
+        form = separate(system(columns), [x, y, z, a], P)
+    except SymbolicError:
+        return
+    base = reduce(form)
+    check_laws(form, base)
+    assert base.pivots == numeric_pivots(form)
+
+
+def test_two_equations_share_their_parameters() -> None:
+    first, second = P[0] * x + P[1] * sp.sin(y) - a, P[0] * y * r + P[1] * sp.sin(y) - P[2] * z
+    form = separate([first, second], [x, y, z, a], P[:3])
+    base = reduce(form)
+    check_laws(form, base)
+    assert base.pivots == (0, 1, 2)
+
+
+def test_the_three_types_of_columns() -> None:
+    form = separate(P[0] * x + P[2] * r * x + P[3] * (d * x + y) - a, [x, y, a], P[:4])
+    base = reduce(form)
+    check_laws(form, base)
+    assert [column.kind for column in base.columns] == ["base", "zero", "dependent", "base"]
+    assert [column.parameter for column in base.columns] == list(P[:4])
+    assert base.columns[2].depends_on == {P[0]: r}
+    assert list(base.parameters) == [P[0] + r * P[2], P[3]]
+    assert base.different_rows == 2
+
+
+def test_known_numbers_form_a_field() -> None:
+    """Square roots and sines of known angles count as what they are."""
+    c, s = sp.cos(alpha), sp.sin(alpha)
+    equation = P[0] * (sp.sqrt(2) * x + y) + P[1] * (x + y / sp.sqrt(2)) - a
+    assert reduce(separate(equation, [x, y, a], P[:2])).pivots == (0,)
+    equation = P[0] * (c * x + s * y) + P[1] * (s * x - c * y) + P[2] * x - a
+    base = reduce(separate(equation, [x, y, a], P[:3]))
+    assert list(base.parameters) == [P[0] + c * P[2], P[1] + s * P[2]]
+    equation = P[0] * ((1 + c) * x + s * y) + P[1] * (s * x + (1 - c) * y) - a
+    assert reduce(separate(equation, [x, y, a], P[:2])).pivots == (0,)
+
+
+def test_denominators_of_the_motion() -> None:
+    equation = P[0] / (1 + x) + P[1] * x / (1 + x) + P[2] * y / (r + x) + P[3] - a
+    form = separate(equation, [x, y, a], P[:4])
+    base = reduce(form)
+    check_laws(form, base)
+    assert [column.kind for column in base.columns] == ["base", "base", "base", "dependent"]
+
+
+def test_exponentials_need_no_check() -> None:
+    equation = P[0] * sp.exp(2 * x) + P[1] * (sp.exp(x) + P[2]) * sp.exp(x) - a
+    base = reduce(separate(equation, [x, a], P[:3]))
+    assert list(base.parameters) == [P[0] + P[1], P[1] * P[2]]
+    assert base.function_relations == ()
+
+
+DEPENDENT = [
+    (P[0] * sp.exp(x) + P[1] * sp.cosh(x) + P[2] * sp.sinh(x), [0, 1], 1),
+    (P[0] * sp.cosh(x) ** 2 + P[1] * sp.sinh(x) ** 2 + P[2], [0, 1], 1),
+    (P[0] * sp.log(x) + P[1] * sp.log(x**2) * y + P[2] * sp.log(x) * y, [0, 1], 1),
+    (P[0] * sp.Max(x, y) + P[1] * sp.Min(x, y) + P[2] * (x + y), [0, 1], 1),
+]
+
+
+@pytest.mark.parametrize(("equation", "pivots", "relations"), DEPENDENT)
+def test_dependent_functions_are_found_said_and_replaced(
+    equation: sp.Expr, pivots: list[int], relations: int
+) -> None:
+    form = separate(equation - a, [x, y, a], P[:3])
+    with pytest.warns(SeaidWarning, match="functions of the motion depend on each other"):
+        base = reduce(form)
+    assert list(base.pivots) == pivots
+    assert len(base.function_relations) == relations
+    for left, right in base.function_relations:
+        value = (left - right).subs({x: 0.37, y: 1.21}).evalf()
+        assert abs(value) < 1e-12
+    assert abs((base.regressor * base.parameters - form.regressor * form.parameters)[0].subs(
+        {x: 0.37, y: 1.21, **{p: i + 1.5 for i, p in enumerate(P)}}
+    ).evalf()) < 1e-12  # fmt: skip
+
+
+def test_friction_functions_of_one_speed_are_independent() -> None:
+    equation = P[0] * x + P[1] * sp.sign(x) + P[2] * sp.tanh(x / g) + P[3] * sp.Abs(x) * x
+    equation += P[4] * sp.exp(-sp.Abs(x / d)) * sp.sign(x) - a
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        base = reduce(separate(equation, [x, a], P))
+    assert base.pivots == (0, 1, 2, 3, 4)
+
+
+def test_dependence_with_other_factors_is_refused() -> None:
+    equation = P[0] * sp.log(x) + P[1] * sp.log(2 * x) + P[2] - a
+    with pytest.raises(SymbolicError, match=r"log\(2\*x\) .* depends on 1, log\(x\) with factors"):
+        reduce(separate(equation, [x, a], P[:3]))
+
+
+def test_functions_that_cannot_be_evaluated_are_said() -> None:
+    equation = P[0] * sp.log(-1 - x**2 - sp.Function("h")(r)) + P[1] * sp.tanh(x) - a
+    with pytest.warns(SeaidWarning, match="was not checked"):
+        assert reduce(separate(equation, [x, a], P[:2])).pivots == (0, 1)
+
+
+def test_no_identifiable_parameter() -> None:
+    form = separate(P[0] * (sp.cosh(x) ** 2 - sp.sinh(x) ** 2 - 1) - a, [x, a], P[:1])
+    with (
+        pytest.warns(SeaidWarning),
+        pytest.raises(SymbolicError, match=r"no parameter is ident.*p1"),
+    ):
+        reduce(form)
+
+
+def test_only_the_result_of_separate_is_taken() -> None:
+    with pytest.raises(SymbolicError, match="reduce takes the result of separate, found list"):
+        reduce([x])  # type: ignore[arg-type]
