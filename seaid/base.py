@@ -17,6 +17,9 @@ from seaid.robot import Robot
 RANK_TOLERANCE = 1e-8
 """Relative: a column is dependent if less than this part of it is new."""
 
+_NOTHING = 1e-12
+"""An entry that makes less than this part of a column is rounding."""
+
 
 @dataclass(frozen=True, eq=False)
 class BaseParameters:
@@ -109,13 +112,13 @@ def left_to_right(H: Array, zero: BoolArray | None = None) -> tuple[list[int], A
             rejected = max(rejected, residual)
     basis = basis[:, : len(columns)]
     grouping = linalg.solve_triangular(basis.T @ R[:, columns], basis.T @ R)
+    grouping[np.abs(grouping) < _NOTHING] = 0.0
     grouping *= scale[None, :] / scale[columns][:, None]
     grouping[:, zero] = 0.0
     for row, base in enumerate(columns):  # exact where it is known: left of the base column, at it
         grouping[row, :base] = 0.0
         grouping[:, base] = 0.0
         grouping[row, base] = 1.0
-    grouping[np.abs(grouping) < 1e-11 * np.max(np.abs(grouping), initial=1.0)] = 0.0
     return columns, grouping, accepted / rejected
 
 

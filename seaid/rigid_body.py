@@ -28,12 +28,12 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     pin.computeJointTorqueRegressor(model, data, np.zeros(n), np.zeros(n), np.zeros(n))
     # Pinocchio's matrix is column-major: its transposed view copies in one run into C order.
     column_major = data.jointTorqueRegressor.T.reshape(10 * n, n)
-    stacked = np.empty((len(q), 10 * n, n))
+    stacked = np.empty((len(q), *column_major.shape))  # of one joint it is a vector
     compute = pin.computeJointTorqueRegressor
     for block, q_t, v_t, a_t in zip(stacked, q, v, a, strict=True):
         compute(model, data, q_t, v_t, a_t)
         block[...] = column_major
-    Y = stacked.swapaxes(1, 2)
+    Y = stacked.reshape(len(q), 10 * n, n).swapaxes(1, 2)
     if order == sorted(order):
         return Y
     inverse = np.argsort(order)

@@ -1,0 +1,132 @@
+"""Laws that hold at every state of every robot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from seaid.arrays import Array
+from seaid.base import base_parameters, random_states
+from seaid.errors import SeaidError
+from seaid.inertia import parameter_names
+from seaid.rigid_body import joint_torques, rigid_body_regressor
+from seaid.robot import Payload, Robot, load_robot
+
+STATES = 6
+
+
+def few_states(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
+    q, v, a = random_states(robot, seed)
+    return q[:STATES], v[:STATES], a[:STATES]
+
+
+def rnea(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Return pin.rnea in the robot's joint order, mapped by joint name."""
+    data = robot.model.createData()
+    where = [robot.joint_names.index(name) for name in list(robot.model.names)[1:]]
+    torques = np.empty_like(q)
+    for t in range(len(q)):
+        torques[t, where] = pin.rnea(robot.model, data, q[t, where], v[t, where], a[t, where])
+    return torques
+
+
+def assert_same(found: Array, expected: Array, relative: float) -> None:
+    assert np.max(np.abs(found - expected)) <= relative * np.max(np.abs(expected))
+
+
+def test_regressor_times_parameters_is_rnea_on_every_robot(
+    example_urdf: Path, load_quietly: Callable[..., Robot]
+) -> None:
+    robot = load_quietly(example_urdf)
+    q, v, a = few_states(robot, seed=3)
+    torques = rnea(robot, q, v, a)
+    assert np.max(np.abs(torques)) > 1e-6
+    assert_same(rigid_body_regressor(robot, q, v, a) @ robot.parameters, torques, 1e-9)
+
+
+def test_base_regressor_times_base_parameters_is_rnea_on_every_robot(
+    example_urdf: Path, load_quietly: Callable[..., Robot]
+) -> None:
+    robot = load_quietly(example_urdf)
+    if robot.n > 60:
+        pytest.skip("tiago_dual: 1010 columns take 10 s; test_base has it, marked slow")
+    base = base_parameters(robot)
+    q, v, a = few_states(robot, seed=4)
+    Y = rigid_body_regressor(robot, q, v, a)
+    torques = base.reduce(Y) @ base.project(robot.parameters)
+    assert_same(torques, rnea(robot, q, v, a), 1e-9)
+
+
+def test_grouping_holds_for_all_columns_not_only_the_robots_parameters(
+    example_urdf: Path, load_quietly: Callable[..., Robot]
+) -> None:
+    robot = load_quietly(example_urdf)
+    if robot.n > 60:
+        pytest.skip("tiago_dual: 1010 columns take 10 s; test_base has it, marked slow")
+    base = base_parameters(robot)
+    Y = rigid_body_regressor(robot, *few_states(robot, seed=5))
+    assert_same(base.reduce(Y) @ base.grouping, Y, 1e-9)
+
+
+@given(seed=st.integers(0, 10**6))
+def test_joints_in_the_users_order(tulip_urdf: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    usual = _leg(tulip_urdf, None)
+    shuffled = rng.permutation(usual.n)
+    robot = _leg(tulip_urdf, [usual.joint_names[index] for index in shuffled])
+    q, v, a = few_states(usual, seed)
+    expected = rnea(usual, q, v, a)[:, shuffled]
+    picked = q[:, shuffled], v[:, shuffled], a[:, shuffled]
+    assert_same(rigid_body_regressor(robot, *picked) @ robot.parameters, expected, 1e-12)
+    assert_same(joint_torques(robot, *picked), expected, 1e-12)
+    assert robot.parameter_names == parameter_names(robot.body_names)
+    assert robot.body_names == tuple(usual.body_names[index] for index in shuffled)
+
+
+def test_payload_is_added_on_the_known_side(tulip_urdf: Path) -> None:
+    inertia = ((0.01, 0.001, 0.0), (0.001, 0.02, 0.0), (0.0, 0.0, 0.03))
+    payload = Payload("foot", 2.0, (0.15, 0.02, -0.01), inertia)
+    bare, loaded = _leg(tulip_urdf, None), _leg(tulip_urdf, None, payload)
+    assert np.array_equal(bare.parameters, loaded.parameters)
+    states = few_states(loaded, seed=6)
+    Y = rigid_body_regressor(loaded, *states)
+    torques = rnea(loaded, *states)
+    assert_same(Y @ (loaded.parameters + loaded.payload_parameters), torques, 1e-12)
+    assert np.max(np.abs(torques - rnea(bare, *states))) > 1.0
+    assert_same(joint_torques(loaded, *states), torques, 1e-12)
+
+
+def test_regressor_does_not_need_or_use_inertial_values(tulip_leg: Robot) -> None:
+    states = few_states(tulip_leg, seed=7)
+    unknown = tulip_leg.without_nominal()
+    assert np.array_equal(
+        rigid_body_regressor(tulip_leg, *states), rigid_body_regressor(unknown, *states)
+    )
+    assert base_parameters(unknown).columns == base_parameters(tulip_leg).columns
+
+
+def test_rotor_inertia_is_not_in_the_regressor(tulip_leg: Robot) -> None:
+    states = few_states(tulip_leg, seed=8)
+    geared = tulip_leg.with_values(tulip_leg.parameters, tulip_leg.drivetrains)
+    geared.model.armature = np.full(geared.n, 0.1)
+    assert np.array_equal(
+        rigid_body_regressor(tulip_leg, *states), rigid_body_regressor(geared, *states)
+    )
+
+
+def test_states_of_wrong_shape_are_refused(tulip_leg: Robot) -> None:
+    q, v, a = few_states(tulip_leg, seed=9)
+    with pytest.raises(SeaidError, match=r"v must have shape \(any, 5\), found \(6, 4\)"):
+        rigid_body_regressor(tulip_leg, q, v[:, :4], a)
+    with pytest.raises(SeaidError, match="as many rows, found 6, 5, 6"):
+        rigid_body_regressor(tulip_leg, q, v[:5], a)
+
+
+def _leg(urdf: Path, joints: list[str] | None, *payloads: Payload) -> Robot:
+    return load_robot(urdf, joints=joints, payloads=payloads)
