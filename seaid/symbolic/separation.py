@@ -81,7 +81,8 @@ def separate(
     the symbols to identify, in the order of the columns; unknowns that only occur as products
     become one lumped parameter a product, which comes after its first factor. Every other symbol
     is known and stays a symbol; a function of time that is not in `motion` is taken as an input
-    where it stands without unknowns. An unknown that no equation holds keeps a column of zeros.
+    where it stands without unknowns; a symbol t is time. An unknown that no equation holds keeps a
+    column of zeros.
 
     The result does not depend on how an equation is written. A denominator with unknowns is
     cleared. Each row is then divided by one coefficient: that of its input, a signal which stands
