@@ -152,9 +152,10 @@ def _check_numbers(where: str, parent: Any) -> None:
                 found = [float(word) for word in text.split()]
             except ValueError:
                 found = []
-            if len(found) != count or any(map(math.isnan, found)):
+            endless = element.tag == "limit" and not any(map(math.isnan, found))
+            if len(found) != count or not (endless or all(map(math.isfinite, found))):
                 raise RobotError(
-                    f"{where}: {name} of <{element.tag}> must be {count} number"
+                    f"{where}: {name} of <{element.tag}> must be {count} finite number"
                     f"{'s' if count > 1 else ''}, found '{text}'"
                 )
 
@@ -231,7 +232,7 @@ def _joint(path: Path, joint: Any, noise: float) -> UrdfJoint:
         type=joint.type,
         parent=joint.parent,
         child=joint.child,
-        placement=_placement(path, joint.name, joint.origin),
+        placement=_placement(joint.origin),
         axis=_axis(path, joint, noise),
         lower=-math.inf if turns_freely else limit_or("lower", 0.0),
         upper=math.inf if turns_freely else limit_or("upper", 0.0),
@@ -241,12 +242,10 @@ def _joint(path: Path, joint: Any, noise: float) -> UrdfJoint:
     )
 
 
-def _placement(path: Path, name: str, origin: Any) -> pin.SE3:
+def _placement(origin: Any) -> pin.SE3:
     """Return the joint's placement; entries within float noise of 0 and +-1 made exact."""
     if origin is None:
         return pin.SE3.Identity()
-    if not np.all(np.isfinite(origin)):
-        raise RobotError(f"URDF '{path}': origin of '{name}' has a value that is not finite")
     rotation = np.array(origin[:3, :3])
     nearest = np.round(rotation)
     exact = np.abs(rotation - nearest) < 1e-15
@@ -272,13 +271,11 @@ def _link_parameters(path: Path, link: Any) -> Array:
         return np.zeros(10)
     mass = 0.0 if inertial.mass is None else float(inertial.mass)
     tensor = np.zeros((3, 3)) if inertial.inertia is None else np.array(inertial.inertia, float)
-    if not (math.isfinite(mass) and np.all(np.isfinite(tensor))):
-        raise RobotError(f"URDF '{path}': link '{link.name}' has an inertia that is not finite")
     if mass < 0:
         raise RobotError(f"URDF '{path}': link '{link.name}' has a negative mass, {mass} kg")
     return in_parent_frame(
         from_center_of_mass(mass, np.zeros(3), tensor),
-        _placement(path, link.name, inertial.origin),
+        _placement(inertial.origin),
     )
 
 
