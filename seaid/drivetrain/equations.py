@@ -10,11 +10,12 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from keyword import iskeyword
 
 import sympy as sp
 
 from seaid.drivetrain.model import Drive, SeriesElasticDrive
-from seaid.errors import RobotError
+from seaid.errors import RobotError, unknown_name
 
 t = sp.Symbol("t")
 theta_M, theta_L, tau_M, tau_L = (
@@ -97,19 +98,57 @@ def extra_terms(drive: Drive) -> list[sp.Expr]:
     other than those of STATES, N, r_M, r_L and I_M are unknown parameters. Raises RobotError for
     text that is no expression.
     """
-    names = {**STATES, **{str(symbol): symbol for symbol in (N, r_M, r_L, *PARAMETER_NAMES)}}
-    expressions = []
-    for text in drive.extra_terms:
-        plain = re.sub(r"(theta_[ML])''", r"\1_ddot", text)
-        plain = re.sub(r"(theta_[ML])'", r"\1_dot", plain)
-        try:
-            expression = sp.sympify(plain, locals=names, rational=True)
-        except (sp.SympifyError, TypeError, AttributeError, SyntaxError) as problem:
-            raise RobotError(f"extra term '{text}' is not an expression: {problem}") from None
-        if not isinstance(expression, sp.Expr):
-            raise RobotError(f"extra term '{text}' is not an expression but {expression}")
-        expressions.append(expression)
-    return expressions
+    return [_expression(text) for text in drive.extra_terms]
+
+
+_NAMES = {**STATES, **{str(symbol): symbol for symbol in (N, r_M, r_L, *PARAMETER_NAMES)}}
+_FUNCTIONS = {
+    "abs": sp.Abs,
+    "atan": sp.atan,
+    "cos": sp.cos,
+    "cosh": sp.cosh,
+    "exp": sp.exp,
+    "log": sp.log,
+    "sign": sp.sign,
+    "sin": sp.sin,
+    "sinh": sp.sinh,
+    "sqrt": sp.sqrt,
+    "tan": sp.tan,
+    "tanh": sp.tanh,
+}
+
+
+def _expression(text: str) -> sp.Expr:
+    """Return one extra term as an expression, of names and functions that mean something here.
+
+    sympy would take E, beta or S for its own, and a state with a typo for a parameter.
+    """
+    plain = re.sub(r"(theta_[ML])''", r"\1_ddot", text)
+    plain = re.sub(r"(theta_[ML])'", r"\1_dot", plain)
+    where = f"extra term '{text}'"
+    if re.search(r"[^\w\s+\-*/^().]|\.\s*[^\W\d]", plain):
+        raise RobotError(
+            f"{where} is not an expression: it may have names, numbers and + - * / ^ ( )"
+        )
+    names: dict[str, object] = {"pi": sp.pi, **_NAMES}
+    for name, call in re.findall(r"(?<!\w)([^\W\d]\w*)\s*(\(?)", plain):
+        if call:
+            if name not in _FUNCTIONS:
+                raise RobotError(f"{where}: " + unknown_name("function", name, _FUNCTIONS))
+            names[name] = _FUNCTIONS[name]
+        elif name == "t" or (name.startswith(("theta", "tau")) and name not in STATES):
+            raise RobotError(f"{where}: " + unknown_name("state", name, STATES))
+        elif name in PARAMETER_NAMES.values() or iskeyword(name):
+            raise RobotError(f"{where}: the name '{name}' is taken; choose another")
+        else:
+            names.setdefault(name, sp.Symbol(name))
+    try:
+        expression = sp.sympify(plain, locals=names, rational=True)
+    except (sp.SympifyError, TypeError, AttributeError, SyntaxError):
+        raise RobotError(f"{where} is not an expression") from None
+    if not isinstance(expression, sp.Expr) or expression.has(sp.zoo, sp.oo, sp.nan):
+        raise RobotError(f"{where} is not an expression but {expression}")
+    return expression
 
 
 def extra_torque(drive: Drive) -> Callable[[float, float, float, float], float]:
