@@ -52,8 +52,9 @@ def propose_cutoff_hz(positions: Array, rate_hz: float) -> float:
     """Return the pass band [Hz] for an identification from the spectra of positions (T, any).
 
     Three times the frequency below which the fastest channel has 99 % of the power of its velocity,
-    counted up to where the spectrum sinks into the white noise floor. Between 4 and 12 Hz, as far
-    as rate (at most an eighth) and duration (at least fifteen periods) allow.
+    counted where the spectrum stands out of the white noise floor, gaps between the lines of a
+    motion left out. Between 4 and 12 Hz, as far as rate (at most an eighth) and duration (at least
+    fifteen periods) allow.
     """
     from scipy.signal import detrend, periodogram
 
@@ -66,7 +67,7 @@ def propose_cutoff_hz(positions: Array, rate_hz: float) -> float:
     floor = np.median(power[frequency > 0.25 * rate_hz], axis=0) / np.log(2)
     window = np.ones(_SMOOTHED_BINS) / _SMOOTHED_BINS
     smooth = np.apply_along_axis(np.convolve, 0, power, window, mode="same")
-    in_signal = np.cumsum(smooth < 3 * floor, axis=0) == 0
+    in_signal = (smooth >= 3 * floor) & (frequency <= highest)[:, None]
     speed_power = np.cumsum(power * in_signal * frequency[:, None] ** 2, axis=0)
     edges = frequency[np.argmax(speed_power >= _SHARE * speed_power[-1], axis=0)]
     return float(np.clip(_MARGIN * np.max(edges), lowest, highest))

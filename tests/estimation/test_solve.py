@@ -1,0 +1,158 @@
+"""Least squares against the textbook."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from seaid.arrays import Array
+from seaid.errors import ExcitationError, IdentificationError
+from seaid.estimation.solve import ordinary, weighted
+from seaid.regression import Regression
+
+TRUTH = np.array([2.0, -1.0, 0.5])
+
+
+def rows(
+    H: Array, y: Array, joint: Array | None = None, carried: Array | None = None
+) -> Regression:
+    """Return a regression whose rows follow each other in time, joint by joint."""
+    joint = np.zeros(len(y)) if joint is None else joint
+    time = np.empty(len(y))
+    for one in np.unique(joint):
+        time[joint == one] = 0.05 * np.arange(np.sum(joint == one))
+    return Regression(
+        names=tuple("abcdef"[: H.shape[1]]),
+        units=("kg",) * H.shape[1],
+        H=H,
+        y=y,
+        joint=joint,
+        time=time,
+        run=np.zeros(len(y)),
+        left_out=0,
+        carried=np.empty((len(y), 0)) if carried is None else carried,
+    )
+
+
+def experiment(seed: int, stds: tuple[float, ...] = (1.0,), count: int = 300) -> Regression:
+    """Return rows of several joints with white noise, each joint with its own."""
+    rng = np.random.default_rng(seed)
+    H = rng.normal(size=(count * len(stds), 3))
+    joint = np.repeat(np.arange(float(len(stds))), count)
+    return rows(H, H @ TRUTH + np.repeat(stds, count) * rng.normal(size=len(H)), joint)
+
+
+def test_ordinary_is_least_squares() -> None:
+    data = experiment(0)
+    expected, squares = np.linalg.lstsq(data.H, data.y, rcond=None)[:2]
+    found = ordinary(data)
+    assert found.values == pytest.approx(expected, rel=1e-10)
+    assert found.residual_std == pytest.approx(np.sqrt(squares[0] / len(data.y)))
+    assert (found.names, found.units) == (("a", "b", "c"), ("kg",) * 3)
+
+
+def test_exact_data_give_the_exact_answer() -> None:
+    H = experiment(0).H
+    for estimator in (ordinary, weighted):
+        assert estimator(rows(H, H @ TRUTH)).values == pytest.approx(TRUTH, rel=1e-12)
+
+
+@given(exponent=st.lists(st.integers(-8, 8), min_size=3, max_size=3))
+def test_units_of_the_columns_do_not_matter(exponent: list[int]) -> None:
+    data, scale = experiment(1), 10.0 ** np.array(exponent)
+    plain, scaled = ordinary(data), ordinary(replace(data, H=data.H * scale))
+    assert scaled.values * scale == pytest.approx(plain.values, rel=1e-9)
+    assert scaled.standard_errors * scale == pytest.approx(plain.standard_errors, rel=1e-9)
+    assert scaled.condition_number == pytest.approx(plain.condition_number, rel=1e-9)
+
+
+def test_condition_number_is_that_of_unit_columns() -> None:
+    H = np.array([[1.0, 1.0], [0.0, 1.0], [0.0, 0.0]]) * [7.0, 1e-3]
+    sine = np.sqrt(0.5)
+    expected = np.sqrt((1 + sine) / (1 - sine))
+    assert ordinary(rows(H, np.ones(3))).condition_number == pytest.approx(expected)
+
+
+def test_weighted_is_the_textbook_with_the_weights_of_its_own_residuals() -> None:
+    data = experiment(2, stds=(0.1, 1.0, 5.0))
+    found = weighted(data)
+    residual = data.y - data.H @ found.values
+    std = np.array([np.sqrt(np.mean(residual[data.joint == j] ** 2)) for j in range(3)])
+    whitened = 1 / std[data.joint.astype(int)]
+    expected = np.linalg.lstsq(data.H * whitened[:, None], data.y * whitened, rcond=None)[0]
+    assert found.values == pytest.approx(expected, rel=1e-6)
+    assert std == pytest.approx([0.1, 1.0, 5.0], rel=0.15)
+
+
+def test_weights_make_the_estimate_better_and_the_errors_say_so() -> None:
+    plain, weighed = (
+        np.array([estimator(experiment(seed, (0.1, 5.0))).values for seed in range(20)])
+        for estimator in (ordinary, weighted)
+    )
+    assert np.std(weighed - TRUTH) < 0.1 * np.std(plain - TRUTH)
+
+
+def test_one_joint_needs_no_weights() -> None:
+    data = experiment(3)
+    assert weighted(data).values == pytest.approx(ordinary(data).values, rel=1e-12)
+    assert np.allclose(weighted(data).covariance, ordinary(data).covariance, rtol=1e-9)
+
+
+@pytest.mark.parametrize("estimator", [ordinary, weighted])
+def test_covariance_of_white_noise_is_the_textbook_formula(estimator: type) -> None:
+    data = experiment(4, count=20_000)
+    expected = np.linalg.inv(data.H.T @ data.H)
+    found = estimator(data).covariance
+    assert np.diag(found) == pytest.approx(np.diag(expected), rel=0.1)
+
+
+def test_standard_errors_are_the_spread_over_experiments_when_noise_is_correlated() -> None:
+    """Slow regressor and slow noise: the white-noise formula says less than half of the spread."""
+    estimates, errors, white = [], [], []
+    kernel = np.exp(-np.arange(10) / 2.0)
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        H, noise = (np.convolve(rng.normal(size=609), kernel, "valid") for _ in range(2))
+        found = ordinary(rows(H[:, None], 2 * H + noise))
+        estimates.append(found.values[0])
+        errors.append(found.standard_errors[0])
+        white.append(found.residual_std / np.linalg.norm(H))
+    spread = np.std(estimates)
+    assert np.mean(errors) == pytest.approx(spread, rel=0.2)
+    assert np.mean(white) < 0.75 * spread
+
+
+@pytest.mark.parametrize("estimator", [ordinary, weighted])
+def test_uncertainty_of_the_target_is_carried_along(estimator: type) -> None:
+    """y was computed with a factor known to 10 %: so are the parameters."""
+    H = experiment(5).H
+    y = H @ TRUTH
+    data = rows(H, y, carried=y[:, None])
+    found = estimator(data, np.array([[0.01]]))
+    assert found.covariance == pytest.approx(0.01 * np.outer(TRUTH, TRUTH), rel=1e-9)
+
+
+def test_too_few_rows_say_how_many_and_what_to_do() -> None:
+    with pytest.raises(IdentificationError, match="2 rows cannot tell 3 parameters: record a long"):
+        ordinary(rows(np.ones((2, 3)), np.ones(2)))
+
+
+def test_column_of_zeros_is_named() -> None:
+    H = experiment(6).H.copy()
+    H[:, 1] = 0.0
+    with pytest.raises(ExcitationError, match="the motion does not excite b: move these joints"):
+        ordinary(rows(H, np.ones(len(H))))
+
+
+@pytest.mark.parametrize("estimator", [ordinary, weighted])
+def test_columns_that_cannot_be_told_apart_are_named(estimator: type) -> None:
+    H = experiment(7).H.copy()
+    H[:, 2] = 3 * H[:, 0]
+    with pytest.raises(ExcitationError, match="nothing about the combination of a, c ") as caught:
+        estimator(rows(H, np.ones(len(H))))
+    assert "rows=" in str(caught.value)
+    assert "needed 1e-07" in str(caught.value)
