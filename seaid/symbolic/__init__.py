@@ -2,17 +2,41 @@
 
 `equations_of_motion` makes equations from a Lagrangian, `separate` brings them (or any others) to
 zeta = R theta (9) by Algorithm 1 on exact polynomials, `reduce` finds the base form (11)-(14).
+`base_parameters` does the same for a Robot, through its geometry as exact rationals.
 """
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 from seaid.symbolic.lagrange import equations_of_motion
 from seaid.symbolic.reduction import BaseForm, Column, reduce
 from seaid.symbolic.separation import RegressorForm, separate
 
+if TYPE_CHECKING:
+    from seaid.symbolic.grouping import ExactBaseParameters
+    from seaid.symbolic.rigid_body import base_parameters
+
+_OF_ROBOTS = {"ExactBaseParameters": "grouping", "base_parameters": "rigid_body"}
+"""What reads a Robot, and so Pinocchio: imported when it is first used."""
+
 __all__ = [
     "BaseForm",
     "Column",
+    "ExactBaseParameters",
     "RegressorForm",
+    "base_parameters",
     "equations_of_motion",
     "reduce",
     "separate",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Import what reads a Robot when it is first used."""
+    if name not in _OF_ROBOTS:
+        raise AttributeError(f"module 'seaid.symbolic' has no attribute '{name}'")
+    value = getattr(importlib.import_module(f"seaid.symbolic.{_OF_ROBOTS[name]}"), name)
+    globals()[name] = value
+    return value

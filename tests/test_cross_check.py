@@ -1,0 +1,82 @@
+"""Numeric and exact base parameters are the same, on every robot there is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seaid.base import base_parameters
+from seaid.cross_check import cross_check
+from seaid.errors import SeaidError
+from seaid.robot import Robot
+from seaid.symbolic import base_parameters as exact_base_parameters
+
+LARGEST = 40
+"""Joints; the numeric QR of a larger tree takes seconds, and the script does them all."""
+
+ROUNDED = {"kinova": (36, 38), "anymal-kinova": (104, 106), "so100": (36, 38), "so101": (36, 38)}
+
+
+def test_numeric_and_exact_agree(example_urdf: Path, load_quietly: Callable[..., Robot]) -> None:
+    robot = load_quietly(example_urdf)
+    if robot.n > LARGEST:
+        pytest.skip(f"{robot.n} joints: scripts/cross_check.py")
+    check = cross_check(base_parameters(robot), exact_base_parameters(robot))
+    assert check.agree, check
+    assert check.same_columns
+    assert check.counts[0] == check.counts[1]
+    assert check.max_difference < 1e-9
+    # The left-to-right choice is ill-conditioned where axes are tilted by 2.6 degrees.
+    assert check.gap > (1e9 if example_urdf.stem == "romeo_laas_small" else 1e12)
+
+
+def test_leg_agrees(tulip_leg: Robot) -> None:
+    check = cross_check(base_parameters(tulip_leg), exact_base_parameters(tulip_leg))
+    assert check.agree
+    assert check.counts == (29, 29)
+    assert check.max_difference < 1e-13
+
+
+@pytest.mark.parametrize(("name", "counts"), ROUNDED.items(), ids=ROUNDED)
+def test_rounded_angles_split_the_count_and_snapping_heals_it(
+    name: str,
+    counts: tuple[int, int],
+    example_path: Callable[[str], Path],
+    load_quietly: Callable[..., Robot],
+) -> None:
+    path = example_path(f"{name}.urdf")
+    for tolerance, count in zip((2e-3, 0.0), counts, strict=True):
+        robot = load_quietly(path, snap_tolerance_rad=tolerance)
+        assert exact_base_parameters(robot).rank == count
+
+
+def test_another_choice_of_columns_does_not_agree(tulip_leg: Robot) -> None:
+    numeric = base_parameters(tulip_leg)
+    fewer = replace(numeric, columns=numeric.columns[1:], grouping=numeric.grouping[1:])
+    check = cross_check(fewer, exact_base_parameters(tulip_leg))
+    assert not check.agree
+    assert not check.same_columns
+    assert check.max_difference == float("inf")
+    assert check.counts == (28, 29)
+
+
+def test_another_grouping_does_not_agree(tulip_leg: Robot) -> None:
+    numeric = base_parameters(tulip_leg)
+    grouping = np.array(numeric.grouping)
+    grouping[0, -1] += 1e-6
+    check = cross_check(replace(numeric, grouping=grouping), exact_base_parameters(tulip_leg))
+    assert check.same_columns
+    assert not check.agree
+    assert 0 < check.max_difference <= 1e-6
+
+
+def test_two_robots_are_not_compared(
+    tulip_leg: Robot, example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
+) -> None:
+    other = load_quietly(example_path("xarm7.urdf"))
+    with pytest.raises(SeaidError, match="found 50 and 70"):
+        cross_check(base_parameters(tulip_leg), exact_base_parameters(other))
