@@ -129,7 +129,10 @@ def read_log(path: str | Path, robot: Robot, *, columns: Mapping[str, Column] | 
 
 
 def write_log(log: Log, path: str | Path) -> None:
-    """Write a log as CSV or NPZ (by the ending), whole or not at all."""
+    """Write a log as CSV or NPZ (by the ending), whole or not at all.
+
+    Raises LogError for another ending, SeaidError where the file cannot be written.
+    """
     path = Path(path)
     data = {"time_s": log.time, **log.columns()}
     if path.suffix.lower() == ".npz":

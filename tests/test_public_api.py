@@ -1,0 +1,177 @@
+"""The names that scripts outside this project use: there, documented, and quick to import."""
+
+import importlib
+import inspect
+import pkgutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import seaid
+import seaid.regression
+import seaid.symbolic
+
+IMPORT_SECONDS = 1.5
+FUNCTIONS = {
+    "load_robot": "urdf drivetrains joints payloads gravity snap_tolerance_rad",
+    "base_parameters": "robot motion rows",
+    "design_excitation": "robot duration basis coefficients limits rest_to_rest starts seed "
+    "executor progress",
+    "load_trajectory": "path",
+    "simulate": "robot trajectory rate_hz noise seed",
+    "read_log": "path robot columns",
+    "write_log": "log path",
+    "reconstruct_motion": "robot log cutoff_hz",
+    "identify": "robot logs sides estimator progress",
+    "validate": "found log",
+    "regression.rigid_body_regressor": "robot q v a",
+    "symbolic.equations_of_motion": "lagrangian coordinates forces",
+    "symbolic.separate": "equations motion unknowns",
+    "symbolic.reduce": "form",
+    "symbolic.base_parameters": "robot through",
+}
+CLASSES = {
+    "Robot": "name joint_names model drivetrains parameter_names parameters",
+    "Payload": "link mass com",
+    "StiffDrive": "gear_ratio gear_ratio_rad_per_m motor_inertia_kg_m2 coulomb_friction_Nm "
+    "viscous_friction_Nms_per_rad",
+    "SeriesElasticDrive": "gear_ratio motor_inertia_kg_m2 motor_pulley_radius_m "
+    "load_pulley_radius_m stiffness_N_per_m stiffness_Nm_per_rad viscous_friction_Nms_per_rad "
+    "coulomb_friction_Nm",
+    "BaseParameters": "columns names expressions grouping gap reduce project",
+    "Excitation": "trajectory condition_number base margins",
+    "Trajectory": "duration sample save",
+    "Noise": "",
+    "Limits": "",
+    "Log": "time joint_names motor_position joint_position motor_torque joint_torque",
+    "Motion": "",
+    "Identification": "drivetrains load base robot summary to_dict save",
+    "Estimate": "names values covariance standard_errors units residual_std condition_number "
+    "interval",
+    "Validation": "joints actuator load",
+    "validation.Fit": "rms_error relative_error r_squared",
+    "symbolic.RegressorForm": "zeta regressor parameters",
+    "symbolic.BaseForm": "regressor parameters B echelon pivots fundamental_functions",
+}
+ERRORS = (
+    *("SeaidError", "RobotError", "LogError", "ExcitationError", "SymbolicError"),
+    *("IdentificationError", "SeaidWarning"),
+)
+
+
+def find(name: str) -> object:
+    """Return what a script reaches as seaid.<name>."""
+    found: object = seaid
+    for part in name.split("."):
+        found = getattr(found, part)
+    return found
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_function_of_the_design_is_there_with_its_arguments(name: str) -> None:
+    function = find(name)
+    assert inspect.isfunction(function)
+    assert set(FUNCTIONS[name].split()) <= set(inspect.signature(function).parameters)
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_type_of_the_design_is_frozen_data_with_its_fields(name: str) -> None:
+    kind = find(name)
+    assert isinstance(kind, type)
+    assert is_dataclass(kind)
+    assert kind.__dataclass_params__.frozen  # type: ignore[attr-defined]
+    assert set(CLASSES[name].split()) <= {field.name for field in fields(kind)} | set(dir(kind))
+
+
+@pytest.mark.parametrize("name", ERRORS)
+def test_error_is_there(name: str) -> None:
+    assert issubclass(getattr(seaid, name), Exception)
+
+
+def test_all_lists_what_is_there_sorted_and_dir_the_same() -> None:
+    assert sorted(seaid.__all__) == dir(seaid)
+    for name in seaid.__all__:
+        assert getattr(seaid, name) is not None
+    public = {name for name in (*FUNCTIONS, *CLASSES, *ERRORS) if "." not in name}
+    assert public <= set(seaid.__all__)
+
+
+def test_no_public_name_is_also_a_module_which_would_hide_it_once_imported() -> None:
+    names = {module.name for module in pkgutil.iter_modules(seaid.__path__)}
+    assert names & set(seaid.__all__) == {"regression", "symbolic"}
+
+
+def test_name_that_is_not_there_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="module 'seaid' has no attribute 'load_robott'"):
+        seaid.load_robott  # noqa: B018
+
+
+def test_import_is_quick_and_leaves_the_heavy_packages_alone() -> None:
+    heavy = ("sympy", "matplotlib", "yourdfpy", "trimesh", "flint", "rich", "cvxpy")
+    code = (
+        "import time; start = time.perf_counter(); import seaid\n"
+        "print(time.perf_counter() - start)\n"
+        f"import sys; print([name for name in {heavy} if name in sys.modules])"
+    )
+    command = [sys.executable, "-c", code]
+    runs = [
+        subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+        for _ in range(3)
+    ]
+    assert min(float(seconds) for seconds, _ in runs) < IMPORT_SECONDS
+    assert all(loaded == "[]" for _, loaded in runs)
+
+
+def test_loading_a_robot_leaves_sympy_and_matplotlib_alone(tulip_urdf: Path) -> None:
+    drives = tulip_urdf.with_suffix(".toml")
+    code = (
+        f"import sys, seaid; seaid.load_robot({str(tulip_urdf)!r}, {str(drives)!r})\n"
+        "print([name for name in ('sympy', 'matplotlib') if name in sys.modules])"
+    )
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+# Documentation
+
+
+def modules() -> Iterator[ModuleType]:
+    yield seaid
+    for module in pkgutil.walk_packages(seaid.__path__, "seaid."):
+        yield importlib.import_module(module.name)
+
+
+def undocumented(module: ModuleType) -> Iterator[str]:
+    """Return the public things of a module that have no docstring."""
+    if not module.__doc__:
+        yield module.__name__
+    for name, thing in vars(module).items():
+        own = getattr(thing, "__module__", None) == module.__name__
+        if name.startswith("_") or not own or not (inspect.isfunction(thing) or is_class(thing)):
+            continue
+        if not thing.__doc__:
+            yield f"{module.__name__}.{name}"
+        for method, value in vars(thing).items() if is_class(thing) else ():
+            function = getattr(value, "fget", None) or getattr(value, "func", value)
+            public = inspect.isfunction(function) and not method.startswith("_")
+            if public and not function.__doc__:
+                yield f"{module.__name__}.{name}.{method}"
+
+
+def is_class(thing: object) -> bool:
+    return isinstance(thing, type)
+
+
+def test_everything_public_has_a_docstring() -> None:
+    assert [name for module in modules() for name in undocumented(module)] == []
+
+
+@pytest.mark.parametrize("name", [name for name in FUNCTIONS if "." not in name])
+def test_every_public_function_that_can_fail_says_how(name: str) -> None:
+    assert "Raises" in (inspect.getdoc(find(name)) or "")
