@@ -15,9 +15,10 @@ from seaid.inertia import to_pinocchio
 from seaid.rigid_body import rigid_body_regressor
 from seaid.robot import Robot
 
-_DRAWS = 32
+_DRAWS = 16
 _WORST = 1e12
 """A condition number above this is rounding: the motion does not tell all parameters."""
+_SHARPNESS, _NEGLIGIBLE = 32.0, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,7 @@ def make_criterion(robot: Robot, rows: Sequence[str] | None, base: BaseParameter
 def pivoted_base(robot: Robot, rows: Sequence[str] | None = None) -> BaseParameters:
     """Return the base parameters whose columns QR with column pivoting picks at random states.
 
-    The pivoting (Businger and Golub 1965) is repeated over 32 draws of states; the columns kept are
+    The pivoting (Businger and Golub 1965) is repeated over 16 draws of states; the columns kept are
     those with the smallest condition number over all states drawn, for it differs by a factor of
     two or three between draws. How many columns there are is the rank that `base_parameters` finds;
     the groupings are its own, solved for these columns. The choice depends on the robot and on
@@ -51,10 +52,11 @@ def pivoted_base(robot: Robot, rows: Sequence[str] | None = None) -> BaseParamet
     """
     leftmost = base_parameters(robot, rows=rows)
     known = [robot.index(joint) for joint in (robot.joint_names if rows is None else rows)]
-    draws = []
-    for seed in range(_DRAWS):
-        Y = rigid_body_regressor(robot, *random_states(robot, seed))
-        draws.append(Y[:, known].reshape(-1, 10 * robot.n))
+    seeds = -(-robot.n // len(known))  # as many rows a draw, however few torques are known
+    draws = [
+        np.concatenate([_random_rows(robot, known, seeds * draw + seed) for seed in range(seeds)])
+        for draw in range(_DRAWS)
+    ]
     columns = _best_pivots(draws, len(leftmost.columns))
     grouping = np.linalg.solve(leftmost.grouping[:, columns], leftmost.grouping)
     grouping[:, columns] = np.eye(len(columns))
@@ -67,6 +69,11 @@ def pivoted_base(robot: Robot, rows: Sequence[str] | None = None) -> BaseParamet
         grouping=frozen("grouping", grouping, (None, None)),
         gap=leftmost.gap,
     )
+
+
+def _random_rows(robot: Robot, known: list[int], seed: int) -> Array:
+    Y = rigid_body_regressor(robot, *random_states(robot, seed))[:, known]
+    return Y.reshape(-1, 10 * robot.n)
 
 
 def _best_pivots(draws: list[Array], rank: int) -> list[int]:
@@ -89,29 +96,44 @@ def condition_number(criterion: Criterion, q: Array, v: Array, a: Array) -> floa
 
 
 def log_condition(
-    criterion: Criterion, q: Array, v: Array, a: Array
+    criterion: Criterion, q: Array, v: Array, a: Array, *, neighbours: int = 1
 ) -> tuple[float, tuple[Array, Array, Array]]:
     """Return log kappa (16) and its exact gradient with respect to q, v and a, each (T, n).
 
     With H v = sigma u, d sigma = sum_t u_t^T d(Y_t v), and Y_t v is the inverse dynamics of a robot
-    whose parameters are the singular vector v.
+    whose parameters are the singular vector v. The gradient jumps where two singular values meet,
+    and there the best motions lie. More `neighbours` take that many of the largest and of the
+    smallest singular values together, as a smooth maximum of log sigma (Kreisselmeier and
+    Steinhauser 1979): at most 2 log(neighbours) / 32 more than log kappa. Raises ExcitationError
+    where the motion does not tell all base parameters.
     """
     H = _stacked(criterion, q, v, a)
     singular, right = _singular(H)
-    worst, best = singular[-1], singular[0]
-    if not worst > best / _WORST:
+    if not singular[-1] > singular[0] / _WORST:
         raise ExcitationError(
             f"this motion does not tell all {len(criterion.columns)} base parameters: condition "
             "number infinite; give more samples or coefficients, or wider limits"
         )
-    pairs = []
-    for sign, sigma, vector in ((1.0, best, right[0]), (-1.0, worst, right[-1])):
-        u = np.zeros(q.shape)
-        u[:, criterion.rows] = (H @ vector).reshape(len(q), -1) * (sign / sigma**2)
-        theta = np.zeros(10 * criterion.robot.n)
-        theta[list(criterion.columns)] = vector
-        pairs.append((u, theta))
-    return float(np.log(best / worst)), torque_gradient(criterion.robot, (q, v, a), pairs)
+    value, pairs = 0.0, []
+    for sign, order in ((1.0, slice(None, neighbours)), (-1.0, slice(-neighbours, None))):
+        logs = sign * np.log(singular[order])
+        shares = np.exp(_SHARPNESS * (logs - logs.max()))
+        value += logs.max() + np.log(shares.sum()) / _SHARPNESS
+        shares /= shares.sum()
+        for share, sigma, vector in zip(shares, singular[order], right[order], strict=True):
+            if share > _NEGLIGIBLE:
+                pairs.append(_pair(criterion, H, vector, sign * share / sigma**2))
+    return value, torque_gradient(criterion.robot, (q, v, a), pairs)
+
+
+def _pair(criterion: Criterion, H: Array, vector: Array, factor: float) -> tuple[Array, Array]:
+    """Return factor * H v as torques (T, n) and v as standard parameters (10n,)."""
+    n = criterion.robot.n
+    torques = (H @ vector).reshape(-1, len(criterion.rows))
+    u, theta = np.zeros((len(torques), n)), np.zeros(10 * n)
+    u[:, criterion.rows] = factor * torques
+    theta[list(criterion.columns)] = vector
+    return u, theta
 
 
 def torque_gradient(

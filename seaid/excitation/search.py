@@ -3,7 +3,9 @@
 SLSQP (Kraft 1988) because it takes linear inequalities, keeps to them at every step, needs first
 derivatives alone, and comes with scipy. Its cost grows with the number of inequalities, so each
 group of limit rows counts as one, its largest: a maximum of linear functions has the same feasible
-set, and its gradient is the row that is largest.
+set, and its gradient is the row that is largest. The objective is log kappa made smooth over the
+four largest and four smallest singular values, for SLSQP stalls at the kinks of log kappa itself;
+which motion is the best is judged by kappa.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from seaid.errors import ExcitationError
 from seaid.excitation.criterion import Criterion, condition_number, log_condition
 from seaid.excitation.limits import JointLimits
 
+_NEIGHBOURS = 4
 _STALL_ITERATIONS, _STALL, _STILL_FALLING = 25, 2e-3, 5e-2
 _PATIENCE_SECONDS, _HOPELESS = 5.0, 100.0
 
@@ -169,7 +172,9 @@ def _value(problem: Problem, x: Array) -> float:
 
 def _value_and_gradient(problem: Problem, x: Array) -> tuple[float, Array]:
     try:
-        value, gradients = log_condition(problem.criterion, *_states(problem, x))
+        value, gradients = log_condition(
+            problem.criterion, *_states(problem, x), neighbours=_NEIGHBOURS
+        )
     except ExcitationError:  # a trial step too far: SLSQP goes back from so high a value
         return _HOPELESS, np.zeros(x.size)
     by_joint = [matrix.T @ part for matrix, part in zip(problem.maps, gradients, strict=True)]

@@ -142,12 +142,12 @@ def test_a_search_that_still_falls_says_so(leg: Robot) -> None:
 def interrupting(after: int) -> Any:
     calls = 0
 
-    def log_condition(*arguments: Any) -> Any:
+    def log_condition(*arguments: Any, **options: Any) -> Any:
         nonlocal calls
         calls += 1
         if calls == after:
             raise KeyboardInterrupt
-        return true_log_condition(*arguments)
+        return true_log_condition(*arguments, **options)
 
     return log_condition
 
@@ -171,12 +171,12 @@ def test_a_trial_step_that_tells_nothing_does_not_end_the_search(
 ) -> None:
     calls = 0
 
-    def blind_once(*arguments: Any) -> Any:
+    def blind_once(*arguments: Any, **options: Any) -> Any:
         nonlocal calls
         calls += 1
         if calls == 3:
             raise ExcitationError("this motion does not tell all")
-        return true_log_condition(*arguments)
+        return true_log_condition(*arguments, **options)
 
     monkeypatch.setattr(search_module, "log_condition", blind_once)
     assert np.isfinite(plan(slider_arm).condition_number)
