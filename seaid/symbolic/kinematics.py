@@ -18,8 +18,8 @@ from flint import fmpq_mat
 Powers = tuple[int, int]
 """Powers of (cos q, sin q), or of (q, -) where the joint slides."""
 
-Sum = tuple[tuple[int, int, int], ...]
-"""A sparse integer matrix: (row, column, value)."""
+Sum = tuple[tuple[int, int, Any], ...]
+"""A sparse matrix of integers or rationals: (row, column, value)."""
 
 _Square = Sequence[Sequence[int]]
 

@@ -8,9 +8,18 @@ from typing import get_args
 from seaid.errors import SymbolicError, unknown_name
 from seaid.inertia import parameter_names
 from seaid.robot import Robot
-from seaid.symbolic.geometry import exact_tree
-from seaid.symbolic.grouping import ExactBaseParameters, Way, from_null_space, packed
+from seaid.symbolic.energies import lagrangian_table
+from seaid.symbolic.geometry import ExactTree, exact_tree
+from seaid.symbolic.grouping import (
+    ExactBaseParameters,
+    Way,
+    from_null_space,
+    from_rows,
+    packed,
+)
+from seaid.symbolic.polynomial import MAX_TERMS
 from seaid.symbolic.recursion import null_space
+from seaid.symbolic.torques import torque_rows
 
 
 def base_parameters(
@@ -19,6 +28,8 @@ def base_parameters(
     through: Way | None = None,
     rows: Sequence[str] | None = None,
     floating_base: bool = False,
+    max_terms: int = MAX_TERMS,
+    progress: bool = False,
 ) -> ExactBaseParameters:
     """Return the base parameters of a robot over the rationals, for its standard parameters.
 
@@ -31,17 +42,49 @@ def base_parameters(
     With `floating_base` the base is a free body with known motion and wrench (recursion only): ten
     parameters '<parameter>_base' come first, of everything that no joint moves.
 
-    Raises SymbolicError for options that do not go together, RobotError for a joint that is not
-    there.
+    Raises SymbolicError for options that do not go together, and before the polynomials have more
+    than `max_terms` terms (chains of about nine joints); RobotError for a joint that is not there.
     """
     way = _way(through, rows, floating_base)
+    known = _known(robot, rows)
     tree = exact_tree(robot)
+    if way != "recursion":
+        return _by_polynomials(robot, tree, way, known, max_terms, progress)
     names = robot.parameter_names
     if floating_base:
         taken = "base" in robot.body_names
         names = parameter_names(["floating_base" if taken else "base"]) + names
     echelon = from_null_space(null_space(tree, floating=floating_base), len(names))
     return packed(echelon, names, way)
+
+
+def _by_polynomials(
+    robot: Robot,
+    tree: ExactTree,
+    way: Way,
+    known: list[int],
+    max_terms: int,
+    progress: bool,
+) -> ExactBaseParameters:
+    """Reduce the functions of the energy, or those of the torques of the joints `known`."""
+    table = lagrangian_table(tree, max_terms, progress=progress)
+    rows, functions = list(table.values()), len(table)
+    if way == "torque":
+        rows, functions = torque_rows(tree, table, known, max_terms, progress=progress)
+    echelon, different = from_rows(rows, 10 * robot.n)
+    return packed(echelon, robot.parameter_names, way, functions, different)
+
+
+def _known(robot: Robot, rows: Sequence[str] | None) -> list[int]:
+    """Return the joints of the tree whose torques are known."""
+    if rows is None:
+        return list(range(robot.n))
+    if isinstance(rows, str) or not rows:
+        raise SymbolicError(
+            f"rows= must be a list of at least one joint name, found {rows!r}; the joints of "
+            f"'{robot.name}' are {', '.join(robot.joint_names)}"
+        )
+    return [robot.model_order.index(robot.index(joint)) for joint in rows]
 
 
 def _way(through: Way | None, rows: Sequence[str] | None, floating_base: bool) -> Way:
