@@ -12,6 +12,8 @@ from seaid.plant import Plant
 
 _LEAST_BANDWIDTH_RAD_S = 60.0
 _DAMPING = 0.7
+_SLOW = 0.02
+"""Below this part of the highest speed the feedforward of Coulomb friction fades."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +48,8 @@ def joint_controller(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float)
     motor_position = np.where(plant.elastic, N / r_M * (r_L * q + stretch), N * q)
     motor_velocity = np.gradient(motor_position, 1 / rate_hz, axis=0)
     motor_acceleration = np.gradient(motor_velocity, 1 / rate_hz, axis=0)
-    friction = plant.viscous * motor_velocity + plant.coulomb * np.tanh(motor_velocity)
+    slow = _SLOW * np.maximum(np.max(np.abs(motor_velocity), axis=0), 1e-300)
+    friction = plant.viscous * motor_velocity + plant.coulomb * np.tanh(motor_velocity / slow)
     elastic = plant.motor_inertia * motor_acceleration + r_M / N * load / r_L
     feedforward = friction + np.where(plant.elastic, elastic, load / N)
     inertia = np.where(plant.elastic, plant.motor_inertia, _least_inertia(plant, q) / N**2)

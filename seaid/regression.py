@@ -39,6 +39,8 @@ __all__ = [
 STANDSTILL = 0.01
 """A motor slower than this part of its fastest stands still: its friction has no direction."""
 
+SEEN = 0.05
+"""Share of standstill in what the low pass sees above which a sample is left out."""
 
 _ZERO_STEP = 1e-4
 
@@ -126,9 +128,14 @@ def signals(motion: Motion, index: int) -> dict[str, Array]:
 
 
 def standstill(motion: Motion, index: int) -> BoolArray:
-    """Tell the samples (T,) at which a motor stands still, so that its friction is unknown."""
+    """Tell the samples (T,) that see a motor stand still, so that its friction is unknown.
+
+    Behind the low pass a sample sees its neighbourhood: it is left out if standstill makes up more
+    than a small share of that. A reversal without a stop is no standstill.
+    """
     speed = np.abs(motion.motor_velocity[:, index])
-    return np.asarray(speed < STANDSTILL * np.max(speed))
+    still = (speed < STANDSTILL * np.max(speed)).astype(float)
+    return np.asarray((still > 0) | (in_band(motion, still) > SEEN))
 
 
 def actuator_columns(
