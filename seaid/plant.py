@@ -124,6 +124,7 @@ def accelerations(
     stiff_held = np.flatnonzero(held & ~plant.elastic)
     if stiff_held.size:
         joint += _holding(plant, data, state, joint, stiff_held)[1]
+        joint[stiff_held] = 0.0  # exactly: what is held does not creep
     motor = np.where(held, 0.0, (free - r_M / N * force) / np.maximum(plant.motor_inertia, 1e-300))
     return np.where(plant.elastic, motor, N * joint), joint
 

@@ -94,15 +94,17 @@ def simulate_motion(
 ) -> Motion:
     """Return the true motion of the experiment: states, accelerations and torques at each tick.
 
-    The motor current ramps from one command of the controller to the next within one tick, so the
-    torque that a sensor reads at a tick is the one that acts then.
+    `trajectory` needs `duration` [s] and `sample(time) -> q, v, a`. The motor current ramps from
+    one command of the controller to the next within one tick, so the torque that a sensor reads at
+    a tick is the one that acts then.
     """
     if not (math.isfinite(rate_hz) and rate_hz > 0):
         raise SeaidError(f"rate_hz must be more than zero, found {rate_hz}")
+    _check_joints(robot, trajectory)
     plant, order = plant_of(robot), list(robot.model_order)
     noise = Noise() if noise is None else noise
     settle = round(SETTLE_S * rate_hz)
-    count = round(trajectory.duration * rate_hz) + 1
+    count = math.floor(trajectory.duration * rate_hz + 1e-6) + 1
     time = np.arange(count) / rate_hz
     planned = [
         np.concatenate([np.repeat(rows[:1] * hold, settle, axis=0), rows])[:, order]
@@ -110,6 +112,16 @@ def simulate_motion(
     ]
     states, torques = _run(robot, plant, planned, noise, rate_hz, progress)
     return _motion(robot, plant, time, states[settle:], torques[settle:])
+
+
+def _check_joints(robot: Robot, trajectory: Trajectory) -> None:
+    """Refuse a motion of other joints; one without names counts as the robot's."""
+    names = getattr(trajectory, "joint_names", robot.joint_names)
+    if tuple(names) != robot.joint_names:
+        raise SeaidError(
+            f"the trajectory moves {', '.join(names)}; '{robot.name}' has "
+            f"{', '.join(robot.joint_names)}: plan for this robot, with its joints in this order"
+        )
 
 
 def _run(

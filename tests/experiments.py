@@ -1,0 +1,109 @@
+"""Simulated experiments with known truth, each run once a session and shared by the tests.
+
+A true motion is what costs time; logs with any sensors and seeds are measured from it.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
+from seaid.excitation.basis import make_basis
+from seaid.excitation.trajectory import Trajectory
+from seaid.identification import Identification
+from seaid.log import Log
+from seaid.motion import Motion
+from seaid.robot import Payload, Robot, load_robot
+from seaid.simulation import Noise, measure, simulate_motion
+
+MODELS = Path(__file__).parents[1] / "models"
+DATA = Path(__file__).parent / "data"
+TEST_MASS = Payload("foot", 2.0, (0.15, 0.0, 0.0))
+ELASTIC = ("hip_pitch", "knee_pitch", "ankle_pitch")
+
+LEG_SENSORS = Noise(
+    motor_resolution_rad=2 * np.pi / 2000,
+    joint_resolution_rad=2 * np.pi / 2**14,
+    motor_zero_rad=(1.0, -2.0, 0.5, 3.0, -1.5),
+    torque_std_Nm=(0.005, 0.005, 0.005, 0.006, 0.006),
+)
+
+
+def wiggle(
+    robot: Robot,
+    duration: float,
+    middle: tuple[float, ...],
+    reach: tuple[float, ...],
+    *,
+    knot_s: float = 0.35,
+    seed: int = 0,
+) -> Trajectory:
+    """Return a smooth random motion, rest to rest, within middle +- reach."""
+    basis = make_basis("bspline", duration, round(duration / knot_s) + 5, rest_to_rest=True)
+    free = basis.free_coefficients(rest_to_rest=True)
+    random = np.random.default_rng(seed).uniform(-1, 1, (free.shape[1], robot.n))
+    coefficients = free @ (np.array(middle) + np.array(reach) * random)
+    sliding = tuple(np.array(robot.joint_names)[list(robot.is_prismatic)].tolist())
+    return Trajectory(robot.joint_names, basis, coefficients, sliding)
+
+
+@cache
+def leg(*payloads: Payload) -> Robot:
+    """Return the true TULip leg."""
+    return load_robot(MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml", payloads=payloads)
+
+
+def leg_trajectory(seed: int = 0) -> Trajectory:
+    middle, reach = (0.0, 0.0, -0.2, 0.7, 0.0), (0.8, 0.6, 0.7, 0.7, 1.1)
+    return wiggle(leg(), 6.0, middle, reach, seed=seed)
+
+
+@cache
+def leg_motion(*payloads: Payload, seed: int = 0) -> Motion:
+    """Return the true motion of six seconds with the leg."""
+    return simulate_motion(leg(*payloads), leg_trajectory(seed))
+
+
+@cache
+def arm() -> Robot:
+    """Return the true mixed arm: stiff rail, rotary spring, elastic telescope, stiff wrist."""
+    return load_robot(DATA / "mixed_arm.urdf", DATA / "mixed_arm.toml")
+
+
+@cache
+def arm_motion(seed: int = 0) -> Motion:
+    """Return the true motion of six seconds with the mixed arm."""
+    middle, reach = (0.0, 0.3, 0.15, 0.0), (0.4, 0.8, 0.2, 0.9)
+    return simulate_motion(arm(), wiggle(arm(), 6.0, middle, reach, seed=seed))
+
+
+def perfect_log(robot: Robot, motion: Motion) -> Log:
+    """Return the log of sensors without any error."""
+    return measure(robot, motion, Noise())
+
+
+def true_value(robot: Robot, joint: str, name: str) -> float:
+    """Return the true value of a drive's parameter by the name of its estimate."""
+    drive: StiffDrive | SeriesElasticDrive = robot.drivetrains[joint]
+    values = {
+        "viscous_friction": drive.viscous_friction_Nms_per_rad,
+        "coulomb_friction": drive.coulomb_friction_Nm,
+        "motor_inertia": drive.motor_inertia_kg_m2,
+        "stiffness": getattr(drive, "stiffness", None),
+    }
+    value = values[name]
+    assert value is not None
+    return value
+
+
+def drive_errors(found: Identification, truth: Robot, *names: str) -> dict[str, float]:
+    """Return {'stiffness of knee_pitch': relative error} of what was found."""
+    return {
+        f"{name} of {joint}": estimate.value(name) / true_value(truth, joint, name) - 1
+        for joint, estimate in found.drivetrains.items()
+        for name in names
+        if name in estimate.names
+    }
