@@ -93,9 +93,8 @@ class SplineBasis:
             knots = knots[1:-1]
         ends = np.unique(knots)
         cuts = ends[:-1, None] + np.diff(ends)[:, None] * np.arange(1, pieces) / pieces
-        for cut in cuts.ravel():
-            matrix, knots = _insert_knot(matrix, knots, self.degree - order, cut)
-        return matrix
+        finer = np.sort(np.concatenate([knots, cuts.ravel()]))
+        return _refinement(knots, finer, self.degree - order) @ matrix
 
     def free_coefficients(self, *, rest_to_rest: bool) -> Array:
         """Return the matrix (K, k) from free variables to coefficients.
@@ -149,12 +148,20 @@ def bernstein_from_powers(powers: Array, duration: float) -> Array:
     return np.asarray(np.where(j <= i, comb(i, j) / comb(count - 1, j), 0.0) @ scaled)
 
 
-def _insert_knot(matrix: Array, knots: Array, degree: int, cut: float) -> tuple[Array, Array]:
-    """Insert one knot: the same curve with one more control point (Boehm 1980)."""
-    span = int(np.searchsorted(knots, cut, side="right")) - 1
-    first, last = knots[span - degree + 1 : span + 1], knots[span + 1 : span + degree + 1]
-    share = ((cut - first) / (last - first))[:, None]
-    above, below = matrix[span - degree + 1 : span + 1], matrix[span - degree : span]
-    mixed = share * above + (1 - share) * below
-    rows = [matrix[: span - degree + 1], mixed, matrix[span:]]
-    return np.concatenate(rows), np.insert(knots, span + 1, cut)
+def _refinement(knots: Array, finer: Array, degree: int) -> Array:
+    """Return the matrix from control points to those of the same curve on finer knots.
+
+    The Oslo algorithm (Cohen, Lyche and Riesenfeld 1980): control point i of the finer curve is its
+    polar form at the knots i+1 .. i+degree, by de Boor's recursion.
+    """
+    index = np.arange(len(finer) - degree - 1)
+    middle = finer[index + (degree + 1) // 2]
+    span = np.searchsorted(knots, middle, side="right") - 1
+    span = np.clip(span, degree, len(knots) - degree - 2)
+    points = np.eye(len(knots) - degree - 1)[span[:, None] + np.arange(-degree, 1)]
+    for level in range(1, degree + 1):
+        left = span[:, None] + np.arange(level - degree, 1)
+        low, high = knots[left], knots[left + degree + 1 - level]
+        share = ((finer[index + level, None] - low) / (high - low))[:, :, None]
+        points[:, level:] = (1.0 - share) * points[:, level - 1 : -1] + share * points[:, level:]
+    return np.asarray(points[:, degree])

@@ -102,10 +102,10 @@ def _coefficients(robot: Robot, basis: str, duration: float) -> int:
 
 
 def _samples(criterion: Criterion, function: SplineBasis, samples: int | None) -> int:
-    """Return how many instants the criterion looks at: six a coefficient unless given."""
+    """Return how many instants the criterion looks at: four a coefficient unless given."""
     needed = -(-len(criterion.columns) // len(criterion.rows))
     if samples is None:
-        return max(100, 6 * function.size, 4 * needed)
+        return max(100, 4 * function.size, 4 * needed)
     if samples < needed:
         raise ExcitationError(
             f"{samples} samples of {len(criterion.rows)} torques cannot tell "

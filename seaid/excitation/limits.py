@@ -128,7 +128,7 @@ def _grouped(rows: Array) -> Array:
 
 def margins(trajectory: Trajectory, limits: JointLimits) -> Margins:
     """Return the least distance of a trajectory to its limits; below zero where one is broken."""
-    pieces = -(-4 * _PIECES * trajectory.basis.size // trajectory.basis.spans)
+    pieces = -(-2 * _PIECES * trajectory.basis.size // trajectory.basis.spans)
     q, v, a = (trajectory.basis.hull(order, pieces) @ trajectory.coefficients for order in range(3))
     return Margins(
         position=np.minimum((q - limits.lower).min(axis=0), (limits.upper - q).min(axis=0)),
