@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -80,3 +83,31 @@ def test_two_robots_are_not_compared(
     other = load_quietly(example_path("xarm7.urdf"))
     with pytest.raises(SeaidError, match="found 50 and 70"):
         cross_check(base_parameters(tulip_leg), exact_base_parameters(other))
+
+
+def test_table_of_the_script(tmp_path: Path) -> None:
+    done = run_script("--only", "kinova", "--output", str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("3 of 3 agree")
+    assert done.stdout.rstrip().endswith(f"Table: {tmp_path / 'cross_check.md'}")
+    text = (tmp_path / "cross_check.md").read_text()
+    assert "| kinova | 6 | 36 | 36 | yes |" in text
+    assert "| anymal-kinova: leg to LF_KFE | 3 | 17 | 17 | yes |" in text
+    assert "| kinova, as written | 6 | 36 | 38 | no |" in text
+
+
+def test_no_such_robot_is_one_line(tmp_path: Path) -> None:
+    done = run_script("--only", "nothing", "--output", str(tmp_path))
+    assert done.returncode != 0
+    assert done.stderr.strip() == "error: no robot has 'nothing' in the name of its file"
+
+
+def run_script(*arguments: str) -> subprocess.CompletedProcess[str]:
+    script = Path(__file__).parents[1] / "scripts" / "cross_check.py"
+    return subprocess.run(
+        [sys.executable, str(script), *arguments],
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
