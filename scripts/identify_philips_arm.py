@@ -55,9 +55,7 @@ def main(output: Path, drives: str, seed: int) -> None:
         for one in (seed, seed + 1)
     ]
     log, other_log = (
-        seaid.simulate(
-            truth, plan.trajectory, noise=sensors(truth), seed=seed + run, progress=True
-        )
+        seaid.simulate(truth, plan.trajectory, noise=sensors(truth), seed=seed + run, progress=True)
         for run, plan in enumerate(plans)
     )
     found = seaid.identify(known, log, progress=True)
@@ -65,7 +63,7 @@ def main(output: Path, drives: str, seed: int) -> None:
 
     print(drive_table("Drives of the Philips arm", found, truth))
     print(load_table("Base parameters", found, truth))
-    print(validation_table("Unseen motion: relative error in the pass band, raw, R^2", result))
+    print(validation_table(result))
     for flag in found.flags:
         print(f"! {flag}")
     print(

@@ -97,7 +97,7 @@ def main(output: Path, seed: int) -> None:
         f"From the torques at joints 3-5 alone {len(elastic.load.values)} base parameters are "
         f"identifiable, from all five {len(found.load.values)}."
     )
-    print(validation_table("Unseen motion: relative error in the pass band, raw, R^2", result))
+    print(validation_table(result))
     print_flags(found)
     write(output, plan, log, other_log, found, result)
     print(f"{time.perf_counter() - begin:.0f} s. Results: {output}/")

@@ -33,6 +33,7 @@ __all__ = [
     "spring_regressor",
     "stacked",
     "standstill",
+    "unknown_friction",
     "zero_sensitivity",
 ]
 
@@ -138,6 +139,17 @@ def standstill(motion: Motion, index: int) -> BoolArray:
     return np.asarray((still > 0) | (in_band(motion, still) > SEEN))
 
 
+def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
+    """Tell the samples (T,) at which the load side of a joint has unknown friction.
+
+    That of a stiff drive with Coulomb friction does where it stands still; an elastic one has none.
+    """
+    drive = robot.drivetrains[joint]
+    if isinstance(drive, StiffDrive) and "coulomb" in drive.friction:
+        return standstill(motion, robot.index(joint))
+    return np.zeros(len(motion.time), dtype=bool)
+
+
 def actuator_columns(
     robot: Robot, motion: Motion, joint: str
 ) -> tuple[DriveRegressor, Array, Array]:
@@ -166,8 +178,8 @@ def actuator_regression(robot: Robot, motion: Motion, joint: str) -> Regression:
     index = robot.index(joint)
     regressor, y, H = actuator_columns(robot, motion, joint)
     rows = _rows(motion)
-    still = standstill(motion, index) & ("coulomb_friction" in regressor.names)
-    kept = rows[~still[rows]]
+    needs_friction = "coulomb_friction" in regressor.names
+    kept = rows[~(standstill(motion, index) & needs_friction)[rows]]
     return Regression(
         names=regressor.names,
         units=regressor.units,
@@ -230,7 +242,7 @@ def load_regression(
     torque, payload, H, carried = load_columns(robot, motion, model, springs)
     y, H, carried = (in_band(motion, part) for part in (torque - payload, H, carried))
     rows = _rows(motion)
-    picked = [rows[~_unknown_friction(robot, motion, joint)[rows]] for joint in model.rows]
+    picked = [rows[~unknown_friction(robot, motion, joint)[rows]] for joint in model.rows]
     which = np.repeat(np.arange(len(model.rows)), [len(kept) for kept in picked])
     kept = np.concatenate(picked)
     return Regression(
@@ -288,14 +300,6 @@ def _rows(motion: Motion) -> np.ndarray:
     step = decimation(motion.rate_hz, motion.cutoff_hz)
     trim = round(motion.trim_s * motion.rate_hz)
     return np.arange(trim, len(motion.time) - trim, step)
-
-
-def _unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
-    """Tell where a joint's equation is unusable: a stiff drive with Coulomb friction stands."""
-    drive = robot.drivetrains[joint]
-    if isinstance(drive, StiffDrive) and "coulomb" in drive.friction:
-        return standstill(motion, robot.index(joint))
-    return np.zeros(len(motion.time), dtype=bool)
 
 
 def _drive_columns(

@@ -2,16 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from seaid.arrays import Array
+from seaid.arrays import Array, BoolArray
 from seaid.identification import Identification
 from seaid.log import Log
 from seaid.motion import Motion, reconstruct_motion
-from seaid.regression import actuator_columns, in_band, load_columns
+from seaid.regression import (
+    actuator_columns,
+    in_band,
+    load_columns,
+    standstill,
+    unknown_friction,
+)
+from seaid.robot import Robot
+
+NUMBERS = (
+    "rms_error",
+    "relative_error",
+    "moving_relative_error",
+    "raw_relative_error",
+    "r_squared",
+)
+"""Fields of a Fit that go to tables and files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,9 +36,10 @@ class Fit:
     """Measured and computed torque (T, n) in the pass band, and how far apart, each (n,).
 
     The traces are NaN at both ends, where filters swing in.
-    `relative_error` is the norm of the error over the norm of the signal; `raw_relative_error` the
-    same without the low pass; `r_squared` one minus the error's over the signal's variance. NaN
-    where a joint has no such equation.
+    `relative_error` is the norm of the error over the norm of the signal; `moving_relative_error`
+    the same away from standstill, where no model predicts what dry friction does;
+    `raw_relative_error` the same without the low pass; `r_squared` one minus the error's over the
+    signal's variance. NaN where a joint has no such equation.
     """
 
     measured: Array
@@ -30,6 +48,7 @@ class Fit:
     relative_error: Array
     r_squared: Array
     raw_relative_error: Array
+    moving_relative_error: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +65,7 @@ class Validation:
         """Return the numbers for `parameters.json`, null where there is no equation."""
         return {
             side: {
-                joint: {
-                    name: _number(getattr(fit, name)[index])
-                    for name in ("rms_error", "relative_error", "r_squared", "raw_relative_error")
-                }
+                joint: {name: _number(getattr(fit, name)[index]) for name in NUMBERS}
                 for index, joint in enumerate(self.joints)
             }
             for side, fit in (("actuator", self.actuator), ("load", self.load))
@@ -67,8 +83,8 @@ def validate(found: Identification, log: Log) -> Validation:
         joints=robot.joint_names,
         time=motion.time,
         cutoff_hz=motion.cutoff_hz,
-        actuator=_fit(motion, *_actuator(found, motion)),
-        load=_fit(motion, *_load(found, motion)),
+        actuator=_fit(motion, *_actuator(found, motion), _still(robot, motion, _motor_stands)),
+        load=_fit(motion, *_load(found, motion), _still(robot, motion, unknown_friction)),
     )
 
 
@@ -98,25 +114,39 @@ def _load(found: Identification, motion: Motion) -> tuple[Array, Array]:
     return measured, computed
 
 
-def _fit(motion: Motion, measured: Array, computed: Array) -> Fit:
-    ends = np.arange(len(measured))
+def _fit(motion: Motion, measured: Array, computed: Array, still: BoolArray) -> Fit:
+    """Compare torques (T, n); `still` (T, n) tells where friction is unknown."""
+    samples = np.arange(len(measured))
     trim = round(motion.trim_s * motion.rate_hz)
-    outside = (ends < trim) | (ends >= len(ends) - trim)
+    outside = (samples < trim) | (samples >= len(samples) - trim)
     smooth_measured, smooth_computed = _smooth(motion, measured), _smooth(motion, computed)
     smooth_measured[outside] = smooth_computed[outside] = np.nan
-    error, signal = smooth_measured - smooth_computed, smooth_measured[~outside]
-    error, raw_error = error[~outside], (measured - computed)[~outside]
-    variance = np.sum((signal - signal.mean(axis=0)) ** 2, axis=0)
+    signal, error = smooth_measured[~outside], (smooth_measured - smooth_computed)[~outside]
+    moving = ~still[~outside]
     with np.errstate(divide="ignore", invalid="ignore"):
         return Fit(
             measured=smooth_measured,
             computed=smooth_computed,
             rms_error=np.sqrt(np.mean(error**2, axis=0)),
-            relative_error=np.linalg.norm(error, axis=0) / np.linalg.norm(signal, axis=0),
-            r_squared=1 - np.sum(error**2, axis=0) / variance,
-            raw_relative_error=np.linalg.norm(raw_error, axis=0)
-            / np.linalg.norm(measured[~outside], axis=0),
+            relative_error=_ratio(error, signal),
+            r_squared=1 - _ratio(error, signal - signal.mean(axis=0)) ** 2,
+            raw_relative_error=_ratio((measured - computed)[~outside], measured[~outside]),
+            moving_relative_error=_ratio(error * moving, signal * moving),
         )
+
+
+def _ratio(error: Array, signal: Array) -> Array:
+    return np.asarray(np.linalg.norm(error, axis=0) / np.linalg.norm(signal, axis=0))
+
+
+def _still(
+    robot: Robot, motion: Motion, unknown: Callable[[Robot, Motion, str], BoolArray]
+) -> BoolArray:
+    return np.column_stack([unknown(robot, motion, joint) for joint in robot.joint_names])
+
+
+def _motor_stands(robot: Robot, motion: Motion, joint: str) -> BoolArray:
+    return standstill(motion, robot.index(joint))
 
 
 def _smooth(motion: Motion, torque: Array) -> Array:

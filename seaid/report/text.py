@@ -78,20 +78,18 @@ def identification_table(found: Identification) -> str:
     return "\n".join(parts)
 
 
-def validation_table(title: str, result: Validation) -> str:
-    """Return relative errors and R^2 by joint and side, in the pass band and raw."""
-    header = ["joint", "motor torque", "raw", "R^2", "load torque", "raw", "R^2"]
+def validation_table(result: Validation) -> str:
+    """Return relative errors by joint and side: in the pass band, away from standstill, and raw."""
+    title = "Unseen motion: relative error in the pass band, of that away from standstill, raw"
+    header = ["joint", "motor torque", "moving", "raw", "load torque", "moving", "raw"]
+    kinds = ("relative_error", "moving_relative_error", "raw_relative_error")
     rows = [
         [
             joint,
             *(
-                cell
+                percent(getattr(fit, kind)[index])
                 for fit in (result.actuator, result.load)
-                for cell in (
-                    percent(fit.relative_error[index]),
-                    percent(fit.raw_relative_error[index]),
-                    number(fit.r_squared[index]),
-                )
+                for kind in kinds
             ),
         ]
         for index, joint in enumerate(result.joints)
