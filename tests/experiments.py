@@ -31,6 +31,13 @@ LEG_SENSORS = Noise(
     torque_std_Nm=(0.005, 0.005, 0.005, 0.006, 0.006),
 )
 
+ARM_SENSORS = Noise(
+    motor_resolution_rad=2 * np.pi / 2000,
+    joint_resolution_rad=(1e-5, 2 * np.pi / 2**14, 1e-5, 2 * np.pi / 2**14),
+    motor_zero_rad=(1.0, 2.0, -3.0, 4.0),
+    torque_std_Nm=0.003,
+)
+
 
 def wiggle(
     robot: Robot,
