@@ -1,167 +1,94 @@
 """Functions of time that a planned motion is made of, linear in their coefficients (18).
 
-Both bases are clamped B-splines over [0, duration] (de Boor 1978): "bspline" is quintic on uniform
-knots, "polynomial" has no knot inside, which is (18) in Bernstein form: the same polynomials as the
-powers of t, with coefficients that stay of the size of the motion.
+"bspline" is quintic on uniform knots. "polynomial" is (18), as a spline without a knot inside: its
+coefficients are the Bernstein ones, which stay of the size of the motion. "fourier" is periodic.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from seaid.arrays import Array, frozen
+from seaid.arrays import Array
 from seaid.errors import ExcitationError, unknown_name
+from seaid.excitation.fourier import FourierBasis
+from seaid.excitation.spline import SplineBasis
 
-BASES = ("bspline", "polynomial")
+BASES = ("bspline", "polynomial", "fourier")
 _QUINTIC = 5
+_LEAST = {"bspline": (6, 7), "polynomial": (4, 7), "fourier": (5, 7)}
+"""The least number of coefficients a joint with free ends, and with rest at both ends."""
 
 
-@dataclass(frozen=True, eq=False)
-class SplineBasis:
-    """Clamped B-splines of one `degree` on `knots` (K + degree + 1,) [s], from 0 to the duration.
-
-    Position, velocity and acceleration of a joint are matrices of this basis times its K
-    coefficients, the control points [rad or m]. Raises ExcitationError for knots that are not
-    clamped, not in order, or too many at one place for a continuous acceleration.
-    """
-
-    degree: int
-    knots: Array
-
-    def __post_init__(self) -> None:
-        knots = frozen("knots", self.knots, (None,), ExcitationError)
-        object.__setattr__(self, "knots", knots)
-        if not (self.degree >= 3 and self.degree == int(self.degree)):
-            raise ExcitationError(
-                f"the degree of a spline is a whole number of at least 3, found {self.degree}"
-            )
-        count, end = self.degree + 1, len(knots) - self.degree - 1
-        clamped = end >= count and np.all(knots[:count] == 0) and np.all(knots[end:] == knots[-1])
-        inside = knots[count:end]
-        ordered = np.all(np.isfinite(knots)) and np.all(np.diff(knots) >= 0) and knots[-1] > 0
-        if not (clamped and ordered and np.all((inside > 0) & (inside < knots[-1]))):
-            raise ExcitationError(
-                f"knots of degree {self.degree} must be {count} zeros, then rising times, then "
-                f"{count} times the duration, found {knots.tolist()}"
-            )
-        if np.unique(inside, return_counts=True)[1].max(initial=0) > self.degree - 2:
-            raise ExcitationError(
-                f"a knot of degree {self.degree} stands more than {self.degree - 2} times at one "
-                "place: the acceleration would jump there"
-            )
+class Basis(Protocol):
+    """What a motion needs of its basis; K coefficients a joint."""
 
     @property
     def duration(self) -> float:
         """End of the motion [s]; it starts at 0."""
-        return float(self.knots[-1])
 
     @property
     def size(self) -> int:
         """Number of coefficients a joint, K."""
-        return len(self.knots) - self.degree - 1
 
     @property
-    def spans(self) -> int:
-        """Number of intervals between knots."""
-        return len(np.unique(self.knots)) - 1
+    def constant(self) -> Array:
+        """The coefficients (K,) of the constant 1."""
 
     def matrices(self, time: Array) -> tuple[Array, Array, Array]:
-        """Return the matrices (T, K) of position, velocity and acceleration at times (T,) [s].
+        """Return the matrices (T, K) of position, velocity and acceleration at times (T,) [s]."""
 
-        Times must lie within [0, duration].
+    def hull(self, order: int, density: int) -> Array:
+        """Return a matrix (C, K) whose largest |row @ c| the derivative of `order` never exceeds.
+
+        About `density` rows a coefficient; the more, the closer.
         """
-        from scipy.interpolate import BSpline
-
-        spline = BSpline(self.knots, np.eye(self.size), self.degree)
-        position, velocity, acceleration = (spline(time, nu=order) for order in range(3))
-        return position, velocity, acceleration
-
-    def hull(self, order: int, pieces: int = 1) -> Array:
-        """Return the matrix (C, K) to control points of the derivative of `order` (0, 1, 2).
-
-        The derivative lies between the least and the greatest control point at every instant
-        (convex hull property). Each span between knots is cut into `pieces` first: the more pieces,
-        the closer the control points lie to the curve (quadratically).
-        """
-        matrix, knots = np.eye(self.size), np.asarray(self.knots)
-        for degree in range(self.degree, self.degree - order, -1):
-            spans = knots[degree + 1 : -1] - knots[1 : -degree - 1]
-            matrix = degree * np.diff(matrix, axis=0) / spans[:, None]
-            knots = knots[1:-1]
-        ends = np.unique(knots)
-        cuts = ends[:-1, None] + np.diff(ends)[:, None] * np.arange(1, pieces) / pieces
-        finer = np.sort(np.concatenate([knots, cuts.ravel()]))
-        return _refinement(knots, finer, self.degree - order) @ matrix
 
     def free_coefficients(self, *, rest_to_rest: bool) -> Array:
-        """Return the matrix (K, k) from free variables to coefficients.
-
-        At rest the first three control points are equal and the last three: zero velocity and
-        acceleration at both ends, at positions that stay free.
-        """
-        identity = np.eye(self.size)
-        if not rest_to_rest:
-            return identity
-        middle = identity[:, 2:-2].copy()
-        middle[:3, 0] = 1.0
-        middle[-3:, -1] = 1.0
-        return middle
+        """Return the matrix (K, k) from free variables of like size to coefficients."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what a JSON file keeps of the basis."""
-        return {"type": "spline", "degree": self.degree, "knots": self.knots.tolist()}
+        """Return what a JSON file keeps; `basis_from_dict` reads it."""
 
 
-def make_basis(name: str, duration: float, coefficients: int, *, rest_to_rest: bool) -> SplineBasis:
-    """Return the basis "bspline" or "polynomial" with so many coefficients a joint.
+def make_basis(name: str, duration: float, coefficients: int, *, rest_to_rest: bool) -> Basis:
+    """Return the basis "bspline", "polynomial" or "fourier" with so many coefficients a joint.
 
     `duration` [s]. Raises ExcitationError for another name, a duration that is not more than zero,
-    or too few coefficients to move with the ends asked for.
+    or a number of coefficients with which the ends asked for leave no motion.
     """
     if name not in BASES:
         raise ExcitationError(unknown_name("basis", name, BASES))
     if not (np.isfinite(duration) and duration > 0):
         raise ExcitationError(f"duration must be more than zero seconds, found {duration}")
-    least = 7 if rest_to_rest else (_QUINTIC + 1 if name == "bspline" else 4)
+    least = _LEAST[name][rest_to_rest]
     if coefficients != int(coefficients) or coefficients < least:
         ends = "rest at both ends" if rest_to_rest else "free ends"
         raise ExcitationError(
             f"a {name} with {ends} needs at least {least} coefficients a joint, "
             f"found {coefficients}"
         )
+    if name == "fourier":
+        if coefficients % 2 == 0:
+            raise ExcitationError(
+                "a fourier series has an odd number of coefficients a joint, one and two a "
+                f"harmonic, found {coefficients}"
+            )
+        return FourierBasis(int(coefficients) // 2, float(duration))
     degree = _QUINTIC if name == "bspline" else int(coefficients) - 1
     inside = np.linspace(0.0, duration, int(coefficients) - degree + 1)[1:-1]
     zeros = np.zeros(degree + 1)
     return SplineBasis(degree, np.concatenate([zeros, inside, zeros + duration]))
 
 
-def bernstein_from_powers(powers: Array, duration: float) -> Array:
-    """Return Bernstein coefficients (d+1, n) over [0, duration] of the a_i (d+1, n) of (18)."""
-    from scipy.special import comb
+def basis_from_dict(content: dict[str, Any]) -> Basis:
+    """Return the basis that `to_dict` described.
 
-    count = len(powers)
-    scaled = powers * (duration ** np.arange(count))[:, None]
-    i, j = np.indices((count, count))
-    return np.asarray(np.where(j <= i, comb(i, j) / comb(count - 1, j), 0.0) @ scaled)
-
-
-def _refinement(knots: Array, finer: Array, degree: int) -> Array:
-    """Return the matrix from control points to those of the same curve on finer knots.
-
-    The Oslo algorithm (Cohen, Lyche and Riesenfeld 1980): control point i of the finer curve is its
-    polar form at the knots i+1 .. i+degree, by de Boor's recursion.
+    Raises ExcitationError for another type or bad values, KeyError for missing ones.
     """
-    index = np.arange(len(finer) - degree - 1)
-    middle = finer[index + (degree + 1) // 2]
-    span = np.searchsorted(knots, middle, side="right") - 1
-    span = np.clip(span, degree, len(knots) - degree - 2)
-    points = np.eye(len(knots) - degree - 1)[span[:, None] + np.arange(-degree, 1)]
-    for level in range(1, degree + 1):
-        left = span[:, None] + np.arange(level - degree, 1)
-        low, high = knots[left], knots[left + degree + 1 - level]
-        share = ((finer[index + level, None] - low) / (high - low))[:, :, None]
-        points[:, level:] = (1.0 - share) * points[:, level - 1 : -1] + share * points[:, level:]
-    return np.asarray(points[:, degree])
+    if content["type"] == "spline":
+        return SplineBasis(content["degree"], content["knots"])
+    if content["type"] == "fourier":
+        return FourierBasis(content["harmonics"], content["duration"])
+    raise ExcitationError(unknown_name("basis type", str(content["type"]), ("spline", "fourier")))

@@ -37,8 +37,7 @@ class Criterion:
 def make_criterion(robot: Robot, rows: Sequence[str] | None, base: BaseParameters) -> Criterion:
     """Return the criterion of a robot for base columns and the joints whose torques are known."""
     bare = replace(robot.with_values(np.zeros(10 * robot.n), robot.drivetrains), drivetrains={})
-    known = tuple(robot.index(joint) for joint in (robot.joint_names if rows is None else rows))
-    return Criterion(bare, known, base.columns)
+    return Criterion(bare, tuple(_known(robot, rows)), base.columns)
 
 
 def pivoted_base(robot: Robot, rows: Sequence[str] | None = None) -> BaseParameters:
@@ -51,7 +50,7 @@ def pivoted_base(robot: Robot, rows: Sequence[str] | None = None) -> BaseParamet
     `rows` alone. Raises ExcitationError where nothing is identifiable.
     """
     leftmost = base_parameters(robot, rows=rows)
-    known = [robot.index(joint) for joint in (robot.joint_names if rows is None else rows)]
+    known = _known(robot, rows)
     seeds = -(-robot.n // len(known))  # as many rows a draw, however few torques are known
     draws = [
         np.concatenate([_random_rows(robot, known, seeds * draw + seed) for seed in range(seeds)])
@@ -69,6 +68,12 @@ def pivoted_base(robot: Robot, rows: Sequence[str] | None = None) -> BaseParamet
         grouping=frozen("grouping", grouping, (None, None)),
         gap=leftmost.gap,
     )
+
+
+def _known(robot: Robot, rows: Sequence[str] | None) -> list[int]:
+    """Return the columns of the joints whose torques are known, each once."""
+    names = robot.joint_names if rows is None else dict.fromkeys(rows)
+    return [robot.index(joint) for joint in names]
 
 
 def _random_rows(robot: Robot, known: list[int], seed: int) -> Array:

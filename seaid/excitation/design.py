@@ -11,7 +11,7 @@ import numpy as np
 
 from seaid.base import BaseParameters
 from seaid.errors import ExcitationError, SeaidWarning
-from seaid.excitation.basis import SplineBasis, make_basis
+from seaid.excitation.basis import Basis, make_basis
 from seaid.excitation.criterion import Criterion, condition_number, make_criterion, pivoted_base
 from seaid.excitation.limits import Limits, Margins, joint_limits, limit_rows, margins
 from seaid.excitation.search import Outcome, Problem, search
@@ -54,12 +54,12 @@ def design_excitation(
     """Plan a motion of `duration` [s] that tells the rigid-body parameters of the robot well.
 
     Minimises the log of the condition number (16) of the stacked base regressor (15) over the
-    `coefficients` (so many a joint) of a "bspline" or a "polynomial" (18), by SLSQP with the exact
-    gradient: a third of the `iterations` from each of the random `starts`, then all of them from
-    the best. The `limits` (default: the robot's, see `Limits`) hold at every instant, not only at
-    the `samples` that the criterion looks at. `rest_to_rest`: zero velocity and acceleration at
-    both ends. `rows` names the joints whose torques are known (default all). The inertial
-    parameters of the robot are not used and may be NaN.
+    `coefficients` (so many a joint) of a "bspline", a "polynomial" (18) or a "fourier" series, by
+    SLSQP with the exact gradient: a third of the `iterations` from each of the random `starts`,
+    then all of them from the best. The `limits` (default: the robot's, see `Limits`) hold at every
+    instant, not only at the `samples` that the criterion looks at. `rest_to_rest`: zero velocity
+    and acceleration at both ends. `rows` names the joints whose torques are known (default all).
+    The inertial parameters of the robot are not used and may be NaN.
 
     The same seed gives the same motion, whatever `executor` (concurrent.futures) runs the starts.
     `progress` shows a bar on stderr. Ctrl-C ends the search and gives the best motion so far; a
@@ -85,7 +85,8 @@ def design_excitation(
     trajectory = Trajectory(
         robot.joint_names,
         function,
-        bounds.middle + bounds.half_range * (free @ found.x.reshape(problem.shape).T),
+        np.outer(function.constant, bounds.middle)
+        + bounds.half_range * (free @ found.x.reshape(problem.shape).T),
         tuple(np.array(robot.joint_names)[list(robot.is_prismatic)].tolist()),
     )
     instants = np.linspace(0.0, duration, _REPORT_SAMPLES)
@@ -98,10 +99,11 @@ def _coefficients(robot: Robot, basis: str, duration: float) -> int:
     if basis == "polynomial":
         return 18
     spans = min(3.0 * duration, 160.0 / robot.n) if duration > 0 else 0.0
-    return 5 + max(7, round(spans))
+    count = 5 + max(7, round(spans))
+    return count - 1 + count % 2 if basis == "fourier" else count
 
 
-def _samples(criterion: Criterion, function: SplineBasis, samples: int | None) -> int:
+def _samples(criterion: Criterion, function: Basis, samples: int | None) -> int:
     """Return how many instants the criterion looks at: four a coefficient unless given."""
     needed = -(-len(criterion.columns) // len(criterion.rows))
     if samples is None:

@@ -10,14 +10,15 @@ import numpy as np
 
 from seaid.arrays import Array, frozen
 from seaid.errors import ExcitationError, unknown_name
-from seaid.excitation.basis import SplineBasis
+from seaid.excitation.basis import Basis
 from seaid.excitation.trajectory import Trajectory
 from seaid.robot import Robot
 
 DEFAULT_ACCELERATION = 10.0
 """rad/s^2 or m/s^2."""
 
-_PIECES, _GROUP = 16, 20
+_DENSITY, _GROUP = 16, 20
+_DENSITIES = (_DENSITY, 4 * _DENSITY)
 
 LimitValue = float | Sequence[float] | Array | Mapping[str, float] | None
 
@@ -61,7 +62,7 @@ class JointLimits:
 class Margins:
     """Least distance to the limits over the whole motion, each (n,) [rad or m, s].
 
-    From control points close to the curve, so the true distance is at no instant less.
+    From a hull close to the curve, so the true distance is at no instant less.
     """
 
     position: Array
@@ -99,16 +100,14 @@ def joint_limits(robot: Robot, limits: Limits | None = None) -> JointLimits:
     return JointLimits(lower, upper, velocity, acceleration)
 
 
-def limit_rows(basis: SplineBasis, free: Array, limits: JointLimits) -> Array:
+def limit_rows(basis: Basis, free: Array, limits: JointLimits) -> Array:
     """Return matrices G (n, g, c, k): joint j keeps its limits at every instant if |G[j] x| <= 1.
 
     `free` (K, k) gives the coefficients from free variables, which are x times half the joint's
-    range about its middle. The rows are control points of position, velocity and acceleration, of
-    a knot vector refined until they lie close to the curve; g groups of c follow each other in
-    time (the last row of each kind is repeated to fill its group).
+    range about its middle. The rows are hulls of position, velocity and acceleration, close to the
+    curve: g groups of c follow each other in time (the last row of each kind fills its group).
     """
-    pieces = -(-_PIECES * basis.size // basis.spans)
-    kinds = [_grouped(basis.hull(order, pieces) @ free) for order in range(3)]
+    kinds = [_grouped(basis.hull(order, _DENSITY) @ free) for order in range(3)]
     scales = (
         np.ones_like(limits.velocity),
         limits.half_range / limits.velocity,
@@ -128,13 +127,13 @@ def _grouped(rows: Array) -> Array:
 
 def margins(trajectory: Trajectory, limits: JointLimits) -> Margins:
     """Return the least distance of a trajectory to its limits; below zero where one is broken."""
-    pieces = -(-2 * _PIECES * trajectory.basis.size // trajectory.basis.spans)
-    q, v, a = (trajectory.basis.hull(order, pieces) @ trajectory.coefficients for order in range(3))
-    return Margins(
-        position=np.minimum((q - limits.lower).min(axis=0), (limits.upper - q).min(axis=0)),
-        velocity=limits.velocity - np.abs(v).max(axis=0),
-        acceleration=limits.acceleration - np.abs(a).max(axis=0),
+    basis, c = trajectory.basis, trajectory.coefficients
+    about_middle = c - np.outer(basis.constant, limits.middle)
+    q, v, a = (
+        np.min([np.abs(basis.hull(order, density) @ part).max(axis=0) for density in _DENSITIES], 0)
+        for order, part in enumerate((about_middle, c, c))
     )
+    return Margins(limits.half_range - q, limits.velocity - v, limits.acceleration - a)
 
 
 def _values(robot: Robot, name: str, given: LimitValue, default: Array) -> Array:

@@ -14,7 +14,8 @@ import numpy as np
 
 from seaid.arrays import Array, frozen
 from seaid.errors import ExcitationError, unknown_name
-from seaid.excitation.basis import SplineBasis, bernstein_from_powers
+from seaid.excitation.basis import Basis, basis_from_dict
+from seaid.excitation.spline import SplineBasis, bernstein_from_powers
 from seaid.files import whole_file
 
 _FORMAT = "seaid trajectory 1"
@@ -27,12 +28,12 @@ class Trajectory:
     """A motion of n joints over [0, duration], linear in its `coefficients` (K, n) [rad or m].
 
     `prismatic_joints` names the joints that slide, for the units in files. Make one from own
-    coefficients with any `SplineBasis`, or with `polynomial_trajectory`. Raises ExcitationError
-    for coefficients that are not finite or do not fit the basis and the joints.
+    coefficients with a `SplineBasis` or a `FourierBasis`, or with `polynomial_trajectory`. Raises
+    ExcitationError for coefficients that are not finite or do not fit the basis and the joints.
     """
 
     joint_names: tuple[str, ...]
-    basis: SplineBasis
+    basis: Basis
     coefficients: Array
     prismatic_joints: tuple[str, ...] = ()
 
@@ -77,7 +78,7 @@ class Trajectory:
         if not np.all(np.isfinite(time)):
             raise ExcitationError("times to sample a trajectory at must be finite")
         within = np.clip(time, 0.0, self.duration)
-        outside = np.abs(time - within) > 1e-9 * self.duration
+        outside = np.abs(time - within) > 1e-6 * self.duration
         rests = self.rests_at_ends
         if np.any(outside) and not rests:
             raise ExcitationError(
@@ -172,7 +173,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
     if found != _FORMAT:
         raise ExcitationError(f"'{path}' is no trajectory: 'format' is {found!r}, not {_FORMAT!r}")
     try:
-        basis = SplineBasis(content["basis"]["degree"], content["basis"]["knots"])
+        basis = basis_from_dict(content["basis"])
         joints, prismatic = tuple(content["joints"]), tuple(content["prismatic_joints"])
         return Trajectory(joints, basis, content["coefficients"], prismatic)
     except (KeyError, TypeError) as problem:

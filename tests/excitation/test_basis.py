@@ -8,12 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seaid.errors import ExcitationError
-from seaid.excitation.basis import SplineBasis, bernstein_from_powers, make_basis
+from seaid.excitation.basis import make_basis
+from seaid.excitation.fourier import FourierBasis
+from seaid.excitation.spline import SplineBasis, bernstein_from_powers
 
 BASES = [("bspline", 7), ("bspline", 30), ("polynomial", 7), ("polynomial", 18), ("polynomial", 30)]
+FOURIER = [("fourier", 7), ("fourier", 31)]
 
 
-@pytest.mark.parametrize(("name", "count"), BASES)
+@pytest.mark.parametrize(("name", "count"), BASES + FOURIER)
 def test_velocity_and_acceleration_are_the_derivatives(name: str, count: int) -> None:
     basis = make_basis(name, 4.0, count, rest_to_rest=True)
     assert (basis.size, basis.duration) == (count, 4.0)
@@ -24,41 +27,56 @@ def test_velocity_and_acceleration_are_the_derivatives(name: str, count: int) ->
     np.testing.assert_allclose((after[1] - before[1]) / (2 * step), acceleration, atol=1e-4)
 
 
-@pytest.mark.parametrize(("name", "count"), BASES)
+@pytest.mark.parametrize(("name", "count"), BASES + FOURIER)
 def test_rest_to_rest_is_at_rest_at_both_ends(name: str, count: int) -> None:
     basis = make_basis(name, 4.0, count, rest_to_rest=True)
     free = basis.free_coefficients(rest_to_rest=True)
-    assert free.shape == (count, count - 4)
-    position, velocity, acceleration = (
-        matrix @ free for matrix in basis.matrices(np.array([0.0, 4.0]))
-    )
+    _, velocity, acceleration = (matrix @ free for matrix in basis.matrices(np.array([0.0, 4.0])))
     np.testing.assert_allclose(velocity, 0.0, atol=1e-10)
     np.testing.assert_allclose(acceleration, 0.0, atol=1e-9)
-    np.testing.assert_allclose(position[0], np.eye(count - 4)[0], atol=1e-14)
-    np.testing.assert_array_equal(basis.free_coefficients(rest_to_rest=False), np.eye(count))
+    lost = count - np.linalg.matrix_rank(free)
+    assert lost == (2 if name == "fourier" else 4)
+    assert free.shape[1] == count - lost
+    restless = basis.free_coefficients(rest_to_rest=False)
+    assert np.linalg.matrix_rank(restless) == restless.shape[1] == count
+
+
+@pytest.mark.parametrize(("name", "count"), BASES + FOURIER)
+def test_constant_is_one_at_all_times(name: str, count: int) -> None:
+    basis = make_basis(name, 4.0, count, rest_to_rest=True)
+    position, velocity, _ = basis.matrices(np.linspace(0.0, 4.0, 11))
+    np.testing.assert_allclose(position @ basis.constant, 1.0, rtol=1e-13)
+    np.testing.assert_allclose(velocity @ basis.constant, 0.0, atol=1e-12)
 
 
 @settings(derandomize=True, max_examples=25, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
-    case=st.sampled_from(BASES),
+    case=st.sampled_from(BASES + FOURIER),
     order=st.sampled_from([0, 1, 2]),
-    pieces=st.sampled_from([1, 3, 8]),
+    density=st.sampled_from([0, 2, 5]),
 )
-def test_control_points_enclose_the_curve_and_close_in(
-    seed: int, case: tuple[str, int], order: int, pieces: int
+def test_hull_is_never_exceeded_and_closes_in(
+    seed: int, case: tuple[str, int], order: int, density: int
 ) -> None:
     basis = make_basis(case[0], 3.0, case[1], rest_to_rest=False)
     coefficients = np.random.default_rng(seed).normal(size=basis.size)
     curve = basis.matrices(np.linspace(0.0, 3.0, 3001))[order] @ coefficients
-    control = basis.hull(order, pieces) @ coefficients
-    finer = basis.hull(order, 4 * pieces) @ coefficients
-    tolerance = 1e-9 * np.abs(control).max()
-    assert control.min() <= curve.min() + tolerance
-    assert control.max() >= curve.max() - tolerance
-    assert finer.max() <= control.max() + tolerance
-    assert finer.min() >= control.min() - tolerance
-    assert finer.max() >= curve.max() - tolerance
+    hull, fine = (basis.hull(order, much) @ coefficients for much in (density, 40))
+    assert np.abs(curve).max() <= np.abs(hull).max() * (1 + 1e-9)
+    assert np.abs(curve).max() <= np.abs(fine).max() * (1 + 1e-9)
+    assert np.abs(fine).max() <= np.abs(curve).max() * 1.02
+    if case[0] != "fourier":  # control points enclose the curve on either side
+        tolerance = 1e-9 * np.abs(hull).max()
+        assert hull.min() <= fine.min() + tolerance <= curve.min() + 2 * tolerance
+        assert hull.max() >= fine.max() - tolerance >= curve.max() - 2 * tolerance
+
+
+def test_a_fourier_series_goes_on_without_a_jump() -> None:
+    basis = FourierBasis(5, 2.0)
+    first, second = basis.matrices(np.array([0.3])), basis.matrices(np.array([2.3]))
+    for one, other in zip(first, second, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-10)
 
 
 def test_refined_control_points_come_close_to_the_curve() -> None:
@@ -66,7 +84,9 @@ def test_refined_control_points_come_close_to_the_curve() -> None:
     coefficients = np.random.default_rng(0).normal(size=20)
     coefficients[[0, -1]] = 0.0
     curve = basis.matrices(np.linspace(0.0, 10.0, 20001))[0] @ coefficients
-    gaps = [(basis.hull(0, pieces) @ coefficients).max() - curve.max() for pieces in (4, 8, 16, 32)]
+    gaps = [
+        (basis.hull(0, density) @ coefficients).max() - curve.max() for density in (3, 6, 12, 24)
+    ]
     assert gaps[3] < 0.01 * np.ptp(curve)
     assert all(wide / close > 3 for wide, close in pairwise(gaps))  # quadratic
 
@@ -92,6 +112,8 @@ def test_bernstein_form_is_the_power_form_of_equation_18() -> None:
         ("bspline", 1.0, 6, True, "rest at both ends needs at least 7 coefficients a joint"),
         ("bspline", 1.0, 5, False, "free ends needs at least 6 coefficients a joint, found 5"),
         ("polynomial", 1.0, 6, True, "rest at both ends needs at least 7 coefficients a joint"),
+        ("fourier", 1.0, 5, True, "rest at both ends needs at least 7 coefficients a joint"),
+        ("fourier", 1.0, 8, True, "odd number of coefficients a joint, .* found 8"),
         ("polynomial", 1.0, 3, False, "free ends needs at least 4 coefficients a joint, found 3"),
     ],
 )
@@ -115,3 +137,10 @@ def test_bad_requests_say_what_is_wrong(
 def test_bad_knots_say_what_is_wrong(degree: int, knots: list[float], words: str) -> None:
     with pytest.raises(ExcitationError, match=words):
         SplineBasis(degree, np.array(knots, dtype=float))
+
+
+def test_bad_series_say_what_is_wrong() -> None:
+    with pytest.raises(ExcitationError, match="harmonics must be a whole number of at least 1"):
+        FourierBasis(0, 1.0)
+    with pytest.raises(ExcitationError, match="duration must be more than zero"):
+        FourierBasis(3, float("nan"))

@@ -61,10 +61,10 @@ def test_condition_number_is_raw_and_of_the_columns_in_base(slider_arm: Robot) -
     assert found.trajectory.prismatic_joints == ("rail",)
 
 
-@settings(derandomize=True, max_examples=12, deadline=None)
+@settings(derandomize=True, max_examples=16, deadline=None)
 @given(
     seed=st.integers(0, 10**6),
-    basis=st.sampled_from([("bspline", 9), ("bspline", 20), ("polynomial", 9), ("polynomial", 16)]),
+    basis=st.sampled_from([("bspline", 9), ("bspline", 20), ("polynomial", 14), ("fourier", 15)]),
     rest=st.booleans(),
     which=st.sampled_from(["slider_arm", "leg"]),
 )
@@ -189,13 +189,13 @@ def test_a_trial_step_that_tells_nothing_does_not_end_the_search(
         ({"duration": 0.0}, "duration must be more than zero seconds, found 0.0"),
         ({"duration": -2.0, "coefficients": None}, "duration must be more than zero seconds"),
         ({"duration": float("nan"), "coefficients": None}, "duration must be more than zero"),
-        ({"basis": "fourier"}, "no basis is named 'fourier'; allowed: bspline, polynomial"),
+        ({"basis": "furier"}, "no basis is named 'furier'; did you mean 'fourier'"),
         ({"coefficients": 6}, "needs at least 7 coefficients a joint, found 6"),
         ({"starts": 0}, "starts must be at least 1, found 0"),
         ({"iterations": 0}, "iterations must be at least 1, found 0"),
         ({"samples": 2}, "2 samples of 3 torques cannot tell 7 base parameters; give at least 3"),
         ({"limits": Limits(velocity=0.0)}, "joint 'rail': velocity limit must be more than zero"),
-        ({"rows": []}, "no parameter of 'slider_arm' is identifiable"),
+        ({"rows": []}, "rows= names no joint"),
     ],
 )
 def test_bad_requests_say_what_is_wrong(

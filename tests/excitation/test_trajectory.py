@@ -20,6 +20,11 @@ def resting() -> Trajectory:
     return Trajectory(("rail", "elbow"), basis, values, ("rail",))
 
 
+def periodic() -> Trajectory:
+    basis = make_basis("fourier", 2.0, 9, rest_to_rest=False)
+    return Trajectory(("elbow",), basis, np.random.default_rng(0).normal(size=(9, 1)))
+
+
 def restless() -> Trajectory:
     basis = make_basis("polynomial", 2.0, 9, rest_to_rest=False)
     return Trajectory(("elbow",), basis, np.random.default_rng(0).normal(size=(9, 1)))
@@ -55,7 +60,7 @@ def test_one_time_is_one_row() -> None:
 
 
 def test_json_gives_back_the_same_motion_bit_for_bit(tmp_path: Path) -> None:
-    for motion in (resting(), restless()):
+    for motion in (resting(), restless(), periodic()):
         motion.save(tmp_path / "motion.json")
         again = load_trajectory(tmp_path / "motion.json")
         assert again.joint_names == motion.joint_names
@@ -156,8 +161,10 @@ def test_broken_files_say_what_is_wrong(tmp_path: Path) -> None:
     for text, words in (
         (change(content, format="other 2"), "is no trajectory: 'format' is 'other 2'"),
         (change(content, basis="drop"), "is not complete"),
-        (change(content, basis={"degree": 5, "knots": "x"}), "knots must be numbers"),
-        (change(content, basis={"degree": "5", "knots": [0, 1]}), "is not complete"),
+        (change(content, basis={"type": "spline", "degree": 5}), "is not complete: KeyError"),
+        (change(content, basis={"type": "spline", "degree": 5, "knots": "x"}), "must be numbers"),
+        (change(content, basis={"type": "spline", "degree": "5", "knots": [0]}), "not complete"),
+        (change(content, basis={"type": "wavelet"}), "no basis type is named 'wavelet'"),
         (change(content, coefficients=[[0.0]]), "coefficients must have shape"),
     ):
         path.write_text(text)
@@ -169,6 +176,6 @@ def test_arrays_are_read_only() -> None:
     motion = resting()
     with pytest.raises(ValueError, match="read-only"):
         motion.coefficients[0] = 1.0
+    assert isinstance(motion.basis, SplineBasis)
     with pytest.raises(ValueError, match="read-only"):
         motion.basis.knots[0] = 1.0
-    assert isinstance(motion.basis, SplineBasis)

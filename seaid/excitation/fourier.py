@@ -1,0 +1,89 @@
+"""Finite Fourier series over one period (Swevers et al. 1997): the basis "fourier"."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from seaid.arrays import Array
+from seaid.errors import ExcitationError
+
+
+@dataclass(frozen=True)
+class FourierBasis:
+    """Sines and cosines of so many `harmonics` of one period, `duration` [s].
+
+    The coefficients of a joint are the constant, then the amplitudes of the sines, then those of
+    the cosines [rad or m]. The motion can run period after period without a jump, so that the runs
+    can be averaged. Raises ExcitationError for less than one harmonic or no duration.
+    """
+
+    harmonics: int
+    duration: float
+
+    def __post_init__(self) -> None:
+        if not (self.harmonics >= 1 and self.harmonics == int(self.harmonics)):
+            raise ExcitationError(
+                f"harmonics must be a whole number of at least 1, found {self.harmonics}"
+            )
+        if not (np.isfinite(self.duration) and self.duration > 0):
+            raise ExcitationError(f"duration must be more than zero seconds, found {self.duration}")
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients a joint, 2 harmonics + 1."""
+        return 2 * self.harmonics + 1
+
+    @property
+    def constant(self) -> Array:
+        """The coefficients (K,) of the constant 1."""
+        return np.asarray(np.eye(self.size)[0])
+
+    def matrices(self, time: Array) -> tuple[Array, Array, Array]:
+        """Return the matrices (T, K) of position, velocity and acceleration at times (T,) [s]."""
+        number = np.arange(1, self.harmonics + 1)
+        rate = 2 * np.pi * number / self.duration
+        # the phase is that of the time within the period: zero at its end as at its start
+        phase = 2 * np.pi * np.outer(np.asarray(time) / self.duration % 1.0, number)
+        sine, cosine = np.sin(phase), np.cos(phase)
+        one = np.ones((len(phase), 1))
+        return (
+            np.hstack([one, sine, cosine]),
+            np.hstack([0 * one, rate * cosine, -rate * sine]),
+            np.hstack([0 * one, -(rate**2) * sine, -(rate**2) * cosine]),
+        )
+
+    def hull(self, order: int, density: int) -> Array:
+        """Return the matrix (C, K) whose largest |row @ c| the derivative of `order` never exceeds.
+
+        Samples, `density` a coefficient, over cos(pi harmonics / samples): near its largest value a
+        series of N harmonics falls off no faster than cos(N phase) (M. Riesz 1914).
+        """
+        count = max(density, 2) * self.size
+        time = self.duration * np.arange(count) / count
+        return np.asarray(self.matrices(time)[order] / np.cos(np.pi * self.harmonics / count))
+
+    def free_coefficients(self, *, rest_to_rest: bool) -> Array:
+        """Return the matrix (K, k) from free variables to coefficients.
+
+        Variables of one size give amplitudes that fall with the harmonic. At rest the velocity and
+        acceleration at the ends are zero: two variables less.
+        """
+        number = np.arange(1, self.harmonics + 1, dtype=np.float64)
+        blocks = [np.diag(1 / number), np.diag(1 / number)]
+        if rest_to_rest:
+            for kind, power in ((0, 1), (1, 2)):  # sum of l a_l and of l^2 b_l is zero
+                slope = (number**power @ blocks[kind])[:, None]
+                blocks[kind] = blocks[kind] @ np.linalg.qr(slope, mode="complete")[0][:, 1:]
+        first, second = blocks
+        free = np.zeros((self.size, 1 + first.shape[1] + second.shape[1]))
+        free[0, 0] = 1.0
+        free[1 : 1 + self.harmonics, 1 : 1 + first.shape[1]] = first
+        free[1 + self.harmonics :, 1 + first.shape[1] :] = second
+        return free
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what a JSON file keeps of the basis."""
+        return {"type": "fourier", "harmonics": self.harmonics, "duration": self.duration}
