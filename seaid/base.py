@@ -61,6 +61,8 @@ def base_parameters(
     q, v, a = random_states(robot, seed) if motion is None else motion.joint_states
     Y = rigid_body_regressor(robot, q, v, a)
     known = [robot.index(joint) for joint in (robot.joint_names if rows is None else rows)]
+    if not known:
+        raise ExcitationError("rows= names no joint: give those whose torque is known")
     H = Y[:, known].reshape(-1, Y.shape[2])
     columns, grouping, gap = left_to_right(H, negligible(H))
     if not columns:

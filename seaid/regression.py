@@ -40,6 +40,9 @@ __all__ = [
 STANDSTILL = 0.01
 """A motor slower than this part of its fastest stands still: its friction has no direction."""
 
+REST_RAD_S = 1e-9
+"""So does one slower than this, whatever its fastest: that is the rounding of the filters."""
+
 SEEN = 0.05
 """Share of standstill in what the low pass sees above which a sample is left out."""
 
@@ -135,7 +138,7 @@ def standstill(motion: Motion, index: int) -> BoolArray:
     than a small share of that. A reversal without a stop is no standstill.
     """
     speed = np.abs(motion.motor_velocity[:, index])
-    still = (speed < STANDSTILL * np.max(speed)).astype(float)
+    still = (speed < max(STANDSTILL * np.max(speed), REST_RAD_S)).astype(float)
     return np.asarray((still > 0) | (in_band(motion, still) > SEEN))
 
 
@@ -276,7 +279,16 @@ def zero_sensitivity(
 
 
 def stacked(regressions: Sequence[Regression]) -> Regression:
-    """Return the regressions of several logs as one, (15); they have the same columns."""
+    """Return the regressions of several logs as one, (15).
+
+    Raises LogError where they do not have the same columns.
+    """
+    for one in regressions[1:]:
+        if one.names != regressions[0].names:
+            raise LogError(
+                f"one log tells {', '.join(regressions[0].names)}, another "
+                f"{', '.join(one.names)}: the logs must have the same torque sensors"
+            )
     return Regression(
         names=regressions[0].names,
         units=regressions[0].units,

@@ -33,6 +33,9 @@ _ARGUMENTS = {
 }
 """Derivatives first, so that a substitution of the signal does not break them."""
 
+_NOTHING = sp.Symbol("nothing")
+"""Stands for the unknowns of an equation that has none, as an ideal drive's; has no column."""
+
 
 @dataclass(frozen=True)
 class DriveRegressor:
@@ -52,7 +55,9 @@ class DriveRegressor:
         `signals` has "theta_M", "theta_M_dot", "theta_M_ddot", the same of "theta_L", "tau_M" and
         "tau_L"; only those in the equation are needed.
         """
-        function, names = _compiled(self.form.zeta[0], tuple(self.form.regressor))
+        function, names = _compiled(
+            self.form.zeta[0], tuple(self.form.regressor)[: len(self.names)]
+        )
         values = {str(symbol): value for symbol, value in known_values(self.drive).items()}
         arguments = [values[name] if name in values else signals[name] for name in names]
         length = len(next(iter(signals.values())))
@@ -68,17 +73,22 @@ def drive_regressor(equation: DriveEquation, drive: Drive) -> DriveRegressor:
     Raises SymbolicError where the equation is not linear in its unknowns.
     """
     form = _separated(equation)
-    names = tuple(PARAMETER_NAMES.get(symbol, str(symbol)) for symbol in form.parameters)
-    units = tuple(
-        _unit(symbol, column, drive)
+    columns = [
+        (symbol, column)
         for symbol, column in zip(form.parameters, form.regressor, strict=True)
-    )
+        if symbol != _NOTHING
+    ]
+    names = tuple(PARAMETER_NAMES.get(symbol, str(symbol)) for symbol, _ in columns)
+    units = tuple(_unit(symbol, column, drive) for symbol, column in columns)
     return DriveRegressor(names, units, form, drive)
 
 
 @cache
 def _separated(equation: DriveEquation) -> RegressorForm:
-    return separate(equation.expression, motion=list(SIGNALS), unknowns=list(equation.unknowns))
+    expression, unknowns = equation.expression, list(equation.unknowns)
+    if not unknowns:
+        expression, unknowns = expression + _NOTHING, [_NOTHING]
+    return separate(expression, motion=list(SIGNALS), unknowns=unknowns)
 
 
 @cache

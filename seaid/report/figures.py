@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from seaid.errors import SeaidError
 from seaid.files import whole_file
 
 if TYPE_CHECKING:
@@ -20,9 +21,17 @@ _COMPUTED: dict[str, Any] = {"color": "black", "linewidth": 0.9, "label": "compu
 
 
 def save_actuator_figure(result: Validation, path: str | Path) -> None:
-    """Draw the motor torques of the best and the worst elastic joint, as Fig. 3 of the paper."""
+    """Draw the motor torques of the best and the worst elastic joint, as Fig. 3 of the paper.
+
+    Raises SeaidError where the validation has no actuator side.
+    """
     errors = result.actuator.relative_error
     elastic = [int(index) for index in np.flatnonzero(np.isfinite(errors))]
+    if not elastic:
+        raise SeaidError(
+            f"'{path}': none of {', '.join(result.joints)} has an actuator side to draw; "
+            "draw the load side"
+        )
     best, worst = min(elastic, key=errors.item), max(elastic, key=errors.item)
     shown = {best: "best joint", worst: "worst joint"} if best != worst else {best: "only joint"}
     title = "Actuator side: motor torque of a motion the identification has not seen"

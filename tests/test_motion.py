@@ -1,0 +1,145 @@
+"""Motion from a log: order, derivatives, both sides, and logs that cannot be used."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from seaid.errors import LogError
+from seaid.log import Log
+from seaid.motion import reconstruct_motion
+from seaid.simulation import measure
+from tests.experiments import ARM_SENSORS, arm, arm_motion, leg, perfect_log
+
+
+def log() -> Log:
+    return perfect_log(arm(), arm_motion())
+
+
+def without(signal: str, joint: str) -> Log:
+    values = getattr(log(), signal).copy()
+    values[:, arm().index(joint)] = np.nan
+    return replace(log(), **{signal: values})
+
+
+def picked(source: Log, joints: list[int], names: tuple[str, ...]) -> Log:
+    return replace(
+        source,
+        joint_names=names,
+        motor_position=source.motor_position[:, joints],
+        joint_position=source.joint_position[:, joints],
+        motor_torque=source.motor_torque[:, joints],
+        is_prismatic=tuple(source.is_prismatic[joint] for joint in joints),
+    )
+
+
+@pytest.mark.parametrize(
+    ("signal", "allowed"),
+    [
+        ("joint_position", 1e-4),
+        ("motor_position", 1e-4),
+        ("joint_velocity", 2e-3),
+        ("motor_velocity", 2e-3),
+        ("joint_acceleration", 0.05),  # the motor's jumps where friction turns: no encoder sees it
+    ],
+)
+def test_derivatives_are_those_of_the_true_motion(signal: str, allowed: float) -> None:
+    inside = slice(200, -200)
+    found, true = (
+        getattr(motion, signal)[inside]
+        for motion in (reconstruct_motion(arm(), log(), 20.0), arm_motion())
+    )
+    error = np.linalg.norm(found - true, axis=0) / np.linalg.norm(true, axis=0)
+    assert np.max(error) < allowed
+
+
+def test_torques_stay_as_measured() -> None:
+    noisy = measure(arm(), arm_motion(), ARM_SENSORS)
+    motion = reconstruct_motion(arm(), noisy)
+    assert np.array_equal(motion.motor_torque, noisy.motor_torque)
+    assert np.all(np.isnan(motion.joint_torque))
+    assert motion.trim_s == pytest.approx(1 / motion.cutoff_hz)
+    assert motion.rate_hz == pytest.approx(1000.0)
+
+
+def test_joints_come_in_the_robots_order_and_others_are_left_alone() -> None:
+    expected = reconstruct_motion(arm(), log(), 8.0)
+    names = ("wrist", "shoulder", "rail", "telescope", "other")
+    foreign = picked(log(), [3, 1, 0, 2, 2], names)
+    found = reconstruct_motion(arm(), foreign, 8.0)
+    assert found.joint_names == arm().joint_names
+    assert np.array_equal(found.joint_position, expected.joint_position)
+    assert np.array_equal(found.motor_torque, expected.motor_torque)
+
+
+@pytest.mark.parametrize("side", ["motor", "joint"])
+def test_stiff_joint_needs_one_encoder(side: str) -> None:
+    found = reconstruct_motion(arm(), without(f"{side}_position", "rail"), 8.0)
+    expected = reconstruct_motion(arm(), log(), 8.0)
+    assert np.allclose(found.motor_velocity, expected.motor_velocity, rtol=0, atol=1e-6)
+    assert np.allclose(found.joint_velocity, expected.joint_velocity, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("side", ["motor", "joint"])
+def test_elastic_joint_needs_both_encoders(side: str) -> None:
+    blind = without(f"{side}_position", "telescope")
+    with pytest.raises(LogError, match=f"elastic joint 'telescope' needs its {side} position"):
+        reconstruct_motion(arm(), blind)
+
+
+def test_joint_without_any_position_is_named() -> None:
+    nothing = np.full(len(log().time), np.nan)
+    motor, joint = log().motor_position.copy(), log().joint_position.copy()
+    motor[:, 3], joint[:, 3] = nothing, nothing
+    with pytest.raises(LogError, match="joint 'wrist' has no position in the log"):
+        reconstruct_motion(arm(), replace(log(), motor_position=motor, joint_position=joint))
+
+
+def test_log_of_another_robot_is_refused() -> None:
+    with pytest.raises(LogError, match=r"the log has no joint hip_yaw, .* of 'tulip_leg'; its"):
+        reconstruct_motion(leg(), log())
+    with pytest.raises(LogError, match="no joint telescope of 'mixed_arm'"):
+        reconstruct_motion(arm(), picked(log(), [0, 1, 3], ("rail", "shoulder", "wrist")))
+
+
+@pytest.mark.parametrize("cutoff_hz", [-1.0, 0.0, 500.0, 1e4, np.inf, np.nan])
+def test_cutoff_out_of_range_says_the_range(cutoff_hz: float) -> None:
+    with pytest.raises(LogError, match="between 0 and half the sampling rate, 500 Hz, found"):
+        reconstruct_motion(arm(), log(), cutoff_hz)
+
+
+def test_log_too_short_for_the_cutoff_says_what_to_do() -> None:
+    with pytest.raises(LogError, match=r"too short: 0.999 s hold fewer than ten periods .* 4 Hz"):
+        reconstruct_motion(arm(), log().between(0.0, 1.0), 4.0)
+
+
+def test_irregular_times_are_resampled_near_the_truth() -> None:
+    kept = np.random.default_rng(0).random(len(log().time)) < 0.7
+    kept[[0, -1]] = True
+    holes = replace(
+        log(),
+        time=log().time[kept],
+        motor_position=log().motor_position[kept],
+        joint_position=log().joint_position[kept],
+        motor_torque=log().motor_torque[kept],
+    )
+    found, expected = (reconstruct_motion(arm(), one, 8.0) for one in (holes, log()))
+    assert np.diff(found.time) == pytest.approx(np.mean(np.diff(holes.time)))
+    assert found.time[[0, -1]] == pytest.approx(expected.time[[0, -1]])
+    for joint in range(4):
+        again = np.interp(found.time, expected.time, expected.joint_position[:, joint])
+        assert np.max(np.abs(found.joint_position[:, joint] - again)) < 2e-4
+
+
+def test_small_jitter_of_the_clock_is_not_resampled() -> None:
+    jitter = 1e-8 * np.random.default_rng(0).normal(size=len(log().time))
+    found = reconstruct_motion(arm(), replace(log(), time=log().time + jitter), 8.0)
+    assert np.array_equal(found.time, log().time + jitter)
+
+
+def test_proposed_cutoff_is_used_where_none_is_given() -> None:
+    proposed = reconstruct_motion(arm(), log()).cutoff_hz
+    assert 4.0 <= proposed <= 12.0
+    assert reconstruct_motion(arm(), log(), proposed).cutoff_hz == proposed
