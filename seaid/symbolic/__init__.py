@@ -15,20 +15,38 @@ from seaid.symbolic.reduction import BaseForm, Column, reduce
 from seaid.symbolic.separation import RegressorForm, separate
 
 if TYPE_CHECKING:
+    from seaid.symbolic.exact_base import base_parameters
     from seaid.symbolic.grouping import ExactBaseParameters
-    from seaid.symbolic.rigid_body import base_parameters
+    from seaid.symbolic.regressor_form import RigidBodyForm, rigid_body
+    from seaid.symbolic.source import export_c, export_numpy
+    from seaid.symbolic.whole_model import CompleteModel, complete_model
 
-_OF_ROBOTS = {"ExactBaseParameters": "grouping", "base_parameters": "rigid_body"}
+_OF_ROBOTS = {
+    "CompleteModel": "whole_model",
+    "ExactBaseParameters": "grouping",
+    "RigidBodyForm": "regressor_form",
+    "base_parameters": "exact_base",
+    "complete_model": "whole_model",
+    "export_c": "source",
+    "export_numpy": "source",
+    "rigid_body": "regressor_form",
+}
 """What reads a Robot, and so Pinocchio: imported when it is first used."""
 
 __all__ = [
     "BaseForm",
     "Column",
+    "CompleteModel",
     "ExactBaseParameters",
     "RegressorForm",
+    "RigidBodyForm",
     "base_parameters",
+    "complete_model",
     "equations_of_motion",
+    "export_c",
+    "export_numpy",
     "reduce",
+    "rigid_body",
     "separate",
 ]
 

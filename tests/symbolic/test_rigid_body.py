@@ -1,141 +1,251 @@
-"""Exact base parameters of a Robot: three ways, one echelon form."""
+"""The exact regressor as sympy, as a function, and as files that stand alone."""
 
 from __future__ import annotations
 
+import ctypes
+import re
+import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+import sympy as sp
 
-from seaid.base import base_parameters as numeric_base_parameters
-from seaid.cross_check import cross_check
-from seaid.errors import RobotError, SymbolicError
+from seaid.arrays import Array
+from seaid.base import random_states
+from seaid.errors import SeaidError
+from seaid.rigid_body import joint_torques, rigid_body_regressor
 from seaid.robot import Robot, load_robot
-from seaid.symbolic import ExactBaseParameters, base_parameters
-
-SMALL = {
-    "ur5_robot.urdf": 36,
-    "so100.urdf": 36,
-    "xarm7.urdf": 43,
-    "talos_left_arm.urdf": 45,
-    "tiago_no_hand.urdf": 58,
-    "a1.urdf": 68,
-    "allegro_left_hand.urdf": 94,
-    "double_pendulum.urdf": 6,
-    "finger_edu.urdf": 17,
-    "hextilt_flying_arm_5.urdf": 23,
-}
-SLIDE = '<limit lower="0" upper="1" effort="1" velocity="1"/>'
-
-
-def three_ways(robot: Robot) -> list[ExactBaseParameters]:
-    return [
-        base_parameters(robot),
-        base_parameters(robot, through="energy"),
-        base_parameters(robot, through="torque"),
-    ]
-
-
-@pytest.mark.parametrize(("name", "count"), SMALL.items())
-def test_three_ways_give_the_same_rationals(
-    name: str,
-    count: int,
-    example_path: Callable[[str], Path],
-    load_quietly: Callable[..., Robot],
-) -> None:
-    ways = three_ways(load_quietly(example_path(name)))
-    assert [way.rank for way in ways] == [count] * 3
-    assert ways[0].exact_rows == ways[1].exact_rows == ways[2].exact_rows
-    assert ways[0].expressions == ways[1].expressions == ways[2].expressions
-    assert np.array_equal(ways[0].grouping, ways[2].grouping)
-
-
-def test_panda_arm_by_three_ways(
-    example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
-) -> None:
-    arm = load_quietly(
-        example_path("panda.urdf"), joints=[f"panda_joint{number}" for number in range(1, 8)]
-    )
-    ways = three_ways(arm)
-    assert [way.rank for way in ways] == [43] * 3
-    assert ways[0].exact_rows == ways[1].exact_rows == ways[2].exact_rows
-
-
-def test_three_ways_with_sliding_joints_and_skew_axes(write_chain: Callable[..., Path]) -> None:
-    rpy = '<origin xyz="0.1 -0.2 0.3" rpy="0.4 0.5 -0.6"/>'
-    joints = {
-        "a": f'prismatic <axis xyz="1 2 -2"/>{SLIDE}',
-        "b": f'continuous <axis xyz="0.3 -0.1 0.8"/>{rpy}',
-        "c": f'prismatic <axis xyz="0 1 0"/>{SLIDE}{rpy}',
-        "d": f'continuous <axis xyz="0 0 -1"/>{rpy}',
-    }
-    robot = load_robot(write_chain(joints), gravity=(0.5, 0.0, -9.0))
-    ways = three_ways(robot)
-    assert ways[0].exact_rows == ways[1].exact_rows == ways[2].exact_rows
-    assert cross_check(numeric_base_parameters(robot), ways[0]).agree
-
-
-def test_certificate(tulip_leg: Robot) -> None:
-    recursion, energy, torque = three_ways(tulip_leg)
-    assert (recursion.fundamental_functions, recursion.different_rows) == (None, None)
-    assert recursion.through == "recursion"
-    assert energy.through == "energy"
-    assert energy.fundamental_functions is not None
-    assert energy.fundamental_functions > 29
-    assert energy.different_rows is not None
-    assert energy.different_rows >= 29
-    assert torque.through == "torque"
-    assert torque.fundamental_functions is not None
-    assert torque.fundamental_functions > energy.fundamental_functions
-    assert torque.gap == float("inf")
-
-
-@pytest.mark.parametrize(
-    ("rows", "count"),
-    [
-        (("hip_pitch", "knee_pitch", "ankle_pitch"), 21),
-        (("knee_pitch",), None),
-        (("ankle_pitch", "hip_yaw"), None),
-    ],
+from seaid.symbolic import (
+    complete_model,
+    export_c,
+    export_numpy,
+    reduce,
+    rigid_body,
+    separate,
 )
-def test_known_torques_only(tulip_leg: Robot, rows: tuple[str, ...], count: int | None) -> None:
-    exact = base_parameters(tulip_leg, rows=rows)
-    assert exact.through == "torque"
-    assert count in (None, exact.rank)
-    assert cross_check(numeric_base_parameters(tulip_leg, rows=rows), exact).agree
-    assert base_parameters(tulip_leg, rows=rows, through="torque").rank == exact.rank
+
+ROBOTS = [
+    "ur5_robot.urdf",
+    "xarm7.urdf",
+    "panda.urdf",
+    "tiago_no_hand.urdf",
+    "a1.urdf",
+    "romeo_laas_small.urdf",
+]
+Y_AXIS = '<axis xyz="0 1 0"/>'
 
 
-def test_known_torques_are_those_of_the_named_joints_in_any_order(tulip_urdf: Path) -> None:
-    joints = ["ankle_pitch", "hip_pitch", "knee_pitch", "hip_yaw"]
-    robot = load_robot(tulip_urdf, joints=joints)
-    exact = base_parameters(robot, rows=["knee_pitch", "hip_pitch"])
-    check = cross_check(numeric_base_parameters(robot, rows=["knee_pitch", "hip_pitch"]), exact)
-    assert check.agree, check
-    ways = three_ways(robot)
-    assert ways[0].exact_rows == ways[1].exact_rows == ways[2].exact_rows
+def assert_close(found: Array, expected: Array) -> None:
+    assert found.shape == expected.shape
+    assert np.max(np.abs(found - expected)) < 1e-9 * max(1.0, np.max(np.abs(expected)))
 
 
-def test_unusable_rows(tulip_leg: Robot) -> None:
-    with pytest.raises(RobotError, match="did you mean 'knee_pitch'"):
-        base_parameters(tulip_leg, rows=("knee_pich",))
-    with pytest.raises(SymbolicError, match="at least one joint name"):
-        base_parameters(tulip_leg, rows=())
-    with pytest.raises(SymbolicError, match="found 'knee_pitch'"):
-        base_parameters(tulip_leg, rows="knee_pitch")
-
-
-@pytest.mark.parametrize("way", ["energy", "torque"])
-def test_too_large_a_system_says_so(
-    way: str, example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
+@pytest.mark.parametrize("name", ROBOTS)
+def test_regressor_is_that_of_pinocchio(
+    name: str, example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
 ) -> None:
-    robot = load_quietly(example_path("talos_full_v2.urdf"))
-    with pytest.raises(SymbolicError, match=r"about \d+ terms at joint \d+ of 44, max_terms=20000"):
-        base_parameters(robot, through=way, max_terms=20_000)  # type: ignore[arg-type]
+    robot = load_quietly(example_path(name))
+    states = random_states(robot, seed=3)
+    expected = rigid_body_regressor(robot, *states)
+    form = rigid_body(robot)
+    assert_close(form.regressor(*states), expected)
+    assert_close(form.base_regressor(*states), form.base.reduce(expected))
 
 
-def test_a_limit_between_the_two_ways(tulip_leg: Robot) -> None:
-    assert base_parameters(tulip_leg, through="energy", max_terms=20_000).rank == 29
-    with pytest.raises(SymbolicError, match="max_terms=2000"):
-        base_parameters(tulip_leg, through="torque", max_terms=2000)
+def test_sliding_joints_skew_axes_and_another_order(write_chain: Callable[..., Path]) -> None:
+    rpy = '<origin xyz="0.1 -0.2 0.3" rpy="0.4 0.5 -0.6"/>'
+    slide = '<limit lower="0" upper="1" effort="1" velocity="1"/>'
+    path = write_chain(
+        {
+            "a": f'prismatic <axis xyz="1 2 -2"/>{slide}',
+            "b": f'continuous <axis xyz="0.3 -0.1 0.8"/>{rpy}',
+            "c": f'prismatic <axis xyz="0 1 0"/>{slide}{rpy}',
+            "d": f'continuous <axis xyz="0 0 -1"/>{rpy}',
+        }
+    )
+    robot = load_robot(path, joints=["c", "a", "d", "b"], gravity=(1.0, -2.0, -9.0))
+    states = random_states(robot, seed=0)
+    assert_close(rigid_body(robot).regressor(*states), rigid_body_regressor(robot, *states))
+
+
+def test_base_form_has_the_whole_torque(tulip_leg: Robot) -> None:
+    form = rigid_body(tulip_leg)
+    states = random_states(tulip_leg, seed=1)
+    theta = tulip_leg.parameters
+    whole = form.regressor(*states) @ theta
+    based = form.base_regressor(*states) @ form.base.project(theta)
+    np.testing.assert_allclose(based, whole, atol=1e-10)
+
+
+def test_sympy_regressor_of_a_pendulum(write_chain: Callable[..., Path]) -> None:
+    form = rigid_body(load_robot(write_chain({"a": f"continuous {Y_AXIS}"})))
+    (q,), (_,), (a,) = form.motion
+    g = sp.Rational(981, 100)
+    R = form.expanded(form.R)
+    torque = [0, -g * sp.cos(q), 0, -g * sp.sin(q), 0, 0, a, 0, 0, 0]
+    assert (R - sp.Matrix([torque])).expand() == sp.zeros(1, 10)
+    assert form.expanded(form.R_0) == R.extract([0], list(form.base.columns))
+
+
+def test_subexpressions_come_in_order_and_give_the_numbers(tulip_leg: Robot) -> None:
+    form = rigid_body(tulip_leg)
+    states = tuple(x[:1] for x in random_states(tulip_leg, seed=2))
+    values = {
+        symbol: float(x)
+        for symbols, row in zip(form.motion, states, strict=True)
+        for symbol, x in zip(symbols, row[0], strict=True)
+    }
+    for symbol, expression in form.subexpressions:
+        assert expression.free_symbols <= set(values)
+        values[symbol] = evaluated(expression, values)
+    found = np.array([[evaluated(x, values) for x in row] for row in form.R_0.tolist()])
+    np.testing.assert_allclose(found, form.base_regressor(*states)[0], atol=1e-10)
+
+
+def evaluated(expression: sp.Expr, values: dict[sp.Symbol, float]) -> float:
+    numbers = {x: sp.Float(values[x]) for x in expression.free_symbols}
+    return float(expression.xreplace(numbers))
+
+
+def test_shapes_are_checked(tulip_leg: Robot) -> None:
+    form = rigid_body(tulip_leg)
+    q = np.zeros((4, 5))
+    with pytest.raises(SeaidError, match=r"v must have shape \(any, 5\)"):
+        form.regressor(q, q[:, :4], q)
+    with pytest.raises(SeaidError, match="as many rows, found 4, 3, 4"):
+        form.base_regressor(q, q[:3], q)
+
+
+def test_numpy_file_stands_alone(tulip_leg: Robot, tmp_path: Path) -> None:
+    form = rigid_body(tulip_leg)
+    export_numpy(form, tmp_path / "leg_regressor.py")
+    states = random_states(tulip_leg, seed=4)
+    np.savez(tmp_path / "states.npz", *states)
+    program = (
+        "import sys, numpy as np, leg_regressor as leg\n"
+        "states = np.load('states.npz')\n"
+        "states = [states[f'arr_{i}'] for i in range(3)]\n"
+        "np.savez('found.npz', leg.regressor(*states), leg.base_regressor(*states), leg.GROUPING)\n"
+        "assert len(leg.BASE_PARAMETERS) == len(leg.BASE_COLUMNS) == 29\n"
+        "assert leg.JOINTS[0] == 'hip_yaw' and len(leg.PARAMETERS) == 50\n"
+        "assert not {'pinocchio', 'seaid', 'sympy'} & set(sys.modules)\n"
+        "try:\n"
+        "    leg.regressor(*[x[:, :4] for x in states])\n"
+        "except ValueError as problem:\n"
+        "    assert '(T, 5)' in str(problem)\n"
+        "else:\n"
+        "    raise AssertionError\n"
+    )
+    subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True)
+    found = np.load(tmp_path / "found.npz")
+    expected = rigid_body_regressor(tulip_leg, *states)
+    assert_close(found["arr_0"], expected)
+    assert_close(found["arr_1"], form.base.reduce(expected))
+    assert np.array_equal(found["arr_2"], form.base.grouping)
+
+
+def test_c_file_stands_alone(tulip_leg: Robot, tmp_path: Path) -> None:
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no C compiler named cc")
+    form = rigid_body(tulip_leg)
+    source, library = tmp_path / "leg.c", tmp_path / "leg.so"
+    export_c(form, source)
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O1", "-shared", "-fPIC"]
+    subprocess.run([compiler, *flags, str(source), "-o", str(library), "-lm"], check=True)
+    functions = ctypes.CDLL(str(library))
+    states = random_states(tulip_leg, seed=5)
+    expected = rigid_body_regressor(tulip_leg, *states)
+    for title, wanted in (
+        ("tulip_leg_regressor", expected),
+        ("tulip_leg_base_regressor", form.base.reduce(expected)),
+    ):
+        found = np.empty_like(wanted, order="C")
+        for t in range(len(found)):
+            arrays = [np.ascontiguousarray(x[t]) for x in states] + [found[t]]
+            pointers = [x.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for x in arrays]
+            getattr(functions, title)(*pointers)
+        assert_close(found, wanted)
+
+
+def test_file_that_cannot_be_written_is_not_there(tulip_leg: Robot, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(SeaidError, match="cannot write"):
+        export_numpy(rigid_body(tulip_leg), tmp_path / "file" / "regressor.py")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file"]
+
+
+def test_names_that_would_break_a_source_file(
+    write_urdf: Callable[[str], Path], tmp_path: Path
+) -> None:
+    urdf = write_urdf(
+        '<link name="base"/><link name="a*/ b"/><joint name="j" type="continuous">'
+        f'<parent link="base"/><child link="a*/ b"/>{Y_AXIS}</joint>'
+    )
+    text = urdf.read_text().replace('name="test"', 'name="7 &quot;x&quot; */"')
+    urdf.write_text(text)
+    form = rigid_body(load_robot(urdf))
+    export_c(form, tmp_path / "out.c")
+    export_numpy(form, tmp_path / "out.py")
+    compile((tmp_path / "out.py").read_text(), "out.py", "exec")
+    assert re.search(r"void robot_7_\w*_regressor\(", (tmp_path / "out.c").read_text())
+    if shutil.which("cc"):
+        subprocess.run(["cc", "-std=c99", "-fsyntax-only", str(tmp_path / "out.c")], check=True)
+
+
+def elastic_leg(write_chain: Callable[..., Path]) -> Robot:
+    knee = f'{Y_AXIS}<origin xyz="0 0 -0.275"/>'
+    path = write_chain({"hip": f"continuous {Y_AXIS}", "knee": f"continuous {knee}"})
+    drives = {
+        "hip": {"type": "stiff", "gear_ratio": 50.0, "motor_inertia_kg_m2": 1e-5},
+        "knee": {"type": "series_elastic", "gear_ratio": 100.0, "motor_inertia_kg_m2": 3e-6},
+    }
+    return load_robot(path, drives)
+
+
+def test_complete_model_is_one_system_for_algorithm_1(write_chain: Callable[..., Path]) -> None:
+    model = complete_model(elastic_leg(write_chain))
+    assert len(model.equations) == 3
+    assert [str(x) for x in model.coordinates] == ["q_hip(t)", "q_knee(t)", "theta_M_knee(t)"]
+    assert [str(x) for x in model.inputs] == ["tau_M_hip(t)", "tau_M_knee(t)"]
+    drive = [sp.Symbol(x) for x in ("F_v_hip", "F_C_hip", "F_v_knee", "F_C_knee", "k_knee")]
+    unknowns = [*drive, sp.Symbol("f_0_knee"), *model.parameters]
+    base = reduce(separate(model.equations, [*model.coordinates, *model.inputs], unknowns))
+    # The planar 2R has 6; the spring tells k and f_0 in both equations, the motors friction each.
+    assert len(base.pivots) == 6 + 6
+
+
+def test_complete_model_holds_along_a_motion(write_chain: Callable[..., Path]) -> None:
+    robot = elastic_leg(write_chain)
+    model = complete_model(robot)
+    q, v, a = (np.array([x]) for x in ([0.3, -0.7], [1.5, 0.4], [-2.0, 3.0]))
+    hip, knee = joint_torques(robot, q, v, a)[0]
+    # Of (8) with k = 50: theta_M = N (tau / k + q); of the stiff one: tau_M = tau / N + friction.
+    theta_M = 100.0 * (knee / 50.0 - 0.7)
+    tau_M = hip / 50.0 + 1e-5 * 50.0 * -2.0 + 0.002 * 50.0 * 1.5 + 0.03
+    q_hip, q_knee, motor = model.coordinates
+    t = q_hip.args[0]
+    values = {
+        **{q_hip.diff(t, 2): -2.0, q_knee.diff(t, 2): 3.0, motor.diff(t, 2): 0.0},
+        **{q_hip.diff(t): 1.5, q_knee.diff(t): 0.4, motor.diff(t): 1.0},
+        **{q_hip: 0.3, q_knee: -0.7, motor: theta_M},
+        **dict(zip(model.inputs, (tau_M, knee / 100.0 + 0.004), strict=True)),
+        **dict(zip(model.parameters, map(float, robot.parameters), strict=True)),
+        **{"N_hip": 50.0, "I_M_hip": 1e-5, "F_v_hip": 0.002, "F_C_hip": 0.03, "N_knee": 100.0},
+        **{"r_M_knee": 1.0, "r_L_knee": 1.0, "k_knee": 50.0, "f_0_knee": 0.0},
+        **{"I_M_knee": 3e-6, "F_v_knee": 0.001, "F_C_knee": 0.003},
+    }
+    for equation in model.equations:
+        numbers = {x: values.get(x, values.get(str(x))) for x in equation.free_symbols - {t}}
+        moving = {x: y for x, y in values.items() if isinstance(x, sp.Basic)}
+        assert float(equation.xreplace(moving).xreplace(numbers)) == pytest.approx(0, abs=1e-12)
+
+
+def test_ideal_drive_has_the_joint_torque(write_chain: Callable[..., Path]) -> None:
+    model = complete_model(load_robot(write_chain({"a": f"continuous {Y_AXIS}"})))
+    assert str(model.inputs[0]) == "tau_a(t)"
+    assert model.equations[0].diff(model.inputs[0]) == -1

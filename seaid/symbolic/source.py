@@ -1,0 +1,189 @@
+"""Source text of a robot's regressor: a plain NumPy module, and C99. Both stand alone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from textwrap import fill
+from typing import TYPE_CHECKING
+
+from flint import fmpq
+
+from seaid.files import whole_file
+from seaid.symbolic.geometry import number
+from seaid.symbolic.program import Program, Value, needed, text_of
+
+if TYPE_CHECKING:
+    from seaid.symbolic.regressor_form import RigidBodyForm
+
+_Entries = Mapping[tuple[int, int], Value]
+
+
+def export_numpy(form: RigidBodyForm, path: str | Path) -> None:
+    """Write the regressor as one Python file that needs NumPy only.
+
+    It has `regressor(q, v, a)`, `base_regressor(q, v, a)` over (T, n) arrays, the names of joints
+    and parameters, and the grouping matrix. Raises SeaidError where it cannot be written.
+    """
+    with whole_file(path) as temporary:
+        temporary.write_text(numpy_source(form), encoding="utf-8")
+
+
+def export_c(form: RigidBodyForm, path: str | Path) -> None:
+    """Write the regressor as one C99 file that needs <math.h> only.
+
+    It has `<robot>_regressor(q, v, a, Y)` and `<robot>_base_regressor(q, v, a, Y)` with row-major
+    Y. Raises SeaidError where it cannot be written.
+    """
+    with whole_file(path) as temporary:
+        temporary.write_text(c_source(form), encoding="utf-8")
+
+
+def numpy_source(form: RigidBodyForm) -> str:
+    """Return the text of `export_numpy`."""
+    lists = {
+        "JOINTS": form.joint_names,
+        "PARAMETERS": form.parameter_names,
+        "BASE_PARAMETERS": form.base.expressions,
+    }
+    groups = {
+        (i, j): float(x) for i, row in enumerate(form.base.exact_rows) for j, x in row.items()
+    }
+    shape = form.base.grouping.shape
+    return "\n".join(
+        [
+            '"""' + _about(form),
+            "",
+            "Y[t] @ theta is the inverse dynamics at sample t; base_regressor(q, v, a) @ (GROUPING "
+            "@ theta)",
+            "is the same. Written by seaid; needs NumPy only.",
+            '"""',
+            "",
+            "import numpy as np",
+            "",
+            *(f"{key} = {_tuple(values)}" for key, values in lists.items()),
+            f"BASE_COLUMNS = {form.base.columns!r}",
+            f"GROUPING = np.zeros({shape!r})",
+            *(f"GROUPING[{i}, {j}] = {value!r}" for (i, j), value in groups.items()),
+            "",
+            "",
+            *_numpy_function("regressor", form, form.entries, shape[1]),
+            "",
+            "",
+            *_numpy_function("base_regressor", form, form.base_entries, shape[0]),
+            "",
+        ]
+    )
+
+
+def _tuple(values: Iterable[str]) -> str:
+    return "(\n" + "".join(f"    {value!r},\n" for value in values) + ")"
+
+
+def _about(form: RigidBodyForm) -> str:
+    text = (
+        f"Joint-torque regressor of '{form.robot_name}': {len(form.joint_names)} joints, "
+        f"{len(form.parameter_names)} standard and {form.base.rank} base parameters. SI units; "
+        "inertias about the joint frame; without friction and rotor inertia."
+    )
+    return fill(text.replace("\\", "/").replace('"', "'").replace("*/", "* /"), 96)
+
+
+def _numpy_function(title: str, form: RigidBodyForm, entries: _Entries, width: int) -> list[str]:
+    n = len(form.joint_names)
+    lines = [f"    {line}" for line in _statements(form.program, entries, "np.", "", _python)]
+    return [
+        f"def {title}(q, v, a):",
+        f'    """Return Y (T, {n}, {width}) of positions, velocities, accelerations (T, {n})."""',
+        "    q, v, a = (np.asarray(x, dtype=float) for x in (q, v, a))",
+        f"    if not q.shape == v.shape == a.shape == (len(q), {n}):",
+        f'        raise ValueError(f"q, v and a must be (T, {n}), found {{q.shape}}, {{v.shape}}, '
+        '{a.shape}")',
+        *_inputs(form.program, entries, n, "    {0}{1} = {0}[:, {1}]"),
+        *lines,
+        f"    Y = np.zeros((len(q), {n}, {width}))",
+        *(
+            f"    Y[:, {i}, {j}] = {text_of(value, _python)}"
+            for (i, j), value in sorted(entries.items())
+        ),
+        "    return Y",
+    ]
+
+
+def c_source(form: RigidBodyForm) -> str:
+    """Return the text of `export_c`."""
+    prefix = re.sub(r"\W", "_", form.robot_name) or "robot"
+    prefix = f"robot_{prefix}" if prefix[0].isdigit() else prefix
+    names = "\n".join(f"   {i}: {text}" for i, text in enumerate(form.base.expressions)).replace(
+        "*/", "* /"
+    )
+    return "\n".join(
+        [
+            "/* " + _about(form).replace("\n", "\n   "),
+            "   Y is row-major, a row a joint. Base parameters:",
+            names,
+            "   Written by seaid; C99, needs <math.h> only. */",
+            "",
+            "#include <math.h>",
+            "#include <string.h>",
+            "",
+            *_c_function(f"{prefix}_regressor", form, form.entries, len(form.parameter_names)),
+            "",
+            *_c_function(f"{prefix}_base_regressor", form, form.base_entries, form.base.rank),
+            "",
+        ]
+    )
+
+
+def _c_function(title: str, form: RigidBodyForm, entries: _Entries, width: int) -> list[str]:
+    n = len(form.joint_names)
+    lines = _statements(form.program, entries, "", "const double ", _c)
+    inputs = ", ".join(f"const double {x}[{n}]" for x in "qva")
+    return [
+        f"void {title}({inputs}, double Y[{n * width}])",
+        "{",
+        "    (void)q, (void)v, (void)a;",
+        *_inputs(form.program, entries, n, "    const double {0}{1} = {0}[{1}];"),
+        *(f"    {line};" for line in lines),
+        f"    memset(Y, 0, {n * width} * sizeof *Y);",
+        *(
+            f"    Y[{i * width + j}] = {text_of(value, _c)};"
+            for (i, j), value in sorted(entries.items())
+        ),
+        "}",
+    ]
+
+
+def _inputs(program: Program, entries: _Entries, n: int, pattern: str) -> list[str]:
+    used = needed(program, entries.values())
+    return [pattern.format(x, i) for x in "qva" for i in range(n) if f"{x}{i}" in used]
+
+
+def _statements(
+    program: Program,
+    entries: _Entries,
+    module: str,
+    declare: str,
+    number_text: Callable[[fmpq], str],
+) -> list[str]:
+    """Return the assignments of what the entries need, in order."""
+    used = needed(program, entries.values())
+    lines = [
+        f"{declare}{text} = {module}{function}({argument})"
+        for text, (function, argument) in program.circular.items()
+        if text in used
+    ]
+    return lines + [
+        f"{declare}{text} = {text_of(value, number_text)}"
+        for text, value in program.steps.items()
+        if text in used
+    ]
+
+
+def _python(x: fmpq) -> str:
+    return str(x) if x.q == 1 else repr(number(x))
+
+
+def _c(x: fmpq) -> str:
+    return repr(number(x))

@@ -1,0 +1,86 @@
+"""The complete model of a leg as one symbolic system: (7) and (8) of every joint in sympy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import sympy as sp
+
+from seaid.drivetrain.equations import (
+    SIGNALS,
+    N,
+    motor_equation,
+    r_L,
+    spring_force,
+    t,
+    tau_L,
+    theta_L,
+    theta_M,
+)
+from seaid.drivetrain.model import IDEAL_DRIVE, SeriesElasticDrive
+from seaid.robot import Robot
+from seaid.symbolic.regressor_form import rigid_body
+
+
+@dataclass(frozen=True, eq=False)
+class CompleteModel:
+    """A robot with its drives as equations that are zero, for `separate` or any other use.
+
+    An elastic joint has two, (7) of its motor and (8) of its load, a stiff one the one that joins
+    them. `coordinates` are the joints' and the elastic joints' motors' positions, functions of
+    time; `inputs` the motor torques (at an ideal drive the joint torque). `parameters` are the
+    standard inertial parameters, the other symbols those of `seaid.drivetrain.equations` with the
+    joint's name behind, as k_knee: N, r_M, r_L and I_M are known, the others not.
+    """
+
+    equations: tuple[sp.Expr, ...]
+    coordinates: tuple[sp.Expr, ...]
+    inputs: tuple[sp.Expr, ...]
+    parameters: tuple[sp.Symbol, ...]
+
+
+def complete_model(robot: Robot) -> CompleteModel:
+    """Return (7) and (8) of a robot: lengths and gravity are exact numbers, the rest symbols."""
+    form = rigid_body(robot)
+    joints = [sp.Function(f"q_{joint}")(t) for joint in robot.joint_names]
+    inertial = tuple(sp.Symbol(text) for text in robot.parameter_names)
+    torques = form.expanded(form.R) * sp.Matrix(inertial)
+    in_time = {
+        symbol: joint.diff(t, order)
+        for order, symbols in enumerate(form.motion)
+        for symbol, joint in zip(symbols, joints, strict=True)
+    }
+    equations: list[sp.Expr] = []
+    coordinates, inputs = list(joints), []
+    for index, joint in enumerate(robot.joint_names):
+        load = torques[index].xreplace(in_time)
+        drive = robot.drivetrains[joint]
+        motor = sp.Function(f"theta_M_{joint}")(t)
+        torque = sp.Function(f"tau_{joint}" if drive is IDEAL_DRIVE else f"tau_M_{joint}")(t)
+        inputs.append(torque)
+        if drive is IDEAL_DRIVE:
+            equations.append(load - torque)
+            continue
+        side = motor_equation(drive).expression
+        if isinstance(drive, SeriesElasticDrive):
+            spring = r_L * spring_force()
+            coordinates.append(motor)
+            equations.append(_of_joint(side, joint, joints[index], motor, torque))
+            equations.append(_of_joint(spring, joint, joints[index], motor, torque) - load)
+        else:
+            side = side.subs(theta_M, N * theta_L).doit()
+            stiff = _of_joint(side, joint, joints[index], motor, torque)
+            equations.append(stiff.subs(tau_L, load))
+    return CompleteModel(tuple(equations), tuple(coordinates), tuple(inputs), inertial)
+
+
+def _of_joint(
+    expression: sp.Expr, joint: str, position: sp.Expr, motor: sp.Expr, torque: sp.Expr
+) -> sp.Expr:
+    """Give the signals and symbols of a drive's equation the name of their joint."""
+    signals = {theta_M: motor, theta_L: position, SIGNALS[2]: torque}
+    symbols = {
+        symbol: sp.Symbol(f"{symbol.name}_{joint}", **symbol.assumptions0)
+        for symbol in expression.free_symbols - {t}
+    }
+    return expression.subs(signals).doit().xreplace(symbols)
