@@ -18,7 +18,7 @@ from seaid.errors import SeaidError
 from seaid.robot import Robot
 from seaid.symbolic import base_parameters as exact_base_parameters
 
-LARGEST = 40
+LARGEST = 60
 """Joints; the numeric QR of a larger tree takes seconds, and the script does them all."""
 
 ROUNDED = {"kinova": (36, 38), "anymal-kinova": (104, 106), "so100": (36, 38), "so101": (36, 38)}

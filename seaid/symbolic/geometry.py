@@ -108,7 +108,7 @@ def exact_number(value: float) -> fmpq:
 def exact_rotation(rotation: Array) -> fmpq_mat:
     """Return an exactly orthogonal rational matrix within 1e-15 of a rotation (3, 3).
 
-    It is Rz(a) Rx(b) Rz(c): b, the angle between z axes, decides what is parallel and what is
+    Float noise of 1e-14 rad about a multiple of 90 degrees is left out. It is Rz(a) Rx(b) Rz(c): b, the angle between z axes, decides what is parallel and what is
     perpendicular, and is exact where it is a multiple of 90 degrees.
     """
     tilt = math.atan2(math.hypot(rotation[0, 2], rotation[1, 2]), rotation[2, 2])

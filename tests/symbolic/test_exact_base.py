@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from seaid.base import base_parameters as numeric_base_parameters
 from seaid.cross_check import cross_check
@@ -26,6 +28,7 @@ SMALL = {
     "finger_edu.urdf": 17,
     "hextilt_flying_arm_5.urdf": 23,
 }
+TempPaths = pytest.TempPathFactory
 SLIDE = '<limit lower="0" upper="1" effort="1" velocity="1"/>'
 
 
@@ -74,6 +77,38 @@ def test_three_ways_with_sliding_joints_and_skew_axes(write_chain: Callable[...,
     ways = three_ways(robot)
     assert ways[0].exact_rows == ways[1].exact_rows == ways[2].exact_rows
     assert cross_check(numeric_base_parameters(robot), ways[0]).agree
+
+
+numbers = st.sampled_from(["0", "0", "1", "-1", "0.3", "-0.25", "0.1234567"])
+triples = st.tuples(numbers, numbers, numbers).map(" ".join)
+angles = st.sampled_from(["0", "0", "1.5707963267948966", "3.141592653589793", "0.4", "-1.1"])
+joints = st.tuples(
+    st.sampled_from(["continuous", "prismatic"]),
+    triples.filter(lambda axis: axis != "0 0 0").filter(lambda axis: set(axis.split()) != {"0"}),
+    triples,
+    st.tuples(angles, angles, angles).map(" ".join),
+    st.integers(0, 3),
+)
+
+
+@given(tree=st.lists(joints, min_size=1, max_size=4), gravity=st.sampled_from([0.0, -9.81]))
+def test_any_tree_has_one_answer(
+    tree: list[tuple[str, str, str, str, int]], gravity: float, tmp_path_factory: TempPaths
+) -> None:
+    text = '<link name="l0"/>'
+    for number, (kind, axis, xyz, rpy, parent) in enumerate(tree, 1):
+        text += (
+            f'<link name="l{number}"/><joint name="j{number}" type="{kind}"><axis xyz="{axis}"/>'
+            f'<parent link="l{min(parent, number - 1)}"/><child link="l{number}"/>'
+            f'<origin xyz="{xyz}" rpy="{rpy}"/>{SLIDE}</joint>'
+        )
+    path = tmp_path_factory.mktemp("tree") / "tree.urdf"
+    path.write_text(f'<robot name="tree">{text}</robot>')
+    robot = load_robot(path, gravity=(0.0, 0.0, gravity))
+    ways = three_ways(robot)
+    assert ways[0].exact_rows == ways[1].exact_rows == ways[2].exact_rows
+    check = cross_check(numeric_base_parameters(robot), ways[0])
+    assert check.agree, (check, path)
 
 
 def test_certificate(tulip_leg: Robot) -> None:
