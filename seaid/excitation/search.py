@@ -78,16 +78,15 @@ def search(
     """
     seeds = np.random.SeedSequence(seed).spawn(starts)
     begins = [random_start(problem, np.random.default_rng(one)) for one in seeds]
-    for x in begins:
-        if not np.isfinite(_value(problem, x)):
-            raise ExcitationError(
-                f"no motion of this kind tells all {len(problem.criterion.columns)} base "
-                "parameters: condition number infinite; give more coefficients, more samples or "
-                "wider limits"
-            )
+    values = [_value(problem, x) for x in begins]
+    if not np.any(np.isfinite(values)):
+        raise ExcitationError(
+            f"no motion of this kind tells all {len(problem.criterion.columns)} base parameters: "
+            "condition number infinite; give more coefficients, more samples or wider limits"
+        )
     first = -(-iterations // 3) if starts > 1 else 0
     with _bar(progress, starts * first + iterations) as report:
-        outcomes = [Outcome(_value(problem, x), x) for x in begins]
+        outcomes = [Outcome(value, x) for value, x in zip(values, begins, strict=True)]
         if first:
             outcomes += _map_starts(problem, begins, first, executor, report)
         best = min(outcomes, key=lambda outcome: outcome.value)
