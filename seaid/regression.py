@@ -269,12 +269,17 @@ def zero_sensitivity(
     It is minus the change of the computed torque, at the parameters `theta`, a unit of shift.
     """
     reference, changes = load_regression(robot, motion, model, springs), []
-    for joint in range(robot.n):
+    for index, joint in enumerate(robot.joint_names):
         position = motion.joint_position.copy()
-        position[:, joint] += _ZERO_STEP
-        shifted = replace(motion, joint_position=position)
-        H = load_regression(robot, shifted, model, springs).H
-        changes.append((reference.H - H) @ theta / _ZERO_STEP)
+        position[:, index] += _ZERO_STEP
+        moved = dict(springs)
+        if joint in springs:  # the deflection offset takes what the zero does to the spring
+            stiffness, offset = springs[joint]
+            load_radius = getattr(robot.drivetrains[joint], "load_radius", 1.0)
+            moved[joint] = np.array([stiffness, offset + stiffness * load_radius * _ZERO_STEP])
+        shifted = load_regression(robot, replace(motion, joint_position=position), model, moved)
+        change = (shifted.y - shifted.H @ theta) - (reference.y - reference.H @ theta)
+        changes.append(change / _ZERO_STEP)
     return replace(reference, carried=np.column_stack(changes))
 
 

@@ -1,0 +1,116 @@
+"""Tables: aligned, with the numbers of the result."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from seaid.identification import Identification, identify
+from seaid.report.text import (
+    drive_table,
+    identification_table,
+    load_table,
+    number,
+    percent,
+    table,
+    validation_table,
+)
+from seaid.simulation import measure
+from seaid.validation import validate
+from tests.experiments import ARM_SENSORS, arm, arm_motion
+
+
+@cache
+def found() -> Identification:
+    return identify(arm().without_nominal(), measure(arm(), arm_motion(), ARM_SENSORS, seed=1))
+
+
+def lines(text: str, *words: str) -> list[str]:
+    """Return the lines that hold all words."""
+    return [line for line in text.splitlines() if all(word in line for word in words)]
+
+
+def test_columns_are_aligned_first_left_others_right() -> None:
+    text = table("Title", ["name", "value"], [["a", "1"], ["longer", "1000"]]).splitlines()
+    assert text[0].strip() == "Title"
+    a, longer = lines("\n".join(text), "a ")[-1], lines("\n".join(text), "longer")[0]
+    assert a.index("a") == longer.index("longer")
+    assert len(a) == len(longer)
+    assert all(line == line.rstrip() for line in text)
+
+
+def test_brackets_are_text_not_markup() -> None:
+    assert "[N m] [bold]" in table("t", ["a"], [["[N m] [bold]"]])
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (83008.4, "8.301e+04"), (0.00456, "0.00456"), (np.nan, "-"), (np.inf, "-")],
+)
+def test_number_has_four_digits(value: float, text: str) -> None:
+    assert number(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0123, "1.2 %"), (-0.004, "-0.4 %"), (1.5, "150 %"), (0.996, "100 %"), (np.nan, "-")],
+)
+def test_percent_has_two_digits(value: float, text: str) -> None:
+    assert percent(value) == text
+
+
+def test_summary_has_every_parameter_with_error_and_unit() -> None:
+    summary = found().summary()
+    assert summary == identification_table(found())
+    assert summary.startswith("mixed_arm: 14 base parameters from the torques at rail, shoulder,")
+    for joint, estimate in found().drivetrains.items():
+        for name, value, error, unit in zip(
+            estimate.names, estimate.values, estimate.standard_errors, estimate.units, strict=True
+        ):
+            (line,) = lines(summary, joint, name)
+            assert f" {number(value)} " in line
+            assert f" {number(error)} " in line
+            assert line.endswith(unit)
+    for name, value in zip(found().load.names, found().load.values, strict=True):
+        assert lines(summary, name[:50], number(value))
+    assert f"{found().load_side.condition_number:.3g}" in summary
+
+
+def test_summary_is_aligned() -> None:
+    """Units are right-aligned, so all lines of a table end at the same place."""
+    rows = lines(found().summary(), "friction")
+    assert len(rows) == 8
+    assert len({len(line) for line in rows if line.endswith("N m")}) == 1
+
+
+def test_flags_are_in_the_summary() -> None:
+    narrow = identify(
+        arm().without_nominal(),
+        measure(arm(), arm_motion(), ARM_SENSORS, seed=1).between(1.0, 2.6),
+        cutoff_hz=10.0,
+    )
+    assert narrow.flags
+    for flag in narrow.flags:
+        assert f"! {flag}" in narrow.summary().splitlines()
+
+
+def test_truth_stands_beside_the_estimate() -> None:
+    (line,) = lines(drive_table("Table 1", found(), arm()), "shoulder", "stiffness")
+    value = found().drivetrains["shoulder"].value("stiffness")
+    assert " 250 " in line
+    assert f" {percent(value / 250 - 1)} " in line
+    (line,) = lines(load_table("Base", found(), arm()), "m_carriage + m_upper_arm")
+    assert " 5 " in line
+    assert "s.e." in line
+
+
+def test_validation_table_has_both_sides_and_dashes_where_there_is_none() -> None:
+    result = validate(found(), measure(arm(), arm_motion(seed=5), ARM_SENSORS, seed=2))
+    text = validation_table(result)
+    (line,) = lines(text, "shoulder")
+    assert percent(result.actuator.relative_error[1]) in line
+    assert percent(result.load.relative_error[1]) in line
+    (line,) = lines(text, "rail")
+    assert line.split()[1:4] == ["-", "-", "-"]
