@@ -28,6 +28,9 @@ _ANGLE_NOISE = 1e-14
 
 _HALF_TANGENT_ERROR = 1e-16
 
+_IDENTITY = fmpq_mat([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+_HALF_TURN = fmpq_mat([[1, 0, 0], [0, -1, 0], [0, 0, -1]])
+
 
 @dataclass(frozen=True, eq=False)
 class ExactJoint:
@@ -60,26 +63,43 @@ class ExactTree:
 def exact_tree(robot: Robot) -> ExactTree:
     """Return the exact geometry of a robot."""
     model = robot.model
-    identity = fmpq_mat([[int(i == j) for j in range(3)] for i in range(3)])
     joints: list[ExactJoint] = []
     for index in range(1, model.njoints):
         parent = int(model.parents[index]) - 1
         placement = model.jointPlacements[index]
-        above = identity if parent < 0 else joints[parent].alignment
-        alignment = _alignment(joint_axis(model.joints[index]))
-        rotation = as_floats(above).T @ placement.rotation @ as_floats(alignment)
+        above = _IDENTITY if parent < 0 else joints[parent].alignment
+        axis = joint_axis(model.joints[index])
+        rotation, alignment = _between_axes(above, exact_rotation(placement.rotation), axis)
         translation = fmpq_mat([[exact_number(x)] for x in placement.translation])
         joints.append(
             ExactJoint(
                 parent=parent,
                 is_prismatic=robot.is_prismatic[robot.model_order[index - 1]],
-                rotation=exact_rotation(rotation),
+                rotation=rotation,
                 translation=above.transpose() * translation,
                 alignment=alignment,
             )
         )
     gravity = fmpq_mat([[exact_number(x)] for x in model.gravity.linear])
     return ExactTree(tuple(joints), gravity, robot.model_order)
+
+
+def _between_axes(above: fmpq_mat, placed: fmpq_mat, axis: Array) -> tuple[fmpq_mat, fmpq_mat]:
+    """Return a joint's rotation between aligned frames, and its alignment.
+
+    Axes that are parallel but for float noise are made parallel: by the axis where the frames are
+    turned by multiples of 90 degrees, else by the rotation.
+    """
+    alignment = _alignment(axis)
+    rotation = above.transpose() * placed * alignment
+    cosine = rotation[2, 2]
+    sine = math.hypot(number(rotation[0, 2]), number(rotation[1, 2]))
+    if sine > _ANGLE_NOISE or abs(cosine) == 1:
+        return rotation, alignment
+    if any(x.q != 1 for x in placed.entries()):
+        return exact_rotation(as_floats(rotation)), alignment
+    turn = _IDENTITY if cosine > 0 else _HALF_TURN
+    return turn, placed.transpose() * above * turn
 
 
 def joint_axis(joint: object) -> Array:
@@ -108,17 +128,30 @@ def exact_number(value: float) -> fmpq:
 def exact_rotation(rotation: Array) -> fmpq_mat:
     """Return an exactly orthogonal rational matrix within 1e-15 of a rotation (3, 3).
 
-    Float noise of 1e-14 rad about a multiple of 90 degrees is left out. It is Rz(a) Rx(b) Rz(c): b, the angle between z axes, decides what is parallel and what is
-    perpendicular, and is exact where it is a multiple of 90 degrees.
+    Entries that are 0 or 1 but for float noise are so exactly; float noise is 1e-14.
     """
-    tilt = math.atan2(math.hypot(rotation[0, 2], rotation[1, 2]), rotation[2, 2])
+    row, column = _special_entry(rotation)
+    before, after = (_alignment(np.eye(3)[place]) for place in (row, column))
+    inner = as_floats(before).T @ rotation @ as_floats(after)
+    # As Rz(a) Rx(b) Rz(c): where b is 0 or 90 degrees, zeros elsewhere come from a and c.
+    tilt = math.atan2(math.hypot(inner[0, 2], inner[1, 2]), inner[2, 2])
+    first = _about_x(tilt)
     if min(tilt, math.pi - tilt) > _ANGLE_NOISE:
-        first = _about_z(math.atan2(rotation[0, 2], -rotation[1, 2])) * _about_x(tilt)
-    else:
-        first = _about_x(tilt)
+        first = _about_z(math.atan2(inner[0, 2], -inner[1, 2])) * first
     # What is left is measured, so that the error of a, large where b is small, does not stay.
-    rest = as_floats(first).T @ rotation
-    return first * _about_z(math.atan2(rest[1, 0], rest[0, 0]))
+    rest = as_floats(first).T @ inner
+    inner_exact = first * _about_z(math.atan2(rest[1, 0], rest[0, 0]))
+    return before * inner_exact * after.transpose()
+
+
+def _special_entry(rotation: Array) -> tuple[int, int]:
+    """Return the place of an entry that is 1 or -1, else of one that is 0, else the last."""
+    sizes = np.abs(rotation)
+    for special in (sizes > 1 - _ANGLE_NOISE, sizes < _ANGLE_NOISE):
+        if special.any():
+            row, column = np.argwhere(special)[-1]
+            return int(row), int(column)
+    return 2, 2
 
 
 def as_floats(matrix: fmpq_mat) -> Array:
@@ -135,12 +168,28 @@ def number(value: fmpq) -> float:
 def _alignment(axis: Array) -> fmpq_mat:
     """Return a rotation whose last column is the axis: a permutation for a coordinate axis."""
     along = np.flatnonzero(np.abs(axis) == 1.0)
-    if along.size and axis[along[0]] > 0:
+    if along.size:
         last = int(along[0])
         columns = [(last + 1) % 3, (last + 2) % 3, last]
-        return fmpq_mat([[int(row == column) for column in columns] for row in range(3)])
-    tilt = math.atan2(math.hypot(axis[0], axis[1]), axis[2])
-    return _about_z(math.atan2(axis[0], -axis[1]) if tilt < math.pi else 0.0) * _about_x(tilt)
+        turned = fmpq_mat([[int(row == column) for column in columns] for row in range(3)])
+        return turned if axis[last] > 0 else turned * _HALF_TURN
+    # Half a turn about the line between z and the axis.
+    up = 1 if axis[2] >= 0 else -1
+    w = _unit_vector(axis) + fmpq_mat(3, 1, [0, 0, up])
+    turned = 2 / (w.transpose() * w)[0, 0] * (w * w.transpose()) - _IDENTITY
+    return turned if up > 0 else turned * _HALF_TURN
+
+
+def _unit_vector(axis: Array) -> fmpq_mat:
+    """Return an exact unit vector, the same for the same components in any order and sign."""
+    order = np.argsort(np.abs(axis), kind="stable")
+    x, y, z = np.abs(axis)[order]
+    high, low = _cosine_and_sine(math.atan2(x, math.hypot(y, z)))
+    cosine, sine = _cosine_and_sine(math.atan2(y, z))
+    vector = fmpq_mat(3, 1)
+    for place, value in zip(order, (low, high * sine, high * cosine), strict=True):
+        vector[int(place), 0] = value if axis[place] > 0 else -value
+    return vector
 
 
 def _about_z(angle: float) -> fmpq_mat:
