@@ -43,7 +43,7 @@ def kept(robot: Robot, plan: Excitation, limits: Limits | None, rate_hz: float =
 
 def test_leg_from_ten_seconds_rest_to_rest(leg: Robot) -> None:
     limits = Limits(velocity=2.5, acceleration=10.0)
-    found = design_excitation(leg, 10.0, limits=limits, starts=1, iterations=80)
+    found = design_excitation(leg, 10.0, limits=limits, starts=1, iterations=120)
     assert len(found.base.columns) == 29
     assert found.condition_number < 35.0
     assert found.trajectory.joint_names == leg.joint_names
