@@ -1,8 +1,9 @@
-"""The one helper behind the frozen data types: float64, shape-checked, read-only arrays."""
+"""Behind the frozen data types: float64, shape-checked, read-only arrays, and mappings."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,26 @@ from seaid.errors import SeaidError
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+Value = TypeVar("Value")
+
+
+class FrozenMapping(Mapping[str, Value]):
+    """A read-only copy of a mapping that, unlike MappingProxyType, can be sent to a process."""
+
+    def __init__(self, items: Mapping[str, Value]) -> None:
+        self._items = dict(items)
+
+    def __getitem__(self, name: str) -> Value:
+        return self._items[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._items)
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def __repr__(self) -> str:
+        return repr(self._items)
 
 
 def frozen(

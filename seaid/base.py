@@ -58,11 +58,11 @@ def base_parameters(
     Without `motion` the regressor is taken at random full states. `rows` names the joints whose
     torques are known (default all). Raises ExcitationError where nothing is identifiable.
     """
-    q, v, a = random_states(robot, seed) if motion is None else motion.joint_states
-    Y = rigid_body_regressor(robot, q, v, a)
     known = [robot.index(joint) for joint in (robot.joint_names if rows is None else rows)]
     if not known:
         raise ExcitationError("rows= names no joint: give those whose torque is known")
+    states = random_states(robot, seed, len(known)) if motion is None else motion.joint_states
+    Y = rigid_body_regressor(robot, *states)
     H = Y[:, known].reshape(-1, Y.shape[2])
     columns, grouping, gap = left_to_right(H, negligible(H))
     if not columns:
@@ -80,10 +80,16 @@ def base_parameters(
     )
 
 
-def random_states(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
-    """Return random q, v, a, enough rows for a rank decision; q over a full turn or a metre."""
+def random_states(
+    robot: Robot, seed: int, torques: int | None = None
+) -> tuple[Array, Array, Array]:
+    """Return random q, v, a, enough for a rank decision with so many known torques (default n).
+
+    Positions over a full turn or a metre; three rows a parameter and more.
+    """
     rng = np.random.default_rng(seed)
-    shape = (max(40, -(-30 * robot.n // min(robot.n, 6))), robot.n)
+    known = robot.n if torques is None else torques
+    shape = (max(40, -(-30 * robot.n // min(known, 6))), robot.n)
     reach = np.where(robot.is_prismatic, 1.0, np.pi)
     return rng.uniform(-reach, reach, shape), rng.normal(0, 3, shape), rng.normal(0, 10, shape)
 

@@ -6,13 +6,12 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import linalg
 
-from seaid.arrays import Array
+from seaid.arrays import Array, FrozenMapping
 from seaid.base import BaseParameters, base_parameters
 from seaid.errors import IdentificationError, unknown_name
 from seaid.estimation.estimate import Estimate
@@ -39,7 +38,7 @@ if TYPE_CHECKING:
 
 Estimator = Callable[[Regression, Array | None], Estimate]
 
-ESTIMATORS: Mapping[str, Estimator] = MappingProxyType({"ols": ordinary, "wls": weighted})
+ESTIMATORS: Mapping[str, Estimator] = FrozenMapping({"ols": ordinary, "wls": weighted})
 
 SIDES = ("sequential",)
 
@@ -167,16 +166,16 @@ def identify(
         joint: (drives | stiff)[joint] for joint in robot.joint_names if joint in drives | stiff
     }
     return Identification(
-        drivetrains=MappingProxyType(drives),
+        drivetrains=FrozenMapping(drives),
         load=base,
         base=model.base,
         robot=_found_robot(robot, model.base, base, drives),
         known=robot,
         model=model,
         load_side=load_side,
-        springs=MappingProxyType({joint: spring.values for joint, spring in springs.items()}),
+        springs=FrozenMapping({joint: spring.values for joint, spring in springs.items()}),
         cutoff_hz=motions[0].cutoff_hz,
-        left_out=MappingProxyType({**left_out, "load": load_left_out}),
+        left_out=FrozenMapping({**left_out, "load": load_left_out}),
     )
 
 

@@ -198,8 +198,8 @@ def actuator_regression(robot: Robot, motion: Motion, joint: str) -> Regression:
 
 def load_model(robot: Robot, base: BaseParameters, rows: Sequence[str]) -> LoadModel:
     """Return which columns of stiff drives are identifiable beside the base parameters."""
-    q, v, a = random_states(robot, seed=1)
     known = [robot.index(joint) for joint in rows]
+    q, v, a = random_states(robot, seed=1, torques=len(known))
     Y = base.reduce(rigid_body_regressor(robot, q, v, a))[:, known]
     columns, drives = _drive_columns(
         robot, rows, lambda index: _stiff_signals(robot, index, q, v, a)

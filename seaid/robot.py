@@ -6,13 +6,12 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from seaid.arrays import Array, finite, frozen
+from seaid.arrays import Array, FrozenMapping, finite, frozen
 from seaid.assembly import TURNING, Assembly, Payload, assemble, moving_joints
 from seaid.drivetrain.model import (
     IDEAL_DRIVE,
@@ -87,7 +86,7 @@ class Robot:
         loaded = (parameters + self.payload_parameters).reshape(self.n, 10)
         for position, index in enumerate(self.model_order):
             model.inertias[position + 1] = to_pinocchio(loaded[index])
-        drives = MappingProxyType({joint: drivetrains[joint] for joint in self.joint_names})
+        drives = FrozenMapping({joint: drivetrains[joint] for joint in self.joint_names})
         return replace(self, model=model, parameters=parameters, drivetrains=drives)
 
     def without_nominal(self) -> Robot:
@@ -148,7 +147,7 @@ def _robot(
         is_prismatic=tuple(joint.type == "prismatic" for joint in moved),
         model=built.model,
         model_order=built.order,
-        drivetrains=MappingProxyType(drives),
+        drivetrains=FrozenMapping(drives),
         parameters=built.bodies.ravel(),
         payload_parameters=frozen("payload", built.payloads.ravel(), (None,)),
         lower_limits=limits("lower"),

@@ -77,7 +77,7 @@ def _known(robot: Robot, rows: Sequence[str] | None) -> list[int]:
 
 
 def _random_rows(robot: Robot, known: list[int], seed: int) -> Array:
-    Y = rigid_body_regressor(robot, *random_states(robot, seed))[:, known]
+    Y = rigid_body_regressor(robot, *random_states(robot, seed, len(known)))[:, known]
     return Y.reshape(-1, 10 * robot.n)
 
 

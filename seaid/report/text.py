@@ -23,14 +23,14 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> s
     from rich.console import Console
     from rich.table import Table
 
-    drawn = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", title_style="bold")
+    drawn = Table(box=box.SIMPLE_HEAD)
     for position, name in enumerate(header):
         drawn.add_column(name, justify="right" if position else "left", no_wrap=True)
     for row in rows:
         drawn.add_row(*row)
     text = StringIO()
     Console(file=text, width=400, markup=False).print(drawn)
-    return "\n".join(line.rstrip() for line in text.getvalue().splitlines())
+    return "\n".join([title, *(line.rstrip() for line in text.getvalue().splitlines())])
 
 
 def drive_table(title: str, found: Identification, truth: Robot | None = None) -> str:
@@ -80,7 +80,7 @@ def identification_table(found: Identification) -> str:
 
 def validation_table(result: Validation) -> str:
     """Return relative errors by joint and side: in the pass band, away from standstill, and raw."""
-    title = "Unseen motion: relative error in the pass band, of that away from standstill, raw"
+    title = "Unseen motion: relative error in the pass band; away from standstill; unfiltered"
     header = ["joint", "motor torque", "moving", "raw", "load torque", "moving", "raw"]
     kinds = ("relative_error", "moving_relative_error", "raw_relative_error")
     rows = [
