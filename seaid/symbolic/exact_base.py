@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import get_args
 
-from seaid.errors import SymbolicError, unknown_name
+import numpy as np
+
+from seaid.errors import SeaidWarning, SymbolicError, unknown_name
 from seaid.inertia import parameter_names
 from seaid.robot import Robot
 from seaid.symbolic.energies import lagrangian_table
@@ -20,6 +23,8 @@ from seaid.symbolic.grouping import (
 from seaid.symbolic.polynomial import MAX_TERMS
 from seaid.symbolic.recursion import null_space
 from seaid.symbolic.torques import torque_rows
+
+_SUSPICIOUS = 1e10
 
 
 def base_parameters(
@@ -44,18 +49,35 @@ def base_parameters(
 
     Raises SymbolicError for options that do not go together, and before the polynomials have more
     than `max_terms` terms (chains of about nine joints); RobotError for a joint that is not there.
+    Warns where a grouping has a coefficient above 1e10: then directions of the file coincide but
+    for a rounding error, and the exact count takes that at its word.
     """
     way = _way(through, rows, floating_base)
     known = _known(robot, rows)
     tree = exact_tree(robot)
     if way != "recursion":
-        return _by_polynomials(robot, tree, way, known, max_terms, progress)
+        return _checked(robot, _by_polynomials(robot, tree, way, known, max_terms, progress))
     names = robot.parameter_names
     if floating_base:
         taken = "base" in robot.body_names
         names = parameter_names(["floating_base" if taken else "base"]) + names
     echelon = from_null_space(null_space(tree, floating=floating_base), len(names))
-    return packed(echelon, names, way)
+    return _checked(robot, packed(echelon, names, way))
+
+
+def _checked(robot: Robot, base: ExactBaseParameters) -> ExactBaseParameters:
+    """Warn where the geometry is special but for a rounding error."""
+    largest = float(np.max(np.abs(base.grouping), initial=0.0))
+    if largest > _SUSPICIOUS:
+        row = int(np.argmax(np.max(np.abs(base.grouping), axis=1)))
+        warnings.warn(
+            f"'{robot.name}': {base.names[row]} is told apart by directions that coincide but for "
+            f"{1 / largest:.0e}, as a rounded angle leaves them, and is counted; compare with "
+            "seaid.base_parameters, or write the angle with all digits",
+            SeaidWarning,
+            stacklevel=3,
+        )
+    return base
 
 
 def _by_polynomials(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from seaid.base import base_parameters as numeric_base_parameters
 from seaid.cross_check import cross_check
-from seaid.errors import RobotError, SymbolicError
+from seaid.errors import RobotError, SeaidWarning, SymbolicError
 from seaid.robot import Robot, load_robot
 from seaid.symbolic import ExactBaseParameters, base_parameters
 
@@ -109,6 +109,27 @@ def test_any_tree_has_one_answer(
     assert ways[0].exact_rows == ways[1].exact_rows == ways[2].exact_rows
     check = cross_check(numeric_base_parameters(robot), ways[0])
     assert check.agree, (check, path)
+
+
+def test_directions_that_coincide_through_sliding_joints_are_named(
+    write_chain: Callable[..., Path],
+) -> None:
+    quarter, half = "1.5707963267948966", "3.141592653589793"
+    joints = {
+        "a": ("continuous", "-0.25 0.1234567 0", "1 0.3 -1", f"0 {quarter} 0"),
+        "b": ("prismatic", "0 1 -0.25", "0 0 0", f"{quarter} 0.4 {quarter}"),
+        "c": ("prismatic", "0 1 0.3", "0.3 0.1234567 0.3", f"{half} {half} 0.4"),
+        "d": ("prismatic", "0.3 -1 0", "-1 0.1234567 0", f"{quarter} 0 0"),
+        "e": ("continuous", "1 0 0", "-1 1 0", f"0 {quarter} 0"),
+    }
+    path = write_chain(
+        {
+            name: f'{kind} <axis xyz="{axis}"/><origin xyz="{xyz}" rpy="{rpy}"/>{SLIDE}'
+            for name, (kind, axis, xyz, rpy) in joints.items()
+        }
+    )
+    with pytest.warns(SeaidWarning, match=r"my_d_link is told apart by directions .* [1-9]e-17"):
+        assert base_parameters(load_robot(path)).rank == 19
 
 
 def test_certificate(tulip_leg: Robot) -> None:
