@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import seaid
-from seaid.cross_check import CrossCheck, cross_check
+from seaid.agreement import CrossCheck, cross_check
 from seaid.files import result_folder, whole_file
 from seaid.progress import track
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from seaid import regression, symbolic
+    from seaid.agreement import CrossCheck, cross_check
     from seaid.assembly import Payload
     from seaid.base import BaseParameters, base_parameters
     from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _WHERE = {
+    "agreement": ("CrossCheck", "cross_check"),
     "assembly": ("Payload",),
     "base": ("BaseParameters", "base_parameters"),
     "drivetrain.model": ("SeriesElasticDrive", "StiffDrive"),
@@ -60,6 +62,7 @@ _SUBMODULES = ("regression", "symbolic")
 
 __all__ = [
     "BaseParameters",
+    "CrossCheck",
     "Estimate",
     "Excitation",
     "ExcitationError",
@@ -81,6 +84,7 @@ __all__ = [
     "Trajectory",
     "Validation",
     "base_parameters",
+    "cross_check",
     "design_excitation",
     "identify",
     "load_robot",

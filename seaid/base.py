@@ -58,7 +58,8 @@ def base_parameters(
     Without `motion` the regressor is taken at random full states. `rows` names the joints whose
     torques are known (default all). Raises ExcitationError where nothing is identifiable.
     """
-    known = [robot.index(joint) for joint in (robot.joint_names if rows is None else rows)]
+    torques = robot.rows(rows)
+    known = [robot.index(joint) for joint in torques]
     if not known:
         raise ExcitationError("rows= names no joint: give those whose torque is known")
     states = random_states(robot, seed, len(known)) if motion is None else motion.joint_states
@@ -68,7 +69,7 @@ def base_parameters(
     if not columns:
         raise ExcitationError(
             f"no parameter of '{robot.name}' is identifiable from the torques at "
-            f"{', '.join(robot.joint_names if rows is None else rows)}"
+            f"{', '.join(torques)}"
         )
     names = robot.parameter_names
     return BaseParameters(

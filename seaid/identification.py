@@ -150,7 +150,7 @@ def identify(
         joint: with_flags(estimate(regression, None), joint, regression)
         for joint, regression in actuators.items()
     }
-    rows = _known_torques(robot, motions) if rows is None else tuple(rows)
+    rows = _known_torques(robot, motions) if rows is None else robot.rows(rows)
     springs = {
         joint: spring_of(drives[joint])
         for joint in rows
@@ -255,10 +255,12 @@ def _found_robot(
 ) -> Robot:
     """Return the robot with the found values; standard parameters nearest to the file's.
 
-    Nearest in the plain Euclidean sense, from zero where the robot has none: it has the found base
-    parameters, and need not be physically possible body by body.
+    Nearest in the plain Euclidean sense, from a point of 1 kg a body where the robot has none: it
+    has the found base parameters, and need not be physically possible body by body.
     """
-    prior = np.nan_to_num(robot.parameters)
+    prior = robot.parameters.copy()
+    prior[::10][np.isnan(prior[::10])] = 1.0
+    prior = np.nan_to_num(prior)
     correction = np.linalg.pinv(base.grouping) @ (load.values - base.project(prior))
     found = {
         joint: with_estimate(drive, drives[joint]) if joint in drives else drive

@@ -31,6 +31,8 @@ POSITION, SPEED, JOINT_POSITION, JOINT_SPEED = range(4)
 class Plant:
     """Numbers of the complete model, each (n,); stiffness 0 and not `elastic` where stiff.
 
+    `motor_lever` r_M/N, `elastic_lever` r_L and `motor_mobility` 1/I_M, the latter two zero where
+    stiff; `stiff_ratio` N, zero where elastic.
     `model` carries the rotor inertia of stiff drives as armature, seen at the joint.
     """
 
@@ -43,6 +45,10 @@ class Plant:
     motor_radius: Array
     load_radius: Array
     stiffness: Array
+    motor_lever: Array
+    elastic_lever: Array
+    motor_mobility: Array
+    stiff_ratio: Array
     extras: tuple[tuple[int, Extra], ...]
 
 
@@ -62,9 +68,9 @@ def plant_of(robot: Robot) -> Plant:
 
     elastic = np.array([isinstance(drive, SeriesElasticDrive) for drive in drives])
     ratio = np.array([drive.ratio for drive in drives])
-    inertia = np.array(
-        [_nominal(n, d, "motor_inertia_kg_m2") for n, d in zip(names, drives, strict=True)]
-    )
+    inertia = nominal(_nominal, "motor_inertia_kg_m2")
+    motor_radius = np.array([getattr(drive, "motor_radius", 1.0) for drive in drives])
+    load_radius = np.array([getattr(drive, "load_radius", 1.0) for drive in drives])
     model = robot.model.copy()
     model.armature = np.where(elastic, 0.0, ratio**2 * inertia)
     if np.any(elastic & (inertia == 0)):
@@ -77,11 +83,13 @@ def plant_of(robot: Robot) -> Plant:
         motor_inertia=inertia,
         viscous=nominal(_friction, "viscous"),
         coulomb=nominal(_friction, "coulomb"),
-        motor_radius=np.array([getattr(drive, "motor_radius", 1.0) for drive in drives]),
-        load_radius=np.array([getattr(drive, "load_radius", 1.0) for drive in drives]),
-        stiffness=np.array(
-            [_nominal(n, d, "stiffness") for n, d in zip(names, drives, strict=True)]
-        ),
+        motor_radius=motor_radius,
+        load_radius=load_radius,
+        stiffness=nominal(_nominal, "stiffness"),
+        motor_lever=motor_radius / ratio,
+        elastic_lever=np.where(elastic, load_radius, 0.0),
+        motor_mobility=np.where(elastic, 1 / np.where(elastic, inertia, 1.0), 0.0),
+        stiff_ratio=np.where(elastic, 0.0, ratio),
         extras=tuple(
             (index, extra_torque(drive)) for index, drive in enumerate(drives) if drive.extra_terms
         ),
@@ -111,22 +119,31 @@ def accelerations(
 
     `slip` (n,) is the direction in which dry friction is overcome, 0 where it holds the motor.
     """
-    N, r_M, r_L = plant.ratio, plant.motor_radius, plant.load_radius
     free = torque - plant.viscous * state[SPEED] - plant.coulomb * slip
     for index, extra in plant.extras:
         free[index] -= extra(*state[:, index])
-    force = plant.stiffness * (r_M / N * state[POSITION] - r_L * state[JOINT_POSITION])  # (3)
-    load_torque = np.where(plant.elastic, r_L * force, N * free)
+    force = spring_force(plant, state)
+    load_torque = plant.elastic_lever * force + plant.stiff_ratio * free
     joint = np.array(
         pin.aba(plant.model, data, state[JOINT_POSITION], state[JOINT_SPEED], load_torque)
     )
+    motor = (free - plant.motor_lever * force) * plant.motor_mobility
     held = slip == 0
-    stiff_held = np.flatnonzero(held & ~plant.elastic)
-    if stiff_held.size:
-        joint += _holding(plant, data, state, joint, stiff_held)[1]
-        joint[stiff_held] = 0.0  # exactly: what is held does not creep
-    motor = np.where(held, 0.0, (free - r_M / N * force) / np.maximum(plant.motor_inertia, 1e-300))
-    return np.where(plant.elastic, motor, N * joint), joint
+    if held.any():
+        motor[held] = 0.0
+        stiff_held = np.flatnonzero(held & ~plant.elastic)
+        if stiff_held.size:
+            joint += _holding(plant, data, state, joint, stiff_held)[1]
+            joint[stiff_held] = 0.0  # exactly: what is held does not creep
+    return motor + plant.stiff_ratio * joint, joint
+
+
+def spring_force(plant: Plant, state: Array) -> Array:
+    """Return (3) of each joint (n,), zero where stiff."""
+    return np.asarray(
+        plant.stiffness
+        * (plant.motor_lever * state[POSITION] - plant.load_radius * state[JOINT_POSITION])
+    )
 
 
 def _holding(
@@ -150,11 +167,7 @@ def slip_directions(plant: Plant, data: pin.Data, state: Array, torque: Array) -
     free = torque.copy()
     for index, extra in plant.extras:
         free[index] -= extra(*state[:, index])
-    pull = (
-        plant.motor_radius / plant.ratio * state[POSITION]
-        - plant.load_radius * state[JOINT_POSITION]
-    )
-    free -= plant.motor_radius / plant.ratio * plant.stiffness * pull
+    free -= plant.motor_lever * spring_force(plant, state)
     moves = plant.elastic & (slip == 0) & (np.abs(free) > plant.coulomb)
     slip[moves] = np.sign(free[moves])
     while (held := np.flatnonzero((slip == 0) & ~plant.elastic)).size:

@@ -79,6 +79,18 @@ class Robot:
             raise RobotError(f"{self.name}: " + unknown_name("joint", joint, self.joint_names))
         return self.joint_names.index(joint)
 
+    def rows(self, names: str | Sequence[str] | None) -> tuple[str, ...]:
+        """Return the joints that `rows=` means: all for None, one for a plain name.
+
+        Raises RobotError with the nearest name for one that is not there.
+        """
+        chosen = (
+            self.joint_names if names is None else (names,) if isinstance(names, str) else names
+        )
+        for name in chosen:
+            self.index(name)
+        return tuple(chosen)
+
     def with_values(self, parameters: Array, drivetrains: Mapping[str, Drive]) -> Robot:
         """Return the same robot with other standard parameters (10n,) and drives."""
         parameters = frozen("parameters", parameters, (10 * self.n,), RobotError)

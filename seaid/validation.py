@@ -89,17 +89,24 @@ def validate(found: Identification, log: Log) -> Validation:
 
 
 def _actuator(found: Identification, motion: Motion) -> tuple[Array, Array]:
-    """Return measured and computed motor torque (T, n) by (7), NaN at stiff joints."""
+    """Return measured and computed motor torque (T, n) by (7), NaN at stiff joints.
+
+    Where only the spring's torque was measured, that is compared, seen at the motor.
+    """
     measured = np.full_like(motion.motor_torque, np.nan)
     computed = measured.copy()
     for joint in found.robot.elastic_joints:
-        index = found.robot.index(joint)
+        index, estimate = found.robot.index(joint), found.drivetrains[joint]
         regressor, zeta, R = actuator_columns(found.known, motion, joint)
-        torque = motion.motor_torque[:, index]
-        if regressor.names != found.drivetrains[joint].names:
+        if regressor.names != estimate.names:
             continue
-        measured[:, index] = torque if np.all(np.isfinite(torque)) else zeta
-        computed[:, index] = measured[:, index] - zeta + R @ found.drivetrains[joint].values
+        torque = motion.motor_torque[:, index]
+        if np.all(np.isfinite(torque)):
+            measured[:, index], computed[:, index] = torque, torque - zeta + R @ estimate.values
+        else:
+            drive = found.known.drivetrains[joint]
+            lever = getattr(drive, "motor_radius", 1.0) / drive.ratio
+            measured[:, index], computed[:, index] = lever * zeta, lever * (R @ estimate.values)
     return measured, computed
 
 

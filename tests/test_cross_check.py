@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from seaid.agreement import cross_check
 from seaid.base import base_parameters
-from seaid.cross_check import cross_check
 from seaid.errors import SeaidError
 from seaid.robot import Robot
 from seaid.symbolic import base_parameters as exact_base_parameters

@@ -23,6 +23,7 @@ FUNCTIONS = {
     "design_excitation": "robot duration basis coefficients limits rest_to_rest starts seed "
     "executor progress",
     "load_trajectory": "path",
+    "cross_check": "numeric exact",
     "simulate": "robot trajectory rate_hz noise seed",
     "read_log": "path robot columns",
     "write_log": "log path",
@@ -44,6 +45,7 @@ CLASSES = {
     "load_pulley_radius_m stiffness_N_per_m stiffness_Nm_per_rad viscous_friction_Nms_per_rad "
     "coulomb_friction_Nm",
     "BaseParameters": "columns names expressions grouping gap reduce project",
+    "CrossCheck": "agree same_columns max_difference gap",
     "Excitation": "trajectory condition_number base margins",
     "Trajectory": "duration sample save",
     "Noise": "",

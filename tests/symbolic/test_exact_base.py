@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from seaid.agreement import cross_check
 from seaid.base import base_parameters as numeric_base_parameters
-from seaid.cross_check import cross_check
 from seaid.errors import RobotError, SeaidWarning, SymbolicError
 from seaid.robot import Robot, load_robot
 from seaid.symbolic import ExactBaseParameters, base_parameters
