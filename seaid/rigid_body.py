@@ -19,22 +19,21 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     """
     model, data, n = robot.model, robot.model.createData(), robot.n
     order = list(robot.model_order)
-    q, v, a = (
-        frozen(name, value, (None, n))[:, order]
-        for name, value in zip("qva", (q, v, a), strict=True)
-    )
+    as_in_model = order == sorted(order)
+    q, v, a = (frozen(name, value, (None, n)) for name, value in zip("qva", (q, v, a), strict=True))
+    if not as_in_model:
+        q, v, a = q[:, order], v[:, order], a[:, order]
     if not len(q) == len(v) == len(a):
         raise SeaidError(f"q, v and a must have as many rows, found {len(q)}, {len(v)}, {len(a)}")
     pin.computeJointTorqueRegressor(model, data, np.zeros(n), np.zeros(n), np.zeros(n))
     # Pinocchio's matrix is column-major: its transposed view copies in one run into C order.
-    column_major = data.jointTorqueRegressor.T.reshape(10 * n, n)
-    stacked = np.empty((len(q), *column_major.shape))  # of one joint it is a vector
-    compute = pin.computeJointTorqueRegressor
-    for block, q_t, v_t, a_t in zip(stacked, q, v, a, strict=True):
+    flat = data.jointTorqueRegressor.T.reshape(-1)
+    stacked, compute = np.empty((len(q), 10 * n * n)), pin.computeJointTorqueRegressor
+    for t, (q_t, v_t, a_t) in enumerate(zip(q, v, a, strict=True)):
         compute(model, data, q_t, v_t, a_t)
-        block[...] = column_major
-    Y = stacked.reshape(len(q), 10 * n, n).swapaxes(1, 2)
-    if order == sorted(order):
+        stacked[t] = flat
+    Y = stacked.reshape(-1, 10 * n, n).swapaxes(1, 2)
+    if as_in_model:
         return Y
     inverse = np.argsort(order)
     by_body = Y[:, inverse].reshape(len(q), n, n, 10)[:, :, inverse]

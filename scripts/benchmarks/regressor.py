@@ -23,9 +23,9 @@ SAMPLES, TURNS = 10_000, 15
 
 def bare(model: pin.Model, q: Array, v: Array, a: Array) -> None:
     """Call Pinocchio for every sample and keep nothing."""
-    data, compute = model.createData(), pin.computeJointTorqueRegressor
-    for q_t, v_t, a_t in zip(q, v, a, strict=True):
-        compute(model, data, q_t, v_t, a_t)
+    data = model.createData()
+    for t in range(len(q)):
+        pin.computeJointTorqueRegressor(model, data, q[t], v[t], a[t])
 
 
 def seconds(function: Callable[[], object]) -> float:
