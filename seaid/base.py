@@ -71,6 +71,13 @@ def base_parameters(
             f"no parameter of '{robot.name}' is identifiable from the torques at "
             f"{', '.join(torques)}"
         )
+    return base_of_columns(robot, columns, grouping, gap)
+
+
+def base_of_columns(
+    robot: Robot, columns: Sequence[int], grouping: Array, gap: float
+) -> BaseParameters:
+    """Return the base parameters of a choice of columns with its grouping matrix, named."""
     names = robot.parameter_names
     return BaseParameters(
         columns=tuple(columns),

@@ -19,18 +19,11 @@ from seaid.estimation.solve import ordinary, weighted
 from seaid.excited import check_excitation
 from seaid.files import whole_file
 from seaid.found import spring_of, with_estimate, with_flags
+from seaid.load_side import LoadModel, load_model, load_regression, zero_sensitivity
 from seaid.log import Log
 from seaid.motion import Motion, reconstruct_motion
 from seaid.progress import track
-from seaid.regression import (
-    LoadModel,
-    Regression,
-    actuator_regression,
-    load_model,
-    load_regression,
-    stacked,
-    zero_sensitivity,
-)
+from seaid.regression import Regression, actuator_regression, stacked
 from seaid.robot import Robot
 
 if TYPE_CHECKING:

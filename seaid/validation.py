@@ -10,15 +10,10 @@ import numpy as np
 
 from seaid.arrays import Array, BoolArray
 from seaid.identification import Identification
+from seaid.load_side import load_columns, unknown_friction
 from seaid.log import Log
 from seaid.motion import Motion, reconstruct_motion
-from seaid.regression import (
-    actuator_columns,
-    in_band,
-    load_columns,
-    standstill,
-    unknown_friction,
-)
+from seaid.regression import actuator_columns, in_band, standstill
 from seaid.robot import Robot
 
 NUMBERS = (

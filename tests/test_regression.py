@@ -12,19 +12,16 @@ from seaid.arrays import Array
 from seaid.base import base_parameters
 from seaid.errors import LogError
 from seaid.filtering import low_pass
+from seaid.load_side import LoadModel, load_model, load_regression, zero_sensitivity
 from seaid.motion import Motion
 from seaid.regression import (
-    LoadModel,
     actuator_columns,
     actuator_regression,
     in_band,
-    load_model,
-    load_regression,
     motor_regressor,
     spring_regressor,
     stacked,
     standstill,
-    zero_sensitivity,
 )
 from seaid.rigid_body import joint_torques
 from seaid.robot import Robot, load_robot

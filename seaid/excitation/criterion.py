@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from seaid.arrays import Array, frozen
-from seaid.base import BaseParameters, base_parameters, grouped_text, random_states
+from seaid.arrays import Array
+from seaid.base import BaseParameters, base_of_columns, base_parameters, random_states
 from seaid.errors import ExcitationError
 from seaid.inertia import to_pinocchio
 from seaid.rigid_body import rigid_body_regressor
@@ -51,23 +51,12 @@ def pivoted_base(robot: Robot, rows: Sequence[str] | None = None) -> BaseParamet
     """
     leftmost = base_parameters(robot, rows=rows)
     known = _known(robot, rows)
-    seeds = -(-robot.n // len(known))  # as many rows a draw, however few torques are known
-    draws = [
-        np.concatenate([_random_rows(robot, known, seeds * draw + seed) for seed in range(seeds)])
-        for draw in range(_DRAWS)
-    ]
+    draws = [_random_rows(robot, known, draw) for draw in range(_DRAWS)]
     columns = _best_pivots(draws, len(leftmost.columns))
     grouping = np.linalg.solve(leftmost.grouping[:, columns], leftmost.grouping)
     grouping[:, columns] = np.eye(len(columns))
     grouping[np.abs(grouping) < 1e-11 * np.abs(grouping).max()] = 0.0
-    names = robot.parameter_names
-    return BaseParameters(
-        columns=tuple(columns),
-        names=tuple(names[column] for column in columns),
-        expressions=tuple(grouped_text(row, names) for row in grouping),
-        grouping=frozen("grouping", grouping, (None, None)),
-        gap=leftmost.gap,
-    )
+    return base_of_columns(robot, columns, np.asarray(grouping, dtype=np.float64), leftmost.gap)
 
 
 def _known(robot: Robot, rows: Sequence[str] | None) -> list[int]:
