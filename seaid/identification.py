@@ -135,14 +135,7 @@ def identify(
         raise IdentificationError("identify needs a log, found none")
     motions = _motions(robot, logs, cutoff_hz, progress)
     check_excitation(robot, logs)
-    actuators = {
-        joint: stacked([actuator_regression(robot, motion, joint) for motion in motions])
-        for joint in track(robot.elastic_joints, "actuator side", progress)
-    }
-    drives = {
-        joint: with_flags(estimate(regression, None), joint, regression)
-        for joint, regression in actuators.items()
-    }
+    drives, left_out = _actuator_side(robot, motions, estimate, progress)
     rows = _known_torques(robot, motions) if rows is None else robot.rows(rows)
     springs = {
         joint: spring_of(drives[joint])
@@ -150,14 +143,12 @@ def identify(
         if joint in drives and not _all_measured(robot, motions, joint, "joint_torque")
     }
     model = load_model(robot, base_parameters(robot, rows=rows), rows)
-    load_side, load_left_out = _load_side(
+    load_side, left_out["load"] = _load_side(
         robot, track(motions, "load side", progress), model, springs, estimate, joint_zero_std
     )
-    left_out = {joint: regression.left_out for joint, regression in actuators.items()}
     base, stiff = _split(model, load_side)
-    drives = {
-        joint: (drives | stiff)[joint] for joint in robot.joint_names if joint in drives | stiff
-    }
+    found = drives | stiff
+    drives = {joint: found[joint] for joint in robot.joint_names if joint in found}
     return Identification(
         drivetrains=FrozenMapping(drives),
         load=base,
@@ -168,7 +159,7 @@ def identify(
         load_side=load_side,
         springs=FrozenMapping({joint: spring.values for joint, spring in springs.items()}),
         cutoff_hz=motions[0].cutoff_hz,
-        left_out=FrozenMapping({**left_out, "load": load_left_out}),
+        left_out=FrozenMapping(left_out),
     )
 
 
@@ -205,6 +196,18 @@ def _known_torques(robot: Robot, motions: Sequence[Motion]) -> tuple[str, ...]:
         or _all_measured(robot, motions, joint, "motor_torque")
         or _all_measured(robot, motions, joint, "joint_torque")
     )
+
+
+def _actuator_side(
+    robot: Robot, motions: Sequence[Motion], estimate: Estimator, progress: bool
+) -> tuple[dict[str, Estimate], dict[str, int]]:
+    """Estimate (7) of each elastic joint; also return the instants left out by joint."""
+    drives, left_out = {}, {}
+    for joint in track(robot.elastic_joints, "actuator side", progress):
+        rows = stacked([actuator_regression(robot, motion, joint) for motion in motions])
+        drives[joint] = with_flags(estimate(rows, None), joint, rows)
+        left_out[joint] = rows.left_out
+    return drives, left_out
 
 
 def _load_side(
