@@ -47,6 +47,11 @@ def weighted(rows: Regression, carried: Array | None = None) -> Estimate:
     return _estimate(rows, weights, carried)
 
 
+def _first_term(name: str) -> str:
+    """Return a long grouping by its first parameter, which is the base column's own name."""
+    return name if len(name) <= 40 else f"{name.split(' ')[0]} + ..."
+
+
 def _spread(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
@@ -62,13 +67,16 @@ def _solve(rows: Regression, weights: Array) -> tuple[Array, Array, float]:
     norms = np.linalg.norm(H, axis=0)
     dead = [name for name, norm in zip(rows.names, norms, strict=True) if norm == 0]
     if dead:
-        raise ExcitationError(f"the motion does not excite {', '.join(dead)}: move these joints")
+        raise ExcitationError(
+            f"the motion does not excite {', '.join(map(_first_term, dead))}: move these joints"
+        )
     U, s, Vt = linalg.svd(H / norms, full_matrices=False)
     if s[-1] < _LOST * s[0]:
-        lost = np.flatnonzero(np.abs(Vt[-1]) > 0.1 * np.max(np.abs(Vt[-1])))
+        share = np.abs(Vt[-1])
+        lost = [rows.names[column] for column in np.flatnonzero(share > 0.1 * share.max())]
         raise ExcitationError(
             "the motion does not excite all parameters: it tells nothing about the combination of "
-            f"{', '.join(rows.names[column] for column in lost)} (scaled singular value "
+            f"{', '.join(map(_first_term, lost))} (scaled singular value "
             f"{s[-1] / s[0]:.1e}, needed {_LOST:.0e}); move these joints more, or leave torques "
             "out with rows="
         )
