@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import numpy as np
+
+from seaid.arrays import Array
 from seaid.errors import SeaidError
 
 
@@ -44,6 +48,13 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             temporary.unlink()
+
+
+def write_csv(path: str | Path, data: Mapping[str, Array]) -> None:
+    """Write equally long columns with a header line, in full precision, whole or not at all."""
+    with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerow(data)
+        np.savetxt(file, np.column_stack(list(data.values())), fmt="%.17g", delimiter=",")
 
 
 def _cannot_write(path: Path, problem: OSError) -> SeaidError:

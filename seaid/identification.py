@@ -174,11 +174,14 @@ def _motions(
     robot: Robot, logs: Sequence[Log], cutoff_hz: float | None, progress: bool
 ) -> list[Motion]:
     """Reconstruct all logs with one pass band: the given one, or the narrowest proposed."""
-    if cutoff_hz is None:
-        cutoff_hz = min(reconstruct_motion(robot, log).cutoff_hz for log in logs)
-    return [
+    motions = [
         reconstruct_motion(robot, log, cutoff_hz)
         for log in track(logs, "filtering the log", progress)
+    ]
+    narrowest = min(motion.cutoff_hz for motion in motions)
+    return [
+        motion if motion.cutoff_hz == narrowest else reconstruct_motion(robot, log, narrowest)
+        for motion, log in zip(motions, logs, strict=True)
     ]
 
 

@@ -195,10 +195,10 @@ def _load_targets(
         by_name = signals(motion, index)
         measured = motion.joint_torque[:, index]
         if isinstance(drive, SeriesElasticDrive):
-            R = drive.load_radius * spring_regressor(robot, joint).evaluate(by_name)[1]
             if joint not in springs:
                 targets[:, row] = measured
                 continue
+            R = drive.load_radius * spring_regressor(robot, joint).evaluate(by_name)[1]
             targets[:, row] = R @ springs[joint]  # (4b)
             carried[:, row, start : start + R.shape[1]] = R
             start += R.shape[1]

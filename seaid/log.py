@@ -15,7 +15,7 @@ import numpy as np
 from seaid.arrays import Array, frozen
 from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.errors import LogError, unknown_name
-from seaid.files import whole_file
+from seaid.files import whole_file, write_csv
 from seaid.robot import Robot
 
 MINIMUM_SAMPLES = 50
@@ -142,13 +142,6 @@ def write_log(log: Log, path: str | Path) -> None:
         write_csv(path, data)
     else:
         raise LogError(f"'{path}': cannot write '{path.suffix}' logs; allowed: .csv, .npz")
-
-
-def write_csv(path: str | Path, data: Mapping[str, Array]) -> None:
-    """Write equally long columns with a header line, in full precision, whole or not at all."""
-    with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerow(data)
-        np.savetxt(file, np.column_stack(list(data.values())), fmt="%.17g", delimiter=",")
 
 
 @dataclass(frozen=True, eq=False)

@@ -80,7 +80,7 @@ class Robot:
         return self.joint_names.index(joint)
 
     def rows(self, names: str | Sequence[str] | None) -> tuple[str, ...]:
-        """Return the joints that `rows=` means: all for None, one for a plain name.
+        """Return the joints that `rows=` means, each once: all for None, one for a plain name.
 
         Raises RobotError with the nearest name for one that is not there.
         """
@@ -89,7 +89,7 @@ class Robot:
         )
         for name in chosen:
             self.index(name)
-        return tuple(chosen)
+        return tuple(dict.fromkeys(chosen))
 
     def with_values(self, parameters: Array, drivetrains: Mapping[str, Drive]) -> Robot:
         """Return the same robot with other standard parameters (10n,) and drives."""

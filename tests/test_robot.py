@@ -389,3 +389,10 @@ def test_extra_term_that_is_no_expression_names_its_joint(tulip_urdf: Path) -> N
 @pytest.mark.parametrize("given", [[1], 3, {"knee_pitch": None}, {"knee_pitch": "stiff"}])
 def test_drives_that_are_no_mapping_of_drives_are_refused(tulip_urdf: Path, given: object) -> None:
     fails_with(tulip_urdf, given, "must be (the path of a TOML file|a table of a drive)")
+
+
+def test_rows_names_each_joint_once_and_takes_a_plain_name(tulip_leg: Robot) -> None:
+    """A torque counted twice would make the standard errors too small."""
+    assert tulip_leg.rows(["knee_pitch", "hip_yaw", "knee_pitch"]) == ("knee_pitch", "hip_yaw")
+    assert tulip_leg.rows("knee_pitch") == ("knee_pitch",)
+    assert tulip_leg.rows(None) == tulip_leg.joint_names

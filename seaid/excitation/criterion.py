@@ -37,7 +37,7 @@ class Criterion:
 def make_criterion(robot: Robot, rows: Sequence[str] | None, base: BaseParameters) -> Criterion:
     """Return the criterion of a robot for base columns and the joints whose torques are known."""
     bare = replace(robot.with_values(np.zeros(10 * robot.n), robot.drivetrains), drivetrains={})
-    return Criterion(bare, tuple(_known(robot, rows)), base.columns)
+    return Criterion(bare, tuple(map(robot.index, robot.rows(rows))), base.columns)
 
 
 def pivoted_base(robot: Robot, rows: Sequence[str] | None = None) -> BaseParameters:
@@ -50,19 +50,13 @@ def pivoted_base(robot: Robot, rows: Sequence[str] | None = None) -> BaseParamet
     `rows` alone. Raises ExcitationError where nothing is identifiable.
     """
     leftmost = base_parameters(robot, rows=rows)
-    known = _known(robot, rows)
+    known = [robot.index(joint) for joint in robot.rows(rows)]
     draws = [_random_rows(robot, known, draw) for draw in range(_DRAWS)]
     columns = _best_pivots(draws, len(leftmost.columns))
     grouping = np.linalg.solve(leftmost.grouping[:, columns], leftmost.grouping)
     grouping[:, columns] = np.eye(len(columns))
     grouping[np.abs(grouping) < 1e-11 * np.abs(grouping).max()] = 0.0
     return base_of_columns(robot, columns, np.asarray(grouping, dtype=np.float64), leftmost.gap)
-
-
-def _known(robot: Robot, rows: Sequence[str] | None) -> list[int]:
-    """Return the columns of the joints whose torques are known, each once."""
-    names = robot.joint_names if rows is None else dict.fromkeys(rows)
-    return [robot.index(joint) for joint in names]
 
 
 def _random_rows(robot: Robot, known: list[int], seed: int) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from seaid.arrays import Array, frozen
 from seaid.errors import ExcitationError, unknown_name
 from seaid.excitation.basis import Basis, basis_from_dict
 from seaid.excitation.spline import SplineBasis, bernstein_from_powers
-from seaid.files import whole_file
+from seaid.files import whole_file, write_csv
 
 _FORMAT = "seaid trajectory 1"
 _TURNING = ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
@@ -122,10 +121,8 @@ class Trajectory:
         for joint in self.joint_names:
             units = _SLIDING if joint in self.prismatic_joints else _TURNING
             header += [f"{joint}.{unit}" for unit in units]
-        with whole_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as f:
-            writer = csv.writer(f, lineterminator="\n")
-            writer.writerow(header)
-            writer.writerows(np.column_stack([time, states.reshape(len(time), -1)]).tolist())
+        columns = np.column_stack([time, states.reshape(len(time), -1)]).T
+        write_csv(path, dict(zip(header, columns, strict=True)))
 
     def _inside(self, time: Array) -> tuple[Array, Array, Array]:
         position, velocity, acceleration = self.basis.matrices(time)
