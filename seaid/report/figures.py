@@ -72,9 +72,8 @@ def _torques(
         axes.set_ylabel(f"torque [{unit}]")
         axes.margins(x=0)
         axes.grid(color="0.9")
-        if position == 0:
-            axes.legend(loc="upper right", ncols=2, fontsize=8)
     axes.set_xlabel("time [s]")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower right", ncols=2, fontsize=8)
     return figure
 
 
