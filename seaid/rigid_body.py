@@ -43,7 +43,8 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
 def joint_torques(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     """Return the inverse dynamics (T, n) of the robot with its payloads, by Pinocchio's rnea."""
     model, data, order = robot.model, robot.model.createData(), list(robot.model_order)
-    torques = np.empty_like(np.asarray(q, dtype=np.float64))
-    for t in range(len(torques)):
-        torques[t, order] = pin.rnea(model, data, q[t, order], v[t, order], a[t, order])
-    return torques
+    states = (np.asarray(state, dtype=np.float64)[:, order] for state in (q, v, a))
+    torques, rnea = np.empty((len(q), robot.n)), pin.rnea
+    for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
+        torques[t] = rnea(model, data, q_t, v_t, a_t)
+    return torques[:, np.argsort(order)]

@@ -93,8 +93,7 @@ def _separated(equation: DriveEquation) -> RegressorForm:
 
 @cache
 def _compiled(zeta: sp.Expr, row: tuple[sp.Expr, ...]):  # type: ignore[no-untyped-def]
-    flat = {expression: sp.Symbol(name) for expression, name in _ARGUMENTS.items()}
-    expressions = [sp.sympify(entry).subs(flat) for entry in (zeta, *row)]
+    expressions = [flat_names(entry) for entry in (zeta, *row)]
     names = sorted({str(symbol) for entry in expressions for symbol in entry.free_symbols})
     return sp.lambdify([sp.Symbol(name) for name in names], expressions, modules="numpy"), names
 
@@ -105,5 +104,10 @@ def _unit(symbol: sp.Expr, column: sp.Expr, drive: Drive) -> str:
     known = {F_v: "N m s/rad", F_C: "N m", F_0: "N m", k: stiffness, f_0: force, I_M: "kg m^2"}
     if symbol in known:
         return known[symbol]
-    flat = {expression: sp.Symbol(name) for expression, name in _ARGUMENTS.items()}
-    return f"N m/({column.subs(flat)})"
+    return f"N m/({flat_names(column)})"
+
+
+def flat_names(expression: sp.Expr) -> sp.Expr:
+    """Return an expression of signals with each as a plain symbol, as "theta_M_dot"."""
+    flat = {signal: sp.Symbol(name) for signal, name in _ARGUMENTS.items()}
+    return sp.sympify(expression).subs(flat)
