@@ -49,10 +49,10 @@ def wiggle(
     seed: int = 0,
 ) -> Trajectory:
     """Return a smooth random motion, rest to rest, within middle +- reach."""
-    basis = make_basis("bspline", duration, round(duration / knot_s) + 5, rest_to_rest=True)
-    free = basis.free_coefficients(rest_to_rest=True)
-    random = np.random.default_rng(seed).uniform(-1, 1, (free.shape[1], robot.n))
-    coefficients = free @ (np.array(middle) + np.array(reach) * random)
+    basis = make_basis("bspline", duration, round(duration / knot_s) + 5)
+    random = np.random.default_rng(seed).uniform(-1, 1, (basis.size - 4, robot.n))
+    # three equal control points at either end: rest
+    coefficients = np.pad(middle + np.array(reach) * random, ((2, 2), (0, 0)), mode="edge")
     sliding = tuple(np.array(robot.joint_names)[list(robot.is_prismatic)].tolist())
     return Trajectory(robot.joint_names, basis, coefficients, sliding)
 

@@ -210,7 +210,7 @@ def test_robot_follows_its_trajectory() -> None:
 
 
 def short(robot: Robot, duration: float = 0.2) -> Trajectory:
-    basis = make_basis("bspline", duration, 8, rest_to_rest=True)
+    basis = make_basis("bspline", duration, 8)
     random = np.random.default_rng(0).uniform(-0.1, 0.1, (8, robot.n))
     random[:3], random[-3:] = random[:1], random[-1:]
     return Trajectory(robot.joint_names, basis, random)
@@ -282,7 +282,7 @@ def test_joints_in_the_users_order_move_the_same() -> None:
 
 def test_log_ends_within_a_motion_that_does_not_rest_at_its_end(write_chain: Chain) -> None:
     robot = pendulum(write_chain, SPRING)
-    basis = make_basis("bspline", 0.2006, 8, rest_to_rest=False)
+    basis = make_basis("bspline", 0.2006, 8)
     free = Trajectory(("swing",), basis, np.linspace(0, 0.1, 8)[:, None])
     motion = simulate_motion(robot, free)
     assert motion.time[-1] == pytest.approx(0.2)

@@ -3,25 +3,31 @@
 from seaid.excitation.basis import Basis, make_basis
 from seaid.excitation.criterion import pivoted_base
 from seaid.excitation.design import Excitation, design_excitation
+from seaid.excitation.ends import FREE, EndState, MotionSpace, limit_rows, motion_space
 from seaid.excitation.fourier import FourierBasis
 from seaid.excitation.limits import JointLimits, Limits, Margins, joint_limits, margins
 from seaid.excitation.spline import SplineBasis
 from seaid.excitation.trajectory import Trajectory, load_trajectory, polynomial_trajectory
 
 __all__ = [
+    "FREE",
     "Basis",
+    "EndState",
     "Excitation",
     "FourierBasis",
     "JointLimits",
     "Limits",
     "Margins",
+    "MotionSpace",
     "SplineBasis",
     "Trajectory",
     "design_excitation",
     "joint_limits",
+    "limit_rows",
     "load_trajectory",
     "make_basis",
     "margins",
+    "motion_space",
     "pivoted_base",
     "polynomial_trajectory",
 ]

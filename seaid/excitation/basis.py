@@ -17,8 +17,8 @@ from seaid.excitation.spline import SplineBasis
 
 BASES = ("bspline", "polynomial", "fourier")
 _QUINTIC = 5
-_LEAST = {"bspline": (6, 7), "polynomial": (4, 7), "fourier": (5, 7)}
-"""The least number of coefficients a joint with free ends, and with rest at both ends."""
+_LEAST = {"bspline": 6, "polynomial": 4, "fourier": 3}
+"""The least number of coefficients a joint; given ends may need more."""
 
 
 class Basis(Protocol):
@@ -45,28 +45,27 @@ class Basis(Protocol):
         About `density` rows a coefficient; the more, the closer.
         """
 
-    def free_coefficients(self, *, rest_to_rest: bool) -> Array:
-        """Return the matrix (K, k) from free variables of like size to coefficients."""
+    @property
+    def natural(self) -> Array:
+        """The matrix (K, K) from variables of like size to coefficients."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return what a JSON file keeps; `basis_from_dict` reads it."""
 
 
-def make_basis(name: str, duration: float, coefficients: int, *, rest_to_rest: bool) -> Basis:
+def make_basis(name: str, duration: float, coefficients: int) -> Basis:
     """Return the basis "bspline", "polynomial" or "fourier" with so many coefficients a joint.
 
     `duration` [s]. Raises ExcitationError for another name, a duration that is not more than zero,
-    or a number of coefficients with which the ends asked for leave no motion.
+    or a number of coefficients that the basis cannot have.
     """
     if name not in BASES:
         raise ExcitationError(unknown_name("basis", name, BASES))
     if not (np.isfinite(duration) and duration > 0):
         raise ExcitationError(f"duration must be more than zero seconds, found {duration}")
-    least = _LEAST[name][rest_to_rest]
-    if coefficients != int(coefficients) or coefficients < least:
-        ends = "rest at both ends" if rest_to_rest else "free ends"
+    if coefficients != int(coefficients) or coefficients < _LEAST[name]:
         raise ExcitationError(
-            f"a {name} with {ends} needs at least {least} coefficients a joint, "
+            f"a {name} needs at least {_LEAST[name]} coefficients a joint, a whole number, "
             f"found {coefficients}"
         )
     if name == "fourier":

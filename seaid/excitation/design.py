@@ -5,17 +5,28 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from seaid.arrays import Array
 from seaid.base import BaseParameters
 from seaid.errors import ExcitationError, SeaidWarning
-from seaid.excitation.basis import Basis, make_basis
-from seaid.excitation.criterion import Criterion, condition_number, make_criterion, pivoted_base
-from seaid.excitation.limits import Limits, Margins, joint_limits, limit_rows, margins
-from seaid.excitation.search import Outcome, Problem, search
+from seaid.excitation.basis import make_basis
+from seaid.excitation.criteria import criterion_named, tells_all, triangular_factor
+from seaid.excitation.drive_limits import drive_limits
+from seaid.excitation.ends import FREE, EndState, motion_space
+from seaid.excitation.feasible_home import with_feasible_home
+from seaid.excitation.limits import JointLimits, Limits, joint_limits
+from seaid.excitation.margins import Margins, margins, motion_within
+from seaid.excitation.pivoted import pivoted_base
+from seaid.excitation.problem import Problem, make_problem, states_of
+from seaid.excitation.scaling import recorded_factor, scaled_target
+from seaid.excitation.scene import Scene
+from seaid.excitation.search import Outcome, search
+from seaid.excitation.target import Target, drive_target, load_target, stacked_regressor
 from seaid.excitation.trajectory import Trajectory
+from seaid.log import Log
 from seaid.robot import Robot
 
 _REPORT_SAMPLES = 2000
@@ -25,14 +36,26 @@ _REPORT_SAMPLES = 2000
 class Excitation:
     """A planned motion and what it tells.
 
-    `condition_number` (16) is raw, of the columns of `base`, over 2000 instants of `trajectory`;
-    `margins` are the least distances to the limits over the whole motion.
+    `condition_number` (16) is raw, of the columns of `base`, over 2000 instants of `trajectory`
+    alone. `criterion` and `value` tell what was made small; `names` and `units` (p,) the parameters
+    asked for, `standard_errors` (p,) what to expect of them from white torque noise of `torque_std`
+    at 1 kHz. `singular_values` (p,) are those of the criterion's scaled regressor, recorded logs
+    included, `start_singular_values` those of the best random start. `limits` are what the motion
+    keeps, `margins` the least distances to them over the whole motion.
     """
 
     trajectory: Trajectory
     condition_number: float
     base: BaseParameters
     margins: Margins
+    limits: JointLimits
+    criterion: str
+    value: float
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    standard_errors: Array
+    singular_values: Array
+    start_singular_values: Array
 
 
 def design_excitation(
@@ -43,7 +66,14 @@ def design_excitation(
     coefficients: int | None = None,
     limits: Limits | None = None,
     rest_to_rest: bool = True,
+    start: EndState | None = None,
+    end: EndState | None = None,
     rows: Sequence[str] | None = None,
+    criterion: str = "condition_number",
+    drive_columns: bool = False,
+    torque_std: float | Sequence[float] | dict[str, float] = 1.0,
+    recorded: Sequence[Log] = (),
+    scene: Scene | None = None,
     starts: int = 3,
     iterations: int = 150,
     seed: int = 0,
@@ -51,47 +81,97 @@ def design_excitation(
     progress: bool = False,
     executor: Executor | None = None,
 ) -> Excitation:
-    """Plan a motion of `duration` [s] that tells the rigid-body parameters of the robot well.
+    """Plan a motion of `duration` [s] that tells the parameters of the robot well.
 
-    Minimises the log of the condition number (16) of the stacked base regressor (15) over the
-    `coefficients` (so many a joint) of a "bspline", a "polynomial" (18) or a "fourier" series, by
-    SLSQP with the exact gradient: a third of the `iterations` from each of the random `starts`,
-    then all of them from the best. The `limits` (default: the robot's, see `Limits`) hold at every
-    instant, not only at the `samples` that the criterion looks at. `rest_to_rest`: zero velocity
-    and acceleration at both ends. `rows` names the joints whose torques are known (default all).
-    The inertial parameters of the robot are not used and may be NaN.
+    The motion has so many `coefficients` a joint of a "bspline", a "polynomial" (18) or a "fourier"
+    series. `start` and `end` are its `EndState`s; those not given are at rest at a free position,
+    or free if not `rest_to_rest` (`add_run_in` then leads there). The `limits` (default: the
+    robot's, see `Limits`) and the clearances of a `scene` hold over the whole motion.
 
-    The same seed gives the same motion, whatever `executor` (concurrent.futures) runs the starts.
-    `progress` shows a bar on stderr. Ctrl-C ends the search and gives the best motion so far; a
-    search that ends early says so in a SeaidWarning. Raises ExcitationError for a duration,
-    coefficients, limits or rows that cannot be planned with.
+    `criterion`: "condition_number" (16), "d_optimality" (log det of the information), or
+    "relative_error" (the worst expected standard error relative to the parameter's nominal size).
+    It is that of the base parameters, from the torques of the joints `rows` (default all), and with
+    `drive_columns` of friction, stiffness and what else the drives have as well. Rows are torques
+    at the joints over their `torque_std` [N m or N], a number, one a joint or {joint: value}. Base
+    columns are raw in a condition number; drive columns are scaled to the same mean norm there.
+    `recorded` logs count as told already: the motion is the one that helps most after them. Only
+    "relative_error", the drive columns of elastic joints, and limits on torque or drives use the
+    robot's nominal values; otherwise they may be NaN.
+
+    The search is SLSQP with the exact gradient: a third of the `iterations` from each of the random
+    `starts`, then all of them from the best; it looks at so many `samples` (default: four a
+    coefficient). The same seed gives the same motion, whatever `executor` (concurrent.futures; by
+    default processes of this machine) runs the starts. `progress` shows a bar on stderr. Ctrl-C
+    ends the search and gives the best motion so far; a search that ends early says so in a
+    SeaidWarning. Raises ExcitationError for what cannot be planned with.
     """
+    measure = criterion_named(criterion)
     for name, count in (("starts", starts), ("iterations", iterations)):
         if count < 1:
             raise ExcitationError(f"{name} must be at least 1, found {count}")
     count = _coefficients(robot, basis, duration) if coefficients is None else coefficients
-    function = make_basis(basis, duration, count, rest_to_rest=rest_to_rest)
+    function = make_basis(basis, duration, count)
     bounds = joint_limits(robot, limits)
+    drives = drive_limits(robot, limits or Limits(), bounds.velocity)
+    others = EndState() if rest_to_rest else FREE
+    space = motion_space(function, robot.joint_names, bounds, start or others, end or others)
     base = pivoted_base(robot, rows)
-    criterion = make_criterion(robot, rows, base)
-    free = function.free_coefficients(rest_to_rest=rest_to_rest)
-    time = np.linspace(0.0, duration, _samples(criterion, function, samples))
-    position, velocity, acceleration = (matrix @ free for matrix in function.matrices(time))
-    problem = Problem(
-        criterion, bounds, (position, velocity, acceleration), limit_rows(function, free, bounds)
+    target = (
+        drive_target(robot, rows, base, bounds.velocity)
+        if drive_columns
+        else load_target(robot, rows, base)
     )
-    found = search(problem, starts, iterations, seed, executor=executor, progress=progress)
-    _warn_if_early(found)
+    instants = _samples(target, function.size, samples)
+    problem = make_problem(target, criterion, space, instants, bounds, drives, scene)
+    problem = with_feasible_home(problem, seed)
+    target = scaled_target(problem, robot, base, torque_std, measure.needs_nominal)
+    target = replace(target, known=recorded_factor(target, robot, recorded))
+    problem = replace(problem, target=target)
+    found, begin = search(problem, starts, iterations, seed, executor=executor, progress=progress)
+    _warn_if_early(found, measure.meaning)
+    return _excitation(robot, problem, found, begin, base, bounds)
+
+
+def _excitation(
+    robot: Robot,
+    problem: Problem,
+    found: Outcome,
+    begin: Array,
+    base: BaseParameters,
+    bounds: JointLimits,
+) -> Excitation:
+    x = motion_within(problem, found.x)
     trajectory = Trajectory(
         robot.joint_names,
-        function,
-        np.outer(function.constant, bounds.middle)
-        + bounds.half_range * (free @ found.x.reshape(problem.shape).T),
+        problem.space.basis,
+        problem.space.coefficients(x),
         tuple(np.array(robot.joint_names)[list(robot.is_prismatic)].tolist()),
     )
-    instants = np.linspace(0.0, duration, _REPORT_SAMPLES)
-    kappa = condition_number(criterion, *trajectory.sample(instants))
-    return Excitation(trajectory, kappa, base, margins(trajectory, bounds))
+    time = np.linspace(0.0, trajectory.duration, _REPORT_SAMPLES)
+    plain = load_target(robot, [robot.joint_names[row] for row in problem.target.rows], base)
+    kappa = np.linalg.cond(stacked_regressor(plain, time, trajectory.sample(time)))
+    R, R_begin = (_factor(problem, x) for x in (x, begin))
+    target = problem.target
+    inverse = np.linalg.inv(R) if tells_all(R) else np.full_like(R, np.inf)
+    return Excitation(
+        trajectory=trajectory,
+        condition_number=float(kappa),
+        base=base,
+        margins=margins(problem, trajectory, bounds),
+        limits=bounds,
+        criterion=problem.criterion,
+        value=float(np.exp(problem.measure.log_value(R))),
+        names=target.names,
+        units=target.units,
+        standard_errors=np.linalg.norm(inverse, axis=1) * target.column_scale,
+        singular_values=np.linalg.svd(R, compute_uv=False),
+        start_singular_values=np.linalg.svd(R_begin, compute_uv=False),
+    )
+
+
+def _factor(problem: Problem, x: Array) -> Array:
+    H = stacked_regressor(problem.target, problem.time, states_of(problem, x))
+    return triangular_factor(H, problem.target.known)
 
 
 def _coefficients(robot: Robot, basis: str, duration: float) -> int:
@@ -103,24 +183,25 @@ def _coefficients(robot: Robot, basis: str, duration: float) -> int:
     return count - 1 + count % 2 if basis == "fourier" else count
 
 
-def _samples(criterion: Criterion, function: Basis, samples: int | None) -> int:
+def _samples(target: Target, size: int, samples: int | None) -> int:
     """Return how many instants the criterion looks at: four a coefficient unless given."""
-    needed = -(-len(criterion.columns) // len(criterion.rows))
+    rows = len(target.row_weights)
+    needed = -(-len(target.names) // rows)
     if samples is None:
-        return max(100, 4 * function.size, 4 * needed)
+        return max(100, 4 * size, 4 * needed)
     if samples < needed:
         raise ExcitationError(
-            f"{samples} samples of {len(criterion.rows)} torques cannot tell "
-            f"{len(criterion.columns)} base parameters; give at least {needed}"
+            f"{samples} samples of {rows} torques cannot tell {len(target.names)} parameters; "
+            f"give at least {needed}"
         )
     return int(samples)
 
 
-def _warn_if_early(found: Outcome) -> None:
+def _warn_if_early(found: Outcome, meaning: str) -> None:
     if found.early:
         warnings.warn(
             f"the search for an excitation ended early: {found.early}; the motion keeps all "
-            f"limits, its condition number is {np.exp(found.value):.4g}",
+            f"limits, its {meaning} is {np.exp(found.value):.4g}",
             SeaidWarning,
             stacklevel=3,
         )

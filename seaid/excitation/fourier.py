@@ -41,6 +41,12 @@ class FourierBasis:
         """The coefficients (K,) of the constant 1."""
         return np.asarray(np.eye(self.size)[0])
 
+    @property
+    def natural(self) -> Array:
+        """The matrix (K, K) from variables of like size to amplitudes that fall with harmonics."""
+        falling = 1.0 / np.arange(1, self.harmonics + 1)
+        return np.diag(np.concatenate([[1.0], falling, falling]))
+
     def matrices(self, time: Array) -> tuple[Array, Array, Array]:
         """Return the matrices (T, K) of position, velocity and acceleration at times (T,) [s]."""
         number = np.arange(1, self.harmonics + 1)
@@ -64,25 +70,6 @@ class FourierBasis:
         count = max(density, 2) * self.size
         time = self.duration * np.arange(count) / count
         return np.asarray(self.matrices(time)[order] / np.cos(np.pi * self.harmonics / count))
-
-    def free_coefficients(self, *, rest_to_rest: bool) -> Array:
-        """Return the matrix (K, k) from free variables to coefficients.
-
-        Variables of one size give amplitudes that fall with the harmonic. At rest the velocity and
-        acceleration at the ends are zero: two variables less.
-        """
-        number = np.arange(1, self.harmonics + 1, dtype=np.float64)
-        blocks = [np.diag(1 / number), np.diag(1 / number)]
-        if rest_to_rest:
-            for kind, power in ((0, 1), (1, 2)):  # sum of l a_l and of l^2 b_l is zero
-                slope = (number**power @ blocks[kind])[:, None]
-                blocks[kind] = blocks[kind] @ np.linalg.qr(slope, mode="complete")[0][:, 1:]
-        first, second = blocks
-        free = np.zeros((self.size, 1 + first.shape[1] + second.shape[1]))
-        free[0, 0] = 1.0
-        free[1 : 1 + self.harmonics, 1 : 1 + first.shape[1]] = first
-        free[1 + self.harmonics :, 1 + first.shape[1] :] = second
-        return free
 
     def to_dict(self) -> dict[str, Any]:
         """Return what a JSON file keeps of the basis."""

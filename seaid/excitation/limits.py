@@ -20,22 +20,35 @@ DEFAULT_ACCELERATION = 10.0
 _DENSITY, _GROUP = 16, 20
 _DENSITIES = (_DENSITY, 4 * _DENSITY)
 
+KINDS = ("position", "velocity", "acceleration")
+"""The limits that are linear in the coefficients."""
+
 LimitValue = float | Sequence[float] | Array | Mapping[str, float] | None
 
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """What a motion must keep to: position, largest speed, largest acceleration [rad or m, s].
+    """What a motion must keep to: position, speed, acceleration [rad or m, s], and what it asks.
 
     Each is one number for all joints, one a joint, a mapping {joint: value} for some joints, or
     None. What is not given is the robot's: position and velocity from its file (a joint that turns
     without end stays within +-pi), acceleration 10 rad/s^2 or m/s^2.
+
+    The other four are computed from the robot's nominal values, and `math.inf` means not limited:
+    `joint_torque` [N m, or N at a joint that slides], by default the effort limit of the file where
+    that is more than zero and the nominal values are known, else not limited; `motor_torque` [N m]
+    and `motor_speed` [rad/s] at the motor, and `deflection` of the spring, r_M/N theta_M - r_L q
+    [m or rad], by default not limited.
     """
 
     lower: LimitValue = None
     upper: LimitValue = None
     velocity: LimitValue = None
     acceleration: LimitValue = None
+    joint_torque: LimitValue = None
+    motor_torque: LimitValue = None
+    motor_speed: LimitValue = None
+    deflection: LimitValue = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,50 +92,39 @@ def joint_limits(robot: Robot, limits: Limits | None = None) -> JointLimits:
     limits = Limits() if limits is None else limits
     turns = ~np.array(robot.is_prismatic)
     endless = turns & ~np.isfinite(robot.lower_limits) & ~np.isfinite(robot.upper_limits)
-    lower = _values(robot, "lower", limits.lower, np.where(endless, -np.pi, robot.lower_limits))
-    upper = _values(robot, "upper", limits.upper, np.where(endless, np.pi, robot.upper_limits))
-    velocity = _values(robot, "velocity", limits.velocity, robot.velocity_limits)
+    low = np.where(endless, -np.pi, robot.lower_limits)
+    high = np.where(endless, np.pi, robot.upper_limits)
+    lower = limit_values(robot, "lower", limits.lower, low)
+    upper = limit_values(robot, "upper", limits.upper, high)
+    velocity = positive_values(robot, "velocity", limits.velocity, robot.velocity_limits)
     default = np.full(robot.n, DEFAULT_ACCELERATION)
-    acceleration = _values(robot, "acceleration", limits.acceleration, default)
+    acceleration = positive_values(robot, "acceleration", limits.acceleration, default)
     for joint, low, high in zip(robot.joint_names, lower, upper, strict=True):
         if not low < high:
             raise ExcitationError(
                 f"joint '{joint}': lower limit {low:.6g} must be less than upper limit {high:.6g}; "
                 f"give others by Limits(lower={{'{joint}': ...}}, upper={{'{joint}': ...}})"
             )
-    for name, values in (("velocity", velocity), ("acceleration", acceleration)):
-        for joint, value in zip(robot.joint_names, values, strict=True):
-            if value <= 0:
-                raise ExcitationError(
-                    f"joint '{joint}': {name} limit must be more than zero, found {value:.6g}; "
-                    f"give another by Limits({name}={{'{joint}': ...}})"
-                )
     return JointLimits(lower, upper, velocity, acceleration)
 
 
-def limit_rows(basis: Basis, free: Array, limits: JointLimits) -> Array:
-    """Return matrices G (n, g, c, k): joint j keeps its limits at every instant if |G[j] x| <= 1.
+def hull_rows(basis: Basis, limits: JointLimits, kind: int) -> tuple[Array, Array, Array]:
+    """Return a hull (C, K), its limits (n,) and the middle to count from (n,).
 
-    `free` (K, k) gives the coefficients from free variables, which are x times half the joint's
-    range about its middle. The rows are hulls of position, velocity and acceleration, close to the
-    curve: g groups of c follow each other in time (the last row of each kind fills its group).
+    `kind` is 0 for position, 1 for velocity, 2 for acceleration. A motion of coefficients c keeps
+    the limit at every instant if |hull @ (c - constant middle)| is nowhere more than it.
     """
-    kinds = [_grouped(basis.hull(order, _DENSITY) @ free) for order in range(3)]
-    scales = (
-        np.ones_like(limits.velocity),
-        limits.half_range / limits.velocity,
-        limits.half_range / limits.acceleration,
-    )
-    return np.concatenate(
-        [scale[:, None, None, None] * kind for scale, kind in zip(scales, kinds, strict=True)],
-        axis=1,
-    )
+    bounds = (limits.half_range, limits.velocity, limits.acceleration)
+    middle = limits.middle if kind == 0 else np.zeros_like(limits.middle)
+    return basis.hull(kind, _DENSITY), bounds[kind], middle
 
 
-def _grouped(rows: Array) -> Array:
-    """Return rows (C, k) as (g, c, k), the last row repeated."""
-    missing = -len(rows) % _GROUP
-    return np.pad(rows, ((0, missing), (0, 0)), mode="edge").reshape(-1, _GROUP, rows.shape[1])
+def grouped(rows: Array, axis: int) -> Array:
+    """Return rows, C of them along `axis`, as (g, c) groups, the last row repeated."""
+    missing = -rows.shape[axis] % _GROUP
+    padding = [(0, missing if dimension == axis else 0) for dimension in range(rows.ndim)]
+    shape = (*rows.shape[:axis], -1, _GROUP, *rows.shape[axis + 1 :])
+    return np.pad(rows, padding, mode="edge").reshape(shape)
 
 
 def margins(trajectory: Trajectory, limits: JointLimits) -> Margins:
@@ -136,8 +138,14 @@ def margins(trajectory: Trajectory, limits: JointLimits) -> Margins:
     return Margins(limits.half_range - q, limits.velocity - v, limits.acceleration - a)
 
 
-def _values(robot: Robot, name: str, given: LimitValue, default: Array) -> Array:
-    """Return one limit of all joints (n,), read-only."""
+def limit_values(
+    robot: Robot, name: str, given: LimitValue, default: Array, *, unlimited: bool = False
+) -> Array:
+    """Return one limit of all joints (n,), read-only: `default` (n,) where it is not given.
+
+    Raises ExcitationError, naming the joint, for one that is not finite, or with `unlimited` for
+    one that is not finite nor infinity; for other joints and other shapes.
+    """
     wanted: Any = given
     if isinstance(given, Mapping):
         for joint in given:
@@ -152,10 +160,24 @@ def _values(robot: Robot, name: str, given: LimitValue, default: Array) -> Array
         wanted = [given] * robot.n
     values = frozen(f"{name} limit", wanted, (robot.n,), ExcitationError)
     for joint, value in zip(robot.joint_names, values, strict=True):
-        if not np.isfinite(value):
+        if not (np.isfinite(value) or (unlimited and value == np.inf)):
             found = "missing" if given is None else f"{value}, which is not finite"
             raise ExcitationError(
                 f"joint '{joint}' of '{robot.name}': {name} limit is {found}; give it by "
                 f"Limits({name}=...), one number for all joints, one a joint or {{'{joint}': ...}}"
+            )
+    return values
+
+
+def positive_values(
+    robot: Robot, name: str, given: LimitValue, default: Array, *, unlimited: bool = False
+) -> Array:
+    """Return `limit_values` that are more than zero. Raises ExcitationError for others."""
+    values = limit_values(robot, name, given, default, unlimited=unlimited)
+    for joint, value in zip(robot.joint_names, values, strict=True):
+        if value <= 0:
+            raise ExcitationError(
+                f"joint '{joint}': {name} limit must be more than zero, found {value:.6g}; "
+                f"give another by Limits({name}={{'{joint}': ...}})"
             )
     return values

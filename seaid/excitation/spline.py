@@ -76,6 +76,11 @@ class SplineBasis:
         """The coefficients (K,) of the constant 1."""
         return np.ones(self.size)
 
+    @property
+    def natural(self) -> Array:
+        """The matrix (K, K) from variables of like size to coefficients: the identity."""
+        return np.eye(self.size)
+
     def hull(self, order: int, density: int) -> Array:
         """Return the matrix (C, K) to control points of the derivative of `order` (0, 1, 2).
 
@@ -93,20 +98,6 @@ class SplineBasis:
         cuts = ends[:-1, None] + np.diff(ends)[:, None] * np.arange(1, pieces) / pieces
         finer = np.sort(np.concatenate([knots, cuts.ravel()]))
         return _refinement(knots, finer, self.degree - order) @ matrix
-
-    def free_coefficients(self, *, rest_to_rest: bool) -> Array:
-        """Return the matrix (K, k) from free variables to coefficients.
-
-        At rest the first three control points are equal and the last three: zero velocity and
-        acceleration at both ends, at positions that stay free.
-        """
-        identity = np.eye(self.size)
-        if not rest_to_rest:
-            return identity
-        middle = identity[:, 2:-2].copy()
-        middle[:3, 0] = 1.0
-        middle[-3:, -1] = 1.0
-        return middle
 
     def to_dict(self) -> dict[str, Any]:
         """Return what a JSON file keeps of the basis."""

@@ -18,7 +18,7 @@ FOURIER = [("fourier", 7), ("fourier", 31)]
 
 @pytest.mark.parametrize(("name", "count"), BASES + FOURIER)
 def test_velocity_and_acceleration_are_the_derivatives(name: str, count: int) -> None:
-    basis = make_basis(name, 4.0, count, rest_to_rest=True)
+    basis = make_basis(name, 4.0, count)
     assert (basis.size, basis.duration) == (count, 4.0)
     time, step = np.linspace(0.3, 3.7, 41), 1e-5
     _, velocity, acceleration = basis.matrices(time)
@@ -28,22 +28,8 @@ def test_velocity_and_acceleration_are_the_derivatives(name: str, count: int) ->
 
 
 @pytest.mark.parametrize(("name", "count"), BASES + FOURIER)
-def test_rest_to_rest_is_at_rest_at_both_ends(name: str, count: int) -> None:
-    basis = make_basis(name, 4.0, count, rest_to_rest=True)
-    free = basis.free_coefficients(rest_to_rest=True)
-    _, velocity, acceleration = (matrix @ free for matrix in basis.matrices(np.array([0.0, 4.0])))
-    np.testing.assert_allclose(velocity, 0.0, atol=1e-10)
-    np.testing.assert_allclose(acceleration, 0.0, atol=1e-9)
-    lost = count - np.linalg.matrix_rank(free)
-    assert lost == (2 if name == "fourier" else 4)
-    assert free.shape[1] == count - lost
-    restless = basis.free_coefficients(rest_to_rest=False)
-    assert np.linalg.matrix_rank(restless) == restless.shape[1] == count
-
-
-@pytest.mark.parametrize(("name", "count"), BASES + FOURIER)
 def test_constant_is_one_at_all_times(name: str, count: int) -> None:
-    basis = make_basis(name, 4.0, count, rest_to_rest=True)
+    basis = make_basis(name, 4.0, count)
     position, velocity, _ = basis.matrices(np.linspace(0.0, 4.0, 11))
     np.testing.assert_allclose(position @ basis.constant, 1.0, rtol=1e-13)
     np.testing.assert_allclose(velocity @ basis.constant, 0.0, atol=1e-12)
@@ -59,7 +45,7 @@ def test_constant_is_one_at_all_times(name: str, count: int) -> None:
 def test_hull_is_never_exceeded_and_closes_in(
     seed: int, case: tuple[str, int], order: int, density: int
 ) -> None:
-    basis = make_basis(case[0], 3.0, case[1], rest_to_rest=False)
+    basis = make_basis(case[0], 3.0, case[1])
     coefficients = np.random.default_rng(seed).normal(size=basis.size)
     curve = basis.matrices(np.linspace(0.0, 3.0, 3001))[order] @ coefficients
     hull, fine = (basis.hull(order, much) @ coefficients for much in (density, 40))
@@ -80,7 +66,7 @@ def test_a_fourier_series_goes_on_without_a_jump() -> None:
 
 
 def test_refined_control_points_come_close_to_the_curve() -> None:
-    basis = make_basis("bspline", 10.0, 20, rest_to_rest=False)
+    basis = make_basis("bspline", 10.0, 20)
     coefficients = np.random.default_rng(0).normal(size=20)
     coefficients[[0, -1]] = 0.0
     curve = basis.matrices(np.linspace(0.0, 10.0, 20001))[0] @ coefficients
@@ -104,24 +90,21 @@ def test_bernstein_form_is_the_power_form_of_equation_18() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "duration", "count", "rest", "words"),
+    ("name", "duration", "count", "words"),
     [
-        ("bsplin", 1.0, 20, True, "no basis is named 'bsplin'; did you mean 'bspline'"),
-        ("bspline", 0.0, 20, True, "duration must be more than zero seconds, found 0.0"),
-        ("bspline", float("nan"), 20, True, "duration must be more than zero seconds, found nan"),
-        ("bspline", 1.0, 6, True, "rest at both ends needs at least 7 coefficients a joint"),
-        ("bspline", 1.0, 5, False, "free ends needs at least 6 coefficients a joint, found 5"),
-        ("polynomial", 1.0, 6, True, "rest at both ends needs at least 7 coefficients a joint"),
-        ("fourier", 1.0, 5, True, "rest at both ends needs at least 7 coefficients a joint"),
-        ("fourier", 1.0, 8, True, "odd number of coefficients a joint, .* found 8"),
-        ("polynomial", 1.0, 3, False, "free ends needs at least 4 coefficients a joint, found 3"),
+        ("bsplin", 1.0, 20, "no basis is named 'bsplin'; did you mean 'bspline'"),
+        ("bspline", 0.0, 20, "duration must be more than zero seconds, found 0.0"),
+        ("bspline", float("nan"), 20, "duration must be more than zero seconds, found nan"),
+        ("bspline", 1.0, 5, "a bspline needs at least 6 coefficients a joint, .* found 5"),
+        ("bspline", 1.0, 7.5, "a whole number, found 7.5"),
+        ("polynomial", 1.0, 3, "a polynomial needs at least 4 coefficients a joint, .* found 3"),
+        ("fourier", 1.0, 1, "a fourier needs at least 3 coefficients a joint, .* found 1"),
+        ("fourier", 1.0, 8, "odd number of coefficients a joint, .* found 8"),
     ],
 )
-def test_bad_requests_say_what_is_wrong(
-    name: str, duration: float, count: int, rest: bool, words: str
-) -> None:
+def test_bad_requests_say_what_is_wrong(name: str, duration: float, count: int, words: str) -> None:
     with pytest.raises(ExcitationError, match=words):
-        make_basis(name, duration, count, rest_to_rest=rest)
+        make_basis(name, duration, count)
 
 
 @pytest.mark.parametrize(

@@ -77,9 +77,9 @@ def test_what_the_file_lacks_is_named(
 
 
 def test_margins_are_the_distances_at_the_worst_instant(slider_arm: Robot) -> None:
-    basis = make_basis("bspline", 5.0, 15, rest_to_rest=True)
-    free = basis.free_coefficients(rest_to_rest=True)
-    values = free @ np.random.default_rng(0).uniform(-0.2, 0.2, size=(11, 3)) + [0.1, 0.0, 1.0]
+    basis = make_basis("bspline", 5.0, 15)
+    inside = np.random.default_rng(0).uniform(-0.2, 0.2, size=(11, 3))
+    values = np.pad(inside, ((2, 2), (0, 0)), mode="edge") + np.array([0.1, 0, 1])
     motion = Trajectory(slider_arm.joint_names, basis, values, ("rail",))
     limits = joint_limits(slider_arm)
     found = margins(motion, limits)
@@ -95,7 +95,7 @@ def test_margins_are_the_distances_at_the_worst_instant(slider_arm: Robot) -> No
 
 
 def test_a_broken_limit_has_a_margin_below_zero(slider_arm: Robot) -> None:
-    basis = make_basis("bspline", 5.0, 15, rest_to_rest=True)
+    basis = make_basis("bspline", 5.0, 15)
     motion = Trajectory(slider_arm.joint_names, basis, np.full((15, 3), 0.7), ("rail",))
     found = margins(motion, joint_limits(slider_arm))
     np.testing.assert_allclose(found.position, [-0.1, np.pi - 0.7, 0.6], rtol=1e-12)

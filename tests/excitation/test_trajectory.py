@@ -14,19 +14,18 @@ from seaid.excitation.basis import make_basis
 
 
 def resting() -> Trajectory:
-    basis = make_basis("bspline", 2.0, 12, rest_to_rest=True)
-    free = basis.free_coefficients(rest_to_rest=True)
-    values = free @ np.random.default_rng(0).normal(size=(8, 2))
+    basis = make_basis("bspline", 2.0, 12)
+    values = np.pad(np.random.default_rng(0).normal(size=(8, 2)), ((2, 2), (0, 0)), mode="edge")
     return Trajectory(("rail", "elbow"), basis, values, ("rail",))
 
 
 def periodic() -> Trajectory:
-    basis = make_basis("fourier", 2.0, 9, rest_to_rest=False)
+    basis = make_basis("fourier", 2.0, 9)
     return Trajectory(("elbow",), basis, np.random.default_rng(0).normal(size=(9, 1)))
 
 
 def restless() -> Trajectory:
-    basis = make_basis("polynomial", 2.0, 9, rest_to_rest=False)
+    basis = make_basis("polynomial", 2.0, 9)
     return Trajectory(("elbow",), basis, np.random.default_rng(0).normal(size=(9, 1)))
 
 
@@ -122,7 +121,7 @@ def test_own_polynomial_of_equation_18() -> None:
 def test_bad_trajectories_say_what_is_wrong(
     joints: tuple[str, ...], shape: tuple[int, int], prismatic: tuple[str, ...], words: str
 ) -> None:
-    basis = make_basis("bspline", 2.0, 12, rest_to_rest=True)
+    basis = make_basis("bspline", 2.0, 12)
     with pytest.raises(ExcitationError, match=words):
         Trajectory(joints, basis, np.zeros(shape), prismatic)
 
@@ -130,7 +129,7 @@ def test_bad_trajectories_say_what_is_wrong(
 def test_coefficients_must_be_finite() -> None:
     values = np.zeros((12, 2))
     values[3, 1] = np.nan
-    basis = make_basis("bspline", 2.0, 12, rest_to_rest=True)
+    basis = make_basis("bspline", 2.0, 12)
     with pytest.raises(ExcitationError, match="coefficients of joint 'b' are not all finite"):
         Trajectory(("a", "b"), basis, values)
 
