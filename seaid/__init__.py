@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     )
     from seaid.estimation.estimate import Estimate
     from seaid.excitation import Excitation, Limits, Trajectory, design_excitation, load_trajectory
+    from seaid.excitation.scene_file import Box, load_scene
     from seaid.identification import Identification, identify
     from seaid.log import Log, read_log, write_log
     from seaid.motion import Motion, reconstruct_motion
@@ -50,6 +51,7 @@ _WHERE = {
     ),
     "estimation.estimate": ("Estimate",),
     "excitation": ("Excitation", "Limits", "Trajectory", "design_excitation", "load_trajectory"),
+    "excitation.scene_file": ("Box", "load_scene"),
     "identification": ("Identification", "identify"),
     "log": ("Log", "read_log", "write_log"),
     "motion": ("Motion", "reconstruct_motion"),
@@ -62,6 +64,7 @@ _SUBMODULES = ("regression", "symbolic")
 
 __all__ = [
     "BaseParameters",
+    "Box",
     "CrossCheck",
     "Estimate",
     "Excitation",
@@ -88,6 +91,7 @@ __all__ = [
     "design_excitation",
     "identify",
     "load_robot",
+    "load_scene",
     "load_trajectory",
     "read_log",
     "reconstruct_motion",

@@ -19,6 +19,7 @@ import seaid.symbolic
 IMPORT_SECONDS = 1.5
 FUNCTIONS = {
     "load_robot": "urdf drivetrains joints payloads gravity snap_tolerance_rad",
+    "load_scene": "urdf robot package_dirs keep_out clearance_m disabled_pairs srdf",
     "base_parameters": "robot motion rows",
     "design_excitation": "robot duration basis coefficients limits rest_to_rest starts seed "
     "executor progress",
@@ -39,6 +40,7 @@ FUNCTIONS = {
 CLASSES = {
     "Robot": "name joint_names model drivetrains parameter_names parameters",
     "Payload": "link mass com",
+    "Box": "center size rotation_rpy name",
     "StiffDrive": "gear_ratio gear_ratio_rad_per_m motor_inertia_kg_m2 coulomb_friction_Nm "
     "viscous_friction_Nms_per_rad",
     "SeriesElasticDrive": "gear_ratio motor_inertia_kg_m2 motor_pulley_radius_m "

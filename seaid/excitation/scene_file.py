@@ -1,0 +1,204 @@
+"""load_scene: which bodies of a URDF, and which keep-out boxes, a motion must keep apart."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from seaid.arrays import Array, finite
+from seaid.errors import ExcitationError, RobotError, SeaidWarning, unknown_name
+from seaid.excitation.collision_geometry import collision_geometry
+from seaid.excitation.scene import Pair, Scene, distances
+from seaid.robot import Robot
+
+_POSTURES = 500
+_NEARLY_ALWAYS = 0.95
+"""The share of random postures that MoveIt's setup assistant takes for 'always in collision'."""
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A box that the robot must keep out of: centre and edge lengths [m] in the base frame.
+
+    `rotation_rpy` [rad] turns it about its centre, as a URDF's rpy. Raises ExcitationError for a
+    size that is not more than zero and for values that are not finite.
+    """
+
+    center: Sequence[float] | Array
+    size: Sequence[float] | Array
+    rotation_rpy: Sequence[float] | Array = (0.0, 0.0, 0.0)
+    name: str = "box"
+
+    def __post_init__(self) -> None:
+        for name in ("center", "size", "rotation_rpy"):
+            where = f"{name} of keep-out box '{self.name}'"
+            value = finite(where, getattr(self, name), (3,), ExcitationError)
+            object.__setattr__(self, name, value)
+        if np.min(self.size) <= 0:
+            raise ExcitationError(
+                f"size of keep-out box '{self.name}' must be more than zero in every direction, "
+                f"found {list(map(float, self.size))}"
+            )
+
+    @property
+    def shape(self) -> pin.GeometryObject:
+        """The box as Pinocchio's geometry on the base."""
+        box = coal.Box(*map(float, self.size))
+        box.computeLocalAABB()
+        turned = pin.rpy.rpyToMatrix(*map(float, self.rotation_rpy))
+        return pin.GeometryObject(self.name, 0, pin.SE3(turned, np.array(self.center)), box)
+
+
+def load_scene(
+    urdf: str | Path,
+    robot: Robot,
+    *,
+    package_dirs: str | Path | Sequence[str | Path] = (),
+    keep_out: Sequence[Box] = (),
+    clearance_m: float = 0.01,
+    disabled_pairs: Iterable[Pair] = (),
+    srdf: str | Path | None = None,
+) -> Scene:
+    """Return the pairs of bodies of a URDF, and of bodies and boxes, that must not touch.
+
+    Watched are the collision geometries of any two bodies but those that one joint connects, and of
+    every body that moves with every box of `keep_out`. Not watched: `disabled_pairs` of link or box
+    names, what `srdf` disables, and bodies closer than `clearance_m` [m] in 95 % of 500 random
+    postures within the robot's limits (a SeaidWarning lists them; they are `Scene.ignored`).
+    Meshes are taken as their convex hulls, which are never smaller: a motion found clear is clear.
+    They are searched in `package_dirs`, the folder of the file and those above it.
+
+    Raises RobotError for another robot's file, meshes that are not found or read, and a broken
+    SRDF; ExcitationError for names that are not there, a file without collision geometry, a box no
+    posture is clear of, and where nothing is left to watch.
+    """
+    if not (np.isfinite(clearance_m) and clearance_m >= 0):
+        raise ExcitationError(f"clearance_m must be zero or more, found {clearance_m}")
+    geometry, links = collision_geometry(urdf, robot, package_dirs)
+    if not links:
+        raise ExcitationError(
+            f"'{urdf}' has no collision geometry: no distance can be told of '{robot.name}', "
+            "neither to itself nor to a box; add <collision> elements to its links"
+        )
+    names = _with_boxes(geometry, links, keep_out)
+    disabled = {*_checked(disabled_pairs, names), *_disabled_by_srdf(srdf)}
+    joints = [shape.parentJoint for shape in geometry.geometryObjects]
+    for first, second in combinations(range(len(names)), 2):
+        is_box = first < len(links) <= second
+        apart = joints[second] != joints[first] and (
+            is_box or _not_neighbours(robot.model, joints[first], joints[second])
+        )
+        if apart and frozenset((names[first], names[second])) not in disabled:
+            geometry.addCollisionPair(pin.CollisionPair(first, second))
+    pairs = tuple((names[pair.first], names[pair.second]) for pair in geometry.collisionPairs)
+    scene = Scene(
+        robot.joint_names, robot.model, robot.model_order, geometry, pairs, (), float(clearance_m)
+    )
+    return _without_hopeless(scene, robot, {box.name for box in keep_out})
+
+
+def _with_boxes(
+    geometry: pin.GeometryModel, links: tuple[str, ...], boxes: Sequence[Box]
+) -> tuple[str, ...]:
+    """Add the boxes to the geometry; return the names of all its objects."""
+    names = [*links]
+    for box in boxes:
+        if box.name in names:
+            raise ExcitationError(
+                f"keep-out box '{box.name}' has the name of another box or of a link; give it its "
+                "own by Box(..., name=...)"
+            )
+        geometry.addGeometryObject(box.shape)
+        names.append(box.name)
+    return tuple(names)
+
+
+def _not_neighbours(model: pin.Model, first: int, second: int) -> bool:
+    return model.parents[second] != first and bool(model.parents[first] != second)
+
+
+def _checked(pairs: Iterable[Pair], names: Sequence[str]) -> set[frozenset[str]]:
+    known = dict.fromkeys(names)
+    found = set()
+    for pair in pairs:
+        if isinstance(pair, str) or len(pair) != 2:
+            raise ExcitationError(f"disabled_pairs must be pairs of link names, found {pair!r}")
+        for name in pair:
+            if name not in known:
+                raise ExcitationError(
+                    "disabled_pairs: " + unknown_name("link with collision geometry", name, known)
+                )
+        found.add(frozenset(pair))
+    return found
+
+
+def _disabled_by_srdf(srdf: str | Path | None) -> set[frozenset[str]]:
+    """Return the pairs of links that an SRDF disables; links it names in vain do no harm."""
+    if srdf is None:
+        return set()
+    from lxml import etree
+
+    try:
+        root = etree.parse(str(srdf)).getroot()
+    except (etree.XMLSyntaxError, OSError) as problem:
+        raise RobotError(f"SRDF '{srdf}' cannot be read: {problem}") from None
+    return {
+        frozenset((pair.get("link1"), pair.get("link2")))
+        for pair in root.iter("disable_collisions")
+    }
+
+
+def _without_hopeless(scene: Scene, robot: Robot, boxes: set[str]) -> Scene:
+    """Return the scene without pairs that are too close in nearly every posture.
+
+    A box is asked for: that it cannot be kept out of is an error.
+    """
+    close = distances(scene, _postures(robot), cap_m=scene.clearance_m) < scene.clearance_m
+    shares = np.mean(close, axis=0)
+    for pair, share in zip(scene.pairs, shares, strict=True):
+        if boxes.intersection(pair) and share == 1.0:
+            raise ExcitationError(
+                f"no posture keeps link '{pair[0]}' clear of keep-out box '{pair[1]}' (of "
+                f"{_POSTURES} tried); move the box, or leave the pair out by "
+                f"disabled_pairs=[{pair!r}]"
+            )
+    keep = [
+        bool(share < _NEARLY_ALWAYS or boxes.intersection(pair))
+        for pair, share in zip(scene.pairs, shares, strict=True)
+    ]
+    ignored = tuple(dict.fromkeys(p for p, kept in zip(scene.pairs, keep, strict=True) if not kept))
+    if ignored:
+        warnings.warn(
+            f"'{robot.name}': not watched for collision, as closer than {scene.clearance_m:g} m in "
+            f"nearly every posture: {', '.join(' and '.join(pair) for pair in ignored)}",
+            SeaidWarning,
+            stacklevel=3,
+        )
+    if not any(keep):
+        raise ExcitationError(
+            f"'{robot.name}' has no two bodies to keep apart: leave the scene out, or give boxes "
+            "by keep_out=[...]"
+        )
+    pairs = tuple(pair for pair, kept in zip(scene.pairs, keep, strict=True) if kept)
+    geometry = scene.geometry.copy()
+    geometry.removeAllCollisionPairs()
+    for pair, kept in zip(scene.geometry.collisionPairs, keep, strict=True):
+        if kept:
+            geometry.addCollisionPair(pair)
+    return replace(scene, geometry=geometry, pairs=pairs, ignored=ignored)
+
+
+def _postures(robot: Robot) -> Array:
+    """Return random positions (T, n) within the limits; +-pi (or 1 m) where there are none."""
+    some = np.where(robot.is_prismatic, 1.0, np.pi)
+    bounded = robot.lower_limits < robot.upper_limits
+    lower = np.where(np.isfinite(robot.lower_limits) & bounded, robot.lower_limits, -some)
+    upper = np.where(np.isfinite(robot.upper_limits) & bounded, robot.upper_limits, some)
+    return np.random.default_rng(0).uniform(lower, upper, (_POSTURES, robot.n))
