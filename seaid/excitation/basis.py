@@ -1,7 +1,8 @@
 """Functions of time that a planned motion is made of, linear in their coefficients (18).
 
 "bspline" is quintic on uniform knots. "polynomial" is (18), as a spline without a knot inside: its
-coefficients are the Bernstein ones, which stay of the size of the motion. "fourier" is periodic.
+coefficients are the Bernstein ones, which stay of the size of the motion. "fourier" is periodic. A
+`JoinedBasis` is several of them, one after another.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from seaid.arrays import Array
 from seaid.errors import ExcitationError, unknown_name
 from seaid.excitation.fourier import FourierBasis
+from seaid.excitation.joined import JoinedBasis
 from seaid.excitation.spline import SplineBasis
 
 BASES = ("bspline", "polynomial", "fourier")
@@ -38,6 +40,9 @@ class Basis(Protocol):
 
     def matrices(self, time: Array) -> tuple[Array, Array, Array]:
         """Return the matrices (T, K) of position, velocity and acceleration at times (T,) [s]."""
+
+    def states(self, time: Array, coefficients: Array) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration (T, n) of coefficients (K, n) at times."""
 
     def hull(self, order: int, density: int) -> Array:
         """Return a matrix (C, K) whose largest |row @ c| the derivative of `order` never exceeds.
@@ -90,4 +95,8 @@ def basis_from_dict(content: dict[str, Any]) -> Basis:
         return SplineBasis(content["degree"], content["knots"])
     if content["type"] == "fourier":
         return FourierBasis(content["harmonics"], content["duration"])
-    raise ExcitationError(unknown_name("basis type", str(content["type"]), ("spline", "fourier")))
+    if content["type"] == "joined":
+        return JoinedBasis(tuple(basis_from_dict(part) for part in content["parts"]))
+    raise ExcitationError(
+        unknown_name("basis type", str(content["type"]), ("spline", "fourier", "joined"))
+    )

@@ -61,6 +61,18 @@ class FourierBasis:
             np.hstack([0 * one, -(rate**2) * sine, -(rate**2) * cosine]),
         )
 
+    def states(self, time: Array, coefficients: Array) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration (T, n) of coefficients (K, n) at times."""
+        position, velocity, acceleration = self.matrices(time)
+        return position @ coefficients, velocity @ coefficients, acceleration @ coefficients
+
+    def shifted(self, coefficients: Array, time: float) -> Array:
+        """Return the coefficients (K, n) of the same motion, begun at `time` [s] of its period."""
+        phase = 2 * np.pi * np.arange(1, self.harmonics + 1) * (time / self.duration % 1.0)
+        sine, cosine = np.sin(phase)[:, None], np.cos(phase)[:, None]
+        a, b = np.split(coefficients[1:], 2)
+        return np.vstack([coefficients[:1], cosine * a - sine * b, sine * a + cosine * b])
+
     def hull(self, order: int, density: int) -> Array:
         """Return the matrix (C, K) whose largest |row @ c| the derivative of `order` never exceeds.
 

@@ -65,9 +65,13 @@ class SplineBasis:
 
         Times must lie within [0, duration].
         """
+        return self.states(time, np.eye(self.size))
+
+    def states(self, time: Array, coefficients: Array) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration (T, n) of coefficients (K, n) at times."""
         from scipy.interpolate import BSpline
 
-        spline = BSpline(self.knots, np.eye(self.size), self.degree)
+        spline = BSpline(self.knots, coefficients, self.degree)
         position, velocity, acceleration = (spline(time, nu=order) for order in range(3))
         return position, velocity, acceleration
 

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from seaid.arrays import Array, frozen
+from seaid.arrays import Array, finite, frozen
 from seaid.errors import ExcitationError, unknown_name
 from seaid.excitation.basis import Basis, basis_from_dict
+from seaid.excitation.joint_trajectory import as_yaml, joint_trajectory_message, message_times
 from seaid.excitation.spline import SplineBasis, bernstein_from_powers
 from seaid.files import whole_file, write_csv
 
@@ -26,15 +27,18 @@ _SLIDING = ("position_m", "velocity_m_s", "acceleration_m_s2")
 class Trajectory:
     """A motion of n joints over [0, duration], linear in its `coefficients` (K, n) [rad or m].
 
-    `prismatic_joints` names the joints that slide, for the units in files. Make one from own
-    coefficients with a `SplineBasis` or a `FourierBasis`, or with `polynomial_trajectory`. Raises
-    ExcitationError for coefficients that are not finite or do not fit the basis and the joints.
+    `prismatic_joints` names the joints that slide, for the units in files. `main_interval` (start,
+    end) [s] is what was planned to excite, without a run-in before and after it; not given, it is
+    the whole. Make one from own coefficients with a `SplineBasis` or a `FourierBasis`, or with
+    `polynomial_trajectory`. Raises ExcitationError for coefficients that are not finite or do not
+    fit the basis and the joints, or an interval that is not within the motion.
     """
 
     joint_names: tuple[str, ...]
     basis: Basis
     coefficients: Array
     prismatic_joints: tuple[str, ...] = ()
+    main_interval: tuple[float, float] = ()  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joint_names", tuple(self.joint_names))
@@ -52,6 +56,14 @@ class Trajectory:
             joint = self.joint_names[int(np.argwhere(~np.isfinite(values))[0, 1])]
             raise ExcitationError(f"coefficients of joint '{joint}' are not all finite")
         object.__setattr__(self, "coefficients", values)
+        interval = self.main_interval or (0.0, self.duration)
+        begin, end = finite("main_interval", interval, (2,), ExcitationError).tolist()
+        if not 0 <= begin < end <= self.duration:
+            raise ExcitationError(
+                f"main_interval must lie within 0 to {self.duration:.6g} s, found {begin:.6g} to "
+                f"{end:.6g}"
+            )
+        object.__setattr__(self, "main_interval", (begin, end))
 
     @property
     def duration(self) -> float:
@@ -60,11 +72,11 @@ class Trajectory:
 
     @cached_property
     def rests_at_ends(self) -> bool:
-        """Whether velocity and acceleration are zero at both ends, to rounding."""
-        _, v, a = self._inside(np.array([0.0, self.duration]))
-        reach = np.ptp(self.coefficients)
-        slow = np.max(np.abs(v)) * self.duration <= 1e-9 * reach
-        return bool(slow and np.max(np.abs(a)) * self.duration**2 <= 1e-9 * reach)
+        """Whether velocity and acceleration are zero at both ends, but for 1e-9 of the largest."""
+        ends = np.array([0.0, self.duration])
+        _, v, a = self.basis.states(ends, self.coefficients)
+        most = (np.max(np.abs(self.basis.hull(order, 0) @ self.coefficients)) for order in (1, 2))
+        return all(np.max(np.abs(end)) <= 1e-9 * m for end, m in zip((v, a), most, strict=True))
 
     def sample(self, time: Any) -> tuple[Array, Array, Array]:
         """Return position, velocity, acceleration, each (T, n) [rad or m, s], at times (T,) [s].
@@ -85,7 +97,7 @@ class Trajectory:
                 f"{self.duration:.6g} s), which does not rest at its ends; sample inside, or plan "
                 "with rest_to_rest=True"
             )
-        q, v, a = self._inside(within)
+        q, v, a = self.basis.states(within, self.coefficients)
         if rests:
             still = (within == 0.0) | (within == self.duration)
             v[still], a[still] = 0.0, 0.0
@@ -100,6 +112,7 @@ class Trajectory:
             "format": _FORMAT,
             "joints": list(self.joint_names),
             "prismatic_joints": list(self.prismatic_joints),
+            "main_interval": list(self.main_interval),
             "basis": self.basis.to_dict(),
             "coefficients": self.coefficients.tolist(),
         }
@@ -124,10 +137,27 @@ class Trajectory:
         columns = np.column_stack([time, states.reshape(len(time), -1)]).T
         write_csv(path, dict(zip(header, columns, strict=True)))
 
-    def _inside(self, time: Array) -> tuple[Array, Array, Array]:
-        position, velocity, acceleration = self.basis.matrices(time)
-        c = self.coefficients
-        return position @ c, velocity @ c, acceleration @ c
+    def joint_trajectory(self, rate_hz: float = 100.0) -> dict[str, Any]:
+        """Return the motion in the shape of trajectory_msgs/msg/JointTrajectory, for ROS 2.
+
+        Points at a rate [1/s] and at the end, with `time_from_start` exact to the nanosecond; no
+        effort. Raises ExcitationError for a rate that is not more than zero.
+        """
+        times = message_times(self.duration, rate_hz)
+        states = self.sample(np.minimum(np.array(times) * 1e-9, self.duration))
+        return joint_trajectory_message(self.joint_names, times, states)
+
+    def save_joint_trajectory(self, path: str | Path, rate_hz: float = 100.0) -> None:
+        """Write `joint_trajectory` as YAML (JSON as well) to send to a ROS 2 controller.
+
+        By `ros2 topic pub --once /<controller>/joint_trajectory
+        trajectory_msgs/msg/JointTrajectory --yaml-file <path>`, or with `--stdin < <path>` where
+        there is no `--yaml-file`, once the robot stands at the first point. Raises ExcitationError
+        for a rate that is not more than zero, SeaidError where the file cannot be written.
+        """
+        text = as_yaml(self.joint_trajectory(rate_hz))
+        with whole_file(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
 
 
 def polynomial_trajectory(
@@ -172,7 +202,8 @@ def load_trajectory(path: str | Path) -> Trajectory:
     try:
         basis = basis_from_dict(content["basis"])
         joints, prismatic = tuple(content["joints"]), tuple(content["prismatic_joints"])
-        return Trajectory(joints, basis, content["coefficients"], prismatic)
+        main = content.get("main_interval", ())
+        return Trajectory(joints, basis, content["coefficients"], prismatic, main)
     except (KeyError, TypeError) as problem:
         raise ExcitationError(f"trajectory '{path}' is not complete: {problem!r}") from None
     except ExcitationError as problem:
