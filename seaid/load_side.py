@@ -116,6 +116,7 @@ def load_regression(
         run=np.zeros(len(kept)),
         left_out=len(rows) * len(model.rows) - len(kept),
         carried=carried[kept, which],
+        joint_names=robot.joint_names,
     )
 
 

@@ -47,7 +47,7 @@ class Regression:
     `joint` (R,) tells the equation, `time` (R,) [s] the instant; `left_out` counts the instants
     near standstill that are not rows. `carried` (R, s) is the derivative of y with respect to
     parameters that were estimated before (the springs'), if there are any; `run` (R,) tells the
-    log, where several are stacked.
+    log, where several are stacked; `joint_names` (n,) are those that `joint` counts, if known.
     """
 
     names: tuple[str, ...]
@@ -59,6 +59,7 @@ class Regression:
     run: Array
     left_out: int
     carried: Array
+    joint_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "H", frozen("H", self.H, (None, len(self.names))))
@@ -147,6 +148,7 @@ def actuator_regression(robot: Robot, motion: Motion, joint: str) -> Regression:
         run=np.zeros(len(kept)),
         left_out=len(rows) - len(kept),
         carried=np.empty((len(kept), 0)),
+        joint_names=robot.joint_names,
     )
 
 
@@ -166,6 +168,7 @@ def stacked(regressions: Sequence[Regression]) -> Regression:
         units=regressions[0].units,
         run=np.concatenate([np.full(len(one.y), run) for run, one in enumerate(regressions)]),
         left_out=sum(one.left_out for one in regressions),
+        joint_names=regressions[0].joint_names,
         **{
             name: np.concatenate([getattr(one, name) for one in regressions])
             for name in ("H", "y", "joint", "time", "carried")

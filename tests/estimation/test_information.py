@@ -1,0 +1,168 @@
+"""Information against the rows it stands for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from seaid.arrays import Array
+from seaid.errors import IdentificationError
+from seaid.estimation.information import (
+    Information,
+    combined,
+    information_of,
+    load_information,
+    triangle,
+)
+from seaid.regression import Regression
+
+WEIGHTS = np.array([1.0, 3.0, 0.2])
+
+
+def some_rows(count: int = 300, seed: int = 0) -> Regression:
+    """Return rows of joints 0, 2 and 3, in no order."""
+    rng = np.random.default_rng(seed)
+    return Regression(
+        names=("a", "b", "c", "d"),
+        units=("kg", "m", "s", "N"),
+        H=rng.normal(size=(count, 4)) * [1.0, 1e6, 1e-6, 1.0],
+        y=rng.normal(size=count),
+        joint=rng.choice([0, 2, 3], count),
+        time=np.arange(count) / 20,
+        run=np.zeros(count),
+        left_out=count // 10,
+        carried=rng.normal(size=(count, 2)),
+        joint_names=("hip", "fixed", "knee", "ankle"),
+    )
+
+
+def of(rows: Regression, picked: slice) -> Regression:
+    return replace(
+        rows,
+        left_out=0,
+        **{name: getattr(rows, name)[picked] for name in ("H", "y", "joint", "time", "run")},
+        carried=rows.carried[picked],
+    )
+
+
+def gram(information: Information) -> Array:
+    R = information.factors
+    return np.asarray(np.swapaxes(R, 1, 2) @ R)
+
+
+def assert_same(found: Information, expected: Information) -> None:
+    norms = np.linalg.norm(expected.factors, axis=1)
+    scale = norms[:, :, None] * norms[:, None, :]
+    assert np.max(np.abs(gram(found) - gram(expected)) / scale) < 1e-13
+    assert np.allclose(found.carried, expected.carried, rtol=1e-11, atol=1e-9)
+    for name in ("names", "units", "equations", "counts", "left_out", "joint_names"):
+        assert getattr(found, name) == getattr(expected, name)
+
+
+def test_factors_have_the_second_moments_of_each_equation() -> None:
+    rows = some_rows()
+    found = information_of(rows)
+    assert found.equations == (0, 2, 3)
+    assert found.count == sum(found.counts) == 300
+    for place, equation in enumerate(found.equations):
+        mine = rows.joint == equation
+        both = np.column_stack([rows.H, rows.y])[mine]
+        assert found.counts[place] == np.sum(mine)
+        assert np.allclose(gram(found)[place], both.T @ both, rtol=1e-11, atol=1e-9)
+        assert np.allclose(found.carried[place], rows.H[mine].T @ rows.carried[mine])
+        assert np.array_equal(found.factors[place], np.triu(found.factors[place]))
+
+
+def test_blocks_of_a_long_regression_are_put_together() -> None:
+    rows = some_rows(9000)
+    both = np.column_stack([rows.H, rows.y])[rows.joint == 0]
+    assert len(both) > 2 * 1024
+    assert np.allclose(gram(information_of(rows))[0], both.T @ both, rtol=1e-11, atol=1e-7)
+
+
+@given(cuts=st.lists(st.integers(0, 300), max_size=5))
+def test_parts_add_up_to_the_whole(cuts: list[int]) -> None:
+    """Some parts are shorter than the parameters, some empty, some lack an equation."""
+    rows = some_rows()
+    ends = [0, *sorted(cuts), 300]
+    parts = [information_of(of(rows, slice(*pair))) for pair in pairwise(ends)]
+    whole = replace(information_of(rows), left_out=0)
+    assert_same(combined(parts), whole)
+    assert_same(sum(parts[1:], parts[0]), whole)
+
+
+def test_weighted_factor_is_that_of_weighted_rows() -> None:
+    rows = some_rows()
+    weight = WEIGHTS[np.searchsorted([0, 2, 3], rows.joint)]
+    both = np.column_stack([rows.H, rows.y]) * weight[:, None]
+    found = information_of(rows).weighted_factor(WEIGHTS)
+    assert np.allclose(found.T @ found, both.T @ both, rtol=1e-11, atol=1e-9)
+    plain = information_of(rows).weighted_factor()
+    assert np.allclose(plain, information_of(rows).weighted_factor(np.ones(3)))
+
+
+def test_residual_norms_are_those_of_the_rows() -> None:
+    rows, theta = some_rows(), np.array([1.0, 2e-6, 3e6, -1.0])
+    residual = rows.y - rows.H @ theta
+    expected = [np.linalg.norm(residual[rows.joint == joint]) for joint in (0, 2, 3)]
+    assert information_of(rows).residual_norms(theta) == pytest.approx(expected, rel=1e-12)
+
+
+def test_without_is_the_information_of_fewer_columns() -> None:
+    rows = some_rows()
+    fewer = replace(rows, names=("b", "d"), units=("m", "N"), H=rows.H[:, [1, 3]])
+    assert_same(information_of(rows).without(["a", "c"]), information_of(fewer))
+
+
+def test_saved_and_loaded_is_the_same(tmp_path: Path) -> None:
+    path, found = tmp_path / "day" / "monday.npz", information_of(some_rows())
+    found.save(path)
+    again = load_information(path)
+    assert again.factors.tolist() == found.factors.tolist()
+    assert again.carried.tolist() == found.carried.tolist()
+    for name in ("names", "units", "equations", "counts", "left_out", "joint_names"):
+        assert getattr(again, name) == getattr(found, name)
+    assert_same(again + found, combined([found, found]))
+
+
+def test_file_that_is_none_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(IdentificationError, match="no information file at"):
+        load_information(tmp_path / "nothing.npz")
+    text = tmp_path / "text.npz"
+    text.write_text("a,b\n1,2\n")
+    other = tmp_path / "log.npz"
+    np.savez(other, time_s=np.zeros(3))
+    for path in (text, other):
+        with pytest.raises(IdentificationError, match="is not a file of information"):
+            load_information(path)
+
+
+def test_other_columns_do_not_add() -> None:
+    one = information_of(some_rows())
+    with pytest.raises(IdentificationError, match=r"columns are the same: one has a, b, c, d .*b"):
+        one + one.without(["a"])
+    with pytest.raises(IdentificationError, match="found none"):
+        combined([])
+
+
+def test_rows_that_are_not_finite_are_named() -> None:
+    rows = some_rows()
+    H, y = rows.H.copy(), rows.y.copy()
+    H[5, 1] = np.nan
+    y[7] = np.inf
+    with pytest.raises(IdentificationError, match="rows that are not finite: b, the torque"):
+        information_of(replace(rows, H=H, y=y))
+
+
+def test_triangle_of_fewer_rows_than_columns() -> None:
+    columns = np.arange(6.0).reshape(2, 3)
+    R = triangle(columns.copy())
+    assert R.shape == (3, 3)
+    assert np.allclose(R.T @ R, columns.T @ columns)
+    assert np.array_equal(triangle(np.empty((0, 3))), np.zeros((3, 3)))
