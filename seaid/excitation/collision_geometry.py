@@ -87,18 +87,22 @@ def _convex(geometry: Any, link: str, mesh: str) -> Any:
 
 
 def _hull(geometry: Any, link: str, mesh: str) -> Any:
-    problem = ""
-    for qhull_options in ("Qt", "QJ"):  # joggled, a vertex has no more neighbours than coal takes
-        try:
-            geometry.buildConvexHull(True, qhull_options)
-        except (ValueError, RuntimeError) as failure:
-            problem = str(failure).strip().splitlines()[-1]
-        else:
-            return geometry.convex
-    raise RobotError(
-        f"link '{link}': collision mesh '{mesh}' has no convex hull with a volume ({problem}); "
-        "use a box or another mesh"
-    )
+    from scipy.spatial import ConvexHull, QhullError
+
+    corners = np.array(geometry.vertices())
+    try:
+        corners = corners[ConvexHull(corners).vertices]  # coal's own ends the process on flat ones
+    except QhullError:
+        raise RobotError(
+            f"link '{link}': collision mesh '{mesh}' is flat, its convex hull has no volume; use a "
+            "box or another mesh"
+        ) from None
+    points = coal.StdVec_Vec3s()
+    points.extend(list(corners))
+    try:
+        return coal.Convex.convexHull(points, True, "Qt")
+    except RuntimeError:  # coal takes 255 neighbours of a corner: joggled, it has fewer
+        return coal.Convex.convexHull(points, True, "QJ")
 
 
 def _with_mesh_paths(urdf: Path, folders: Sequence[Path]) -> str:
