@@ -12,6 +12,7 @@ from seaid.errors import SeaidError
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+IndexArray = NDArray[np.intp]
 Value = TypeVar("Value")
 
 

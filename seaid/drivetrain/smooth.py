@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 import sympy as sp
 
-from seaid.arrays import Array
+from seaid.arrays import Array, FrozenMapping
 from seaid.drivetrain.equations import known_values
 from seaid.drivetrain.regressor import DriveRegressor, flat_names
 
@@ -18,32 +19,46 @@ SIGNALS = ("theta_M", "theta_M_dot", "theta_M_ddot", "theta_L", "theta_L_dot", "
 _WIDTH = sp.Symbol("sign_width", positive=True)
 
 
-def smooth_columns(
-    regressor: DriveRegressor, signals: Mapping[str, Array], sign_width_rad_s: float
-) -> tuple[Array, Array]:
-    """Return the columns (T, p) of a drive's regressor and their slopes (T, p, 6) by `SIGNALS`.
+@dataclass(frozen=True)
+class SmoothColumns:
+    """The columns of a drive's regressor as expressions of `SIGNALS` and `known` values.
 
-    As `DriveRegressor.evaluate`, with sign(x) as tanh(x / sign_width_rad_s), so that friction has a
-    slope.
+    Plain data, which can be sent to other processes.
     """
-    row = tuple(regressor.form.regressor)[: len(regressor.names)]
-    function, names = _compiled(row)
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    row: tuple[sp.Expr, ...]
+    known: FrozenMapping[float]
+
+    def evaluate(
+        self, signals: Mapping[str, Array], sign_width_rad_s: float
+    ) -> tuple[Array, Array]:
+        """Return the columns (T, p) and their slopes (T, p, 6) by `SIGNALS`, each (T,).
+
+        As `DriveRegressor.evaluate`, with sign(x) as tanh(x / sign_width_rad_s), so that friction
+        has a slope.
+        """
+        function, names = _compiled(self.row)
+        known = {**self.known, str(_WIDTH): sign_width_rad_s}
+        arguments = [known[name] if name in known else signals[name] for name in names]
+        p, length = len(self.row), len(next(iter(signals.values())))
+        table = np.empty((p * (1 + len(SIGNALS)), length))
+        for line, entry in zip(table, function(*arguments), strict=True):
+            line[:] = entry
+        return table[:p].T, table[p:].reshape(p, len(SIGNALS), length).transpose(2, 0, 1)
+
+
+def smooth_columns(regressor: DriveRegressor) -> SmoothColumns:
+    """Return the columns of a drive's regressor with slopes."""
+    row = tuple(map(flat_names, tuple(regressor.form.regressor)[: len(regressor.names)]))
     known = {str(symbol): value for symbol, value in known_values(regressor.drive).items()}
-    known[str(_WIDTH)] = sign_width_rad_s
-    arguments = [known[name] if name in known else signals[name] for name in names]
-    length = len(next(iter(signals.values())))
-    entries = [np.broadcast_to(entry, (length,)) for entry in function(*arguments)]
-    p = len(row)
-    slopes = np.stack([*entries[p:], *[np.zeros(length)] * (not p)], axis=1)
-    return (
-        np.stack(entries[:p], axis=1) if p else np.empty((length, 0)),
-        slopes[:, : 6 * p].reshape(length, p, len(SIGNALS)),
-    )
+    return SmoothColumns(regressor.names, regressor.units, row, FrozenMapping(known))
 
 
 @cache
 def _compiled(row: tuple[sp.Expr, ...]):  # type: ignore[no-untyped-def]
-    smooth = [flat_names(entry).replace(sp.sign, lambda x: sp.tanh(x / _WIDTH)) for entry in row]
+    smooth = [entry.replace(sp.sign, lambda x: sp.tanh(x / _WIDTH)) for entry in row]
     slopes = [entry.diff(sp.Symbol(signal)) for entry in smooth for signal in SIGNALS]
     entries = [*smooth, *slopes]
     names = sorted({str(symbol) for entry in entries for symbol in entry.free_symbols})

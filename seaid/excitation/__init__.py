@@ -1,20 +1,24 @@
 """Exciting trajectories (16)-(19): plan a motion that tells the parameters, within limits."""
 
 from seaid.excitation.basis import Basis, make_basis
-from seaid.excitation.criterion import pivoted_base
+from seaid.excitation.criteria import CRITERIA
 from seaid.excitation.design import Excitation, design_excitation
 from seaid.excitation.ends import FREE, EndState, MotionSpace, limit_rows, motion_space
 from seaid.excitation.fourier import FourierBasis
+from seaid.excitation.joined import JoinedBasis
 from seaid.excitation.limits import JointLimits, Limits, Margins, joint_limits, margins
+from seaid.excitation.pivoted import pivoted_base
 from seaid.excitation.spline import SplineBasis
 from seaid.excitation.trajectory import Trajectory, load_trajectory, polynomial_trajectory
 
 __all__ = [
+    "CRITERIA",
     "FREE",
     "Basis",
     "EndState",
     "Excitation",
     "FourierBasis",
+    "JoinedBasis",
     "JointLimits",
     "Limits",
     "Margins",

@@ -49,14 +49,19 @@ def triangular_factor(H: Array, known: Array) -> Array:
     return np.asarray(np.linalg.qr(np.vstack([known, H]), mode="r"))
 
 
+def singular_values(R: Array) -> Array:
+    """Return the singular values of a triangular factor, largest first."""
+    return np.asarray(np.linalg.svd(R, compute_uv=False), dtype=np.float64)
+
+
 def tells_all(R: Array) -> bool:
     """Tell whether all columns can be told apart, rounding aside."""
-    singular = np.linalg.svd(R, compute_uv=False)
+    singular = singular_values(R)
     return bool(R.shape[0] == R.shape[1] and singular[-1] > singular[0] / _WORST)
 
 
 def _log_condition(R: Array) -> float:
-    singular = np.linalg.svd(R, compute_uv=False)
+    singular = singular_values(R)
     return float(np.log(singular[0] / singular[-1]))
 
 

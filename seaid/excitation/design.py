@@ -13,12 +13,17 @@ from seaid.arrays import Array
 from seaid.base import BaseParameters
 from seaid.errors import ExcitationError, SeaidWarning
 from seaid.excitation.basis import make_basis
-from seaid.excitation.criteria import criterion_named, tells_all, triangular_factor
+from seaid.excitation.criteria import (
+    criterion_named,
+    singular_values,
+    tells_all,
+    triangular_factor,
+)
 from seaid.excitation.drive_limits import drive_limits
 from seaid.excitation.ends import FREE, EndState, motion_space
 from seaid.excitation.feasible_home import with_feasible_home
-from seaid.excitation.limits import JointLimits, Limits, joint_limits
-from seaid.excitation.margins import Margins, margins, motion_within
+from seaid.excitation.fine_grid import all_margins, motion_within
+from seaid.excitation.limits import JointLimits, Limits, Margins, joint_limits
 from seaid.excitation.pivoted import pivoted_base
 from seaid.excitation.problem import Problem, make_problem, states_of
 from seaid.excitation.scaling import recorded_factor, scaled_target
@@ -157,15 +162,15 @@ def _excitation(
         trajectory=trajectory,
         condition_number=float(kappa),
         base=base,
-        margins=margins(problem, trajectory, bounds),
+        margins=all_margins(problem, x, trajectory, bounds),
         limits=bounds,
         criterion=problem.criterion,
         value=float(np.exp(problem.measure.log_value(R))),
         names=target.names,
         units=target.units,
         standard_errors=np.linalg.norm(inverse, axis=1) * target.column_scale,
-        singular_values=np.linalg.svd(R, compute_uv=False),
-        start_singular_values=np.linalg.svd(R_begin, compute_uv=False),
+        singular_values=singular_values(R),
+        start_singular_values=singular_values(R_begin),
     )
 
 
@@ -191,7 +196,7 @@ def _samples(target: Target, size: int, samples: int | None) -> int:
         return max(100, 4 * size, 4 * needed)
     if samples < needed:
         raise ExcitationError(
-            f"{samples} samples of {rows} torques cannot tell {len(target.names)} parameters; "
+            f"{samples} samples of {rows} torques cannot tell {target.asked}; "
             f"give at least {needed}"
         )
     return int(samples)

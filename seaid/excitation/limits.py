@@ -75,12 +75,20 @@ class JointLimits:
 class Margins:
     """Least distance to the limits over the whole motion, each (n,) [rad or m, s].
 
-    From a hull close to the curve, so the true distance is at no instant less.
+    Position, velocity and acceleration from a hull close to the curve, so the true distance is at
+    no instant less. The others, in the units of `Limits`, are at instants of a fine grid; inf where
+    not limited, None where no drive is. `distance_m` is the least distance between bodies and boxes
+    of the scene, if there is one.
     """
 
     position: Array
     velocity: Array
     acceleration: Array
+    joint_torque: Array | None = None
+    motor_torque: Array | None = None
+    motor_speed: Array | None = None
+    deflection: Array | None = None
+    distance_m: float | None = None
 
 
 def joint_limits(robot: Robot, limits: Limits | None = None) -> JointLimits:
@@ -108,7 +116,9 @@ def joint_limits(robot: Robot, limits: Limits | None = None) -> JointLimits:
     return JointLimits(lower, upper, velocity, acceleration)
 
 
-def hull_rows(basis: Basis, limits: JointLimits, kind: int) -> tuple[Array, Array, Array]:
+def hull_rows(
+    basis: Basis, limits: JointLimits, kind: int, density: int | None = None
+) -> tuple[Array, Array, Array]:
     """Return a hull (C, K), its limits (n,) and the middle to count from (n,).
 
     `kind` is 0 for position, 1 for velocity, 2 for acceleration. A motion of coefficients c keeps
@@ -116,7 +126,7 @@ def hull_rows(basis: Basis, limits: JointLimits, kind: int) -> tuple[Array, Arra
     """
     bounds = (limits.half_range, limits.velocity, limits.acceleration)
     middle = limits.middle if kind == 0 else np.zeros_like(limits.middle)
-    return basis.hull(kind, _DENSITY), bounds[kind], middle
+    return basis.hull(kind, density or _DENSITY), bounds[kind], middle
 
 
 def grouped(rows: Array, axis: int) -> Array:

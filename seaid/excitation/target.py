@@ -13,8 +13,7 @@ import numpy as np
 
 from seaid.arrays import Array
 from seaid.base import BaseParameters
-from seaid.drivetrain.regressor import DriveRegressor
-from seaid.drivetrain.smooth import SIGNALS, smooth_columns
+from seaid.drivetrain.smooth import SIGNALS, SmoothColumns, smooth_columns
 from seaid.excitation.flatness import (
     SIGN_WIDTH,
     Transmission,
@@ -31,6 +30,9 @@ from seaid.regression import motor_regressor
 from seaid.rigid_body import joint_torques, rigid_body_regressor
 from seaid.robot import Robot
 
+READINGS_HZ = 1000.0
+"""Readings of torque a second, with independent errors, for which standard errors are stated."""
+
 
 @dataclass(frozen=True, eq=False)
 class DriveBlock:
@@ -38,7 +40,7 @@ class DriveBlock:
 
     joint: int
     row: int
-    regressor: DriveRegressor
+    regressor: SmoothColumns
     columns: tuple[int, ...]
     picked: tuple[int, ...]
 
@@ -64,6 +66,11 @@ class Target:
     row_weights: Array
     column_scale: Array
     known: Array
+
+    @property
+    def asked(self) -> str:
+        """How many parameters of what kind, in words."""
+        return f"{len(self.names)} {'parameters' if self.blocks else 'base parameters'}"
 
 
 def load_target(robot: Robot, rows: Sequence[str] | None, base: BaseParameters) -> Target:
@@ -109,7 +116,7 @@ def drive_target(
         elastic = joint in robot.elastic_joints
         if elastic and row < len(known):
             continue  # its drive is in its motor row
-        regressor = motor_regressor(robot, joint)
+        regressor = smooth_columns(motor_regressor(robot, joint))
         kept = [name for owner, name, _ in model.drives if owner == joint]
         picked = [i for i, name in enumerate(regressor.names) if elastic or name in kept]
         columns = range(len(names), len(names) + len(picked))
@@ -132,7 +139,10 @@ def drive_target(
 
 
 def stacked_regressor(target: Target, time: Array, states: States) -> Array:
-    """Return the weighted and scaled regressor (T rows, columns) of a motion, (15)."""
+    """Return the weighted and scaled regressor (T rows, columns) of a motion, (15).
+
+    `time` (T,) is equally spaced.
+    """
     H = np.zeros((len(time), len(target.row_weights), len(target.names)))
     Y = rigid_body_regressor(target.robot, *states)
     H[:, : len(target.rows), : len(target.base_columns)] = Y[:, list(target.rows)][
@@ -140,14 +150,14 @@ def stacked_regressor(target: Target, time: Array, states: States) -> Array:
     ]
     for block, (columns, _) in _drive_columns(target, time, states):
         H[:, block.row, list(block.columns)] = columns
-    H *= target.row_weights[:, None] * target.column_scale
+    H *= _weights(target, time) * target.column_scale
     return H.reshape(-1, len(target.names))
 
 
 def regressor_pull_back(target: Target, time: Array, states: States, G: Array) -> States:
     """Return the gradient by q, v and a, each (T, n), of a function whose gradient by H is G."""
     G = G.reshape(len(time), len(target.row_weights), -1)
-    G = G * target.row_weights[:, None] * target.column_scale
+    G = G * _weights(target, time) * target.column_scale
     robot, r = target.robot, len(target.rows)
     weights = np.zeros((len(time), r, 10 * robot.n))
     weights[:, :, list(target.base_columns)] = G[:, :r, : len(target.base_columns)]
@@ -168,6 +178,14 @@ def regressor_pull_back(target: Target, time: Array, states: States, G: Array) -
     return gradient[0], gradient[1], gradient[2]
 
 
+def _weights(target: Target, time: Array) -> Array:
+    """Return the weights (T, rows, 1): a row stands for the readings around it."""
+    step = (time[-1] - time[0]) / max(len(time) - 1, 1)
+    readings = np.full(len(time), READINGS_HZ * step)
+    readings[[0, -1]] *= 0.5
+    return np.asarray(np.sqrt(readings)[:, None, None] * target.row_weights[:, None])
+
+
 def _drive_columns(
     target: Target, time: Array, states: States
 ) -> Iterator[tuple[DriveBlock, tuple[Array, Array]]]:
@@ -179,8 +197,7 @@ def _drive_columns(
     signals = motor_signals(target.drives, states, torque, differentiation(time))
     for block in target.blocks:
         ratio = target.drives.ratio[block.joint]
-        columns, slopes = smooth_columns(
-            block.regressor,
+        columns, slopes = block.regressor.evaluate(
             dict(zip(SIGNALS, signals[:, :, block.joint], strict=True)),
             target.sign_width[block.joint],
         )

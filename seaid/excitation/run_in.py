@@ -1,0 +1,167 @@
+"""Ways from rest into a motion whose ends are free, and out of it to rest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from seaid.arrays import Array
+from seaid.errors import ExcitationError
+from seaid.excitation.basis import Basis
+from seaid.excitation.ends import EndState, motion_space
+from seaid.excitation.fourier import FourierBasis
+from seaid.excitation.joined import JoinedBasis
+from seaid.excitation.limits import JointLimits, Limits, joint_limits
+from seaid.excitation.trajectory import Trajectory
+from seaid.excitation.ways import way_basis, way_duration
+from seaid.robot import Robot
+
+_SHARE = 0.9
+"""How much of each limit a run-in uses, unless the motion itself begins or ends with more."""
+_GROWTH, _TRIALS, _HALVINGS = 1.6, 16, 4
+_PHASES = 200
+
+State = tuple[Array, Array, Array]
+Piece = tuple[Basis, Array]
+
+
+def add_run_in(
+    trajectory: Trajectory, robot: Robot, limits: Limits | None = None, *, periods: int = 1
+) -> Trajectory:
+    """Return a trajectory with a way from rest into it, and out of it to rest.
+
+    `periods` runs of a motion that ends as it starts follow each other, so that they can be
+    averaged; `main_interval` of what is returned tells from when to when they last. Position,
+    velocity and acceleration are continuous, the ways in and out are short and keep the `limits`
+    (default: the robot's) at every instant; where they rest is up to them. A Fourier series, which
+    may begin anywhere in its period, begins where it is easiest to run in.
+
+    A motion that `design_excitation` planned with free ends can always be run into. Raises
+    ExcitationError for other joints than the robot's, for more than one period of a motion whose
+    ends do not meet, and where there is no way within limits: a motion that starts at the end of
+    its range at full speed cannot be run into.
+    """
+    if trajectory.joint_names != robot.joint_names:
+        raise ExcitationError(
+            f"the trajectory moves {', '.join(trajectory.joint_names)}, but '{robot.name}' has "
+            f"{', '.join(robot.joint_names)}: give the joints of the robot, in its order"
+        )
+    if not (periods >= 1 and periods == int(periods)):
+        raise ExcitationError(f"periods must be a whole number of at least 1, found {periods}")
+    bounds = joint_limits(robot, limits)
+    main = trajectory if trajectory.rests_at_ends else _easily_begun(trajectory, bounds)
+    start, end = _ends(main)
+    if periods > 1:
+        _check_meets(main, start, end)
+    names = trajectory.joint_names
+    into = [] if main.rests_at_ends else [_way(names, bounds, start, out=False)]
+    out = [] if main.rests_at_ends else [_way(names, bounds, end, out=True)]
+    pieces = [*into, *[(main.basis, main.coefficients)] * int(periods), *out]
+    basis = JoinedBasis(tuple(part for part, _ in pieces))
+    begins = basis.starts[len(into)]
+    return Trajectory(
+        names,
+        basis,
+        np.vstack([values for _, values in pieces]),
+        trajectory.prismatic_joints,
+        (begins, basis.starts[len(into) + int(periods)]),
+    )
+
+
+def _ends(trajectory: Trajectory) -> tuple[State, State]:
+    q, v, a = trajectory.basis.states(np.array([0.0, trajectory.duration]), trajectory.coefficients)
+    return (q[0], v[0], a[0]), (q[1], v[1], a[1])
+
+
+def _check_meets(trajectory: Trajectory, start: State, end: State) -> None:
+    reach = np.ptp(trajectory.coefficients, axis=0)
+    for order, (first, last) in enumerate(zip(start, end, strict=True)):
+        apart = np.abs(first - last) * trajectory.duration**order > 1e-9 * reach
+        if np.any(apart):
+            joint = trajectory.joint_names[int(apart.argmax())]
+            raise ExcitationError(
+                f"joint '{joint}' does not end as it starts, so the motion cannot be run more than "
+                "once without a jump: plan with basis='fourier', or take periods=1"
+            )
+
+
+def _easily_begun(trajectory: Trajectory, bounds: JointLimits) -> Trajectory:
+    """Return a Fourier series begun where all joints have most room to stop, both ways in time."""
+    basis = trajectory.basis
+    if not isinstance(basis, FourierBasis):
+        return trajectory
+    times = basis.duration * np.arange(_PHASES) / _PHASES
+    q, v, _ = basis.states(times, trajectory.coefficients)
+    braking = v**2 / (2 * bounds.acceleration)
+    used = (np.abs(q - bounds.middle) + braking) / bounds.half_range
+    easiest = float(times[used.max(axis=1).argmin()])
+    return replace(trajectory, coefficients=basis.shifted(trajectory.coefficients, easiest))
+
+
+def _way(names: tuple[str, ...], bounds: JointLimits, state: State, *, out: bool) -> Piece:
+    """Return the shortest way found from rest to a state, or `out` of it to rest.
+
+    Too short a way breaks the acceleration limit; too long a one cannot turn fast enough, for its
+    coefficients are few. So durations grow until one is possible, then shrink while they are.
+    """
+    _, v, _ = state
+    shortest = 0.5 * float(np.max(np.abs(v) / bounds.acceleration))
+    shortest = max(shortest, 1e-2 * float(np.max(bounds.velocity / bounds.acceleration)))
+    durations = shortest * _GROWTH ** np.arange(_TRIALS)
+    problem: ExcitationError | None = None
+    for share, trials in ((_SHARE, durations), (1.0, [way_duration(bounds), *durations])):
+        tightened = _tightened(bounds, state, share)
+        for duration in trials:
+            try:
+                found = _joined_to(names, tightened, state, duration, out=out), duration
+            except ExcitationError as refused:
+                problem = refused
+            else:
+                return _shortened(names, tightened, state, found, out=out)
+    side = "out of its end" if out else "into its start"
+    raise ExcitationError(
+        f"there is no way {side} within limits ({problem}); plan the motion with rest at its ends, "
+        "within a narrower range, or with basis='fourier', which can begin anywhere in its period"
+    )
+
+
+def _shortened(
+    names: tuple[str, ...],
+    bounds: JointLimits,
+    state: State,
+    found: tuple[Piece, float],
+    *,
+    out: bool,
+) -> Piece:
+    piece, high = found
+    low = high / _GROWTH
+    for _ in range(_HALVINGS):
+        middle = float(np.sqrt(low * high))
+        try:
+            piece, high = _joined_to(names, bounds, state, middle, out=out), middle
+        except ExcitationError:
+            low = middle
+    return piece
+
+
+def _joined_to(
+    names: tuple[str, ...], bounds: JointLimits, state: State, duration: float, *, out: bool
+) -> Piece:
+    """Return a way of one duration. Raises ExcitationError where there is none within bounds."""
+    basis = way_basis(duration)
+    moving, rest = EndState(*state), EndState()
+    start, end = (moving, rest) if out else (rest, moving)
+    return basis, motion_space(basis, names, bounds, start, end).home
+
+
+def _tightened(bounds: JointLimits, state: State, share: float) -> JointLimits:
+    """Return a share of each limit, or what the state itself uses where that is more."""
+    q, v, a = state
+    half = np.maximum(share * bounds.half_range, np.abs(q - bounds.middle))
+    return JointLimits(
+        bounds.middle - half,
+        bounds.middle + half,
+        np.maximum(share * bounds.velocity, np.abs(v)),
+        np.maximum(share * bounds.acceleration, np.abs(a)),
+    )

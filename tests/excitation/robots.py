@@ -1,0 +1,44 @@
+"""Robots that planning must work for: reordered, sliding, loaded, without nominal values."""
+
+from __future__ import annotations
+
+import warnings
+from functools import cache
+from importlib.metadata import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from seaid.arrays import Array
+from seaid.robot import Payload, Robot, load_robot
+
+MODELS = Path(__file__).parents[2] / "models"
+PANDA = [f"panda_joint{i}" for i in range(1, 8)]
+TIAGO = ["torso_lift_joint", *(f"arm_{i}_joint" for i in range(1, 8))]
+
+
+def example_robot(name: str, **options: Any) -> Robot:
+    path = next(path for path in files("example-robot-data") or [] if path.name == name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the files' rounded angles are another test's matter
+        return load_robot(str(path.locate()), **options)
+
+
+@cache
+def robots() -> dict[str, Robot]:
+    """Return the robots by name."""
+    payload = Payload("wrist_3_link", 2.0, (0.1, 0.0, 0.05))
+    return {
+        "leg": load_robot(MODELS / "tulip_leg.urdf"),
+        "ur5": example_robot("ur5_robot.urdf", payloads=[payload]),
+        "panda_reordered": example_robot("panda.urdf", joints=PANDA[::-1]),
+        "tiago_prismatic": example_robot("tiago_no_hand.urdf", joints=TIAGO),
+        "ur10_nominal_unknown": example_robot("ur10_robot.urdf").without_nominal(),
+    }
+
+
+def states(robot: Robot, samples: int, seed: int = 0) -> tuple[Array, Array, Array]:
+    rng = np.random.default_rng(seed)
+    shape = (samples, robot.n)
+    return rng.uniform(-1, 1, shape), rng.normal(0, 1, shape), rng.normal(0, 3, shape)

@@ -1,0 +1,26 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from seaid.base import random_states
+from seaid.errors import RobotError
+from seaid.excitation.pivoted import pivoted_base
+from seaid.rigid_body import rigid_body_regressor
+from tests.excitation.robots import robots
+
+
+@pytest.mark.parametrize(("name", "rank"), [("leg", 29), ("ur5", 36), ("panda_reordered", 43)])
+def test_pivoted_base_tells_the_same_torques(name: str, rank: int) -> None:
+    robot = robots()[name]
+    base = pivoted_base(robot)
+    assert len(base.columns) == rank
+    Y = rigid_body_regressor(robot, *random_states(robot, 5))
+    theta = np.random.default_rng(2).normal(size=10 * robot.n)
+    np.testing.assert_allclose(base.reduce(Y) @ base.project(theta), Y @ theta, atol=1e-8)
+    np.testing.assert_array_equal(base.grouping[:, base.columns], np.eye(rank))
+
+
+def test_unknown_row_offers_the_nearest() -> None:
+    with pytest.raises(RobotError, match="did you mean 'ankle_pitch'"):
+        pivoted_base(robots()["leg"], ["ankle_pich"])

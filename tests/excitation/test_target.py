@@ -1,0 +1,232 @@
+"""The regressor that a plan conditions: its entries, and its exact gradient with drives in it."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seaid.arrays import Array
+from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
+from seaid.drivetrain.smooth import SIGNALS, smooth_columns
+from seaid.errors import ExcitationError
+from seaid.excitation.fourier import FourierBasis
+from seaid.excitation.gradient import regressor_gradient, torque_derivatives
+from seaid.excitation.pivoted import pivoted_base
+from seaid.excitation.target import (
+    READINGS_HZ,
+    Target,
+    drive_target,
+    load_target,
+    regressor_pull_back,
+    stacked_regressor,
+)
+from seaid.regression import motor_regressor
+from seaid.rigid_body import joint_torques, rigid_body_regressor
+from seaid.robot import Robot, load_robot
+from tests.excitation.robots import TIAGO, example_robot, robots, states
+
+MODELS = Path(__file__).parents[2] / "models"
+States = tuple[Array, Array, Array]
+
+
+def elastic_leg() -> Robot:
+    return load_robot(MODELS / "tulip_leg.urdf", drivetrains=MODELS / "tulip_leg.toml")
+
+
+def mixed_tiago() -> Robot:
+    """Return an arm on a sliding torso with a spring there, rotary springs, and own terms."""
+    spring = SeriesElasticDrive(
+        100.0,
+        motor_inertia_kg_m2=1e-5,
+        stiffness_Nm_per_rad=900.0,
+        viscous_friction_Nms_per_rad=1e-4,
+        coulomb_friction_Nm=0.01,
+        extra_terms=("c*theta_M_dot**3", "d*theta_L_dot**3"),
+    )
+    slide = SeriesElasticDrive(
+        50.0, motor_inertia_kg_m2=None, motor_pulley_radius_m=0.02, stiffness_N_per_m=4e4
+    )
+    drives = {
+        "torso_lift_joint": slide,
+        "arm_2_joint": spring,
+        "arm_4_joint": StiffDrive(80.0, friction=("viscous", "coulomb", "offset")),
+        "arm_3_joint": spring,
+    }
+    return example_robot("tiago_no_hand.urdf", drivetrains=drives, joints=TIAGO[::-1])
+
+
+def smooth_motion(robot: Robot, samples: int = 60) -> tuple[Array, States]:
+    """Return a motion whose time derivatives are smooth, at equally spaced times."""
+    basis = FourierBasis(4, 5.0)
+    c = 0.1 * np.random.default_rng(0).normal(size=(basis.size, robot.n))
+    time = np.linspace(0.0, 4.9, samples)
+    q, v, a = (matrix @ c for matrix in basis.matrices(time))
+    return time, (q, v, a)
+
+
+def assert_gradient(target: Target, time: Array, motion: States) -> None:
+    rng = np.random.default_rng(1)
+    H = stacked_regressor(target, time, motion)
+    sizes = np.linalg.norm(H, axis=0)
+    W = rng.normal(size=H.shape) / sizes
+    gradient = regressor_pull_back(target, time, motion, W)
+    wave = FourierBasis(6, 1.1 * float(time[-1])).matrices(time)[0]
+    for which in range(3):
+        direction = wave @ rng.normal(size=(wave.shape[1], motion[0].shape[1]))
+        step, sums = 1e-6, []
+        for sign in (1, -1):
+            moved = list(motion)
+            moved[which] = motion[which] + sign * step * direction
+            sums.append(np.sum(stacked_regressor(target, time, (moved[0], moved[1], moved[2])) * W))
+        assert np.sum(gradient[which] * direction) == pytest.approx(
+            (sums[0] - sums[1]) / (2 * step), rel=1e-6
+        )
+
+
+@pytest.mark.parametrize("name", robots())
+def test_gradient_of_the_base_regressor(name: str) -> None:
+    robot = robots()[name]
+    target = load_target(robot, None, pivoted_base(robot))
+    assert_gradient(target, np.linspace(0, 1, 60), states(robot, 60))
+
+
+def test_gradient_with_some_torques_known() -> None:
+    robot = robots()["leg"]
+    rows = ("ankle_pitch", "hip_pitch", "knee_pitch")
+    target = load_target(robot, rows, pivoted_base(robot, rows))
+    assert len(target.base_columns) == 21
+    assert_gradient(target, np.linspace(0, 1, 60), states(robot, 60))
+
+
+@pytest.mark.parametrize("robot", [elastic_leg(), mixed_tiago()], ids=["leg", "tiago"])
+def test_gradient_with_drives(robot: Robot) -> None:
+    target = drive_target(robot, None, pivoted_base(robot), np.ones(robot.n))
+    scaled = replace(target, row_weights=np.linspace(1, 2, len(target.row_weights)))
+    assert_gradient(scaled, *smooth_motion(robot))
+    assert any(name.startswith("stiffness of") for name in target.names)
+
+
+def test_base_regressor_is_the_stacked_one_of_every_reading() -> None:
+    robot = robots()["leg"]
+    base = pivoted_base(robot)
+    target = load_target(robot, None, base)
+    motion, time = states(robot, 40), np.linspace(0, 3.9, 40)
+    H = base.reduce(rigid_body_regressor(robot, *motion)) * np.sqrt(0.1 * READINGS_HZ)
+    H[[0, -1]] *= np.sqrt(0.5)  # the ends stand for half as long
+    found = stacked_regressor(target, time, motion)
+    np.testing.assert_allclose(found, H.reshape(found.shape), rtol=1e-12)
+
+
+def test_motor_rows_are_the_regressor_of_the_motion_that_springs_make() -> None:
+    """Motor signals by hand: deflection = torque / (r_L k), differentiated by differences."""
+    robot = elastic_leg()
+    target = drive_target(robot, None, pivoted_base(robot), np.full(5, 1e-9))
+    time, motion = smooth_motion(robot, 400)
+    H = stacked_regressor(target, time, motion).reshape(len(time), 8, -1)
+    index, drive = robot.index("knee_pitch"), robot.drivetrains["knee_pitch"]
+    assert isinstance(drive, SeriesElasticDrive)
+    k, r_M, r_L = 59966.0, drive.motor_radius, drive.load_radius
+    q, v, a = (state[:, index] for state in motion)
+    deflection = joint_torques(robot, *motion)[:, index] / (r_L * k)
+    angle = drive.ratio / r_M * (deflection + r_L * q)
+    speed = np.gradient(angle, time)
+    signals = dict(zip(SIGNALS, (angle, speed, np.gradient(speed, time), q, v, a), strict=True))
+    regressor = motor_regressor(robot, "knee_pitch")
+    R = regressor.evaluate({**signals, "tau_M": 0 * q, "tau_L": 0 * q})[1]
+    block = next(block for block in target.blocks if block.joint == index)
+    weight = np.sqrt(READINGS_HZ * (time[1] - time[0])) * drive.ratio * r_L / r_M
+    found = H[:, block.row, list(block.columns)] / weight
+    inside = slice(5, -5)
+    for column, name in enumerate(regressor.names):
+        size = np.abs(R[:, column]).max()
+        differ = np.abs(found[inside, column] - R[inside, column]) > 2e-3 * size
+        # a sign turns within a sample where the speed crosses zero
+        assert differ.sum() <= (8 if name == "coulomb_friction" else 0)
+    # the other rows know nothing of this drive
+    others = np.delete(H, block.row, axis=1)[:, :, list(block.columns)]
+    assert not np.any(others)
+
+
+def test_smooth_columns_are_the_regressor_but_for_the_sign() -> None:
+    robot = mixed_tiago()
+    regressor = motor_regressor(robot, "arm_2_joint")
+    rng = np.random.default_rng(2)
+    signals = {name: rng.normal(size=30) for name in SIGNALS}
+    columns, slopes = smooth_columns(regressor).evaluate(signals, 1e-6)
+    plain = regressor.evaluate({**signals, "tau_M": np.zeros(30), "tau_L": np.zeros(30)})[1]
+    np.testing.assert_allclose(columns, plain, rtol=1e-12)
+    smooth = smooth_columns(regressor)
+    for index, name in enumerate(SIGNALS):
+        moved = [
+            smooth.evaluate({**signals, name: signals[name] + sign * 1e-6}, 0.5)[0]
+            for sign in (1, -1)
+        ]
+        numeric = (moved[0] - moved[1]) / 2e-6
+        np.testing.assert_allclose(
+            smooth.evaluate(signals, 0.5)[1][:, :, index], numeric, rtol=1e-5, atol=1e-6
+        )
+    assert slopes.shape == (30, len(regressor.names), 6)
+
+
+def test_an_ideal_drive_has_no_columns() -> None:
+    robot = robots()["ur5"]
+    smooth = smooth_columns(motor_regressor(robot, robot.joint_names[0]))
+    columns, slopes = smooth.evaluate({name: np.zeros(7) for name in SIGNALS}, 1.0)
+    assert columns.shape == (7, 0)
+    assert slopes.shape == (7, 0, 6)
+
+
+def test_torque_derivatives_with_payload_and_order() -> None:
+    for name in ("ur5", "panda_reordered"):
+        robot = robots()[name]
+        motion = states(robot, 20)
+        tables, rng = torque_derivatives(robot, motion), np.random.default_rng(3)
+        for which in range(3):
+            direction = rng.normal(size=motion[which].shape)
+            torques = []
+            for sign in (1, -1):
+                moved = list(motion)
+                moved[which] = motion[which] + sign * 1e-5 * direction
+                torques.append(joint_torques(robot, moved[0], moved[1], moved[2]))
+            numeric = (torques[0] - torques[1]) / 2e-5
+            found = np.einsum("tij,tj->ti", tables[which], direction)
+            np.testing.assert_allclose(found, numeric, rtol=1e-6, atol=1e-6)
+
+
+def test_joint_order_and_payload_do_not_matter() -> None:
+    plain, other = example_robot("panda.urdf"), robots()["panda_reordered"]
+    order = [plain.joint_names.index(joint) for joint in other.joint_names]
+    plain = example_robot("panda.urdf", joints=[plain.joint_names[i] for i in order[::-1]])
+    motion = states(plain, 60)
+    turned = (motion[0][:, ::-1], motion[1][:, ::-1], motion[2][:, ::-1])
+    weights = np.random.default_rng(4).normal(size=(60, 7, 70))
+    gradient = regressor_gradient(plain, motion, range(7), weights)
+    bodies = weights.reshape(60, 7, 7, 10)[:, ::-1, ::-1].reshape(60, 7, 70)
+    other_gradient = regressor_gradient(other, turned, range(7), bodies)
+    np.testing.assert_allclose(
+        np.stack(other_gradient)[:, :, ::-1], np.stack(gradient), rtol=1e-7, atol=1e-7
+    )
+
+
+def test_a_target_can_be_sent_to_a_process() -> None:
+    robot = elastic_leg()
+    target = drive_target(robot, None, pivoted_base(robot), np.ones(5))
+    again = pickle.loads(pickle.dumps(target))
+    time, motion = smooth_motion(robot)
+    np.testing.assert_array_equal(
+        stacked_regressor(again, time, motion), stacked_regressor(target, time, motion)
+    )
+
+
+def test_drives_need_nominal_values() -> None:
+    base = pivoted_base(elastic_leg())
+    with pytest.raises(ExcitationError, match=r"'hip_pitch': its drive has no nominal stiffness"):
+        drive_target(elastic_leg().without_nominal(), None, base, np.ones(5))
+    known = elastic_leg()
+    unknown = known.with_values(np.full(50, np.nan), known.drivetrains)
+    with pytest.raises(ExcitationError, match=r"no nominal inertial parameters of hip_yaw_link"):
+        drive_target(unknown, None, base, np.ones(5))
