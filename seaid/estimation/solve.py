@@ -1,20 +1,36 @@
-"""Ordinary and weighted least squares on scaled columns."""
+"""Ordinary and weighted least squares: solved from `Information`, on scaled columns."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from scipy import linalg
 
 from seaid.arrays import Array
 from seaid.errors import ExcitationError, IdentificationError
 from seaid.estimation.covariance import newey_west
+from seaid.estimation.directions import Directions, directions, first_term, telling_joints
 from seaid.estimation.estimate import Estimate
+from seaid.estimation.information import Information, information_of
 from seaid.regression import Regression
 
 _LOST = 1e-7
 """Singular value, relative to the largest, below which a combination of columns is lost."""
 
-_MOST_REWEIGHTINGS = 20
+_MOST_REWEIGHTINGS = 100
+_MOST_NAMED = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Least-squares `values` (p,), the inverse (p, p) of the information and the condition number.
+
+    That is the condition number of the regressor with columns scaled to unit norm.
+    """
+
+    values: Array
+    inverse: Array
+    condition_number: float
 
 
 def ordinary(rows: Regression, carried: Array | None = None) -> Estimate:
@@ -24,7 +40,8 @@ def ordinary(rows: Regression, carried: Array | None = None) -> Estimate:
     Covariance: Newey-West. Raises IdentificationError for fewer rows than parameters and
     ExcitationError where the data leave a combination of parameters open.
     """
-    return _estimate(rows, np.ones(len(rows.y)), carried)
+    information = information_of(rows)
+    return _with_scores(rows, information, np.ones(len(information.equations)), carried)
 
 
 def weighted(rows: Regression, carried: Array | None = None) -> Estimate:
@@ -32,73 +49,130 @@ def weighted(rows: Regression, carried: Array | None = None) -> Estimate:
 
     Iterated until the weights settle (Gautier 1997; Swevers et al. 1997). Otherwise as `ordinary`.
     """
-    weights = np.ones(len(rows.y))
+    information = information_of(rows)
+    return _with_scores(rows, information, settled_weights(information), carried)
+
+
+def settled_weights(information: Information) -> Array:
+    """Return the weights (E,) of the equations: inverse to what their residuals then are.
+
+    Relative to the equation with the largest residual. Raises as `ordinary` does.
+    """
+    weights = np.ones(len(information.equations))
+    root_counts = np.sqrt(np.maximum(information.counts, 1))
+    target = np.linalg.norm(information.factors[:, :, -1]) / np.sqrt(max(information.count, 1))
     for _ in range(_MOST_REWEIGHTINGS):
-        residual = rows.y - rows.H @ _solve(rows, weights)[0]
-        std = {joint: _spread(residual[rows.joint == joint]) for joint in np.unique(rows.joint)}
-        largest = max(std.values())
-        if largest <= 1e-12 * _spread(rows.y):
+        std = information.residual_norms(solve(information, weights).values) / root_counts
+        largest = float(np.max(std))
+        if largest <= 1e-12 * target:
             break
-        new = np.array([largest / max(std[joint], 1e-9 * largest) for joint in rows.joint])
+        new = largest / np.maximum(std, 1e-9 * largest)
         settled = np.allclose(new, weights, rtol=1e-6)
         weights = new
         if settled:
             break
-    return _estimate(rows, weights, carried)
+    else:
+        raise IdentificationError(
+            f"the weights of the joints do not settle in {_MOST_REWEIGHTINGS} turns: a joint has "
+            "too few rows; record a longer log, or use estimator='ols'"
+        )
+    return weights
 
 
-def _first_term(name: str) -> str:
-    """Return a long grouping by its first parameter, which is the base column's own name."""
-    return name if len(name) <= 40 else f"{name.split(' ')[0]} + ..."
+def solve(information: Information, weights: Array) -> Solution:
+    """Return the least-squares solution with the rows of each equation times its weight (E,).
 
-
-def _spread(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
-def _solve(rows: Regression, weights: Array) -> tuple[Array, Array, float]:
-    """Return the solution, the inverse of the information and the scaled condition number."""
-    H = rows.H * weights[:, None]
-    count, p = H.shape
+    Raises IdentificationError for fewer rows than parameters, and ExcitationError that names the
+    combinations of parameters that the rows leave open and the joints that would tell them.
+    """
+    count, p = information.count, len(information.names)
     if count < p:
         raise IdentificationError(
             f"{count} rows cannot tell {p} parameters: record a longer log, or raise cutoff_hz"
         )
-    norms = np.linalg.norm(H, axis=0)
-    dead = [name for name, norm in zip(rows.names, norms, strict=True) if norm == 0]
-    if dead:
-        raise ExcitationError(
-            f"the motion does not excite {', '.join(map(_first_term, dead))}: move these joints"
-        )
-    U, s, Vt = linalg.svd(H / norms, full_matrices=False)
-    if s[-1] < _LOST * s[0]:
-        share = np.abs(Vt[-1])
-        lost = [rows.names[column] for column in np.flatnonzero(share > 0.1 * share.max())]
-        raise ExcitationError(
-            "the motion does not excite all parameters: it tells nothing about the combination of "
-            f"{', '.join(map(_first_term, lost))} (scaled singular value "
-            f"{s[-1] / s[0]:.1e}, needed {_LOST:.0e}); move these joints more, or leave torques "
-            "out with rows="
-        )
-    theta = Vt.T @ ((U.T @ (rows.y * weights)) / s) / norms
-    inverse = (Vt.T / s) / norms[:, None]
-    return theta, inverse @ inverse.T, float(s[0] / s[-1])
+    R = information.weighted_factor(weights)
+    dead = np.flatnonzero(np.linalg.norm(R[:p, :p], axis=0) == 0)
+    if len(dead):
+        names = ", ".join(first_term(information.names[place]) for place in dead)
+        raise ExcitationError(f"the motion does not excite {names}: move these joints")
+    found = directions(R, information.names)
+    if found.shares[-1] < _LOST:
+        raise ExcitationError(_lost(information, found))
+    half = (found.vectors.T / (found.largest * found.shares)) / found.norms[:, None]
+    return Solution(half @ (found.left.T @ R[:p, p]), half @ half.T, float(1 / found.shares[-1]))
 
 
-def _estimate(rows: Regression, weights: Array, carried: Array | None) -> Estimate:
-    theta, inverse, condition = _solve(rows, weights)
-    residual = rows.y - rows.H @ theta
-    scores = rows.H * (weights**2 * residual)[:, None]
-    covariance = inverse @ newey_west(scores, rows.time, rows.run) @ inverse
-    covariance *= len(rows.y) / max(len(rows.y) - len(theta), 1)
-    if carried is not None and rows.carried.shape[1]:
-        sensitivity = inverse @ (rows.H * (weights**2)[:, None]).T @ rows.carried
-        covariance += sensitivity @ carried @ sensitivity.T
+def estimate_of(
+    information: Information,
+    weights: Array,
+    scores_covariance: Array | None = None,
+    carried: Array | None = None,
+) -> Estimate:
+    """Return the estimate with weights (E,) of the equations, from the information alone.
+
+    `scores_covariance` (p, p) is that of the sum of the scores of all rows (see `scores_of`); None:
+    as if the noise of every equation were white. `carried` (s, s) as in `ordinary`.
+    """
+    solution = solve(information, weights)
+    white = _white(information, weights, solution.values)
+    meat = white if scores_covariance is None else scores_covariance
+    both = [solution.inverse @ middle @ solution.inverse for middle in (meat, white)]
+    if carried is not None and information.carried.shape[2]:
+        moments = np.einsum("e,eps->ps", weights**2, information.carried)
+        sensitivity = solution.inverse @ moments
+        both = [covariance + sensitivity @ carried @ sensitivity.T for covariance in both]
+    squares = float(np.sum(information.residual_norms(solution.values) ** 2))
     return Estimate(
-        names=rows.names,
-        values=theta,
-        covariance=0.5 * (covariance + covariance.T),
-        units=rows.units,
-        residual_std=_spread(residual),
-        condition_number=condition,
+        names=information.names,
+        values=solution.values,
+        covariance=0.5 * (both[0] + both[0].T),
+        units=information.units,
+        residual_std=float(np.sqrt(squares / information.count)),
+        condition_number=solution.condition_number,
+        white_standard_errors=np.sqrt(np.diag(both[1])),
+    )
+
+
+def scores_of(rows: Regression, information: Information, weights: Array, theta: Array) -> Array:
+    """Return the scores (R, p) of rows: regressor times residual, times the weight squared."""
+    weight = weights[np.searchsorted(information.equations, rows.joint)]
+    residual = rows.y - rows.H @ theta
+    return np.asarray(rows.H * (weight**2 * residual)[:, None])
+
+
+def _white(information: Information, weights: Array, theta: Array) -> Array:
+    """Return the covariance (p, p) of the sum of scores if each equation's noise were white."""
+    count, p = information.count, len(information.names)
+    variances = information.residual_norms(theta) ** 2 / np.maximum(information.counts, 1)
+    half = (weights**2 * np.sqrt(variances))[:, None, None] * information.factors[:, :, :p]
+    stack = half.reshape(-1, p)
+    return np.asarray(stack.T @ stack * _freedom(count, p))
+
+
+def _freedom(count: int, p: int) -> float:
+    """Return the factor for residuals that are small because p parameters were fitted to them."""
+    return count / max(count - p, 1)
+
+
+def _with_scores(
+    rows: Regression, information: Information, weights: Array, carried: Array | None
+) -> Estimate:
+    theta = solve(information, weights).values
+    scores = scores_of(rows, information, weights, theta)
+    meat = newey_west(scores, rows.time, rows.run) * _freedom(information.count, len(theta))
+    return estimate_of(information, weights, meat, carried)
+
+
+def _lost(information: Information, found: Directions) -> str:
+    """Name the combinations that are lost and the joints whose torque they are seen in."""
+    lost = [int(place) for place in np.flatnonzero(found.shares < _LOST)][::-1]
+    columns = sorted({column for place in lost for column in found.terms(place)})
+    names = ", ".join(first_term(information.names[column]) for column in columns)
+    texts = "; ".join(found.text(place) for place in lost[:_MOST_NAMED])
+    more = f" and {len(lost) - _MOST_NAMED} more" if len(lost) > _MOST_NAMED else ""
+    return (
+        "the motion does not excite all parameters: it tells nothing about the combination of "
+        f"{names} ({texts}{more}; scaled singular value {found.shares[-1]:.1e}, needed "
+        f"{_LOST:.0e}), seen in the torque of {', '.join(telling_joints(information, columns))}; "
+        "move these joints more, or leave torques out with rows="
     )
