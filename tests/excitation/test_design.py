@@ -1,8 +1,7 @@
 from __future__ import annotations
 
-import multiprocessing
 import warnings
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -82,26 +81,6 @@ def test_limits_hold_at_every_instant(
     duration = float(10 ** rng.uniform(-0.3, 0.7))
     options = {"basis": basis[0], "coefficients": basis[1], "rest_to_rest": rest, "seed": seed}
     kept(robot, plan(robot, duration, limits=limits, **options), limits)
-
-
-def executors() -> list[Executor | None]:
-    spawn = multiprocessing.get_context("spawn")
-    return [None, ThreadPoolExecutor(2), ProcessPoolExecutor(2, mp_context=spawn)]
-
-
-def test_the_same_seed_gives_the_same_motion_whoever_computes(slider_arm: Robot) -> None:
-    plans = []
-    for executor in executors():
-        plans.append(plan(slider_arm, seed=7, starts=3, executor=executor))
-        if executor is not None:
-            executor.shutdown()
-    for other in plans[1:]:
-        np.testing.assert_array_equal(
-            plans[0].trajectory.coefficients, other.trajectory.coefficients
-        )
-        assert plans[0].condition_number == other.condition_number
-    changed = plan(slider_arm, seed=8, starts=3)
-    assert np.any(changed.trajectory.coefficients != plans[0].trajectory.coefficients)
 
 
 def test_nominal_parameters_are_not_used(slider_arm: Robot) -> None:

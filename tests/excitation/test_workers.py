@@ -1,0 +1,105 @@
+"""Who runs the starts: the same motion from threads, processes and a cluster; Ctrl-C anywhere."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from seaid.excitation import Excitation, design_excitation
+from seaid.robot import Robot
+
+MODELS = Path(__file__).parents[2] / "models"
+
+
+def plan(robot: Robot, **options: Any) -> Excitation:
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "the search for an excitation ended early")
+        quick: dict[str, Any] = {"starts": 3, "iterations": 12, "coefficients": 10, "seed": 7}
+        return design_excitation(robot, 4.0, **(quick | options))
+
+
+@contextmanager
+def dask_cluster() -> Any:
+    from distributed import Client, LocalCluster
+
+    with (
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        Client(cluster) as client,
+    ):
+        yield client.get_executor()
+
+
+def spawned() -> AbstractContextManager[Executor]:
+    return ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn"))
+
+
+@pytest.fixture(scope="module")
+def by_default(slider_arm: Robot) -> Excitation:
+    return plan(slider_arm)
+
+
+@pytest.mark.parametrize(
+    "executors",
+    [lambda: nullcontext(ThreadPoolExecutor(1)), spawned, dask_cluster],
+    ids=["thread", "processes", "dask"],
+)
+def test_the_same_seed_gives_the_same_motion_whoever_computes(
+    slider_arm: Robot,
+    by_default: Excitation,
+    executors: Callable[[], AbstractContextManager[Executor]],
+) -> None:
+    with executors() as executor:
+        found = plan(slider_arm, executor=executor)
+    np.testing.assert_array_equal(found.trajectory.coefficients, by_default.trajectory.coefficients)
+    assert found.condition_number == by_default.condition_number
+
+
+def test_another_seed_gives_another_motion(slider_arm: Robot, by_default: Excitation) -> None:
+    changed = plan(slider_arm, seed=8)
+    assert np.any(changed.trajectory.coefficients != by_default.trajectory.coefficients)
+
+
+SCRIPT = """
+import seaid
+robot = seaid.load_robot({urdf!r})
+print("planning", flush=True)
+plan = seaid.design_excitation(robot, 10.0, starts=2, iterations=3000, coefficients=40)
+print(plan.condition_number, plan.margins.position.min() > -1e-9, flush=True)
+"""
+
+
+def test_ctrl_c_ends_the_search_of_a_plain_script(tmp_path: Path) -> None:
+    """A script without a main guard, interrupted as by a terminal: the whole process group."""
+    script = tmp_path / "plan.py"
+    script.write_text(SCRIPT.format(urdf=str(MODELS / "tulip_leg.urdf")))
+    process = subprocess.Popen(
+        [sys.executable, "-W", "always", str(script)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        cwd=Path(__file__).parents[2],
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "planning\n"
+    time.sleep(6.0)  # the workers have imported and are searching
+    os.killpg(process.pid, signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 0, errors
+    kappa, kept = output.split()
+    assert np.isfinite(float(kappa))
+    assert kept == "True"
+    assert "ended early: interrupted" in errors
