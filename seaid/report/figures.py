@@ -35,14 +35,16 @@ def save_actuator_figure(result: Validation, path: str | Path) -> None:
     best, worst = min(elastic, key=errors.item), max(elastic, key=errors.item)
     shown = {best: "best joint", worst: "worst joint"} if best != worst else {best: "only joint"}
     title = "Actuator side: motor torque of a motion the identification has not seen"
-    _save(_torques(result, result.actuator, list(shown.items()), title, 1e3, "mN m"), path)
+    save_figure(_torques(result, result.actuator, list(shown.items()), title, 1e3, "mN m"), path)
 
 
 def save_load_figure(result: Validation, path: str | Path) -> None:
     """Draw the load torque of every joint that has one, as Fig. 4 of the paper."""
     there = np.flatnonzero(np.isfinite(result.load.relative_error))
     title = "Load side: torque on the load in a motion the identification has not seen"
-    _save(_torques(result, result.load, [(int(i), "") for i in there], title, 1.0, "N m"), path)
+    save_figure(
+        _torques(result, result.load, [(int(i), "") for i in there], title, 1.0, "N m"), path
+    )
 
 
 def _torques(
@@ -77,7 +79,8 @@ def _torques(
     return figure
 
 
-def _save(figure: Figure, path: str | Path) -> None:
+def save_figure(figure: Figure, path: str | Path) -> None:
+    """Write a figure as PNG, whole. Raises SeaidError where it cannot be written."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     FigureCanvasAgg(figure)
