@@ -24,7 +24,15 @@ if TYPE_CHECKING:
         SymbolicError,
     )
     from seaid.estimation.estimate import Estimate
-    from seaid.excitation import Excitation, Limits, Trajectory, design_excitation, load_trajectory
+    from seaid.excitation import (
+        EndState,
+        Excitation,
+        Limits,
+        Trajectory,
+        add_run_in,
+        design_excitation,
+        load_trajectory,
+    )
     from seaid.excitation.scene_file import Box, load_scene
     from seaid.identification import Identification, identify
     from seaid.log import Log, read_log, write_log
@@ -50,7 +58,15 @@ _WHERE = {
         "SymbolicError",
     ),
     "estimation.estimate": ("Estimate",),
-    "excitation": ("Excitation", "Limits", "Trajectory", "design_excitation", "load_trajectory"),
+    "excitation": (
+        "EndState",
+        "Excitation",
+        "Limits",
+        "Trajectory",
+        "add_run_in",
+        "design_excitation",
+        "load_trajectory",
+    ),
     "excitation.scene_file": ("Box", "load_scene"),
     "identification": ("Identification", "identify"),
     "log": ("Log", "read_log", "write_log"),
@@ -66,6 +82,7 @@ __all__ = [
     "BaseParameters",
     "Box",
     "CrossCheck",
+    "EndState",
     "Estimate",
     "Excitation",
     "ExcitationError",
@@ -86,6 +103,7 @@ __all__ = [
     "SymbolicError",
     "Trajectory",
     "Validation",
+    "add_run_in",
     "base_parameters",
     "cross_check",
     "design_excitation",

@@ -23,6 +23,7 @@ FUNCTIONS = {
     "base_parameters": "robot motion rows",
     "design_excitation": "robot duration basis coefficients limits rest_to_rest starts seed "
     "executor progress",
+    "add_run_in": "trajectory robot limits periods",
     "load_trajectory": "path",
     "cross_check": "numeric exact",
     "simulate": "robot trajectory rate_hz noise seed",
@@ -49,7 +50,9 @@ CLASSES = {
     "BaseParameters": "columns names expressions grouping gap reduce project",
     "CrossCheck": "agree same_columns max_difference gap",
     "Excitation": "trajectory condition_number base margins",
-    "Trajectory": "duration sample save",
+    "Trajectory": "duration sample save save_set_points joint_trajectory save_joint_trajectory "
+    "main_interval",
+    "EndState": "position velocity acceleration",
     "Noise": "",
     "Limits": "",
     "Log": "time joint_names motor_position joint_position motor_torque joint_torque",

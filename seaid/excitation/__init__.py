@@ -8,8 +8,10 @@ from seaid.excitation.fourier import FourierBasis
 from seaid.excitation.joined import JoinedBasis
 from seaid.excitation.limits import JointLimits, Limits, Margins, joint_limits, margins
 from seaid.excitation.pivoted import pivoted_base
+from seaid.excitation.run_in import add_run_in
 from seaid.excitation.spline import SplineBasis
 from seaid.excitation.trajectory import Trajectory, load_trajectory, polynomial_trajectory
+from seaid.excitation.ways import with_run_in
 
 __all__ = [
     "CRITERIA",
@@ -25,6 +27,7 @@ __all__ = [
     "MotionSpace",
     "SplineBasis",
     "Trajectory",
+    "add_run_in",
     "design_excitation",
     "joint_limits",
     "limit_rows",
@@ -34,4 +37,5 @@ __all__ = [
     "motion_space",
     "pivoted_base",
     "polynomial_trajectory",
+    "with_run_in",
 ]

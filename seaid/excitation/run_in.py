@@ -19,7 +19,7 @@ from seaid.robot import Robot
 
 _SHARE = 0.9
 """How much of each limit a run-in uses, unless the motion itself begins or ends with more."""
-_GROWTH, _TRIALS, _HALVINGS = 1.6, 16, 4
+_GROWTH, _FINEST, _TRIALS = 1.6, 1.2, 6
 _PHASES = 200
 
 State = tuple[Array, Array, Array]
@@ -100,21 +100,18 @@ def _easily_begun(trajectory: Trajectory, bounds: JointLimits) -> Trajectory:
 
 
 def _way(names: tuple[str, ...], bounds: JointLimits, state: State, *, out: bool) -> Piece:
-    """Return the shortest way found from rest to a state, or `out` of it to rest.
+    """Return a short way from rest to a state, or `out` of it to rest.
 
     Too short a way breaks the acceleration limit; too long a one cannot turn fast enough, for its
-    coefficients are few. So durations grow until one is possible, then shrink while they are.
+    coefficients are few. So durations are tried from what a joint needs to stop, both ways.
     """
-    _, v, _ = state
-    shortest = 0.5 * float(np.max(np.abs(v) / bounds.acceleration))
-    shortest = max(shortest, 1e-2 * float(np.max(bounds.velocity / bounds.acceleration)))
-    durations = shortest * _GROWTH ** np.arange(_TRIALS)
     problem: ExcitationError | None = None
-    for share, trials in ((_SHARE, durations), (1.0, [way_duration(bounds), *durations])):
+    for share in (_SHARE, 1.0):
         tightened = _tightened(bounds, state, share)
-        for duration in trials:
+        for power in sorted(range(-_TRIALS, _TRIALS + 1), key=abs):
+            duration = way_duration(bounds) * _GROWTH**power
             try:
-                found = _joined_to(names, tightened, state, duration, out=out), duration
+                found = _joined_to(names, tightened, state, duration, out=out)
             except ExcitationError as refused:
                 problem = refused
             else:
@@ -127,21 +124,15 @@ def _way(names: tuple[str, ...], bounds: JointLimits, state: State, *, out: bool
 
 
 def _shortened(
-    names: tuple[str, ...],
-    bounds: JointLimits,
-    state: State,
-    found: tuple[Piece, float],
-    *,
-    out: bool,
+    names: tuple[str, ...], bounds: JointLimits, state: State, piece: Piece, *, out: bool
 ) -> Piece:
-    piece, high = found
-    low = high / _GROWTH
-    for _ in range(_HALVINGS):
-        middle = float(np.sqrt(low * high))
+    """Return a way that is shorter by steps, which halve, as long as there is one."""
+    step = _GROWTH
+    while step > _FINEST:
         try:
-            piece, high = _joined_to(names, bounds, state, middle, out=out), middle
+            piece = _joined_to(names, bounds, state, piece[0].duration / step, out=out)
         except ExcitationError:
-            low = middle
+            step = float(np.sqrt(step))
     return piece
 
 
