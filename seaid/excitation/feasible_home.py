@@ -22,7 +22,7 @@ from seaid.excitation.problem import (
 )
 from seaid.excitation.scene import distances
 
-_TRIES, _ITERATIONS, _ENOUGH = 5, 60, 0.9
+_TRIES, _ITERATIONS, _ENOUGH = 3, 40, 0.9
 _SHARPNESS = 32.0
 _UNITS = {"joint_torque": "N m (or N)", "motor_torque": "N m", "motor_speed": "rad/s"}
 

@@ -185,7 +185,7 @@ def most_curved_use(problem: Problem, x: Array) -> float:
         loads = np.abs(drive_loads(problem.drive_limits, problem.time, states))
         most = float(np.max(loads.max(axis=1) / problem.drive_limits.most))
     if problem.scene is not None:
-        closest = distances(problem.scene, states[0]).min()
+        closest = _capped(problem.scene, states[0]).min()
         most = max(most, float(_use_of_distance(problem.scene, closest)))
     return most
 
@@ -233,17 +233,26 @@ def _drive_use(problem: Problem, limits: DriveLimits, states: States) -> tuple[A
 
 
 def _scene_use(problem: Problem, scene: Scene, states: States) -> tuple[Array, Array]:
-    far = distances(scene, states[0])
+    far = _capped(scene, states[0])
     starts = np.arange(0, len(problem.time), _INSTANTS)
     instants = np.array(
         [start + int(far[start : start + _INSTANTS].min(axis=1).argmin()) for start in starts]
     )
-    near, slopes = distance_gradients(scene, states[0][instants])
+    near, slopes = distance_gradients(scene, states[0][instants], cap_m=_cap(scene))
     closest = near.argmin(axis=1)
     order = np.arange(len(instants))
     by_position = -slopes[order, closest] * problem.half_range / _SCENE_REACH_M
     gradient = by_position[:, :, None] * problem.maps[0][instants][:, None, :]
     return _use_of_distance(scene, near[order, closest]), gradient
+
+
+def _capped(scene: Scene, q: Array) -> Array:
+    return distances(scene, q, cap_m=_cap(scene))
+
+
+def _cap(scene: Scene) -> float:
+    """Return the distance beyond which no limit is near: farther pairs need not be looked at."""
+    return scene.clearance_m + _SCENE_REACH_M
 
 
 def _use_of_distance(scene: Scene, distance: Array) -> Array:

@@ -37,3 +37,15 @@ def slider_arm(tmp_path_factory: pytest.TempPathFactory, slider_arm_text: str) -
 @pytest.fixture(scope="session")
 def leg() -> Robot:
     return load_robot(Path(__file__).parents[2] / "models" / "tulip_leg.urdf").without_nominal()
+
+
+@pytest.fixture(scope="session")
+def slider_arm_with_bodies(
+    tmp_path_factory: pytest.TempPathFactory, slider_arm_text: str
+) -> tuple[Path, Robot]:
+    """Return the slider arm with a capsule-like cylinder a link, and its file."""
+    body = """<collision><origin xyz="0 0 -0.12"/>
+      <geometry><cylinder radius="0.03" length="0.2"/></geometry></collision>"""
+    path = tmp_path_factory.mktemp("robots") / "slider_arm_bodies.urdf"
+    path.write_text(slider_arm_text.replace("</inertial>", "</inertial>" + body))
+    return path, load_robot(path)
