@@ -1,0 +1,228 @@
+"""One step of Gauss-Newton on residuals in several channels, with nuisance parameters a window."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from seaid.arrays import Array, BoolArray
+from seaid.errors import ExcitationError
+
+LAG_S = 0.25
+"""Residuals further apart are taken as uncorrelated."""
+
+_STANDS_OUT = 3.0
+"""An autocorrelation counts if it is so many standard errors of white noise's."""
+
+_REWEIGHTINGS = 20
+_LOST = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Residuals of one log and their derivatives, in windows (W) of blocks (B) of channels (C).
+
+    `residual` (W, B, C), `jacobian` (W, B, C, p) by the parameters, `nuisance` (W, B, C, s) by
+    what each window has of its own (its initial state), `kept` (W, B, C) which of them count;
+    `time` (W, B) [s]; `floor` (C,) the least standard deviation a channel is given.
+    """
+
+    residual: Array
+    jacobian: Array
+    nuisance: Array
+    kept: BoolArray
+    time: Array
+    floor: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A step towards the maximum of the likelihood.
+
+    `change` (p,) of the parameters and of each log's nuisance parameters (W, s); `stds` (C,) of the
+    channels; `covariance` (p, p) with their autocorrelation, `white_covariance` without it: the
+    inverse of the Fisher information. `merit` before the step is the sum of log standard deviations
+    (the negative log-likelihood but for constants).
+    """
+
+    change: Array
+    nuisance: tuple[Array, ...]
+    stds: Array
+    covariance: Array
+    white_covariance: Array
+    merit: float
+    condition_number: float
+
+
+def gauss_newton_step(
+    logs: list[Residuals], names: tuple[str, ...], distance: Array, precision: Array
+) -> Step:
+    """Return the step to the maximum of the linearised likelihood, channel noise estimated with it.
+
+    A prior: parameters are `distance` (p,) from their expectation, known as well as `precision`
+    (p,) says (inverse standard deviations, 0 = not at all). Raises ExcitationError where the data
+    leave a combination of the parameters open.
+    """
+    p = len(names)
+    merit = _merit(logs, _settled(logs, distance, precision, frozen=True))
+    merit += float(np.sum((precision * distance) ** 2)) / 2
+    stds = _settled(logs, distance, precision, frozen=False)
+    J, r = _projected(logs, stds)
+    solution, inverse, condition = _solve(
+        np.vstack([J, np.diag(precision)]), np.append(r, precision * distance), names
+    )
+    meat = _information(logs, J, r + J @ solution) + np.diag(precision**2)
+    kept = sum(int(np.sum(log.kept)) for log in logs)
+    spent = p + sum(log.nuisance.shape[0] * log.nuisance.shape[3] for log in logs)
+    freedom = kept / max(kept - spent, 1)
+    return Step(
+        change=solution,
+        nuisance=tuple(_nuisance(log, stds, solution) for log in logs),
+        stds=stds,
+        covariance=freedom * (inverse @ meat @ inverse),
+        white_covariance=freedom * inverse,
+        merit=merit,
+        condition_number=condition,
+    )
+
+
+def _information(logs: list[Residuals], J: Array, residual: Array) -> Array:
+    """Return the covariance (p, p) of the sum of scores, for stationary noise in each channel.
+
+    The autocorrelation of each channel is estimated from its residuals with Bartlett weights, up to
+    the last lag at which it stands out of white noise's. For few rows that scatters, and falls
+    short, far less than Newey and West's (1987) sum over products of scores.
+    """
+    p, start, total = J.shape[1], 0, np.zeros((J.shape[1], J.shape[1]))
+    for log in logs:
+        channels, size = log.residual.shape[2], log.residual.size
+        scores = J[start : start + size].reshape(-1, channels, p)
+        white = residual[start : start + size].reshape(-1, channels)
+        start += size
+        step = float(np.median(np.diff(log.time.ravel())))
+        for channel in range(channels):
+            mine = scores[:, channel]
+            total += mine.T @ mine
+            for lag, weight in enumerate(_autocorrelation(white[:, channel], LAG_S / step), 1):
+                cross = mine[lag:].T @ mine[:-lag]
+                total += weight * (cross + cross.T)
+    return total
+
+
+def _autocorrelation(residual: Array, most: float) -> Array:
+    """Return the weighted autocorrelation at lags from 1 to the last that stands out."""
+    lags = min(int(most), len(residual) - 1)
+    power = max(float(residual @ residual), 1e-300)
+    found = np.array([residual[lag:] @ residual[:-lag] for lag in range(1, lags + 1)]) / power
+    count = max(int(np.count_nonzero(residual)), 1)
+    outstanding = np.flatnonzero(np.abs(found) > _STANDS_OUT / np.sqrt(count))
+    bandwidth = outstanding[-1] + 1 if outstanding.size else 0
+    return np.asarray(found[:bandwidth] * (1 - np.arange(1, bandwidth + 1) / (bandwidth + 1)))
+
+
+def fisher_covariance(
+    logs: list[Residuals], names: tuple[str, ...], stds: Array, precision: Array
+) -> Array:
+    """Return the inverse of the Fisher information (p, p) for white noise of known `stds` (C,).
+
+    It is the Cramer-Rao bound: no unbiased estimator has a smaller covariance.
+    """
+    J = np.vstack([_projected(logs, stds)[0], np.diag(precision)])
+    return _solve(J, np.zeros(len(J)), names)[1]
+
+
+def _settled(logs: list[Residuals], distance: Array, precision: Array, frozen: bool) -> Array:
+    """Return standard deviations that the residuals confirm, parameters `frozen` or free."""
+    p = len(distance)
+    change = np.zeros(p)
+    stds = _stds(logs, change, tuple(np.zeros(log.nuisance.shape[::3]) for log in logs))
+    for _ in range(_REWEIGHTINGS):
+        if not frozen:
+            J, r = _projected(logs, stds)
+            J, r = np.vstack([J, np.diag(precision)]), np.append(r, precision * distance)
+            scale = np.linalg.norm(J, axis=0)
+            scale[scale == 0] = 1.0
+            change = -np.linalg.lstsq(J / scale, r, rcond=None)[0] / scale
+        nuisance = tuple(_nuisance(log, stds, change) for log in logs)
+        new = _stds(logs, change, nuisance)
+        settled = np.allclose(new, stds, rtol=1e-4)
+        stds = new
+        if settled:
+            break
+    return stds
+
+
+def _stds(logs: list[Residuals], change: Array, nuisance: tuple[Array, ...]) -> Array:
+    """Return the root mean square (C,) of the kept residuals after a change of the parameters."""
+    total, count = np.zeros((2, logs[0].residual.shape[2]))
+    floor = logs[0].floor
+    for log, own in zip(logs, nuisance, strict=True):
+        after = log.residual + log.jacobian @ change
+        after = after + np.einsum("wbcs,ws->wbc", log.nuisance, own)
+        total = total + np.sum(np.where(log.kept, after, 0.0) ** 2, axis=(0, 1))
+        count = count + np.sum(log.kept, axis=(0, 1))
+        floor = np.maximum(floor, log.floor)
+    return np.asarray(np.maximum(np.sqrt(total / np.maximum(count, 1)), floor))
+
+
+def _merit(logs: list[Residuals], stds: Array) -> float:
+    counts = [np.sum(log.kept, axis=(0, 1)) for log in logs]
+    return float(np.sum(counts @ np.log(stds)))
+
+
+def _projected(logs: list[Residuals], stds: Array) -> tuple[Array, Array]:
+    """Return Jacobian and residual, weighted, without what nuisance parameters can explain."""
+    Js, rs = [], []
+    for log in logs:
+        weights = log.kept / stds
+        windows, p = len(log.residual), log.jacobian.shape[3]
+        J = (log.jacobian * weights[..., None]).reshape(windows, weights[0].size, p)
+        r = (log.residual * weights).reshape(windows, -1)
+        Q = _basis(log, weights)
+        J = J - Q @ (np.swapaxes(Q, 1, 2) @ J)
+        r = r - np.einsum("wms,ws->wm", Q, np.einsum("wms,wm->ws", Q, r))
+        Js.append(J.reshape(-1, p))
+        rs.append(r.ravel())
+    return np.concatenate(Js), np.concatenate(rs)
+
+
+def _basis(log: Residuals, weights: Array) -> Array:
+    """Return an orthonormal basis of each window's weighted nuisance columns."""
+    windows, s = len(log.residual), log.nuisance.shape[3]
+    columns = (log.nuisance * weights[..., None]).reshape(windows, weights[0].size, s)
+    if not s:
+        return columns
+    norms = np.linalg.norm(columns, axis=1, keepdims=True)
+    return np.asarray(np.linalg.qr(columns / np.where(norms > 0, norms, 1.0))[0])
+
+
+def _nuisance(log: Residuals, stds: Array, change: Array) -> Array:
+    """Return the nuisance parameters (W, s) that fit best after a change of the parameters."""
+    weights = log.kept / stds
+    windows, s = len(log.residual), log.nuisance.shape[3]
+    after = ((log.residual + log.jacobian @ change) * weights).reshape(windows, -1)
+    columns = (log.nuisance * weights[..., None]).reshape(windows, weights[0].size, s)
+    norms = np.linalg.norm(columns, axis=1, keepdims=True)
+    norms[norms == 0] = 1.0
+    inverse = np.linalg.pinv(columns / norms)
+    return np.asarray(-np.einsum("wsm,wm->ws", inverse, after) / norms[:, 0])
+
+
+def _solve(J: Array, r: Array, names: tuple[str, ...]) -> tuple[Array, Array, float]:
+    """Return the step, the inverse of the information and the scaled condition number."""
+    norms = np.linalg.norm(J, axis=0)
+    dead = [name for name, norm in zip(names, norms, strict=True) if norm == 0]
+    if dead:
+        raise ExcitationError(f"the motion does not excite {', '.join(dead)}: move these joints")
+    U, s, Vt = np.linalg.svd(J / norms, full_matrices=False)
+    if s[-1] < _LOST * s[0]:
+        share = np.abs(Vt[-1])
+        lost = [names[column] for column in np.flatnonzero(share > 0.1 * share.max())]
+        raise ExcitationError(
+            f"the motion tells nothing about the combination of {', '.join(lost)} (scaled singular "
+            f"value {s[-1] / s[0]:.1e}, needed {_LOST:.0e})"
+        )
+    step = -(Vt.T @ ((U.T @ r) / s)) / norms
+    half = (Vt.T / s) / norms[:, None]
+    return step, half @ half.T, float(s[0] / s[-1])
