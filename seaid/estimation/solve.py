@@ -8,7 +8,7 @@ import numpy as np
 
 from seaid.arrays import Array
 from seaid.errors import ExcitationError, IdentificationError
-from seaid.estimation.covariance import newey_west
+from seaid.estimation.covariance import LongRun, long_run_of
 from seaid.estimation.directions import Directions, directions, first_term, telling_joints
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.information import Information, information_of
@@ -105,31 +105,36 @@ def solve(information: Information, weights: Array) -> Solution:
 def estimate_of(
     information: Information,
     weights: Array,
-    scores_covariance: Array | None = None,
+    scores: LongRun | None = None,
     carried: Array | None = None,
 ) -> Estimate:
     """Return the estimate with weights (E,) of the equations, from the information alone.
 
-    `scores_covariance` (p, p) is that of the sum of the scores of all rows (see `scores_of`); None:
-    as if the noise of every equation were white. `carried` (s, s) as in `ordinary`.
+    `scores` is the covariance of the sum of the scores of all rows (see `scores_of`); None: as if
+    the noise of every equation were white. `carried` (s, s) as in `ordinary`.
     """
     solution = solve(information, weights)
-    white = _white(information, weights, solution.values)
-    meat = white if scores_covariance is None else scores_covariance
-    both = [solution.inverse @ middle @ solution.inverse for middle in (meat, white)]
+    inverse, theta = solution.inverse, solution.values
+    white = inverse @ _white(information, weights, theta) @ inverse
+    white *= _freedom(information.count, len(theta))
+    covariance = white
+    if scores is not None:
+        independent = information.count / scores.inflation(inverse)
+        covariance = inverse @ scores.covariance @ inverse * _freedom(independent, len(theta))
     if carried is not None and information.carried.shape[2]:
         moments = np.einsum("e,eps->ps", weights**2, information.carried)
-        sensitivity = solution.inverse @ moments
-        both = [covariance + sensitivity @ carried @ sensitivity.T for covariance in both]
-    squares = float(np.sum(information.residual_norms(solution.values) ** 2))
+        sensitivity = inverse @ moments
+        from_targets = sensitivity @ carried @ sensitivity.T
+        covariance, white = covariance + from_targets, white + from_targets
+    squares = float(np.sum(information.residual_norms(theta) ** 2))
     return Estimate(
         names=information.names,
-        values=solution.values,
-        covariance=0.5 * (both[0] + both[0].T),
+        values=theta,
+        covariance=0.5 * (covariance + covariance.T),
         units=information.units,
         residual_std=float(np.sqrt(squares / information.count)),
         condition_number=solution.condition_number,
-        white_standard_errors=np.sqrt(np.diag(both[1])),
+        white_standard_errors=np.sqrt(np.diag(white)),
     )
 
 
@@ -142,16 +147,18 @@ def scores_of(rows: Regression, information: Information, weights: Array, theta:
 
 def _white(information: Information, weights: Array, theta: Array) -> Array:
     """Return the covariance (p, p) of the sum of scores if each equation's noise were white."""
-    count, p = information.count, len(information.names)
-    variances = information.residual_norms(theta) ** 2 / np.maximum(information.counts, 1)
-    half = (weights**2 * np.sqrt(variances))[:, None, None] * information.factors[:, :, :p]
-    stack = half.reshape(-1, p)
-    return np.asarray(stack.T @ stack * _freedom(count, p))
+    p = len(information.names)
+    std = information.residual_norms(theta) / np.sqrt(np.maximum(information.counts, 1))
+    stack = ((weights**2 * std)[:, None, None] * information.factors[:, :, :p]).reshape(-1, p)
+    return np.asarray(stack.T @ stack)
 
 
-def _freedom(count: int, p: int) -> float:
-    """Return the factor for residuals that are small because p parameters were fitted to them."""
-    return count / max(count - p, 1)
+def _freedom(independent: float, p: int) -> float:
+    """Return the factor for residuals that are small because p parameters were fitted to them.
+
+    Of so many independent rows p are used up; correlated rows count as fewer.
+    """
+    return independent / max(independent - p, 1.0)
 
 
 def _with_scores(
@@ -159,8 +166,7 @@ def _with_scores(
 ) -> Estimate:
     theta = solve(information, weights).values
     scores = scores_of(rows, information, weights, theta)
-    meat = newey_west(scores, rows.time, rows.run) * _freedom(information.count, len(theta))
-    return estimate_of(information, weights, meat, carried)
+    return estimate_of(information, weights, long_run_of(scores, rows.time, rows.run), carried)
 
 
 def _lost(information: Information, found: Directions) -> str:

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from seaid.arrays import Array
-from seaid.estimation.covariance import LAG_S, newey_west
+from seaid.estimation.covariance import (
+    automatic_lags,
+    bartlett,
+    fixed_b,
+    long_run_of,
+    newey_west,
+)
 
 STEP_S = 0.05
 
@@ -22,57 +32,81 @@ def autoregressive(phi: float, count: int, seed: int) -> Array:
     return np.asarray(lfilter([1.0], [1.0, -phi], noise, axis=0), dtype=np.float64)
 
 
-def test_zero_lag_is_the_white_noise_formula() -> None:
-    scores = np.random.default_rng(0).normal(size=(500, 3))
-    found = newey_west(scores, times(500), np.zeros(500), lag_s=0.0)
-    assert np.allclose(found, scores.T @ scores, rtol=1e-12)
+def lagged(x: Array, lags: int) -> Array:
+    """Return the Bartlett sum as the textbook has it, lag by lag."""
+    total = x.T @ x
+    for lag in range(1, min(lags, len(x) - 1) + 1):
+        cross = x[lag:].T @ x[:-lag]
+        total = total + (1 - lag / (lags + 1)) * (cross + cross.T)
+    return np.asarray(total)
 
 
-def test_bartlett_sum_by_hand() -> None:
-    x = np.array([1.0, 2.0, -1.0, 3.0])
-    lag_0, lag_1, lag_2 = (float(x[lag:] @ x[: len(x) - lag]) for lag in range(3))
-    expected = lag_0 + 2 * (2 / 3 * lag_1 + 1 / 3 * lag_2)
-    found = newey_west(x[:, None], times(4), np.zeros(4), lag_s=2.01 * STEP_S)
-    assert found == pytest.approx(np.array([[expected]]))
+@pytest.mark.parametrize("lags", [0, 1, 7, 99, 150])
+def test_windows_sum_to_the_textbook_formula(lags: int) -> None:
+    x = np.random.default_rng(0).normal(size=(100, 3))
+    weighted, white = bartlett([x], lags)
+    assert np.allclose(weighted, lagged(x, lags), rtol=1e-10, atol=1e-10)
+    assert np.allclose(white, x.T @ x, rtol=1e-12)
+
+
+@given(cuts=st.lists(st.integers(0, 100), max_size=6), lags=st.integers(0, 60))
+def test_chunks_give_what_the_whole_gives(cuts: list[int], lags: int) -> None:
+    x = np.random.default_rng(1).normal(size=(100, 2))
+    parts = [x[begin:end] for begin, end in pairwise([0, *sorted(cuts), 100])]
+    for found, expected in zip(bartlett(parts, lags), bartlett([x], lags), strict=True):
+        assert np.allclose(found, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_bandwidth_grows_with_the_root_of_the_length() -> None:
+    assert [automatic_lags(count) for count in (1, 2, 100, 10_000)] == [0, 1, 13, 130]
+
+
+def test_fixed_b_is_one_for_a_short_bandwidth_and_known_for_a_long_one() -> None:
+    assert fixed_b(0, 10**9) == pytest.approx(1.0, abs=1e-6)
+    assert 1.96 * np.sqrt(fixed_b(99, 100)) == pytest.approx(4.814, abs=0.01)  # 1.96 + 2.97 + ...
+
+
+@pytest.mark.parametrize("bandwidth", [0.1, 0.3])
+def test_corrected_intervals_of_a_mean_hold_the_truth_in_95_of_100(bandwidth: float) -> None:
+    """The mean of white noise: without the correction too many of them miss."""
+    x = np.random.default_rng(2).normal(size=(2000, 200))
+    lags = round(bandwidth * 200) - 1
+    held = {1.0: 0, fixed_b(lags, 200): 0}
+    for sample in x:
+        deviation = sample - sample.mean()
+        variance = bartlett([deviation[:, None]], lags)[0][0, 0]
+        for factor in held:
+            held[factor] += abs(sample.sum()) < 1.96 * np.sqrt(factor * variance)
+    plain, corrected = (count / 2000 for count in held.values())
+    assert 0.93 < corrected < 0.965
+    assert plain < 0.93
 
 
 def test_result_is_symmetric_and_positive_semidefinite() -> None:
     scores = np.hstack([autoregressive(0.7, 400, seed) for seed in range(4)])
     found = newey_west(scores, times(400), np.zeros(400))
-    assert np.array_equal(found, found.T)
+    assert np.allclose(found, found.T, rtol=1e-14)
     assert np.linalg.eigvalsh(found)[0] > 0
 
 
 @pytest.mark.parametrize("phi", [-0.4, 0.0, 0.5, 0.8])
 def test_long_run_variance_of_an_autoregressive_process(phi: float) -> None:
-    count, lags = 1_000_000, 60
+    count = 1_000_000
     scores = autoregressive(phi, count, seed=1)
-    found = newey_west(scores, times(count), np.zeros(count), lags * STEP_S + 1e-9)
-    lag = np.arange(1, lags + 1)
-    bartlett = 1 + 2 * np.sum((1 - lag / (lags + 1)) * phi**lag)
-    assert found[0, 0] / count == pytest.approx(bartlett / (1 - phi**2), rel=0.03)
-    assert found[0, 0] / count == pytest.approx(1 / (1 - phi) ** 2, rel=0.1)
-
-
-def test_usual_lag_sees_most_of_a_correlation_of_a_tenth_of_a_second() -> None:
-    count, phi = 100_000, np.exp(-STEP_S / 0.1)
-    scores = autoregressive(phi, count, seed=2)
-    exact = 1 / (1 - phi) ** 2
-    white, corrected = (
-        newey_west(scores, times(count), np.zeros(count), lag)[0, 0] / count for lag in (0.0, LAG_S)
-    )
-    assert white < 0.3 * exact
-    assert 0.6 * exact < corrected < 1.05 * exact
+    found = long_run_of(scores, times(count), np.zeros(count))
+    assert found.lags == 1300
+    assert found.covariance[0, 0] / count == pytest.approx(1 / (1 - phi) ** 2, rel=0.1)
+    assert found.white[0, 0] / count == pytest.approx(1 / (1 - phi**2), rel=0.02)
+    ratio = (1 + phi) / (1 - phi)
+    assert found.inflation(np.eye(1)) == pytest.approx(ratio, rel=0.1)
 
 
 def test_joints_of_one_instant_belong_together() -> None:
     common = np.random.default_rng(3).normal(size=(300, 1))
     both = np.vstack([common, common])
-    found = newey_west(both, np.tile(times(300), 2), np.zeros(600), lag_s=0.0)
-    assert found[0, 0] == pytest.approx(4 * float(common[:, 0] @ common[:, 0]))
-    opposite = newey_west(
-        np.vstack([common, -common]), np.tile(times(300), 2), np.zeros(600), lag_s=0.2
-    )
+    found = newey_west(both, np.tile(times(300), 2), np.zeros(600))
+    assert found[0, 0] == pytest.approx(4 * newey_west(common, times(300), np.zeros(300))[0, 0])
+    opposite = newey_west(np.vstack([common, -common]), np.tile(times(300), 2), np.zeros(600))
     assert opposite[0, 0] == pytest.approx(0.0, abs=1e-12)
 
 
@@ -87,12 +121,10 @@ def test_order_of_the_rows_does_not_matter() -> None:
 def test_runs_at_the_same_times_are_kept_apart() -> None:
     scores = autoregressive(0.5, 200, seed=6)
     time = np.tile(times(100), 2)
-    halves = [
-        newey_west(scores[part], times(100), np.zeros(100))
-        for part in (slice(100), slice(100, 200))
-    ]
-    together = newey_west(scores, time, np.repeat([0.0, 1.0], 100))
-    assert np.allclose(together, halves[0] + halves[1], rtol=1e-12)
+    run = np.repeat([0.0, 1.0], 100)
+    expected = sum(bartlett([part], 18)[0] for part in (scores[:100], scores[100:]))
+    together = newey_west(scores, time, run)
+    assert np.allclose(together, fixed_b(18, 200) * expected, rtol=1e-12)
     assert not np.allclose(newey_west(scores, time, np.zeros(200)), together, rtol=1e-3)
 
 
@@ -107,5 +139,11 @@ def test_instants_left_out_leave_a_gap_in_time() -> None:
 
 
 def test_one_row_alone() -> None:
-    found = newey_west(np.array([[2.0, 1.0]]), np.array([0.3]), np.zeros(1))
-    assert np.allclose(found, [[4.0, 2.0], [2.0, 1.0]])
+    found = long_run_of(np.array([[2.0, 1.0]]), np.array([0.3]), np.zeros(1))
+    assert found.lags == 0
+    assert np.allclose(found.white, [[4.0, 2.0], [2.0, 1.0]])
+
+
+def test_no_residual_at_all_inflates_nothing() -> None:
+    found = long_run_of(np.zeros((50, 2)), times(50), np.zeros(50))
+    assert found.inflation(np.eye(2)) == 1.0

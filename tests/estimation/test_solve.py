@@ -103,11 +103,25 @@ def test_one_joint_needs_no_weights() -> None:
 
 
 @pytest.mark.parametrize("estimator", [ordinary, weighted])
-def test_covariance_of_white_noise_is_the_textbook_formula(estimator: type) -> None:
-    data = experiment(4, count=20_000)
-    expected = np.linalg.inv(data.H.T @ data.H)
-    found = estimator(data).covariance
-    assert np.diag(found) == pytest.approx(np.diag(expected), rel=0.1)
+def test_errors_of_white_noise_are_those_of_the_textbook(estimator: type) -> None:
+    ratios = []
+    for seed in range(40):
+        data = experiment(seed, count=2000)
+        textbook = np.diag(np.linalg.inv(data.H.T @ data.H))
+        found = estimator(data)
+        assert found.white_standard_errors == pytest.approx(np.sqrt(textbook), rel=0.06)
+        ratios.append(np.diag(found.covariance) / textbook)
+    assert np.mean(ratios, axis=0) == pytest.approx(np.ones(3), abs=0.12)
+
+
+def test_white_errors_know_that_joints_differ() -> None:
+    """Unweighted rows of different noise: the textbook's sandwich, joint by joint."""
+    data = experiment(2, stds=(0.1, 5.0))
+    inverse = np.linalg.inv(data.H.T @ data.H)
+    noise = np.where(data.joint == 0, 0.1, 5.0)
+    expected = inverse @ (data.H.T * noise**2) @ data.H @ inverse
+    found = ordinary(data).white_standard_errors
+    assert found == pytest.approx(np.sqrt(np.diag(expected)), rel=0.1)
 
 
 def test_standard_errors_are_the_spread_over_experiments_when_noise_is_correlated() -> None:
@@ -154,5 +168,49 @@ def test_columns_that_cannot_be_told_apart_are_named(estimator: type) -> None:
     H[:, 2] = 3 * H[:, 0]
     with pytest.raises(ExcitationError, match="nothing about the combination of a, c ") as caught:
         estimator(rows(H, np.ones(len(H))))
+    assert "(a - 3 c; " in str(caught.value) or "(c - 0.33 a; " in str(caught.value)
     assert "rows=" in str(caught.value)
     assert "needed 1e-07" in str(caught.value)
+
+
+def test_lost_columns_name_the_joint_whose_torque_they_are_in() -> None:
+    """Joint 0 sees all columns, joint 1 those of the outer body, which look alike."""
+    data = experiment(8, stds=(1.0, 1.0))
+    H = data.H.copy()
+    H[data.joint == 1, 0] = 0.0
+    H[:, 2] = -H[:, 1]
+    named = replace(data, H=H, joint_names=("hip", "knee"))
+    with pytest.raises(
+        ExcitationError, match=r"combination of b, c .* in the torque of knee; move"
+    ):
+        ordinary(named)
+    with pytest.raises(ExcitationError, match="in the torque of joint 1; move"):
+        ordinary(replace(named, joint_names=()))
+
+
+@pytest.mark.parametrize("estimator", [ordinary, weighted])
+def test_constant_torque_and_regressor_leave_everything_open(estimator: type) -> None:
+    H = np.tile([1.0, 2.0, 3.0], (100, 1))
+    with pytest.raises(ExcitationError, match="tells nothing about the combination of a, b, c"):
+        estimator(rows(H, np.full(100, 4.0)))
+
+
+def test_constant_torque_with_a_moving_regressor_has_an_answer() -> None:
+    H = np.column_stack([experiment(9).H[:, :2], np.ones(300)])
+    assert ordinary(rows(H, np.full(300, 4.0))).values == pytest.approx([0, 0, 4], abs=1e-12)
+
+
+def test_everything_dead_is_named() -> None:
+    with pytest.raises(ExcitationError, match="does not excite a, b, c: move these joints"):
+        weighted(rows(np.zeros((50, 3)), np.ones(50)))
+
+
+def test_joint_with_few_rows_gets_finite_errors() -> None:
+    """Its weight grows with every turn, but not without bound."""
+    data = experiment(10, stds=(1.0, 1.0))
+    few = np.flatnonzero((data.joint == 0) | (data.time < 0.06))
+    H = data.H[few].copy()
+    H[data.joint[few] == 0, 0] = 0.0  # two rows of joint 1 are all that tells this parameter
+    H[data.joint[few] == 1, 1:] = 0.0
+    found = weighted(rows(H, data.y[few], data.joint[few]))
+    assert np.all(np.isfinite(found.covariance))
