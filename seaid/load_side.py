@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from seaid.arrays import Array, BoolArray
+from seaid.arrays import Array, BoolArray, frozen
 from seaid.base import BaseParameters, grouped_text, left_to_right, negligible, random_states
 from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
 from seaid.errors import LogError
@@ -33,14 +33,17 @@ class LoadModel:
     """What the load side can tell: base parameters, and the columns of the stiff drives.
 
     `drives` (p_d) are (joint, parameter, unit) of the drive columns that are identifiable beside
-    the p base columns; the others are part of the base parameters, as `expressions` (p,) say.
-    `rows` are the joints whose equations are used.
+    the p base columns; the others are part of the base parameters, as `expressions` (p,) say: they
+    are `absorbed` (a), and `absorption` (p + p_d, a) is how much of each is in every column. `rows`
+    are the joints whose equations are used.
     """
 
     base: BaseParameters
     rows: tuple[str, ...]
     drives: tuple[tuple[str, str, str], ...]
     expressions: tuple[str, ...]
+    absorbed: tuple[tuple[str, str, str], ...]
+    absorption: Array
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -72,8 +75,14 @@ def load_model(robot: Robot, base: BaseParameters, rows: Sequence[str]) -> LoadM
         wanted = np.zeros(H.shape[1])
         wanted[[row, *absorbed]] = grouping[row, [row, *absorbed]]
         expressions.append(grouped_text(wanted, names))
-    kept = tuple(drives[column - p] for column in found if column >= p)
-    return LoadModel(base, tuple(rows), kept, tuple(expressions))
+    return LoadModel(
+        base=base,
+        rows=tuple(rows),
+        drives=tuple(drives[column - p] for column in found if column >= p),
+        expressions=tuple(expressions),
+        absorbed=tuple(drives[column - p] for column in absorbed),
+        absorption=frozen("absorption", grouping[:, absorbed], (len(found), None)),
+    )
 
 
 def load_columns(
