@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from seaid.identification import Identification, identify
     from seaid.log import Log, read_log, write_log
     from seaid.motion import Motion, reconstruct_motion
+    from seaid.output_error import refine
     from seaid.robot import Robot, load_robot
     from seaid.simulation import Noise, simulate
     from seaid.validation import Validation, validate
@@ -71,6 +72,7 @@ _WHERE = {
     "identification": ("Identification", "identify"),
     "log": ("Log", "read_log", "write_log"),
     "motion": ("Motion", "reconstruct_motion"),
+    "output_error": ("refine",),
     "robot": ("Robot", "load_robot"),
     "simulation": ("Noise", "simulate"),
     "validation": ("Validation", "validate"),
@@ -113,6 +115,7 @@ __all__ = [
     "load_trajectory",
     "read_log",
     "reconstruct_motion",
+    "refine",
     "regression",
     "simulate",
     "symbolic",

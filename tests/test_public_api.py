@@ -31,6 +31,7 @@ FUNCTIONS = {
     "write_log": "log path",
     "reconstruct_motion": "robot log cutoff_hz",
     "identify": "robot logs sides estimator progress",
+    "refine": "found logs joint_zero_std iterations progress",
     "validate": "found log",
     "regression.rigid_body_regressor": "robot q v a",
     "symbolic.equations_of_motion": "lagrangian coordinates forces",
