@@ -63,19 +63,6 @@ def directions(factor: Array, names: tuple[str, ...]) -> Directions:
     return Directions(names, s / largest, Vt, norms, U, largest)
 
 
-def poorly_told(found: Directions, share: float = 1e-2) -> list[str]:
-    """Return a sentence for each combination that the rows tell less of than `share`, worst first.
-
-    Columns count with unit norm: 'the data tell 3.1e-04 of the combination A - 0.97 B', where the
-    best combination is told 1.
-    """
-    worst = reversed(np.flatnonzero(found.shares < share))
-    return [
-        f"the data tell {found.shares[place]:.1e} of the combination {found.text(int(place))}"
-        for place in worst
-    ]
-
-
 def telling_joints(information: Information, columns: list[int]) -> list[str]:
     """Return the joints whose torque tells columns, by name where names are known.
 
