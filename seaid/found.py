@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -23,13 +24,20 @@ def spring_of(estimate: Estimate) -> Estimate:
 
 def with_estimate(drive: Drive, estimate: Estimate) -> Drive:
     """Return the drive with the found friction, stiffness and rotor inertia."""
-    fields = _fields(drive)
-    values = {
-        fields[name]: float(value)
-        for name, value in zip(estimate.names, estimate.values, strict=True)
-        if name in fields and (value > 0 or name != "stiffness")
+    return with_values(drive, dict(zip(estimate.names, estimate.values, strict=True)))
+
+
+def with_values(drive: Drive, values: Mapping[str, float]) -> Drive:
+    """Return the drive with values under their names in an estimate: what it has a field for.
+
+    Negative ones become zero, and a stiffness that is not positive stays what it was.
+    """
+    fields = {
+        field: float(values[name])
+        for name, field in _fields(drive).items()
+        if name in values and (values[name] > 0 or name != "stiffness")
     }
-    return replace(drive, **{name: max(value, 0.0) for name, value in values.items()})  # type: ignore[arg-type]
+    return replace(drive, **{field: max(value, 0.0) for field, value in fields.items()})  # type: ignore[arg-type]
 
 
 def nominal_values(drive: Drive) -> dict[str, float]:

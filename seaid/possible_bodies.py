@@ -1,0 +1,246 @@
+"""Possible bodies of a robot: what an estimate says, made physically possible body by body.
+
+An estimate tells fewer combinations than there are standard parameters; noise may put it where no
+body can be. `possible_bodies` returns the physically possible robot nearest to both the estimate
+and the robot file, the weight between them chosen by the data (`seaid.estimation.feasible`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import linalg
+
+from seaid.arrays import Array, finite
+from seaid.body_bounds import Boxes, Limit, MassBounds, body_limits, inside
+from seaid.errors import IdentificationError
+from seaid.estimation.estimate import Estimate
+from seaid.estimation.feasible import (
+    WEIGHTS,
+    Nearest,
+    Possible,
+    Programme,
+    chosen,
+    nearest,
+    path,
+    root_of,
+)
+from seaid.found import with_values
+from seaid.load_side import LoadModel
+from seaid.prior_bodies import prior_bodies
+from seaid.robot import Robot
+
+NON_NEGATIVE = ("viscous_friction", "coulomb_friction", "motor_inertia", "stiffness")
+"""Parameters of drives that cannot be negative."""
+
+_SHAPES = ("without mass", "a point mass", "a thin rod", "a flat plate")
+"""What a body is whose pseudo-inertia has rank 0, 1, 2, 3."""
+
+
+@dataclass(frozen=True, eq=False)
+class PossibleBodies:
+    """A possible robot and how far it is from the estimate.
+
+    `robot` has the possible bodies, their `parameters` (10n,), and the drives found. `names`,
+    `units`, `values` (p,) and `estimate` (p,) are the combinations that the estimate tells, here
+    and there; `distance` (p,) their difference in standard errors; `chi_square` that of all
+    together, `nearest_chi_square` the least that possible bodies can have.
+
+    `weight` is that of the prior, `freedom` how many of the p values the data decide beside it.
+    `held` says in words what holds the estimate back, `notes` what stands for missing values of
+    the file.
+    """
+
+    robot: Robot
+    parameters: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    estimate: Array
+    distance: Array
+    chi_square: float
+    nearest_chi_square: float
+    weight: float
+    freedom: float
+    held: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def possible_bodies(
+    robot: Robot,
+    model: LoadModel,
+    load_side: Estimate,
+    drives: Mapping[str, Estimate] | None = None,
+    *,
+    prior: Array | None = None,
+    mass_bounds: MassBounds | None = None,
+    com_boxes: Boxes | None = None,
+    weight: float | None = None,
+) -> PossibleBodies:
+    """Return the possible bodies nearest to an estimate of the load side and to a prior.
+
+    `load_side` has the columns of `model`, and those of elastic drives as '<parameter> of <joint>'
+    where both sides were estimated at once; `drives` {joint: Estimate} are estimates of elastic
+    drives beside it. `prior` (10n,) are standard parameters, by default the robot's; a body
+    without (NaN) gets a ball of 1 kg as large as its link. Payloads are no part of the bodies.
+
+    `mass_bounds` {body: (least, most)} [kg]; `com_boxes` {body: (lower, upper)}, corners [m] in the
+    body's frame. `weight` of the prior in units of chi-square: None = chosen by the data, 0 = only
+    what the data leave open is decided by it. Raises IdentificationError for bounds that no body
+    can keep, for estimates that do not fit the model, without clarabel, and where a solver fails.
+    """
+    known = _together(model, load_side, drives or {})
+    bodies, notes = prior_bodies(robot, robot.parameters if prior is None else prior)
+    masses, boxes = mass_bounds or {}, com_boxes or {}
+    limits = body_limits(robot, bodies, masses, boxes)
+    start = inside(robot, bodies, masses, boxes)
+    programme, words = _programme(robot, model, known, bodies, limits, start)
+    bound = nearest(programme)
+    found = _weighted(programme, weight)
+    return PossibleBodies(
+        robot=_robot(robot, model, known, found),
+        parameters=found.unknowns[: 10 * robot.n],
+        names=known.names,
+        units=known.units,
+        values=found.values,
+        estimate=known.values,
+        distance=(found.values - known.values) / _errors(programme),
+        chi_square=found.chi_square,
+        nearest_chi_square=bound.chi_square,
+        weight=found.weight,
+        freedom=found.freedom,
+        held=_held(robot, bound, words),
+        notes=notes,
+    )
+
+
+def _together(model: LoadModel, load_side: Estimate, drives: Mapping[str, Estimate]) -> Estimate:
+    """Return all estimates as one, those of the drives as '<parameter> of <joint>'."""
+    missing = [name for name in model.names if name not in load_side.names]
+    if missing:
+        raise IdentificationError(
+            f"the estimate of the load side lacks {', '.join(missing)}: give the one that has the "
+            "columns of the model"
+        )
+    parts = [load_side, *drives.values()]
+    names = [*load_side.names]
+    names += [f"{name} of {joint}" for joint, one in drives.items() for name in one.names]
+    if len(set(names)) < len(names):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        raise IdentificationError(f"estimated twice, in load_side and in drives: {twice}")
+    return replace(
+        load_side,
+        names=tuple(names),
+        values=finite(
+            "the estimate",
+            np.concatenate([one.values for one in parts]),
+            (None,),
+            IdentificationError,
+        ),
+        covariance=finite(
+            "the covariance of the estimate",
+            linalg.block_diag(*(one.covariance for one in parts)),
+            (None, None),
+            IdentificationError,
+        ),
+        units=tuple(unit for one in parts for unit in one.units),
+        white_standard_errors=None,
+    )
+
+
+def _programme(
+    robot: Robot,
+    model: LoadModel,
+    known: Estimate,
+    bodies: Array,
+    limits: list[Limit],
+    start: Array,
+) -> tuple[Programme, list[str]]:
+    """Return the programme, and what it means in words that an inequality is active.
+
+    Unknowns: the standard parameters, what the base parameters absorb of stiff drives, the drives'
+    parameters.
+    """
+    m, absorbed = 10 * robot.n, len(model.absorbed)
+    base = [known.names.index(name) for name in model.expressions]
+    rows = [known.names.index(name) for name in model.names]
+    own = [row for row in range(len(known.names)) if row not in base]
+    columns = np.zeros((len(known.names), m + absorbed + len(own)))
+    columns[base, :m] = model.base.grouping
+    columns[rows, m : m + absorbed] = model.absorption
+    columns[own, range(m + absorbed, columns.shape[1])] = 1.0
+    pivots = np.empty(len(known.names), dtype=int)
+    pivots[base] = model.base.columns
+    pivots[own] = range(m + absorbed, columns.shape[1])
+
+    root = root_of(known.covariance, known.values)
+    errors = np.linalg.norm(root, axis=1)
+    full = np.zeros(columns.shape[1])
+    full[:m] = start
+    names = [f"{name} of {joint}" for joint, name, _ in model.absorbed]
+    names += [known.names[row] for row in own]
+    moment = float(np.max(bodies[:, 4:]))
+    sizes = [moment / np.max(np.abs(part)) for part in model.absorption.T] + list(errors[own])
+    values = [0.0] * absorbed + list(known.values[own])
+    all_limits = [replace(one, row=np.pad(one.row, (0, len(full) - m))) for one in limits]
+    for unknown, (name, size, value) in enumerate(zip(names, sizes, values, strict=True), m):
+        full[unknown] = value
+        if name.split(" of ", 1)[0] in NON_NEGATIVE:
+            full[unknown] = max(value, 0.1 * size)
+            row = np.zeros(len(full))
+            row[unknown] = 1 / size
+            all_limits.append(Limit(row, 0.0, name.replace("_", " ") + " is zero"))
+    programme = Programme(
+        columns=columns,
+        pivots=tuple(map(int, pivots)),
+        estimate=known.values,
+        root=root,
+        prior=bodies,
+        limits=np.array([one.row for one in all_limits]).reshape(-1, len(full)),
+        bounds=np.array([one.bound for one in all_limits]),
+        start=full,
+    )
+    return programme, [one.words for one in all_limits]
+
+
+def _weighted(programme: Programme, weight: float | None) -> Possible:
+    if weight is None:
+        return chosen(path(programme))
+    if not (np.isfinite(weight) and weight >= 0):
+        raise IdentificationError(
+            f"weight= must be zero or more and finite (None: chosen by the data), found {weight}"
+        )
+    last = max(weight, WEIGHTS[-1])
+    return path(programme, [*(one for one in WEIGHTS if one > last), last])[-1]
+
+
+def _robot(robot: Robot, model: LoadModel, known: Estimate, found: Possible) -> Robot:
+    """Return the robot with possible bodies and the drives that were found."""
+    m, names = 10 * robot.n, dict(zip(known.names, found.values, strict=True))
+    for (joint, name, _), value in zip(model.absorbed, found.unknowns[m:], strict=False):
+        names[f"{name} of {joint}"] = value
+    drives = dict(robot.drivetrains)
+    for joint, drive in drives.items():
+        own = {
+            full.removesuffix(f" of {joint}"): value
+            for full, value in names.items()
+            if full.endswith(f" of {joint}") and full not in model.expressions
+        }
+        drives[joint] = with_values(drive, own)
+    return robot.with_values(found.unknowns[:m], drives)
+
+
+def _errors(programme: Programme) -> Array:
+    return np.asarray(np.linalg.norm(programme.root, axis=1))
+
+
+def _held(robot: Robot, bound: Nearest, words: list[str]) -> tuple[str, ...]:
+    """Say what the data push against."""
+    shapes = [
+        f"{body} is {_SHAPES[rank]}"
+        for body, rank in zip(robot.body_names, bound.ranks, strict=True)
+        if rank < 4
+    ]
+    return (*shapes, *(words[index] for index in bound.held))
