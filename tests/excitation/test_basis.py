@@ -65,6 +65,15 @@ def test_a_fourier_series_goes_on_without_a_jump() -> None:
         np.testing.assert_allclose(one, other, atol=1e-10)
 
 
+def test_a_shifted_fourier_series_is_the_same_motion_begun_later() -> None:
+    basis = FourierBasis(4, 2.0)
+    values = np.random.default_rng(0).normal(size=(9, 2))
+    time = np.linspace(0.0, 2.0, 21)
+    begun_later = basis.states(time, basis.shifted(values, 0.7))
+    for one, other in zip(begun_later, basis.states(time + 0.7, values), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-10)
+
+
 def test_refined_control_points_come_close_to_the_curve() -> None:
     basis = make_basis("bspline", 10.0, 20)
     coefficients = np.random.default_rng(0).normal(size=20)

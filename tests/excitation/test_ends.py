@@ -60,7 +60,7 @@ def test_free_ends_leave_all_variables_of_like_size(name: str, count: int) -> No
     np.testing.assert_array_equal(found.free, found.basis.natural)
 
 
-@settings(derandomize=True, max_examples=40, deadline=None)
+@settings(derandomize=True, max_examples=15, deadline=None)
 @given(
     case=st.sampled_from(BASES),
     asked=st.lists(st.sampled_from([True, False]), min_size=6, max_size=6),
@@ -88,7 +88,7 @@ def test_all_motions_keep_the_ends_given_as_number_row_or_mapping(
     assert np.all(np.linalg.norm(rows, axis=3) > 0)
 
 
-@settings(derandomize=True, max_examples=40, deadline=None)
+@settings(derandomize=True, max_examples=24, deadline=None)
 @given(
     case=st.sampled_from(BASES),
     ends=st.sampled_from(["rest", "free", "given"]),

@@ -9,6 +9,7 @@ import pytest
 from seaid.errors import ExcitationError
 from seaid.excitation import Limits, Trajectory, joint_limits, margins
 from seaid.excitation.basis import make_basis
+from seaid.excitation.limits import limit_values, positive_values
 from seaid.robot import Robot, load_robot
 
 
@@ -51,6 +52,29 @@ def test_bad_limits_name_joint_and_limit(
 ) -> None:
     with pytest.raises(ExcitationError, match=words):
         joint_limits(slider_arm, Limits(**limits))
+
+
+def test_a_limit_that_may_be_none_at_all_is_infinity(slider_arm: Robot) -> None:
+    default = np.array([np.inf, 2.0, 3.0])
+    found = positive_values(slider_arm, "deflection", {"elbow": 0.1}, default, unlimited=True)
+    np.testing.assert_array_equal(found, [np.inf, 2.0, 0.1])
+    found = limit_values(slider_arm, "joint_torque", np.inf, default, unlimited=True)
+    np.testing.assert_array_equal(found, np.inf)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (np.nan, "joint 'rail' of 'slider_arm': motor_speed limit is nan, which is not finite"),
+        (-np.inf, "joint 'rail' of 'slider_arm': motor_speed limit is -inf, which is not finite"),
+        ({"elbow": 0.0}, "joint 'elbow': motor_speed limit must be more than zero, found 0; give"),
+        ([1.0, -2.0, 3.0], "joint 'shoulder': motor_speed limit must be more than zero, found -2"),
+        ({"elbo": 1.0}, "motor_speed limit: no joint is named 'elbo'; did you mean 'elbow'"),
+    ],
+)
+def test_bad_limits_that_may_be_infinite_say_so(slider_arm: Robot, given: Any, words: str) -> None:
+    with pytest.raises(ExcitationError, match=words):
+        positive_values(slider_arm, "motor_speed", given, np.full(3, np.inf), unlimited=True)
 
 
 NO_VELOCITY = "joint 'shoulder' of 'slider_arm': velocity limit is missing; give it by Limits"

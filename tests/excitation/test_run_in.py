@@ -32,7 +32,7 @@ def free_motion(
     return Trajectory(robot.joint_names, basis, space.coefficients(x), ("rail",))
 
 
-@settings(derandomize=True, max_examples=8, deadline=None)
+@settings(derandomize=True, max_examples=4, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     case=st.sampled_from([("bspline", 14), ("polynomial", 12), ("fourier", 11)]),
