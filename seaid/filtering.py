@@ -10,6 +10,7 @@ _ORDER = 4
 _SHARE, _MARGIN, _FEWEST_PERIODS = 0.99, 3.0, 15.0
 _NARROWEST_HZ, _WIDEST_HZ = 4.0, 12.0
 _SMOOTHED_BINS = 9
+_ROUNDING = 1e-6
 ROWS_PER_PERIOD = 4.0
 """After the low pass, so many rows a period of the cutoff say all there is."""
 
@@ -30,7 +31,7 @@ def low_pass(signals: Array, rate_hz: float, cutoff_hz: float) -> Array:
 
 def decimation(rate_hz: float, cutoff_hz: float) -> int:
     """Return how many samples a row of the filtered regression stands for."""
-    return max(1, int(rate_hz / (ROWS_PER_PERIOD * cutoff_hz)))
+    return max(1, int(rate_hz / (ROWS_PER_PERIOD * cutoff_hz) * (1 + _ROUNDING)))
 
 
 def spline_derivatives(time: Array, signals: Array) -> tuple[Array, Array, Array]:

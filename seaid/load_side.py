@@ -15,7 +15,7 @@ from seaid.inertia import UNITS
 from seaid.motion import Motion
 from seaid.regression import (
     Regression,
-    in_band,
+    in_band_at,
     motor_regressor,
     row_samples,
     signals,
@@ -110,18 +110,17 @@ def load_regression(
     takes its joint torque from the log. The payload's torque is moved to the known side.
     """
     torque, payload, H, carried = load_columns(robot, motion, model, springs)
-    y, H, carried = (in_band(motion, part) for part in (torque - payload, H, carried))
     rows = row_samples(motion)
-    picked = [rows[~unknown_friction(robot, motion, joint)[rows]] for joint in model.rows]
-    which = np.repeat(np.arange(len(model.rows)), [len(kept) for kept in picked])
-    kept = np.concatenate(picked)
+    y, H, carried = (in_band_at(motion, part, rows) for part in (torque - payload, H, carried))
+    told = np.array([~unknown_friction(robot, motion, joint)[rows] for joint in model.rows])
+    which, kept = np.nonzero(told)
     return Regression(
         names=model.names,
         units=model.units,
         H=H[kept, which],
         y=y[kept, which],
         joint=np.array([robot.index(joint) for joint in model.rows])[which],
-        time=motion.time[kept],
+        time=motion.time[rows[kept]],
         run=np.zeros(len(kept)),
         left_out=len(rows) * len(model.rows) - len(kept),
         carried=carried[kept, which],

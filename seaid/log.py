@@ -20,6 +20,8 @@ from seaid.robot import Robot
 
 MINIMUM_SAMPLES = 50
 
+_FORMATS = (".csv", ".npz")
+
 Column = str | tuple[str, float | str]
 """A foreign column: its name, or its name with the unit it is in or the factor to the SI unit."""
 
@@ -113,19 +115,21 @@ def read_log(path: str | Path, robot: Robot, *, columns: Mapping[str, Column] | 
     """
     path = Path(path)
     readers: dict[str, Callable[[Path], Table]] = {".csv": _read_csv, ".npz": _read_npz}
-    if path.suffix.lower() not in readers:
-        raise LogError(f"'{path}': cannot read '{path.suffix}' logs; allowed: {', '.join(readers)}")
+    table = readers[log_format(path)](path)
+    wanted = wanted_columns(path, table.names, robot, columns or {})
+    data = table.load(list(dict.fromkeys(foreign for foreign, _ in wanted.values())))
+    return log_of(path, data, wanted, robot, table.names)
+
+
+def log_format(path: Path) -> str:
+    """Return the ending of a log file that is there and can be read. Raises LogError otherwise."""
+    if path.suffix.lower() not in _FORMATS:
+        raise LogError(
+            f"'{path}': cannot read '{path.suffix}' logs; allowed: {', '.join(_FORMATS)}"
+        )
     if not path.is_file():
         raise LogError(f"no log file at '{path}' (working folder {Path.cwd()})")
-    table = readers[path.suffix.lower()](path)
-    allowed = ["time_s"]
-    for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True):
-        allowed += column_names(joint, is_prismatic)
-    picked = _pick(path, table, columns or {}, allowed)
-    try:
-        return _log(picked, robot, table.names)
-    except LogError as problem:
-        raise LogError(f"'{path}': {problem}") from None
+    return path.suffix.lower()
 
 
 def write_log(log: Log, path: str | Path) -> None:
@@ -159,32 +163,45 @@ def _read_csv(path: Path) -> Table:
         raise LogError(f"'{path}' is not a text file in UTF-8: {problem}") from None
     except OSError as problem:
         raise LogError(f"cannot read '{path}': {problem.strerror}") from None
-    header = lines[0] if lines else ""
+    names, delimiter = csv_header(path, lines[0] if lines else "")
+    return Table(names, lambda wanted: csv_columns(path, names, lines[1:], delimiter, wanted))
+
+
+def csv_header(path: Path, header: str) -> tuple[list[str], str]:
+    """Return the column names in the first line of a file, and its delimiter."""
     delimiter = max(",;\t", key=header.count)
     names = [name.strip() for name in next(csv.reader([header], delimiter=delimiter), [])]
     if not any(names):
         raise LogError(f"'{path}' is empty; a log starts with a line of column names")
-    return Table(names, lambda wanted: _csv_columns(path, names, lines, delimiter, wanted))
+    return names, delimiter
 
 
-def _csv_columns(
-    path: Path, names: list[str], lines: list[str], delimiter: str, wanted: list[str]
+def csv_columns(
+    path: Path,
+    names: list[str],
+    lines: list[str],
+    delimiter: str,
+    wanted: list[str],
+    first_line: int = 2,
 ) -> dict[str, Array]:
-    """Return the wanted columns; only a table with more than numbers in it takes the slow way."""
-    if not any(line.strip() for line in lines[1:]):
+    """Return the wanted columns of lines of samples, the first of which is `first_line`.
+
+    Only a table with more than numbers in it takes the slow way.
+    """
+    if not any(line.strip() for line in lines):
         raise LogError(f"'{path}' has column names but no samples")
     twice = sorted({name for name in wanted if names.count(name) > 1})
     if twice:
         raise LogError(f"'{path}': column named twice: {', '.join(twice)}")
     places = [names.index(name) for name in wanted]
     try:
-        values = np.loadtxt(lines[1:], delimiter=delimiter, ndmin=2)
+        values = np.loadtxt(lines, delimiter=delimiter, ndmin=2)
         if values.shape[1] == len(names):
             return dict(zip(wanted, values.T[places], strict=True))
     except ValueError:
         pass
     rows = []
-    for line, cells in enumerate(csv.reader(lines[1:], delimiter=delimiter), 2):
+    for line, cells in enumerate(csv.reader(lines, delimiter=delimiter), first_line):
         if not cells:
             continue
         if len(cells) != len(names):
@@ -235,27 +252,44 @@ def _npz_columns(path: Path, wanted: list[str]) -> dict[str, Array]:
     return found
 
 
-def _pick(
-    path: Path, table: Table, columns: Mapping[str, Column], allowed: list[str]
-) -> dict[str, Array]:
-    """Return the columns under our names and in SI units."""
+def wanted_columns(
+    path: Path, names: Sequence[str], robot: Robot, columns: Mapping[str, Column]
+) -> dict[str, tuple[str, float]]:
+    """Return {our column: (column of the file, factor to our unit)} of all that the file has."""
+    allowed = ["time_s"]
+    for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True):
+        allowed += column_names(joint, is_prismatic)
     for name in columns:
         if name not in allowed:
             raise LogError("columns=: " + unknown_name("column of this robot's log", name, allowed))
     wanted: dict[str, tuple[str, float]] = {}
     for name in allowed:
         foreign, factor = _foreign(name, columns.get(name, name))
-        if foreign in table.names:
+        if foreign in names:
             wanted[name] = (foreign, factor)
         elif name in columns or name == "time_s":
-            raise LogError(f"'{path}': " + unknown_name("column", foreign, table.names))
+            raise LogError(f"'{path}': " + unknown_name("column", foreign, names))
     if len(wanted) == 1:
         raise LogError(
             f"'{path}' has no column of this robot; expected names as '{allowed[1]}' (or map "
-            f"foreign ones with columns=), found: {', '.join(table.names)}"
+            f"foreign ones with columns=), found: {', '.join(names)}"
         )
-    data = table.load(list(dict.fromkeys(foreign for foreign, _ in wanted.values())))
-    return {name: data[foreign] * factor for name, (foreign, factor) in wanted.items()}
+    return wanted
+
+
+def log_of(
+    path: Path,
+    data: Mapping[str, Array],
+    wanted: Mapping[str, tuple[str, float]],
+    robot: Robot,
+    file_names: Sequence[str],
+) -> Log:
+    """Return the log of columns of a file, under our names and in SI units."""
+    picked = {name: data[foreign] * factor for name, (foreign, factor) in wanted.items()}
+    try:
+        return _log(picked, robot, file_names)
+    except LogError as problem:
+        raise LogError(f"'{path}': {problem}") from None
 
 
 def _foreign(name: str, column: Column) -> tuple[str, float]:

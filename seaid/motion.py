@@ -28,7 +28,8 @@ class Motion:
     Joint side in rad or m, motor side in rad; torques in N m (`joint_torque` of a prismatic joint
     in N); NaN where a joint has no such sensor. `cutoff_hz` is the pass band in which a regression
     compares regressor and torque (inf: no filter); torques are as measured. `regressions` leave
-    `trim_s` away at both ends, where filters swing in.
+    `trim_s` away at both ends, where filters swing in. `fastest` (n,) are the largest motor speeds
+    [rad/s] of the whole log where this is a part of it.
     """
 
     time: Array
@@ -43,6 +44,7 @@ class Motion:
     joint_torque: Array
     cutoff_hz: float
     trim_s: float = 0.0
+    fastest: Array | None = None
 
     @property
     def joint_states(self) -> tuple[Array, Array, Array]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seaid.arrays import Array, BoolArray, frozen
+from seaid.arrays import Array, BoolArray, IndexArray, frozen
 from seaid.drivetrain.equations import motor_equation, spring_equation
 from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.drivetrain.regressor import DriveRegressor, drive_regressor
@@ -104,7 +104,8 @@ def standstill(motion: Motion, index: int) -> BoolArray:
     than a small share of that. A reversal without a stop is no standstill.
     """
     speed = np.abs(motion.motor_velocity[:, index])
-    still = (speed < max(STANDSTILL * np.max(speed), REST_RAD_S)).astype(float)
+    fastest = np.max(speed) if motion.fastest is None else motion.fastest[index]
+    still = (speed < max(STANDSTILL * fastest, REST_RAD_S)).astype(float)
     return np.asarray((still > 0) | (in_band(motion, still) > SEEN))
 
 
@@ -141,8 +142,8 @@ def actuator_regression(robot: Robot, motion: Motion, joint: str) -> Regression:
     return Regression(
         names=regressor.names,
         units=regressor.units,
-        H=in_band(motion, H)[kept],
-        y=in_band(motion, y)[kept],
+        H=in_band_at(motion, H, kept),
+        y=in_band_at(motion, y, kept),
         joint=np.full(len(kept), index),
         time=motion.time[kept],
         run=np.zeros(len(kept)),
@@ -178,11 +179,19 @@ def stacked(regressions: Sequence[Regression]) -> Regression:
 
 def in_band(motion: Motion, columns: Array) -> Array:
     """Return columns (T, ...) behind the low pass of the motion's pass band."""
+    return in_band_at(motion, columns, np.arange(len(columns)))
+
+
+def in_band_at(motion: Motion, columns: Array, samples: IndexArray) -> Array:
+    """Return some samples of `in_band`; columns of zeros, half of a chain's, are not filtered."""
     flat = columns.reshape(len(columns), -1)
-    return low_pass(flat, motion.rate_hz, motion.cutoff_hz).reshape(columns.shape)
+    used = np.flatnonzero(np.any(flat != 0, axis=0))
+    found = np.zeros((len(samples), flat.shape[1]))
+    found[:, used] = low_pass(flat[:, used], motion.rate_hz, motion.cutoff_hz)[samples]
+    return found.reshape(len(samples), *columns.shape[1:])
 
 
-def row_samples(motion: Motion) -> np.ndarray:
+def row_samples(motion: Motion) -> IndexArray:
     """Return the samples that become rows: decimated to the pass band, ends left away."""
     step = decimation(motion.rate_hz, motion.cutoff_hz)
     trim = round(motion.trim_s * motion.rate_hz)

@@ -18,7 +18,7 @@ from itertools import chain
 import numpy as np
 from scipy import sparse
 
-from seaid.arrays import Array
+from seaid.arrays import Array, IndexArray
 
 _NORMAL = 1.96
 _FIXED_B = (2.9694, 0.4160, -0.5324)
@@ -72,15 +72,28 @@ def by_instant(scores: Array, time: Array, run: Array) -> list[Array]:
     """Return the scores (T, p) of each log, those of one instant summed, gaps filled with zero."""
     summed = []
     for one in np.unique(run):
-        rows = np.flatnonzero(run == one)
+        rows = run == one
         instants = np.unique(time[rows])
-        step = float(np.min(np.diff(instants))) if len(instants) > 1 else 1.0
-        slots = np.round((time[rows] - instants[0]) / step).astype(int)
-        gather = sparse.csr_array(
-            (np.ones(len(rows)), (slots, rows)), shape=(np.max(slots) + 1, len(scores))
-        )
-        summed.append(np.asarray(gather @ scores))
+        summed.append(at_slots(scores[rows], slots(time[rows], instants[0], row_step(instants))))
     return summed
+
+
+def row_step(instants: Array) -> float:
+    """Return the time [s] between rows, from the instants (I,) of those that are there."""
+    steps = np.diff(instants)
+    return float(np.mean(steps[steps < 1.5 * np.min(steps)])) if len(steps) else 1.0
+
+
+def slots(time: Array, start_s: float, step_s: float) -> IndexArray:
+    """Return the instant that each row belongs to, counted from a start."""
+    return np.asarray(np.round((time - start_s) / step_s), dtype=np.intp)
+
+
+def at_slots(scores: Array, slot: IndexArray) -> Array:
+    """Return the sum of the scores (R, p) of each slot, up to the last."""
+    shape = (int(np.max(slot)) + 1, len(scores))
+    gather = sparse.csr_array((np.ones(len(slot)), (slot, np.arange(len(slot)))), shape=shape)
+    return np.asarray(gather @ scores)
 
 
 def long_run(runs: Iterable[Iterable[Array]], instants: int) -> LongRun:
