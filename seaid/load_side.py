@@ -96,7 +96,10 @@ def load_columns(
     known = [robot.index(joint) for joint in model.rows]
     columns, drives = _drive_columns(robot, model.rows, lambda index: signals(motion, index))
     wanted = [drives.index(drive) for drive in model.drives]
-    H = np.concatenate([model.base.reduce(Y)[:, known], columns[:, :, wanted]], axis=2)
+    flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # no copy: so the regressor lies in memory
+    places = np.add.outer(known, robot.n * np.array(model.base.columns, dtype=np.intp))
+    base = np.take(flat, places.ravel(), axis=1).reshape(len(Y), *places.shape)
+    H = np.concatenate([base, columns[:, :, wanted]], axis=2)
     torque, carried = _load_targets(robot, motion, model.rows, springs)
     return torque, (Y @ robot.payload_parameters)[:, known], H, carried
 

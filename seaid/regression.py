@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from seaid.arrays import Array, BoolArray, IndexArray, frozen
 from seaid.drivetrain.equations import motor_equation, spring_equation
-from seaid.drivetrain.model import SeriesElasticDrive
+from seaid.drivetrain.model import Drive, SeriesElasticDrive
 from seaid.drivetrain.regressor import DriveRegressor, drive_regressor
 from seaid.errors import LogError
 from seaid.filtering import decimation, low_pass
@@ -71,8 +72,7 @@ class Regression:
 
 def motor_regressor(robot: Robot, joint: str) -> DriveRegressor:
     """Return the regressor derived from the motor equation (7) of a joint."""
-    drive = robot.drivetrains[joint]
-    return drive_regressor(motor_equation(drive), drive)
+    return _motor_regressor(robot.drivetrains[joint])
 
 
 def spring_regressor(robot: Robot, joint: str) -> DriveRegressor:
@@ -80,6 +80,16 @@ def spring_regressor(robot: Robot, joint: str) -> DriveRegressor:
     drive = robot.drivetrains[joint]
     if not isinstance(drive, SeriesElasticDrive):
         raise LogError(f"joint '{joint}' has no spring")
+    return _spring_regressor(drive)
+
+
+@cache
+def _motor_regressor(drive: Drive) -> DriveRegressor:
+    return drive_regressor(motor_equation(drive), drive)
+
+
+@cache
+def _spring_regressor(drive: SeriesElasticDrive) -> DriveRegressor:
     return drive_regressor(spring_equation(drive), drive)
 
 
