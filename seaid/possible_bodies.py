@@ -23,8 +23,9 @@ from seaid.estimation.feasible import (
     Possible,
     Programme,
     chosen,
+    least_spread,
     nearest,
-    path,
+    regularised,
     root_of,
 )
 from seaid.found import with_values
@@ -78,6 +79,7 @@ def possible_bodies(
     mass_bounds: MassBounds | None = None,
     com_boxes: Boxes | None = None,
     weight: float | None = None,
+    white_covariance: Array | None = None,
 ) -> PossibleBodies:
     """Return the possible bodies nearest to an estimate of the load side and to a prior.
 
@@ -88,9 +90,16 @@ def possible_bodies(
 
     `mass_bounds` {body: (least, most)} [kg]; `com_boxes` {body: (lower, upper)}, corners [m] in the
     body's frame. `weight` of the prior in units of chi-square: None = chosen by the data, 0 = only
-    what the data leave open is decided by it. Raises IdentificationError for bounds that no body
-    can keep, for estimates that do not fit the model, without clarabel, and where a solver fails.
+    what the data leave open is decided by it. `white_covariance` (p, p) is what the covariance of
+    `load_side` would be for white noise: no combination counts as known better.
+
+    Raises IdentificationError for bounds that no body can keep, for estimates that do not fit the
+    model, without clarabel, and where a solver fails; RobotError for a prior of another shape.
     """
+    if white_covariance is not None:
+        size = len(load_side.names)
+        white = finite("white_covariance", white_covariance, (size, size), IdentificationError)
+        load_side = replace(load_side, covariance=least_spread(load_side.covariance, white))
     known = _together(model, load_side, drives or {})
     bodies, notes = prior_bodies(robot, robot.parameters if prior is None else prior)
     masses, boxes = mass_bounds or {}, com_boxes or {}
@@ -98,7 +107,7 @@ def possible_bodies(
     start = inside(robot, bodies, masses, boxes)
     programme, words = _programme(robot, model, known, bodies, limits, start)
     bound = nearest(programme)
-    found = _weighted(programme, weight)
+    found = _weighted(programme, weight, bound.chi_square)
     return PossibleBodies(
         robot=_robot(robot, model, known, found),
         parameters=found.unknowns[: 10 * robot.n],
@@ -205,15 +214,14 @@ def _programme(
     return programme, [one.words for one in all_limits]
 
 
-def _weighted(programme: Programme, weight: float | None) -> Possible:
+def _weighted(programme: Programme, weight: float | None, least: float) -> Possible:
     if weight is None:
-        return chosen(path(programme))
+        return chosen(programme, least)
     if not (np.isfinite(weight) and weight >= 0):
         raise IdentificationError(
             f"weight= must be zero or more and finite (None: chosen by the data), found {weight}"
         )
-    last = max(weight, WEIGHTS[-1])
-    return path(programme, [*(one for one in WEIGHTS if one > last), last])[-1]
+    return regularised(programme, max(weight, WEIGHTS[-1]))
 
 
 def _robot(robot: Robot, model: LoadModel, known: Estimate, found: Possible) -> Robot:

@@ -15,13 +15,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg, sparse
+from scipy import linalg
 
 from seaid.arrays import Array, frozen
 from seaid.errors import IdentificationError
+from seaid.estimation.cones import solve_cones, triangle_rows, upper_triangle
 from seaid.inertia import pseudo_inertia
 
-WEIGHTS = tuple(10.0 ** (half / 2) for half in range(8, -13, -1))
+WEIGHTS = tuple(10.0**decade for decade in range(4, -7, -1))
 """Weights of the prior among which the data choose, in units of chi-square."""
 
 _BARRIER = 1e-6
@@ -33,8 +34,11 @@ _LEAST_TRACE = 1e-7
 _PUSH = 1e-3
 """Slope of chi-square along a bound, in the bound's own size, from which the data push."""
 
-_MOST_STEPS = 200
-_UPPER = tuple((row, column) for column in range(4) for row in range(column + 1))
+_INWARDS = 1e-6
+"""Part of the way to a point well inside that Newton's method starts from."""
+
+_RIDGE = 1e-13
+_MOST_STEPS = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,55 +176,33 @@ def nearest(programme: Programme) -> Nearest:
 
     Raises IdentificationError without Clarabel, and with the solver's status where it fails.
     """
-    try:
-        import clarabel
-    except ImportError:
-        raise IdentificationError(
-            "possible bodies need the package clarabel: pip install 'seaid[feasible]'"
-        ) from None
-    p = len(programme.estimate)
-    A, b = _cone_rows(programme)
-    size = A.shape[1]
-    quadratic = sparse.diags(np.where(np.arange(size) < p, 2.0, 0.0), format="csc")
+    p, count, bodies = len(programme.estimate), len(programme.bounds), len(programme.prior)
+    triangles, constants = triangle_rows(*programme.cones)
+    A = np.vstack([programme.slack[1], triangles])
+    b = np.concatenate([programme.slack[0], constants])
     linear = _LEAST_TRACE * np.einsum("nfii->f", programme.cones[1])
-    count, bodies = len(programme.bounds), len(programme.prior)
-    kinds = [clarabel.NonnegativeConeT(count)] * bool(count)
-    kinds += [clarabel.PSDTriangleConeT(4)] * bodies
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.max_threads = 1
-    solution = clarabel.DefaultSolver(
-        quadratic, linear, sparse.csc_matrix(-A), b, kinds, settings
-    ).solve()
-    if str(solution.status) not in ("Solved", "AlmostSolved"):
-        raise IdentificationError(
-            f"the semidefinite programme of possible bodies failed: {solution.status} after "
-            f"{solution.iterations} iterations; check the bounds, and that the covariance of the "
-            "estimate is finite"
-        )
-    x, dual = np.array(solution.x), np.array(solution.z)
-    u = x[:p]
+    quadratic = np.where(np.arange(len(linear)) < p, 2.0, 0.0)
+    x, dual = solve_cones(quadratic, linear, A, b, count, (4,) * bodies)
     return Nearest(
-        values=programme.estimate + programme.root @ u,
-        chi_square=float(u @ u),
-        ranks=_ranks(dual[count:].reshape(bodies, 10)),
+        values=programme.estimate + programme.root @ x[:p],
+        chi_square=float(x[:p] @ x[:p]),
+        ranks=_ranks(dual[count:].reshape(bodies, -1)),
         held=tuple(map(int, np.flatnonzero(dual[:count] > _PUSH))),
     )
 
 
-def regularised(programme: Programme, weight: float, start: Array | None = None) -> Possible:
+def regularised(programme: Programme, weight: float) -> Possible:
     """Return the possible unknowns that minimise chi-square + weight times the divergence.
 
     The divergence of a body from the prior is tr Q - log det Q - 4, with Q its pseudo-inertia
-    where the prior's is 1. `start` (f,) is any point inside, by default the programme's. Raises
-    IdentificationError where Newton's method does not end.
+    where the prior's is 1. Clarabel's point is improved by Newton's method, to rounding. Raises
+    IdentificationError as `nearest` does, and where Newton's method does not end.
     """
-    x = programme.coordinates(programme.start if start is None else start)
+    x = _cone_point(programme, weight)
+    x += _INWARDS * (programme.coordinates(programme.start) - x)
     value, gradient, hessian = _merit(programme, x, weight)
-    for _ in range(_MOST_STEPS):
-        scale = 1 / np.sqrt(np.diag(hessian))
-        factor = linalg.cho_factor(hessian * np.outer(scale, scale), check_finite=False)
-        step = -scale * linalg.cho_solve(factor, scale * gradient, check_finite=False)
+    for _ in range(_MOST_STEPS if np.isfinite(value) else 0):
+        step = -_inverse_times(hessian, gradient)
         decrement = -float(gradient @ step)
         if decrement <= max(1e-9 * min(weight, 1.0), 1e-13 * abs(value)):
             return _possible(programme, x, weight, hessian)
@@ -231,41 +213,78 @@ def regularised(programme: Programme, weight: float, start: Array | None = None)
     )
 
 
-def path(programme: Programme, weights: Sequence[float] = WEIGHTS) -> list[Possible]:
-    """Return `regularised` for falling weights, each from the one before."""
-    u = programme.coordinates(programme.start)[: len(programme.estimate)]
-    weight, found = max(float(u @ u), weights[0]), programme.start
-    while weight > 10 * weights[0]:
-        found = regularised(programme, weight, found).unknowns
-        weight /= 10
-    results = []
-    for one in weights:
-        results.append(regularised(programme, one, found))
-        found = results[-1].unknowns
-    return results
+def chosen(programme: Programme, least: float, weights: Sequence[float] = WEIGHTS) -> Possible:
+    """Return `regularised` with the weight of the least risk: that which the data choose.
+
+    The risk is Stein's (1981) unbiased estimate of the expected squared distance to the truth, in
+    standard errors: |u|^2 + 2 freedom - p. It is what cross-validation estimates, without folds,
+    and holds with the covariance of noise that is correlated in time, where folds are not
+    independent. Searched over falling `weights`, then half-way to the neighbours of the best, and
+    no further than where `least`, the chi-square of `nearest`, and the freedom leave no less risk.
+    """
+    p, best = len(programme.estimate), regularised(programme, weights[0])
+    for weight in weights[1:]:
+        one = regularised(programme, weight)
+        best = min(best, one, key=_risk)
+        if least + 2 * one.freedom - p > best.risk:
+            break
+    around = [best.weight * 10**0.5, best.weight / 10**0.5]
+    return min([best, *(regularised(programme, weight) for weight in around)], key=_risk)
 
 
-def chosen(results: Sequence[Possible]) -> Possible:
-    """Return the one of least risk: the weight that the data choose."""
-    return min(results, key=lambda one: one.risk)
+def least_spread(covariance: Array, white: Array) -> Array:
+    """Return the covariance with no combination known better than noise that is white allows.
+
+    A long-run covariance from a finite record is far too small in its smallest directions, and
+    they would decide what is nearest. `white` (p, p) is positive definite.
+    """
+    ratios, vectors = linalg.eigh(covariance, white)
+    half = white @ vectors * np.sqrt(np.maximum(ratios, 1.0))
+    return np.asarray(half @ half.T)
 
 
-def _cone_rows(programme: Programme) -> tuple[Array, Array]:
-    """Return A and b of the cones: inequalities, then triangles of Q, off-diagonal by root 2."""
-    rows, columns = zip(*_UPPER, strict=True)
-    scale = np.where(np.array(rows) == np.array(columns), 1.0, np.sqrt(2))
+def _risk(one: Possible) -> float:
+    return one.risk
+
+
+def _cone_point(programme: Programme, weight: float) -> Array:
+    """Return (u, free unknowns) near the minimum of `regularised`.
+
+    log det Q is the largest sum of log Z_kk over lower triangles Z with [[Q, Z], [Z.T, diag Z]]
+    positive semidefinite.
+    """
+    p, f = programme.columns.shape
     first, blocks = programme.cones
-    offset, matrix = programme.slack
-    triangles = (blocks[:, :, rows, columns] * scale).transpose(0, 2, 1)
-    b = (first[:, rows, columns] * scale).ravel()
-    return np.vstack([matrix, triangles.reshape(len(b), -1)]), np.concatenate([offset, b])
+    bodies = len(first)
+    lower = [(row, column) for row in range(4) for column in range(row + 1)]
+    size = f + 14 * bodies  # ten entries of Z and four logarithms a body
+    offset, matrix = np.zeros((bodies, 8, 8)), np.zeros((bodies, size, 8, 8))
+    offset[:, :4, :4], matrix[:, :f, :4, :4] = first, blocks
+    logarithms = np.zeros((4 * bodies, 3, size))
+    logarithms[range(4 * bodies), 0, range(f + 10 * bodies, size)] = 1.0
+    for body in range(bodies):
+        for place, (row, column) in enumerate(lower, f + 10 * body):
+            matrix[body, place, row, 4 + column] = matrix[body, place, 4 + column, row] = 1.0
+            if row == column:
+                matrix[body, place, 4 + row, 4 + row] = 1.0
+                logarithms[4 * body + row, 2, place] = 1.0
+    triangles, constants = triangle_rows(offset, matrix)
+    A = np.pad(programme.slack[1], ((0, 0), (0, size - f)))
+    A = np.vstack([A, triangles, logarithms.reshape(-1, size)])
+    b = np.concatenate([programme.slack[0], constants, np.tile([0.0, 1.0, 0.0], 4 * bodies)])
+    linear = np.zeros(size)
+    linear[:f] = np.einsum("nfii->f", blocks)
+    linear[f + 10 * bodies :] = -1.0
+    quadratic = np.where(np.arange(size) < p, 2 / weight, 0.0)
+    count = len(programme.bounds)
+    return solve_cones(quadratic, linear, A, b, count, (8,) * bodies, 4 * bodies)[0][:f]
 
 
 def _ranks(dual: Array) -> tuple[int, ...]:
     """Return the ranks that the pseudo-inertias are pushed to, from the cones' multipliers."""
-    rows, columns = zip(*_UPPER, strict=True)
+    rows, columns = upper_triangle(4)
     multipliers = np.zeros((len(dual), 4, 4))
-    scale = np.where(np.array(rows) == np.array(columns), 1.0, np.sqrt(0.5))
+    scale = np.where(rows == columns, 1.0, np.sqrt(0.5))
     multipliers[:, rows, columns] = multipliers[:, columns, rows] = dual * scale
     return tuple(int(4 - np.sum(np.linalg.eigvalsh(one) > _PUSH)) for one in multipliers)
 
@@ -312,13 +331,19 @@ def _descend(
     )
 
 
+def _inverse_times(hessian: Array, columns: Array) -> Array:
+    """Solve with a Hessian whose unknowns are of different sizes."""
+    scale = 1 / np.sqrt(np.diag(hessian))
+    balanced = hessian * np.outer(scale, scale) + _RIDGE * np.eye(len(hessian))
+    factor = linalg.cho_factor(balanced, check_finite=False)
+    columns = (scale * columns.T).T
+    return np.asarray((scale * linalg.chosolve_cones(factor, columns, check_finite=False).T).T)
+
+
 def _possible(programme: Programme, x: Array, weight: float, hessian: Array) -> Possible:
     p = len(programme.estimate)
     offset, matrix = programme.span
-    scale = 1 / np.sqrt(np.diag(hessian))
-    factor = linalg.cho_factor(hessian * np.outer(scale, scale), check_finite=False)
-    own = np.eye(len(x), p)
-    freedom = 2 * np.sum(scale[:p] ** 2 * np.diag(linalg.cho_solve(factor, own)[:p]))
+    freedom = 2 * np.trace(_inverse_times(hessian, np.eye(len(x), p))[:p])
     return Possible(
         unknowns=offset + matrix @ x,
         values=programme.estimate + programme.root @ x[:p],
