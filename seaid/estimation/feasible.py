@@ -337,7 +337,7 @@ def _inverse_times(hessian: Array, columns: Array) -> Array:
     balanced = hessian * np.outer(scale, scale) + _RIDGE * np.eye(len(hessian))
     factor = linalg.cho_factor(balanced, check_finite=False)
     columns = (scale * columns.T).T
-    return np.asarray((scale * linalg.chosolve_cones(factor, columns, check_finite=False).T).T)
+    return np.asarray((scale * linalg.cho_solve(factor, columns, check_finite=False).T).T)
 
 
 def _possible(programme: Programme, x: Array, weight: float, hessian: Array) -> Possible:
