@@ -38,7 +38,10 @@ WINDOW_S = 1.0
 """A simulation starts anew so often, so that what the model lacks does not pile up."""
 
 _SETTLED, _CLOSE = 1e-3, 0.05
-_MOST_HALVINGS = 6
+_MOST_HALVINGS, _MOST_SWEEPS = 6, 5
+_ALIKE = 1e-3
+"""Log-likelihoods that differ by less are the same."""
+
 _LEAST_NOISE = 1e-9
 
 
@@ -128,7 +131,8 @@ def refine(
         )
     _check_start(found)
     layout = layout_of(found, joint_zero_std)
-    start = here = _point(layout, [run_of(layout, log) for log in logs], layout.start)
+    runs = [run_of(layout, log) for log in logs]
+    start = here = _simulated(layout, _point(layout, runs, layout.start))
     for _ in track(range(iterations), "refining", progress):
         here, better = _improved(layout, here)
         if _size(here.step) < _SETTLED or not better:
@@ -139,7 +143,7 @@ def refine(
             f"{_size(here.step):.2g} standard errors; do the logs and the identification belong "
             "together?"
         )
-    return _refined(layout, here, worse=here.step.merit > start.step.merit)
+    return _refined(layout, here, worse=here.step.merit > start.step.merit + _ALIKE)
 
 
 def _check_start(found: Identification) -> None:
@@ -367,15 +371,31 @@ def _improved(layout: Layout, here: Point) -> tuple[Point, bool]:
     part = 1.0
     for _ in range(_MOST_HALVINGS):
         change = part * here.step.change
-        runs = [
-            _moved(layout, run, answer, change, part, own)
-            for run, answer, own in zip(here.runs, here.answers, here.step.nuisance, strict=True)
-        ]
-        there = _point(layout, runs, here.x + change)
-        if there.step.merit <= here.step.merit + 1e-6 * abs(here.step.merit):
+        there = _simulated(layout, _next(layout, here, change, part, here.step.nuisance))
+        if there.step.merit <= here.step.merit + _ALIKE:
             return there, True
         part /= 2
     return here, False
+
+
+def _simulated(layout: Layout, point: Point) -> Point:
+    """Return the point with its joints where they obey (8) at its parameters: Newton's method."""
+    for _ in range(_MOST_SWEEPS):
+        new = _next(layout, point, np.zeros_like(point.x), 1.0, point.step.own)
+        settled = abs(new.step.merit - point.step.merit) < _ALIKE
+        point = new
+        if settled:
+            break
+    return point
+
+
+def _next(layout: Layout, here: Point, change: Array, part: float, own: tuple[Array, ...]) -> Point:
+    """Return the point after a change of the parameters and part of one of the initial states."""
+    runs = [
+        _moved(layout, run, answer, change, part, states)
+        for run, answer, states in zip(here.runs, here.answers, own, strict=True)
+    ]
+    return _point(layout, runs, here.x + change)
 
 
 def _moved(layout: Layout, run: Run, answer: Answer, change: Array, part: float, own: Array) -> Run:

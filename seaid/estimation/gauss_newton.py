@@ -40,7 +40,8 @@ class Residuals:
 class Step:
     """A step towards the maximum of the likelihood.
 
-    `change` (p,) of the parameters and of each log's nuisance parameters (W, s); `stds` (C,) of the
+    `change` (p,) of the parameters, and with it `nuisance` (W, s), the change of each log's
+    nuisance parameters; `own` is theirs where the parameters stay. `stds` (C,) of the
     channels; `covariance` (p, p) with their autocorrelation, `white_covariance` without it: the
     inverse of the Fisher information. `merit` before the step is the sum of log standard deviations
     (the negative log-likelihood but for constants).
@@ -48,6 +49,7 @@ class Step:
 
     change: Array
     nuisance: tuple[Array, ...]
+    own: tuple[Array, ...]
     stds: Array
     covariance: Array
     white_covariance: Array
@@ -65,44 +67,49 @@ def gauss_newton_step(
     leave a combination of the parameters open.
     """
     p = len(names)
-    merit = _merit(logs, _settled(logs, distance, precision, frozen=True))
+    unmoved = _settled(logs, distance, precision, frozen=True)
+    merit = _merit(logs, unmoved)
     merit += float(np.sum((precision * distance) ** 2)) / 2
     stds = _settled(logs, distance, precision, frozen=False)
     J, r = _projected(logs, stds)
     solution, inverse, condition = _solve(
         np.vstack([J, np.diag(precision)]), np.append(r, precision * distance), names
     )
-    meat = _information(logs, J, r + J @ solution) + np.diag(precision**2)
+    covariance = _spread_of(logs, J @ inverse, r + J @ solution)
+    covariance += (inverse * precision) @ (inverse * precision).T
     kept = sum(int(np.sum(log.kept)) for log in logs)
     spent = p + sum(log.nuisance.shape[0] * log.nuisance.shape[3] for log in logs)
     freedom = kept / max(kept - spent, 1)
     return Step(
         change=solution,
         nuisance=tuple(_nuisance(log, stds, solution) for log in logs),
+        own=tuple(_nuisance(log, unmoved, np.zeros(p)) for log in logs),
         stds=stds,
-        covariance=freedom * (inverse @ meat @ inverse),
+        covariance=freedom * covariance,
         white_covariance=freedom * inverse,
         merit=merit,
         condition_number=condition,
     )
 
 
-def _information(logs: list[Residuals], J: Array, residual: Array) -> Array:
-    """Return the covariance (p, p) of the sum of scores, for stationary noise in each channel.
+def _spread_of(logs: list[Residuals], influence: Array, residual: Array) -> Array:
+    """Return the covariance (p, p) of what rows make with their influence (R, p) on the estimate.
 
-    The autocorrelation of each channel is estimated from its residuals with Bartlett weights, up to
-    the last lag at which it stands out of white noise's. For few rows that scatters, and falls
-    short, far less than Newey and West's (1987) sum over products of scores.
+    The noise of each channel is taken as stationary. Its autocorrelation is estimated from the
+    residuals with Bartlett weights, up to twice the last lag at which it stands out of white
+    noise's. For few rows that scatters, and falls short, far less than Newey and West's (1987) sum
+    over products of scores.
     """
-    p, start, total = J.shape[1], 0, np.zeros((J.shape[1], J.shape[1]))
+    p, start = influence.shape[1], 0
+    total = np.zeros((p, p))
     for log in logs:
         channels, size = log.residual.shape[2], log.residual.size
-        scores = J[start : start + size].reshape(-1, channels, p)
+        rows = influence[start : start + size].reshape(-1, channels, p)
         white = residual[start : start + size].reshape(-1, channels)
         start += size
         step = float(np.median(np.diff(log.time.ravel())))
         for channel in range(channels):
-            mine = scores[:, channel]
+            mine = rows[:, channel]
             total += mine.T @ mine
             for lag, weight in enumerate(_autocorrelation(white[:, channel], LAG_S / step), 1):
                 cross = mine[lag:].T @ mine[:-lag]
@@ -111,13 +118,13 @@ def _information(logs: list[Residuals], J: Array, residual: Array) -> Array:
 
 
 def _autocorrelation(residual: Array, most: float) -> Array:
-    """Return the weighted autocorrelation at lags from 1 to the last that stands out."""
+    """Return the weighted autocorrelation at lags from 1 to twice the last that stands out."""
     lags = min(int(most), len(residual) - 1)
     power = max(float(residual @ residual), 1e-300)
     found = np.array([residual[lag:] @ residual[:-lag] for lag in range(1, lags + 1)]) / power
     count = max(int(np.count_nonzero(residual)), 1)
     outstanding = np.flatnonzero(np.abs(found) > _STANDS_OUT / np.sqrt(count))
-    bandwidth = outstanding[-1] + 1 if outstanding.size else 0
+    bandwidth = min(2 * (int(outstanding[-1]) + 1), lags) if outstanding.size else 0
     return np.asarray(found[:bandwidth] * (1 - np.arange(1, bandwidth + 1) / (bandwidth + 1)))
 
 

@@ -1,0 +1,136 @@
+"""One Gauss-Newton step: linear problems have it exactly; noise, priors and lost parameters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from seaid.arrays import Array
+from seaid.errors import ExcitationError
+from seaid.estimation.gauss_newton import Residuals, fisher_covariance, gauss_newton_step
+
+WINDOWS, BLOCKS, CHANNELS, P, OWN = 8, 50, 2, 3, 2
+NAMES = ("a", "b", "c")
+STDS = np.array([1.0, 0.01])
+TRUTH = np.array([1.0, -2.0, 0.5])
+NOTHING = np.zeros(P)
+
+
+def problem(seed: int = 0, noise: float = 1.0, correlation: float = 0.0) -> Residuals:
+    """Return residuals of a linear model at parameters zero: noise - J truth - nuisance."""
+    rng = np.random.default_rng(seed)
+    shape = (WINDOWS, BLOCKS, CHANNELS)
+    smooth = np.cumsum(rng.normal(size=(*shape, P)), axis=1) / 5
+    nuisance = rng.normal(size=(*shape, OWN))
+    own = rng.normal(size=(WINDOWS, OWN))
+    white = rng.normal(size=(WINDOWS * BLOCKS, CHANNELS))
+    coloured = white.copy()
+    for t in range(1, len(white)):
+        coloured[t] = correlation * coloured[t - 1] + np.sqrt(1 - correlation**2) * white[t]
+    residual = noise * STDS * coloured.reshape(shape)
+    residual = residual - smooth @ TRUTH - np.einsum("wbcs,ws->wbc", nuisance, own)
+    return Residuals(
+        residual=residual,
+        jacobian=smooth,
+        nuisance=nuisance,
+        kept=np.ones(shape, dtype=bool),
+        time=np.linspace(0.0, 8.0, WINDOWS * BLOCKS).reshape(WINDOWS, BLOCKS),
+        floor=np.full(CHANNELS, 1e-9),
+    )
+
+
+def whole(log: Residuals, stds: Array) -> tuple[Array, Array]:
+    """Return the weighted regressor with every window's own columns written out, and residual."""
+    weights = log.kept / stds
+    columns = np.zeros((*log.residual.shape, P + WINDOWS * OWN))
+    columns[..., :P] = log.jacobian
+    for window in range(WINDOWS):
+        start = P + window * OWN
+        columns[window, ..., start : start + OWN] = log.nuisance[window]
+    return (columns * weights[..., None]).reshape(-1, columns.shape[-1]), (
+        log.residual * weights
+    ).ravel()
+
+
+def test_without_noise_the_step_goes_to_the_truth() -> None:
+    step = gauss_newton_step([problem(noise=0.0)], NAMES, NOTHING, NOTHING)
+    assert -step.change == pytest.approx(-TRUTH, rel=1e-9)
+
+
+def test_step_is_that_of_the_whole_problem_weighted_by_the_noise_it_finds() -> None:
+    log = problem()
+    step = gauss_newton_step([log], NAMES, NOTHING, NOTHING)
+    assert step.stds == pytest.approx(STDS, rel=0.1)
+    H, r = whole(log, step.stds)
+    expected = -np.linalg.lstsq(H, r, rcond=None)[0]
+    assert step.change == pytest.approx(expected[:P], rel=1e-9)
+    assert step.nuisance[0].ravel() == pytest.approx(expected[P:], rel=1e-9)
+
+
+def test_bound_is_that_of_the_whole_problem() -> None:
+    log = problem()
+    H, _ = whole(log, STDS)
+    expected = np.linalg.inv(H.T @ H)[:P, :P]
+    assert fisher_covariance([log], NAMES, STDS, NOTHING) == pytest.approx(expected, rel=1e-8)
+
+
+def test_rows_that_do_not_count_do_not_matter() -> None:
+    log = problem()
+    kept = log.kept.copy()
+    kept[2, 10:20] = False
+    wild = np.where(kept, log.residual, 1e3)
+    one = gauss_newton_step([replace(log, kept=kept)], NAMES, NOTHING, NOTHING)
+    other = gauss_newton_step([replace(log, kept=kept, residual=wild)], NAMES, NOTHING, NOTHING)
+    assert np.array_equal(one.change, other.change)
+    assert not np.array_equal(one.change, gauss_newton_step([log], NAMES, NOTHING, NOTHING).change)
+
+
+def test_two_logs_know_more_than_one() -> None:
+    logs = [problem(0), problem(1)]
+    both = gauss_newton_step(logs, NAMES, NOTHING, NOTHING)
+    for log in logs:
+        alone = gauss_newton_step([log], NAMES, NOTHING, NOTHING)
+        assert np.all(np.diag(both.white_covariance) < np.diag(alone.white_covariance))
+
+
+def test_sharp_prior_holds_a_parameter_and_a_vague_one_does_not() -> None:
+    log, distance = problem(), np.array([0.0, 0.3, 0.0])
+    sharp = gauss_newton_step([log], NAMES, distance, np.array([0.0, 1e9, 0.0]))
+    vague = gauss_newton_step([log], NAMES, distance, np.array([0.0, 1e-9, 0.0]))
+    free = gauss_newton_step([log], NAMES, NOTHING, NOTHING)
+    assert sharp.change[1] == pytest.approx(-0.3)
+    assert np.sqrt(sharp.covariance[1, 1]) == pytest.approx(1e-9, rel=0.2)
+    assert vague.change == pytest.approx(free.change, rel=1e-9)
+
+
+def test_merit_counts_the_prior() -> None:
+    log, precision = problem(), np.array([0.0, 2.0, 0.0])
+    here = gauss_newton_step([log], NAMES, NOTHING, precision)
+    away = gauss_newton_step([log], NAMES, np.array([0.0, 3.0, 0.0]), precision)
+    assert away.merit - here.merit == pytest.approx(0.5 * (2.0 * 3.0) ** 2)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.6])
+def test_intervals_hold_where_those_for_white_noise_need_not(correlation: float) -> None:
+    within, within_white = [], []
+    for seed in range(60):
+        step = gauss_newton_step([problem(seed, correlation=correlation)], NAMES, NOTHING, NOTHING)
+        error = np.abs(step.change - TRUTH)
+        within.append(error < 1.96 * np.sqrt(np.diag(step.covariance)))
+        within_white.append(error < 1.96 * np.sqrt(np.diag(step.white_covariance)))
+    assert 0.87 <= np.mean(within) <= 0.99
+    assert (np.mean(within_white) < 0.8) == (correlation > 0)
+
+
+def test_dead_column_and_lost_combination_are_named() -> None:
+    log = problem()
+    dead = log.jacobian.copy()
+    dead[..., 1] = 0.0
+    with pytest.raises(ExcitationError, match="does not excite b: move these joints"):
+        gauss_newton_step([replace(log, jacobian=dead)], NAMES, NOTHING, NOTHING)
+    lost = log.jacobian.copy()
+    lost[..., 2] = -3 * lost[..., 0]
+    with pytest.raises(ExcitationError, match="tells nothing about the combination of a, c"):
+        gauss_newton_step([replace(log, jacobian=lost)], NAMES, NOTHING, NOTHING)
