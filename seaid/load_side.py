@@ -101,7 +101,10 @@ def load_columns(
     base = np.take(flat, places.ravel(), axis=1).reshape(len(Y), *places.shape)
     H = np.concatenate([base, columns[:, :, wanted]], axis=2)
     torque, carried = _load_targets(robot, motion, model.rows, springs)
-    return torque, (Y @ robot.payload_parameters)[:, known], H, carried
+    payload = np.zeros_like(torque)
+    if np.any(robot.payload_parameters):
+        payload = (Y @ robot.payload_parameters)[:, known]
+    return torque, payload, H, carried
 
 
 def load_regression(

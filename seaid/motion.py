@@ -73,7 +73,8 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
     joint, motor = _both_sides(robot, joint, motor)
     if cutoff_hz is None:
         cutoff_hz = propose_cutoff_hz(np.hstack([joint, motor]), rate_hz)
-    _check_cutoff(cutoff_hz, rate_hz, float(time[-1] - time[0]))
+    check_cutoff(cutoff_hz, rate_hz)
+    _check_duration(cutoff_hz, float(time[-1] - time[0]))
     both = low_pass(np.hstack([joint, motor]), rate_hz, POSITION_BAND * cutoff_hz)
     position, velocity, acceleration = spline_derivatives(time, both)
     n = robot.n
@@ -103,6 +104,13 @@ def _columns(robot: Robot, log: Log) -> list[int]:
     return [log.joint_names.index(joint) for joint in robot.joint_names]
 
 
+def is_regular(time: Array) -> bool:
+    """Tell whether time steps are so alike that nothing is resampled."""
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    return bool(np.max(np.abs(steps - step)) <= _REGULAR * step)
+
+
 def _uniform(log: Log, columns: list[int]) -> tuple[Array, list[Array]]:
     """Return time and the four signals on a uniform grid at the log's median rate."""
     nothing = np.full((len(log.time), len(columns)), np.nan)
@@ -110,11 +118,9 @@ def _uniform(log: Log, columns: list[int]) -> tuple[Array, list[Array]]:
         nothing if signal is None else signal[:, columns]
         for signal in (log.joint_position, log.motor_position, log.motor_torque, log.joint_torque)
     ]
-    steps = np.diff(log.time)
-    step = float(np.median(steps))
-    if np.max(np.abs(steps - step)) <= _REGULAR * step:
+    if is_regular(log.time):
         return log.time, signals
-    step = float(np.mean(steps))
+    step = float(np.mean(np.diff(log.time)))
     count = math.floor((log.time[-1] - log.time[0]) / step + 1e-9) + 1
     time = log.time[0] + step * np.arange(count)
     return time, [
@@ -141,12 +147,16 @@ def _both_sides(robot: Robot, joint: Array, motor: Array) -> tuple[Array, Array]
     return joint, motor
 
 
-def _check_cutoff(cutoff_hz: float, rate_hz: float, duration_s: float) -> None:
+def check_cutoff(cutoff_hz: float, rate_hz: float) -> None:
+    """Raise LogError for a pass band that the sampling rate does not have."""
     if not 0 < cutoff_hz < rate_hz / 2:
         raise LogError(
             f"cutoff_hz must be between 0 and half the sampling rate, {rate_hz / 2:.4g} Hz, "
             f"found {cutoff_hz}"
         )
+
+
+def _check_duration(cutoff_hz: float, duration_s: float) -> None:
     if duration_s * cutoff_hz < 10:
         raise LogError(
             f"the log is too short: {duration_s:.3g} s hold fewer than ten periods of the cutoff, "

@@ -147,10 +147,11 @@ def combined(parts: Iterable[Information]) -> Information:
 
     Raises IdentificationError for none, and where columns or carried parameters differ.
     """
-    parts = list(parts)
-    if not parts:
+    parts = iter(parts)
+    first = next(parts, None)
+    if first is None:
         raise IdentificationError("combined needs information, found none")
-    return reduce(_sum, parts)
+    return reduce(_sum, parts, first)
 
 
 def triangle(columns: Array) -> Array:
@@ -192,8 +193,8 @@ def _sum(one: Information, other: Information) -> Information:
         units=one.units,
         equations=tuple(equations),
         counts=tuple(counts),
-        factors=np.array(factors),
-        carried=np.array(carried),
+        factors=np.array(factors).reshape(len(equations), *one.factors.shape[1:]),
+        carried=np.array(carried).reshape(len(equations), *one.carried.shape[1:]),
         left_out=one.left_out + other.left_out,
         joint_names=one.joint_names,
     )

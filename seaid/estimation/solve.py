@@ -41,7 +41,7 @@ def ordinary(rows: Regression, carried: Array | None = None) -> Estimate:
     ExcitationError where the data leave a combination of parameters open.
     """
     information = information_of(rows)
-    return _with_scores(rows, information, np.ones(len(information.equations)), carried)
+    return _with_scores(rows, information, equal_weights(information), carried)
 
 
 def weighted(rows: Regression, carried: Array | None = None) -> Estimate:
@@ -53,12 +53,17 @@ def weighted(rows: Regression, carried: Array | None = None) -> Estimate:
     return _with_scores(rows, information, settled_weights(information), carried)
 
 
+def equal_weights(information: Information) -> Array:
+    """Return weights (E,) of one: all rows alike."""
+    return np.ones(len(information.equations))
+
+
 def settled_weights(information: Information) -> Array:
     """Return the weights (E,) of the equations: inverse to what their residuals then are.
 
     Relative to the equation with the largest residual. Raises as `ordinary` does.
     """
-    weights = np.ones(len(information.equations))
+    weights = equal_weights(information)
     root_counts = np.sqrt(np.maximum(information.counts, 1))
     target = np.linalg.norm(information.factors[:, :, -1]) / np.sqrt(max(information.count, 1))
     for _ in range(_MOST_REWEIGHTINGS):
@@ -87,8 +92,10 @@ def solve(information: Information, weights: Array) -> Solution:
     """
     count, p = information.count, len(information.names)
     if count < p:
+        still = f" ({information.left_out} more are near standstill)" * bool(information.left_out)
         raise IdentificationError(
-            f"{count} rows cannot tell {p} parameters: record a longer log, or raise cutoff_hz"
+            f"{count} rows{still} cannot tell {p} parameters: record a longer log"
+            f"{' with more motion' if still else ''}, or raise cutoff_hz"
         )
     R = information.weighted_factor(weights)
     dead = np.flatnonzero(np.linalg.norm(R[:p, :p], axis=0) == 0)

@@ -1,0 +1,166 @@
+"""A million samples of an arm with seven joints, from file to estimate: time, memory, agreement.
+
+Each part runs in a process of its own, so that its peak memory is its own. Set
+OPENBLAS_NUM_THREADS=1 for one core.
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from importlib.metadata import files
+from pathlib import Path
+
+import numpy as np
+
+import seaid
+from seaid.arrays import Array
+from seaid.base import base_parameters
+from seaid.estimation.information import information_of
+from seaid.estimation.solve import equal_weights, ordinary
+from seaid.load_side import load_model, load_regression
+from seaid.long_log import open_long_log
+from seaid.motion import Motion, reconstruct_motion
+from seaid.regression import Regression
+from seaid.report.text import table
+from seaid.rigid_body import joint_torques
+from seaid.streaming import stream_estimate
+
+CUTOFF_HZ, RATE_HZ, BLOCK = 8.0, 1000.0, 50_000
+
+
+def robot() -> seaid.Robot:
+    """Return an arm with seven stiff joints and viscous and Coulomb friction: 57 parameters."""
+    path = next(path for path in files("example-robot-data") or [] if path.name == "xarm7.urdf")
+    drive = seaid.StiffDrive(friction=("viscous", "coulomb"))
+    arm = seaid.load_robot(Path(str(path.locate())))
+    return arm.with_values(arm.parameters, dict.fromkeys(arm.joint_names, drive))
+
+
+def write_log(path: Path, samples: int) -> None:
+    """Write a log of a long smooth motion with torque noise, block by block computed."""
+    arm, rng = robot(), np.random.default_rng(0)
+    frequency = rng.uniform(0.05, 0.8, (5, arm.n))
+    phase, reach = rng.uniform(0, 2 * np.pi, (2, 5, arm.n))
+    at = np.arange(samples) / RATE_HZ
+    position, torque = np.empty((2, samples, arm.n))
+    for start in range(0, samples, BLOCK):
+        mine = slice(start, start + BLOCK)
+        angle = 2 * np.pi * frequency * at[mine, None, None] + phase
+        q = 0.05 * np.sum(reach * np.sin(angle), axis=1)
+        speed = 2 * np.pi * frequency
+        v = 0.05 * np.sum(reach * speed * np.cos(angle), axis=1)
+        a = -0.05 * np.sum(reach * speed**2 * np.sin(angle), axis=1)
+        position[mine] = q
+        torque[mine] = joint_torques(arm, q, v, a) + 2.0 * v + 1.0 * np.sign(v)
+    torque += rng.normal(0, 0.5, torque.shape)
+    columns = {
+        f"{joint}.{name}": values[:, index]
+        for index, joint in enumerate(arm.joint_names)
+        for name, values in (("joint_position_rad", position), ("motor_torque_Nm", torque))
+    }
+    if path.suffix == ".csv":
+        seaid.write_log(_log(arm, at, position, torque), path)
+        return
+    np.savez(path, time_s=at, **columns)  # type: ignore[arg-type]
+
+
+def _log(arm: seaid.Robot, at: Array, position: Array, torque: Array) -> seaid.Log:
+    nothing = np.full_like(position, np.nan)
+    return seaid.Log(at, arm.joint_names, nothing, position, torque)
+
+
+def estimate(path: Path, way: str) -> dict[str, object]:
+    """Return the ordinary estimate, seconds and peak memory [MB] in memory or streamed."""
+    arm = robot()
+    model = load_model(arm, base_parameters(arm), arm.joint_names)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+    def rows(motion: Motion) -> Regression:
+        return load_regression(arm, motion, model, {})
+
+    wall, core = time.perf_counter(), time.process_time()
+    if way == "streamed":
+        long_log = open_long_log(path, arm, cutoff_hz=CUTOFF_HZ)
+        found = stream_estimate([long_log], rows, equal_weights)
+    else:
+        found = ordinary(rows(reconstruct_motion(arm, seaid.read_log(path, arm), CUTOFF_HZ)))
+    return {
+        "wall_s": time.perf_counter() - wall,
+        "core_s": time.process_time() - core,
+        "before_MB": before,
+        "peak_MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "values": found.values.tolist(),
+        "errors": found.standard_errors.tolist(),
+    }
+
+
+def rows_to_estimate() -> list[list[str]]:
+    """Return how long 60 000 rows of 51 columns take from regressor to estimate."""
+    rng, instants, joints, p = np.random.default_rng(0), 10_000, 6, 51
+    H = rng.normal(size=(instants * joints, p))
+    rows = Regression(
+        names=tuple(f"p{column}" for column in range(p)),
+        units=("",) * p,
+        H=H,
+        y=H @ rng.normal(size=p) + rng.normal(size=len(H)),
+        joint=np.tile(np.arange(joints), instants),
+        time=np.repeat(np.arange(instants) * 0.03, joints),
+        run=np.zeros(len(H)),
+        left_out=0,
+        carried=np.empty((len(H), 0)),
+    )
+    cells = []
+    for name, work in (("information (QR)", information_of), ("estimate, covariance", ordinary)):
+        times = []
+        for _ in range(9):
+            begin = time.perf_counter()
+            work(rows)
+            times.append(time.perf_counter() - begin)
+        cells.append([name, f"{1e3 * min(times):.0f}", f"{1e3 * float(np.median(times)):.0f}"])
+    return cells
+
+
+def main() -> None:
+    """Print the table; `long_log.py [samples] [.npz or .csv]`."""
+    warnings.simplefilter("ignore", seaid.SeaidWarning)
+    samples = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
+    ending = sys.argv[2] if len(sys.argv) > 2 else ".npz"
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"log{ending}"
+        subprocess.run([sys.executable, __file__, "write", path, str(samples)], check=True)
+        found = {}
+        for way in ("streamed", "in memory"):
+            command = [sys.executable, __file__, "estimate", str(path), way]
+            found[way] = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
+    cells = [
+        [way, *(f"{one[name]:.1f}" for name in ("wall_s", "core_s", "before_MB", "peak_MB"))]
+        for way, one in found.items()
+    ]
+    header = ["way", "wall [s]", "core [s]", "memory before [MB]", "peak [MB]"]
+    print(table(f"{samples} samples, 7 joints, {ending}", header, cells))
+    streamed, memory = found.values()
+    errors = np.array(memory["errors"])
+    apart = np.abs(np.array(streamed["values"]) - memory["values"])
+    print(f"largest difference of a value, in its standard errors: {np.max(apart / errors):.1e}")
+    print(f"relative to the values: {np.max(apart / np.abs(memory['values'])):.1e}")
+    print(
+        "of the standard errors, relative: "
+        f"{np.max(np.abs(np.array(streamed['errors']) / errors - 1)):.1e}"
+    )
+    print(table("60 000 rows x 51", ["", "best [ms]", "median [ms]"], rows_to_estimate()))
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["write"]:
+        write_log(Path(sys.argv[2]), int(sys.argv[3]))
+    elif sys.argv[1:2] == ["estimate"]:
+        warnings.simplefilter("ignore", seaid.SeaidWarning)
+        print(json.dumps(estimate(Path(sys.argv[2]), sys.argv[3])))
+    else:
+        main()

@@ -1,0 +1,97 @@
+"""Estimates from logs that do not fit into memory: rows piece by piece, information, estimate."""
+
+from __future__ import annotations
+
+import math
+import pickle
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import IO
+
+import numpy as np
+
+from seaid.arrays import Array
+from seaid.estimation.covariance import at_slots, long_run, slots
+from seaid.estimation.estimate import Estimate
+from seaid.estimation.information import Information, combined, information_of
+from seaid.estimation.solve import estimate_of, scores_of, settled_weights, solve
+from seaid.long_log import LongLog, Regress
+from seaid.regression import Regression
+
+Weigh = Callable[[Information], Array]
+
+
+def stream_information(logs: Sequence[LongLog], regress: Regress) -> Information:
+    """Return the information of long logs, each read once.
+
+    `regress` makes the rows of a motion: lambda motion: actuator_regression(robot, motion, joint),
+    or load_regression with the springs of a first turn. Raises LogError for logs that differ in
+    their columns.
+    """
+    return combined(information_of(rows) for log in logs for rows in log.regressions(regress))
+
+
+def stream_estimate(
+    logs: Sequence[LongLog],
+    regress: Regress,
+    weigh: Weigh = settled_weights,
+    carried: Array | None = None,
+) -> Estimate:
+    """Return the estimate from long logs, with its covariance: that of all rows in memory.
+
+    `weigh` gives the weights of the equations (`settled_weights` or `equal_weights`), `carried` as
+    in `ordinary`. Each log is read once; its rows wait for the parameters in a temporary file,
+    because the covariance needs their residuals. Raises as `stream_information` and `ordinary` do.
+    """
+    with tempfile.TemporaryFile() as spool:
+        spans = [_Span() for _ in logs]
+        information = combined(
+            information_of(rows)
+            for log, span in zip(logs, spans, strict=True)
+            for rows in _kept(spool, log.regressions(regress), span)
+        )
+        weights = weigh(information)
+        theta = solve(information, weights).values
+        spool.seek(0)
+        told = [
+            (span, log.step_s) for log, span in zip(logs, spans, strict=True) if span.regressions
+        ]
+        scores = (
+            _scores(spool, span, step_s, lambda rows: scores_of(rows, information, weights, theta))
+            for span, step_s in told
+        )
+        instants = sum(round((span.end_s - span.start_s) / step_s) + 1 for span, step_s in told)
+        return estimate_of(information, weights, long_run(scores, instants), carried)
+
+
+@dataclass
+class _Span:
+    """How many regressions of a log wait in the file, and from when to when their rows are."""
+
+    regressions: int = 0
+    start_s: float = math.inf
+    end_s: float = -math.inf
+
+
+def _kept(spool: IO[bytes], parts: Iterable[Regression], span: _Span) -> Iterator[Regression]:
+    """Yield regressions and put those that have rows into the file, too."""
+    for rows in parts:
+        if len(rows.y):
+            pickle.dump(rows, spool)
+            span.regressions += 1
+            span.start_s = min(span.start_s, float(np.min(rows.time)))
+            span.end_s = max(span.end_s, float(np.max(rows.time)))
+        yield rows
+
+
+def _scores(
+    spool: IO[bytes], span: _Span, step_s: float, score: Callable[[Regression], Array]
+) -> Iterator[Array]:
+    """Yield the scores (T, p) of the regressions of a log by instant, one after the other."""
+    done = 0
+    for _ in range(span.regressions):
+        rows = pickle.load(spool)
+        summed = at_slots(score(rows), slots(rows.time, span.start_s, step_s) - done)
+        done += len(summed)
+        yield summed
