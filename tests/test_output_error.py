@@ -14,7 +14,8 @@ from seaid.estimation.estimate import Estimate
 from seaid.identification import Identification, identify
 from seaid.log import Log
 from seaid.motion import Motion
-from seaid.output_error import Layout, Run, layout_of, linearised, refine, run_of
+from seaid.output_error import refine
+from seaid.output_residuals import Layout, Run, layout_of, linearised, run_of
 from seaid.robot import Payload, Robot, load_robot
 from seaid.simulation import Noise, measure, simulate_motion
 from tests.experiments import DATA, drive_errors, perfect_log, wiggle

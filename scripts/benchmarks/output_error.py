@@ -19,7 +19,7 @@ import seaid
 from seaid.arrays import Array
 from seaid.estimation.gauss_newton import fisher_covariance
 from seaid.found import nominal_values
-from seaid.output_error import layout_of, linearised, run_of
+from seaid.output_residuals import layout_of, linearised, run_of
 from seaid.report.text import percent, table
 from seaid.simulation import measure, simulate_motion
 
