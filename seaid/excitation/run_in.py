@@ -37,10 +37,9 @@ def add_run_in(
     (default: the robot's) at every instant; where they rest is up to them. A Fourier series, which
     may begin anywhere in its period, begins where it is easiest to run in.
 
-    A motion that `design_excitation` planned with free ends can always be run into. Raises
-    ExcitationError for other joints than the robot's, for more than one period of a motion whose
-    ends do not meet, and where there is no way within limits: a motion that starts at the end of
-    its range at full speed cannot be run into.
+    Raises ExcitationError for other joints than the robot's, for more than one period of a motion
+    whose ends do not meet, and where there is no way within limits: a motion that starts at the end
+    of its range at full speed cannot be run into. One of a space `with_run_in` always can.
     """
     if trajectory.joint_names != robot.joint_names:
         raise ExcitationError(
