@@ -1,0 +1,167 @@
+"""Both sides at once or one after the other: the TULip experiment with other joint encoders.
+
+Each entry is the rms error over the draws, and in brackets the mean stated standard error; of the
+base parameters the median over those parameters. "spring-free" has no (8) of elastic joints, so
+that the deflection is not used on the load side; its stiffness is that of "sequential". "torque" is
+the load torque that the base parameters give along the motion, against the true one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import seaid
+from seaid.arrays import Array
+from seaid.base import base_parameters
+from seaid.estimation.estimate import Estimate
+from seaid.estimation.solve import weighted
+from seaid.found import nominal_values
+from seaid.joint_sides import joint_zero_sensitivity, settled, split_joint
+from seaid.motion import Motion, reconstruct_motion
+from seaid.progress import track
+from seaid.regression import Regression
+from seaid.report.text import percent, table
+from seaid.rigid_body import rigid_body_regressor
+from seaid.simulation import measure, simulate_motion
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from scripts.identify_tulip_leg import DURATION_S, LIMITS, TEST_MASS, load_leg, sensors
+
+BITS = (10, 12, 14, 17)
+NAMES = {"stiffness": "k", "coulomb_friction": "F_C", "viscous_friction": "F_v"}
+WAYS = ("sequential", "joint", "spring-free")
+KEYS = tuple(f"{name} of {joint}" for name in NAMES for joint in load_leg(()).elastic_joints)
+
+
+def three_ways(known: seaid.Robot, log: seaid.Log, zero_std: float) -> tuple[Array, Array]:
+    """Return values and standard errors (3, parameters): KEYS, then base parameters, by WAYS."""
+    first = seaid.identify(known, log, joint_zero_std=zero_std)
+    start = np.concatenate(
+        [*(first.drivetrains[one].values for one in known.elastic_joints), first.load_side.values]
+    )
+    motion, springs = reconstruct_motion(known, log), tuple(first.springs)
+    rows = joint_zero_sensitivity(known, motion, first.model, springs, start)
+    zeros = zero_std**2 * np.eye(known.n)
+    both, _ = settled(known, rows, start, lambda one: weighted(one, zeros))
+    free = weighted(spring_free(known, rows), zeros)
+    sequential = first.drivetrains, first.load
+    found = [
+        picked(*sequential),
+        picked(*split_joint(known, first.model, both)[:2]),
+        picked(*split_joint(known, first.model, free)[:2]),
+    ]
+    values, errors = np.swapaxes(np.array(found), 0, 1)
+    for part in (values, errors):
+        part[2] = np.where(np.isnan(part[2]), part[0], part[2])
+    return values, errors
+
+
+def picked(drives: object, base: Estimate) -> tuple[Array, Array]:
+    """Return values and errors of KEYS, NaN where a drive has no such parameter, then the base."""
+    values, errors = [], []
+    for key in KEYS:
+        name, joint = key.split(" of ")
+        drive: Estimate = drives[joint]  # type: ignore[index]
+        there = name in drive.names
+        values.append(drive.value(name) if there else np.nan)
+        errors.append(drive.standard_error(name) if there else np.nan)
+    return np.append(values, base.values), np.append(errors, base.standard_errors)
+
+
+def spring_free(robot: seaid.Robot, rows: Regression) -> Regression:
+    """Return the rows without (8) of the elastic joints, which is added to (7) instead."""
+    H, y, carried = rows.H.copy(), rows.y.copy(), rows.carried.copy()
+    for joint in robot.elastic_joints:
+        offset = rows.names.index(f"deflection_offset of {joint}")
+        load = np.flatnonzero(rows.joint == robot.index(joint))
+        motor = np.flatnonzero(rows.joint == robot.n + robot.index(joint))
+        load = load[np.searchsorted(rows.time[load], rows.time[motor])]
+        lever = -H[motor, offset] / H[load, offset]
+        H[motor] += lever[:, None] * H[load]
+        y[motor] += lever * y[load]
+        carried[motor] += lever[:, None] * carried[load]
+    kept = ~np.isin(rows.joint, [robot.index(joint) for joint in robot.elastic_joints])
+    spring = ("stiffness", "deflection_offset")
+    columns = [index for index, name in enumerate(rows.names) if not name.startswith(spring)]
+    return replace(
+        rows,
+        names=tuple(rows.names[index] for index in columns),
+        units=tuple(rows.units[index] for index in columns),
+        H=H[kept][:, columns],
+        y=y[kept],
+        carried=carried[kept],
+        joint=rows.joint[kept],
+        time=rows.time[kept],
+        run=rows.run[kept],
+    )
+
+
+def line(values: Array, errors: Array, truth: Array, torques: Array) -> list[str]:
+    """Return one way's entries of the table from values and errors (draws, parameters)."""
+    off = values - truth
+    size = np.where(truth == 0, np.inf, np.abs(truth))
+    rms, stated = np.sqrt(np.mean(off**2, axis=0)) / size, np.mean(errors, axis=0) / size
+    held = np.abs(off) < 1.96 * errors
+    count = len(KEYS)
+    entries = [*zip(rms[:count], stated[:count], strict=True)]
+    there = np.flatnonzero(truth[count:]) + count
+    entries.append((np.median(rms[there]), np.median(stated[there])))
+    wrong = np.einsum("tp,dp->dt", torques, off[:, count:])
+    worst = np.linalg.norm(wrong) / np.sqrt(len(off)) / np.linalg.norm(torques @ truth[count:])
+    return [
+        *(f"{percent(error)} ({percent(own)})" for error, own in entries),
+        percent(float(worst)),
+        percent(float(np.mean(held[:, :count]))),
+        percent(float(np.mean(held[:, count:]))),
+    ]
+
+
+def study(foot: str, bits: int, motion: Motion, runs: int, zero_std: float) -> list[list[str]]:
+    """Return the three lines of one foot and one joint encoder."""
+    truth = load_leg((TEST_MASS,) if foot == "2 kg" else ())
+    known, base = truth.without_nominal(), base_parameters(truth)
+    found = []
+    for run in range(runs):
+        noise = replace(sensors(run), joint_resolution_rad=2 * np.pi / 2**bits)
+        if not zero_std:
+            noise = replace(noise, joint_zero_rad=0.0)
+        found.append(three_ways(known, measure(truth, motion, noise, run), zero_std))
+    values, errors = np.array(found).transpose(1, 2, 0, 3)
+    drives = [nominal_values(truth.drivetrains[key.split(" of ")[1]]) for key in KEYS]
+    true = [drive[key.split(" of ")[0]] for drive, key in zip(drives, KEYS, strict=True)]
+    exact = np.append(true, base.project(truth.parameters))
+    some = [state[::50] for state in motion.joint_states]
+    torques = base.reduce(rigid_body_regressor(truth, *some)).reshape(-1, len(base.columns))
+    return [
+        [foot, f"2^{bits}", way, *line(values[number], errors[number], exact, torques)]
+        for number, way in enumerate(WAYS)
+    ]
+
+
+def main(runs: int, zero_std: float) -> None:
+    """Print one table."""
+    known = load_leg((TEST_MASS,)).without_nominal()
+    plan = seaid.design_excitation(known, DURATION_S, basis="polynomial", limits=LIMITS, seed=2)
+    rows = []
+    for foot, payloads in (("2 kg", (TEST_MASS,)), ("free", ())):
+        motion = simulate_motion(load_leg(payloads), plan.trajectory, noise=sensors(0))
+        for bits in track(BITS, f"foot: {foot}", True):
+            rows += study(foot, bits, motion, runs, zero_std)
+    short = [f"{NAMES[key.split(' of ')[0]]} {key.split(' of ')[1].split('_')[0]}" for key in KEYS]
+    header = ["foot", "encoder", "way", *short, "base", "torque", "95 %: drives", "base"]
+    title = f"TULip leg, {runs} draws, joint zeros known to {1e3 * zero_std:g} mrad"
+    print(table(title, header, rows))
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, default=16, help="draws of noise and zeros")
+    parser.add_argument("--zero-std", type=float, default=0.002, help="of the joint zeros, rad")
+    arguments = parser.parse_args()
+    main(arguments.runs, arguments.zero_std)
