@@ -48,6 +48,8 @@ def body_limits(robot: Robot, bodies: Array, masses: MassBounds, boxes: Boxes) -
             row = np.zeros(10 * robot.n)
             row[column] = sign / size
             words = f"mass of {body} is at its {side} bound, {bound:.4g} kg"
+            if most - least <= 3 * _WIDTH * most:
+                words = f"mass of {body} is given, {bound:.4g} kg"
             limits.append(Limit(row, sign * bound / size, words))
     for body, corners in checked_boxes(robot, boxes).items():
         column = 10 * robot.body_names.index(body)

@@ -16,18 +16,10 @@ from scipy import linalg
 from seaid.arrays import Array, finite
 from seaid.body_bounds import Boxes, Limit, MassBounds, body_limits, inside
 from seaid.errors import IdentificationError
+from seaid.estimation.cones import Nearest, nearest
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.feasible import (
-    WEIGHTS,
-    Nearest,
-    Possible,
-    Programme,
-    chosen,
-    least_spread,
-    nearest,
-    regularised,
-    root_of,
-)
+from seaid.estimation.feasible import WEIGHTS, Possible, chosen, regularised
+from seaid.estimation.programme import Programme, least_spread, root_of
 from seaid.found import with_values
 from seaid.load_side import LoadModel
 from seaid.prior_bodies import prior_bodies
@@ -251,4 +243,4 @@ def _held(robot: Robot, bound: Nearest, words: list[str]) -> tuple[str, ...]:
         for body, rank in zip(robot.body_names, bound.ranks, strict=True)
         if rank < 4
     ]
-    return (*shapes, *(words[index] for index in bound.held))
+    return tuple(dict.fromkeys([*shapes, *(words[index] for index in bound.held)]))

@@ -1,0 +1,212 @@
+"""Possible bodies as a programme: optimal by its definition, the risk by differences, errors."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from seaid.arrays import Array
+from seaid.errors import IdentificationError
+from seaid.estimation.cones import nearest, solve_cones, triangle_rows
+from seaid.estimation.feasible import WEIGHTS, chosen, regularised
+from seaid.estimation.programme import Programme, least_spread, root_of
+from seaid.inertia import from_center_of_mass, is_physical, pseudo_inertia
+
+BODIES, TOLD = 2, 12
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def body(rng: np.random.Generator) -> Array:
+    spread = 0.1 * rng.normal(size=(3, 3))
+    second = spread @ spread.T + 1e-3 * np.eye(3)
+    tensor = np.trace(second) * np.eye(3) - second
+    return from_center_of_mass(rng.uniform(0.5, 3), 0.1 * rng.normal(size=3), tensor)
+
+
+def programme(seed: int, noise: float = 1.0, shift: Array | None = None) -> Programme:
+    """Return two bodies and a friction (at least 0), of which 12 combinations are estimated."""
+    rng = np.random.default_rng(seed)
+    prior = np.array([body(rng) for _ in range(BODIES)])
+    truth = np.append(np.concatenate([body(rng) for _ in range(BODIES)]), 0.2)
+    columns = np.zeros((TOLD + 1, len(truth)))
+    pivots = (*sorted(rng.choice(20, TOLD, replace=False).tolist()), 20)
+    columns[:TOLD, :20] = rng.normal(size=(TOLD, 20)) * (rng.random((TOLD, 20)) < 0.2)
+    columns[:, pivots] = np.eye(TOLD + 1)
+    values = columns @ truth
+    half = rng.normal(size=(TOLD + 1, 2 * TOLD)) * 0.05 * (np.abs(values) + 0.01)[:, None]
+    root = root_of(half @ half.T / TOLD, values)
+    limit = np.zeros((1, len(truth)))
+    limit[0, 20] = 1.0
+    estimate = values + noise * root @ rng.normal(size=TOLD + 1)
+    return Programme(
+        columns=columns,
+        pivots=pivots,
+        estimate=estimate if shift is None else estimate + root @ shift,
+        root=root,
+        prior=prior,
+        limits=limit,
+        bounds=np.zeros(1),
+        start=np.append(prior.ravel(), 0.1),
+    )
+
+
+def merit(one: Programme, unknowns: Array, weight: float) -> float:
+    """Return chi-square + weight times divergence from their definitions; infinite outside."""
+    u = np.linalg.solve(one.root, one.columns @ unknowns - one.estimate)
+    total = float(u @ u)
+    for parameters, prior in zip(unknowns[:20].reshape(-1, 10), one.prior, strict=True):
+        ratio = np.linalg.solve(pseudo_inertia(prior), pseudo_inertia(parameters))
+        if np.linalg.eigvalsh(pseudo_inertia(parameters))[0] <= 0 or unknowns[20] < 0:
+            return np.inf
+        total += weight * float(np.trace(ratio) - np.linalg.slogdet(ratio)[1] - 4)
+    return total
+
+
+@settings(max_examples=10)
+@given(SEEDS, st.sampled_from([1e-2, 1.0, 1e2]))
+def test_no_step_from_the_minimum_goes_lower(seed: int, weight: float) -> None:
+    one = programme(seed % 1000)
+    found = regularised(one, weight)
+    least = merit(one, found.unknowns, weight)
+    np.testing.assert_allclose(found.values, one.columns @ found.unknowns, rtol=0, atol=1e-9)
+    rng = np.random.default_rng(seed)
+    for size in (1e-4, 1e-3, 1e-2, 1e-1):
+        for _ in range(20):
+            step = size * rng.normal(size=21) * np.abs(found.unknowns)
+            assert merit(one, found.unknowns + step, weight) > least - 1e-4
+
+
+@settings(max_examples=10)
+@given(SEEDS)
+def test_without_weight_the_prior_leaves_the_nearest_values(seed: int) -> None:
+    one = programme(seed % 1000, noise=3.0)
+    bound, found = nearest(one), regularised(one, WEIGHTS[-1])
+    assert -1e-4 < found.chi_square - bound.chi_square < 4 * BODIES * WEIGHTS[-1]
+    assert all(is_physical(part, 0.0) for part in found.unknowns[:20].reshape(-1, 10))
+    assert found.unknowns[20] > 0
+
+
+def test_chi_square_falls_and_freedom_rises_with_falling_weight() -> None:
+    one = programme(3, noise=2.0)
+    found = [regularised(one, weight) for weight in (1e3, 1e1, 1e-1, 1e-3)]
+    assert np.all(np.diff([each.chi_square for each in found]) < 0)
+    assert np.all(np.diff([each.freedom for each in found]) > 0)
+    assert 0 <= found[0].freedom <= found[-1].freedom <= TOLD + 1
+
+
+def test_what_a_great_weight_leaves_of_the_data_falls_as_its_inverse() -> None:
+    one = programme(4)
+    prior = one.prior.ravel()
+    far, near = (regularised(one, weight).unknowns[:20] - prior for weight in (1e8, 1e10))
+    assert np.linalg.norm(near) < 1e-4 * np.linalg.norm(prior)
+    np.testing.assert_allclose(100 * near, far, rtol=0, atol=0.02 * float(np.linalg.norm(far)))
+
+
+def test_freedom_is_the_derivative_of_the_values_by_the_estimate() -> None:
+    step, trace = 1e-4, 0.0
+    for column in range(TOLD + 1):
+        shift = np.zeros(TOLD + 1)
+        shift[column] = step
+        ends = [regularised(programme(5, shift=sign * shift), 0.3) for sign in (1, -1)]
+        root = programme(5).root
+        trace += np.linalg.solve(root, ends[0].values - ends[1].values)[column] / (2 * step)
+    assert regularised(programme(5), 0.3).freedom == pytest.approx(trace, rel=1e-5)
+
+
+def test_data_choose_the_weight_of_least_risk() -> None:
+    one = programme(6, noise=1.0)
+    found = chosen(one, nearest(one).chi_square)
+    for weight in (1e4, 1e2, 1.0, 1e-2, 1e-4):
+        assert found.risk <= regularised(one, weight).risk
+
+
+def test_risk_is_the_mean_squared_distance_to_the_truth() -> None:
+    weight, runs = 1.0, 60
+    rng = np.random.default_rng(0)
+    exact = programme(7, noise=0.0)
+    estimated, real = [], []
+    for _ in range(runs):
+        one = programme(7, noise=0.0, shift=rng.normal(size=TOLD + 1))
+        found = regularised(one, weight)
+        away = np.linalg.solve(exact.root, found.values - exact.estimate)
+        estimated.append(found.risk)
+        real.append(away @ away)
+    gap = np.array(estimated) - np.array(real)
+    assert abs(np.mean(gap)) < 3 * np.std(gap) / np.sqrt(runs)
+    assert np.std(gap) / np.sqrt(runs) < 0.25 * np.mean(real)
+
+
+def test_impossible_moments_are_held_at_a_flat_plate_and_a_negative_friction_at_zero() -> None:
+    impossible = from_center_of_mass(1.0, np.zeros(3), np.diag([1.0, 1.0, 2.5]))
+    estimate = np.append(impossible, -0.3)
+    one = Programme(
+        columns=np.eye(11),
+        pivots=tuple(range(11)),
+        estimate=estimate,
+        root=0.01 * np.eye(11),
+        prior=from_center_of_mass(1.0, np.zeros(3), np.eye(3))[None],
+        limits=np.eye(11)[10:],
+        bounds=np.zeros(1),
+        start=np.append(from_center_of_mass(1.0, np.zeros(3), np.eye(3)), 1.0),
+    )
+    found = nearest(one)
+    assert found.ranks == (3,)
+    assert found.held == (0,)
+    # the excess of 0.5 spread over the three moments, and friction 30 standard errors off
+    assert found.chi_square == pytest.approx(3 * (0.5 / 3 / 0.01) ** 2 + 30**2, rel=1e-5)
+    possible = nearest(replace(one, estimate=np.append(one.prior[0], 0.2)))
+    assert possible.chi_square < 1e-6
+    assert possible.ranks == (4,)
+    assert possible.held == ()
+
+
+@given(SEEDS)
+def test_root_is_that_of_the_covariance(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    half = rng.normal(size=(6, 20)) * 10.0 ** rng.uniform(-6, 3, 6)[:, None]
+    covariance = half @ half.T
+    root = root_of(covariance, np.ones(6))
+    errors = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(
+        root @ root.T / np.outer(errors, errors), covariance / np.outer(errors, errors), atol=1e-9
+    )
+
+
+def test_root_of_no_covariance_can_be_inverted() -> None:
+    root = root_of(np.zeros((3, 3)), np.array([1.0, 100.0, 0.0]))
+    assert np.linalg.matrix_rank(root) == 3
+    assert np.all(np.linalg.norm(root, axis=1) < 1e-7)
+
+
+def test_no_combination_is_known_better_than_white_noise_allows() -> None:
+    rng = np.random.default_rng(0)
+    white, covariance = (half @ half.T for half in rng.normal(size=(2, 5, 8)))
+    spread = least_spread(covariance, white)
+    assert np.linalg.eigvalsh(spread - white)[0] > -1e-9
+    assert np.linalg.eigvalsh(spread - covariance)[0] > -1e-9
+    np.testing.assert_allclose(least_spread(100 * white, white), 100 * white)
+
+
+def test_cones_that_leave_nothing_are_an_error_with_the_status() -> None:
+    A, b = np.array([[1.0], [-1.0]]), np.array([-1.0, 0.0])  # x >= 1 and x <= 0
+    with pytest.raises(IdentificationError, match=r"failed: PrimalInfeasible after \d+ iterations"):
+        solve_cones(np.ones(1), np.zeros(1), A, b, 2, ())
+
+
+def test_triangles_are_those_of_the_solver() -> None:
+    # least t with t - M positive semidefinite is the largest eigenvalue of M
+    M = np.array([[2.0, -1.0, 0.5], [-1.0, 1.0, 0.3], [0.5, 0.3, -1.0]])
+    rows, constants = triangle_rows(-M[None], np.eye(3)[None, None])
+    x, _ = solve_cones(np.zeros(1), np.ones(1), rows, constants, 0, (3,))
+    assert x[0] == pytest.approx(np.linalg.eigvalsh(M)[-1], abs=1e-6)
+
+
+def test_missing_solver_is_an_error_that_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "clarabel", None)
+    with pytest.raises(IdentificationError, match=r"pip install 'seaid\[feasible\]'"):
+        nearest(programme(0))
