@@ -31,6 +31,7 @@ from seaid.excitation.scene import Scene
 from seaid.excitation.search import Outcome, search
 from seaid.excitation.target import Target, drive_target, load_target, stacked_regressor
 from seaid.excitation.trajectory import Trajectory
+from seaid.excitation.ways import with_run_in
 from seaid.log import Log
 from seaid.robot import Robot
 
@@ -90,8 +91,8 @@ def design_excitation(
 
     The motion has so many `coefficients` a joint of a "bspline", a "polynomial" (18) or a "fourier"
     series. `start` and `end` are its `EndState`s; those not given are at rest at a free position,
-    or free if not `rest_to_rest` (`add_run_in` then leads there). The `limits` (default: the
-    robot's, see `Limits`) and the clearances of a `scene` hold over the whole motion.
+    or free if not `rest_to_rest` (`add_run_in` then finds a way there from rest). The `limits`
+    (default: the robot's, see `Limits`) and the clearances of a `scene` hold over the whole motion.
 
     `criterion`: "condition_number" (16), "d_optimality" (log det of the information), or
     "relative_error" (the worst expected standard error relative to the parameter's nominal size).
@@ -120,6 +121,9 @@ def design_excitation(
     drives = drive_limits(robot, limits or Limits(), bounds.velocity)
     others = EndState() if rest_to_rest else FREE
     space = motion_space(function, robot.joint_names, bounds, start or others, end or others)
+    if not rest_to_rest:
+        space = with_run_in(space, robot.joint_names, bounds)
+    space = with_run_in(space, robot.joint_names, bounds)
     base = pivoted_base(robot, rows)
     target = (
         drive_target(robot, rows, base, bounds.velocity)
