@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from seaid import load_trajectory
+
 ROOT = Path(__file__).parents[1]
 TULIP_FILES = (
     "excitation.csv",
@@ -17,6 +19,7 @@ TULIP_FILES = (
     "actuator_side.png",
     "load_side.png",
 )
+PLAN_FILES = ("excitation.json", "excitation.csv", "joint_trajectory.yaml", "excitation.png")
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -94,6 +97,39 @@ def test_broken_log_is_one_line(tmp_path: Path) -> None:
     assert done.returncode != 0
     assert "Traceback" not in done.stderr
     assert "error:" in done.stderr
+
+
+def test_plan_writes_every_file_and_says_where(tmp_path: Path) -> None:
+    arguments = ("tests/data/mixed_arm.urdf", "tests/data/mixed_arm.toml", "--free-ends")
+    budget = ("--duration", "4", "--starts", "1", "--iterations", "3", "--output", str(tmp_path))
+    done = run("scripts/design_excitation.py", *arguments, *budget)
+    assert done.returncode == 0, done.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(PLAN_FILES)
+    assert done.stdout.rstrip().endswith(f"Results: {tmp_path}/")
+    planned = load_trajectory(tmp_path / "excitation.json")
+    assert planned.rests_at_ends
+    assert 0 < planned.main_interval[0] < planned.main_interval[1] < planned.duration
+    lines = (tmp_path / "excitation.csv").read_text().splitlines()
+    assert len(lines) == int(planned.duration * 1000 + 1e-6) + 2
+    for joint in planned.joint_names:
+        assert f"\n  {joint} " in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("none.urdf",), "no URDF file at 'none.urdf'"),
+        (("models/tulip_leg.urdf", "--joints", "knee"), "did you mean 'knee_pitch'"),
+        (("models/tulip_leg.urdf", "--velocity", "-1"), "velocity limit must be more than zero"),
+        (("models/tulip_leg.urdf", "--rate", "0"), "--rate must be more than zero"),
+    ],
+)
+def test_bad_plan_is_one_line(arguments: tuple[str, ...], message: str, tmp_path: Path) -> None:
+    done = run("scripts/design_excitation.py", *arguments, "--output", str(tmp_path))
+    assert done.returncode == 1
+    assert message in done.stderr
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
 
 
 def test_unwritable_folder_is_one_line(tmp_path: Path) -> None:

@@ -1,0 +1,218 @@
+"""Plan an exciting motion for any robot: `design_excitation.py robot.urdf [drives.toml]`.
+
+Within the limits of the URDF and of the call, which hold at every instant. Written to the result
+folder: excitation.json (for `seaid.load_trajectory`), excitation.csv (set-points),
+joint_trajectory.yaml (for ROS 2) and excitation.png. `--help` for the options.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+import warnings
+from pathlib import Path
+from textwrap import shorten
+
+import numpy as np
+
+import seaid
+from seaid.arrays import Array
+from seaid.excitation import CRITERIA, margins
+from seaid.excitation.basis import BASES
+from seaid.files import result_folder
+from seaid.found import nominal_values
+from seaid.load_side import load_model
+from seaid.report.excitation_figure import save_excitation_figure
+from seaid.report.text import number, percent, table
+
+LIMIT_NAMES = ("lower", "upper", "velocity", "acceleration", "joint_torque")
+
+
+def main(arguments: argparse.Namespace) -> None:
+    """Load, plan, print, write."""
+    begin = time.perf_counter()
+    if not arguments.rate > 0:
+        raise seaid.ExcitationError(f"--rate must be more than zero, found {arguments.rate:g}")
+    robot = seaid.load_robot(arguments.urdf, arguments.toml, joints=arguments.joints)
+    output = result_folder(arguments.output or Path("out/excitation") / robot.name)
+    limits = seaid.Limits(**{name: getattr(arguments, name) for name in LIMIT_NAMES})
+    plan = seaid.design_excitation(
+        robot,
+        arguments.duration,
+        basis=arguments.basis,
+        coefficients=arguments.coefficients,
+        limits=limits,
+        rest_to_rest=not arguments.free_ends,
+        rows=arguments.rows,
+        criterion=arguments.criterion,
+        drive_columns=arguments.drives,
+        torque_std=arguments.torque_std,
+        recorded=[seaid.read_log(path, robot) for path in arguments.recorded],
+        starts=arguments.starts,
+        iterations=arguments.iterations,
+        seed=arguments.seed,
+        progress=True,
+    )
+    motion = plan.trajectory
+    if arguments.free_ends:
+        motion = seaid.add_run_in(motion, robot, limits)
+
+    print(head(robot, arguments, plan, motion))
+    title = f"Expected standard errors, torque noise {arguments.torque_std:g} N m at 1 kHz"
+    print(parameter_table(title, robot, arguments.rows, plan))
+    print(margin_table("Limits, and the least distance to them", robot, plan, motion))
+    motion.save(output / "excitation.json")
+    motion.save_set_points(output / "excitation.csv", arguments.rate)
+    motion.save_joint_trajectory(output / "joint_trajectory.yaml")
+    save_excitation_figure(
+        motion,
+        plan.limits,
+        output / "excitation.png",
+        plan.start_singular_values,
+        plan.singular_values,
+    )
+    print(f"{time.perf_counter() - begin:.0f} s. Results: {output}/")
+
+
+def head(
+    robot: seaid.Robot,
+    arguments: argparse.Namespace,
+    plan: seaid.Excitation,
+    motion: seaid.Trajectory,
+) -> str:
+    """Return what was planned, and how well it tells the parameters before and after."""
+    begin, end = motion.main_interval
+    ends = (
+        f"run-in to {begin:.3g} s, run-out from {end:.3g} s" if arguments.free_ends else "at rest"
+    )
+    recorded = f", after {len(arguments.recorded)} recorded logs" if arguments.recorded else ""
+    first, last = (
+        singular[0] / singular[-1]
+        for singular in (plan.start_singular_values, plan.singular_values)
+    )
+    rows = robot.rows(arguments.rows)
+    lines = [
+        f"{robot.name}: {len(plan.names)} parameters{recorded}",
+        f"known torques: {', '.join(rows)}",
+        f"motion: {arguments.basis}, {motion.duration:.3g} s, ends: {ends}",
+        f"criterion: {CRITERIA[plan.criterion].meaning}, {before(plan)}planned {plan.value:.4g}",
+        f"condition number of its scaled columns: random start {first:.4g}, planned {last:.4g}",
+        f"condition number of the {len(plan.base.columns)} base columns of this motion alone: "
+        f"{plan.condition_number:.4g}",
+    ]
+    return "\n".join(lines)
+
+
+def before(plan: seaid.Excitation) -> str:
+    """Return the criterion of the best random start, where its singular values tell it."""
+    singular = plan.start_singular_values
+    if plan.criterion == "d_optimality":
+        return f"random start {np.exp(-np.mean(np.log(singular))):.4g}, "
+    if plan.criterion == "condition_number":
+        return f"random start {singular[0] / singular[-1]:.4g}, "
+    return ""
+
+
+def parameter_table(
+    title: str, robot: seaid.Robot, rows: list[str] | None, plan: seaid.Excitation
+) -> str:
+    """Return every parameter asked for with its nominal value and its expected standard error.
+
+    Long groupings are cut; `seaid.base_parameters(robot).expressions` has them whole.
+    """
+    nominal = nominal_of(robot, rows, plan)
+    relative = plan.standard_errors / np.where(nominal == 0, np.nan, np.abs(nominal))
+    entries = [
+        [shorten(name, 56, placeholder=" ..."), number(value), number(error), percent(share), unit]
+        for name, value, error, share, unit in zip(
+            plan.names, nominal, plan.standard_errors, relative, plan.units, strict=True
+        )
+    ]
+    return table(title, ["parameter", "nominal", "std. error", "rel.", "unit"], entries)
+
+
+def nominal_of(robot: seaid.Robot, rows: list[str] | None, plan: seaid.Excitation) -> Array:
+    """Return the nominal values of the parameters (p,), NaN of those that have none."""
+    model = load_model(robot, plan.base, robot.rows(rows))
+    drives = {
+        (joint, name): value
+        for joint, drive in robot.drivetrains.items()
+        for name, value in nominal_values(drive).items()
+    }
+    values = plan.base.project(robot.parameters)
+    if len(plan.names) > len(values):  # with drives: their rotors count to the bodies
+        absorbed = [drives.get((joint, name), np.nan) for joint, name, _ in model.absorbed]
+        used = model.absorption[: len(values)]
+        values = values + np.where(used == 0, 0.0, used * absorbed).sum(axis=1)
+    others = [name.rpartition(" of ") for name in plan.names[len(values) :]]
+    return np.append(values, [drives.get((joint, name), np.nan) for name, _, joint in others])
+
+
+def margin_table(
+    title: str, robot: seaid.Robot, plan: seaid.Excitation, motion: seaid.Trajectory
+) -> str:
+    """Return the limits of every joint with the margins: of torque, where it is limited."""
+    kept, limits = margins(motion, plan.limits), plan.limits
+    torque = plan.margins.joint_torque
+    torque = np.full(robot.n, np.inf) if torque is None else torque
+    lines = []
+    for index, joint in enumerate(robot.joint_names):
+        unit = "m" if robot.is_prismatic[index] else "rad"
+        line = [
+            joint,
+            f"{limits.lower[index]:.4g} .. {limits.upper[index]:.4g} {unit}",
+            number(kept.position[index]),
+            f"{limits.velocity[index]:.4g} {unit}/s",
+            number(kept.velocity[index]),
+            f"{limits.acceleration[index]:.4g} {unit}/s2",
+            number(kept.acceleration[index]),
+        ]
+        lines.append([*line, number(torque[index])])
+    header = ["joint", "position", "left", "velocity", "left", "acceleration", "left"]
+    return table(title, [*header, "torque left"], lines)
+
+
+def names(text: str) -> list[str]:
+    """Return the names of a list with commas."""
+    return [name.strip() for name in text.split(",")]
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return what the command line takes."""
+    shown = argparse.ArgumentDefaultsHelpFormatter
+    found = argparse.ArgumentParser(
+        description=(__doc__ or "").splitlines()[0], formatter_class=shown
+    )
+    add = found.add_argument
+    add("urdf", type=Path, help="the robot")
+    add("toml", type=Path, nargs="?", help="its drives")
+    add("--duration", type=float, default=10.0, help="of the motion, s")
+    add("--basis", choices=BASES, default="bspline", help="what the motion is made of")
+    add("--coefficients", type=int, help="a joint; by default as duration and joints ask")
+    add("--lower", type=float, help="least position of all joints, rad or m; default: the URDF's")
+    add("--upper", type=float, help="largest position of all joints; default: the URDF's")
+    add("--velocity", type=float, help="limit of all joints, rad/s or m/s; default: the URDF's")
+    add("--acceleration", type=float, default=10.0, help="limit of all joints, rad/s2 or m/s2")
+    add("--joint-torque", type=float, help="limit of all joints, N m or N; default: the URDF's")
+    add("--joints", type=names, help="those that move, as a,b,c; the others are locked at zero")
+    add("--rows", type=names, help="joints whose torque is known, as a,b,c; default: all")
+    add("--criterion", choices=tuple(CRITERIA), default="condition_number", help="made small")
+    add("--drives", action="store_true", help="tell friction and stiffness of the drives as well")
+    add("--torque-std", type=float, default=1.0, help="torque noise at the joints, N m")
+    add("--free-ends", action="store_true", help="ends in motion, with a run-in and a run-out")
+    add("--recorded", type=Path, nargs="+", default=[], metavar="LOG", help="known already")
+    add("--rate", type=float, default=1000.0, help="of the set-points, 1/s")
+    add("--starts", type=int, default=3, help="random starts of the search")
+    add("--iterations", type=int, default=150, help="of the search, at most")
+    add("--seed", type=int, default=0, help="of the random starts")
+    add("--output", type=Path, help="result folder; default: out/excitation/<robot>")
+    return found
+
+
+if __name__ == "__main__":
+    warnings.formatwarning = lambda message, *_: f"note: {message}\n"
+    try:
+        main(parser().parse_args())
+    except seaid.SeaidError as error:
+        sys.exit(f"error: {error}")
