@@ -123,7 +123,6 @@ def design_excitation(
     space = motion_space(function, robot.joint_names, bounds, start or others, end or others)
     if not rest_to_rest:
         space = with_run_in(space, robot.joint_names, bounds)
-    space = with_run_in(space, robot.joint_names, bounds)
     base = pivoted_base(robot, rows)
     target = (
         drive_target(robot, rows, base, bounds.velocity)
