@@ -15,7 +15,7 @@ from seaid.arrays import Array
 from seaid.estimation.covariance import at_slots, long_run, slots
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.information import Information, combined, information_of
-from seaid.estimation.solve import estimate_of, scores_of, settled_weights, solve
+from seaid.estimation.solve import estimate_of, score_factors, settled_weights, solve
 from seaid.long_log import LongLog, Regress
 from seaid.regression import Regression
 
@@ -58,7 +58,9 @@ def stream_estimate(
             (span, log.step_s) for log, span in zip(logs, spans, strict=True) if span.regressions
         ]
         scores = (
-            _scores(spool, span, step_s, lambda rows: scores_of(rows, information, weights, theta))
+            _scores(
+                spool, span, step_s, lambda rows: score_factors(rows, information, weights, theta)
+            )
             for span, step_s in told
         )
         instants = sum(round((span.end_s - span.start_s) / step_s) + 1 for span, step_s in told)
@@ -86,12 +88,12 @@ def _kept(spool: IO[bytes], parts: Iterable[Regression], span: _Span) -> Iterato
 
 
 def _scores(
-    spool: IO[bytes], span: _Span, step_s: float, score: Callable[[Regression], Array]
+    spool: IO[bytes], span: _Span, step_s: float, factors: Callable[[Regression], Array]
 ) -> Iterator[Array]:
     """Yield the scores (T, p) of the regressions of a log by instant, one after the other."""
     done = 0
     for _ in range(span.regressions):
         rows = pickle.load(spool)
-        summed = at_slots(score(rows), slots(rows.time, span.start_s, step_s) - done)
+        summed = at_slots(rows.H, factors(rows), slots(rows.time, span.start_s, step_s) - done)
         done += len(summed)
         yield summed

@@ -122,12 +122,12 @@ def term_test(
 
 def whiteness(rows: Regression, theta: Array) -> dict[int, Whiteness]:
     """Return how correlated in time the residual of each equation is, by its joint's index."""
-    residual = (rows.y - rows.H @ theta)[:, None]
+    residual = rows.y - rows.H @ theta
     found = {}
     for joint in np.unique(rows.joint):
         mine = rows.joint == joint
-        runs = by_instant(residual[mine], rows.time[mine], rows.run[mine])
         count = int(np.sum(mine))
+        runs = by_instant(np.ones((count, 1)), residual[mine], rows.time[mine], rows.run[mine])
         lagged = [
             sum(float(np.sum(run[lag:] * run[: len(run) - lag])) for run in runs)
             for lag in range(_WHITENESS_LAGS + 1)

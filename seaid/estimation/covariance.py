@@ -59,22 +59,26 @@ def newey_west(scores: Array, time: Array, run: Array) -> Array:
     (R,) tell when and in which log. Rows of one instant (several joints) belong together; instants
     that were left out count as zero.
     """
-    return long_run_of(scores, time, run).covariance
+    return long_run_of(scores, np.ones(len(scores)), time, run).covariance
 
 
-def long_run_of(scores: Array, time: Array, run: Array) -> LongRun:
-    """Return the long-run covariance of the scores of rows; see `newey_west`."""
-    summed = by_instant(scores, time, run)
+def long_run_of(H: Array, factor: Array, time: Array, run: Array) -> LongRun:
+    """Return the long-run covariance of scores: rows of H (R, p) times a factor (R,) each.
+
+    `time` and `run` as in `newey_west`.
+    """
+    summed = by_instant(H, factor, time, run)
     return long_run([[one] for one in summed], sum(map(len, summed)))
 
 
-def by_instant(scores: Array, time: Array, run: Array) -> list[Array]:
+def by_instant(H: Array, factor: Array, time: Array, run: Array) -> list[Array]:
     """Return the scores (T, p) of each log, those of one instant summed, gaps filled with zero."""
     summed = []
     for one in np.unique(run):
         rows = run == one
         instants = np.unique(time[rows])
-        summed.append(at_slots(scores[rows], slots(time[rows], instants[0], row_step(instants))))
+        slot = slots(time[rows], instants[0], row_step(instants))
+        summed.append(at_slots(H if np.all(rows) else H[rows], factor[rows], slot))
     return summed
 
 
@@ -89,11 +93,11 @@ def slots(time: Array, start_s: float, step_s: float) -> IndexArray:
     return np.asarray(np.round((time - start_s) / step_s), dtype=np.intp)
 
 
-def at_slots(scores: Array, slot: IndexArray) -> Array:
-    """Return the sum of the scores (R, p) of each slot, up to the last."""
-    shape = (int(np.max(slot)) + 1, len(scores))
-    gather = sparse.csr_array((np.ones(len(slot)), (slot, np.arange(len(slot)))), shape=shape)
-    return np.asarray(gather @ scores)
+def at_slots(H: Array, factor: Array, slot: IndexArray) -> Array:
+    """Return the sum of the scores, rows of H (R, p) times a factor (R,), of each slot."""
+    shape = (int(np.max(slot)) + 1, len(H))
+    gather = sparse.csr_array((factor, (slot, np.arange(len(slot)))), shape=shape)
+    return np.asarray(gather @ H)
 
 
 def long_run(runs: Iterable[Iterable[Array]], instants: int) -> LongRun:

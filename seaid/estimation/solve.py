@@ -117,8 +117,8 @@ def estimate_of(
 ) -> Estimate:
     """Return the estimate with weights (E,) of the equations, from the information alone.
 
-    `scores` is the covariance of the sum of the scores of all rows (see `scores_of`); None: as if
-    the noise of every equation were white. `carried` (s, s) as in `ordinary`.
+    `scores` is the covariance of the sum of the scores of all rows (see `score_factors`); None: as
+    if the noise of every equation were white. `carried` (s, s) as in `ordinary`.
     """
     solution = solve(information, weights)
     inverse, theta = solution.inverse, solution.values
@@ -145,11 +145,12 @@ def estimate_of(
     )
 
 
-def scores_of(rows: Regression, information: Information, weights: Array, theta: Array) -> Array:
-    """Return the scores (R, p) of rows: regressor times residual, times the weight squared."""
+def score_factors(
+    rows: Regression, information: Information, weights: Array, theta: Array
+) -> Array:
+    """Return what makes a score of each row of H (R,): weight squared times residual."""
     weight = weights[np.searchsorted(information.equations, rows.joint)]
-    residual = rows.y - rows.H @ theta
-    return np.asarray(rows.H * (weight**2 * residual)[:, None])
+    return np.asarray(weight**2 * (rows.y - rows.H @ theta))
 
 
 def _white(information: Information, weights: Array, theta: Array) -> Array:
@@ -172,8 +173,9 @@ def _with_scores(
     rows: Regression, information: Information, weights: Array, carried: Array | None
 ) -> Estimate:
     theta = solve(information, weights).values
-    scores = scores_of(rows, information, weights, theta)
-    return estimate_of(information, weights, long_run_of(scores, rows.time, rows.run), carried)
+    factors = score_factors(rows, information, weights, theta)
+    scores = long_run_of(rows.H, factors, rows.time, rows.run)
+    return estimate_of(information, weights, scores, carried)
 
 
 def _lost(information: Information, found: Directions) -> str:

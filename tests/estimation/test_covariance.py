@@ -93,7 +93,7 @@ def test_result_is_symmetric_and_positive_semidefinite() -> None:
 def test_long_run_variance_of_an_autoregressive_process(phi: float) -> None:
     count = 1_000_000
     scores = autoregressive(phi, count, seed=1)
-    found = long_run_of(scores, times(count), np.zeros(count))
+    found = long_run_of(scores, np.ones(count), times(count), np.zeros(count))
     assert found.lags == 1300
     assert found.covariance[0, 0] / count == pytest.approx(1 / (1 - phi) ** 2, rel=0.1)
     assert found.white[0, 0] / count == pytest.approx(1 / (1 - phi**2), rel=0.02)
@@ -139,11 +139,11 @@ def test_instants_left_out_leave_a_gap_in_time() -> None:
 
 
 def test_one_row_alone() -> None:
-    found = long_run_of(np.array([[2.0, 1.0]]), np.array([0.3]), np.zeros(1))
+    found = long_run_of(np.array([[1.0, 0.5]]), np.full(1, 2.0), np.array([0.3]), np.zeros(1))
     assert found.lags == 0
     assert np.allclose(found.white, [[4.0, 2.0], [2.0, 1.0]])
 
 
 def test_no_residual_at_all_inflates_nothing() -> None:
-    found = long_run_of(np.zeros((50, 2)), times(50), np.zeros(50))
+    found = long_run_of(np.ones((50, 2)), np.zeros(50), times(50), np.zeros(50))
     assert found.inflation(np.eye(2)) == 1.0
