@@ -9,7 +9,7 @@ import numpy as np
 
 from seaid.drivetrain.model import Drive, SeriesElasticDrive
 from seaid.estimation.estimate import Estimate
-from seaid.regression import Regression
+from seaid.estimation.information import Information, triangle
 
 POORLY_IDENTIFIED = 0.1
 """Relative standard error above which a parameter is flagged."""
@@ -59,8 +59,11 @@ def _fields(drive: Drive) -> dict[str, str]:
     return fields
 
 
-def with_flags(estimate: Estimate, joint: str, regression: Regression | None) -> Estimate:
-    """Return the estimate of a drive with its flags: poorly identified, or impossible."""
+def with_flags(estimate: Estimate, joint: str, information: Information | None) -> Estimate:
+    """Return the estimate of a drive with its flags: poorly identified, or impossible.
+
+    `information` is that of the actuator side (10), None for a drive without a spring.
+    """
     flags = []
     for name, value, error in zip(
         estimate.names, estimate.values, estimate.standard_errors, strict=True
@@ -71,8 +74,8 @@ def with_flags(estimate: Estimate, joint: str, regression: Regression | None) ->
         reasons = []
         if error > POORLY_IDENTIFIED * abs(value):
             reasons.append(f"standard error {error / abs(value):.0%}" if value else "found zero")
-        if name == "stiffness" and regression is not None:
-            reasons += _weak_spring(estimate, regression)
+        if name == "stiffness" and information is not None:
+            reasons += _weak_spring(estimate, information)
         if reasons:
             flags.append(f"{text} is poorly identified: {'; '.join(reasons)}")
         if value < 0:
@@ -80,24 +83,24 @@ def with_flags(estimate: Estimate, joint: str, regression: Regression | None) ->
     return replace(estimate, flags=tuple(flags))
 
 
-def _weak_spring(estimate: Estimate, regression: Regression) -> list[str]:
+def _weak_spring(estimate: Estimate, information: Information) -> list[str]:
     """Say how far noise in the deflection may have pulled a stiffness down.
 
     Least squares with noise in a column gives too little; the regression the other way round gives
     too much. Their ratio is the column's partial R^2 (Frisch 1934).
     """
-    index = estimate.names.index("stiffness")
-    others = np.delete(regression.H, index, axis=1)
-    both = np.column_stack([regression.H[:, index], regression.y])
-    both = both - others @ np.linalg.lstsq(others, both, rcond=None)[0]
-    (xx, xy), (_, yy) = both.T @ both
-    share = xy**2 / max(xx * yy, 1e-300)
+    names = information.names
+    k, offset, p = names.index("stiffness"), names.index("deflection_offset"), len(names)
+    others = [place for place in range(p) if place not in (k, offset)]
+    R = triangle(information.weighted_factor()[:, [*others, offset, k, p]])[-2:, -2:]
+    share = R[0, 1] ** 2 / max(R[0, 1] ** 2 + R[1, 1] ** 2, 1e-300)
     if share > 1 - POORLY_IDENTIFIED:
         return []
     value = estimate.value("stiffness")
-    swing = np.ptp(regression.H[:, index]) / 2 * abs(value)
+    about_mean = triangle(information.weighted_factor()[:, [offset, k]])[1, 1]
+    swing = np.sqrt(2.0 / information.count) * abs(about_mean * value)
     return [
         f"regressed both ways it is between {value:.3g} and {value / share:.3g} "
-        f"{estimate.units[index]}",
+        f"{estimate.units[k]}",
         f"the motion changes the torque of this spring by only +-{swing:.2g} N m at the motor",
     ]

@@ -16,9 +16,8 @@ from scipy import linalg
 from seaid.arrays import Array, finite
 from seaid.body_bounds import Boxes, Limit, MassBounds, body_limits, inside
 from seaid.errors import IdentificationError
-from seaid.estimation.cones import Nearest, nearest
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.feasible import WEIGHTS, Possible, chosen, regularised
+from seaid.estimation.feasible import WEIGHTS, Possible, chosen, nearest, regularised
 from seaid.estimation.programme import Programme, least_spread, root_of
 from seaid.found import with_values
 from seaid.load_side import LoadModel
@@ -86,7 +85,7 @@ def possible_bodies(
     `load_side` would be for white noise: no combination counts as known better.
 
     Raises IdentificationError for bounds that no body can keep, for estimates that do not fit the
-    model, without clarabel, and where a solver fails; RobotError for a prior of another shape.
+    model, and where the programme is not solved; RobotError for a prior of another shape.
     """
     if white_covariance is not None:
         size = len(load_side.names)
@@ -177,31 +176,27 @@ def _programme(
     pivots[own] = range(m + absorbed, columns.shape[1])
 
     root = root_of(known.covariance, known.values)
-    errors = np.linalg.norm(root, axis=1)
-    full = np.zeros(columns.shape[1])
-    full[:m] = start
+    largest = np.max(np.abs(model.absorption), axis=0, initial=0.0)
     names = [f"{name} of {joint}" for joint, name, _ in model.absorbed]
     names += [known.names[row] for row in own]
-    moment = float(np.max(bodies[:, 4:]))
-    sizes = [moment / np.max(np.abs(part)) for part in model.absorption.T] + list(errors[own])
-    values = [0.0] * absorbed + list(known.values[own])
-    all_limits = [replace(one, row=np.pad(one.row, (0, len(full) - m))) for one in limits]
-    for unknown, (name, size, value) in enumerate(zip(names, sizes, values, strict=True), m):
-        full[unknown] = value
-        if name.split(" of ", 1)[0] in NON_NEGATIVE:
-            full[unknown] = max(value, 0.1 * size)
-            row = np.zeros(len(full))
-            row[unknown] = 1 / size
-            all_limits.append(Limit(row, 0.0, name.replace("_", " ") + " is zero"))
+    sizes = np.append(np.max(bodies[:, 4:]) / largest, np.linalg.norm(root, axis=1)[own])
+    values = np.append(np.zeros(absorbed), known.values[own])
+    signed = [name.split(" of ", 1)[0] in NON_NEGATIVE for name in names]
+    all_limits = [replace(one, row=np.pad(one.row, (0, len(names)))) for one in limits]
+    for place in np.flatnonzero(signed):
+        row = np.zeros(columns.shape[1])
+        row[m + place] = 1 / sizes[place]
+        parameter, joint = names[place].split(" of ", 1)
+        all_limits.append(Limit(row, 0.0, f"{parameter.replace('_', ' ')} of {joint} is zero"))
     programme = Programme(
         columns=columns,
         pivots=tuple(map(int, pivots)),
         estimate=known.values,
         root=root,
         prior=bodies,
-        limits=np.array([one.row for one in all_limits]).reshape(-1, len(full)),
+        limits=np.array([one.row for one in all_limits]).reshape(-1, columns.shape[1]),
         bounds=np.array([one.bound for one in all_limits]),
-        start=full,
+        start=np.append(start, np.where(signed, np.maximum(values, 0.1 * sizes), values)),
     )
     return programme, [one.words for one in all_limits]
 
@@ -236,7 +231,7 @@ def _errors(programme: Programme) -> Array:
     return np.asarray(np.linalg.norm(programme.root, axis=1))
 
 
-def _held(robot: Robot, bound: Nearest, words: list[str]) -> tuple[str, ...]:
+def _held(robot: Robot, bound: Possible, words: list[str]) -> tuple[str, ...]:
     """Say what the data push against."""
     shapes = [
         f"{body} is {_SHAPES[rank]}"

@@ -1,5 +1,8 @@
 """Possible bodies near an estimate and a prior: chi-square plus log-det divergence, and its weight.
 
+Every pseudo-inertia is positive semidefinite (Sousa and Cortesao 2014; Wensing, Kim and Slotine
+2018) and linear inequalities hold, in one convex programme on the estimate and its covariance.
+
 The unknowns are standard parameters and drive parameters, of which the estimate tells fewer
 combinations. Distance is in standard errors, |u|^2 with estimate + root u, so that it is a
 chi-square; the divergence from the prior is Lee, Wensing and Park's (2020). It makes the minimum
@@ -28,9 +31,17 @@ The least adds at most 4e-6 a body to chi-square: it decides only what the data 
 _BARRIER = 1e-6
 """What a linear inequality may cost in chi-square: its logarithmic barrier's weight."""
 
+_PUSH = 1e-3
+"""Slope of chi-square along a bound, in the bound's own size, from which something pushes."""
+
+_SETTLED = 1e-9
+"""Decrement of the merit in units of the weight at which the minimum is found."""
+
+_ROUNDING = 1e-11
+"""The same as a part of chi-square: far from the estimate no more can be resolved."""
+
 _MOST_STEPS = 200
 _TO_THE_BOUNDARY = 0.9
-_RIDGE = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +51,9 @@ class Possible:
     `distance` (p,) is u, whose squares make `chi_square`. `freedom` is how many of the p values the
     data still decide beside a prior of this `weight`, and `risk` Stein's unbiased estimate of the
     expected squared distance to the truth.
+
+    `ranks` (n,) are those of the pseudo-inertias without the directions in which estimate and prior
+    push against their bound, 4 where they push in none; `held` the inequalities they push against.
     """
 
     unknowns: Array
@@ -48,6 +62,8 @@ class Possible:
     weight: float
     freedom: float
     risk: float
+    ranks: tuple[int, ...]
+    held: tuple[int, ...]
 
     @property
     def chi_square(self) -> float:
@@ -71,13 +87,22 @@ def regularised(programme: Programme, weight: float) -> Possible:
         hessian, step, decrement = _direction(programme, weight, point, targets)
         point, length, whole = _moved(programme, point, step)
         u = point.x[: len(programme.estimate)]
-        rounding = 1e-13 * (float(u @ u) / weight + 4 * len(point.Q))
-        if targets == final and whole and decrement < max(1e-9, rounding):
-            return _possible(programme, point.x, weight, hessian)
+        rounding = _ROUNDING * float(u @ u) / weight
+        if targets == final and whole and decrement < max(_SETTLED, rounding):
+            return _possible(programme, point, weight, hessian)
     raise IdentificationError(
         f"the bodies nearest to the prior with weight {weight:.3g} were not found in {_MOST_STEPS} "
         "steps: check that the covariance of the estimate is finite and the bounds are not extreme"
     )
+
+
+def nearest(programme: Programme) -> Possible:
+    """Return the possible unknowns nearest to the estimate; the prior decides what is left open.
+
+    Its chi-square is that of the semidefinite programme without prior, but for 4e-6 a body. Raises
+    as `regularised` does.
+    """
+    return regularised(programme, WEIGHTS[-1])
 
 
 def chosen(programme: Programme, least: float, weights: Sequence[float] = WEIGHTS) -> Possible:
@@ -181,24 +206,36 @@ def _length(matrices: Array, changes: Array, values: Array, falls: Array) -> flo
 
 
 def _inverse_times(hessian: Array, columns: Array) -> Array:
-    """Solve with a Hessian whose unknowns are of different sizes."""
+    """Solve with a Hessian whose unknowns are of different sizes; a ridge only where it must be."""
     scale = 1 / np.sqrt(np.diag(hessian))
-    balanced = hessian * np.outer(scale, scale) + _RIDGE * np.eye(len(hessian))
-    factor = linalg.cho_factor(balanced, check_finite=False)
+    balanced = hessian * np.outer(scale, scale)
     columns = (scale * columns.T).T
-    return np.asarray((scale * linalg.cho_solve(factor, columns, check_finite=False).T).T)
+    for ridge in (0.0, 1e-15, 1e-13, 1e-11):
+        try:
+            factor = linalg.cho_factor(balanced + ridge * np.eye(len(scale)), check_finite=False)
+        except linalg.LinAlgError:
+            continue
+        return np.asarray((scale * linalg.cho_solve(factor, columns, check_finite=False).T).T)
+    raise IdentificationError(
+        "possible bodies: estimate and prior leave unknowns open; check that the covariance of the "
+        "estimate is that of a real estimate"
+    )
 
 
-def _possible(programme: Programme, x: Array, weight: float, hessian: Array) -> Possible:
+def _possible(programme: Programme, point: _Point, weight: float, hessian: Array) -> Possible:
     """Return what a point means; `hessian` (f, f) is that of the merit over the weight."""
     p = len(programme.estimate)
     offset, matrix = programme.span
-    freedom = 2 / weight * np.trace(_inverse_times(hessian, np.eye(len(x), p))[:p])
+    u = point.x[:p]
+    freedom = 2 / weight * np.trace(_inverse_times(hessian, np.eye(len(point.x), p))[:p])
+    pushes = weight * np.linalg.eigvalsh(point.Z)
     return Possible(
-        unknowns=offset + matrix @ x,
-        values=programme.estimate + programme.root @ x[:p],
-        distance=x[:p],
+        unknowns=offset + matrix @ point.x,
+        values=programme.estimate + programme.root @ u,
+        distance=u,
         weight=weight,
         freedom=float(freedom),
-        risk=float(x[:p] @ x[:p] + 2 * freedom - p),
+        risk=float(u @ u + 2 * freedom - p),
+        ranks=tuple(map(int, np.sum(pushes < max(_PUSH, 10 * weight), axis=1))),
+        held=tuple(map(int, np.flatnonzero(weight * point.multipliers > _PUSH))),
     )

@@ -1,17 +1,18 @@
 """Possible bodies as a programme: optimal by its definition, the risk by differences, errors."""
 
-import sys
 from dataclasses import replace
 
+import clarabel
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import sparse
 
 from seaid.arrays import Array
 from seaid.errors import IdentificationError
-from seaid.estimation.cones import nearest, solve_cones, triangle_rows
-from seaid.estimation.feasible import WEIGHTS, chosen, regularised
+from seaid.estimation import feasible
+from seaid.estimation.feasible import WEIGHTS, chosen, nearest, regularised
 from seaid.estimation.programme import Programme, least_spread, root_of
 from seaid.inertia import from_center_of_mass, is_physical, pseudo_inertia
 
@@ -81,12 +82,34 @@ def test_no_step_from_the_minimum_goes_lower(seed: int, weight: float) -> None:
 
 @settings(max_examples=10)
 @given(SEEDS)
-def test_without_weight_the_prior_leaves_the_nearest_values(seed: int) -> None:
-    one = programme(seed % 1000, noise=3.0)
-    bound, found = nearest(one), regularised(one, WEIGHTS[-1])
-    assert -1e-4 < found.chi_square - bound.chi_square < 4 * BODIES * WEIGHTS[-1]
+def test_nearest_is_what_a_cone_solver_finds(seed: int) -> None:
+    one = programme(seed % 1000)
+    found = nearest(one)
+    assert found.chi_square == pytest.approx(cone_solver(one), abs=4 * BODIES * WEIGHTS[-1] + 1e-4)
     assert all(is_physical(part, 0.0) for part in found.unknowns[:20].reshape(-1, 10))
     assert found.unknowns[20] > 0
+
+
+def cone_solver(one: Programme) -> float:
+    """Return the least chi-square of the semidefinite programme without prior, by Clarabel."""
+    p, f = one.columns.shape
+    (first, blocks), (offset, matrix) = one.cones, one.slack
+    columns, rows = np.tril_indices(4)
+    root = np.where(rows == columns, 1.0, np.sqrt(2))
+    A = [-matrix, *(-(block[:, rows, columns] * root).T for block in blocks)]
+    b = np.concatenate([offset, *(one_body[rows, columns] * root for one_body in first)])
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    cones = [clarabel.NonnegativeConeT(1), *[clarabel.PSDTriangleConeT(4)] * BODIES]
+    quadratic = sparse.diags(np.where(np.arange(f) < p, 2.0, 0.0), format="csc")
+    linear = 1e-7 * np.einsum("nfii->f", blocks)
+    solver = clarabel.DefaultSolver(
+        quadratic, linear, sparse.csc_matrix(np.vstack(A)), b, cones, settings
+    )
+    solution = solver.solve()
+    assert str(solution.status) == "Solved"
+    u = np.array(solution.x)[:p]
+    return float(u @ u)
 
 
 def test_chi_square_falls_and_freedom_rises_with_falling_weight() -> None:
@@ -190,23 +213,13 @@ def test_no_combination_is_known_better_than_white_noise_allows() -> None:
     np.testing.assert_allclose(least_spread(100 * white, white), 100 * white)
 
 
-def test_cones_that_leave_nothing_are_an_error_with_the_status() -> None:
-    A, b = np.array([[1.0], [-1.0]]), np.array([-1.0, 0.0])  # x >= 1 and x <= 0
-    with pytest.raises(IdentificationError, match=r"failed: PrimalInfeasible after \d+ iterations"):
-        solve_cones(np.ones(1), np.zeros(1), A, b, 2, ())
+def test_minimum_that_is_not_found_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(feasible, "_MOST_STEPS", 2)
+    with pytest.raises(IdentificationError, match=r"with weight 0\.1 were not found in 2 steps"):
+        regularised(programme(0), 0.1)
 
 
-def test_triangles_are_those_of_the_solver() -> None:
-    # least t with t - M positive semidefinite is the largest eigenvalue of M
-    M = np.array([[2.0, -1.0, 0.5], [-1.0, 1.0, 0.3], [0.5, 0.3, -1.0]])
-    rows, constants = triangle_rows(-M[None], np.eye(3)[None, None])
-    x, _ = solve_cones(np.zeros(1), np.ones(1), rows, constants, 0, (3,))
-    assert x[0] == pytest.approx(np.linalg.eigvalsh(M)[-1], abs=1e-6)
-
-
-def test_missing_solver_is_an_error_that_says_what_to_install(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(sys.modules, "clarabel", None)
-    with pytest.raises(IdentificationError, match=r"pip install 'seaid\[feasible\]'"):
-        nearest(programme(0))
+def test_unknowns_that_nothing_decides_are_an_error() -> None:
+    indefinite = np.array([[1.0, 2.0], [2.0, 1.0]])
+    with pytest.raises(IdentificationError, match="leave unknowns open"):
+        feasible._inverse_times(indefinite, np.ones(2))
