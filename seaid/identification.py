@@ -3,37 +3,35 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy import linalg
 
 from seaid.arrays import Array, FrozenMapping
 from seaid.base import BaseParameters, base_parameters
 from seaid.errors import IdentificationError, unknown_name
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.solve import ordinary, weighted
+from seaid.estimation.estimators import estimator_named
+from seaid.estimation.model_checks import ModelChecks
 from seaid.excited import check_excitation
 from seaid.files import whole_file
-from seaid.found import spring_of, with_estimate, with_flags
-from seaid.load_side import LoadModel, load_model, load_regression, zero_sensitivity
+from seaid.found import with_estimate
+from seaid.load_side import LoadModel, load_model
 from seaid.log import Log
-from seaid.motion import Motion, reconstruct_motion
-from seaid.progress import track
-from seaid.regression import Regression, actuator_regression, stacked
+from seaid.possible_bodies import PossibleBodies, possible_bodies
+from seaid.records import Source, records_of, sources_of
 from seaid.robot import Robot
+from seaid.sequential import Sides, known_torques, sequential_sides
+from seaid.simultaneous import simultaneous_sides
 
 if TYPE_CHECKING:
     from seaid.validation import Validation
 
-Estimator = Callable[[Regression, Array | None], Estimate]
-
-ESTIMATORS: Mapping[str, Estimator] = FrozenMapping({"ols": ordinary, "wls": weighted})
-
-SIDES = ("sequential",)
+SIDES = ("sequential", "joint")
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +40,11 @@ class Identification:
 
     `drivetrains` {joint: Estimate} has the drives' parameters; `load` the base parameters, whose
     combinations are in `base`; `robot` the robot with the found values (its standard parameters are
-    the nearest to those of the file that have the found base parameters), `known` the robot as it
-    was given. `load_side` is the whole
-    estimate of the load side in the columns of `model`. `left_out` counts instants near standstill
-    by joint, "load" for the load side.
+    the nearest to those of the file that have the found base parameters; physically possible ones
+    where `possible` tells how they came about), `known` the robot as it was given. `load_side` is
+    the whole estimate of the load side in the columns of `model`. `left_out` counts instants near
+    standstill by joint, "load" for the load side; `checks` of the model have the same keys ("both"
+    where both sides were estimated at once).
     """
 
     drivetrains: Mapping[str, Estimate]
@@ -58,6 +57,8 @@ class Identification:
     springs: Mapping[str, Array]
     cutoff_hz: float
     left_out: Mapping[str, int]
+    checks: Mapping[str, ModelChecks]
+    possible: PossibleBodies | None = None
 
     @property
     def flags(self) -> tuple[str, ...]:
@@ -109,149 +110,78 @@ class Identification:
 
 def identify(
     robot: Robot,
-    logs: Log | Sequence[Log],
+    logs: Source | Sequence[Source],
     *,
     rows: Sequence[str] | None = None,
     sides: str = "sequential",
     estimator: str = "wls",
+    feasible: bool = False,
     cutoff_hz: float | None = None,
     joint_zero_std: float = 0.0,
+    executor: Executor | None = None,
     progress: bool = False,
 ) -> Identification:
     """Identify drives and load from one log or several.
 
     Part one estimates friction, stiffness and deflection offset of each elastic joint from (7);
     part two computes the load torques by (4b) and estimates the base parameters from (8), with the
-    uncertainty of the springs carried along. Only ratios, radii, known rotor inertias, geometry and
-    payload of `robot` are used. `rows` names the joints whose torque is used on the load side
-    (default: all that were measured). `estimator` "ols" or "wls" (rows weighted by joint);
-    `cutoff_hz` the pass band, None = proposed from the data. `joint_zero_std` [rad or m] is how
-    well the zeros of the joint encoders are known; a wrong one turns gravity, and the covariance of
-    the load side then says what that does. Raises kinds of SeaidError for data that cannot answer.
+    uncertainty of the springs carried along. `sides` "joint" goes on from there to (7) and (8) at
+    once, which share the springs. Only ratios, radii, known rotor inertias, geometry and payload of
+    `robot` are used, and with `feasible` its inertial parameters as a prior.
+
+    `logs` may be paths of files with our column names, or `open_long_log`'s: they are read in
+    pieces, and with "ols" and "wls" memory does not grow with their length. `rows` names the joints
+    whose torque is used on the load side (default: all that were measured). `estimator`: "ols",
+    "wls" (rows weighted by joint), "huber" or "tukey" (outliers count less).
+    `feasible` (extra `[feasible]`): `Identification.robot` then has the physically possible bodies
+    nearest to the estimate and the robot's own. `cutoff_hz` is the pass band, None = proposed from
+    the data. `joint_zero_std` [rad or m] is how well the zeros of the joint encoders are known; a
+    wrong one turns gravity, and the covariance of the load side then says what that does.
+    `executor` (concurrent.futures) works on the logs, one a task. Raises kinds of SeaidError for
+    data that cannot answer.
     """
-    estimate = _chosen(sides, estimator)
-    logs = [logs] if isinstance(logs, Log) else list(logs)
-    if not logs:
-        raise IdentificationError("identify needs a log, found none")
-    motions = _motions(robot, logs, cutoff_hz, progress)
-    check_excitation(robot, logs)
-    drives, left_out = _actuator_side(robot, motions, estimate, progress)
-    rows = _known_torques(robot, motions) if rows is None else robot.rows(rows)
-    springs = {
-        joint: spring_of(drives[joint])
-        for joint in rows
-        if joint in drives and not _all_measured(robot, motions, joint, "joint_torque")
-    }
-    model = load_model(robot, base_parameters(robot, rows=rows), rows)
-    load_side, left_out["load"] = _load_side(
-        robot, track(motions, "load side", progress), model, springs, estimate, joint_zero_std
-    )
-    base, stiff = _split(model, load_side)
-    found = drives | stiff
-    drives = {joint: found[joint] for joint in robot.joint_names if joint in found}
+    if sides not in SIDES:
+        raise IdentificationError("sides=: " + unknown_name("sides", sides, SIDES))
+    solver = estimator_named(estimator)
+    sources = sources_of(logs)
+    records = records_of(robot, sources, cutoff_hz, executor, progress)
+    check_excitation(robot, [source for source in sources if isinstance(source, Log)])
+    used = known_torques(robot, records) if rows is None else robot.rows(rows)
+    model = load_model(robot, base_parameters(robot, rows=used), used)
+    found = sequential_sides(robot, records, model, solver, joint_zero_std, executor, progress)
+    whole: Estimate | None = None
+    if sides == "joint":
+        found, whole = simultaneous_sides(
+            robot, records, model, found, solver, joint_zero_std, executor
+        )
+    possible = _possible(robot, model, found, whole) if feasible else None
     return Identification(
-        drivetrains=FrozenMapping(drives),
-        load=base,
+        drivetrains=FrozenMapping(found.drivetrains),
+        load=found.load,
         base=model.base,
-        robot=_found_robot(robot, model.base, base, drives),
+        robot=_found_robot(robot, model.base, found) if possible is None else possible.robot,
         known=robot,
         model=model,
-        load_side=load_side,
-        springs=FrozenMapping({joint: spring.values for joint, spring in springs.items()}),
-        cutoff_hz=motions[0].cutoff_hz,
-        left_out=FrozenMapping(left_out),
+        load_side=found.load_side,
+        springs=FrozenMapping(found.springs),
+        cutoff_hz=records[0].cutoff_hz,
+        left_out=FrozenMapping(found.left_out),
+        checks=FrozenMapping(found.checks),
+        possible=possible,
     )
 
 
-def _chosen(sides: str, estimator: str) -> Estimator:
-    for kind, name, allowed in (("sides", sides, SIDES), ("estimator", estimator, ESTIMATORS)):
-        if name not in allowed:
-            raise IdentificationError(f"{kind}=: " + unknown_name(kind, name, allowed))
-    return ESTIMATORS[estimator]
+def _possible(
+    robot: Robot, model: LoadModel, found: Sides, whole: Estimate | None
+) -> PossibleBodies:
+    """Return the possible bodies nearest to the estimate of both sides."""
+    if whole is not None:
+        return possible_bodies(robot, model, whole)
+    elastic = {joint: found.drivetrains[joint] for joint in robot.elastic_joints}
+    return possible_bodies(robot, model, found.load_side, elastic)
 
 
-def _motions(
-    robot: Robot, logs: Sequence[Log], cutoff_hz: float | None, progress: bool
-) -> list[Motion]:
-    """Reconstruct all logs with one pass band: the given one, or the narrowest proposed."""
-    motions = [
-        reconstruct_motion(robot, log, cutoff_hz)
-        for log in track(logs, "filtering the log", progress)
-    ]
-    narrowest = min(motion.cutoff_hz for motion in motions)
-    return [
-        motion if motion.cutoff_hz == narrowest else reconstruct_motion(robot, log, narrowest)
-        for motion, log in zip(motions, logs, strict=True)
-    ]
-
-
-def _all_measured(robot: Robot, motions: Sequence[Motion], joint: str, signal: str) -> bool:
-    index = robot.index(joint)
-    return all(bool(np.all(np.isfinite(getattr(one, signal)[:, index]))) for one in motions)
-
-
-def _known_torques(robot: Robot, motions: Sequence[Motion]) -> tuple[str, ...]:
-    """Return the joints whose torque is measured, by a sensor or by a spring."""
-    return tuple(
-        joint
-        for joint in robot.joint_names
-        if joint in robot.elastic_joints
-        or _all_measured(robot, motions, joint, "motor_torque")
-        or _all_measured(robot, motions, joint, "joint_torque")
-    )
-
-
-def _actuator_side(
-    robot: Robot, motions: Sequence[Motion], estimate: Estimator, progress: bool
-) -> tuple[dict[str, Estimate], dict[str, int]]:
-    """Estimate (7) of each elastic joint; also return the instants left out by joint."""
-    drives, left_out = {}, {}
-    for joint in track(robot.elastic_joints, "actuator side", progress):
-        rows = stacked([actuator_regression(robot, motion, joint) for motion in motions])
-        drives[joint] = with_flags(estimate(rows, None), joint, rows)
-        left_out[joint] = rows.left_out
-    return drives, left_out
-
-
-def _load_side(
-    robot: Robot,
-    motions: Iterable[Motion],
-    model: LoadModel,
-    springs: Mapping[str, Estimate],
-    estimate: Estimator,
-    joint_zero_std: float,
-) -> tuple[Estimate, int]:
-    """Estimate (8), with the uncertainty of springs and zeros; also return the rows left out."""
-    values = {joint: spring.values for joint, spring in springs.items()}
-    covariances = [spring.covariance for spring in springs.values()]
-    motions = list(motions)
-    load = stacked([load_regression(robot, motion, model, values) for motion in motions])
-    if joint_zero_std > 0:
-        theta = estimate(load, None).values
-        sensitivity = stacked(
-            [zero_sensitivity(robot, one, model, values, theta) for one in motions]
-        )
-        load = replace(load, carried=np.hstack([load.carried, sensitivity.carried]))
-        covariances.append(joint_zero_std**2 * np.eye(robot.n))
-    carried = linalg.block_diag(*covariances) if covariances else None
-    return estimate(load, carried), load.left_out
-
-
-def _split(model: LoadModel, load_side: Estimate) -> tuple[Estimate, dict[str, Estimate]]:
-    """Return the base parameters, and the stiff drives' parameters by joint."""
-    p = len(model.base.columns)
-    base = load_side.part(range(p), model.expressions)
-    stiff = {}
-    for joint in dict.fromkeys(joint for joint, _, _ in model.drives):
-        mine = [i for i, (owner, _, _) in enumerate(model.drives) if owner == joint]
-        part = load_side.part([p + i for i in mine], [model.drives[i][1] for i in mine])
-        stiff[joint] = with_flags(part, joint, None)
-    return base, stiff
-
-
-def _found_robot(
-    robot: Robot, base: BaseParameters, load: Estimate, drives: Mapping[str, Estimate]
-) -> Robot:
+def _found_robot(robot: Robot, base: BaseParameters, sides: Sides) -> Robot:
     """Return the robot with the found values; standard parameters nearest to the file's.
 
     Nearest in the plain Euclidean sense, from a point of 1 kg a body where the robot has none: it
@@ -260,7 +190,8 @@ def _found_robot(
     prior = robot.parameters.copy()
     prior[::10][np.isnan(prior[::10])] = 1.0
     prior = np.nan_to_num(prior)
-    correction = np.linalg.pinv(base.grouping) @ (load.values - base.project(prior))
+    correction = np.linalg.pinv(base.grouping) @ (sides.load.values - base.project(prior))
+    drives = sides.drivetrains
     found = {
         joint: with_estimate(drive, drives[joint]) if joint in drives else drive
         for joint, drive in robot.drivetrains.items()

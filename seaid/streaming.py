@@ -37,8 +37,8 @@ def stream_estimate(
     regress: Regress,
     weigh: Weigh = settled_weights,
     carried: Array | None = None,
-) -> Estimate:
-    """Return the estimate from long logs, with its covariance: that of all rows in memory.
+) -> tuple[Estimate, Information]:
+    """Return estimate and information of long logs; the covariance is that of all rows in memory.
 
     `weigh` gives the weights of the equations (`settled_weights` or `equal_weights`), `carried` as
     in `ordinary`. Each log is read once; its rows wait for the parameters in a temporary file,
@@ -64,7 +64,7 @@ def stream_estimate(
             for span, step_s in told
         )
         instants = sum(round((span.end_s - span.start_s) / step_s) + 1 for span, step_s in told)
-        return estimate_of(information, weights, long_run(scores, instants), carried)
+        return estimate_of(information, weights, long_run(scores, instants), carried), information
 
 
 @dataclass

@@ -112,21 +112,21 @@ def test_rows_are_those_of_the_whole_log(path: Path) -> None:
 
 @pytest.mark.parametrize("chunk", [1250, 1777, 100_000])
 def test_size_of_the_pieces_does_not_matter(npz: Path, chunk: int) -> None:
-    found = stream_estimate([opened(npz, chunk)], actuator, equal_weights)
+    found = stream_estimate([opened(npz, chunk)], actuator, equal_weights)[0]
     assert_same(found, ordinary(actuator(motion())))
 
 
 def test_load_side_with_springs_from_the_first_part(npz: Path) -> None:
     regress, carried = load_side()
     expected = weighted(regress(motion()), carried)
-    assert_same(stream_estimate([opened(npz)], regress, settled_weights, carried), expected)
+    assert_same(stream_estimate([opened(npz)], regress, settled_weights, carried)[0], expected)
 
 
 def test_logs_are_stacked(npz: Path, tmp_path: Path) -> None:
     write_log(log(1), tmp_path / "other.npz")
     logs = [opened(npz), opened(tmp_path / "other.npz")]
     both = stacked([actuator(motion()), actuator(motion(1))])
-    assert_same(stream_estimate(logs, actuator), ordinary(both))
+    assert_same(stream_estimate(logs, actuator)[0], ordinary(both))
     information = stream_information(logs, actuator)
     assert information.count == len(both.y)
     assert information.left_out == both.left_out

@@ -87,7 +87,7 @@ def estimate(path: Path, way: str) -> dict[str, object]:
     wall, core = time.perf_counter(), time.process_time()
     if way == "streamed":
         long_log = open_long_log(path, arm, cutoff_hz=CUTOFF_HZ)
-        found = stream_estimate([long_log], rows, equal_weights)
+        found = stream_estimate([long_log], rows, equal_weights)[0]
     else:
         found = ordinary(rows(reconstruct_motion(arm, seaid.read_log(path, arm), CUTOFF_HZ)))
     return {

@@ -75,11 +75,9 @@ def recorded_factor(target: Target, robot: Robot, logs: Sequence[Log]) -> Array:
         for start in range(0, len(picked), _BLOCK):
             rows = picked[start : start + _BLOCK]
             if len(rows) > 5:  # a quintic through its samples needs six
-                states = tuple(state[rows] for state in motion.joint_states)
-                factor = triangular_factor(
-                    stacked_regressor(target, motion.time[rows], states),
-                    factor,
-                )
+                q, v, a = (state[rows] for state in motion.joint_states)
+                H = stacked_regressor(target, motion.time[rows], (q, v, a))
+                factor = triangular_factor(H, factor)
     return factor
 
 

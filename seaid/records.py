@@ -1,0 +1,113 @@
+"""What is identified from: motions of logs in memory, and log files that are read in pieces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from seaid.errors import IdentificationError
+from seaid.log import Log
+from seaid.long_log import LongLog, Regress, open_long_log
+from seaid.motion import Motion, reconstruct_motion
+from seaid.progress import track
+from seaid.regression import Regression, stacked
+from seaid.robot import Robot
+
+Source = Log | LongLog | str | Path
+"""A log in memory, a log file opened by `open_long_log`, or the path of one with our names."""
+
+Record = Motion | LongLog
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def sources_of(logs: Source | Sequence[Source]) -> list[Source]:
+    """Return the logs as a list. Raises IdentificationError where there is none."""
+    found = [logs] if isinstance(logs, Log | LongLog | str | Path) else list(logs)
+    if not found:
+        raise IdentificationError("identify needs a log, found none")
+    for one in found:
+        if not isinstance(one, Log | LongLog | str | Path):
+            raise IdentificationError(
+                "logs must be Logs (of read_log, simulate), paths of log files or LongLogs, found "
+                f"{type(one).__name__}"
+            )
+    return found
+
+
+def records_of(
+    robot: Robot,
+    sources: Sequence[Source],
+    cutoff_hz: float | None,
+    executor: Executor | None,
+    progress: bool,
+) -> list[Record]:
+    """Return the motions of all logs in one pass band: the given one, or the narrowest proposed.
+
+    The executor reconstructs them, one log a task.
+    """
+    records = _mapped(partial(_record, robot, cutoff_hz), sources, executor, progress)
+    narrowest = min(record.cutoff_hz for record in records)
+    others = [place for place, one in enumerate(records) if one.cutoff_hz != narrowest]
+    again = [sources[place] for place in others]
+    redone = _mapped(partial(_record, robot, narrowest), again, executor, progress)
+    for place, record in zip(others, redone, strict=True):
+        records[place] = record
+    return records
+
+
+def first_motion(record: Record) -> Motion:
+    """Return the motion, or that of the first piece of a long log: it has the same sensors."""
+    return record if isinstance(record, Motion) else next(record.motions())[0]
+
+
+def rows_of(
+    records: Sequence[Record], regress: Regress, executor: Executor | None = None
+) -> Regression:
+    """Return the rows of all records as one regression, those of each by the executor."""
+    return stacked(_map(partial(_rows, regress), records, executor))
+
+
+def _record(robot: Robot, cutoff_hz: float | None, source: Source) -> Record:
+    if isinstance(source, Log):
+        return reconstruct_motion(robot, source, cutoff_hz)
+    if isinstance(source, LongLog):
+        if cutoff_hz in (None, source.cutoff_hz):
+            return source
+        return open_long_log(
+            source.path,
+            robot,
+            columns=source.columns,
+            cutoff_hz=cutoff_hz,
+            chunk_samples=source.chunk_samples,
+        )
+    return open_long_log(source, robot, cutoff_hz=cutoff_hz)
+
+
+def _rows(regress: Regress, record: Record) -> Regression:
+    if isinstance(record, Motion):
+        return regress(record)
+    rows = stacked(list(record.regressions(regress)))
+    return replace(rows, run=np.zeros(len(rows.y)))
+
+
+def _mapped(
+    function: Callable[[Item], Result],
+    items: Sequence[Item],
+    executor: Executor | None,
+    progress: bool,
+) -> list[Result]:
+    shown = track(items, "filtering the log", progress and executor is None)
+    return _map(function, shown, executor)
+
+
+def _map(
+    function: Callable[[Item], Result], items: Iterable[Item], executor: Executor | None
+) -> list[Result]:
+    return list(map(function, items) if executor is None else executor.map(function, items))

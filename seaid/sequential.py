@@ -1,0 +1,181 @@
+"""The paper's two parts: the actuator side (10) of each spring, then the load side (8)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy import linalg
+
+from seaid.arrays import Array
+from seaid.estimation.checks import whiteness
+from seaid.estimation.estimate import Estimate
+from seaid.estimation.estimators import Estimator
+from seaid.estimation.information import Information, information_of
+from seaid.estimation.model_checks import ModelChecks, model_checks
+from seaid.found import spring_of, with_flags
+from seaid.load_side import LoadModel, load_regression, zero_sensitivity
+from seaid.long_log import LongLog
+from seaid.motion import Motion
+from seaid.progress import track
+from seaid.records import Record, first_motion, rows_of
+from seaid.regression import Regression, actuator_regression
+from seaid.robot import Robot
+from seaid.streaming import stream_estimate
+
+_NEEDED = ("stiffness", "deflection_offset")
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """What both sides of the springs told, as `Identification` has it.
+
+    `springs` {joint: stiffness and offset} whose torque is that on the load; `checks` and
+    `left_out` by joint, and "load" for the load side.
+    """
+
+    drivetrains: Mapping[str, Estimate]
+    load: Estimate
+    load_side: Estimate
+    springs: Mapping[str, Array]
+    left_out: Mapping[str, int]
+    checks: Mapping[str, ModelChecks]
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """An estimate, the information behind it, and the rows if they were kept in memory."""
+
+    estimate: Estimate
+    information: Information
+    rows: Regression | None
+
+    def checks(self, joints: Sequence[str], optional: Sequence[str]) -> ModelChecks:
+        """Return what speaks for and against the model; `joints` are those of the robot."""
+        found = {} if self.rows is None else whiteness(self.rows, self.estimate.values)
+        named = {joints[index % len(joints)]: one for index, one in found.items()}
+        return model_checks(self.information, self.estimate, optional, named)
+
+
+def fitted(
+    records: Sequence[Record],
+    regress: Callable[[Motion], Regression],
+    estimator: Estimator,
+    carried: Array | None,
+    executor: Executor | None,
+) -> Fit:
+    """Return the fit of the rows of all records: in memory, or streamed where all are long logs."""
+    long_logs = [record for record in records if isinstance(record, LongLog)]
+    if len(long_logs) == len(records) and executor is None and estimator.weigh is not None:
+        estimate, information = stream_estimate(long_logs, regress, estimator.weigh, carried)
+        return Fit(estimate, information, None)
+    rows = rows_of(records, regress, executor)
+    return Fit(estimator.solve(rows, carried), information_of(rows), rows)
+
+
+def sequential_sides(
+    robot: Robot,
+    records: Sequence[Record],
+    model: LoadModel,
+    estimator: Estimator,
+    joint_zero_std: float,
+    executor: Executor | None,
+    progress: bool,
+) -> Sides:
+    """Return both sides, one after the other: the springs' uncertainty is carried to the load."""
+    drives, checks, left_out = {}, {}, {}
+    for joint in track(robot.elastic_joints, "actuator side", progress):
+        regress = partial(actuator_regression, robot, joint=joint)
+        fit = fitted(records, regress, estimator, None, executor)
+        drives[joint] = with_flags(fit.estimate, joint, fit.information)
+        optional = [name for name in fit.estimate.names if name not in _NEEDED]
+        checks[joint] = fit.checks(robot.joint_names, optional)
+        left_out[joint] = fit.information.left_out
+    springs = {joint: spring_of(drives[joint]) for joint in sprung(robot, records, model)}
+    for _ in track([0], "load side", progress):
+        load = _load_side(robot, records, model, springs, estimator, joint_zero_std, executor)
+    base, stiff = _split(model, load.estimate)
+    found = drives | stiff
+    return Sides(
+        drivetrains={joint: found[joint] for joint in robot.joint_names if joint in found},
+        load=base,
+        load_side=load.estimate,
+        springs={joint: spring.values for joint, spring in springs.items()},
+        left_out=left_out | {"load": load.information.left_out},
+        checks=checks
+        | {"load": load.checks(robot.joint_names, model.names[len(model.expressions) :])},
+    )
+
+
+def known_torques(robot: Robot, records: Sequence[Record]) -> tuple[str, ...]:
+    """Return the joints whose torque is measured, by a sensor or by a spring."""
+    motions = [first_motion(record) for record in records]
+    return tuple(
+        joint
+        for joint in robot.joint_names
+        if joint in robot.elastic_joints
+        or _all_measured(robot, motions, joint, "motor_torque")
+        or _all_measured(robot, motions, joint, "joint_torque")
+    )
+
+
+def sprung(robot: Robot, records: Sequence[Record], model: LoadModel) -> tuple[str, ...]:
+    """Return the joints of the model whose torque on the load is that of their spring."""
+    motions = [first_motion(record) for record in records]
+    return tuple(
+        joint
+        for joint in model.rows
+        if joint in robot.elastic_joints
+        and not _all_measured(robot, motions, joint, "joint_torque")
+    )
+
+
+def _all_measured(robot: Robot, motions: Sequence[Motion], joint: str, signal: str) -> bool:
+    index = robot.index(joint)
+    return all(bool(np.all(np.isfinite(getattr(one, signal)[:, index]))) for one in motions)
+
+
+def _load_side(
+    robot: Robot,
+    records: Sequence[Record],
+    model: LoadModel,
+    springs: Mapping[str, Estimate],
+    estimator: Estimator,
+    joint_zero_std: float,
+    executor: Executor | None,
+) -> Fit:
+    """Fit (8), with the uncertainty of springs and zeros."""
+    values = {joint: spring.values for joint, spring in springs.items()}
+    covariances = [spring.covariance for spring in springs.values()]
+    regress: Callable[[Motion], Regression]
+    regress = partial(load_regression, robot, model=model, springs=values)
+    if joint_zero_std > 0:
+        theta = fitted(records, regress, estimator, None, executor).estimate.values
+        regress = partial(_with_zeros, robot, model=model, springs=values, theta=theta)
+        covariances.append(joint_zero_std**2 * np.eye(robot.n))
+    carried = linalg.block_diag(*covariances) if covariances else None
+    return fitted(records, regress, estimator, carried, executor)
+
+
+def _with_zeros(
+    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
+) -> Regression:
+    """Return the load side, carrying the springs first and then the zeros of the joints."""
+    plain = load_regression(robot, motion, model, springs)
+    zeros = zero_sensitivity(robot, motion, model, springs, theta)
+    return replace(plain, carried=np.hstack([plain.carried, zeros.carried]))
+
+
+def _split(model: LoadModel, load_side: Estimate) -> tuple[Estimate, dict[str, Estimate]]:
+    """Return the base parameters, and the stiff drives' parameters by joint."""
+    p = len(model.base.columns)
+    base = load_side.part(range(p), model.expressions)
+    stiff = {}
+    for joint in dict.fromkeys(joint for joint, _, _ in model.drives):
+        mine = [i for i, (owner, _, _) in enumerate(model.drives) if owner == joint]
+        part = load_side.part([p + i for i in mine], [model.drives[i][1] for i in mine])
+        stiff[joint] = with_flags(part, joint, None)
+    return base, stiff
