@@ -70,13 +70,15 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
     time, signals = _uniform(log, columns)
     rate_hz = (len(time) - 1) / (time[-1] - time[0])
     joint, motor, motor_torque, joint_torque = signals
-    joint, motor = _both_sides(robot, joint, motor)
+    _check_sides(robot, joint, motor)
     if cutoff_hz is None:
         cutoff_hz = propose_cutoff_hz(np.hstack([joint, motor]), rate_hz)
     check_cutoff(cutoff_hz, rate_hz)
     _check_duration(cutoff_hz, float(time[-1] - time[0]))
-    both = low_pass(np.hstack([joint, motor]), rate_hz, POSITION_BAND * cutoff_hz)
-    position, velocity, acceleration = spline_derivatives(time, both)
+    measured = low_pass(np.hstack([joint, motor]), rate_hz, POSITION_BAND * cutoff_hz)
+    position, velocity, acceleration = (
+        _both_sides(robot, signal) for signal in spline_derivatives(time, measured)
+    )
     n = robot.n
     return Motion(
         time=time,
@@ -129,22 +131,27 @@ def _uniform(log: Log, columns: list[int]) -> tuple[Array, list[Array]]:
     ]
 
 
-def _both_sides(robot: Robot, joint: Array, motor: Array) -> tuple[Array, Array]:
-    joint, motor = joint.copy(), motor.copy()
+def _check_sides(robot: Robot, joint: Array, motor: Array) -> None:
     for index, name in enumerate(robot.joint_names):
-        drive = robot.drivetrains[name]
         no_joint, no_motor = np.isnan(joint[0, index]), np.isnan(motor[0, index])
-        if isinstance(drive, SeriesElasticDrive):
+        if isinstance(robot.drivetrains[name], SeriesElasticDrive):
             if no_joint or no_motor:
                 side = "joint" if no_joint else "motor"
                 raise LogError(f"elastic joint '{name}' needs its {side} position in the log")
         elif no_joint and no_motor:
             raise LogError(f"joint '{name}' has no position in the log")
-        elif no_joint:
-            joint[:, index] = motor[:, index] / drive.ratio
-        elif no_motor:
-            motor[:, index] = joint[:, index] * drive.ratio
-    return joint, motor
+
+
+def _both_sides(robot: Robot, signal: Array) -> Array:
+    """Return joint and motor side (T, 2n) with what a stiff drive has no encoder for."""
+    both, n = signal.copy(), robot.n
+    for index, name in enumerate(robot.joint_names):
+        ratio = robot.drivetrains[name].ratio
+        if np.isnan(both[0, index]):
+            both[:, index] = both[:, n + index] / ratio
+        elif np.isnan(both[0, n + index]):
+            both[:, n + index] = both[:, index] * ratio
+    return both
 
 
 def check_cutoff(cutoff_hz: float, rate_hz: float) -> None:
