@@ -152,7 +152,10 @@ def nominal_of(robot: seaid.Robot, rows: list[str] | None, plan: seaid.Excitatio
 def margin_table(
     title: str, robot: seaid.Robot, plan: seaid.Excitation, motion: seaid.Trajectory
 ) -> str:
-    """Return the limits of every joint with the margins: of torque, where it is limited."""
+    """Return the limits of every joint with the margins: of torque, where it is limited.
+
+    Torque is that of the planned motion, without a run-in.
+    """
     kept, limits = margins(motion, plan.limits), plan.limits
     torque = plan.margins.joint_torque
     torque = np.full(robot.n, np.inf) if torque is None else torque
