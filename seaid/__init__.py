@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from seaid.agreement import CrossCheck, cross_check
     from seaid.assembly import Payload
     from seaid.base import BaseParameters, base_parameters
+    from seaid.cross_validation import cross_validate
     from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
     from seaid.errors import (
         ExcitationError,
@@ -36,8 +37,10 @@ if TYPE_CHECKING:
     from seaid.excitation.scene_file import Box, load_scene
     from seaid.identification import Identification, identify
     from seaid.log import Log, read_log, write_log
+    from seaid.long_log import LongLog, open_long_log
     from seaid.motion import Motion, reconstruct_motion
     from seaid.output_error import refine
+    from seaid.possible_bodies import PossibleBodies
     from seaid.robot import Robot, load_robot
     from seaid.simulation import Noise, simulate
     from seaid.validation import Validation, validate
@@ -48,6 +51,7 @@ _WHERE = {
     "agreement": ("CrossCheck", "cross_check"),
     "assembly": ("Payload",),
     "base": ("BaseParameters", "base_parameters"),
+    "cross_validation": ("cross_validate",),
     "drivetrain.model": ("SeriesElasticDrive", "StiffDrive"),
     "errors": (
         "ExcitationError",
@@ -71,8 +75,10 @@ _WHERE = {
     "excitation.scene_file": ("Box", "load_scene"),
     "identification": ("Identification", "identify"),
     "log": ("Log", "read_log", "write_log"),
+    "long_log": ("LongLog", "open_long_log"),
     "motion": ("Motion", "reconstruct_motion"),
     "output_error": ("refine",),
+    "possible_bodies": ("PossibleBodies",),
     "robot": ("Robot", "load_robot"),
     "simulation": ("Noise", "simulate"),
     "validation": ("Validation", "validate"),
@@ -93,9 +99,11 @@ __all__ = [
     "Limits",
     "Log",
     "LogError",
+    "LongLog",
     "Motion",
     "Noise",
     "Payload",
+    "PossibleBodies",
     "Robot",
     "RobotError",
     "SeaidError",
@@ -108,11 +116,13 @@ __all__ = [
     "add_run_in",
     "base_parameters",
     "cross_check",
+    "cross_validate",
     "design_excitation",
     "identify",
     "load_robot",
     "load_scene",
     "load_trajectory",
+    "open_long_log",
     "read_log",
     "reconstruct_motion",
     "refine",

@@ -132,12 +132,12 @@ def identify(
     `logs` may be paths of files with our column names, or `open_long_log`'s: they are read in
     pieces, and with "ols" and "wls" memory does not grow with their length. `rows` names the joints
     whose torque is used on the load side (default: all that were measured). `estimator`: "ols",
-    "wls" (rows weighted by joint), "huber" or "tukey" (outliers count less).
-    `feasible` (extra `[feasible]`): `Identification.robot` then has the physically possible bodies
-    nearest to the estimate and the robot's own. `cutoff_hz` is the pass band, None = proposed from
-    the data. `joint_zero_std` [rad or m] is how well the zeros of the joint encoders are known; a
-    wrong one turns gravity, and the covariance of the load side then says what that does.
-    `executor` (concurrent.futures) works on the logs, one a task. Raises kinds of SeaidError for
+    "wls" (rows weighted by joint), "huber" or "tukey" (outliers count less). `feasible`:
+    `Identification.robot` then has the physically possible bodies nearest to the estimate and the
+    robot's own, see `possible_bodies`. `cutoff_hz` is the pass band, None = proposed from the data.
+    `joint_zero_std` [rad or m] is how well the zeros of the joint encoders are known; a wrong one
+    turns gravity, and the covariance of the load side then says what that does. `executor`
+    (concurrent.futures) works on the logs, one a task. Raises kinds of SeaidError for
     data that cannot answer.
     """
     if sides not in SIDES:
@@ -145,16 +145,15 @@ def identify(
     solver = estimator_named(estimator)
     sources = sources_of(logs)
     records = records_of(robot, sources, cutoff_hz, executor, progress)
-    check_excitation(robot, [source for source in sources if isinstance(source, Log)])
+    in_memory = [source for source in sources if isinstance(source, Log)]
+    if len(in_memory) == len(sources):
+        check_excitation(robot, in_memory)
     used = known_torques(robot, records) if rows is None else robot.rows(rows)
     model = load_model(robot, base_parameters(robot, rows=used), used)
     found = sequential_sides(robot, records, model, solver, joint_zero_std, executor, progress)
-    whole: Estimate | None = None
     if sides == "joint":
-        found, whole = simultaneous_sides(
-            robot, records, model, found, solver, joint_zero_std, executor
-        )
-    possible = _possible(robot, model, found, whole) if feasible else None
+        found = simultaneous_sides(robot, records, model, found, solver, joint_zero_std, executor)
+    possible = _possible(robot, model, found) if feasible else None
     return Identification(
         drivetrains=FrozenMapping(found.drivetrains),
         load=found.load,
@@ -171,14 +170,13 @@ def identify(
     )
 
 
-def _possible(
-    robot: Robot, model: LoadModel, found: Sides, whole: Estimate | None
-) -> PossibleBodies:
+def _possible(robot: Robot, model: LoadModel, found: Sides) -> PossibleBodies:
     """Return the possible bodies nearest to the estimate of both sides."""
-    if whole is not None:
-        return possible_bodies(robot, model, whole)
+    white = found.white_covariance
+    if found.whole is not None:
+        return possible_bodies(robot, model, found.whole, white_covariance=white)
     elastic = {joint: found.drivetrains[joint] for joint in robot.elastic_joints}
-    return possible_bodies(robot, model, found.load_side, elastic)
+    return possible_bodies(robot, model, found.load_side, elastic, white_covariance=white)
 
 
 def _found_robot(robot: Robot, base: BaseParameters, sides: Sides) -> Robot:

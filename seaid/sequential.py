@@ -16,6 +16,7 @@ from seaid.estimation.estimate import Estimate
 from seaid.estimation.estimators import Estimator
 from seaid.estimation.information import Information, information_of
 from seaid.estimation.model_checks import ModelChecks, model_checks
+from seaid.estimation.solve import estimate_of, settled_weights
 from seaid.found import spring_of, with_flags
 from seaid.load_side import LoadModel, load_regression, zero_sensitivity
 from seaid.long_log import LongLog
@@ -34,7 +35,9 @@ class Sides:
     """What both sides of the springs told, as `Identification` has it.
 
     `springs` {joint: stiffness and offset} whose torque is that on the load; `checks` and
-    `left_out` by joint, and "load" for the load side.
+    `left_out` by joint, and "load" for the load side. `whole` is the estimate of both sides where
+    it is one; `white_covariance` (p, p) what the covariance of that, or else of `load_side`, would
+    be if the noise were white.
     """
 
     drivetrains: Mapping[str, Estimate]
@@ -43,6 +46,8 @@ class Sides:
     springs: Mapping[str, Array]
     left_out: Mapping[str, int]
     checks: Mapping[str, ModelChecks]
+    white_covariance: Array
+    whole: Estimate | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +57,13 @@ class Fit:
     estimate: Estimate
     information: Information
     rows: Regression | None
+    carried: Array | None
+
+    @property
+    def white_covariance(self) -> Array:
+        """The covariance (p, p) if the noise of every equation were white."""
+        weights = settled_weights(self.information)
+        return estimate_of(self.information, weights, None, self.carried).covariance
 
     def checks(self, joints: Sequence[str], optional: Sequence[str]) -> ModelChecks:
         """Return what speaks for and against the model; `joints` are those of the robot."""
@@ -71,9 +83,9 @@ def fitted(
     long_logs = [record for record in records if isinstance(record, LongLog)]
     if len(long_logs) == len(records) and executor is None and estimator.weigh is not None:
         estimate, information = stream_estimate(long_logs, regress, estimator.weigh, carried)
-        return Fit(estimate, information, None)
+        return Fit(estimate, information, None, carried)
     rows = rows_of(records, regress, executor)
-    return Fit(estimator.solve(rows, carried), information_of(rows), rows)
+    return Fit(estimator.solve(rows, carried), information_of(rows), rows, carried)
 
 
 def sequential_sides(
@@ -107,6 +119,7 @@ def sequential_sides(
         left_out=left_out | {"load": load.information.left_out},
         checks=checks
         | {"load": load.checks(robot.joint_names, model.names[len(model.expressions) :])},
+        white_covariance=load.white_covariance,
     )
 
 

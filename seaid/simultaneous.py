@@ -35,8 +35,8 @@ def simultaneous_sides(
     estimator: Estimator,
     joint_zero_std: float,
     executor: Executor | None,
-) -> tuple[Sides, Estimate]:
-    """Return both sides at once, and the whole estimate with its covariance between the sides.
+) -> Sides:
+    """Return both sides at once; `whole` has the covariance between them.
 
     (7) and (8) are rows of one regression that shares each spring; see `joint_sides`. Raises
     IdentificationError where the iteration does not settle.
@@ -48,6 +48,7 @@ def simultaneous_sides(
     whole, _ = settled(
         robot, rows, _values(rows, start), lambda found: estimator.solve(found, None)
     )
+    zeros: Array | None = None
     if joint_zero_std > 0:
         theta = whole.values
         regress = partial(joint_zero_sensitivity, robot, model=model, springs=springs, theta=theta)
@@ -56,21 +57,22 @@ def simultaneous_sides(
         whole, _ = settled(robot, rows, theta, lambda found: estimator.solve(found, zeros))
     drives, load, load_side = split_joint(robot, model, whole)
     solved = whitened(robot, rows, whole.values)
-    fit = Fit(whole, information_of(solved), solved)
+    fit = Fit(whole, information_of(solved), solved, zeros)
     optional = [
         name
         for name in whole.names
         if name not in model.expressions and not name.startswith(("stiffness", "deflection_offset"))
     ]
-    sides = Sides(
+    return Sides(
         drivetrains=drives,
         load=load,
         load_side=load_side,
         springs={joint: drives[joint].values[_spring_places(drives[joint])] for joint in springs},
         left_out=start.left_out,
         checks={"both": fit.checks(robot.joint_names, optional)},
+        white_covariance=fit.white_covariance,
+        whole=whole,
     )
-    return sides, whole
 
 
 def _spring_places(drive: Estimate) -> list[int]:

@@ -30,7 +30,10 @@ FUNCTIONS = {
     "read_log": "path robot columns",
     "write_log": "log path",
     "reconstruct_motion": "robot log cutoff_hz",
-    "identify": "robot logs sides estimator progress",
+    "identify": "robot logs rows sides estimator feasible cutoff_hz joint_zero_std executor "
+    "progress",
+    "cross_validate": "robot logs parts progress",
+    "open_long_log": "path robot columns cutoff_hz chunk_samples",
     "refine": "found logs joint_zero_std iterations progress",
     "validate": "found log",
     "regression.rigid_body_regressor": "robot q v a",
@@ -58,7 +61,9 @@ CLASSES = {
     "Limits": "",
     "Log": "time joint_names motor_position joint_position motor_torque joint_torque",
     "Motion": "",
-    "Identification": "drivetrains load base robot summary to_dict save",
+    "LongLog": "path cutoff_hz",
+    "PossibleBodies": "robot values estimate distance chi_square held notes",
+    "Identification": "drivetrains load base robot checks possible summary to_dict save",
     "Estimate": "names values covariance standard_errors units residual_std condition_number "
     "interval",
     "Validation": "joints actuator load",

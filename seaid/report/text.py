@@ -11,8 +11,10 @@ import numpy as np
 from seaid.found import nominal_values
 
 if TYPE_CHECKING:
+    from seaid.estimation.checks import TermTest
     from seaid.estimation.estimate import Estimate
     from seaid.identification import Identification
+    from seaid.possible_bodies import PossibleBodies
     from seaid.robot import Robot
     from seaid.validation import Validation
 
@@ -65,17 +67,67 @@ def load_table(title: str, found: Identification, truth: Robot | None = None) ->
 
 
 def identification_table(found: Identification) -> str:
-    """Return the summary of an identification: drives, base parameters, flags."""
+    """Return the summary of an identification: drives, base parameters, checks, flags."""
     parts = [
         f"{found.robot.name}: {len(found.load.values)} base parameters from the torques at "
         f"{', '.join(found.model.rows)}; pass band {found.cutoff_hz:.3g} Hz",
         drive_table("Drives", found),
         load_table("Base parameters", found),
-        "condition number of the load side (columns of unit norm): "
-        f"{found.load_side.condition_number:.3g}",
+        checks_table(found),
+        *(_possible_text(found.possible) if found.possible is not None else []),
         *(f"! {flag}" for flag in found.flags),
     ]
     return "\n".join(parts)
+
+
+def checks_table(found: Identification) -> str:
+    """Return what speaks for and against the model: each optional term, residuals, conditions.
+
+    A term is worth having where its BIC is above zero. A residual behind a low pass is correlated
+    even if nothing is missing; the standard errors count that.
+    """
+    terms = [
+        [term.terms[0] + ("" if side in ("load", "both") else f" of {side}"), *_term_numbers(term)]
+        for side, checks in found.checks.items()
+        for term in checks.terms
+    ]
+    residuals = [
+        [joint, "both" if side == "both" else "load" if side == "load" else "actuator", *numbers]
+        for side, checks in found.checks.items()
+        for joint, white in checks.whiteness.items()
+        for numbers in [[number(white.first), number(white.durbin_watson)]]
+    ]
+    conditions = [
+        f"condition number of {_SIDE_TEXT.get(side, f'the actuator side of {side}')} "
+        f"(columns of unit norm): {checks.condition_number:.3g}"
+        for side, checks in found.checks.items()
+    ]
+    poorly = [f"! {text}" for checks in found.checks.values() for text in checks.poorly_told]
+    header = ["term", "residual without", "F", "BIC", "worth having"]
+    parts = [table("Is each term of the drives worth having?", header, terms)] if terms else []
+    if residuals:
+        header = ["residual", "side", "autocorrelation", "Durbin-Watson"]
+        parts.append(table("Residuals: correlation from row to row", header, residuals))
+    return "\n".join([*parts, *conditions, *poorly])
+
+
+_SIDE_TEXT = {"load": "the load side", "both": "both sides"}
+
+
+def _term_numbers(term: TermTest) -> list[str]:
+    worth = "yes" if term.bic > 0 else "no"
+    return [f"x {np.sqrt(term.growth):.3g}", number(term.F), number(term.bic), worth]
+
+
+def _possible_text(possible: PossibleBodies) -> list[str]:
+    """Say how the possible bodies came about."""
+    return [
+        f"possible bodies: chi-square {possible.chi_square:.3g} over {len(possible.values)} values "
+        f"(at least {possible.nearest_chi_square:.3g}); weight of the prior {possible.weight:.2g}, "
+        f"{possible.freedom:.1f} values decided by the data",
+        *(f"  the data push until {text}" for text in possible.held),
+        *(f"  {note}" for note in possible.notes),
+    ]
 
 
 def validation_table(result: Validation) -> str:
