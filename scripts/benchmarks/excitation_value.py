@@ -1,0 +1,203 @@
+"""What planning is worth: identification on simulated logs of planned motions and of a random one.
+
+TULip leg with the test mass, 10 s, rest to rest, the same limits. Each entry is how many times
+smaller an error is with the planned motion than with the random one: as the plans predict it, as
+the identification states it, and as it is over draws of noise and encoder zeros. The plans take
+every torque to be as good as the motor's at the joint; a spring tells its joint's torque better.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+import warnings
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import seaid
+from seaid.arrays import Array
+from seaid.excitation import joint_limits, make_basis, motion_space
+from seaid.excitation.criteria import criterion_named, triangular_factor
+from seaid.excitation.ends import EndState
+from seaid.excitation.flatness import transmission
+from seaid.excitation.problem import make_problem
+from seaid.excitation.scaling import recorded_factor, scaled_target
+from seaid.excitation.target import Target, drive_target, stacked_regressor
+from seaid.found import nominal_values
+from seaid.progress import track
+from seaid.report.text import percent, table
+from seaid.simulation import measure, simulate_motion
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from scripts.identify_tulip_leg import (
+    DURATION_S,
+    JOINT_ZERO_STD_RAD,
+    LIMITS,
+    TEST_MASS,
+    load_leg,
+    sensors,
+)
+
+CRITERIA = ("condition_number", "d_optimality", "relative_error")
+SHOWN = ("stiffness", "coulomb_friction", "viscous_friction")
+COEFFICIENTS, SAMPLES = 35, 140
+
+
+def torque_std(truth: seaid.Robot) -> list[float]:
+    """Return the noise of the motors' torque sensors, seen at the joints [N m]."""
+    return [float(std) for std in transmission(truth).ratio * sensors(0).torque_std_Nm]
+
+
+def plan(truth: seaid.Robot, criterion: str, **request: Any) -> seaid.Excitation:
+    """Return a plan that tells bodies and drives; nominal values are the true ones."""
+    return seaid.design_excitation(
+        truth,
+        DURATION_S,
+        limits=LIMITS,
+        criterion=criterion,
+        drive_columns=True,
+        torque_std=torque_std(truth),
+        coefficients=COEFFICIENTS,
+        samples=SAMPLES,
+        **request,
+    )
+
+
+def run(found: seaid.Excitation, draws: int) -> tuple[Array, Array]:
+    """Return errors and stated standard errors (draws, p) of the plan's parameters."""
+    truth = load_leg((TEST_MASS,))
+    known = truth.without_nominal()
+    motion = simulate_motion(truth, found.trajectory, noise=sensors(0))
+    both = []
+    for draw in range(draws):
+        log = measure(truth, motion, sensors(draw), draw)
+        told = seaid.identify(known, log, joint_zero_std=JOINT_ZERO_STD_RAD)
+        both.append(errors_of(truth, found, told))
+    errors, stated = np.array(both).transpose(1, 0, 2)
+    return errors, stated
+
+
+def errors_of(
+    truth: seaid.Robot, found: seaid.Excitation, told: seaid.Identification
+) -> tuple[Array, Array]:
+    """Return error and standard error (p,) of the plan's parameters, base first."""
+    grouping = found.base.grouping[:, list(told.base.columns)]
+    off = grouping @ (told.load.values - told.base.project(truth.parameters))
+    covariance = grouping @ told.load.covariance @ grouping.T
+    errors, stated = list(off), list(np.sqrt(np.diag(covariance)))
+    for name, joint in drive_names(found):
+        estimate = told.drivetrains[joint]
+        there = name in estimate.names
+        true = nominal_values(truth.drivetrains[joint]).get(name, np.nan)
+        errors.append(estimate.value(name) - true if there else np.nan)
+        stated.append(estimate.standard_error(name) if there else np.nan)
+    return np.array(errors), np.array(stated)
+
+
+def drive_names(found: seaid.Excitation) -> list[tuple[str, str]]:
+    """Return (parameter, joint) of the plan's drive columns."""
+    parts = [name.rpartition(" of ") for name in found.names[len(found.base.columns) :]]
+    return [(name, joint) for name, _, joint in parts]
+
+
+def value_table(plans: Sequence[seaid.Excitation], draws: int) -> str:
+    """Return the table of errors of the random motion, the last plan, over those of the others."""
+    with ProcessPoolExecutor(2) as executor:
+        futures = [executor.submit(run, found, draws) for found in plans]
+        done = [future.result() for future in track(futures, "simulating and identifying", True)]
+    sizes = [
+        (found.standard_errors, stated.mean(axis=0), np.sqrt(np.mean(errors**2, axis=0)))
+        for found, (errors, stated) in zip(plans, done, strict=True)
+    ]
+    ratios = np.array([[sizes[-1][i] / size[i] for i in range(3)] for size in sizes[:-1]])
+    truth, p, rows = load_leg((TEST_MASS,)), len(plans[0].base.columns), []
+    for index, (name, joint) in enumerate(drive_names(plans[0]), p):
+        if name in SHOWN and np.all(np.isfinite(ratios[:, :, index])):
+            true = nominal_values(truth.drivetrains[joint])[name]
+            shown = percent(sizes[-1][1][index] / true)
+            rows.append([f"{name} of {joint}", shown, *map(line, ratios[:, :, index])])
+    for label, pick in (("median", np.median), ("least", np.min)):
+        rows.append([f"{p} base, {label}", "-", *map(line, pick(ratios[:, :, :p], axis=2))])
+    title = (
+        "Errors of the random motion (stated: 'random') over those of the planned one: predicted, "
+        f"stated, actual of {draws} draws"
+    )
+    return table(title, ["parameter", "random", *CRITERIA], rows)
+
+
+def line(ratios: Array) -> str:
+    """Return the three ratios of one entry."""
+    return "  ".join(f"{ratio:.2f}" for ratio in ratios)
+
+
+def sequential_table(truth: seaid.Robot, first: seaid.Excitation, random: seaid.Excitation) -> str:
+    """Return the worst relative error predicted after a log and another motion.
+
+    The log is of the planned motion, or of the random one.
+    """
+    alone = plan(truth, "relative_error", seed=4, progress=True)
+    target, columns = relative_target(truth, first), []
+    for recorded in (first, random):
+        motion = simulate_motion(truth, recorded.trajectory, noise=sensors(0))
+        log = measure(truth, motion, sensors(0), 0)
+        told = recorded_factor(target, truth, [log])
+        after = plan(truth, "relative_error", recorded=[log], seed=4, progress=True)
+        motions = (None, recorded, random, alone, after)
+        columns.append([f"{worst_error(target, told, found):.3f}" for found in motions])
+    names = (
+        "the log alone",
+        "and its motion again",
+        "and the random motion",
+        "and another motion, planned alone",
+        "and a motion planned with recorded=[log]",
+    )
+    rows = [list(row) for row in zip(names, *columns, strict=True)]
+    header = ["told", "log of the planned motion", "log of the random motion"]
+    return table("Sequential design: worst relative standard error", header, rows)
+
+
+def relative_target(truth: seaid.Robot, found: seaid.Excitation) -> Target:
+    """Return what the plans for "relative_error" shall tell, scaled as there."""
+    bounds = joint_limits(truth, LIMITS)
+    basis = make_basis("bspline", DURATION_S, COEFFICIENTS)
+    space = motion_space(basis, truth.joint_names, bounds, EndState(), EndState())
+    target = drive_target(truth, None, found.base, bounds.velocity)
+    problem = make_problem(target, "relative_error", space, SAMPLES, bounds, None, None)
+    return scaled_target(problem, truth, found.base, torque_std(truth), relative=True)
+
+
+def worst_error(target: Target, told: Array, found: seaid.Excitation | None) -> float:
+    """Return the worst relative error of what is told, and of another motion if there is one."""
+    H = np.empty((0, len(target.names)))
+    if found is not None:
+        instants = np.linspace(0.0, DURATION_S, 10 * SAMPLES)
+        H = stacked_regressor(target, instants, found.trajectory.sample(instants))
+    R = triangular_factor(H, told)
+    return float(np.exp(criterion_named("relative_error").log_value(R)))
+
+
+def main() -> None:
+    """Plan, simulate, identify, print both tables."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--draws", type=int, default=16, help="of noise and encoder zeros")
+    draws = parser.parse_args().draws
+    begin = time.perf_counter()
+    warnings.simplefilter("ignore", seaid.SeaidWarning)
+    truth = load_leg((TEST_MASS,))
+    plans = [plan(truth, criterion, seed=2, progress=True) for criterion in CRITERIA]
+    random = plan(truth, "condition_number", seed=2, starts=1, iterations=1)
+    conditions = [f"{found.condition_number:.0f}" for found in (*plans, random)]
+    print(f"Condition numbers: {', '.join(conditions)} ({', '.join(CRITERIA)}, random)")
+    print(value_table([*plans, random], draws))
+    print(sequential_table(truth, plans[-1], random))
+    print(f"{time.perf_counter() - begin:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
