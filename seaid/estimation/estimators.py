@@ -9,6 +9,7 @@ from seaid.arrays import Array, FrozenMapping
 from seaid.errors import IdentificationError, unknown_name
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.information import Information
+from seaid.estimation.robust import huber, tukey
 from seaid.estimation.solve import equal_weights, ordinary, settled_weights, weighted
 from seaid.regression import Regression
 
@@ -25,6 +26,8 @@ ESTIMATORS = FrozenMapping(
     {
         "ols": Estimator(ordinary, equal_weights),
         "wls": Estimator(weighted, settled_weights),
+        "huber": Estimator(huber),
+        "tukey": Estimator(tukey),
     }
 )
 

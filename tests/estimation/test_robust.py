@@ -1,0 +1,231 @@
+"""Robust estimates against truth, with and without outliers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+from seaid.arrays import Array
+from seaid.errors import ExcitationError, IdentificationError
+from seaid.estimation.estimate import Estimate
+from seaid.estimation.estimators import ESTIMATORS
+from seaid.estimation.robust import huber, huber_weights, outliers, tukey, tukey_weights
+from seaid.estimation.solve import ordinary, weighted
+from seaid.identification import identify
+from seaid.regression import Regression
+from seaid.simulation import measure
+from tests.experiments import ARM_SENSORS, arm, arm_motion, true_value
+
+Solver = Callable[[Regression], Estimate]
+
+TRUTH = np.array([2.0, -1.0, 0.5])
+ROBUST = pytest.mark.parametrize("estimator", [huber, tukey])
+
+
+def experiment(
+    seed: int, count: int = 1000, stds: tuple[float, ...] = (1.0,), phi: float = 0.0
+) -> Regression:
+    """Return rows of several joints with Gaussian noise, correlated in time with the columns."""
+    rng = np.random.default_rng(seed)
+    shape = (count, 4, len(stds))
+    drawn = lfilter([np.sqrt(1 - phi**2)], [1, -phi], rng.normal(size=shape), axis=0)
+    H = np.concatenate([drawn[:, :3, place] for place in range(len(stds))])
+    noise = np.concatenate([std * drawn[:, 3, place] for place, std in enumerate(stds)])
+    return Regression(
+        names=("a", "b", "c"),
+        units=("kg",) * 3,
+        H=H,
+        y=H @ TRUTH + noise,
+        joint=np.repeat(np.arange(len(stds)), count),
+        time=np.tile(0.05 * np.arange(count), len(stds)),
+        run=np.zeros(len(H)),
+        left_out=0,
+        carried=np.empty((len(H), 0)),
+        joint_names=("hip", "knee", "ankle")[: len(stds)],
+    )
+
+
+def spoiled(data: Regression, share: float, seed: int = 0) -> Regression:
+    """Return the rows with some of the targets gone off by thousands, mostly to one side."""
+    rng = np.random.default_rng(seed)
+    y = data.y.copy()
+    bad = np.flatnonzero(rng.random(len(y)) < share)
+    y[bad] += rng.uniform(-200.0, 1000.0, len(bad))
+    return replace(data, y=y)
+
+
+def scatter(estimator: Solver, runs: int, **setting: float) -> Array:
+    return np.array([estimator(experiment(seed, **setting)).values for seed in range(runs)])  # type: ignore[arg-type]
+
+
+@ROBUST
+def test_five_of_a_hundred_gaussian_rows_are_lost(estimator: Solver) -> None:
+    """95 % efficiency: errors grow by 1 / sqrt(0.95)."""
+    plain, robust = (np.std(scatter(one, 200, count=200) - TRUTH) for one in (ordinary, estimator))
+    assert robust == pytest.approx(plain / np.sqrt(0.95), rel=0.025)
+
+
+@ROBUST
+@pytest.mark.parametrize("phi", [0.0, 0.8])
+@pytest.mark.parametrize("share", [0.0, 0.2])
+def test_intervals_hold_the_truth_as_often_as_those_of_least_squares(
+    estimator: Solver, phi: float, share: float
+) -> None:
+    """Those of least squares on clean rows hold 93 of 100 at this length; +-3 deviations of 300."""
+    held = []
+    for seed in range(100):
+        low, high = estimator(spoiled(experiment(seed, 600, phi=phi), share, seed)).interval().T
+        held.append((low < TRUTH) & (high > TRUTH))
+    assert np.mean(held) == pytest.approx(0.93, abs=0.044)
+
+
+@ROBUST
+def test_a_fifth_of_gross_outliers_by_the_thousand_does_little(estimator: Solver) -> None:
+    data = spoiled(experiment(0, 10_000), 0.2)
+    found = estimator(data)
+    assert np.max(np.abs(ordinary(data).values - TRUTH)) > 2.0
+    assert np.max(np.abs(weighted(data).values - TRUTH)) > 2.0
+    assert np.all(np.abs(found.values - TRUTH) < 0.05)
+    assert found.residual_std == pytest.approx(1.0, rel=0.4)  # that of the good rows
+
+
+def test_tukey_forgets_what_huber_still_follows() -> None:
+    """A saturated stretch: the torque stays low just where the motion asks for most."""
+    data = experiment(1, 2000, phi=0.9)
+    H = data.H + np.array([3.0, 0.0, 0.0])
+    exact = H @ TRUTH
+    y = np.minimum(exact, np.quantile(exact, 0.85)) + 0.1 * (data.y - data.H @ TRUTH)
+    data = replace(data, H=H, y=y)
+    errors = [np.max(np.abs(one(data).values - TRUTH)) for one in (ordinary, huber, tukey)]
+    assert errors[0] > 0.05
+    assert errors[1] < 0.3 * errors[0]
+    assert errors[2] < 0.02
+
+
+@ROBUST
+def test_weights_solve_the_estimating_equation(estimator: Solver) -> None:
+    """Sum of psi(u) / scale times row is zero, with the median of |residual| as scale."""
+    data = spoiled(experiment(2, stds=(0.1, 5.0)), 0.1)
+    at_huber = data.y - data.H @ huber(data).values
+    of_joint = [1.4826 * np.median(np.abs(at_huber[data.joint == j])) for j in range(2)]
+    scale = np.array(of_joint)[data.joint.astype(int)]
+    u = (data.y - data.H @ estimator(data).values) / scale
+    psi = u * (huber_weights if estimator is huber else tukey_weights)(u)
+    size = np.linalg.norm(data.H / scale[:, None], axis=0)
+    assert np.all(np.abs(data.H.T @ (psi / scale)) < 1e-3 * size)
+
+
+@ROBUST
+def test_equations_have_their_own_scales(estimator: Solver) -> None:
+    good = np.array([estimator(experiment(seed, 300, (0.1, 5.0))).values for seed in range(20)])
+    alone = np.array([estimator(experiment(seed, 300, (0.1,))).values for seed in range(20)])
+    assert np.std(good - TRUTH) < 1.1 * np.std(alone - TRUTH)
+
+
+@ROBUST
+@given(exponent=st.lists(st.integers(-6, 6), min_size=3, max_size=3))
+def test_units_do_not_matter(estimator: Solver, exponent: list[int]) -> None:
+    data, scale = spoiled(experiment(3, 200), 0.1), 10.0 ** np.array(exponent)
+    plain, scaled = estimator(data), estimator(replace(data, H=data.H * scale))
+    assert scaled.values * scale == pytest.approx(plain.values, rel=1e-5)
+    assert scaled.standard_errors * scale == pytest.approx(plain.standard_errors, rel=1e-3)
+
+
+@ROBUST
+def test_exact_data_with_outliers_give_the_exact_answer(estimator: Solver) -> None:
+    data = experiment(4)
+    y = data.H @ TRUTH
+    assert estimator(replace(data, y=y)).values == pytest.approx(TRUTH, rel=1e-10)
+    y[::7] += 50.0
+    assert estimator(replace(data, y=y)).values == pytest.approx(TRUTH, rel=1e-6)
+
+
+@ROBUST
+def test_what_is_carried_adds_what_targets_really_do(estimator: Solver) -> None:
+    """Against the estimate from targets that are off by one standard deviation."""
+    data = spoiled(experiment(5, 3000), 0.1)
+    direction = data.H[:, :1] + 0.3 * data.H[:, 1:2] ** 2
+    plain = estimator(data)
+    carrying = estimator(replace(data, carried=direction), np.array([[1e-4]]))  # type: ignore[call-arg]
+    moved = estimator(replace(data, y=data.y + 0.01 * direction[:, 0])).values - plain.values
+    added = carrying.covariance - plain.covariance
+    assert added == pytest.approx(np.outer(moved, moved), abs=0.08 * float(moved @ moved))
+    assert np.all(carrying.white_standard_errors > plain.white_standard_errors)  # type: ignore[operator]
+
+
+@ROBUST
+def test_errors_are_those_of_least_squares(estimator: Solver) -> None:
+    data = experiment(6)
+    twice = replace(data, H=np.column_stack([data.H[:, :2], data.H[:, 0]]))
+    with pytest.raises(ExcitationError, match="tells nothing about the combination of"):
+        estimator(twice)
+    with pytest.raises(IdentificationError, match="2 rows cannot tell 3 parameters"):
+        estimator(replace(experiment(6, 2), joint_names=()))
+    H = data.H.copy()
+    H[5, 1] = np.nan
+    with pytest.raises(IdentificationError, match="not finite: b"):
+        estimator(replace(data, H=H))
+
+
+def test_what_does_not_settle_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("seaid.estimation.robust._MOST_ITERATIONS", 2)
+    with pytest.raises(IdentificationError, match=r"do not settle in 2 turns: at .* s the fit sti"):
+        huber(spoiled(experiment(7), 0.2))
+
+
+def test_outliers_are_reported_by_joint_and_time() -> None:
+    data = experiment(8, 2000, (1.0, 1.0))
+    y = data.y.copy()
+    spike = (data.joint == 1) & (data.time > 60.02) & (data.time < 63.98)
+    y[spike] += 300.0
+    data = replace(data, y=y)
+    found = outliers(data, tukey(data))
+    assert found.weights.shape == (4000,)
+    assert np.all(found.weights[spike] < 0.01)
+    assert found.shares["knee"] == pytest.approx(79 / 2000 + 0.007, abs=0.005)
+    assert found.shares["hip"] < 0.015
+    count = round(found.shares["knee"] * 2000)
+    assert found.words[1].startswith(f"{count} of 2000 rows of knee count less than half, most ")
+    begin, end = (float(word) for word in found.words[1].split() if word[0] == "6")
+    assert 60.0 <= begin < end <= 64.0
+
+
+def test_outliers_name_motor_equations_and_logs() -> None:
+    data = replace(experiment(9, 400, (1.0, 1.0)), joint_names=("hip",))
+    y = data.y.copy()
+    y[600:640] += 100.0
+    data = replace(data, y=y, run=np.tile(np.repeat([0.0, 1.0], 200), 2))
+    words = outliers(data, huber(data)).words
+    assert "rows of motor of hip count" in words[-1]
+    assert "most of those in log 2 between 10.0 and 1" in words[-1]
+
+
+def test_no_outliers_no_words() -> None:
+    data = experiment(10)
+    exact = replace(data, y=data.H @ TRUTH)
+    found = outliers(exact, ordinary(exact))
+    assert (dict(found.shares), found.words) == ({"hip": 0.0}, ())
+
+
+@pytest.mark.parametrize("name", ["huber", "tukey"])
+def test_a_saturated_amplifier_in_a_log(name: str) -> None:
+    """The torque sensor of one joint stands at a wrong value for a tenth of the log."""
+    assert name in ESTIMATORS
+    log = measure(arm(), arm_motion(), ARM_SENSORS, 0)
+    torque = log.motor_torque.copy()
+    torque[3000:3600, 1] = 3 * np.max(np.abs(torque[:, 1]))
+    log, known = replace(log, motor_torque=torque), arm().without_nominal()
+    joint = arm().joint_names[1]
+    truth = true_value(arm(), joint, "stiffness")
+    plain, robust = (
+        abs(identify(known, log, estimator=one).drivetrains[joint].value("stiffness") / truth - 1)
+        for one in ("wls", name)
+    )
+    assert plain > 0.1
+    assert robust < 0.01
