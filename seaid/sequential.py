@@ -85,7 +85,9 @@ def fitted(
         estimate, information = stream_estimate(long_logs, regress, estimator.weigh, carried)
         return Fit(estimate, information, None, carried)
     rows = rows_of(records, regress, executor)
-    return Fit(estimator.solve(rows, carried), information_of(rows), rows, carried)
+    estimate = estimator.solve(rows, carried)
+    seen = estimator.seen(rows, estimate)
+    return Fit(estimate, information_of(seen), seen, carried)
 
 
 def sequential_sides(

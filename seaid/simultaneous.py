@@ -56,7 +56,7 @@ def simultaneous_sides(
         zeros = joint_zero_std**2 * np.eye(robot.n)
         whole, _ = settled(robot, rows, theta, lambda found: estimator.solve(found, zeros))
     drives, load, load_side = split_joint(robot, model, whole)
-    solved = whitened(robot, rows, whole.values)
+    solved = estimator.seen(whitened(robot, rows, whole.values), whole)
     fit = Fit(whole, information_of(solved), solved, zeros)
     optional = [
         name

@@ -87,6 +87,12 @@ def outliers(rows: Regression, estimate: Estimate) -> Outliers:
     return Outliers(FrozenMapping(shares), weights, tuple(words))
 
 
+def without_outliers(rows: Regression, estimate: Estimate) -> Regression:
+    """Return the rows times the root of Tukey's weight of each, for checks of the estimate."""
+    residual = rows.y - rows.H @ estimate.values
+    return _scaled(rows, np.sqrt(tukey_weights(residual / _scales(rows, residual))))
+
+
 def huber_weights(u: Array) -> Array:
     """Return the weights of residuals in scales, psi(u)/u of Huber's psi."""
     return np.asarray(HUBER / np.maximum(np.abs(u), HUBER))

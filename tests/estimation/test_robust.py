@@ -229,3 +229,20 @@ def test_a_saturated_amplifier_in_a_log(name: str) -> None:
     )
     assert plain > 0.1
     assert robust < 0.01
+
+
+@pytest.mark.parametrize("name", ["huber", "tukey"])
+def test_spikes_in_a_log(name: str) -> None:
+    """One of a thousand samples of torque is a spike; the low pass smears it over its rows."""
+    log = measure(arm(), arm_motion(), ARM_SENSORS, 0)
+    torque, rng = log.motor_torque.copy(), np.random.default_rng(0)
+    bad = rng.random(torque.shape) < 1e-3
+    torque[bad] += (10 * np.std(torque, axis=0) * rng.choice([-1.0, 1.0], torque.shape))[bad]
+    known = arm().without_nominal()
+    spiky, clean = (
+        identify(known, one, estimator=name) for one in (replace(log, motor_torque=torque), log)
+    )
+    for joint in known.elastic_joints:
+        off = spiky.drivetrains[joint].value("stiffness") / true_value(arm(), joint, "stiffness")
+        assert off == pytest.approx(1.0, abs=0.05)
+        assert spiky.checks[joint].condition_number < 3 * clean.checks[joint].condition_number
