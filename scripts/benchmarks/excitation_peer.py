@@ -265,7 +265,7 @@ def save_plot(traces: list[Trace], path: Path) -> None:
     axes.yaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_major_formatter("{x:g}")
     axes.grid(color="0.9", which="both")
-    axes.legend(fontsize=8)
+    figure.legend(loc="outside lower center", ncols=3, fontsize=8)
     save_figure(figure, path)
 
 
