@@ -66,9 +66,7 @@ def main(output: Path, seed: int) -> None:
     truth = load_leg((TEST_MASS,))
     known = truth.without_nominal()
 
-    plan = seaid.design_excitation(
-        known, DURATION_S, basis="polynomial", limits=LIMITS, seed=seed + 2, progress=True
-    )
+    plan = seaid.design_excitation(known, DURATION_S, limits=LIMITS, seed=seed, progress=True)
     other = seaid.design_excitation(
         known, DURATION_S, basis="polynomial", limits=LIMITS, seed=seed, starts=1, progress=True
     )
@@ -88,7 +86,7 @@ def main(output: Path, seed: int) -> None:
     free = seaid.identify(load_leg(()).without_nominal(), free_log)
     result = seaid.validate(found, other_log)
 
-    print(f"Excitation: polynomial (18), condition number {plan.condition_number:.0f}")
+    print(f"Excitation: B-spline, condition number {plan.condition_number:.0f}; validation: (18)")
     print(drive_table("Table 1: drives, with the test mass of 2 kg on the foot", found, truth))
     print(drive_table("The same with a free foot: the ankle's spring is not loaded", free, truth))
     print_flags(free)
