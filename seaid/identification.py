@@ -20,6 +20,7 @@ from seaid.estimation.model_checks import ModelChecks
 from seaid.excited import check_excitation
 from seaid.files import whole_file
 from seaid.found import with_estimate
+from seaid.instrumental_sides import instrumental_sides
 from seaid.load_side import LoadModel, load_model
 from seaid.log import Log
 from seaid.possible_bodies import PossibleBodies, possible_bodies
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
     from seaid.validation import Validation
 
 SIDES = ("sequential", "joint")
+
+INSTRUMENTAL = "iv"
+"""The estimator that starts from another one's estimate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +136,9 @@ def identify(
     `logs` may be paths of files with our column names, or `open_long_log`'s: they are read in
     pieces, and with "ols" and "wls" memory does not grow with their length. `rows` names the joints
     whose torque is used on the load side (default: all that were measured). `estimator`: "ols",
-    "wls" (rows weighted by joint), "huber" or "tukey" (outliers count less). `feasible`:
+    "wls" (rows weighted by joint), "huber" or "tukey" (outliers count less), or "iv" (instrumental
+    variables from the fitted model, against the bias that noise in the regressor brings; one side
+    after the other only). `feasible`:
     `Identification.robot` then has the physically possible bodies nearest to the estimate and the
     robot's own, see `possible_bodies`. `cutoff_hz` is the pass band, None = proposed from the data.
     `joint_zero_std` [rad or m] is how well the zeros of the joint encoders are known; a wrong one
@@ -142,7 +148,9 @@ def identify(
     """
     if sides not in SIDES:
         raise IdentificationError("sides=: " + unknown_name("sides", sides, SIDES))
-    solver = estimator_named(estimator)
+    if estimator == INSTRUMENTAL and sides != "sequential":
+        raise IdentificationError(f'estimator="iv" needs sides="sequential", found "{sides}"')
+    solver = estimator_named("wls" if estimator == INSTRUMENTAL else estimator)
     sources = sources_of(logs)
     records = records_of(robot, sources, cutoff_hz, executor, progress)
     in_memory = [source for source in sources if isinstance(source, Log)]
@@ -151,6 +159,8 @@ def identify(
     used = known_torques(robot, records) if rows is None else robot.rows(rows)
     model = load_model(robot, base_parameters(robot, rows=used), used)
     found = sequential_sides(robot, records, model, solver, joint_zero_std, executor, progress)
+    if estimator == INSTRUMENTAL:
+        found = instrumental_sides(robot, records, model, found, joint_zero_std, executor)
     if sides == "joint":
         found = simultaneous_sides(robot, records, model, found, solver, joint_zero_std, executor)
     possible = _possible(robot, model, found) if feasible else None

@@ -50,6 +50,14 @@ class Sides:
     whole: Estimate | None = None
 
 
+@dataclass(frozen=True)
+class Regressions:
+    """What makes rows of a motion: `actuator` of a joint, `load` of a model and its springs."""
+
+    actuator: Callable[[Robot, Motion, str], Regression] = actuator_regression
+    load: Callable[[Robot, Motion, LoadModel, Mapping[str, Array]], Regression] = load_regression
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """An estimate, the information behind it, and the rows if they were kept in memory."""
@@ -98,11 +106,16 @@ def sequential_sides(
     joint_zero_std: float,
     executor: Executor | None,
     progress: bool,
+    regressions: Regressions = Regressions(),
 ) -> Sides:
-    """Return both sides, one after the other: the springs' uncertainty is carried to the load."""
+    """Return both sides, one after the other: the springs' uncertainty is carried to the load.
+
+    `regressions` make the rows, in columns that `estimator` knows and `seen` turns into the plain
+    ones.
+    """
     drives, checks, left_out = {}, {}, {}
     for joint in track(robot.elastic_joints, "actuator side", progress):
-        regress = partial(actuator_regression, robot, joint=joint)
+        regress = partial(_of_actuator, robot, regressions, joint)
         fit = fitted(records, regress, estimator, None, executor)
         drives[joint] = with_flags(fit.estimate, joint, fit.information)
         optional = [name for name in fit.estimate.names if name not in _NEEDED]
@@ -110,7 +123,9 @@ def sequential_sides(
         left_out[joint] = fit.information.left_out
     springs = {joint: spring_of(drives[joint]) for joint in sprung(robot, records, model)}
     for _ in track([0], "load side", progress):
-        load = _load_side(robot, records, model, springs, estimator, joint_zero_std, executor)
+        load = _load_side(
+            robot, records, model, springs, estimator, joint_zero_std, executor, regressions
+        )
     base, stiff = _split(model, load.estimate)
     found = drives | stiff
     return Sides(
@@ -161,25 +176,45 @@ def _load_side(
     estimator: Estimator,
     joint_zero_std: float,
     executor: Executor | None,
+    regressions: Regressions,
 ) -> Fit:
     """Fit (8), with the uncertainty of springs and zeros."""
     values = {joint: spring.values for joint, spring in springs.items()}
     covariances = [spring.covariance for spring in springs.values()]
     regress: Callable[[Motion], Regression]
-    regress = partial(load_regression, robot, model=model, springs=values)
+    regress = partial(_of_load, robot, regressions, model, values)
     if joint_zero_std > 0:
         theta = fitted(records, regress, estimator, None, executor).estimate.values
-        regress = partial(_with_zeros, robot, model=model, springs=values, theta=theta)
+        regress = partial(_with_zeros, robot, regressions, model, values, theta)
         covariances.append(joint_zero_std**2 * np.eye(robot.n))
     carried = linalg.block_diag(*covariances) if covariances else None
     return fitted(records, regress, estimator, carried, executor)
 
 
+def _of_actuator(robot: Robot, regressions: Regressions, joint: str, motion: Motion) -> Regression:
+    return regressions.actuator(robot, motion, joint)
+
+
+def _of_load(
+    robot: Robot,
+    regressions: Regressions,
+    model: LoadModel,
+    springs: Mapping[str, Array],
+    motion: Motion,
+) -> Regression:
+    return regressions.load(robot, motion, model, springs)
+
+
 def _with_zeros(
-    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
+    robot: Robot,
+    regressions: Regressions,
+    model: LoadModel,
+    springs: Mapping[str, Array],
+    theta: Array,
+    motion: Motion,
 ) -> Regression:
     """Return the load side, carrying the springs first and then the zeros of the joints."""
-    plain = load_regression(robot, motion, model, springs)
+    plain = regressions.load(robot, motion, model, springs)
     zeros = zero_sensitivity(robot, motion, model, springs, theta)
     return replace(plain, carried=np.hstack([plain.carried, zeros.carried]))
 

@@ -44,5 +44,7 @@ ESTIMATORS = FrozenMapping(
 def estimator_named(name: str) -> Estimator:
     """Return an estimator. Raises IdentificationError with the nearest name."""
     if name not in ESTIMATORS:
-        raise IdentificationError("estimator=: " + unknown_name("estimator", name, ESTIMATORS))
+        raise IdentificationError(
+            "estimator=: " + unknown_name("estimator", name, [*ESTIMATORS, "iv"])
+        )
     return ESTIMATORS[name]

@@ -1,0 +1,126 @@
+"""Instrumental variables against noise in the columns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from seaid.arrays import Array
+from seaid.errors import ExcitationError, IdentificationError
+from seaid.estimation.instrumental import instrumental
+from seaid.estimation.solve import ordinary, weighted
+from seaid.regression import Regression
+
+TRUTH = np.array([2.0, -1.0, 0.5])
+
+
+def experiment(
+    seed: int, count: int = 1000, noise: float = 0.5, stds: tuple[float, ...] = (0.5,)
+) -> tuple[Regression, Array]:
+    """Return rows with noise in the second column, and instruments with noise of their own."""
+    rng = np.random.default_rng(seed)
+    exact = rng.normal(size=(count * len(stds), 3)) @ np.array(
+        [[1.0, 0.3, 0.0], [0.0, 1.0, 0.2], [0.0, 0.0, 1.0]]
+    )
+    H = exact.copy()
+    H[:, 1] += noise * rng.normal(size=len(H))
+    Z = exact + 0.5 * noise * rng.normal(size=exact.shape)
+    joint = np.repeat(np.arange(float(len(stds))), count)
+    rows = Regression(
+        names=("a", "b", "c"),
+        units=("kg",) * 3,
+        H=H,
+        y=exact @ TRUTH + np.repeat(stds, count) * rng.normal(size=len(H)),
+        joint=joint,
+        time=np.tile(0.05 * np.arange(count), len(stds)),
+        run=np.zeros(len(H)),
+        left_out=0,
+        carried=np.empty((len(H), 0)),
+    )
+    return rows, Z
+
+
+def test_noise_in_a_column_biases_least_squares_and_not_instruments() -> None:
+    plain, freed = [], []
+    for seed in range(60):
+        rows, Z = experiment(seed)
+        plain.append(ordinary(rows).values)
+        freed.append(instrumental(rows, Z).values)
+    error = np.std(freed, axis=0) / np.sqrt(60)
+    assert np.all(np.abs(np.mean(freed, axis=0) - TRUTH) < 3 * error)
+    assert abs(np.mean(plain, axis=0)[1] - TRUTH[1]) > 20 * error[1]
+
+
+def test_intervals_hold_the_truth() -> None:
+    held = []
+    for seed in range(150):
+        rows, Z = experiment(seed, stds=(0.2, 1.0))
+        low, high = instrumental(rows, Z).interval().T
+        held.append((low < TRUTH) & (high > TRUTH))
+    assert np.mean(held) == pytest.approx(0.94, abs=0.035)
+
+
+def test_it_is_the_textbook_with_the_weights_of_least_squares() -> None:
+    rows, Z = experiment(0, stds=(0.1, 1.0))
+    residual = rows.y - rows.H @ weighted(rows).values
+    std = np.array([np.sqrt(np.mean(residual[rows.joint == j] ** 2)) for j in range(2)])
+    squared = (1 / std[rows.joint.astype(int)] ** 2)[:, None]
+    expected = np.linalg.solve(Z.T @ (squared * rows.H), Z.T @ (squared[:, 0] * rows.y))
+    assert instrumental(rows, Z).values == pytest.approx(expected, rel=1e-5)
+
+
+def test_columns_as_their_own_instruments_are_weighted_least_squares() -> None:
+    rows, _ = experiment(1, stds=(0.1, 1.0))
+    found, expected = instrumental(rows, rows.H), weighted(rows)
+    assert found.values == pytest.approx(expected.values, rel=1e-9)
+    assert np.allclose(found.covariance, expected.covariance, rtol=1e-8)
+    assert found.residual_std == pytest.approx(expected.residual_std, rel=1e-9)
+    assert found.flags == ()
+
+
+@given(exponent=st.lists(st.integers(-8, 8), min_size=6, max_size=6))
+def test_units_do_not_matter(exponent: list[int]) -> None:
+    rows, Z = experiment(2, 200)
+    of_rows, of_instruments = 10.0 ** np.array(exponent[:3]), 10.0 ** np.array(exponent[3:])
+    plain = instrumental(rows, Z)
+    scaled = instrumental(replace(rows, H=rows.H * of_rows), Z * of_instruments)
+    assert scaled.values * of_rows == pytest.approx(plain.values, rel=1e-8)
+    assert scaled.standard_errors * of_rows == pytest.approx(plain.standard_errors, rel=1e-8)
+
+
+def test_what_is_carried_adds_what_targets_really_do() -> None:
+    rows, Z = experiment(3)
+    direction = rows.H[:, :1] + Z[:, 1:2] ** 2
+    rows = replace(rows, carried=direction)
+    plain, carrying = instrumental(rows, Z), instrumental(rows, Z, np.array([[1e-8]]))
+    moved = instrumental(replace(rows, y=rows.y + 1e-4 * direction[:, 0]), Z).values - plain.values
+    added = carrying.covariance - plain.covariance
+    assert np.allclose(added, np.outer(moved, moved), rtol=1e-2, atol=1e-3 * moved @ moved)
+
+
+def test_weak_instruments_are_flagged_by_name() -> None:
+    rows, Z = experiment(4)
+    rng = np.random.default_rng(0)
+    Z = Z.copy()
+    Z[:, 1] = 0.1 * Z[:, 1] + rng.normal(size=len(Z))
+    flags = instrumental(rows, Z).flags
+    assert any(flag.startswith("the instruments of b are weak: they tell ") for flag in flags)
+    assert not any("instruments of c" in flag for flag in flags)
+
+
+def test_errors() -> None:
+    rows, Z = experiment(5)
+    with pytest.raises(IdentificationError, match=r"each of the 3 parameters and the 1000 rows"):
+        instrumental(rows, Z[:-1])
+    with pytest.raises(IdentificationError, match="instruments must be finite"):
+        instrumental(rows, np.where(Z > 3, np.nan, Z))
+    with pytest.raises(IdentificationError, match="the instruments of b are zero"):
+        instrumental(rows, Z * [1, 0, 1])
+    with pytest.raises(IdentificationError, match="tell only 2 of 3 parameters apart"):
+        instrumental(rows, Z[:, [0, 1, 0]])
+    with pytest.raises(ExcitationError, match="tells nothing about the combination of"):
+        instrumental(replace(rows, H=rows.H[:, [0, 1, 0]]), Z)

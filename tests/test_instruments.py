@@ -1,0 +1,135 @@
+"""Instruments from the fitted model, and what they do to noisy encoders."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache, partial
+
+import numpy as np
+import pytest
+
+from seaid.base import base_parameters
+from seaid.errors import IdentificationError
+from seaid.estimation.estimators import ESTIMATORS
+from seaid.identification import identify
+from seaid.instrumental_sides import instrumental_sides
+from seaid.instruments import (
+    FittedModel,
+    actuator_with_instruments,
+    apart,
+    instrument_motion,
+    load_with_instruments,
+)
+from seaid.load_side import LoadModel, load_model, load_regression
+from seaid.motion import Motion, reconstruct_motion
+from seaid.regression import actuator_regression
+from seaid.robot import Robot
+from seaid.sequential import Sides, sequential_sides
+from seaid.simulation import Noise, measure
+from tests.experiments import ARM_SENSORS, arm, arm_motion, drive_errors, perfect_log
+
+
+@cache
+def noise_free() -> tuple[Robot, LoadModel, Motion, FittedModel, Sides]:
+    """Return what perfect sensors tell of the mixed arm."""
+    robot = arm().without_nominal()
+    model = load_model(robot, base_parameters(robot), robot.joint_names)
+    motion = reconstruct_motion(robot, perfect_log(arm(), arm_motion()))
+    sides = sequential_sides(robot, [motion], model, ESTIMATORS["wls"], 0.0, None, False)
+    springs = dict(sides.springs)
+    return robot, model, motion, FittedModel(model, sides.load_side.values, springs), sides
+
+
+def test_without_noise_the_instruments_are_the_columns() -> None:
+    """As far as the narrow band leaves the motion alone."""
+    robot, model, motion, fitted, sides = noise_free()
+    for joint in robot.elastic_joints:
+        rows, Z = apart(actuator_with_instruments(robot, motion, joint, fitted))
+        plain = actuator_regression(robot, motion, joint)
+        assert rows.names == plain.names
+        assert np.array_equal(rows.H, plain.H)
+        off = np.linalg.norm(Z - rows.H, axis=0) / np.linalg.norm(rows.H, axis=0)
+        assert np.all(off < 0.3)
+    rows, Z = apart(load_with_instruments(robot, motion, model, sides.springs, fitted))
+    plain = load_regression(robot, motion, model, sides.springs)
+    assert np.array_equal(rows.H, plain.H)
+    assert rows.H.shape == Z.shape
+    off = np.linalg.norm(Z - rows.H, axis=0) / np.linalg.norm(rows.H, axis=0)
+    assert np.median(off) < 0.1
+
+
+def test_noise_of_the_motor_encoder_is_not_in_the_instruments_of_a_spring() -> None:
+    robot, _, motion, fitted, _ = noise_free()
+    noise = 1e-2 * np.random.default_rng(0).normal(size=motion.motor_position.shape)
+    noisy = replace(
+        motion,
+        motor_position=motion.motor_position + noise,
+        motor_velocity=motion.motor_velocity + 10 * noise,
+    )
+    joint = robot.elastic_joints[0]
+    one, other = (
+        apart(actuator_with_instruments(robot, each, joint, fitted)) for each in (motion, noisy)
+    )
+    common = np.isin(one[0].time, other[0].time), np.isin(other[0].time, one[0].time)
+    assert not np.allclose(one[0].H[common[0]], other[0].H[common[1]], rtol=1e-6)
+    assert np.allclose(one[1][common[0]], other[1][common[1]], rtol=1e-12)
+
+
+def test_spring_carries_the_torque_of_the_fitted_bodies() -> None:
+    robot, model, motion, fitted, _ = noise_free()
+    made = instrument_motion(robot, motion, fitted)
+    springs = {joint: np.array(spring) for joint, spring in fitted.springs.items()}
+    rows = load_regression(robot, made, model, springs)
+    for joint in springs:
+        mine = rows.joint == robot.index(joint)
+        residual = rows.y[mine] - rows.H[mine] @ fitted.load_side
+        assert np.max(np.abs(residual)) < 1e-9 * np.max(np.abs(rows.y[mine]))
+
+
+def test_perfect_sensors_give_the_same_as_least_squares() -> None:
+    log = perfect_log(arm(), arm_motion())
+    errors = [
+        drive_errors(identify(arm().without_nominal(), log, estimator=name), arm(), "stiffness")
+        for name in ("wls", "iv")
+    ]
+    assert max(map(abs, errors[1].values())) < max(2e-3, 2 * max(map(abs, errors[0].values())))
+
+
+def test_coarse_joint_encoders_bias_least_squares_more() -> None:
+    """A wide pass band lets their noise into the deflection; the mean error of some draws."""
+    known = arm().without_nominal()
+    plain: list[list[float]] = []
+    freed: list[list[float]] = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        noise = replace(ARM_SENSORS, motor_zero_rad=tuple(rng.uniform(-3, 3, 4)))
+        log = measure(arm(), arm_motion(), noise, seed)
+        position = log.joint_position + 2e-2 * rng.normal(size=log.joint_position.shape) * (
+            [0.02, 1.0, 0.02, 1.0]
+        )
+        log = replace(log, joint_position=position)
+        for name, errors in (("wls", plain), ("iv", freed)):
+            found = identify(known, log, estimator=name, cutoff_hz=8.0)
+            errors.append(list(drive_errors(found, arm(), "stiffness").values()))
+    worst = int(np.argmax(np.abs(np.mean(plain, axis=0))))
+    assert np.mean(plain, axis=0)[worst] < -0.01
+    assert abs(np.mean(freed, axis=0)[worst]) < 0.4 * abs(np.mean(plain, axis=0)[worst])
+
+
+def test_errors(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, model, motion, _, sides = noise_free()
+    log = measure(arm(), arm_motion(), Noise(torque_std_Nm=0.01), 0)
+    with pytest.raises(IdentificationError, match='estimator="iv" needs sides="sequential"'):
+        identify(robot, log, estimator="iv", sides="joint")
+    with pytest.raises(IdentificationError, match="did you mean 'iv'"):
+        identify(robot, log, estimator="ivv")
+    run = partial(instrumental_sides, robot, [motion], model)
+    joint = robot.elastic_joints[0]
+    drive = sides.drivetrains[joint]
+    flipped = replace(drive, values=-drive.values)
+    with pytest.raises(IdentificationError, match=f"stiffness of {joint} was found not positive"):
+        run(replace(sides, drivetrains={**sides.drivetrains, joint: flipped}), 0.0, None)
+    monkeypatch.setattr("seaid.instrumental_sides._MOST_ITERATIONS", 1)
+    away = replace(drive, values=0.5 * drive.values)
+    with pytest.raises(IdentificationError, match=r"did not settle in 1 iterations: .* moves"):
+        run(replace(sides, drivetrains={**sides.drivetrains, joint: away}), 0.0, None)
