@@ -137,14 +137,13 @@ def identify(
     pieces, and with "ols" and "wls" memory does not grow with their length. `rows` names the joints
     whose torque is used on the load side (default: all that were measured). `estimator`: "ols",
     "wls" (rows weighted by joint), "huber" or "tukey" (outliers count less), or "iv" (instrumental
-    variables from the fitted model, against the bias that noise in the regressor brings; one side
-    after the other only). `feasible`:
-    `Identification.robot` then has the physically possible bodies nearest to the estimate and the
-    robot's own, see `possible_bodies`. `cutoff_hz` is the pass band, None = proposed from the data.
-    `joint_zero_std` [rad or m] is how well the zeros of the joint encoders are known; a wrong one
-    turns gravity, and the covariance of the load side then says what that does. `executor`
-    (concurrent.futures) works on the logs, one a task. Raises kinds of SeaidError for
-    data that cannot answer.
+    variables from the fitted model, against the bias of noise in the regressor; sequential only).
+    `feasible`: `Identification.robot` then has the physically possible bodies nearest to the
+    estimate and the robot's own, see `possible_bodies`. `cutoff_hz` is the pass band, None =
+    proposed from the data. `joint_zero_std` [rad or m] is how well the zeros of the joint encoders
+    are known; a wrong one turns gravity, and the covariance of the load side then says what that
+    does. `executor` (concurrent.futures) works on the logs, one a task. Raises kinds of SeaidError
+    for data that cannot answer.
     """
     if sides not in SIDES:
         raise IdentificationError("sides=: " + unknown_name("sides", sides, SIDES))
