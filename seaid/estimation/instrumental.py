@@ -16,7 +16,7 @@ from seaid.arrays import Array, finite
 from seaid.errors import IdentificationError
 from seaid.estimation.covariance import long_run_of
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.information import information_of
+from seaid.estimation.information import information_of, triangle
 from seaid.estimation.solve import estimate_of, score_factors, settled_weights, solve
 from seaid.regression import Regression
 
@@ -75,11 +75,12 @@ def _checked(rows: Regression, instruments: Array) -> Array:
 
 def _told(Z: Array, H: Array, names: tuple[str, ...]) -> Array:
     """Return the coefficients (p, p) of the columns of H on those of Z, scaled for that."""
-    norms = np.linalg.norm(Z, axis=0)
-    coefficients, _, rank, _ = linalg.lstsq(Z / norms, H, cond=_LOST)
-    if rank < len(names):
+    p, norms = len(names), np.linalg.norm(Z, axis=0)
+    R = triangle(np.hstack([Z / norms, H]))
+    coefficients, _, rank, _ = linalg.lstsq(R[:p, :p], R[:p, p:], cond=_LOST)
+    if rank < p:
         raise IdentificationError(
-            f"the instruments tell only {rank} of {len(names)} parameters apart: the motion that "
+            f"the instruments tell only {rank} of {p} parameters apart: the motion that "
             "they are computed from is too smooth; raise cutoff_hz, or use estimator='wls'"
         )
     return np.asarray(coefficients / norms[:, None])
