@@ -5,12 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from seaid.arrays import Array
+from seaid.errors import LogError
 
 _ORDER = 4
 _SHARE, _MARGIN, _FEWEST_PERIODS = 0.99, 3.0, 15.0
 _NARROWEST_HZ, _WIDEST_HZ = 4.0, 12.0
 _SMOOTHED_BINS = 9
 _ROUNDING = 1e-6
+_GAUSSIAN = 1.4826
+"""Standard deviation of Gaussian noise over the median of its absolute values."""
+
 ROWS_PER_PERIOD = 4.0
 """After the low pass, so many rows a period of the cutoff say all there is."""
 
@@ -27,6 +31,29 @@ def low_pass(signals: Array, rate_hz: float, cutoff_hz: float) -> Array:
     sections = butter(_ORDER // 2, cutoff_hz, fs=rate_hz, output="sos")
     pad = min(len(signals) - 1, round(3 * rate_hz / cutoff_hz))
     return np.asarray(sosfiltfilt(sections, signals, axis=0, padtype="odd", padlen=pad))
+
+
+def despiked(signals: Array, half_window: int = 5, threshold: float = 4.0) -> Array:
+    """Return columns (T, any) with single spikes replaced by the median around them (Hampel 1974).
+
+    A spike is farther from the median of the window of 2 `half_window` + 1 samples than `threshold`
+    times their spread, and than that of the whole column. For raw samples, before any low pass
+    smears a spike over its neighbours; NaN columns stay NaN. Raises LogError for a window or a
+    threshold that is not positive.
+    """
+    from scipy.ndimage import median_filter
+
+    if half_window < 1 or not threshold > 0:
+        raise LogError(
+            "despiked needs half_window of at least 1 and a threshold more than 0, found "
+            f"{half_window} and {threshold}"
+        )
+    window = (2 * half_window + 1, 1)
+    centre = median_filter(signals, window, mode="nearest")
+    off = np.abs(signals - centre)
+    around = median_filter(off, window, mode="nearest")
+    spread = _GAUSSIAN * np.maximum(around, np.median(off, axis=0))
+    return np.where(off > threshold * spread, centre, signals)
 
 
 def decimation(rate_hz: float, cutoff_hz: float) -> int:
