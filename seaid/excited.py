@@ -1,4 +1,4 @@
-"""Does the robot move at all in a log? Asked before any regression is."""
+"""Does the robot move at all in a log, and is every channel alive? Asked before any regression."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.errors import ExcitationError
+from seaid.errors import ExcitationError, LogError
 from seaid.log import Log
 from seaid.robot import Robot
 
@@ -35,6 +35,34 @@ def check_excitation(robot: Robot, logs: Sequence[Log]) -> None:
     ]
     if not any(map(_moves, every)):
         raise ExcitationError("no joint moves in the log: the motion does not excite the robot")
+
+
+def check_channels(logs: Sequence[Log]) -> None:
+    """Raise LogError where a sensor says the same all the time while the other side of it moves."""
+    for log in logs:
+        for index, joint in enumerate(log.joint_names):
+            sides = {
+                "motor position": log.motor_position[:, index],
+                "joint position": log.joint_position[:, index],
+            }
+            for dead, other in (tuple(sides), tuple(sides)[::-1]):
+                _check_alive(joint, dead, sides[dead], other, sides[other])
+            torques = {"motor torque": log.motor_torque[:, index]}
+            if log.joint_torque is not None:
+                torques["joint torque"] = log.joint_torque[:, index]
+            for name, torque in torques.items():
+                for side, position in sides.items():
+                    _check_alive(joint, name, torque, side, position)
+
+
+def _check_alive(joint: str, name: str, values: Array, other: str, moved: Array) -> None:
+    constant = np.all(np.isfinite(values)) and np.ptp(values) == 0.0
+    if constant and np.all(np.isfinite(moved)) and _moves(moved):
+        raise LogError(
+            f"the {name} of '{joint}' is {values[0]:.6g} all the time, while its {other} moves: a "
+            "dead channel? Leave its column out of the log, or the joint out with joints=[...] of "
+            "load_robot"
+        )
 
 
 def _moves(position: Array) -> bool:

@@ -17,7 +17,7 @@ from seaid.errors import IdentificationError, unknown_name
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.estimators import estimator_named
 from seaid.estimation.model_checks import ModelChecks
-from seaid.excited import check_excitation
+from seaid.excited import check_channels, check_excitation
 from seaid.files import whole_file
 from seaid.found import with_estimate
 from seaid.instrumental_sides import instrumental_sides
@@ -155,6 +155,7 @@ def identify(
     in_memory = [source for source in sources if isinstance(source, Log)]
     if len(in_memory) == len(sources):
         check_excitation(robot, in_memory)
+    check_channels(in_memory)
     used = known_torques(robot, records) if rows is None else robot.rows(rows)
     model = load_model(robot, base_parameters(robot, rows=used), used)
     found = sequential_sides(robot, records, model, solver, joint_zero_std, executor, progress)

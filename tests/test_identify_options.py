@@ -212,3 +212,21 @@ def test_unknown_choices_offer_the_nearest() -> None:
         identify(KNOWN, log(), sides="joints")
     with pytest.raises(IdentificationError, match=r"estimator=: .*did you mean 'wls'"):
         identify(KNOWN, log(), estimator="wlss")
+
+
+@pytest.mark.parametrize(
+    ("field", "joint", "words"),
+    [
+        ("joint_position", "knee_pitch", "joint position of 'knee_pitch' is 0.4 all the time"),
+        ("joint_position", "hip_roll", "joint position of 'hip_roll' is 0.4 all the time"),
+        ("motor_torque", "knee_pitch", "motor torque of 'knee_pitch' is 0.4 all the time"),
+        ("motor_torque", "hip_yaw", "motor torque of 'hip_yaw' is 0.4 all the time"),
+        ("motor_position", "hip_yaw", "motor position of 'hip_yaw' is 0.4 all the time"),
+    ],
+)
+@pytest.mark.parametrize("sides", ["sequential", "joint"])
+def test_a_dead_channel_is_named(field: str, joint: str, words: str, sides: str) -> None:
+    values = getattr(log(), field).copy()
+    values[:, KNOWN.index(joint)] = 0.4
+    with pytest.raises(LogError, match=f"{words}, while its .* moves: a dead channel"):
+        identify(KNOWN, replace(log(), **{field: values}), sides=sides)
