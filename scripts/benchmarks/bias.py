@@ -53,7 +53,9 @@ def main(draws: int) -> None:
             load, (motor, joint), every, cutoff_hz = setting
             one = partial(errors, motions[load], setting)
             futures = [executor.submit(one, seed) for seed in range(draws)]
-            found = [future.result() for future in track(futures, "identifying", True)]
+            drawn = [future.result() for future in track(futures, "identifying", True)]
+            found = [draw for draw in drawn if draw]
+            print(f"{load}, every {every}: {draws - len(found)} of {draws} draws refused")
             rows += [
                 [
                     f"{load}, motor {2 * np.pi / motor:.0f}, joint {2 * np.pi / joint:.0f}, "
@@ -82,7 +84,7 @@ def errors(
     setting: tuple[str, tuple[float, float], int, float | None],
     seed: int,
 ) -> dict[str, dict[str, tuple[float, float]]]:
-    """Return {parameter: {estimator: (error, standard error)}} of one draw."""
+    """Return {parameter: {estimator: (error, standard error)}} of one draw, empty if refused."""
     load, (motor, joint), every, cutoff_hz = setting
     truth = load_leg(LOADS[load])
     noise = replace(sensors(seed), motor_resolution_rad=motor, joint_resolution_rad=joint)
@@ -90,7 +92,10 @@ def errors(
     known = truth.without_nominal()
     found: dict[str, dict[str, tuple[float, float]]] = {}
     for estimator in ESTIMATORS:
-        told = seaid.identify(known, log, estimator=estimator, cutoff_hz=cutoff_hz)
+        try:
+            told = seaid.identify(known, log, estimator=estimator, cutoff_hz=cutoff_hz)
+        except seaid.IdentificationError:
+            return {}
         for name in truth.elastic_joints:
             estimate, exact = told.drivetrains[name], nominal_values(truth.drivetrains[name])
             for parameter in PARAMETERS:
