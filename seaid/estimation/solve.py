@@ -17,7 +17,7 @@ from seaid.regression import Regression
 _LOST = 1e-7
 """Singular value, relative to the largest, below which a combination of columns is lost."""
 
-_MOST_REWEIGHTINGS = 100
+_MOST_REWEIGHTINGS = 1000
 _MOST_NAMED = 3
 
 
