@@ -40,6 +40,7 @@ SETTINGS = (  # load, steps of motor and joint encoder [rad], every so many samp
     ("test mass", FINE, 1, None),
     ("test mass", COARSE, 1, None),
     ("free foot", COARSE, 1, None),
+    ("test mass", COARSE, 20, 8.0),
     ("free foot", COARSE, 20, 8.0),
 )
 
