@@ -9,27 +9,16 @@ import numpy as np
 from seaid.arrays import Array
 from seaid.excitation.drive_limits import KINDS, drive_loads
 from seaid.excitation.limits import JointLimits, Margins, margins
-from seaid.excitation.problem import Problem, is_curved, most_curved_use, seen_at, states_of
+from seaid.excitation.problem import Problem, drawn_together, is_curved, seen_at, states_of
 from seaid.excitation.scene import distances
 from seaid.excitation.trajectory import Trajectory
 
 _FINER, _MOST_INSTANTS = 8, 2000
-_BISECTIONS = 20
 
 
 def motion_within(problem: Problem, x: Array) -> Array:
     """Return x, drawn towards zero if a limit is broken between the instants of the search."""
-    if not is_curved(problem):
-        return x
-    fine = _closer(problem)
-    if most_curved_use(fine, x) <= 1.0:
-        return x
-    inside, outside = 0.0, 1.0
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (inside + outside)
-        kept = most_curved_use(fine, middle * x) <= 1.0
-        inside, outside = (middle, outside) if kept else (inside, middle)
-    return inside * x
+    return drawn_together(_closer(problem), x, 1.0) if is_curved(problem) else x
 
 
 def all_margins(problem: Problem, x: Array, trajectory: Trajectory, bounds: JointLimits) -> Margins:

@@ -21,7 +21,7 @@ AIM = 0.97
 _SAFE = 0.985
 _SCENE_REACH_M = 0.1
 _INSTANTS = 10
-_BISECTIONS = 12
+_BISECTIONS = 14
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,13 +196,19 @@ def drawn_inside(problem: Problem, x: Array) -> Array:
     A joint that breaks a linear limit alone; all of them while a drive or a distance breaks one.
     """
     joints = x.reshape(problem.shape)
-    x = np.ravel(joints / np.maximum(linear_use(problem, x), 1.0)[:, None])
-    if not is_curved(problem) or most_curved_use(problem, x) <= _SAFE:
+    return drawn_together(
+        problem, np.ravel(joints / np.maximum(linear_use(problem, x), 1.0)[:, None]), _SAFE
+    )
+
+
+def drawn_together(problem: Problem, x: Array, most: float) -> Array:
+    """Return x, drawn towards zero until no drive or distance uses more than `most` of a limit."""
+    if not is_curved(problem) or most_curved_use(problem, x) <= most:
         return x
     inside, outside = 0.0, 1.0
     for _ in range(_BISECTIONS):
         middle = 0.5 * (inside + outside)
-        kept = most_curved_use(problem, middle * x) <= _SAFE
+        kept = most_curved_use(problem, middle * x) <= most
         inside, outside = (middle, outside) if kept else (inside, middle)
     return inside * x
 
