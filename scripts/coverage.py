@@ -1,0 +1,205 @@
+"""Do the 95 % intervals hold the truth? Many simulated experiments, every way of estimating.
+
+The TULip leg with its test mass moves along several planned motions, each simulated once; every
+experiment measures one of them anew: torque noise, encoder zeros and steps. The base parameters'
+intervals count the joint zeros as known to 2 mrad.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from itertools import repeat
+from pathlib import Path
+
+import numpy as np
+
+import seaid
+from seaid.arrays import Array
+from seaid.files import result_folder
+from seaid.found import nominal_values
+from seaid.motion import Motion
+from seaid.progress import track
+from seaid.report.coverage_figure import save_coverage_figure
+from seaid.report.text import percent, table
+from seaid.simulation import measure, simulate_motion
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from scripts.identify_tulip_leg import (
+    DURATION_S,
+    JOINT_ZERO_STD_RAD,
+    LIMITS,
+    TEST_MASS,
+    load_leg,
+    sensors,
+)
+
+DEFAULT = "wls"
+WAYS = ("wls", "ols", "huber", "tukey", "iv", "joint", "refine")
+MOTIONS = 4
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Errors (P,), stated standard errors and those for white noise of one experiment."""
+
+    error: Array
+    stated: Array
+    white: Array
+
+
+def main(output: Path, experiments: int, others: int, jobs: int) -> None:
+    """Simulate, identify, print two tables, draw."""
+    begin = time.perf_counter()
+    result_folder(output)
+    truth = load_leg((TEST_MASS,))
+    with ProcessPoolExecutor(jobs) as executor:
+        motions = list(
+            track(list(executor.map(simulated, range(MOTIONS))), "simulating", progress_wanted())
+        )
+        found: dict[str, list[Outcome]] = {}
+        for way in WAYS:
+            runs = range(experiments if way == DEFAULT else others)
+            chosen = [motions[run % MOTIONS] for run in runs]
+            done = executor.map(partial(experiment, way), chosen, runs, chunksize=2)
+            shown = track(list(zip(runs, repeat(done))), way, progress_wanted())
+            found[way] = [one for one in (next(results) for _, results in shown) if one]
+    names, drives = parameter_names(truth)
+    print(parameter_table(names, found[DEFAULT]))
+    print(way_table(found, drives))
+    coverage = {way: held(outcomes) for way, outcomes in found.items()}
+    counts = {way: len(outcomes) for way, outcomes in found.items()}
+    save_coverage_figure(names, coverage, counts, output / "coverage.png")
+    print(f"{time.perf_counter() - begin:.0f} s. Results: {output}")
+
+
+def progress_wanted() -> bool:
+    """Tell whether anyone watches."""
+    return sys.stderr.isatty()
+
+
+def simulated(number: int) -> Motion:
+    """Return the motion of the leg along one of the plans."""
+    truth = load_leg((TEST_MASS,))
+    basis = ("bspline", "polynomial", "fourier")[number % 3]
+    plan = seaid.design_excitation(
+        truth.without_nominal(), DURATION_S, basis=basis, limits=LIMITS, seed=number, starts=1
+    )
+    return simulate_motion(truth, plan.trajectory, noise=sensors(number))
+
+
+def experiment(way: str, motion: Motion, run: int) -> Outcome | None:
+    """Measure a motion anew and identify; None where the way gives no answer, and says so."""
+    truth = load_leg((TEST_MASS,))
+    log = measure(truth, motion, sensors(1000 + run), run)
+    known, zeros = truth.without_nominal(), JOINT_ZERO_STD_RAD
+    try:
+        if way == "joint":
+            found = seaid.identify(known, log, sides="joint", joint_zero_std=zeros)
+        elif way == "refine":
+            found = seaid.identify(known, log, joint_zero_std=zeros)
+            found = seaid.refine(found, log, joint_zero_std=zeros)
+        else:
+            found = seaid.identify(known, log, estimator=way, joint_zero_std=zeros)
+    except seaid.SeaidError as problem:
+        print(f"{way}, experiment {run}: {problem}", file=sys.stderr)
+        return None
+    return outcome(truth, found)
+
+
+def outcome(truth: seaid.Robot, found: seaid.Identification) -> Outcome:
+    """Return errors and standard errors: drives with a true value, then base parameters."""
+    error, stated, white = [], [], []
+    for joint, estimate in found.drivetrains.items():
+        exact = nominal_values(truth.drivetrains[joint])
+        for index, name in enumerate(estimate.names):
+            if name in exact:
+                error.append(estimate.values[index] - exact[name])
+                stated.append(estimate.standard_errors[index])
+                white.append(white_errors(estimate)[index])
+    true = found.base.project(truth.parameters)
+    return Outcome(
+        np.concatenate([error, found.load.values - true]),
+        np.concatenate([stated, found.load.standard_errors]),
+        np.concatenate([white, white_errors(found.load)]),
+    )
+
+
+def white_errors(estimate: seaid.Estimate) -> Array:
+    """Return the standard errors of the white-noise formula, NaN where there are none."""
+    white = estimate.white_standard_errors
+    return np.full(len(estimate.values), np.nan) if white is None else white
+
+
+def parameter_names(truth: seaid.Robot) -> tuple[list[str], int]:
+    """Return the names of all parameters, and how many are of drives."""
+    drives = [
+        f"{name} of {joint}"
+        for joint in truth.joint_names
+        for name in nominal_values(truth.drivetrains[joint])
+        if name != "motor_inertia"
+    ]
+    return [*drives, *seaid.base_parameters(truth).names], len(drives)
+
+
+def held(outcomes: Sequence[Outcome], which: str = "stated") -> Array:
+    """Return the share (P,) of experiments whose 95 % interval holds the truth."""
+    inside = [np.abs(one.error) < 1.96 * np.asarray(getattr(one, which)) for one in outcomes]
+    return np.asarray(np.mean(inside, axis=0))
+
+
+def parameter_table(names: Sequence[str], outcomes: Sequence[Outcome]) -> str:
+    """Return bias, scatter and coverage of each parameter, of the default way."""
+    scores = np.array([one.error / one.stated for one in outcomes])
+    covered, white = held(outcomes), held(outcomes, "white")
+    rows = [
+        [name, *(f"{value:.2f}" for value in (bias, spread)), percent(share), percent(plain)]
+        for name, bias, spread, share, plain in zip(
+            names,
+            scores.mean(axis=0),
+            scores.std(axis=0),
+            covered,
+            white,
+            strict=True,
+        )
+    ]
+    header = ["parameter", "bias/s.e.", "std/s.e.", "95 % hold", "white formula"]
+    return table(f"{DEFAULT}, {len(outcomes)} experiments", header, rows)
+
+
+def way_table(found: dict[str, list[Outcome]], drives: int) -> str:
+    """Return coverage and rms error of every way, drives and base parameters apart."""
+    rows = []
+    for way, outcomes in found.items():
+        share = held(outcomes)
+        same = found[DEFAULT][: len(outcomes)]
+        ratio = rms(outcomes) / rms(same)
+        entries = []
+        for part in (slice(drives), slice(drives, None)):
+            least, middle, most = np.quantile(share[part], (0.0, 0.5, 1.0))
+            entries += [*map(percent, (least, middle, most)), f"{np.median(ratio[part]):.2f}"]
+        rows.append([way, str(len(outcomes)), *entries])
+    header = ["way", "experiments", "drives: least", "median", "most", "rms"]
+    header += ["base: least", "median", "most", "rms"]
+    return table(f"Coverage, and rms error over that of {DEFAULT}", header, rows)
+
+
+def rms(outcomes: Sequence[Outcome]) -> Array:
+    """Return the rms error (P,)."""
+    return np.asarray(np.sqrt(np.mean([one.error**2 for one in outcomes], axis=0)))
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--experiments", type=int, default=200, help="of the default way")
+    parser.add_argument("--others", type=int, default=40, help="experiments of each other way")
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--output", type=Path, default=Path("out/coverage"), help="result folder")
+    arguments = parser.parse_args()
+    main(arguments.output, arguments.experiments, arguments.others, arguments.jobs)
