@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,7 +15,15 @@ from seaid.estimation.estimate import Estimate
 from seaid.estimation.estimators import Estimator
 from seaid.estimation.instrumental import instrumental
 from seaid.found import spring_of
-from seaid.instruments import FittedModel, actuator_with_instruments, apart, load_with_instruments
+from seaid.instruments import (
+    FittedModel,
+    Maker,
+    actuator_with_instruments,
+    apart,
+    instrument_motion,
+    load_with_instruments,
+    motor_driven_motion,
+)
 from seaid.load_side import LoadModel
 from seaid.records import Record
 from seaid.regression import Regression
@@ -38,16 +47,46 @@ def instrumental_sides(
     """Return both sides, one after the other, from a `start` as least squares gives it.
 
     The instruments are those of `seaid.instruments` with the estimate before, until no parameter
-    moves by more than a small part of its standard error (Janot, Vandanjon and Gautier 2014).
+    moves by more than a small part of its standard error (Janot, Vandanjon and Gautier 2014): first
+    of smoothed joint positions, which need no good estimate, then on the load side of joints that
+    the motors drive. Where the latter diverge or do not settle the former stay, and a flag says so.
     Raises IdentificationError where that does not come, and as `instrumental` does.
     """
+    run = partial(
+        _settled,
+        robot,
+        records,
+        model,
+        joint_zero_std=joint_zero_std,
+        executor=executor,
+    )
+    found = run(start, make=instrument_motion)
+    try:
+        return run(found, make=motor_driven_motion)
+    except IdentificationError as problem:
+        flag = (
+            "instruments of the load side are those of the smoothed joint encoders, whose noise "
+            f"may bias the base parameters: {problem}"
+        )
+        return replace(found, load=replace(found.load, flags=(*found.load.flags, flag)))
+
+
+def _settled(
+    robot: Robot,
+    records: Sequence[Record],
+    model: LoadModel,
+    found: Sides,
+    make: Maker,
+    joint_zero_std: float,
+    executor: Executor | None,
+) -> Sides:
+    """Return both sides once new instruments change nothing; `make` is for the load side's."""
     estimator = Estimator(_solve, seen=_seen)
-    found = start
     for _ in range(_MOST_ITERATIONS):
         fitted = _fitted(robot, model, found)
         regressions = Regressions(
             partial(actuator_with_instruments, fitted=fitted),
-            partial(load_with_instruments, fitted=fitted),
+            partial(load_with_instruments, fitted=fitted, make=make),
         )
         before, found = (
             found,

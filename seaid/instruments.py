@@ -9,18 +9,22 @@ all the rest, so that no instrument has the noise of its own column in it:
 - the deflection is torque over stiffness, the torque that of the fitted bodies. Noise of the joint
   encoder reaches it only through them, as part (stiffness of gravity and inertia over that of the
   spring) of what the measured deflection has, and only from inside the narrow band.
+- on the load side joint noise from inside the narrow band would still be in acceleration and
+  torque alike: once there is an estimate the joints are simulated from the motor encoders instead
+  (`driven_motion`).
 - a stiff drive has one sensor or two that tell the same, and the motor of a spring that carries no
   known torque is smoothed as it is; there the narrow band alone helps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from seaid.arrays import Array
+from seaid.driven_motion import driven_motion
 from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.filtering import low_pass, spline_derivatives
 from seaid.load_side import LoadModel, load_columns, load_regression
@@ -44,6 +48,10 @@ class FittedModel:
     model: LoadModel
     load_side: Array
     springs: Mapping[str, Array]
+
+
+Maker = Callable[[Robot, Motion, FittedModel], Motion]
+"""What makes the motion that instruments are columns of."""
 
 
 def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Motion:
@@ -73,6 +81,11 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
     return _with_motors(reference, angle)
 
 
+def motor_driven_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Motion:
+    """Return the motion that the fitted model makes of the motors' angles: see `driven_motion`."""
+    return driven_motion(robot, motion, fitted.model, fitted.springs, fitted.load_side)
+
+
 def _with_motors(motion: Motion, angle: Array) -> Motion:
     """Return the motion with motors at other angles (T, n) [rad]."""
     position, speed, acceleration = spline_derivatives(motion.time, angle)
@@ -97,10 +110,11 @@ def load_with_instruments(
     model: LoadModel,
     springs: Mapping[str, Array],
     fitted: FittedModel,
+    make: Maker = instrument_motion,
 ) -> Regression:
-    """Return `load_regression` with the instruments beside its columns."""
+    """Return `load_regression` with the instruments beside its columns, of the motion it makes."""
     rows = load_regression(robot, motion, model, springs)
-    made = instrument_motion(robot, motion, fitted)
+    made = make(robot, motion, fitted)
     Z = in_band(made, load_columns(robot, made, model, springs)[2])
     row_of = {robot.index(joint): row for row, joint in enumerate(model.rows)}
     which = [row_of[int(index)] for index in rows.joint]

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from seaid.arrays import Array, BoolArray, FrozenMapping
+from seaid.driven_motion import finer_side
 from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.errors import IdentificationError
 from seaid.estimation.gauss_newton import Residuals
@@ -106,7 +107,7 @@ def run_of(layout: Layout, log: Log) -> Run:
     rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
     band = min(WIDER * layout.found.cutoff_hz, rate_hz / 8)
     motion = reconstruct_motion(known, log, band)
-    motion = _finer_side(known, motion)
+    motion = finer_side(known, motion)
     block = decimation(motion.rate_hz, motion.cutoff_hz)
     trim = round(motion.trim_s * motion.rate_hz)
     length = len(motion.time) - 2 * trim
@@ -115,24 +116,6 @@ def run_of(layout: Layout, log: Log) -> Run:
     motion = _selected(motion, slice(trim, trim + whole))
     simulated = [known.index(joint) for joint in layout.simulated]
     return Run(motion, motion.joint_position[:, simulated], windows, block)
-
-
-def _finer_side(robot: Robot, motion: Motion) -> Motion:
-    """Take the motion of stiff joints from the encoder with less noise, as acceleration shows it.
-
-    The zero stays that of the joint encoder.
-    """
-    q, v, a = (state.copy() for state in motion.joint_states)
-    for index, joint in enumerate(robot.joint_names):
-        drive = robot.drivetrains[joint]
-        if isinstance(drive, SeriesElasticDrive):
-            continue
-        if np.std(motion.motor_acceleration[:, index]) < drive.ratio * np.std(a[:, index]):
-            turned = motion.motor_position[:, index] / drive.ratio
-            q[:, index] = turned + np.mean(q[:, index] - turned)
-            v[:, index] = motion.motor_velocity[:, index] / drive.ratio
-            a[:, index] = motion.motor_acceleration[:, index] / drive.ratio
-    return replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a)
 
 
 def _selected(motion: Motion, samples: slice) -> Motion:

@@ -1,0 +1,167 @@
+"""The joints behind springs as the fitted model moves them when its motors turn as measured.
+
+The motor encoder sees the joint through a gear, so that its noise is small there; noise of the
+joint encoders is not in a motion computed from it, but for the few numbers of each window that say
+where it starts. That is what instruments for (8) need: acceleration and gravity without the noise
+that is in the measured columns and in the deflection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from seaid.arrays import Array
+from seaid.drivetrain.model import SeriesElasticDrive
+from seaid.errors import IdentificationError
+from seaid.filtering import low_pass, spline_derivatives
+from seaid.load_response import Answer, TorqueJacobians, answer_to, torque_jacobians
+from seaid.load_side import LoadModel, load_columns
+from seaid.motion import Motion
+from seaid.robot import Robot
+
+_START_BAND = 0.5
+"""The simulation is linearised first around joint positions in this part of the pass band."""
+
+_WINDOW_PERIODS = 5.0
+"""It starts anew after so many periods of the cutoff, so that what the model lacks stays small."""
+
+_SWEEPS = 2
+
+_RUNAWAY = 1e12
+"""What no joint reaches in a window from a unit of initial position or velocity; NaN neither."""
+
+_DIVERGED = (
+    "the fitted model diverges when it is driven by the measured motors: the encoders are too "
+    "coarse for this pass band; lower cutoff_hz, or use estimator='wls'"
+)
+
+
+def driven_motion(
+    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], load_side: Array
+) -> Motion:
+    """Return the motion with its joints where the motors and the fitted model (8) put them.
+
+    `springs` {joint of `model.rows`: stiffness, offset} are simulated, `load_side` (p,) has the
+    values of the columns of `model`; stiff joints move with the finer of their encoders, and the
+    motor side stays as measured. Each window's initial state is the one nearest to the joint
+    encoders in the pass band. Raises IdentificationError where the simulation diverges, farther
+    from them than they move.
+    """
+    names = [joint for joint in model.rows if joint in springs]
+    if not names:
+        return finer_side(robot, motion)
+    joints = [robot.index(joint) for joint in names]
+    rows = [model.rows.index(joint) for joint in names]
+    fitted = _fitted_robot(robot, model, load_side)
+    rate = np.array([springs[joint][0] * _load_radius(robot, joint) ** 2 for joint in names])
+    reading = low_pass(motion.joint_position[:, joints], motion.rate_hz, motion.cutoff_hz)
+    here = _smoothed(finer_side(robot, motion), joints)
+    periods = (motion.time[-1] - motion.time[0]) * motion.cutoff_hz
+    windows = max(1, int(periods / _WINDOW_PERIODS)) if np.isfinite(periods) else 1
+    for _ in range(_SWEEPS):
+        with np.errstate(all="ignore"):
+            torque, payload, H, _ = load_columns(robot, here, model, springs)
+            missing = (torque - payload - H @ load_side)[:, rows]
+            inside = torque_jacobians(fitted, *here.joint_states).part(joints, joints)
+            inside = replace(inside, position=inside.position + np.diag(rate))
+            answer = _answer(inside, missing, 1 / motion.rate_hz, windows)
+        here = _moved(here, joints, answer, reading, windows)
+    return here
+
+
+def finer_side(robot: Robot, motion: Motion) -> Motion:
+    """Return the motion with stiff joints as the encoder with less noise in acceleration sees them.
+
+    The zero stays that of the joint encoder.
+    """
+    q, v, a = (state.copy() for state in motion.joint_states)
+    for index, joint in enumerate(robot.joint_names):
+        drive = robot.drivetrains[joint]
+        if isinstance(drive, SeriesElasticDrive):
+            continue
+        if np.std(motion.motor_acceleration[:, index]) < drive.ratio * np.std(a[:, index]):
+            turned = motion.motor_position[:, index] / drive.ratio
+            q[:, index] = turned + np.mean(q[:, index] - turned)
+            v[:, index] = motion.motor_velocity[:, index] / drive.ratio
+            a[:, index] = motion.motor_acceleration[:, index] / drive.ratio
+    return replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a)
+
+
+def _load_radius(robot: Robot, joint: str) -> float:
+    return float(getattr(robot.drivetrains[joint], "load_radius", 1.0))
+
+
+def _fitted_robot(robot: Robot, model: LoadModel, load_side: Array) -> Robot:
+    """Return a robot with the found base parameters; which one of those does not matter."""
+    base, prior = model.base, np.zeros(10 * robot.n)
+    prior[::10] = 1.0
+    missing = load_side[: len(base.columns)] - base.project(prior)
+    return robot.with_values(prior + np.linalg.pinv(base.grouping) @ missing, robot.drivetrains)
+
+
+def _smoothed(motion: Motion, joints: list[int]) -> Motion:
+    """Return the motion with some joints in a narrower band, to linearise around."""
+    band = _START_BAND * motion.cutoff_hz
+    smooth = low_pass(motion.joint_position[:, joints], motion.rate_hz, band)
+    return _with_joints(motion, joints, spline_derivatives(motion.time, smooth))
+
+
+def _answer(inside: TorqueJacobians, force: Array, step: float, windows: int) -> Answer:
+    """Return the answer (T, joints, 1 + 2 joints) to a force (T, joints) in equal windows.
+
+    The last window is as long as the others: the end of the motion is held for what is missing.
+    """
+    extra = -len(force) % windows
+    held = [
+        np.pad(part, ((0, extra), *[(0, 0)] * (part.ndim - 1)), mode="edge")
+        for part in (inside.position, inside.velocity, inside.acceleration, force)
+    ]
+    answer = answer_to(TorqueJacobians(*held[:3]), held[3][:, :, None], step, windows)
+    count = len(force)
+    return Answer(answer.position[:count], answer.velocity[:count], answer.acceleration[:count])
+
+
+def _moved(
+    motion: Motion, joints: list[int], answer: Answer, reading: Array, windows: int
+) -> Motion:
+    """Return the motion one sweep on, each window from the initial state nearest to a reading.
+
+    Each joint counts in units of its own motion, so that radians and metres do not compete.
+    """
+    if not all(np.all(np.abs(part) < _RUNAWAY) for part in vars(answer).values()):
+        raise IdentificationError(_DIVERGED)
+    spread = np.std(reading, axis=0)
+    scale = 1 / np.where(spread > 0, spread, 1.0)
+    missing = scale * (reading - motion.joint_position[:, joints] - answer.position[:, :, 0])
+    free = scale[:, None] * answer.position[:, :, 1:]
+    length = -(-len(reading) // windows)
+    coefficients = np.empty((len(reading), 1 + free.shape[2]))
+    coefficients[:, 0] = 1.0
+    for start in range(0, len(reading), length):
+        own = slice(start, start + length)
+        columns = free[own].reshape(-1, free.shape[2])
+        coefficients[own, 1:] = np.linalg.lstsq(columns, missing[own].ravel(), rcond=None)[0]
+    changes = [
+        np.einsum("tjc,tc->tj", part, coefficients)
+        for part in (answer.position, answer.velocity, answer.acceleration)
+    ]
+    states = [
+        state[:, joints] + change
+        for state, change in zip(motion.joint_states, changes, strict=True)
+    ]
+    if np.any(np.max(np.abs(states[0] - reading), axis=0) > np.ptp(reading, axis=0)):
+        raise IdentificationError(_DIVERGED)
+    return _with_joints(motion, joints, states)
+
+
+def _with_joints(
+    motion: Motion, joints: list[int], states: tuple[Array, ...] | list[Array]
+) -> Motion:
+    """Return the motion with position, velocity and acceleration of some joints replaced."""
+    q, v, a = (state.copy() for state in motion.joint_states)
+    for whole, part in zip((q, v, a), states, strict=True):
+        whole[:, joints] = part
+    return replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a)
