@@ -3,7 +3,7 @@
 The TULip leg with test mass and with a free foot, each simulated once and measured anew many times.
 Bias is given in units of the mean stated standard error, +- its own uncertainty. Each draw of
 encoder errors is identified twice, with the torque noise and with its opposite: what is linear in
-it cancels, and a bias is known ten times better than from as many single draws. Zeros of the joint
+it cancels, and a bias is known several times better than from single draws. Zeros of the joint
 encoders are known here: a wrong one is no noise.
 """
 
