@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -30,17 +31,34 @@ UNIT_FACTORS = {
     "m": {"m": 1.0, "mm": 1e-3},
     "Nm": {"Nm": 1.0, "mNm": 1e-3},
     "N": {"N": 1.0},
+    "A": {"A": 1.0, "mA": 1e-3},
+    "V": {"V": 1.0, "mV": 1e-3},
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
 }
 """Factors to the SI unit with which a column name ends."""
+
+
+SENSORS = (
+    "motor_position",
+    "joint_position",
+    "motor_torque",
+    "joint_torque",
+    "motor_current",
+    "motor_voltage",
+)
+"""Fields of a Log with samples of sensors, each (T, n)."""
+
+_NEEDED = SENSORS[:4]
+"""Those that a log from a file has in any case, all NaN where there is no such sensor."""
 
 
 @dataclass(frozen=True, eq=False)
 class Log:
     """Samples of n joints at `time` (T,) [s], each array (T, n); NaN columns where no sensor is.
 
-    Motor side in rad and N m. Joint side in rad and N m, at prismatic joints m and N. Raises
-    LogError for wrong shapes, too few samples, time that does not grow, single NaN.
+    Motor side in rad and N m. Joint side in rad and N m, at prismatic joints m and N. Motor current
+    [A] or voltage [V] where the torque constant is not known. Raises LogError for wrong shapes, too
+    few samples, time that does not grow, single NaN.
     """
 
     time: Array
@@ -50,6 +68,8 @@ class Log:
     motor_torque: Array
     joint_torque: Array | None = None
     is_prismatic: tuple[bool, ...] = ()
+    motor_current: Array | None = None
+    motor_voltage: Array | None = None
 
     def __post_init__(self) -> None:
         shape = (len(np.atleast_1d(self.time)), len(self.joint_names))
@@ -57,10 +77,8 @@ class Log:
         if len(set(self.joint_names)) < shape[1]:
             raise LogError(f"joint_names has a joint twice: {', '.join(self.joint_names)}")
         object.__setattr__(self, "time", frozen("time", self.time, (None,), LogError))
-        for field in ("motor_position", "joint_position", "motor_torque", "joint_torque"):
-            value = getattr(self, field)
-            if value is not None:
-                object.__setattr__(self, field, frozen(field, value, shape, LogError))
+        for field, value in self.sensors().items():
+            object.__setattr__(self, field, frozen(field, value, shape, LogError))
         if not self.is_prismatic:
             object.__setattr__(self, "is_prismatic", (False,) * shape[1])
         if len(self.is_prismatic) != shape[1]:
@@ -71,18 +89,16 @@ class Log:
         for name, column in self.columns().items():
             _check_column(name, column, self.time)
 
+    def sensors(self) -> dict[str, Array]:
+        """Return {field: samples (T, n)} of all fields that are there."""
+        found = {field: getattr(self, field) for field in SENSORS}
+        return {field: values for field, values in found.items() if values is not None}
+
     def between(self, start_s: float, end_s: float) -> Log:
         """Return the samples with start_s <= time < end_s."""
         kept = (self.time >= start_s) & (self.time < end_s)
-        torque = self.joint_torque
-        return replace(
-            self,
-            time=self.time[kept],
-            motor_position=self.motor_position[kept],
-            joint_position=self.joint_position[kept],
-            motor_torque=self.motor_torque[kept],
-            joint_torque=None if torque is None else torque[kept],
-        )
+        parts: dict[str, Any] = {field: values[kept] for field, values in self.sensors().items()}
+        return replace(self, time=self.time[kept], **parts)
 
     def columns(self) -> dict[str, Array]:
         """Return {file column name: samples} of all sensors that are there."""
@@ -103,6 +119,8 @@ def column_names(joint: str, is_prismatic: bool) -> dict[str, str]:
         f"{joint}.joint_position_{position}": "joint_position",
         f"{joint}.motor_torque_Nm": "motor_torque",
         f"{joint}.{torque}": "joint_torque",
+        f"{joint}.motor_current_A": "motor_current",
+        f"{joint}.motor_voltage_V": "motor_voltage",
     }
 
 
@@ -313,10 +331,7 @@ def _foreign(name: str, column: Column) -> tuple[str, float]:
 def _log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]) -> Log:
     """Sort the columns into a Log; each joint needs enough sensors for its drive."""
     time = picked["time_s"]
-    fields = {
-        field: np.full((len(time), robot.n), np.nan)
-        for field in ("motor_position", "joint_position", "motor_torque", "joint_torque")
-    }
+    fields = {field: np.full((len(time), robot.n), np.nan) for field in SENSORS}
     for index, joint in enumerate(robot.joint_names):
         names = column_names(joint, robot.is_prismatic[index])
         found = {
@@ -328,7 +343,12 @@ def _log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]) -> L
             fields[field][:, index] = picked[name]
         missing = [name for name in names if name not in found]
         _check_sensors(robot, joint, list(found.values()), _near(missing, picked, file_names))
-    return Log(time=time, joint_names=robot.joint_names, is_prismatic=robot.is_prismatic, **fields)
+    sensors: dict[str, Any] = {
+        field: values
+        for field, values in fields.items()
+        if field in _NEEDED or not np.all(np.isnan(values))
+    }
+    return Log(time=time, joint_names=robot.joint_names, is_prismatic=robot.is_prismatic, **sensors)
 
 
 def _near(missing: list[str], picked: Iterable[str], file_names: Sequence[str]) -> str:
@@ -341,7 +361,7 @@ def _near(missing: list[str], picked: Iterable[str], file_names: Sequence[str]) 
 def _check_sensors(robot: Robot, joint: str, found: list[str], hint: str) -> None:
     elastic = isinstance(robot.drivetrains[joint], SeriesElasticDrive)
     positions = [field for field in found if field.endswith("position")]
-    torques = [field for field in found if field.endswith("torque")]
+    torques = [field for field in found if not field.endswith("position")]
     if len(positions) < (2 if elastic else 1) or not torques:
         need = "both positions" if elastic else "one position"
         names = ", ".join(column_names(joint, robot.is_prismatic[robot.index(joint)]))

@@ -27,9 +27,10 @@ class Motion:
 
     Joint side in rad or m, motor side in rad; torques in N m (`joint_torque` of a prismatic joint
     in N); NaN where a joint has no such sensor. `cutoff_hz` is the pass band in which a regression
-    compares regressor and torque (inf: no filter); torques are as measured. `regressions` leave
-    `trim_s` away at both ends, where filters swing in. `fastest` (n,) are the largest motor speeds
-    [rad/s] of the whole log where this is a part of it.
+    compares regressor and torque (inf: no filter); torques, motor current [A] and voltage [V]
+    (None: no such sensor) are as measured. `regressions` leave `trim_s` away at both ends, where
+    filters swing in. `fastest` (n,) are the largest motor speeds [rad/s] of the whole log where
+    this is a part of it.
     """
 
     time: Array
@@ -45,6 +46,8 @@ class Motion:
     cutoff_hz: float
     trim_s: float = 0.0
     fastest: Array | None = None
+    motor_current: Array | None = None
+    motor_voltage: Array | None = None
 
     @property
     def joint_states(self) -> tuple[Array, Array, Array]:
@@ -69,7 +72,7 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
     columns = _columns(robot, log)
     time, signals = _uniform(log, columns)
     rate_hz = (len(time) - 1) / (time[-1] - time[0])
-    joint, motor, motor_torque, joint_torque = signals
+    joint, motor = signals["joint_position"], signals["motor_position"]
     _check_sides(robot, joint, motor)
     if cutoff_hz is None:
         cutoff_hz = propose_cutoff_hz(np.hstack([joint, motor]), rate_hz)
@@ -89,8 +92,10 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
         motor_position=position[:, n:],
         motor_velocity=velocity[:, n:],
         motor_acceleration=acceleration[:, n:],
-        motor_torque=motor_torque,
-        joint_torque=joint_torque,
+        motor_torque=signals["motor_torque"],
+        joint_torque=signals.get("joint_torque", np.full_like(joint, np.nan)),
+        motor_current=signals.get("motor_current"),
+        motor_voltage=signals.get("motor_voltage"),
         cutoff_hz=float(cutoff_hz),
         trim_s=1.0 / cutoff_hz,
     )
@@ -113,22 +118,18 @@ def is_regular(time: Array) -> bool:
     return bool(np.max(np.abs(steps - step)) <= _REGULAR * step)
 
 
-def _uniform(log: Log, columns: list[int]) -> tuple[Array, list[Array]]:
-    """Return time and the four signals on a uniform grid at the log's median rate."""
-    nothing = np.full((len(log.time), len(columns)), np.nan)
-    signals = [
-        nothing if signal is None else signal[:, columns]
-        for signal in (log.joint_position, log.motor_position, log.motor_torque, log.joint_torque)
-    ]
+def _uniform(log: Log, columns: list[int]) -> tuple[Array, dict[str, Array]]:
+    """Return time and {sensor: samples} on a uniform grid at the log's median rate."""
+    signals = {field: values[:, columns] for field, values in log.sensors().items()}
     if is_regular(log.time):
         return log.time, signals
     step = float(np.mean(np.diff(log.time)))
     count = math.floor((log.time[-1] - log.time[0]) / step + 1e-9) + 1
     time = log.time[0] + step * np.arange(count)
-    return time, [
-        np.column_stack([np.interp(time, log.time, column) for column in signal.T])
-        for signal in signals
-    ]
+    return time, {
+        field: np.column_stack([np.interp(time, log.time, column) for column in values.T])
+        for field, values in signals.items()
+    }
 
 
 def _check_sides(robot: Robot, joint: Array, motor: Array) -> None:

@@ -117,7 +117,26 @@ def test_csv_names_its_columns_as_the_design_says(tmp_path: Path) -> None:
         *("a.motor_position_rad", "a.joint_position_rad", "a.motor_torque_Nm", "a.joint_torque_Nm"),
         *("b.motor_position_rad", "b.joint_position_m", "b.motor_torque_Nm", "b.joint_force_N"),
     ]
-    assert list(column_names("b", is_prismatic=True)) == header.split(",")[5:]
+    names = list(column_names("b", is_prismatic=True))
+    assert names == [*header.split(",")[5:], "b.motor_current_A", "b.motor_voltage_V"]
+
+
+def test_motor_current_and_voltage_survive_files_and_cuts(tmp_path: Path) -> None:
+    current, voltage = np.arange(60.0)[:, None], np.full((60, 1), 7.4)
+    positions = np.zeros((60, 1))
+    log = Log(
+        np.arange(60.0),
+        ("arm",),
+        np.full((60, 1), np.nan),
+        positions,
+        np.full((60, 1), np.nan),
+        motor_current=current,
+        motor_voltage=voltage,
+    )
+    write_log(log, tmp_path / "log.npz")
+    back = read_log(tmp_path / "log.npz", one_joint(tmp_path)).between(5.0, 55.0)
+    np.testing.assert_array_equal(back.sensors()["motor_current"], current[5:55])
+    np.testing.assert_array_equal(back.sensors()["motor_voltage"], voltage[5:55])
 
 
 def test_prismatic_joint_has_metres_and_newtons(tmp_path: Path) -> None:
