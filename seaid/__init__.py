@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from seaid.motion import Motion, reconstruct_motion
     from seaid.output_error import refine
     from seaid.possible_bodies import PossibleBodies
+    from seaid.repair import Repair, Repairs
     from seaid.robot import Robot, load_robot
     from seaid.simulation import Noise, simulate
     from seaid.validation import Validation, validate
@@ -79,6 +80,7 @@ _WHERE = {
     "motion": ("Motion", "reconstruct_motion"),
     "output_error": ("refine",),
     "possible_bodies": ("PossibleBodies",),
+    "repair": ("Repair", "Repairs"),
     "robot": ("Robot", "load_robot"),
     "simulation": ("Noise", "simulate"),
     "validation": ("Validation", "validate"),
@@ -104,6 +106,8 @@ __all__ = [
     "Noise",
     "Payload",
     "PossibleBodies",
+    "Repair",
+    "Repairs",
     "Robot",
     "RobotError",
     "SeaidError",

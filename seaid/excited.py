@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from seaid.arrays import Array
+from seaid.dropouts import is_constant
 from seaid.errors import ExcitationError, LogError
 from seaid.log import Log
 from seaid.robot import Robot
@@ -56,8 +57,7 @@ def check_channels(logs: Sequence[Log]) -> None:
 
 
 def _check_alive(joint: str, name: str, values: Array, other: str, moved: Array) -> None:
-    constant = np.all(np.isfinite(values)) and np.ptp(values) == 0.0
-    if constant and np.all(np.isfinite(moved)) and _moves(moved):
+    if is_constant(values) and np.all(np.isfinite(moved)) and _moves(moved):
         raise LogError(
             f"the {name} of '{joint}' is {values[0]:.6g} all the time, while its {other} moves: a "
             "dead channel? Leave its column out of the log, or the joint out with joints=[...] of "

@@ -61,6 +61,9 @@ CLASSES = {
     "Limits": "",
     "Log": "time joint_names motor_position joint_position motor_torque joint_torque",
     "Motion": "",
+    "Repairs": "rate_hz longest_gap_s most_gap_error most_missing most_disordered "
+    "most_saturated largest_drift",
+    "Repair": "channel kind count time_s action",
     "LongLog": "path cutoff_hz",
     "PossibleBodies": "robot values estimate distance chi_square held notes",
     "Identification": "drivetrains load base robot checks possible summary to_dict save",
