@@ -19,6 +19,7 @@ _NEIGHBOURS = 10
 _TOLERANCE = 3.0
 _BLOCKS = 100
 _PAIRED = 3.0
+_ALIKE, _MOST = 0.01, 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +58,17 @@ class ClockLine:
 
 
 def typical_step(time: Array) -> float:
-    """Return the mean time between samples [s], pauses of more than ten mean steps left out."""
+    """Return the time between samples [s]: that of nearly all if they are alike, else the mean.
+
+    Pauses of more than ten mean steps are left out of the mean.
+    """
     steps = np.diff(time)
     steps = steps[steps > 0]
     if not len(steps):
         return 0.0
+    alike = np.abs(steps / np.median(steps) - 1.0) < _ALIKE
+    if np.mean(alike) > _MOST:
+        return float(np.mean(steps[alike]))
     return float(np.mean(steps[steps <= 10 * np.mean(steps)]))
 
 

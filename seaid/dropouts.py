@@ -9,7 +9,10 @@ from seaid.arrays import Array, BoolArray, IndexArray
 _FAR = 4.0
 _ALIKE = 4.0
 _STUCK = 3
-_PILED = 3.0
+_PILED = 4.0
+
+SLOWER = 1 / 3
+"""Share of held samples above which a sensor is slower than its log."""
 
 
 def resolution(values: Array) -> float:
@@ -43,7 +46,8 @@ def held_dropouts(values: Array, fewest: int = 2) -> BoolArray:
 
     A value that stays for `fewest` samples or more is held if the change that ends it makes up for
     that: as fast a sample as those before and after, and many of the channel's own steps. A coarse
-    encoder that stays within its step is not held.
+    encoder that stays within its step is not held. Where more than a third are, the sensor is
+    slower than its log, and holds every value as long.
     """
     found = np.zeros(len(values), dtype=bool)
     starts = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0]))
@@ -59,7 +63,10 @@ def held_dropouts(values: Array, fewest: int = 2) -> BoolArray:
     large = np.abs(changes[1:-1]) > _FAR * step
     fast = np.minimum(np.abs(changes[:-2]), np.abs(changes[2:])) > 2 * step
     held = lengths[1 : len(changes) - 1] >= fewest
-    for run in 1 + np.flatnonzero(held & alike[0] & alike[1] & large & fast):
+    stale = 1 + np.flatnonzero(held & alike[0] & alike[1] & large & fast)
+    if np.sum(lengths[stale] - 1) > SLOWER * len(values):
+        stale = np.flatnonzero(lengths <= np.max(lengths[stale]))
+    for run in stale:
         found[starts[run] + 1 : starts[run] + lengths[run]] = True
     return found
 
@@ -67,6 +74,7 @@ def held_dropouts(values: Array, fewest: int = 2) -> BoolArray:
 def _is_sudden_zero(values: Array, start: int, end: int, step: float) -> bool:
     sides = []
     for edge, near in ((start - 1, values[:start][-8:]), (end, values[end:][:8][::-1])):
+        near = near[near != 0.0]
         if len(near) < 3:
             continue
         usual = float(np.max(np.abs(np.diff(near))))
@@ -77,19 +85,17 @@ def _is_sudden_zero(values: Array, start: int, end: int, step: float) -> bool:
 def saturated(values: Array) -> BoolArray:
     """Tell the samples (T,) of a torque, current or voltage that are stuck at an extreme.
 
-    Stuck are three or more in a row at the largest or the smallest value, if that value comes
-    up far more often than any other near it: a signal that just turns there does not pile up.
+    Stuck are those at the largest or the smallest value where that comes up far more often than any
+    other near it: a signal that just turns there does not pile up.
     """
     found = np.zeros(len(values), dtype=bool)
     if not np.ptp(values) > 0:
         return found
     levels, counts = np.unique(values, return_counts=True)
     for place, others in ((0, counts[1:6]), (-1, counts[-6:-1])):
-        if levels[place] == 0.0 or counts[place] < _PILED * np.max(others):
-            continue
-        for start, end in runs(values == levels[place]):
-            if end - start >= _STUCK:
-                found[start:end] = True
+        piled = counts[place] >= max(_PILED * np.max(others), _STUCK)
+        if piled and levels[place] != 0.0:
+            found |= values == levels[place]
     return found
 
 

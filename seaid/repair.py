@@ -14,7 +14,7 @@ import numpy as np
 from seaid.arrays import Array, BoolArray
 from seaid.channels import Channel
 from seaid.clocks import ClockLine, MendedClock, clock_line, is_paired, mended_clock, typical_step
-from seaid.dropouts import held_dropouts, is_constant, saturated, zero_dropouts
+from seaid.dropouts import SLOWER, held_dropouts, is_constant, saturated, zero_dropouts
 from seaid.errors import LogError
 from seaid.resampling import gap_error, resampled
 from seaid.wrapping import unwrapped, wrap_period
@@ -22,7 +22,6 @@ from seaid.wrapping import unwrapped, wrap_period
 _REGULAR = 1e-3
 _GAP = 5.0
 _FEWEST = 4
-_SLOWER = 1 / 3
 _TORQUE_GAP_S = 0.5
 
 
@@ -267,8 +266,10 @@ def _mended_channel(
         channel, time, values, zero_dropouts(values), "sudden zeros", found
     )
     missing += lost
+    if len(values) >= _FEWEST:
+        values = _without_wraps(channel, time, values, found)
     held = held_dropouts(values, 2 if _is_position(channel) else 3)
-    slower = float(np.mean(held)) > _SLOWER if len(held) else False
+    slower = float(np.mean(held)) > SLOWER if len(held) else False
     kind = "values of a slower sensor" if slower else "held values"
     time, values, lost = _without(channel, time, values, held, kind, found)
     missing += 0 if slower else lost
@@ -280,7 +281,6 @@ def _mended_channel(
         )
     if len(values) < _FEWEST:
         return time, values
-    values = _without_wraps(channel, time, values, found)
     _check_saturation(channel, time, values, limits, found)
     _check_gap(channel, time, values, limits)
     return time, values

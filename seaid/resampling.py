@@ -33,23 +33,22 @@ def interpolated(time: Array, values: Array, wanted: Array, *, smooth: bool) -> 
 
 
 def _merged(time: Array, values: Array) -> tuple[Array, Array]:
-    """Return a channel with bursts of samples replaced by their means; first and last stay."""
+    """Return a channel with bursts of samples replaced by their means; the ends stay in place."""
     from seaid.clocks import typical_step
 
-    close = np.diff(time) < _CLOSE * typical_step(time)
-    close[[0, -1]] = False
-    if not np.any(close):
+    shortest = _CLOSE * typical_step(time)
+    if np.min(np.diff(time)) >= shortest:
         return time, values
-    # every second one of a burst starts anew, so that a long burst is not one sample
-    starts, open_since = np.ones(len(time), dtype=bool), 0
-    for place in (np.flatnonzero(close) + 1).tolist():
-        if starts[place - 1] or time[place] - time[open_since] < _CLOSE * typical_step(time):
-            if starts[place - 1]:
-                open_since = place - 1
-            starts[place] = False
-    first = np.flatnonzero(starts)
-    counts = np.diff(np.concatenate([first, [len(time)]]))
-    return np.add.reduceat(time, first) / counts, np.add.reduceat(values, first) / counts
+    starts, open_since = [0], time[0]
+    for place, stamp in enumerate(time.tolist()):
+        if stamp - open_since >= shortest:
+            starts.append(place)
+            open_since = stamp
+    counts = np.diff([*starts, len(time)])
+    merged_time = np.add.reduceat(time, starts) / counts
+    merged = np.add.reduceat(values, starts) / counts
+    merged_time[[0, -1]] = time[[0, -1]]
+    return merged_time, merged
 
 
 def resampled(
