@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from seaid.drivetrain.model import Drive, SeriesElasticDrive
+from seaid.drivetrain.catalogue import PARAMETERS
+from seaid.drivetrain.model import Drive
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.information import Information, triangle
 
@@ -28,35 +29,23 @@ def with_estimate(drive: Drive, estimate: Estimate) -> Drive:
 
 
 def with_values(drive: Drive, values: Mapping[str, float]) -> Drive:
-    """Return the drive with values under their names in an estimate: what it has a field for.
+    """Return the drive with values under their names in an estimate: those of its own parameters.
 
-    Negative ones become zero, and a stiffness that is not positive stays what it was.
+    Negative ones of what cannot be negative become zero, and a stiffness that is not positive stays
+    what it was.
     """
-    fields = {
-        field: float(values[name])
-        for name, field in _fields(drive).items()
-        if name in values and (values[name] > 0 or name != "stiffness")
-    }
-    return replace(drive, **{field: max(value, 0.0) for field, value in fields.items()})  # type: ignore[arg-type]
+    return drive.with_values(
+        {
+            name: max(float(value), 0.0) if PARAMETERS[name].is_positive else float(value)
+            for name, value in values.items()
+            if name in PARAMETERS and (value > 0 or name != "stiffness")
+        }
+    )
 
 
 def nominal_values(drive: Drive) -> dict[str, float]:
     """Return the nominal values that a drive has, under the names they have in an estimate."""
-    values = {name: getattr(drive, field) for name, field in _fields(drive).items()}
-    return {name: value for name, value in values.items() if value is not None}
-
-
-def _fields(drive: Drive) -> dict[str, str]:
-    """Return {name in an estimate: field of the drive}."""
-    fields = {
-        "viscous_friction": "viscous_friction_Nms_per_rad",
-        "coulomb_friction": "coulomb_friction_Nm",
-        "motor_inertia": "motor_inertia_kg_m2",
-    }
-    if isinstance(drive, SeriesElasticDrive):
-        linear = drive.is_linear_spring
-        fields["stiffness"] = "stiffness_N_per_m" if linear else "stiffness_Nm_per_rad"
-    return fields
+    return dict(drive.values)
 
 
 def with_flags(estimate: Estimate, joint: str, information: Information | None) -> Estimate:

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from seaid.arrays import Array, BoolArray
-from seaid.drivetrain.equations import extra_torque
+from seaid.drivetrain.extra_terms import extra_torque
 from seaid.drivetrain.model import Drive, SeriesElasticDrive
 from seaid.errors import RobotError, SeaidError
 from seaid.robot import Robot

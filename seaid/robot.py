@@ -13,14 +13,8 @@ import pinocchio as pin
 
 from seaid.arrays import Array, FrozenMapping, finite, frozen
 from seaid.assembly import TURNING, Assembly, Payload, assemble, moving_joints
-from seaid.drivetrain.model import (
-    IDEAL_DRIVE,
-    Drive,
-    SeriesElasticDrive,
-    StiffDrive,
-    drives_from_mapping,
-    read_drivetrains,
-)
+from seaid.drivetrain.drive_file import drives_from_mapping, read_drivetrains
+from seaid.drivetrain.model import IDEAL_DRIVE, Drive, SeriesElasticDrive, StiffDrive
 from seaid.errors import RobotError, SeaidWarning, unknown_name
 from seaid.inertia import parameter_names, to_pinocchio
 from seaid.urdf import UrdfJoint, UrdfTree, read_urdf
@@ -200,7 +194,7 @@ def _check_kind(joint: UrdfJoint, drive: Drive) -> None:
     if drive is IDEAL_DRIVE:
         return
     if drive.extra_terms:
-        from seaid.drivetrain.equations import extra_terms
+        from seaid.drivetrain.extra_terms import extra_terms
 
         try:
             extra_terms(drive)

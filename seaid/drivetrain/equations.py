@@ -7,43 +7,50 @@ the name of its unknown symbol: nothing else has to change.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable
 from dataclasses import dataclass
-from keyword import iskeyword
+from typing import TypeGuard
 
 import sympy as sp
 
+from seaid.drivetrain.extra_terms import extra_terms
 from seaid.drivetrain.model import Drive, SeriesElasticDrive
-from seaid.errors import RobotError, unknown_name
-
-t = sp.Symbol("t")
-theta_M, theta_L, tau_M, tau_L = (
-    sp.Function(name)(t) for name in ("theta_M", "theta_L", "tau_M", "tau_L")
+from seaid.drivetrain.symbols import (
+    F_0,
+    F_C,
+    F_L,
+    F_S,
+    I_M,
+    PARAMETER_NAMES,
+    F_a,
+    F_q,
+    F_v,
+    K_t,
+    K_u,
+    N,
+    b_L,
+    c_k,
+    c_L,
+    d_0,
+    f_0,
+    g,
+    i_M,
+    k,
+    k_3,
+    k_5,
+    k_P,
+    known_values,
+    r_L,
+    r_M,
+    t,
+    tau_L,
+    tau_M,
+    tau_P,
+    theta_L,
+    theta_M,
+    u_M,
+    w_C,
+    w_S,
 )
-"""Motor angle, joint coordinate, motor torque and the torque (or force) on the load."""
-
-N, r_M, r_L = sp.symbols("N r_M r_L", positive=True)
-I_M, F_v, F_C, F_0, k, f_0 = sp.symbols("I_M F_v F_C F_0 k f_0")
-
-PARAMETER_NAMES = {
-    F_v: "viscous_friction",
-    F_C: "coulomb_friction",
-    F_0: "friction_offset",
-    k: "stiffness",
-    f_0: "deflection_offset",
-    I_M: "motor_inertia",
-}
-SIGNALS = (theta_M, theta_L, tau_M, tau_L)
-STATES = {
-    "theta_M": theta_M,
-    "theta_M_dot": theta_M.diff(t),
-    "theta_M_ddot": theta_M.diff(t, 2),
-    "theta_L": theta_L,
-    "theta_L_dot": theta_L.diff(t),
-    "theta_L_ddot": theta_L.diff(t, 2),
-}
-"""What an extra term may depend on, by the name it has in text."""
 
 
 @dataclass(frozen=True)
@@ -61,121 +68,97 @@ class DriveEquation:
         return (*named, *sorted(free - set(named), key=str))
 
 
-def spring_force(angle: sp.Expr = theta_M) -> sp.Expr:
-    """Return (3) with the force at zero deflection that unknown encoder zeros leave."""
-    return k * (r_M / N * angle - r_L * theta_L) + f_0
+def deflection(drive: Drive) -> sp.Expr:
+    """Return how far the spring of a drive is stretched, from its zero where it knows that."""
+    stretch = r_M / N * theta_M - r_L * theta_L
+    return stretch - d_0 if getattr(drive, "knows_zero", False) else stretch
+
+
+def spring_force(drive: SeriesElasticDrive) -> sp.Expr:
+    """Return (3) with the terms of the drive's spring.
+
+    A linear spring has the force at zero deflection that unknown encoder zeros leave.
+    """
+    d = deflection(drive)
+    rate = (r_M / N * theta_M - r_L * theta_L).diff(t)
+    if "dead_zone" in drive.spring:
+        d = d - (sp.Abs(d + g) - sp.Abs(d - g)) / 2
+    terms = {
+        "linear": k * d,
+        "cubic": k_3 * d**3,
+        "fifth": k_5 * d**5,
+        "damping": c_k * rate,
+        "preload": f_0 if drive.knows_zero else 0,
+        "dead_zone": 0,
+    }
+    offset = 0 if drive.knows_zero else f_0
+    return sum((terms[term] for term in drive.spring), sp.Integer(0)) + offset
+
+
+def dry_friction(drive: Drive) -> sp.Expr:
+    """Return the level of the friction at the motor that can hold it, all of it times sign(w)."""
+    w = theta_M.diff(t)
+    behind_gear = r_M / N * spring_force(drive) if _is_elastic(drive) else _input_torque(drive)
+    terms = {
+        "coulomb": F_C,
+        "load": F_L * sp.Abs(behind_gear),
+        "stribeck": F_S * sp.exp(-((w / w_S) ** 2)),
+    }
+    return sum((terms[term] for term in drive.friction if term in terms), sp.Integer(0))
+
+
+def smooth_friction(drive: Drive) -> sp.Expr:
+    """Return the friction at the motor that is no force at rest, and the constant one."""
+    w = theta_M.diff(t)
+    terms = {
+        "viscous": F_v * w,
+        "smooth_coulomb": F_C * sp.tanh(w / w_C),
+        "offset": F_0,
+        "asymmetric": F_a * sp.Abs(w),
+        "quadratic": F_q * w * sp.Abs(w),
+    }
+    return sum((terms[term] for term in drive.friction if term in terms), sp.Integer(0))
 
 
 def motor_equation(drive: Drive) -> DriveEquation:
     """Return (7) of an elastic drive, or the same with the joint torque behind a stiff gear."""
-    elastic = isinstance(drive, SeriesElasticDrive)
-    speed = theta_M.diff(t)
-    friction = {"viscous": F_v * speed, "coulomb": F_C * sp.sign(speed), "offset": F_0}
-    behind_gear = r_M * spring_force() if elastic else tau_L  # (4a)
+    behind_gear = r_M * spring_force(drive) if _is_elastic(drive) else tau_L  # (4a)
     expression = (
         I_M * theta_M.diff(t, 2)
-        + sum(friction[term] for term in drive.friction)
+        + smooth_friction(drive)
+        + dry_friction(drive) * sp.sign(theta_M.diff(t))
         + sum(extra_terms(drive))
         + behind_gear / N
-        - tau_M
+        - _input_torque(drive)
     )
     return DriveEquation(expression, _known(drive))
 
 
 def spring_equation(drive: SeriesElasticDrive) -> DriveEquation:
     """Return (4b) as a balance of forces, for a joint whose spring torque is measured."""
-    return DriveEquation(spring_force() - tau_L / r_L, _known(drive))
+    return DriveEquation(spring_force(drive) - tau_L / r_L, _known(drive))
+
+
+def joint_equation(drive: Drive) -> DriveEquation:
+    """Return what acts between the joint's bodies beside the drive: parallel spring, friction.
+
+    `tau_L` is their sum, which (8) has beside the rigid bodies' torque.
+    """
+    speed = theta_L.diff(t)
+    spring = {"linear": k_P * theta_L, "preload": tau_P}
+    friction = {"viscous": b_L * speed, "coulomb": c_L * sp.sign(speed)}
+    terms = [spring[term] for term in drive.parallel_spring]
+    terms += [friction[term] for term in getattr(drive, "joint_friction", ())]
+    return DriveEquation(sum(terms, sp.Integer(0)) - tau_L, _known(drive))
+
+
+def _input_torque(drive: Drive) -> sp.Expr:
+    return {"torque": tau_M, "current": K_t * i_M, "voltage": K_u * u_M}[drive.motor_input]
+
+
+def _is_elastic(drive: Drive) -> TypeGuard[SeriesElasticDrive]:
+    return isinstance(drive, SeriesElasticDrive)
 
 
 def _known(drive: Drive) -> tuple[sp.Symbol, ...]:
-    return (N, r_M, r_L) if drive.motor_inertia_kg_m2 is None else (N, r_M, r_L, I_M)
-
-
-def extra_terms(drive: Drive) -> list[sp.Expr]:
-    """Return the drive's extra terms as expressions.
-
-    They are text such as "c*theta_M'**3" or "c*theta_M_dot**3", a torque [N m] at the motor; names
-    other than those of STATES, N, r_M, r_L and I_M are unknown parameters. Raises RobotError for
-    text that is no expression.
-    """
-    return [_expression(text) for text in drive.extra_terms]
-
-
-_NAMES = {**STATES, **{str(symbol): symbol for symbol in (N, r_M, r_L, *PARAMETER_NAMES)}}
-_FUNCTIONS = {
-    "abs": sp.Abs,
-    "atan": sp.atan,
-    "cos": sp.cos,
-    "cosh": sp.cosh,
-    "exp": sp.exp,
-    "log": sp.log,
-    "sign": sp.sign,
-    "sin": sp.sin,
-    "sinh": sp.sinh,
-    "sqrt": sp.sqrt,
-    "tan": sp.tan,
-    "tanh": sp.tanh,
-}
-
-
-def _expression(text: str) -> sp.Expr:
-    """Return one extra term as an expression, of names and functions that mean something here.
-
-    sympy would take E, beta or S for its own, and a state with a typo for a parameter.
-    """
-    plain = re.sub(r"(theta_[ML])''", r"\1_ddot", text)
-    plain = re.sub(r"(theta_[ML])'", r"\1_dot", plain)
-    where = f"extra term '{text}'"
-    if re.search(r"[^\w\s+\-*/^().]|\.\s*[^\W\d]", plain):
-        raise RobotError(
-            f"{where} is not an expression: it may have names, numbers and + - * / ^ ( )"
-        )
-    names: dict[str, object] = {"pi": sp.pi, **_NAMES}
-    for name, call in re.findall(r"(?<!\w)([^\W\d]\w*)\s*(\(?)", plain):
-        if call:
-            if name not in _FUNCTIONS:
-                raise RobotError(f"{where}: " + unknown_name("function", name, _FUNCTIONS))
-            names[name] = _FUNCTIONS[name]
-        elif name == "t" or (name.startswith(("theta", "tau")) and name not in STATES):
-            raise RobotError(f"{where}: " + unknown_name("state", name, STATES))
-        elif name in PARAMETER_NAMES.values() or iskeyword(name):
-            raise RobotError(f"{where}: the name '{name}' is taken; choose another")
-        else:
-            names.setdefault(name, sp.Symbol(name))
-    try:
-        expression = sp.sympify(plain, locals=names, rational=True)
-    except (sp.SympifyError, TypeError, AttributeError, SyntaxError):
-        raise RobotError(f"{where} is not an expression") from None
-    if not isinstance(expression, sp.Expr) or expression.has(sp.zoo, sp.oo, sp.nan):
-        raise RobotError(f"{where} is not an expression but {expression}")
-    return expression
-
-
-def extra_torque(drive: Drive) -> Callable[[float, float, float, float], float]:
-    """Return the extra terms as a number of motor angle and speed, joint position and speed.
-
-    Raises RobotError where they have unknown parameters, so that they have no value.
-    """
-    expression = sum(extra_terms(drive), sp.Integer(0)).subs(known_values(drive))
-    flat = {state: sp.Symbol(name) for name, state in reversed(STATES.items())}
-    expression = expression.subs(flat)
-    arguments = [sp.Symbol(name) for name in ("theta_M", "theta_M_dot", "theta_L", "theta_L_dot")]
-    unknown = expression.free_symbols - set(arguments)
-    if unknown:
-        raise RobotError(
-            f"extra terms {list(drive.extra_terms)} have no value for "
-            f"{', '.join(sorted(map(str, unknown)))}: write numbers to simulate them"
-        )
-    return sp.lambdify(arguments, expression, modules="math")  # type: ignore[no-any-return]
-
-
-def known_values(drive: Drive) -> dict[sp.Symbol, float]:
-    """Return {known symbol: value} of a drive."""
-    values = {
-        N: drive.ratio,
-        r_M: getattr(drive, "motor_radius", 1.0),
-        r_L: getattr(drive, "load_radius", 1.0),
-    }
-    if drive.motor_inertia_kg_m2 is not None:
-        values[I_M] = drive.motor_inertia_kg_m2
-    return values
+    return tuple(known_values(drive))

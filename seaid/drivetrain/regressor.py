@@ -1,4 +1,8 @@
-"""The regressor of a drive, (10), derived by Algorithm 1 and evaluated over all samples at once."""
+"""The regressor of a drive, (10), derived by Algorithm 1 and evaluated over all samples at once.
+
+What is linear in its parameters stays so. An equation that is not is taken near given values of
+them: e(p) ~ e(p_0) + de/dp (p - p_0), a regressor like any other, and exact at p_0.
+"""
 
 from __future__ import annotations
 
@@ -10,21 +14,12 @@ import numpy as np
 import sympy as sp
 
 from seaid.arrays import Array
-from seaid.drivetrain.equations import (
-    F_0,
-    F_C,
-    I_M,
-    PARAMETER_NAMES,
-    SIGNALS,
-    DriveEquation,
-    F_v,
-    f_0,
-    k,
-    known_values,
-    t,
-)
-from seaid.drivetrain.model import Drive, SeriesElasticDrive
-from seaid.symbolic import RegressorForm, separate
+from seaid.drivetrain.equations import DriveEquation
+from seaid.drivetrain.model import Drive
+from seaid.drivetrain.symbols import PARAMETER_NAMES, SIGNALS, SYMBOLS, known_values, t
+from seaid.drivetrain.values import unit_of
+from seaid.errors import RobotError
+from seaid.symbolic import separate
 
 _ARGUMENTS = {
     signal.diff(t, order): f"{signal.func}{suffix}"
@@ -33,77 +28,148 @@ _ARGUMENTS = {
 }
 """Derivatives first, so that a substitution of the signal does not break them."""
 
-_NOTHING = sp.Symbol("nothing")
-"""Stands for the unknowns of an equation that has none, as an ideal drive's; has no column."""
-
 
 @dataclass(frozen=True)
 class DriveRegressor:
     """zeta = regressor @ parameters of one drive: names, units and the derived form (9).
 
-    `form` is symbolic, with the known values (ratio, radii, rotor inertia) still as symbols.
+    `zeta` and `row` (p,) are expressions of the signals, with the known values (ratio, radii, rotor
+    inertia) still as symbols. Of an equation that is not linear, `non_linear` names the parameters
+    that must be given for it to be linear in the others: their symbols stand in the expressions,
+    and their columns are slopes near the drive's values.
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    form: RegressorForm
+    zeta: sp.Expr
+    row: tuple[sp.Expr, ...]
     drive: Drive
+    non_linear: tuple[str, ...] = ()
 
-    def evaluate(self, signals: Mapping[str, Array]) -> tuple[Array, Array]:
+    @property
+    def linear(self) -> tuple[str, ...]:
+        """The parameters in which the equation is linear when `non_linear` are given."""
+        return tuple(name for name in self.names if name not in self.non_linear)
+
+    def evaluate(
+        self, signals: Mapping[str, Array], values: Mapping[str, float] | None = None
+    ) -> tuple[Array, Array]:
         """Return zeta (T,) and the regressor (T, p) over signals (T,).
 
-        `signals` has "theta_M", "theta_M_dot", "theta_M_ddot", the same of "theta_L", "tau_M" and
-        "tau_L"; only those in the equation are needed.
+        `signals` has "theta_M", "theta_M_dot", "theta_M_ddot", the same of "theta_L", "tau_M",
+        "i_M", "u_M" and "tau_L"; only those in the equation are needed. `values` {parameter: value}
+        stand before the drive's where the equation is not linear. Raises RobotError naming a
+        parameter without one.
         """
-        function, names = _compiled(
-            self.form.zeta[0], tuple(self.form.regressor)[: len(self.names)]
-        )
-        values = {str(symbol): value for symbol, value in known_values(self.drive).items()}
-        arguments = [values[name] if name in values else signals[name] for name in names]
-        length = len(next(iter(signals.values())))
-        columns = [np.broadcast_to(column, (length,)) for column in function(*arguments)]
-        return np.array(columns[0], dtype=float), np.column_stack(
-            [*columns[1:], np.empty((length, 0))]
-        )
+        near = self.drive.values if values is None else {**self.drive.values, **values}
+        zeta, R = _evaluate(self, signals, near, self.names)
+        bent = [self.names.index(name) for name in self.non_linear]
+        return zeta + R[:, bent] @ [near[name] for name in self.non_linear], R
+
+    def given(
+        self, signals: Mapping[str, Array], values: Mapping[str, float]
+    ) -> tuple[Array, Array]:
+        """Return zeta (T,) and the columns (T, l) of `linear` with `values` of `non_linear`."""
+        return _evaluate(self, signals, values, self.linear)
 
 
 def drive_regressor(equation: DriveEquation, drive: Drive) -> DriveRegressor:
     """Derive the regressor of a drive's equation by Algorithm 1.
 
-    Raises SymbolicError where the equation is not linear in its unknowns.
+    Terms that are not linear in their unknowns are taken near the values of the drive. Raises
+    SymbolicError where an extra term is not linear in its unknowns.
     """
-    form = _separated(equation)
-    columns = [
-        (symbol, column)
-        for symbol, column in zip(form.parameters, form.regressor, strict=True)
-        if symbol != _NOTHING
-    ]
-    names = tuple(PARAMETER_NAMES.get(symbol, str(symbol)) for symbol, _ in columns)
-    units = tuple(_unit(symbol, column, drive) for symbol, column in columns)
-    return DriveRegressor(names, units, form, drive)
+    bent = non_linear(equation)
+    if bent and all(symbol in PARAMETER_NAMES for symbol in bent):
+        row = tuple(_slope(equation.expression, symbol) for symbol in equation.unknowns)
+        straight = {symbol: 0 for symbol in equation.unknowns if symbol not in bent}
+        zeta, parameters = -flat_names(equation.expression).subs(straight), equation.unknowns
+    else:
+        bent, (zeta, parameters, row) = (), _separated(equation)
+    return DriveRegressor(
+        names=tuple(PARAMETER_NAMES.get(symbol, str(symbol)) for symbol in parameters),
+        units=tuple(
+            _unit(symbol, column, drive) for symbol, column in zip(parameters, row, strict=True)
+        ),
+        zeta=zeta,
+        row=row,
+        drive=drive,
+        non_linear=tuple(PARAMETER_NAMES[symbol] for symbol in bent),
+    )
 
 
 @cache
-def _separated(equation: DriveEquation) -> RegressorForm:
+def non_linear(equation: DriveEquation) -> tuple[sp.Symbol, ...]:
+    """Return the unknowns that must be given for the equation to be linear in all others."""
+    found: list[sp.Symbol] = []
+    slopes = {symbol: _slope(equation.expression, symbol) for symbol in equation.unknowns}
+    for symbol, slope in slopes.items():
+        if symbol in slope.free_symbols:
+            found.append(symbol)
+    for symbol, slope in slopes.items():
+        others = slope.free_symbols & set(slopes) - {symbol, *found}
+        if symbol not in found and others:
+            found += sorted(others, key=str)
+    return tuple(symbol for symbol in slopes if symbol in found)
+
+
+def _slope(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
+    """Return the derivative by a parameter, of real signals with flat names; a step has none."""
+    flat = flat_names(expression)
+    real = {sp.Symbol(name): sp.Symbol(name, real=True) for name in _ARGUMENTS.values()}
+    return flat.xreplace(real).diff(symbol).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
+
+
+@cache
+def _separated(
+    equation: DriveEquation,
+) -> tuple[sp.Expr, tuple[sp.Expr, ...], tuple[sp.Expr, ...]]:
     expression, unknowns = equation.expression, list(equation.unknowns)
     if not unknowns:
-        expression, unknowns = expression + _NOTHING, [_NOTHING]
-    return separate(expression, motion=list(SIGNALS), unknowns=unknowns)
+        return -expression, (), ()
+    form = separate(expression, motion=list(SIGNALS), unknowns=unknowns)
+    return form.zeta[0], tuple(form.parameters), tuple(form.regressor)
+
+
+def _evaluate(
+    regressor: DriveRegressor,
+    signals: Mapping[str, Array],
+    near: Mapping[str, float],
+    wanted: tuple[str, ...],
+) -> tuple[Array, Array]:
+    """Return zeta (T,) and the columns (T, wanted) with the bent parameters at `near`."""
+    columns = tuple(regressor.row[regressor.names.index(name)] for name in wanted)
+    function, names = _compiled(regressor.zeta, columns)
+    known = {str(SYMBOLS[name]): value for name, value in near.items()}
+    known |= {str(symbol): value for symbol, value in known_values(regressor.drive).items()}
+    missing = [name for name in names if name not in known and name not in signals]
+    if missing:
+        named = {str(symbol): name for symbol, name in PARAMETER_NAMES.items()}
+        raise RobotError(
+            f"the drive's terms are not linear: {named.get(missing[0], missing[0])} needs a value "
+            "to start from"
+        )
+    length = len(next(iter(signals.values())))
+    table = np.empty((1 + len(wanted), length))
+    arguments = [known[name] if name in known else signals[name] for name in names]
+    for line, entry in zip(table, function(*arguments), strict=True):
+        line[:] = entry
+    return table[0], np.ascontiguousarray(table[1:].T)
 
 
 @cache
 def _compiled(zeta: sp.Expr, row: tuple[sp.Expr, ...]):  # type: ignore[no-untyped-def]
     expressions = [flat_names(entry) for entry in (zeta, *row)]
     names = sorted({str(symbol) for entry in expressions for symbol in entry.free_symbols})
-    return sp.lambdify([sp.Symbol(name) for name in names], expressions, modules="numpy"), names
+    flat = [{symbol: sp.Symbol(str(symbol)) for symbol in e.free_symbols} for e in expressions]
+    plain = [entry.xreplace(names_of) for entry, names_of in zip(expressions, flat, strict=True)]
+    arguments = [sp.Symbol(name) for name in names]
+    return sp.lambdify(arguments, plain, modules="numpy", cse=True), names
 
 
 def _unit(symbol: sp.Expr, column: sp.Expr, drive: Drive) -> str:
-    force = drive.force_unit if isinstance(drive, SeriesElasticDrive) else "N m"
-    stiffness = drive.stiffness_unit if isinstance(drive, SeriesElasticDrive) else ""
-    known = {F_v: "N m s/rad", F_C: "N m", F_0: "N m", k: stiffness, f_0: force, I_M: "kg m^2"}
-    if symbol in known:
-        return known[symbol]
+    if symbol in PARAMETER_NAMES:
+        return unit_of(drive, PARAMETER_NAMES[symbol])
     return f"N m/({flat_names(column)})"
 
 

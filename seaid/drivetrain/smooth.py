@@ -10,8 +10,8 @@ import numpy as np
 import sympy as sp
 
 from seaid.arrays import Array, FrozenMapping
-from seaid.drivetrain.equations import known_values
 from seaid.drivetrain.regressor import DriveRegressor, flat_names
+from seaid.drivetrain.symbols import SYMBOLS, known_values
 
 SIGNALS = ("theta_M", "theta_M_dot", "theta_M_ddot", "theta_L", "theta_L_dot", "theta_L_ddot")
 """What the columns are differentiated by, in this order."""
@@ -51,8 +51,9 @@ class SmoothColumns:
 
 def smooth_columns(regressor: DriveRegressor) -> SmoothColumns:
     """Return the columns of a drive's regressor with slopes."""
-    row = tuple(map(flat_names, tuple(regressor.form.regressor)[: len(regressor.names)]))
-    known = {str(symbol): value for symbol, value in known_values(regressor.drive).items()}
+    row = tuple(map(flat_names, regressor.row))
+    known = {str(SYMBOLS[name]): value for name, value in regressor.drive.values.items()}
+    known |= {str(symbol): value for symbol, value in known_values(regressor.drive).items()}
     return SmoothColumns(regressor.names, regressor.units, row, FrozenMapping(known))
 
 

@@ -6,18 +6,9 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from seaid.drivetrain.equations import (
-    SIGNALS,
-    N,
-    motor_equation,
-    r_L,
-    spring_force,
-    t,
-    tau_L,
-    theta_L,
-    theta_M,
-)
+from seaid.drivetrain.equations import joint_equation, motor_equation, spring_force
 from seaid.drivetrain.model import IDEAL_DRIVE, SeriesElasticDrive
+from seaid.drivetrain.symbols import N, i_M, r_L, t, tau_L, tau_M, theta_L, theta_M, u_M
 from seaid.robot import Robot
 from seaid.symbolic.regressor_form import rigid_body
 
@@ -62,8 +53,10 @@ def complete_model(robot: Robot) -> CompleteModel:
             equations.append(load - torque)
             continue
         side = motor_equation(drive).expression
+        beside = joint_equation(drive).expression + tau_L
+        load += _of_joint(beside, joint, joints[index], motor, torque)
         if isinstance(drive, SeriesElasticDrive):
-            spring = r_L * spring_force()
+            spring = r_L * spring_force(drive)
             coordinates.append(motor)
             equations.append(_of_joint(side, joint, joints[index], motor, torque))
             equations.append(_of_joint(spring, joint, joints[index], motor, torque) - load)
@@ -78,7 +71,7 @@ def _of_joint(
     expression: sp.Expr, joint: str, position: sp.Expr, motor: sp.Expr, torque: sp.Expr
 ) -> sp.Expr:
     """Give the signals and symbols of a drive's equation the name of their joint."""
-    signals = {theta_M: motor, theta_L: position, SIGNALS[2]: torque}
+    signals = {theta_M: motor, theta_L: position, tau_M: torque, i_M: torque, u_M: torque}
     symbols = {
         symbol: sp.Symbol(f"{symbol.name}_{joint}", **symbol.assumptions0)
         for symbol in expression.free_symbols - {t}

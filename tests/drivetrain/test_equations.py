@@ -8,27 +8,25 @@ import pytest
 import sympy as sp
 
 from seaid.arrays import Array
-from seaid.drivetrain.equations import (
-    F_0,
+from seaid.drivetrain.equations import motor_equation, spring_equation
+from seaid.drivetrain.extra_terms import extra_torque
+from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
+from seaid.drivetrain.regressor import DriveRegressor, drive_regressor
+from seaid.drivetrain.symbols import (
     F_C,
     I_M,
     F_v,
     N,
-    extra_torque,
     f_0,
     k,
-    motor_equation,
     r_L,
     r_M,
-    spring_equation,
     t,
     tau_L,
     tau_M,
     theta_L,
     theta_M,
 )
-from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
-from seaid.drivetrain.regressor import DriveRegressor, drive_regressor
 from seaid.errors import RobotError, SymbolicError
 
 LINEAR = SeriesElasticDrive(
@@ -69,33 +67,38 @@ def test_motor_equation_is_7_with_the_force_of_unknown_zeros() -> None:
 
 
 def test_7_gives_exactly_the_columns_of_10() -> None:
-    form = motor_regressor(LINEAR).form
+    form = motor_regressor(LINEAR)
     deflection = r_M / N * theta_M - r_L * theta_L
-    assert form.parameters == sp.ImmutableMatrix([F_v, F_C, k, f_0])
-    assert same(form.zeta, [tau_M - I_M * acceleration])
-    assert same(form.regressor, [[speed, sp.sign(speed), r_M / N * deflection, r_M / N]])
+    assert form.names == ("viscous_friction", "coulomb_friction", "stiffness", "deflection_offset")
+    assert same([form.zeta], [tau_M - I_M * acceleration])
+    assert same([form.row], [[speed, sp.sign(speed), r_M / N * deflection, r_M / N]])
 
 
 def test_unknown_rotor_inertia_becomes_a_column() -> None:
-    form = motor_regressor(replace(LINEAR, motor_inertia_kg_m2=None)).form
-    assert same(form.zeta, [tau_M])
-    assert form.parameters[4] == I_M
-    assert form.regressor[0, 4] == acceleration
+    form = motor_regressor(replace(LINEAR, motor_inertia_kg_m2=None))
+    assert same([form.zeta], [tau_M])
+    assert form.names[4] == "motor_inertia"
+    assert form.row[4] == acceleration
 
 
 def test_spring_equation_is_4b_and_tells_stiffness_and_offset() -> None:
     regressor = drive_regressor(spring_equation(LINEAR), LINEAR)
-    assert same(regressor.form.zeta, [tau_L / r_L])
-    assert same(regressor.form.regressor, [[r_M / N * theta_M - r_L * theta_L, 1]])
+    assert same([regressor.zeta], [tau_L / r_L])
+    assert same([regressor.row], [[r_M / N * theta_M - r_L * theta_L, 1]])
     assert regressor.names == ("stiffness", "deflection_offset")
     assert regressor.units == ("N/m", "N")
 
 
 def test_stiff_drive_has_the_joint_torque_behind_its_gear() -> None:
-    form = motor_regressor(STIFF).form
-    assert form.parameters == sp.ImmutableMatrix([F_v, F_C, F_0, I_M])
-    assert same(form.zeta, [tau_M - tau_L / N])
-    assert same(form.regressor, [[speed, sp.sign(speed), 1, acceleration]])
+    form = motor_regressor(STIFF)
+    assert form.names == (
+        "viscous_friction",
+        "coulomb_friction",
+        "friction_offset",
+        "motor_inertia",
+    )
+    assert same([form.zeta], [tau_M - tau_L / N])
+    assert same([form.row], [[speed, sp.sign(speed), 1, acceleration]])
 
 
 @pytest.mark.parametrize("friction", [(), ("viscous",), ("coulomb",), ("coulomb", "viscous")])

@@ -1,0 +1,97 @@
+"""Drivetrains from a TOML file or a mapping: one table a joint."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+from seaid.drivetrain.catalogue import PARAMETERS, PARAMETERS_OF, key_of
+from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
+from seaid.drivetrain.values import unit_of
+from seaid.errors import RobotError, unknown_name
+
+_TYPES: dict[str, type[StiffDrive] | type[SeriesElasticDrive]] = {
+    "stiff": StiffDrive,
+    "series_elastic": SeriesElasticDrive,
+}
+_OF_SPRING = ("deflection_offset", "deflection_zero")
+
+
+def read_drivetrains(path: str | Path) -> dict[str, Drive]:
+    """Read a drivetrain TOML, one table a joint. Raises RobotError naming joint and key."""
+    path = Path(path)
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as problem:
+        raise RobotError(f"cannot read drivetrains '{path}': {problem.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+        raise RobotError(f"drivetrains '{path}' is not valid TOML: {problem}") from None
+    return {joint: _drive(f"{path}: [{joint}]", table) for joint, table in tables.items()}
+
+
+def drives_from_mapping(drivetrains: Mapping[str, Any]) -> dict[str, Drive]:
+    """Return {joint: drive} of a mapping whose values are drives or tables as in the TOML."""
+    return {
+        joint: value
+        if isinstance(value, StiffDrive | SeriesElasticDrive)
+        else _drive(f"drivetrain of '{joint}'", value)
+        for joint, value in drivetrains.items()
+    }
+
+
+def _drive(where: str, table: Any) -> Drive:
+    if not isinstance(table, Mapping):
+        raise RobotError(f"{where} must be a table of a drive, found {table!r}")
+    if "type" not in table:
+        raise RobotError(f"{where}: key 'type' is missing; allowed: {', '.join(_TYPES)}")
+    if not isinstance(table["type"], str) or table["type"] not in _TYPES:
+        raise RobotError(f"{where}: " + unknown_name("drive type", str(table["type"]), _TYPES))
+    kind = _TYPES[table["type"]]
+    keys = [field.name for field in fields(kind)]
+    values = {key: value for key, value in table.items() if key in keys}
+    others = {key: value for key, value in table.items() if key not in keys and key != "type"}
+    needed = ("gear_ratio", "gear_ratio_rad_per_m") if kind is StiffDrive else ("gear_ratio",)
+    if not any(key in values for key in needed):
+        _check_keys(where, others, keys, _every_key())
+        raise RobotError(
+            f"{where}: key '{needed[0]}' is missing; give the motor turns a turn behind the gear"
+        )
+    try:
+        bare = kind(**{key: value for key, value in values.items() if key != "known"})
+        named = {key_of(name, unit_of(bare, name)): name for name in _possible(kind)}
+        _check_keys(where, others, keys, named)
+        more = {named[key]: value for key, value in others.items()}
+        return replace(bare, known=values.get("known", ()), nominal={**bare.nominal, **more})
+    except RobotError as problem:
+        text = str(problem)
+        raise RobotError(text if text.startswith(where) else f"{where}: {text}") from None
+
+
+def _check_keys(
+    where: str, found: Mapping[str, Any], keys: list[str], named: Mapping[str, str]
+) -> None:
+    for key in found:
+        if key not in named:
+            allowed = dict.fromkeys(["type", *keys, *named])
+            raise RobotError(f"{where}: " + unknown_name("key", key, list(allowed)))
+
+
+def _possible(kind: type[Drive]) -> list[str]:
+    """Return the parameters that a kind of drive can have with its terms."""
+    has_spring = kind is SeriesElasticDrive
+    fields_of = [field for field in PARAMETERS_OF if hasattr(kind, field)]
+    names = {name for field in fields_of for term in PARAMETERS_OF[field].values() for name in term}
+    return [name for name in PARAMETERS if name in names or (has_spring and name in _OF_SPRING)]
+
+
+def _every_key() -> dict[str, str]:
+    """Return {key: parameter} in all units: for a drive that cannot be told yet."""
+    units = (("N", "m"), ("N m", "rad"))
+    return {
+        key_of(name, parameter.unit_for(one, one)): name
+        for name, parameter in PARAMETERS.items()
+        for one in units
+    }
