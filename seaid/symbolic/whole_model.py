@@ -73,7 +73,7 @@ def _of_joint(
     """Give the signals and symbols of a drive's equation the name of their joint."""
     signals = {theta_M: motor, theta_L: position, tau_M: torque, i_M: torque, u_M: torque}
     symbols = {
-        symbol: sp.Symbol(f"{symbol.name}_{joint}", **symbol.assumptions0)
+        symbol: sp.Symbol(f"{symbol.name}_{joint}", positive=symbol.is_positive)
         for symbol in expression.free_symbols - {t}
     }
     return expression.subs(signals).doit().xreplace(symbols)

@@ -101,7 +101,7 @@ def test_with_the_bent_parameters_given_the_rest_is_the_same_equation() -> None:
 
 def test_a_term_that_is_not_linear_needs_a_start() -> None:
     drive = replace(ELASTIC, friction=("coulomb", "stribeck"))
-    with pytest.raises(RobotError, match="stribeck_.* needs a value to start from"):
+    with pytest.raises(RobotError, match=r"stribeck_.* needs a value to start from"):
         drive_regressor(motor_equation(drive), drive).evaluate(signals())
 
 
