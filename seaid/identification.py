@@ -164,6 +164,17 @@ def identify(
     if sides == "joint":
         found = simultaneous_sides(robot, records, model, found, solver, joint_zero_std, executor)
     possible = _possible(robot, model, found) if feasible else None
+    return packed(robot, model, found, records[0].cutoff_hz, possible)
+
+
+def packed(
+    robot: Robot,
+    model: LoadModel,
+    found: Sides,
+    cutoff_hz: float,
+    possible: PossibleBodies | None = None,
+) -> Identification:
+    """Return what both sides told as an Identification of the robot."""
     return Identification(
         drivetrains=FrozenMapping(found.drivetrains),
         load=found.load,
@@ -173,7 +184,7 @@ def identify(
         model=model,
         load_side=found.load_side,
         springs=FrozenMapping(found.springs),
-        cutoff_hz=records[0].cutoff_hz,
+        cutoff_hz=cutoff_hz,
         left_out=FrozenMapping(found.left_out),
         checks=FrozenMapping(found.checks),
         possible=possible,
