@@ -126,7 +126,7 @@ def sequential_sides(
         load = _load_side(
             robot, records, model, springs, estimator, joint_zero_std, executor, regressions
         )
-    base, stiff = _split(model, load.estimate)
+    base, stiff = split_load_side(model, load.estimate)
     found = drives | stiff
     return Sides(
         drivetrains={joint: found[joint] for joint in robot.joint_names if joint in found},
@@ -219,8 +219,8 @@ def _with_zeros(
     return replace(plain, carried=np.hstack([plain.carried, zeros.carried]))
 
 
-def _split(model: LoadModel, load_side: Estimate) -> tuple[Estimate, dict[str, Estimate]]:
-    """Return the base parameters, and the stiff drives' parameters by joint."""
+def split_load_side(model: LoadModel, load_side: Estimate) -> tuple[Estimate, dict[str, Estimate]]:
+    """Return the base parameters, and the stiff drives' parameters {joint: Estimate}."""
     p = len(model.base.columns)
     base = load_side.part(range(p), model.expressions)
     stiff = {}
