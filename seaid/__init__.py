@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from seaid.agreement import CrossCheck, cross_check
     from seaid.assembly import Payload
     from seaid.base import BaseParameters, base_parameters
+    from seaid.conditions import Conditions, identify_conditions
     from seaid.cross_validation import cross_validate
     from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
     from seaid.errors import (
@@ -52,6 +53,7 @@ _WHERE = {
     "agreement": ("CrossCheck", "cross_check"),
     "assembly": ("Payload",),
     "base": ("BaseParameters", "base_parameters"),
+    "conditions": ("Conditions", "identify_conditions"),
     "cross_validation": ("cross_validate",),
     "drivetrain.model": ("SeriesElasticDrive", "StiffDrive"),
     "errors": (
@@ -91,6 +93,7 @@ _SUBMODULES = ("regression", "symbolic")
 __all__ = [
     "BaseParameters",
     "Box",
+    "Conditions",
     "CrossCheck",
     "EndState",
     "Estimate",
@@ -123,6 +126,7 @@ __all__ = [
     "cross_validate",
     "design_excitation",
     "identify",
+    "identify_conditions",
     "load_robot",
     "load_scene",
     "load_trajectory",

@@ -32,6 +32,7 @@ FUNCTIONS = {
     "reconstruct_motion": "robot log cutoff_hz",
     "identify": "robot logs rows sides estimator feasible cutoff_hz joint_zero_std executor "
     "progress",
+    "identify_conditions": "conditions own rows estimator cutoff_hz progress",
     "cross_validate": "robot logs parts progress",
     "open_long_log": "path robot columns cutoff_hz chunk_samples",
     "refine": "found logs joint_zero_std iterations progress",
@@ -66,6 +67,7 @@ CLASSES = {
     "Repair": "channel kind count time_s action",
     "LongLog": "path cutoff_hz",
     "PossibleBodies": "robot values estimate distance chi_square held notes",
+    "Conditions": "found own differences summary",
     "Identification": "drivetrains load base robot checks possible summary to_dict save",
     "Estimate": "names values covariance standard_errors units residual_std condition_number "
     "interval",
