@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from seaid.base import BaseParameters, base_parameters
     from seaid.conditions import Conditions, identify_conditions
     from seaid.cross_validation import cross_validate
+    from seaid.delays import Delay, correct_delays, estimate_delays
     from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
     from seaid.errors import (
         ExcitationError,
@@ -55,6 +56,7 @@ _WHERE = {
     "base": ("BaseParameters", "base_parameters"),
     "conditions": ("Conditions", "identify_conditions"),
     "cross_validation": ("cross_validate",),
+    "delays": ("Delay", "correct_delays", "estimate_delays"),
     "drivetrain.model": ("SeriesElasticDrive", "StiffDrive"),
     "errors": (
         "ExcitationError",
@@ -95,6 +97,7 @@ __all__ = [
     "Box",
     "Conditions",
     "CrossCheck",
+    "Delay",
     "EndState",
     "Estimate",
     "Excitation",
@@ -122,9 +125,11 @@ __all__ = [
     "Validation",
     "add_run_in",
     "base_parameters",
+    "correct_delays",
     "cross_check",
     "cross_validate",
     "design_excitation",
+    "estimate_delays",
     "identify",
     "identify_conditions",
     "load_robot",

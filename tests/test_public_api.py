@@ -29,6 +29,8 @@ FUNCTIONS = {
     "simulate": "robot trajectory rate_hz noise seed",
     "read_log": "path robot columns",
     "write_log": "log path",
+    "estimate_delays": "robot log largest_s cutoff_hz",
+    "correct_delays": "log delays",
     "reconstruct_motion": "robot log cutoff_hz",
     "identify": "robot logs rows sides estimator feasible cutoff_hz joint_zero_std executor "
     "progress",
@@ -62,6 +64,7 @@ CLASSES = {
     "Limits": "",
     "Log": "time joint_names motor_position joint_position motor_torque joint_torque",
     "Motion": "",
+    "Delay": "joint channel against delay_s standard_error_s is_significant",
     "Repairs": "rate_hz longest_gap_s most_gap_error most_missing most_disordered "
     "most_saturated largest_drift",
     "Repair": "channel kind count time_s action",
