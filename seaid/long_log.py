@@ -3,30 +3,20 @@
 from __future__ import annotations
 
 import math
-import zipfile
-import zlib
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
-from typing import IO, Any
 
 import numpy as np
 
 from seaid.arrays import Array
 from seaid.errors import LogError
 from seaid.filtering import decimation
-from seaid.log import (
-    MINIMUM_SAMPLES,
-    Column,
-    Log,
-    csv_columns,
-    csv_header,
-    log_format,
-    log_of,
-    wanted_columns,
-)
+from seaid.formats.opening import open_table
+from seaid.formats.table import Block, Blocks
+from seaid.log import MINIMUM_SAMPLES, Log, log_of
+from seaid.log_columns import Column, wanted_columns
 from seaid.motion import Motion, check_cutoff, is_regular, reconstruct_motion
 from seaid.regression import Regression, row_samples
 from seaid.robot import Robot
@@ -40,8 +30,6 @@ _FORGOTTEN = 6.0
 _SHORTEST_RECORD = 10.0
 """Periods of the cutoff that a reconstruction needs."""
 
-Block = dict[str, Array]
-Blocks = Iterator[Block]
 Regress = Callable[[Motion], Regression]
 
 
@@ -110,7 +98,7 @@ def open_long_log(
     cutoff_hz: float | None = None,
     chunk_samples: int = CHUNK_SAMPLES,
 ) -> LongLog:
-    """Look through a log file (.csv or .npz) once, to read it in pieces from then on.
+    """Look through a log file (CSV, NPZ, Parquet, HDF5) once, to read it in pieces from then on.
 
     `columns` as in `read_log`; `cutoff_hz` None: proposed from the first `chunk_samples`. Raises
     LogError as `read_log` does, where a sensor is not there all the time, and where time steps
@@ -145,10 +133,10 @@ def iterate_log(
     chunk_samples: int = CHUNK_SAMPLES,
     overlap_samples: int = 0,
 ) -> Iterator[LogPart]:
-    """Yield a log file (.csv or .npz) in parts of `chunk_samples`, with overlap on both sides.
+    """Yield a log file (CSV, NPZ, Parquet, HDF5) in parts that overlap on both sides.
 
-    Memory holds one part. Each part is checked as `read_log` checks a log; besides, all must have
-    the same sensors. Raises LogError.
+    Memory holds one part of `chunk_samples`. Each part is checked as `read_log` checks a log;
+    besides, all must have the same sensors. Raises LogError.
     """
     if not 0 <= overlap_samples <= chunk_samples:
         raise LogError(
@@ -156,12 +144,18 @@ def iterate_log(
             f"{overlap_samples}"
         )
     path = Path(path)
-    names, read = _READERS[log_format(path)](path)
-    wanted = wanted_columns(path, names, robot, columns or {})
-    blocks = read(list(dict.fromkeys(foreign for foreign, _ in wanted.values())), chunk_samples)
+    table = open_table(path)
+    if table.blocks is None:
+        raise LogError(
+            f"'{path}': '{path.suffix}' logs cannot be read in pieces; allowed: .csv, .npz, "
+            ".parquet, .h5, .hdf5; use read_log, or write it as one of these"
+        )
+    wanted = wanted_columns(path, table, robot, columns or {})
+    foreign = list(dict.fromkeys(name for name, _ in wanted.values()))
+    blocks = table.blocks(foreign, chunk_samples)
     sensors: set[str] | None = None
     for data, before, own in _overlapping(blocks, overlap_samples):
-        log = log_of(path, data, wanted, robot, names)
+        log = log_of(path, data, wanted, robot, table.names)
         found = set(log.columns())
         sensors = found if sensors is None else sensors
         if found != sensors:
@@ -229,81 +223,3 @@ def _fastest(long_log: LongLog) -> Array:
         own = (motion.time >= part.start_s) & (motion.time < part.end_s)
         fastest = np.maximum(fastest, np.max(np.abs(motion.motor_velocity[own]), axis=0))
     return fastest
-
-
-def _csv_blocks(path: Path) -> tuple[list[str], Callable[[list[str], int], Blocks]]:
-    """Return the column names of a CSV file, and how to read columns block by block."""
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            names, delimiter = csv_header(path, file.readline().rstrip("\r\n"))
-    except OSError as problem:
-        raise LogError(f"cannot read '{path}': {problem.strerror}") from None
-    except UnicodeDecodeError as problem:
-        raise LogError(f"'{path}' is not a text file in UTF-8: {problem}") from None
-
-    def read(wanted: list[str], size: int) -> Blocks:
-        with path.open(encoding="utf-8-sig") as file:
-            file.readline()
-            lines, line = list(islice(file, size)), 2
-            while lines or line == 2:
-                yield csv_columns(path, names, lines, delimiter, wanted, line)
-                line += len(lines)
-                lines = list(islice(file, size))
-
-    return names, read
-
-
-def _npz_blocks(path: Path) -> tuple[list[str], Callable[[list[str], int], Blocks]]:
-    """Return the column names of an NPZ file, and how to read columns block by block."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = [name.removesuffix(".npy") for name in archive.namelist()]
-    except (OSError, zipfile.BadZipFile):
-        raise LogError(f"'{path}' is not a NumPy archive (.npz), or a damaged one") from None
-
-    def read(wanted: list[str], size: int) -> Blocks:
-        with zipfile.ZipFile(path) as archive, ExitStack() as stack:
-            files = {name: stack.enter_context(archive.open(f"{name}.npy")) for name in wanted}
-            kinds = {name: _npy_kind(path, name, file) for name, file in files.items()}
-            lengths = {name: length for name, (_, length) in kinds.items()}
-            if len(set(lengths.values())) > 1:
-                raise LogError(f"'{path}': columns are not equally long: {lengths}")
-            total = lengths[wanted[0]]
-            for start in range(0, max(total, 1), size):
-                count = min(size, total - start)
-                yield {
-                    name: _npy_block(path, name, file, kinds[name][0], count)
-                    for name, file in files.items()
-                }
-
-    return names, read
-
-
-def _npy_kind(path: Path, name: str, file: IO[bytes]) -> tuple[np.dtype[Any], int]:
-    """Return type and length of a column."""
-    try:
-        version = np.lib.format.read_magic(file)
-        reader = np.lib.format.read_array_header_1_0
-        if version != (1, 0):
-            reader = np.lib.format.read_array_header_2_0
-        shape, _, kind = reader(file)
-    except (ValueError, EOFError, zipfile.BadZipFile, zlib.error) as problem:
-        raise LogError(f"'{path}': column '{name}' cannot be read: {problem}") from None
-    if kind.kind not in "iuf" or len(shape) != 1:
-        raise LogError(
-            f"'{path}': column '{name}' must be a row of numbers, found {kind} of shape {shape}"
-        )
-    return kind, int(shape[0])
-
-
-def _npy_block(path: Path, name: str, file: IO[bytes], kind: np.dtype[Any], count: int) -> Array:
-    try:
-        values = np.frombuffer(file.read(count * kind.itemsize), dtype=kind)
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as problem:
-        raise LogError(f"'{path}': column '{name}' cannot be read: {problem}") from None
-    if len(values) < count:
-        raise LogError(f"'{path}': column '{name}' cannot be read: it ends too early")
-    return values.astype(np.float64)
-
-
-_READERS = {".csv": _csv_blocks, ".npz": _npz_blocks}

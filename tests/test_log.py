@@ -13,6 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from seaid.arrays import Array
 from seaid.errors import LogError, SeaidError
+from seaid.formats.opening import READERS
 from seaid.log import MINIMUM_SAMPLES, Log, column_names, read_log, write_log
 from seaid.robot import Robot, load_robot
 
@@ -269,7 +270,9 @@ def test_missing_file_and_unknown_format_are_named(arm: Robot, tmp_path: Path) -
     path = tmp_path / "no.csv"
     assert read_error(path, arm) == f"no log file at '{path}' (working folder {Path.cwd()})"
     path = tmp_path / "log.mat"
-    assert read_error(path, arm) == f"'{path}': cannot read '.mat' logs; allowed: .csv, .npz"
+    assert (
+        read_error(path, arm) == f"'{path}': cannot read '.mat' logs; allowed: {', '.join(READERS)}"
+    )
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,197 @@
+"""Log descriptions read from TOML or plain data; what is wrong in them is named."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from seaid.errors import LogError, unknown_name
+from seaid.log_columns import UNIT_FACTORS
+from seaid.log_description import QUANTITIES, Clock, LogDescription, Servo, Source
+from seaid.repair import Repairs
+
+_UNITS = {
+    "position": {*UNIT_FACTORS["rad"], *UNIT_FACTORS["m"], "counts"},
+    "torque": {*UNIT_FACTORS["Nm"], *UNIT_FACTORS["N"], *UNIT_FACTORS["A"]},
+    "deflection": {*UNIT_FACTORS["rad"], *UNIT_FACTORS["m"], "counts"},
+    "current": {*UNIT_FACTORS["A"]},
+    "voltage": {*UNIT_FACTORS["V"]},
+}
+
+Description = LogDescription | Mapping[str, Any] | str | Path
+"""A log description, the same as plain data, or its TOML file."""
+
+
+def description_for(path: Path, description: Description | None) -> LogDescription | None:
+    """Return the description given for a log, or that in the TOML file beside it, or None.
+
+    A TOML file beside it is a description if it has a table `joints`. Raises LogError.
+    """
+    if isinstance(description, LogDescription):
+        return _described("description=", description.to_dict())
+    if isinstance(description, Mapping):
+        return _described("description=", description)
+    if description is not None:
+        return _described(f"'{description}'", _read(Path(description)))
+    beside = path.with_suffix(".toml")
+    if beside == path or not beside.is_file():
+        return None
+    try:
+        content = _read(beside)
+    except LogError:
+        if "[joints" in beside.read_text(encoding="utf-8", errors="replace"):
+            raise
+        return None
+    joints = content.get("joints")
+    if not isinstance(joints, Mapping) or "type" in joints:
+        return None
+    return _described(f"'{beside}'", content)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as problem:
+        raise LogError(f"cannot read the description '{path}': {problem.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+        raise LogError(f"the description '{path}' is not valid TOML: {problem}") from None
+
+
+def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
+    _check_keys(where, content, [one.name for one in fields(LogDescription)])
+    joints = content.get("joints")
+    if not isinstance(joints, Mapping) or not joints:
+        raise LogError(f"{where}: needs tables [joints.<joint>], one a joint, found {joints!r}")
+    column = content.get("where")
+    if not isinstance(column, str | None):
+        raise LogError(f"{where}: 'where' must be the name of a column, found {column!r}")
+    repair = content.get("repair", {})
+    if not isinstance(repair, Repairs):
+        _check_keys(f"{where} [repair]", repair, [one.name for one in fields(Repairs)])
+        repair = Repairs(**repair)
+    return LogDescription(
+        joints={
+            joint: _joint(f"{where} [joints.{joint}]", table) for joint, table in joints.items()
+        },
+        time=_clock(f"{where} time", content.get("time")),
+        where=column,
+        repair=repair,
+    )
+
+
+def _joint(where: str, table: Any) -> dict[str, Source]:
+    _check_keys(where, table, ["time", *QUANTITIES])
+    clock = _clock(f"{where} time", table.get("time"))
+    found = {
+        name: _source(f"{where} {name}", name, value, clock)
+        for name, value in table.items()
+        if name != "time"
+    }
+    if not found:
+        raise LogError(f"{where}: names no quantity; allowed: {', '.join(QUANTITIES)}")
+    if {"deflection", "motor_position", "joint_position"} <= set(found):
+        raise LogError(
+            f"{where}: deflection beside both positions is one too much, each follows from the "
+            "other two; leave out the one that is not to be used"
+        )
+    return found
+
+
+def _source(where: str, quantity: str, value: Any, clock: Clock | None) -> Source:
+    if isinstance(value, Source):
+        return value
+    table = {"column": value} if isinstance(value, str) else value
+    _check_keys(where, table, [one.name for one in fields(Source)])
+    values = dict(table)
+    values["time"] = _clock(f"{where} time", values.get("time")) or clock
+    if "servo" in values:
+        _check_keys(f"{where} servo", values["servo"], [one.name for one in fields(Servo)])
+        needed = [
+            key for key in ("goal", "position", "gain", "supply") if key not in values["servo"]
+        ]
+        if needed:
+            raise LogError(f"{where} servo: key '{needed[0]}' is missing")
+        _check_values(f"{where} servo", values["servo"], Servo)
+        values["servo"] = Servo(**values["servo"])
+    _check_values(where, values, Source)
+    source = Source(**values)
+    _check_source(where, quantity, source)
+    return source
+
+
+def _check_source(where: str, quantity: str, source: Source) -> None:
+    if (source.column is None) == (source.servo is None):
+        raise LogError(f"{where}: needs column (or, for a voltage, servo instead)")
+    if source.servo and quantity != "motor_voltage":
+        raise LogError(f"{where}: servo gives a motor_voltage only")
+    kind = quantity.rsplit("_", 1)[-1]
+    if source.unit is not None and source.unit not in _UNITS[kind]:
+        raise LogError(f"{where}: {unknown_name('unit of it', source.unit, sorted(_UNITS[kind]))}")
+    counts = [one for one in (source.counts_per_turn, source.counts_per_m) if one is not None]
+    if (source.unit == "counts") != (len(counts) == 1):
+        raise LogError(f"{where}: unit 'counts' and counts_per_turn (or counts_per_m) go together")
+    is_current = kind == "torque" and source.unit in UNIT_FACTORS["A"]
+    if is_current != (source.torque_constant_Nm_per_A is not None):
+        raise LogError(
+            f"{where}: a torque from a current needs unit 'A' or 'mA' and "
+            "torque_constant_Nm_per_A; where the constant is not known, name it motor_current"
+        )
+    if source.sign not in (1, -1):
+        raise LogError(f"{where}: sign must be 1 or -1, found {source.sign}")
+    if source.side is not None and kind not in ("position", "torque"):
+        raise LogError(f"{where}: only positions and torques have a side of the gear")
+    if source.side not in (None, "motor", "joint"):
+        raise LogError(f"{where}: {unknown_name('side', str(source.side), ('motor', 'joint'))}")
+    for name in ("scale", "wraps", "counts_per_turn", "counts_per_m", "torque_constant_Nm_per_A"):
+        value = getattr(source, name)
+        may_be_negative = name == "scale"
+        if value is not None and (value == 0 or (value < 0 and not may_be_negative)):
+            allowed = "not zero" if may_be_negative else "above zero"
+            raise LogError(f"{where}: {name} must be {allowed}, found {value}")
+
+
+def _clock(where: str, value: Any) -> Clock | None:
+    if value is None or isinstance(value, Clock):
+        return value
+    table = {"column": value} if isinstance(value, str) else value
+    _check_keys(where, table, [one.name for one in fields(Clock)])
+    _check_values(where, table, Clock)
+    try:
+        return Clock(**table)
+    except LogError as problem:
+        raise LogError(f"{where}: {problem}") from None
+
+
+_TEXTS = ("column", "unit", "side", "goal", "position")
+_TEXT_OR_NUMBER = ("times", "gain", "supply")
+
+
+def _check_keys(where: str, table: Any, allowed: list[str]) -> None:
+    if not isinstance(table, Mapping):
+        raise LogError(f"{where}: must be a table, found {table!r}")
+    for key in table:
+        if key in allowed:
+            continue
+        more = "; velocities are differentiated from positions" if "velocity" in key else ""
+        raise LogError(f"{where}: {unknown_name('key', key, allowed)}{more}")
+
+
+def _check_values(where: str, table: Mapping[str, Any], kind: type) -> None:
+    """Check that values are texts or finite numbers, as their keys ask for."""
+    for key, value in table.items():
+        if value is None or isinstance(value, Clock | Servo):
+            continue
+        is_number = (
+            isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        )
+        if key in _TEXTS and not isinstance(value, str):
+            raise LogError(f"{where}: {key} must be a text, found {value!r}")
+        if key not in _TEXTS and not (
+            is_number or (key in _TEXT_OR_NUMBER and isinstance(value, str))
+        ):
+            more = " or the name of a column" if key in _TEXT_OR_NUMBER else ""
+            raise LogError(f"{where}: {key} must be a finite number{more}, found {value!r}")
