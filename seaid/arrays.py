@@ -70,7 +70,9 @@ def finite(
     """Return `frozen` of a value without NaN and infinity. Raises `error` naming `name`."""
     array = frozen(name, value, shape, error)
     if not np.all(np.isfinite(array)):
-        raise error(f"{name} must be finite, found {array.tolist()}")
+        bad = int(np.sum(~np.isfinite(array)))
+        found = array.tolist() if array.size <= 10 else f"{bad} of {array.size} that are not"
+        raise error(f"{name} must be finite, found {found}")
     return array
 
 
