@@ -27,6 +27,7 @@ from seaid.possible_bodies import PossibleBodies, possible_bodies
 from seaid.records import Source, records_of, sources_of
 from seaid.robot import Robot
 from seaid.sequential import Sides, known_torques, sequential_sides
+from seaid.signs import sign_flags
 from seaid.simultaneous import simultaneous_sides
 
 if TYPE_CHECKING:
@@ -67,9 +68,8 @@ class Identification:
     @property
     def flags(self) -> tuple[str, ...]:
         """In words, what must not be trusted."""
-        return tuple(
-            flag for estimate in (*self.drivetrains.values(), self.load) for flag in estimate.flags
-        )
+        estimates = (*self.drivetrains.values(), self.load)
+        return tuple(flag for one in estimates for flag in one.flags) + sign_flags(self)
 
     def summary(self) -> str:
         """Return one table that a human reads."""
