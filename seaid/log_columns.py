@@ -66,7 +66,8 @@ def wanted_columns(
         if foreign in table.names:
             wanted[name] = (foreign, factor)
         elif name in columns or name == "time_s":
-            raise LogError(f"'{path}': {table.missing(foreign)}")
+            hint = "; foreign names need columns= or description= (seaid.describe_log guesses one)"
+            raise LogError(f"'{path}': {table.missing(foreign)}{'' if name in columns else hint}")
     if len(wanted) == 1:
         raise LogError(
             f"'{path}' has no column of this robot; expected names as '{allowed[1]}' (or map "

@@ -42,6 +42,8 @@ def open_bag(path: Path) -> Table:
                     found |= dict(_values(message, bag.start_time))
             except KeyError:  # a type whose definition is nowhere
                 continue
+            if not found:
+                continue
             stamped = found.get("header.stamp", 0.0) not in (0.0, -bag.start_time * 1e-9)
             clock = f"{topic}/{'header.stamp' if stamped else 'bag_time'}"
             columns = [f"{topic}/{name}" for name in ("bag_time", *found)]
