@@ -13,6 +13,7 @@ from seaid.errors import LogError
 from seaid.filtering import low_pass, propose_cutoff_hz, spline_derivatives
 from seaid.log import Log
 from seaid.robot import Robot
+from seaid.transmission import at_drives, at_joints, coupled_groups
 
 POSITION_BAND = 5.0
 """Positions are filtered at so many times the cutoff, to leave the pass band untouched."""
@@ -66,8 +67,9 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
     Positions pass a zero-phase low pass at five times `cutoff_hz`, the pass band of the
     identification, and are differentiated by a quintic spline; the torques stay as they are, since
     a regression filters regressor and torque alike. `cutoff_hz` None: proposed from the spectra.
-    The side of a stiff drive that has no encoder is computed from the other. Raises LogError where
-    the log does not fit the robot or is too short for the cutoff.
+    The side of a stiff drive that has no encoder is computed from the other; joints that drives
+    move together from all of their motors. Raises LogError where the log does not fit the robot or
+    is too short for the cutoff.
     """
     columns = _columns(robot, log)
     time, signals = _uniform(log, columns)
@@ -133,25 +135,42 @@ def _uniform(log: Log, columns: list[int]) -> tuple[Array, dict[str, Array]]:
 
 
 def _check_sides(robot: Robot, joint: Array, motor: Array) -> None:
+    _check_coupled(robot, joint, motor)
+    coupled = {index for group in coupled_groups(robot.transmission) for index in group}
     for index, name in enumerate(robot.joint_names):
         no_joint, no_motor = np.isnan(joint[0, index]), np.isnan(motor[0, index])
         if isinstance(robot.drivetrains[name], SeriesElasticDrive):
             if no_joint or no_motor:
                 side = "joint" if no_joint else "motor"
                 raise LogError(f"elastic joint '{name}' needs its {side} position in the log")
-        elif no_joint and no_motor:
+        elif no_joint and no_motor and index not in coupled:
             raise LogError(f"joint '{name}' has no position in the log")
 
 
+def _check_coupled(robot: Robot, joint: Array, motor: Array) -> None:
+    """Raise LogError where encoders of a coupled group do not tell all of its joints."""
+    for group in coupled_groups(robot.transmission):
+        names = [robot.joint_names[index] for index in group]
+        unseen = [robot.joint_names[index] for index in group if np.isnan(joint[0, index])]
+        blind = [robot.joint_names[index] for index in group if np.isnan(motor[0, index])]
+        elastic = [name for name in names if name in robot.elastic_joints]
+        if unseen and (blind or elastic):
+            why = f"the motors of {', '.join(blind)} have none" if blind else ""
+            why = why or f"behind the spring of {', '.join(elastic)} no motor tells it"
+            raise LogError(
+                f"the drives of {', '.join(names)} move these joints together, and the log has no "
+                f"joint position of {', '.join(unseen)}; {why}"
+            )
+
+
 def _both_sides(robot: Robot, signal: Array) -> Array:
-    """Return joint and motor side (T, 2n) with what a stiff drive has no encoder for."""
+    """Return joint and motor side (T, 2n) with what stiff drives have no encoder for."""
     both, n = signal.copy(), robot.n
-    for index, name in enumerate(robot.joint_names):
-        ratio = robot.drivetrains[name].ratio
-        if np.isnan(both[0, index]):
-            both[:, index] = both[:, n + index] / ratio
-        elif np.isnan(both[0, n + index]):
-            both[:, n + index] = both[:, index] * ratio
+    joint, motor = both[:, :n], both[:, n:]
+    ratio = np.array([robot.drivetrains[name].ratio for name in robot.joint_names])
+    unseen, blind = np.isnan(joint[0]), np.isnan(motor[0])
+    joint[:, unseen] = at_joints(robot.transmission, motor / ratio)[:, unseen]
+    motor[:, blind] = (at_drives(robot.transmission, joint) * ratio)[:, blind]
     return both
 
 

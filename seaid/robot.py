@@ -17,6 +17,7 @@ from seaid.drivetrain.drive_file import drives_from_mapping, read_drivetrains
 from seaid.drivetrain.model import IDEAL_DRIVE, Drive, SeriesElasticDrive, StiffDrive
 from seaid.errors import RobotError, SeaidWarning, unknown_name
 from seaid.inertia import parameter_names, to_pinocchio
+from seaid.transmission import check_transmission, transmission_matrix
 from seaid.urdf import UrdfJoint, UrdfTree, read_urdf
 
 __all__ = ["Payload", "Robot", "load_robot"]
@@ -66,6 +67,14 @@ class Robot:
             for joint in self.joint_names
             if isinstance(self.drivetrains[joint], SeriesElasticDrive)
         )
+
+    @property
+    def transmission(self) -> Array:
+        """C (n, n) of phi = C q, what the drives turn; the identity where each has its joint.
+
+        Rows are drives, by the joint in whose table they stand; see `seaid.transmission`.
+        """
+        return transmission_matrix(self.joint_names, self.drivetrains)
 
     def index(self, joint: str) -> int:
         """Return the column of a joint. Raises RobotError with the nearest name."""
@@ -185,7 +194,9 @@ def _drives(
             )
     for name in moving:
         _check_kind(tree.joints[name], given.get(name, IDEAL_DRIVE))
-    return {name: given.get(name, IDEAL_DRIVE) for name in moving}
+    drives = {name: given.get(name, IDEAL_DRIVE) for name in moving}
+    check_transmission(moving, drives, [name for name in tree.joints if name not in moving])
+    return drives
 
 
 def _check_kind(joint: UrdfJoint, drive: Drive) -> None:
