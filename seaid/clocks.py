@@ -161,15 +161,17 @@ def _usual_changes(values: Array, place: int) -> Array:
 
 
 def _moved(values: Array, place: int, steps: float) -> bool:
-    """Tell whether some value before and after would have moved away in so many steps."""
+    """Tell whether some value with the same speed before and after would have moved away."""
     before = values[max(0, place - _NEIGHBOURS) : place]
     after = values[place : place + _NEIGHBOURS]
     if min(len(before), len(after)) < 2:
         return False
-    speed_before = np.abs(before[-1] - before[0]) / (len(before) - 1)
-    speed_after = np.abs(after[-1] - after[0]) / (len(after) - 1)
-    moved = steps * np.minimum(speed_before, speed_after)
-    return bool(np.any(moved > 3 * _TOLERANCE * _usual_changes(values, place)))
+    speed_before = (before[-1] - before[0]) / (len(before) - 1)
+    speed_after = (after[-1] - after[0]) / (len(after) - 1)
+    slower = np.minimum(np.abs(speed_before), np.abs(speed_after))
+    alike = 2 * slower > np.maximum(np.abs(speed_before), np.abs(speed_after))
+    moved = steps * slower > 3 * _TOLERANCE * _usual_changes(values, place)
+    return bool(np.any(moved & alike & (speed_before * speed_after > 0)))
 
 
 def clock_line(own: Array, reference: Array) -> ClockLine:

@@ -156,6 +156,15 @@ def test_channels_of_different_length_share_the_time_that_all_have() -> None:
     assert 1 / np.diff(grid) == pytest.approx(RATE)
 
 
+def test_a_gap_after_which_the_robot_is_back_is_no_jump_of_the_clock() -> None:
+    time = regular()
+    keep = np.ones(len(time), dtype=bool)
+    keep[346:362] = False  # it turns there
+    grid, values, found = repaired(pair(time[keep]))
+    assert kinds(found) == {"gaps": 1}
+    assert off(grid, values[POSITION]) < 1.0
+
+
 @given(places=st.sets(st.integers(100, 3800), min_size=1, max_size=8), length=st.integers(5, 40))
 @settings(derandomize=True, deadline=None, max_examples=25)
 def test_gaps_are_bridged(places: set[int], length: int) -> None:

@@ -1,0 +1,255 @@
+"""Clean simulated logs damaged as other people's are: mended, and identified as if nothing was.
+
+With measured logs of real robots where the folder with them is there.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from experiments import ELASTIC, LEG_SENSORS, leg, leg_motion, true_value
+
+import seaid
+from seaid.arrays import Array
+from seaid.channels import Channel
+from seaid.clocks import clock_line
+from seaid.errors import LogError
+from seaid.log import Log, column_names
+from seaid.repair import repaired
+from seaid.robot import Robot
+from seaid.simulation import measure
+
+DATA = Path(__file__).parents[2] / "shared" / "data"
+measured = pytest.mark.skipif(
+    not DATA.is_dir(), reason=f"measured logs are not part of the project: no folder {DATA}"
+)
+Damaged = tuple[Array, Array]
+Damage = Callable[[str, Array, Array, np.random.Generator], Damaged]
+
+
+@cache
+def clean() -> Log:
+    log = measure(leg(), leg_motion(), LEG_SENSORS, 0)
+    part: dict[str, Any] = {name: one[::2] for name, one in log.sensors().items()}
+    return replace(log, time=log.time[::2], **part)
+
+
+def channels_of(log: Log, damage: Damage) -> list[Channel]:
+    """Return the log as channels, damaged one by one."""
+    found = []
+    for number, (name, values) in enumerate(log.columns().items()):
+        rng = np.random.default_rng(number)
+        found.append(Channel(name, *damage(name, log.time.copy(), values.copy(), rng)))
+    return found
+
+
+def log_of(robot: Robot, channels: list[Channel]) -> Log:
+    time, values, report = repaired(channels)
+    fields: dict[str, Any] = {
+        field: np.full((len(time), robot.n), np.nan)
+        for field in ("motor_position", "joint_position", "motor_torque")
+    }
+    for index, joint in enumerate(robot.joint_names):
+        for name, field in column_names(joint, robot.is_prismatic[index]).items():
+            if name in values:
+                fields[field][:, index] = values[name]
+    return Log(time=time, joint_names=robot.joint_names, report=report, **fields)
+
+
+def joint_clock(name: str, time: Array, values: Array, rng: np.random.Generator) -> Damaged:
+    """Every joint has a clock of its own: started at another time, up to 600 us/s off."""
+    joint = leg().index(name.split(".")[0])
+    return time * (1 + 3e-4 * (joint - 2)) + 100.0 * joint, values
+
+
+def jitter(name: str, time: Array, values: Array, rng: np.random.Generator) -> Damaged:
+    """Sampled at irregular times, 1 to 3 ms apart."""
+    steps = np.random.default_rng(0).uniform(0.001, 0.003, len(time))
+    new = np.cumsum(steps)
+    new = new[new < time[-1]]
+    if name.endswith("_Nm"):  # white noise has no time of its own
+        return new, values[np.round(new / np.diff(time)[0]).astype(int)]
+    # of what the encoder turns, in its steps
+    step = 2 * np.pi / (2000 if "motor" in name else 2**14)
+    return new, np.round(np.interp(new, time, values) / step) * step
+
+
+def gaps(name: str, time: Array, values: Array, rng: np.random.Generator) -> Damaged:
+    kept = np.ones(len(time), dtype=bool)
+    for start in (400, 900, 1500, 2200, 2600):
+        kept[start : start + 20] = False
+    return time[kept], values[kept]
+
+
+def dropouts(name: str, time: Array, values: Array, rng: np.random.Generator) -> Damaged:
+    values[rng.integers(5, len(values) - 5, 40)] = np.nan
+    return time, values
+
+
+def zeros(name: str, time: Array, values: Array, rng: np.random.Generator) -> Damaged:
+    if "position" in name:
+        values[rng.integers(5, len(values) - 5, 20)] = 0.0
+    return time, values
+
+
+def held(name: str, time: Array, values: Array, rng: np.random.Generator) -> Damaged:
+    for place in rng.integers(5, len(values) - 5, 60):
+        values[place] = values[place - 1]
+    return time, values
+
+
+def wraps(name: str, time: Array, values: Array, rng: np.random.Generator) -> Damaged:
+    """The encoders of the motors know one turn."""
+    return time, np.mod(values, 2 * np.pi) if "motor_position" in name else values
+
+
+def disorder(name: str, time: Array, values: Array, rng: np.random.Generator) -> Damaged:
+    order = np.arange(len(time))
+    for place in (300, 1000, 2000):
+        order[place : place + 2] = order[place : place + 2][::-1]
+    return time[order], values[order]
+
+
+def repeats(name: str, time: Array, values: Array, rng: np.random.Generator) -> Damaged:
+    rows = np.sort(np.concatenate([np.arange(len(time)), np.arange(100, 2800, 30)]))
+    return time[rows], values[rows]
+
+
+def set_back(name: str, time: Array, values: Array, rng: np.random.Generator) -> Damaged:
+    time[1300:] -= 0.7
+    return time, values
+
+
+def everything(name: str, time: Array, values: Array, rng: np.random.Generator) -> Damaged:
+    for damage in (wraps, held, dropouts, gaps, repeats, set_back, joint_clock):
+        time, values = damage(name, time, values, np.random.default_rng(len(name)))
+    return time, values
+
+
+WAYS = (
+    *(joint_clock, jitter, gaps, dropouts, zeros, held, wraps, disorder, repeats, set_back),
+    everything,
+)
+
+
+@pytest.mark.parametrize("damage", WAYS, ids=lambda damage: damage.__name__)
+def test_a_damaged_log_is_mended_and_its_estimate_holds(damage: Damage) -> None:
+    robot = leg().without_nominal()
+    log = log_of(robot, channels_of(clean(), damage))
+    assert log.report
+    found, before = seaid.identify(robot, log), seaid.identify(robot, clean())
+    for joint in ELASTIC:
+        drive, plain = found.drivetrains[joint], before.drivetrains[joint]
+        for name in ("viscous_friction", "coulomb_friction", "stiffness"):
+            place = drive.names.index(name)
+            error = drive.values[place] - true_value(leg(), joint, name)
+            assert abs(error) < 3.0 * drive.standard_errors[place], f"{name} of {joint}"
+            assert drive.standard_errors[place] < 2.0 * plain.standard_errors[place]
+    truth = found.base.project(leg().parameters)
+    off = (found.load.values - truth)[: len(truth)] / found.load.standard_errors
+    assert np.sqrt(np.mean(off**2)) < 2.0
+
+
+def test_unmended_clocks_would_have_been_seen() -> None:
+    """A clock that was set back by five samples, left so, gives no such estimate."""
+    robot = leg().without_nominal()
+    motor = clean().motor_position.copy()
+    motor[5:] = motor[:-5]
+    found = seaid.identify(robot, replace(clean(), motor_position=motor))
+    drive = found.drivetrains["knee_pitch"]
+    place = drive.names.index("viscous_friction")
+    error = drive.values[place] - true_value(leg(), "knee_pitch", "viscous_friction")
+    assert abs(error) > 5.0 * drive.standard_errors[place]
+
+
+def table(path: Path) -> dict[str, Array]:
+    names = path.read_text().splitlines()[0].split(",")
+    return dict(zip(names, np.genfromtxt(path, delimiter=",", skip_header=1).T, strict=True))
+
+
+def hebi_channels(name: str) -> list[Channel]:
+    columns = table(DATA / "hebi_arms" / f"{name}.csv")
+    sensors = {
+        "pos": "joint_position_rad",
+        "mpos": "motor_position_rad",
+        "eff": "joint_torque_Nm",
+    }
+    return [
+        Channel(f"joint_{joint}.{ours}", columns[f"t_tx_{joint}"], columns[f"{theirs}_{joint}"])
+        for joint in range(5)
+        if f"t_tx_{joint}" in columns
+        for theirs, ours in sensors.items()
+    ]
+
+
+@measured
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("capstone_repeat_waypoints", "grav_comp_bad", "ps4_repeat_waypoints"),
+        *("ps5_robot_data", "star_trace", "virtual_spring"),
+    ],
+)
+def test_modules_with_clocks_of_their_own(name: str) -> None:
+    channels = hebi_channels(name)
+    time, values, found = repaired(channels)
+    kinds = {one.kind for one in found}
+    assert {"irregular steps", "gaps"} <= kinds
+    assert not kinds & {"wraps", "sudden zeros", "constant channel", "clock jumps"}
+    assert np.ptp(np.diff(time)) < 1e-9
+    for channel in channels:
+        assert np.all(np.isfinite(values[channel.name]))
+        assert np.min(values[channel.name]) > np.min(channel.values) - 0.1 * np.ptp(channel.values)
+        assert np.max(values[channel.name]) < np.max(channel.values) + 0.1 * np.ptp(channel.values)
+
+
+@measured
+def test_clocks_of_modules_beside_the_receiver() -> None:
+    columns = table(DATA / "hebi_arms" / "ps4_repeat_waypoints.csv")
+    lines = [clock_line(columns[f"t_tx_{joint}"], columns["t_rx"]) for joint in range(3)]
+    assert all(line.jitter_s < 0.01 for line in lines)
+    beside = [clock_line(columns[f"t_tx_{one}"], columns["t_tx_0"]) for one in (1, 2)]
+    assert all(abs(line.offset_s) < 1e-3 and line.jitter_s < 5e-4 for line in beside)
+    assert all(abs(line.drift) < 1e-4 for line in beside)
+
+
+@measured
+def test_unpowered_modules_have_dead_motor_channels() -> None:
+    channels = hebi_channels("sample")
+    _, values, found = repaired(channels)
+    dead = [one.channel for one in found if one.kind == "constant channel"]
+    assert dead == ["joint_0.motor_position_rad", "joint_1.motor_position_rad"]
+    assert not np.any(values[dead[0]])
+
+
+@measured
+def test_torques_that_end_half_way_are_refused() -> None:
+    name = "design_A.0_20220812_sys_id_20220812-060143-PM_measured.csv"
+    columns = table(DATA / "double_pendulum_a0" / "strong_torque" / name)
+    channels = [Channel("a.motor_torque_Nm", columns["time"], columns["tau1"])]
+    with pytest.raises(LogError, match=r"'a.motor_torque_Nm' lacks 999 of 1998 samples"):
+        repaired(channels)
+
+
+@measured
+def test_jittered_servo_logs_and_pendulums() -> None:
+    for path in sorted((DATA / "xl330_pendulum" / "raw").glob("*.json")):
+        entries = json.loads(path.read_text())["entries"]
+        time = np.array([one["timestamp"] for one in entries])
+        angle = np.array([one["position"] for one in entries])
+        grid, values, found = repaired([Channel("a.joint_position_rad", time, angle)])
+        assert {one.kind for one in found} <= {"irregular steps", "held values"}
+        assert 180 < 1 / np.diff(grid)[0] < 290
+        line = np.interp(grid, time, angle)
+        assert np.max(np.abs(values["a.joint_position_rad"] - line)) < 0.02
+    for path in sorted((DATA / "double_pendulum_a0" / "weak_torque").glob("*.csv")):
+        columns = table(path)
+        channels = [Channel("a.joint_position_rad", columns["time"], columns["pos_meas1"])]
+        assert {one.kind for one in repaired(channels)[2]} == {"irregular steps"}
