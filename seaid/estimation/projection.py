@@ -1,0 +1,95 @@
+"""Variable projection: few parameters that bend the model, many in which it is linear.
+
+y(v) = H(v) theta + noise. For given v the best theta is linear least squares; what is left is a
+search over v alone (Golub and Pereyra 1973), with Kaufman's Jacobian (1975): the slopes of the
+model by v, less what a change of theta makes up for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from seaid.arrays import Array
+
+Columns = Callable[[Array], tuple[Array, Array]]
+"""v (b,) -> y (R,) and H (R, p)."""
+
+Slopes = Callable[[Array, Array], Array]
+"""v (b,), theta (p,) -> derivative (R, b) of H(v) theta - y(v) by v."""
+
+_LOST = 1e-9
+_MOST_EVALUATIONS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Projected:
+    """The best `bent` (b,) and `linear` (p,) values, and the norm of the residual there."""
+
+    bent: Array
+    linear: Array
+    residual: float
+
+
+def projected(
+    columns: Columns,
+    slopes: Slopes,
+    starts: Sequence[Array],
+    lower: Array,
+    upper: Array,
+) -> Projected:
+    """Return the least-squares fit of a model that is linear but for b parameters.
+
+    The search goes on from the best of the `starts` (each (b,)), within `lower` < v < `upper` (b,),
+    which also set its scale where they are finite; a start on a bound is moved inside.
+    """
+    from scipy.optimize import least_squares
+
+    inside = [_inside(np.asarray(start, dtype=float), lower, upper) for start in starts]
+    best = min(inside, key=lambda v: float(np.linalg.norm(_residual(columns, v)[0])))
+    start, *_ = _residual(columns, best)
+    size = max(float(np.linalg.norm(start)), 1e-300)
+
+    def residual(v: Array) -> Array:
+        return _residual(columns, v)[0] / size
+
+    def jacobian(v: Array) -> Array:
+        _, theta, Q = _residual(columns, v)
+        D = slopes(v, theta)
+        return -(D - Q @ (Q.T @ D)) / size
+
+    scale = np.where(best != 0, np.abs(best), np.where(np.isfinite(upper), upper, 1.0))
+    found = least_squares(
+        residual,
+        best,
+        jac=jacobian,
+        bounds=(lower, upper),
+        x_scale=scale,
+        xtol=1e-12,
+        ftol=1e-14,
+        gtol=1e-14,
+        max_nfev=_MOST_EVALUATIONS,
+    )
+    rest, theta, _ = _residual(columns, found.x)
+    return Projected(np.asarray(found.x), theta, float(np.linalg.norm(rest)))
+
+
+def _residual(columns: Columns, v: Array) -> tuple[Array, Array, Array]:
+    """Return y - H theta at v, theta, and a basis (R, rank) of what H reaches."""
+    y, H = columns(v)
+    norms = np.linalg.norm(H, axis=0)
+    norms[norms == 0] = 1.0
+    U, singular, Vt = np.linalg.svd(H / norms, full_matrices=False)
+    kept = singular > _LOST * max(singular[0], 1e-300) if len(singular) else singular > 0
+    Q = U[:, kept]
+    told = Q.T @ y
+    theta = Vt[kept].T @ (told / singular[kept]) / norms
+    return y - Q @ told, theta, Q
+
+
+def _inside(v: Array, lower: Array, upper: Array) -> Array:
+    with np.errstate(invalid="ignore"):
+        width = np.where(np.isfinite(upper - lower), upper - lower, 1.0 + np.abs(v))
+    return np.clip(v, lower + 1e-6 * width, upper - 1e-6 * width)
