@@ -35,7 +35,8 @@ def wrap_period(time: Array, values: Array) -> float | None:
     clear = np.diff(time)[inner] < _GAP * np.median(np.diff(time))
     if not np.any(clear):
         return None
-    inner, before, after, usual = (one[clear] for one in (inner, before, after, usual))
+    inner = inner[clear]
+    before, after, usual = before[clear], after[clear], usual[clear]
     if np.mean(np.abs(steps[inner]) < _FARTHER * usual) > _STRAY:
         return None
     expected = 0.5 * (before + after) * np.diff(time)[inner]
@@ -90,7 +91,8 @@ def _predicted(name: str, time: Array, nearest: Array, period: float) -> Array:
                 f"'{name}' moves by {abs(found[place]):.3g} from t = {time[place]:.6g} s to the "
                 f"next sample, {duration:.3g} s later, and wraps around every "
                 f"{period:.6g}: how often cannot be told (clear is at most {_CLEAR:g} of a "
-                "period from where the speed before leads); log at a higher rate, or leave this time out"
+                "period from where the speed before leads); log at a higher rate, or leave this "
+                "time out"
             )
         rate = found[place] / duration
     return np.array(found)
