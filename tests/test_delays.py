@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,10 +50,8 @@ def late_log(
     log = measure(leg(), replace(motion, **moved), noise, seed)
     if with_springs:
         log = replace(log, joint_torque=moved["joint_torque"])
-    part = slice(20, None, 2)
-    return replace(
-        log, time=log.time[part], **{field: one[part] for field, one in log.sensors().items()}
-    )
+    part: dict[str, Any] = {field: one[20::2] for field, one in log.sensors().items()}
+    return replace(log, time=log.time[20::2], **part)
 
 
 def of(delays: tuple[Delay, ...], joint: str, channel: str) -> Delay:
