@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from seaid.conditions import Conditions, identify_conditions
     from seaid.cross_validation import cross_validate
     from seaid.delays import Delay, correct_delays, estimate_delays
+    from seaid.describe import Description, describe_log
     from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
     from seaid.errors import (
         ExcitationError,
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from seaid.excitation.scene_file import Box, load_scene
     from seaid.identification import Identification, identify
     from seaid.log import Log, read_log, write_log
+    from seaid.log_description import LogDescription
     from seaid.long_log import LongLog, open_long_log
     from seaid.motion import Motion, reconstruct_motion
     from seaid.output_error import refine
@@ -57,6 +59,7 @@ _WHERE = {
     "conditions": ("Conditions", "identify_conditions"),
     "cross_validation": ("cross_validate",),
     "delays": ("Delay", "correct_delays", "estimate_delays"),
+    "describe": ("Description", "describe_log"),
     "drivetrain.model": ("SeriesElasticDrive", "StiffDrive"),
     "errors": (
         "ExcitationError",
@@ -80,6 +83,7 @@ _WHERE = {
     "excitation.scene_file": ("Box", "load_scene"),
     "identification": ("Identification", "identify"),
     "log": ("Log", "read_log", "write_log"),
+    "log_description": ("LogDescription",),
     "long_log": ("LongLog", "open_long_log"),
     "motion": ("Motion", "reconstruct_motion"),
     "output_error": ("refine",),
@@ -98,6 +102,7 @@ __all__ = [
     "Conditions",
     "CrossCheck",
     "Delay",
+    "Description",
     "EndState",
     "Estimate",
     "Excitation",
@@ -106,6 +111,7 @@ __all__ = [
     "IdentificationError",
     "Limits",
     "Log",
+    "LogDescription",
     "LogError",
     "LongLog",
     "Motion",
@@ -128,6 +134,7 @@ __all__ = [
     "correct_delays",
     "cross_check",
     "cross_validate",
+    "describe_log",
     "design_excitation",
     "estimate_delays",
     "identify",

@@ -22,11 +22,11 @@ _UNITS = {
     "voltage": {*UNIT_FACTORS["V"]},
 }
 
-Description = LogDescription | Mapping[str, Any] | str | Path
+Described = LogDescription | Mapping[str, Any] | str | Path
 """A log description, the same as plain data, or its TOML file."""
 
 
-def description_for(path: Path, description: Description | None) -> LogDescription | None:
+def description_for(path: Path, description: Described | None) -> LogDescription | None:
     """Return the description given for a log, or that in the TOML file beside it, or None.
 
     A TOML file beside it is a description if it has a table `joints`. Raises LogError.

@@ -13,7 +13,7 @@ import numpy as np
 from seaid.arrays import Array, frozen
 from seaid.channels import Channel
 from seaid.described import both_sides, channels_of
-from seaid.description_file import Description, description_for
+from seaid.description_file import Described, description_for
 from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.errors import LogError, SeaidWarning
 from seaid.files import whole_file, write_csv
@@ -103,7 +103,7 @@ def read_log(
     robot: Robot,
     *,
     columns: Mapping[str, Column] | None = None,
-    description: Description | None = None,
+    description: Described | None = None,
     repair: Repairs | None = None,
 ) -> Log:
     """Read a log of a robot: CSV, NPZ, Parquet, HDF5, JSON, ROS bag (file or folder), HEBI log.

@@ -27,7 +27,8 @@ FUNCTIONS = {
     "load_trajectory": "path",
     "cross_check": "numeric exact",
     "simulate": "robot trajectory rate_hz noise seed",
-    "read_log": "path robot columns",
+    "read_log": "path robot columns description repair",
+    "describe_log": "path robot",
     "write_log": "log path",
     "estimate_delays": "robot log largest_s cutoff_hz",
     "correct_delays": "log delays",
@@ -68,6 +69,8 @@ CLASSES = {
     "Repairs": "rate_hz longest_gap_s most_gap_error most_missing most_disordered "
     "most_saturated largest_drift",
     "Repair": "channel kind count time_s action",
+    "LogDescription": "joints time where repair to_dict to_toml",
+    "Description": "description unsure unused to_toml",
     "LongLog": "path cutoff_hz",
     "PossibleBodies": "robot values estimate distance chi_square held notes",
     "Conditions": "found own differences summary",
