@@ -38,6 +38,8 @@ if TYPE_CHECKING:
         load_trajectory,
     )
     from seaid.excitation.scene_file import Box, load_scene
+    from seaid.export.drive_tables import write_drivetrains
+    from seaid.export.urdf_file import write_urdf
     from seaid.identification import Identification, identify
     from seaid.log import Log, read_log, write_log
     from seaid.log_description import LogDescription
@@ -81,6 +83,8 @@ _WHERE = {
         "load_trajectory",
     ),
     "excitation.scene_file": ("Box", "load_scene"),
+    "export.drive_tables": ("write_drivetrains",),
+    "export.urdf_file": ("write_urdf",),
     "identification": ("Identification", "identify"),
     "log": ("Log", "read_log", "write_log"),
     "log_description": ("LogDescription",),
@@ -150,7 +154,9 @@ __all__ = [
     "simulate",
     "symbolic",
     "validate",
+    "write_drivetrains",
     "write_log",
+    "write_urdf",
 ]
 
 

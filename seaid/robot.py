@@ -32,7 +32,7 @@ class Robot:
     with the payloads; its joint k is joint `model_order[k]` here, which differs only where the
     order asked for is not the tree's. `parameters` (10n,) are the standard parameters of the bodies
     without payload, `payload_parameters` (10n,) those of the payloads alone. `limits` are rows of
-    lower and upper position, velocity and effort, in rad or m.
+    lower and upper position, velocity and effort, in rad or m. `urdf` is the file it came from.
     """
 
     name: str
@@ -48,6 +48,7 @@ class Robot:
     upper_limits: Array
     velocity_limits: Array
     effort_limits: Array
+    urdf: Path | None = None
 
     @property
     def n(self) -> int:
@@ -144,7 +145,7 @@ def load_robot(
         )
     drives = _drives(tree, moving, drivetrains)
     built = assemble(tree, moving, payloads, finite("gravity", gravity, (3,), RobotError))
-    return _robot(tree, moving, drives, built)
+    return replace(_robot(tree, moving, drives, built), urdf=Path(urdf))
 
 
 def _robot(

@@ -30,6 +30,8 @@ FUNCTIONS = {
     "read_log": "path robot columns description repair",
     "describe_log": "path robot",
     "write_log": "log path",
+    "write_urdf": "found path source force",
+    "write_drivetrains": "drives path",
     "estimate_delays": "robot log largest_s cutoff_hz",
     "correct_delays": "log delays",
     "reconstruct_motion": "robot log cutoff_hz",

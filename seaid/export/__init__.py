@@ -1,0 +1,1 @@
+"""What a user takes home: robot files that simulate like the machine."""

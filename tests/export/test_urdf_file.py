@@ -1,0 +1,214 @@
+"""write_urdf: the same torques, every tag still there, impossible bodies refused."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from seaid.drivetrain.drive_file import read_drivetrains
+from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
+from seaid.errors import RobotError, SeaidError
+from seaid.export.drive_tables import write_drivetrains
+from seaid.export.urdf_file import write_urdf
+from seaid.inertia import from_center_of_mass
+from seaid.robot import Payload, Robot, load_robot
+from tests.experiments import MODELS, arm, leg
+
+FIXED = """<?xml version="1.0"?>
+<!-- a leg with a camera -->
+<robot name="leg" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <link name="base"/>
+  <joint name="hip" type="revolute">
+    <parent link="base"/><child link="thigh"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" velocity="5" effort="20"/>
+    <dynamics damping="1"/>
+  </joint>
+  <link name="thigh">
+    <!-- weighed in March -->
+    <inertial><mass value="3"/><origin xyz="0 0 -0.2" rpy="0.1 0 0"/>
+      <inertia ixx="0.03" iyy="0.03" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+    <visual><geometry><mesh filename="package://leg/thigh.stl"/></geometry></visual>
+  </link>
+  <joint name="mount" type="fixed">
+    <origin xyz="0.1 0 -0.1" rpy="0 0.3 0"/><parent link="thigh"/><child link="camera"/>
+  </joint>
+  <link name="camera"><inertial><mass value="0.2"/>
+    <inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <gazebo reference="thigh"><mu1>0.2</mu1></gazebo>
+  <transmission name="t"><type>SimpleTransmission</type></transmission>
+  <ros2_control name="c" type="system"><hardware/></ros2_control>
+</robot>
+"""
+
+
+def torques(robot: Robot, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    states = rng.uniform(-1, 1, (20, 3, robot.n))
+    data = robot.model.createData()
+    return np.array([pin.rnea(robot.model, data, *state) for state in states])
+
+
+def changed(robot: Robot, seed: int = 0) -> Robot:
+    """Return the robot with other possible bodies: a little more of everything, and a lump more."""
+    rng = np.random.default_rng(seed)
+    bodies = robot.parameters.reshape(-1, 10).copy()
+    for body in bodies:
+        turned = np.diag(rng.uniform(1e-3, 2e-3, 3))
+        body[:] = 1.1 * body + from_center_of_mass(0.1, rng.uniform(-0.1, 0.1, 3), turned)
+    return robot.with_values(bodies.ravel(), robot.drivetrains)
+
+
+def tags(path: Path) -> list[str]:
+    text = path.read_text(encoding="utf-8", errors="replace")
+    return re.findall(r"<[A-Za-z][\w:.-]*|<!--.*?-->", text, re.DOTALL)
+
+
+def test_reloaded_torques_are_equal_and_every_tag_is_there(
+    example_urdf: Path, tmp_path: Path
+) -> None:
+    urdf = example_urdf
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        robot = changed(load_robot(urdf))
+        written = write_urdf(robot, tmp_path / urdf.name, force=True)  # two files have such bodies
+        again = load_robot(written.urdf)
+    expected = torques(robot)
+    scale = np.max(np.abs(expected), axis=0) + 1e-12
+    assert np.max(np.abs(torques(again) - expected) / scale) < 1e-9
+    before, after = tags(urdf), tags(written.urdf)
+    for tag in set(before) - {"<inertial", "<origin", "<mass", "<inertia"}:
+        assert after.count(tag) >= before.count(tag), tag
+
+
+def fixed_robot(tmp_path: Path) -> Robot:
+    (tmp_path / "leg.urdf").write_text(FIXED)
+    drive = StiffDrive(
+        gear_ratio=10.0,
+        motor_inertia_kg_m2=1e-4,
+        viscous_friction_Nms_per_rad=2e-3,
+        coulomb_friction_Nm=0.05,
+    )
+    return load_robot(tmp_path / "leg.urdf", {"hip": drive})
+
+
+def test_fixed_children_keep_their_inertia_and_the_rest_is_the_moving_links(tmp_path: Path) -> None:
+    robot = changed(fixed_robot(tmp_path))
+    written = write_urdf(robot, tmp_path / "out.urdf")
+    text = written.urdf.read_text()
+    for kept in (
+        "<!-- a leg with a camera -->",
+        "<!-- weighed in March -->",
+        '<mesh filename="package://leg/thigh.stl"/>',
+        '<gazebo reference="thigh">',
+        '<ros2_control name="c" type="system">',
+        '<mass value="0.2"/>',
+        'xmlns:xacro="http://www.ros.org/wiki/xacro"',
+    ):
+        assert kept in text
+    assert not written.notes
+    np.testing.assert_allclose(load_robot(written.urdf).parameters, robot.parameters, rtol=1e-12)
+
+
+def test_stiff_friction_stands_at_the_joint_and_all_drives_beside_the_file(tmp_path: Path) -> None:
+    robot = fixed_robot(tmp_path)
+    written = write_urdf(robot, tmp_path / "out.urdf")
+    assert '<dynamics damping="0.2" friction="0.5"/>' in written.urdf.read_text()
+    assert written.drivetrains == tmp_path / "out.toml"
+    assert load_robot(written.urdf, written.drivetrains).drivetrains == robot.drivetrains
+
+
+def test_a_lump_lighter_than_what_is_fixed_goes_to_the_moving_link_whole(tmp_path: Path) -> None:
+    robot = fixed_robot(tmp_path)
+    light = robot.with_values(
+        from_center_of_mass(0.1, np.array([0, 0, -0.1]), 1e-4 * np.eye(3)), robot.drivetrains
+    )
+    written = write_urdf(light, tmp_path / "out.urdf")
+    assert "link 'thigh' has the inertia of all that is fixed to it (camera)" in written.notes[0]
+    np.testing.assert_allclose(
+        load_robot(written.urdf).parameters, light.parameters, rtol=1e-12, atol=1e-18
+    )
+
+
+def test_impossible_bodies_are_refused_unless_forced(tmp_path: Path) -> None:
+    robot = fixed_robot(tmp_path)
+    parameters = robot.parameters.copy()
+    parameters[4] = -1.0
+    wrong = robot.with_values(parameters, robot.drivetrains)
+    with pytest.raises(RobotError, match=r"'thigh' would be no possible body .*feasible=True, or"):
+        write_urdf(wrong, tmp_path / "out.urdf")
+    assert not (tmp_path / "out.urdf").exists()
+    written = write_urdf(wrong, tmp_path / "out.urdf", force=True)
+    assert "no possible body" in written.notes[0]
+    np.testing.assert_allclose(load_robot(written.urdf).parameters, parameters, rtol=1e-12)
+
+
+def test_the_source_must_be_the_robots_own(tmp_path: Path) -> None:
+    robot = fixed_robot(tmp_path)
+    other = tmp_path / "other.urdf"
+    other.write_text(FIXED.replace('"hip"', '"hop"'))
+    with pytest.raises(RobotError, match="no joint is named 'hip'; did you mean 'hop'"):
+        write_urdf(robot, tmp_path / "out.urdf", source=other)
+    other.write_text(FIXED.replace('"thigh"', '"femur"'))
+    with pytest.raises(RobotError, match="moves link 'femur', that of the robot 'thigh'"):
+        write_urdf(robot, tmp_path / "out.urdf", source=other)
+    with pytest.raises(RobotError, match="name its URDF with source="):
+        write_urdf(replace(robot, urdf=None), tmp_path / "out.urdf")
+    with pytest.raises(RobotError, match="no inertial parameters to write"):
+        write_urdf(robot.without_nominal(), tmp_path / "out.urdf")
+    (tmp_path / "leg.urdf").unlink()
+    with pytest.raises(RobotError, match="cannot read URDF"):
+        write_urdf(robot, tmp_path / "out.urdf")
+
+
+def test_an_unwritable_folder_leaves_nothing_behind(tmp_path: Path) -> None:
+    robot = fixed_robot(tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SeaidError, match="cannot write"):
+        write_urdf(robot, tmp_path / "file" / "out.urdf")
+    assert (tmp_path / "file").read_text() == ""
+
+
+def test_the_payload_is_no_part_of_the_file(tmp_path: Path) -> None:
+    fixed_robot(tmp_path)
+    robot = load_robot(tmp_path / "leg.urdf", payloads=[Payload("thigh", 1.0)])
+    written = write_urdf(robot, tmp_path / "out.urdf")
+    assert written.notes == (
+        "the payload that was known is not in the file: give it with payloads=",
+    )
+    assert written.drivetrains is None
+    np.testing.assert_allclose(load_robot(written.urdf).parameters, robot.parameters, rtol=1e-12)
+
+
+@pytest.mark.parametrize("robot", [leg(), arm()], ids=lambda robot: robot.name)
+def test_drives_survive_their_file(robot: Robot, tmp_path: Path) -> None:
+    write_drivetrains(robot.drivetrains, tmp_path / "drives.toml")
+    assert load_robot(robot.urdf or MODELS, tmp_path / "drives.toml").drivetrains == (
+        robot.drivetrains
+    )
+
+
+def test_drives_with_every_kind_of_field_survive(tmp_path: Path) -> None:
+    drives: dict[str, Drive] = {
+        "a": SeriesElasticDrive(
+            gear_ratio=50.0,
+            friction=("coulomb", "stribeck"),
+            spring=("linear", "cubic"),
+            parallel_spring=("linear",),
+            joint_friction=("viscous",),
+            stiffness_Nm_per_rad=80.0,
+            known=("stribeck_speed",),
+            nominal={"stribeck_speed": 0.1, "cubic_stiffness": -3.0, "deflection_zero": 1e-17},
+            transmission={"a": 1.0, "b": -0.5},
+        ),
+        "b": StiffDrive(
+            gear_ratio=2.0, motor_input="current", friction=(), extra_terms=("c*theta_M_dot**3",)
+        ),
+    }
+    write_drivetrains(drives, tmp_path / "drives.toml")
+    assert read_drivetrains(tmp_path / "drives.toml") == drives
