@@ -8,6 +8,7 @@ FRICTION_TERMS = (
     "viscous",
     "coulomb",
     "smooth_coulomb",
+    "shifted_coulomb",
     "offset",
     "asymmetric",
     "quadratic",
@@ -17,9 +18,11 @@ FRICTION_TERMS = (
 """What `friction` may name, all at the motor, with w the motor speed:
 
 - viscous F_v w, quadratic F_q w |w|, asymmetric F_a |w| (the other direction has less);
-- coulomb F_C sign(w), or smooth_coulomb F_C tanh(w / w_C) with its width w_C;
+- coulomb F_C sign(w), or smooth_coulomb F_C tanh(w / w_C) with its width w_C, or shifted_coulomb
+  F_C tanh((w - w_0) / w_C), which is zero at another speed w_0 (Gaz et al. 2019). The smooth ones
+  are known at standstill too, and sign(w) of the next two terms is then theirs;
 - stribeck F_S exp(-(w / w_S)^2) sign(w), what sticks more than it slides;
-- load F_L |torque through the gear| sign(w): of the spring, at a stiff drive the motor's torque;
+- load F_L |torque through the gear| sign(w): of the spring, or of what a stiff drive moves;
 - offset F_0, a constant torque: it gives Coulomb friction of its own to each direction. Only at a
   stiff drive, since the deflection offset of an elastic one is the same column."""
 
@@ -63,6 +66,7 @@ PARAMETERS = {
     "viscous_friction": Parameter("N m s/rad"),
     "coulomb_friction": Parameter("N m"),
     "coulomb_width": Parameter("rad/s"),
+    "coulomb_shift": Parameter("rad/s", is_positive=False),
     "friction_offset": Parameter("N m", is_positive=False),
     "asymmetric_friction": Parameter("N m s/rad", is_positive=False),
     "quadratic_friction": Parameter("N m s^2/rad^2"),
@@ -101,6 +105,7 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
         "viscous": ("viscous_friction",),
         "coulomb": ("coulomb_friction",),
         "smooth_coulomb": ("coulomb_friction", "coulomb_width"),
+        "shifted_coulomb": ("coulomb_friction", "coulomb_width", "coulomb_shift"),
         "offset": ("friction_offset",),
         "asymmetric": ("asymmetric_friction",),
         "quadratic": ("quadratic_friction",),
@@ -130,6 +135,9 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
     },
 }
 """{field of a drive: {term: the parameters it brings}}."""
+
+COULOMB = ("coulomb", "smooth_coulomb", "shifted_coulomb")
+"""Friction terms of which a drive has one at most."""
 
 NON_LINEAR_SPRING = ("cubic", "fifth", "dead_zone")
 """Spring terms that know where the deflection is zero."""

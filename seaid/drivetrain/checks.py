@@ -8,7 +8,7 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 from seaid.arrays import FrozenMapping
-from seaid.drivetrain.catalogue import MOTOR_INPUTS, PARAMETERS, PARAMETERS_OF
+from seaid.drivetrain.catalogue import COULOMB, MOTOR_INPUTS, PARAMETERS, PARAMETERS_OF
 from seaid.drivetrain.values import field_of
 from seaid.errors import RobotError, unknown_name
 
@@ -60,8 +60,9 @@ def check_terms(drive: Drive) -> None:
                 raise RobotError(unknown_name(what, str(term), list(PARAMETERS_OF[field])))
     if drive.motor_input not in MOTOR_INPUTS:
         raise RobotError(unknown_name("motor input", str(drive.motor_input), MOTOR_INPUTS))
-    if {"coulomb", "smooth_coulomb"} <= set(drive.friction):
-        raise RobotError("friction has 'coulomb' or 'smooth_coulomb', found both")
+    coulomb = [term for term in drive.friction if term in COULOMB]
+    if len(coulomb) > 1:
+        raise RobotError(f"friction has one of {', '.join(COULOMB)}, found {', '.join(coulomb)}")
     if hasattr(drive, "spring") and "offset" in drive.friction:
         raise RobotError(
             "an elastic drive has no friction offset: its constant column is the deflection offset"

@@ -12,6 +12,7 @@ from typing import TypeGuard
 
 import sympy as sp
 
+from seaid.drivetrain.catalogue import COULOMB
 from seaid.drivetrain.extra_terms import extra_terms
 from seaid.drivetrain.model import Drive, SeriesElasticDrive
 from seaid.drivetrain.symbols import (
@@ -42,12 +43,14 @@ from seaid.drivetrain.symbols import (
     r_L,
     r_M,
     t,
+    tau_G,
     tau_L,
     tau_M,
     tau_P,
     theta_L,
     theta_M,
     u_M,
+    w_0,
     w_C,
     w_S,
 )
@@ -95,29 +98,47 @@ def spring_force(drive: SeriesElasticDrive) -> sp.Expr:
     return sum((terms[term] for term in drive.spring), sp.Integer(0)) + offset
 
 
-def dry_friction(drive: Drive) -> sp.Expr:
-    """Return the level of the friction at the motor that can hold it, all of it times sign(w)."""
+def direction(drive: Drive) -> sp.Expr:
+    """Return sign(w), or what stands for it where the drive's Coulomb friction is smooth."""
     w = theta_M.diff(t)
-    behind_gear = r_M / N * spring_force(drive) if _is_elastic(drive) else _input_torque(drive)
+    if "shifted_coulomb" in drive.friction:
+        return sp.tanh((w - w_0) / w_C)
+    return sp.tanh(w / w_C) if "smooth_coulomb" in drive.friction else sp.sign(w)
+
+
+def friction_level(drive: Drive) -> sp.Expr:
+    """Return the friction at the motor that goes with the direction of its motion."""
+    w = theta_M.diff(t)
+    behind_gear = r_M / N * spring_force(drive) if _is_elastic(drive) else tau_G / N
     terms = {
-        "coulomb": F_C,
+        **dict.fromkeys(COULOMB, F_C),
         "load": F_L * sp.Abs(behind_gear),
         "stribeck": F_S * sp.exp(-((w / w_S) ** 2)),
     }
     return sum((terms[term] for term in drive.friction if term in terms), sp.Integer(0))
 
 
+def dry_friction(drive: Drive) -> sp.Expr:
+    """Return the level of the friction at the motor that can hold it, all of it times sign(w)."""
+    return sp.Integer(0) if is_smooth(drive) else friction_level(drive)
+
+
 def smooth_friction(drive: Drive) -> sp.Expr:
-    """Return the friction at the motor that is no force at rest, and the constant one."""
+    """Return the friction at the motor that cannot hold it, and the constant one."""
     w = theta_M.diff(t)
     terms = {
         "viscous": F_v * w,
-        "smooth_coulomb": F_C * sp.tanh(w / w_C),
         "offset": F_0,
         "asymmetric": F_a * sp.Abs(w),
         "quadratic": F_q * w * sp.Abs(w),
     }
-    return sum((terms[term] for term in drive.friction if term in terms), sp.Integer(0))
+    own = sum((terms[term] for term in drive.friction if term in terms), sp.Integer(0))
+    return own + friction_level(drive) * direction(drive) if is_smooth(drive) else own
+
+
+def is_smooth(drive: Drive) -> bool:
+    """Tell whether the drive's friction is known at standstill too."""
+    return bool({"smooth_coulomb", "shifted_coulomb"} & set(drive.friction))
 
 
 def motor_equation(drive: Drive) -> DriveEquation:

@@ -15,8 +15,13 @@ theta_M, theta_L, tau_M, tau_L = (
 i_M, u_M = (sp.Function(name)(t) for name in ("i_M", "u_M"))
 """Motor current and voltage, where they stand for the torque."""
 
+tau_G = sp.Function("tau_G")(t)
+"""Torque that a stiff drive puts through its gear to the load, as far as it is known already."""
+
 N, r_M, r_L = sp.symbols("N r_M r_L", positive=True)
-I_M, F_v, F_C, F_0, F_a, F_q, F_L, F_S = sp.symbols("I_M F_v F_C F_0 F_a F_q F_L F_S", real=True)
+I_M, F_v, F_C, F_0, F_a, F_q, F_L, F_S, w_0 = sp.symbols(
+    "I_M F_v F_C F_0 F_a F_q F_L F_S w_0", real=True
+)
 w_C, w_S, g, K_t, K_u = sp.symbols("w_C w_S g K_t K_u", positive=True)
 k, k_3, k_5, c_k, f_0, d_0 = sp.symbols("k k_3 k_5 c_k f_0 d_0", real=True)
 k_P, tau_P, b_L, c_L = sp.symbols("k_P tau_P b_L c_L", real=True)
@@ -25,6 +30,7 @@ PARAMETER_NAMES = {
     F_v: "viscous_friction",
     F_C: "coulomb_friction",
     w_C: "coulomb_width",
+    w_0: "coulomb_shift",
     F_0: "friction_offset",
     F_a: "asymmetric_friction",
     F_q: "quadratic_friction",
@@ -49,7 +55,7 @@ PARAMETER_NAMES = {
 """Symbols of the parameters of `seaid.drivetrain.catalogue`, in its order."""
 
 SYMBOLS = {name: symbol for symbol, name in PARAMETER_NAMES.items()}
-SIGNALS = (theta_M, theta_L, tau_M, tau_L, i_M, u_M)
+SIGNALS = (theta_M, theta_L, tau_M, tau_L, i_M, u_M, tau_G)
 STATES = {
     "theta_M": theta_M,
     "theta_M_dot": theta_M.diff(t),

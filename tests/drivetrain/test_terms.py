@@ -8,7 +8,12 @@ import pytest
 from seaid.arrays import Array
 from seaid.drivetrain.catalogue import PARAMETERS, PARAMETERS_OF, key_of
 from seaid.drivetrain.drive_file import drives_from_mapping
-from seaid.drivetrain.equations import joint_equation, motor_equation, spring_equation
+from seaid.drivetrain.equations import (
+    dry_friction,
+    joint_equation,
+    motor_equation,
+    spring_equation,
+)
 from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
 from seaid.drivetrain.regressor import drive_regressor, non_linear
 from seaid.drivetrain.symbols import PARAMETER_NAMES, SYMBOLS
@@ -19,13 +24,14 @@ ELASTIC = SeriesElasticDrive(gear_ratio=50.0, motor_inertia_kg_m2=1e-5)
 STIFF = StiffDrive(gear_ratio=50.0, motor_inertia_kg_m2=1e-5)
 EVERYTHING = replace(
     ELASTIC,
-    friction=("viscous", "smooth_coulomb", "asymmetric", "quadratic", "load", "stribeck"),
+    friction=("viscous", "shifted_coulomb", "asymmetric", "quadratic", "load", "stribeck"),
     spring=("linear", "cubic", "fifth", "dead_zone", "damping", "preload"),
 )
 VALUES = {
     "viscous_friction": 1e-3,
     "coulomb_friction": 0.02,
     "coulomb_width": 1.3,
+    "coulomb_shift": 0.2,
     "asymmetric_friction": 2e-4,
     "quadratic_friction": 1e-5,
     "load_friction": 0.07,
@@ -42,6 +48,7 @@ VALUES = {
 CHOICES = [
     (("viscous", "coulomb"), ("linear",), ()),
     (("viscous", "smooth_coulomb"), ("linear",), ("coulomb_width",)),
+    (("viscous", "shifted_coulomb"), ("linear",), ("coulomb_width", "coulomb_shift")),
     (("coulomb", "stribeck", "quadratic", "asymmetric"), ("linear",), ("stribeck_speed",)),
     (("viscous", "load"), ("linear",), ("stiffness", "deflection_offset")),
     (("viscous",), ("linear", "cubic"), ("deflection_zero",)),
@@ -54,7 +61,7 @@ def signals(seed: int = 0, count: int = 40) -> dict[str, Array]:
     rng = np.random.default_rng(seed)
     names = [
         *(f"theta_{side}{dots}" for side in "ML" for dots in ("", "_dot", "_ddot")),
-        *("tau_M", "tau_L", "i_M", "u_M"),
+        *("tau_M", "tau_L", "i_M", "u_M", "tau_G"),
     ]
     return {name: rng.normal(size=count) for name in names}
 
@@ -103,6 +110,21 @@ def test_a_term_that_is_not_linear_needs_a_start() -> None:
     drive = replace(ELASTIC, friction=("coulomb", "stribeck"))
     with pytest.raises(RobotError, match=r"stribeck_.* needs a value to start from"):
         drive_regressor(motor_equation(drive), drive).evaluate(signals())
+
+
+def test_friction_under_load_takes_the_direction_of_the_coulomb_friction() -> None:
+    drive = replace(STIFF, friction=("smooth_coulomb", "load")).with_values(
+        {"coulomb_friction": 0.1, "coulomb_width": 2.0, "load_friction": 0.05}
+    )
+    s = signals()
+    R = drive_regressor(motor_equation(drive), drive).evaluate(s)[1]
+    smooth = np.tanh(s["theta_M_dot"] / 2.0)
+    np.testing.assert_allclose(R[:, 0], smooth)
+    np.testing.assert_allclose(R[:, 2], np.abs(s["tau_G"]) / 50 * smooth)
+    assert dry_friction(drive) == 0
+    sharp = replace(drive, friction=("coulomb", "load"), nominal={})
+    R = drive_regressor(motor_equation(sharp), sharp).evaluate(s)[1]
+    np.testing.assert_allclose(R[:, 1], np.abs(s["tau_G"]) / 50 * np.sign(s["theta_M_dot"]))
 
 
 def test_dead_zone_takes_its_width_away_on_both_sides() -> None:
@@ -189,7 +211,10 @@ def test_values_are_read_under_keys_with_units() -> None:
     [
         ({"spring": ["linear", "quintic"]}, "no spring term is named 'quintic'"),
         ({"spring": ["dead_zone"]}, "needs a term that pulls"),
-        ({"friction": ["coulomb", "smooth_coulomb"]}, "found both"),
+        (
+            {"friction": ["coulomb", "smooth_coulomb"]},
+            "one of coulomb, smooth_coulomb, shifted_coulomb, found coulomb, sm",
+        ),
         ({"motor_input": "volts"}, "no motor input is named 'volts'; did you mean 'voltage'?"),
         ({"parallel_spring": ["cubic"]}, "no parallel spring term is named 'cubic'"),
         ({"joint_friction": ["viscos"]}, "did you mean 'viscous'?"),
