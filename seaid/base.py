@@ -11,7 +11,7 @@ from scipy import linalg
 from seaid.arrays import Array, BoolArray, frozen
 from seaid.errors import ExcitationError
 from seaid.motion import Motion
-from seaid.rigid_body import rigid_body_regressor
+from seaid.rigid_body import regressor_at_drives
 from seaid.robot import Robot
 
 RANK_TOLERANCE = 1e-8
@@ -56,14 +56,15 @@ def base_parameters(
     """Return the base parameters of a robot: structural, or what one motion can tell.
 
     Without `motion` the regressor is taken at random full states. `rows` names the joints whose
-    torques are known (default all). Raises ExcitationError where nothing is identifiable.
+    torques are known (default all): those of their drives. Raises ExcitationError where nothing is
+    identifiable.
     """
     torques = robot.rows(rows)
     known = [robot.index(joint) for joint in torques]
     if not known:
         raise ExcitationError("rows= names no joint: give those whose torque is known")
     states = random_states(robot, seed, len(known)) if motion is None else motion.joint_states
-    Y = rigid_body_regressor(robot, *states)
+    Y = regressor_at_drives(robot, *states)
     H = Y[:, known].reshape(-1, Y.shape[2])
     columns, grouping, gap = left_to_right(H, negligible(H))
     if not columns:

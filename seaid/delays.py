@@ -170,7 +170,7 @@ def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Agreement]:
     rows = row_samples(motion)
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drivetrains[joint]
-        by_name = signals(motion, index)
+        by_name = signals(robot, motion, index)
         nothing = np.zeros(len(motion.time))
         told = rows[~standstill(motion, index)[rows]]
         motor = by_name["tau_M"]

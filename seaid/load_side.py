@@ -18,12 +18,14 @@ from seaid.regression import (
     in_band_at,
     motor_regressor,
     row_samples,
+    sensed_torque,
     signals,
     spring_regressor,
     standstill,
 )
-from seaid.rigid_body import rigid_body_regressor
+from seaid.rigid_body import regressor_at_drives
 from seaid.robot import Robot
+from seaid.transmission import at_drives
 
 _ZERO_STEP = 1e-4
 
@@ -35,7 +37,8 @@ class LoadModel:
     `drives` (p_d) are (joint, parameter, unit) of the drive columns that are identifiable beside
     the p base columns; the others are part of the base parameters, as `expressions` (p,) say: they
     are `absorbed` (a), and `absorption` (p + p_d, a) is how much of each is in every column. `rows`
-    are the joints whose equations are used.
+    are the joints whose equations are used: those of their drives, which for drives that move
+    several joints are the torques on what each of them turns.
     """
 
     base: BaseParameters
@@ -61,7 +64,7 @@ def load_model(robot: Robot, base: BaseParameters, rows: Sequence[str]) -> LoadM
     """Return which columns of stiff drives are identifiable beside the base parameters."""
     known = [robot.index(joint) for joint in rows]
     q, v, a = random_states(robot, seed=1, torques=len(known))
-    Y = base.reduce(rigid_body_regressor(robot, q, v, a))[:, known]
+    Y = base.reduce(regressor_at_drives(robot, q, v, a))[:, known]
     columns, drives = _drive_columns(
         robot, rows, lambda index: _stiff_signals(robot, index, q, v, a)
     )
@@ -92,9 +95,9 @@ def load_columns(
 
     torque = payload + H (T, rows, columns) @ theta; see `load_regression`.
     """
-    Y = rigid_body_regressor(robot, *motion.joint_states)
+    Y = regressor_at_drives(robot, *motion.joint_states)
     known = [robot.index(joint) for joint in model.rows]
-    columns, drives = _drive_columns(robot, model.rows, lambda index: signals(motion, index))
+    columns, drives = _drive_columns(robot, model.rows, lambda index: signals(robot, motion, index))
     wanted = [drives.index(drive) for drive in model.drives]
     flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # no copy: so the regressor lies in memory
     places = np.add.outer(known, robot.n * np.array(model.base.columns, dtype=np.intp))
@@ -142,14 +145,15 @@ def zero_sensitivity(
     It is minus the change of the computed torque, at the parameters `theta`, a unit of shift.
     """
     reference, changes = load_regression(robot, motion, model, springs), []
-    for index, joint in enumerate(robot.joint_names):
+    for index in range(robot.n):
         position = motion.joint_position.copy()
         position[:, index] += _ZERO_STEP
         moved = dict(springs)
-        if joint in springs:  # the deflection offset takes what the zero does to the spring
-            stiffness, offset = springs[joint]
-            load_radius = getattr(robot.drivetrains[joint], "load_radius", 1.0)
-            moved[joint] = np.array([stiffness, offset + stiffness * load_radius * _ZERO_STEP])
+        for joint, (stiffness, offset) in springs.items():
+            travel = _ZERO_STEP * robot.transmission[robot.index(joint), index]
+            if travel:  # the deflection offset takes what the zero does to the spring
+                load_radius = getattr(robot.drivetrains[joint], "load_radius", 1.0)
+                moved[joint] = np.array([stiffness, offset + stiffness * load_radius * travel])
         shifted = load_regression(robot, replace(motion, joint_position=position), model, moved)
         change = (shifted.y - shifted.H @ theta) - (reference.y - reference.H @ theta)
         changes.append(change / _ZERO_STEP)
@@ -189,10 +193,12 @@ def _drive_columns(
 
 
 def _stiff_signals(robot: Robot, index: int, q: Array, v: Array, a: Array) -> dict[str, Array]:
-    """Return the signals of a stiff drive at joint states: the motor turns with the joint."""
+    """Return the signals of a stiff drive at joint states: the motor turns with its joints."""
     ratio, nothing = robot.drivetrains[robot.joint_names[index]].ratio, np.zeros(len(q))
     states = {"theta_L": q, "theta_L_dot": v, "theta_L_ddot": a}
-    joint = {name: values[:, index] for name, values in states.items()}
+    joint = {
+        name: at_drives(robot.transmission, values)[:, index] for name, values in states.items()
+    }
     motor = {name.replace("_L", "_M"): ratio * values for name, values in joint.items()}
     return {**joint, **motor, "tau_M": nothing, "tau_L": nothing}
 
@@ -207,8 +213,8 @@ def _load_targets(
     start = 0
     for row, joint in enumerate(rows):
         index, drive = robot.index(joint), robot.drivetrains[joint]
-        by_name = signals(motion, index)
-        measured = motion.joint_torque[:, index]
+        by_name = signals(robot, motion, index)
+        measured = sensed_torque(robot, motion, index)
         if isinstance(drive, SeriesElasticDrive):
             if joint not in springs:
                 targets[:, row] = measured

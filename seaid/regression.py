@@ -20,6 +20,7 @@ from seaid.filtering import decimation, low_pass
 from seaid.motion import Motion
 from seaid.rigid_body import rigid_body_regressor
 from seaid.robot import Robot
+from seaid.transmission import at_drives, torques_at_drives
 
 __all__ = [
     "Regression",
@@ -93,18 +94,32 @@ def _spring_regressor(drive: SeriesElasticDrive) -> DriveRegressor:
     return drive_regressor(spring_equation(drive), drive)
 
 
-def signals(motion: Motion, index: int) -> dict[str, Array]:
-    """Return the signals of a joint's drive equations by name, each (T,); no load torque yet."""
+def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
+    """Return the signals of a drive's equations by name, each (T,); no load torque yet.
+
+    theta_L is what the drive turns: the joint, or the sum of joints of its transmission.
+    """
+    position, velocity, acceleration = (
+        at_drives(robot.transmission, state)[:, index] for state in motion.joint_states
+    )
     return {
         "theta_M": motion.motor_position[:, index],
         "theta_M_dot": motion.motor_velocity[:, index],
         "theta_M_ddot": motion.motor_acceleration[:, index],
-        "theta_L": motion.joint_position[:, index],
-        "theta_L_dot": motion.joint_velocity[:, index],
-        "theta_L_ddot": motion.joint_acceleration[:, index],
+        "theta_L": position,
+        "theta_L_dot": velocity,
+        "theta_L_ddot": acceleration,
         "tau_M": motion.motor_torque[:, index],
         "tau_L": np.zeros(len(motion.time)),
     }
+
+
+def sensed_torque(robot: Robot, motion: Motion, index: int) -> Array:
+    """Return the torque (T,) on what a drive turns by the sensors at the joints, NaN without.
+
+    Of a drive that moves several joints it takes the sensors of all joints that are coupled.
+    """
+    return np.asarray(torques_at_drives(robot.transmission, motion.joint_torque)[:, index])
 
 
 def standstill(motion: Motion, index: int) -> BoolArray:
@@ -128,11 +143,12 @@ def actuator_columns(
     tells stiffness and offset. Raises LogError where neither was measured.
     """
     index = robot.index(joint)
-    by_name = signals(motion, index)
+    by_name = signals(robot, motion, index)
+    sensed = sensed_torque(robot, motion, index)
     if np.all(np.isfinite(by_name["tau_M"])):
         regressor = motor_regressor(robot, joint)
-    elif np.all(np.isfinite(motion.joint_torque[:, index])):
-        by_name["tau_L"] = motion.joint_torque[:, index]
+    elif np.all(np.isfinite(sensed)):
+        by_name["tau_L"] = sensed
         regressor = spring_regressor(robot, joint)
     else:
         raise LogError(f"elastic joint '{joint}' has no torque in the log: motor or joint")

@@ -8,6 +8,7 @@ import pinocchio as pin
 from seaid.arrays import Array, frozen
 from seaid.errors import SeaidError
 from seaid.robot import Robot
+from seaid.transmission import rows_at_drives
 
 
 def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
@@ -38,6 +39,14 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     inverse = np.argsort(order)
     by_body = Y[:, inverse].reshape(len(q), n, n, 10)[:, :, inverse]
     return by_body.reshape(len(q), n, 10 * n)
+
+
+def regressor_at_drives(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Return `rigid_body_regressor` of the torques on what the drives turn, (T, n, 10n).
+
+    Row i is that of joint i but for drives that move several joints: see `seaid.transmission`.
+    """
+    return rows_at_drives(robot.transmission, rigid_body_regressor(robot, q, v, a))
 
 
 def joint_torques(robot: Robot, q: Array, v: Array, a: Array) -> Array:

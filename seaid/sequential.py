@@ -26,6 +26,7 @@ from seaid.records import Record, first_motion, rows_of
 from seaid.regression import Regression, actuator_regression
 from seaid.robot import Robot
 from seaid.streaming import stream_estimate
+from seaid.transmission import group_of
 
 _NEEDED = ("stiffness", "deflection_offset")
 
@@ -164,8 +165,9 @@ def sprung(robot: Robot, records: Sequence[Record], model: LoadModel) -> tuple[s
 
 
 def _all_measured(robot: Robot, motions: Sequence[Motion], joint: str, signal: str) -> bool:
-    index = robot.index(joint)
-    return all(bool(np.all(np.isfinite(getattr(one, signal)[:, index]))) for one in motions)
+    own = robot.index(joint)
+    used = group_of(robot.transmission, own) if signal == "joint_torque" else [own]
+    return all(bool(np.all(np.isfinite(getattr(one, signal)[:, used]))) for one in motions)
 
 
 def _load_side(

@@ -17,7 +17,7 @@ from seaid.estimation.estimate import Estimate
 from seaid.estimation.instrumental import instrumental
 from seaid.motion import Motion
 from seaid.records import Record, first_motion
-from seaid.regression import Regression, signals, spring_regressor
+from seaid.regression import Regression, sensed_torque, signals, spring_regressor
 from seaid.robot import Robot
 
 _BAND = (2.5, 4.0)
@@ -69,8 +69,8 @@ def _spectra(robot: Robot, motion: Motion, joint: str) -> float:
     from scipy.signal import detrend, periodogram
 
     index = robot.index(joint)
-    by_name = signals(motion, index)
-    by_name["tau_L"] = motion.joint_torque[:, index]
+    by_name = signals(robot, motion, index)
+    by_name["tau_L"] = sensed_torque(robot, motion, index)
     regressor = spring_regressor(robot, joint)
     torque, columns = regressor.evaluate(by_name)
     both = detrend(

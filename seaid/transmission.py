@@ -28,7 +28,7 @@ def transmission_matrix(joints: Sequence[str], drives: Mapping[str, Drive]) -> A
     """Return C (n, n), read-only, of joints and their drives; rows default to the joint's own."""
     matrix = np.eye(len(joints))
     for row, joint in enumerate(joints):
-        factors = drives[joint].transmission
+        factors = drives[joint].transmission if joint in drives else {}
         if factors:
             matrix[row] = [factors.get(other, 0.0) for other in joints]
     return frozen("transmission", matrix, (None, None))

@@ -8,7 +8,7 @@ import numpy as np
 
 from seaid.arrays import Array
 from seaid.base import BaseParameters, base_of_columns, base_parameters, random_states
-from seaid.rigid_body import rigid_body_regressor
+from seaid.rigid_body import regressor_at_drives
 from seaid.robot import Robot
 
 _DRAWS = 16
@@ -34,7 +34,7 @@ def pivoted_base(robot: Robot, rows: Sequence[str] | None = None) -> BaseParamet
 
 
 def _random_rows(robot: Robot, known: list[int], seed: int) -> Array:
-    Y = rigid_body_regressor(robot, *random_states(robot, seed, len(known)))[:, known]
+    Y = regressor_at_drives(robot, *random_states(robot, seed, len(known)))[:, known]
     return Y.reshape(-1, 10 * robot.n)
 
 
