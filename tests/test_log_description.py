@@ -248,7 +248,7 @@ def test_columns_and_description_are_not_both_given(tmp_path: Path) -> None:
         read_log(log_file(tmp_path), robot, columns={"time_s": "t"}, description=described())
 
 
-names = st.text(min_size=1, max_size=12).filter(lambda one: one.isprintable())
+names = st.text(st.characters(exclude_categories=["C"]), min_size=1, max_size=12)
 sources = st.fixed_dictionaries(
     {"column": names},
     optional={
@@ -457,8 +457,8 @@ def test_hebi_log_and_its_table_agree(tmp_path: Path) -> None:
     table = read_log(folder / "exampleLog.csv", robot, description=MODELS / "hebi_csv_1.toml")
     raw = read_log(folder / "exampleLog.hebilog", robot, description=MODELS / "hebilog_1.toml")
     np.testing.assert_allclose(table.motor_position, raw.motor_position, atol=1e-3)
-    torques = [log.sensors()["joint_torque"] for log in (table, raw)]
-    np.testing.assert_allclose(*torques, atol=1e-6)
+    torque, raw_torque = (log.sensors()["joint_torque"] for log in (table, raw))
+    np.testing.assert_allclose(torque, raw_torque, atol=1e-6)
 
 
 @measured
