@@ -105,7 +105,13 @@ def meaning_of(name: str) -> Meaning:
     if motor and joint:  # "joint_position_m" is in metres, "motor_elbow_joint" of the motor
         unit, side = ("m", "joint") if words[-1] == "m" else (unit, "motor")
     known = {*_WORDS, *_MOTOR, *_COMMANDED, *_DERIVED, *_FILLER}
-    rest = [word for word in words if word not in known and (word not in _UNITS or word.isdigit())]
+    rest = [
+        word
+        for word, following in zip(words, [*words[1:], ""], strict=True)
+        if word not in known
+        and (word not in _UNITS or word.isdigit())
+        and not (word in _JOINT and following in _WORDS)
+    ]
     if set(rest) <= _JOINT | {"1"} and not any(word.isdigit() for word in rest):
         rest = []
     tag = label or "_".join(word for word in _named(rest))

@@ -1,0 +1,231 @@
+"""describe_log: synthetic foreign logs described as they were made, and all measured sets."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from seaid.arrays import Array
+from seaid.column_words import meaning_of
+from seaid.describe import Description, describe_log
+from seaid.errors import LogError
+from seaid.log import read_log
+from seaid.robot import load_robot
+
+DATA = Path(__file__).parents[2] / "shared" / "data"
+BODY = (
+    '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    "</inertial>"
+)
+TIME = np.arange(500) / 200
+Columns = dict[str, Array]
+
+
+def wave(hz: float, size: float = 1.0) -> Array:
+    return size * np.sin(2 * np.pi * hz * TIME + hz)
+
+
+def guess(folder: Path, **columns: Array) -> Description:
+    np.savez(folder / "log.npz", **columns)  # type: ignore[arg-type]
+    return describe_log(folder / "log.npz")
+
+
+def plain(found: Description) -> dict[str, Any]:
+    joints: dict[str, Any] = found.description.to_dict()["joints"]
+    return joints
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity", "side", "joint", "unit"),
+    [
+        ("mpos_0", "position", "motor", "0", None),
+        ("pos_12", "position", "", "12", None),
+        ("q1", "position", "", "1", None),
+        ("qd2", "velocity", "", "2", None),
+        ("tau_meas1", "torque", "", "1", None),
+        ("wcur_0", "current", "", "0", None),
+        ("defl_vel_3", "velocity", "", "3", None),
+        ("t_tx_0", "time", "", "tx_0", None),
+        ("knee_motor_angle_deg", "position", "motor", "knee", "deg"),
+        ("kneeMotorAngle", "position", "motor", "knee", None),
+        ("elbow.joint_position_rad", "position", "joint", "elbow", "rad"),
+        ("slide.joint_position_m", "position", "joint", "slide", "m"),
+        ("pos_elbow_joint", "position", "", "elbow_joint", None),
+        ("/joint_states/effort[hip]", "torque", "", "hip", None),
+        ("/drives/motor.angle[2]", "position", "motor", "2", None),
+        ("input_volts", "voltage", "", "input", None),
+        ("timestamp_ms", "time", "", "", "ms"),
+    ],
+)
+def test_name_of_a_column_is_read(
+    name: str, quantity: str, side: str, joint: str, unit: str | None
+) -> None:
+    found = meaning_of(name)
+    assert (found.quantity, found.side, found.joint, found.unit) == (quantity, side, joint, unit)
+    assert found.is_raw
+
+
+@pytest.mark.parametrize("name", ["pos_cmd_0", "goal_position", "tau_fric1", "q_des", "pos_filt2"])
+def test_commanded_and_computed_columns_are_no_sensors(name: str) -> None:
+    assert not meaning_of(name).is_raw
+
+
+def test_elastic_joint_in_milliseconds_with_current(tmp_path: Path) -> None:
+    motor = wave(0.7, 80.0)
+    found = guess(
+        tmp_path,
+        time_ms=1e3 * TIME,
+        motor_pos_1=motor,
+        link_pos_1=motor / 100,
+        current_1=wave(1.0),
+        temp_1=wave(0.1) + 40,
+    )
+    assert plain(found) == {
+        "joint_1": {
+            "motor_position": "motor_pos_1",
+            "joint_position": "link_pos_1",
+            "motor_current": "current_1",
+        }
+    }
+    assert found.description.to_dict()["time"] == {"column": "time_ms", "unit": "ms"}
+    assert "joint_1: the motor turns 100 times as far: is that the gear ratio?" in found.unsure
+    assert found.unused == ("temp_1",)
+
+
+def test_degrees_counts_and_nanoseconds_are_told_by_their_size(tmp_path: Path) -> None:
+    found = guess(
+        tmp_path,
+        stamp=1.7e18 + 5e6 * np.arange(500.0),
+        q_knee=wave(0.5, 70.0),
+        tau_knee=wave(0.6, 5.0),
+        q_hip=np.round(wave(0.5, 1800.0) + 2000),
+        tau_hip=wave(0.8),
+    )
+    joints = plain(found)
+    assert joints["knee"]["joint_position"] == {"column": "q_knee", "unit": "deg"}
+    counts = {"column": "q_hip", "unit": "counts", "counts_per_turn": 4096.0}
+    assert joints["hip"]["joint_position"] == counts
+    assert joints["hip"]["motor_torque"] == {"column": "tau_hip", "side": "joint"}
+    assert found.description.to_dict()["time"] == {"column": "stamp", "unit": "ns"}
+    text = "\n".join(found.unsure)
+    assert "q_knee (moves by 140): taken for degrees" in text
+    assert "q_hip: in counts: 4096 a turn is a guess" in text
+    assert "stamp: has steps of 5e+06: taken for ns" in text
+
+
+def test_dead_channels_and_words_are_left_out_and_named(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"{t},{q},0,nan,ok,{q}" for t, q in zip(TIME, wave(0.5), strict=True)]
+    path.write_text("\n".join(["t,pos_0,mpos_0,cur_0,state,eff_0", *rows]) + "\n")
+    found = describe_log(path)
+    assert list(plain(found)["joint_0"]) == ["joint_position", "motor_torque"]
+    assert "mpos_0: 0 all the time: a dead sensor, left out" in found.unsure
+    assert "cur_0: without a number: a dead sensor, left out" in found.unsure
+    assert "state: no column of numbers: left out" in found.unsure
+
+
+def test_two_positions_without_sides_are_told_by_how_far_they_move(tmp_path: Path) -> None:
+    found = guess(
+        tmp_path, t=TIME, angle_0=wave(0.5, 90.0), encoder_0=wave(0.5, 0.9), torque_0=wave(1.0)
+    )
+    joint = plain(found)["joint_0"]
+    assert (joint["motor_position"], joint["joint_position"]) == ("angle_0", "encoder_0")
+    assert "angle_0: moves much farther than encoder_0: taken for the motor side" in found.unsure
+
+
+def test_time_may_be_missing_or_without_a_name(tmp_path: Path) -> None:
+    found = guess(tmp_path, x=TIME, q=wave(0.5), tau=wave(1.0))
+    assert found.description.to_dict()["time"] == "x"
+    found = guess(tmp_path, q=wave(0.5), tau=wave(1.0))
+    assert "time: no column looks like it: name it, or say time = { rate_hz" in found.unsure[-1]
+
+
+def test_log_without_positions_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="no column looks like the position of a joint; columns are"):
+        guess(tmp_path, t=TIME, temp=wave(0.1))
+
+
+def test_robot_names_the_joints_and_tells_degrees(tmp_path: Path) -> None:
+    limits = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+    joints = "".join(
+        f'<link name="{child}">{BODY}</link><joint name="{joint}" type="revolute">{limits}'
+        f'<parent link="{parent}"/><child link="{child}"/></joint>'
+        for joint, parent, child in (("hip_pitch", "base", "a"), ("knee_pitch", "a", "b"))
+    )
+    (tmp_path / "leg.urdf").write_text(f'<robot name="leg"><link name="base"/>{joints}</robot>')
+    robot = load_robot(tmp_path / "leg.urdf")
+    path = tmp_path / "log.npz"
+    columns = {"t": TIME, "q_knee": wave(0.5, 5.0), "tau_knee": wave(1.0)}
+    np.savez(path, q_hip=wave(0.5), tau_hip=wave(0.9), **columns)  # type: ignore[arg-type]
+    found = describe_log(path, robot)
+    assert set(plain(found)) == {"hip_pitch", "knee_pitch"}
+    assert plain(found)["knee_pitch"]["joint_position"] == {"column": "q_knee", "unit": "deg"}
+    path.with_suffix(".toml").write_text(found.to_toml())
+    log = read_log(path, robot)
+    np.testing.assert_allclose(log.joint_position[:, 1], np.deg2rad(wave(0.5, 5.0)), rtol=1e-12)
+    assert log.motor_torque.shape == (500, 2)
+    np.savez(path, t=TIME, q1=wave(0.5), q2=wave(0.6), tau1=wave(1.0), tau2=wave(1.1))
+    found = describe_log(path, robot)
+    assert plain(found)["knee_pitch"]["joint_position"] == "q2"
+    assert "1, 2: taken for the robot's joints in their order" in found.unsure
+
+
+def test_description_is_shown_as_a_table_with_its_doubts(tmp_path: Path) -> None:
+    text = str(guess(tmp_path, t=TIME, q=wave(0.5), tau=wave(1.0), extra=wave(2.0)))
+    assert text.splitlines()[0].split() == ["joint", "quantity", "column", "unit", "time"]
+    assert text.splitlines()[1].split() == ["joint", "joint_position", "q", "SI", "t"]
+    assert "unsure: q (moves by 2): taken for rad" in text
+    assert text.endswith("not used: extra")
+
+
+# Measured logs
+
+HEBI = ("motor_position", "joint_position", "joint_torque", "motor_current", "motor_voltage")
+STIFF = ("joint_position", "motor_torque")
+measured = pytest.mark.skipif(
+    not DATA.is_dir(), reason=f"measured logs are not part of the project: no folder {DATA}"
+)
+
+
+@measured
+@pytest.mark.parametrize(
+    ("folder", "ending", "joints", "quantities"),
+    [
+        ("hebi_arms/capstone_repeat_waypoints.csv", "", 5, HEBI),
+        ("hebi_arms/grav_comp_bad.csv", "", 2, HEBI),
+        ("hebi_arms/ps4_repeat_waypoints.csv", "", 3, HEBI),
+        ("hebi_arms/ps5_robot_data.csv", "", 3, HEBI),
+        ("hebi_arms/star_trace.csv", "", 2, HEBI),
+        ("hebi_arms/virtual_spring.csv", "", 2, HEBI),
+        (
+            "hebi_arms/sample.csv",
+            "",
+            2,
+            ("joint_position", "deflection", "joint_torque", "motor_current"),
+        ),
+        ("hebi_x5_unloaded/exampleLog.csv", "", 1, HEBI),
+        ("hebi_x5_unloaded/exampleLog.hebilog", "", 1, HEBI[:4]),
+        ("ur10_exciting/ur10_exciting_trajectory.csv", "", 6, STIFF),
+        ("ur10_exciting/ur10_exciting_trajectory.db3", "", 6, STIFF),
+        ("double_pendulum_a0/strong_torque", "*.csv", 2, STIFF),
+        ("double_pendulum_a0/weak_torque", "*.csv", 2, STIFF),
+        ("xl330_pendulum/raw", "*.json", 1, STIFF[:1]),
+    ],
+)
+def test_every_measured_set_is_described(
+    folder: str, ending: str, joints: int, quantities: tuple[str, ...]
+) -> None:
+    for path in sorted((DATA / folder).glob(ending))[:2] if ending else [DATA / folder]:
+        found = describe_log(path)
+        assert len(found.description.joints) == joints
+        for sources in found.description.joints.values():
+            assert tuple(sources) == quantities
+        assert found.unsure
+
+
+@measured
+def test_deflection_of_the_unpowered_arm_has_the_sign_of_its_makers() -> None:
+    found = describe_log(DATA / "hebi_arms" / "sample.csv")
+    for sources in found.description.joints.values():
+        assert sources["deflection"].sign == -1
