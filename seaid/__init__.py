@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from seaid.excitation.scene_file import Box, load_scene
     from seaid.export.drive_tables import write_drivetrains
     from seaid.export.urdf_file import write_urdf
+    from seaid.gears import GearRatio, gear_ratio
     from seaid.identification import Identification, identify
     from seaid.log import Log, read_log, write_log
     from seaid.log_description import LogDescription
@@ -85,6 +86,7 @@ _WHERE = {
     "excitation.scene_file": ("Box", "load_scene"),
     "export.drive_tables": ("write_drivetrains",),
     "export.urdf_file": ("write_urdf",),
+    "gears": ("GearRatio", "gear_ratio"),
     "identification": ("Identification", "identify"),
     "log": ("Log", "read_log", "write_log"),
     "log_description": ("LogDescription",),
@@ -111,6 +113,7 @@ __all__ = [
     "Estimate",
     "Excitation",
     "ExcitationError",
+    "GearRatio",
     "Identification",
     "IdentificationError",
     "Limits",
@@ -141,6 +144,7 @@ __all__ = [
     "describe_log",
     "design_excitation",
     "estimate_delays",
+    "gear_ratio",
     "identify",
     "identify_conditions",
     "load_robot",

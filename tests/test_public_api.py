@@ -34,6 +34,7 @@ FUNCTIONS = {
     "write_drivetrains": "drives path",
     "estimate_delays": "robot log largest_s cutoff_hz",
     "correct_delays": "log delays",
+    "gear_ratio": "motor_angle_rad output_angle_rad",
     "reconstruct_motion": "robot log cutoff_hz",
     "identify": "robot logs rows sides estimator feasible cutoff_hz joint_zero_std executor "
     "progress",
@@ -67,6 +68,7 @@ CLASSES = {
     "Limits": "",
     "Log": "time joint_names motor_position joint_position motor_torque joint_torque",
     "Motion": "",
+    "GearRatio": "value standard_error misfit_rad",
     "Delay": "joint channel against delay_s standard_error_s is_significant",
     "Repairs": "rate_hz longest_gap_s most_gap_error most_missing most_disordered "
     "most_saturated largest_drift",
