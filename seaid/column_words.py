@@ -21,47 +21,12 @@ _WORDS = {word: kind for kind, words in _QUANTITIES.items() for word in words.sp
 _ORDER = ("acceleration", "velocity", "temperature", "duty", "voltage", "current", "deflection")
 _MOTOR = {"m", "motor", "mot", "rotor", "drive", "winding"}
 _JOINT = {"joint", "link", "load", "out", "output", "l", "arm", "sensor", "external"}
-_COMMANDED = {
-    "cmd",
-    "command",
-    "commanded",
-    "goal",
-    "target",
-    "des",
-    "desired",
-    "ref",
-    "reference",
-    "setpoint",
-    "con",
+_ROLES = {
+    "commanded": "cmd command commanded goal target des desired ref reference setpoint con",
+    "derived": "filt filtered fric friction est estimated model ff error err",
+    "filler": "meas measured raw state states header actual act value data of the w bus",
 }
-_DERIVED = {
-    "filt",
-    "filtered",
-    "fric",
-    "friction",
-    "est",
-    "estimated",
-    "model",
-    "ff",
-    "error",
-    "err",
-}
-_FILLER = {
-    "meas",
-    "measured",
-    "raw",
-    "state",
-    "states",
-    "header",
-    "actual",
-    "act",
-    "value",
-    "data",
-    "of",
-    "the",
-    "w",
-    "bus",
-}
+_COMMANDED, _DERIVED, _FILLER = (set(words.split()) for words in _ROLES.values())
 _UNITS = {
     **dict.fromkeys(("rad", "rads", "radians"), "rad"),
     **dict.fromkeys(("deg", "degs", "degree", "degrees"), "deg"),
