@@ -8,7 +8,7 @@ that is in the measured columns and in the deflection.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from seaid.load_response import Answer, TorqueJacobians, answer_to, torque_jacob
 from seaid.load_side import LoadModel, load_columns
 from seaid.motion import Motion
 from seaid.robot import Robot
+from seaid.transmission import at_drives, at_joints
 
 _START_BAND = 0.5
 """The simulation is linearised first around joint positions in this part of the pass band."""
@@ -57,19 +58,22 @@ def driven_motion(
     rows = [model.rows.index(joint) for joint in names]
     fitted = _fitted_robot(robot, model, load_side)
     rate = np.array([springs[joint][0] * _load_radius(robot, joint) ** 2 for joint in names])
-    reading = low_pass(motion.joint_position[:, joints], motion.rate_hz, motion.cutoff_hz)
-    here = _smoothed(finer_side(robot, motion), joints)
+    turned = at_drives(robot.transmission, motion.joint_position)
+    reading = low_pass(turned[:, joints], motion.rate_hz, motion.cutoff_hz)
+    here = _smoothed(_turned(finer_side(robot, motion), robot.transmission, at_drives), joints)
     periods = (motion.time[-1] - motion.time[0]) * motion.cutoff_hz
     windows = max(1, int(periods / _WINDOW_PERIODS)) if np.isfinite(periods) else 1
     for _ in range(_SWEEPS):
         with np.errstate(all="ignore"):
-            torque, payload, H, _ = load_columns(robot, here, model, springs)
+            moved = _turned(here, robot.transmission, at_joints)
+            torque, payload, H, _ = load_columns(robot, moved, model, springs)
             missing = (torque - payload - H @ load_side)[:, rows]
-            inside = torque_jacobians(fitted, *here.joint_states).part(joints, joints)
+            jacobians = torque_jacobians(fitted, *moved.joint_states)
+            inside = jacobians.at_drives(robot.transmission).part(joints, joints)
             inside = replace(inside, position=inside.position + np.diag(rate))
             answer = _answer(inside, missing, 1 / motion.rate_hz, windows)
         here = _moved(here, joints, answer, reading, windows)
-    return here
+    return _turned(here, robot.transmission, at_joints)
 
 
 def finer_side(robot: Robot, motion: Motion) -> Motion:
@@ -77,7 +81,7 @@ def finer_side(robot: Robot, motion: Motion) -> Motion:
 
     The zero stays that of the joint encoder.
     """
-    q, v, a = (state.copy() for state in motion.joint_states)
+    q, v, a = (at_drives(robot.transmission, state).copy() for state in motion.joint_states)
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drivetrains[joint]
         if isinstance(drive, SeriesElasticDrive):
@@ -87,6 +91,13 @@ def finer_side(robot: Robot, motion: Motion) -> Motion:
             q[:, index] = turned + np.mean(q[:, index] - turned)
             v[:, index] = motion.motor_velocity[:, index] / drive.ratio
             a[:, index] = motion.motor_acceleration[:, index] / drive.ratio
+    finer = replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a)
+    return _turned(finer, robot.transmission, at_joints)
+
+
+def _turned(motion: Motion, matrix: Array, to: Callable[[Array, Array], Array]) -> Motion:
+    """Return the motion with its joints in the coordinates of the drives, or the way back."""
+    q, v, a = (to(matrix, state) for state in motion.joint_states)
     return replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a)
 
 

@@ -31,6 +31,7 @@ from seaid.load_side import LoadModel, load_columns, load_regression
 from seaid.motion import Motion
 from seaid.regression import Regression, actuator_columns, actuator_regression, in_band
 from seaid.robot import Robot
+from seaid.transmission import at_drives
 
 REFERENCE_BAND = 0.5
 """Pass band of the reference motion over that of the identification, three times the motion's."""
@@ -62,10 +63,11 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
     band = REFERENCE_BAND * motion.cutoff_hz
     smooth = low_pass(motion.joint_position, motion.rate_hz, band)
     q, v, a = spline_derivatives(motion.time, smooth)
+    turned = at_drives(robot.transmission, q)
     angle = low_pass(motion.motor_position, motion.rate_hz, band)
     for index, joint in enumerate(robot.joint_names):
         if joint not in robot.elastic_joints:
-            angle[:, index] = robot.drivetrains[joint].ratio * q[:, index]
+            angle[:, index] = robot.drivetrains[joint].ratio * turned[:, index]
     reference = _with_motors(
         replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a), angle
     )
@@ -76,7 +78,7 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
         if joint in fitted.springs and isinstance(drive, SeriesElasticDrive):
             stiffness, offset = fitted.springs[joint]
             deflection = (torque[:, row] / drive.load_radius - offset) / stiffness  # (4b)
-            travel = deflection + drive.load_radius * q[:, index]
+            travel = deflection + drive.load_radius * turned[:, index]
             angle[:, index] = drive.ratio / drive.motor_radius * travel
     return _with_motors(reference, angle)
 

@@ -204,13 +204,14 @@ def joint_zero_sensitivity(
     deflection offset takes what the zero does to the spring. See `load_side.zero_sensitivity`.
     """
     reference, changes = joint_regression(robot, motion, model, springs), []
-    for index, joint in enumerate(robot.joint_names):
+    for index in range(robot.n):
         position, moved = motion.joint_position.copy(), theta.copy()
         position[:, index] += _ZERO_STEP
-        if joint in robot.elastic_joints:
+        for joint in robot.elastic_joints:
+            travel = _ZERO_STEP * robot.transmission[robot.index(joint), index]
             stiffness, offset = (reference.names.index(f"{name} of {joint}") for name in _SPRING)
             load_radius = robot.drivetrains[joint].load_radius  # type: ignore[union-attr]
-            moved[offset] += theta[stiffness] * load_radius * _ZERO_STEP
+            moved[offset] += theta[stiffness] * load_radius * travel
         shifted = joint_regression(robot, replace(motion, joint_position=position), model, springs)
         change = (shifted.y - shifted.H @ moved) - (reference.y - reference.H @ theta)
         changes.append(change / _ZERO_STEP)

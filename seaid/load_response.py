@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from seaid.arrays import Array
 from seaid.robot import Robot
+from seaid.transmission import rows_at_drives, torques_at_drives
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +24,15 @@ class TorqueJacobians:
         """Return the derivatives of some torques by the states of some joints."""
         rows = np.ix_(range(len(self.position)), torques, joints)
         return TorqueJacobians(self.position[rows], self.velocity[rows], self.acceleration[rows])
+
+    def at_drives(self, transmission: Array) -> TorqueJacobians:
+        """Return them of the torques on what the drives turn, by that: C^-T J C^-1."""
+        return TorqueJacobians(
+            *(
+                torques_at_drives(transmission, rows_at_drives(transmission, part))
+                for part in (self.position, self.velocity, self.acceleration)
+            )
+        )
 
     def change(self, answer: Answer) -> Array:
         """Return how the torques (T, rows, columns) change with an answer of the joints."""

@@ -24,6 +24,7 @@ from seaid.load_response import Answer
 from seaid.log import Log
 from seaid.output_residuals import Layout, Run, layout_of, linearised, robot_at, run_of
 from seaid.progress import track
+from seaid.transmission import coupled_names
 
 _SETTLED, _CLOSE = 1e-3, 0.05
 _MOST_HALVINGS, _MOST_SWEEPS = 6, 5
@@ -88,6 +89,12 @@ def refine(
 
 
 def _check_start(found: Identification) -> None:
+    coupled = coupled_names(found.known.joint_names, found.known.transmission)
+    if coupled:
+        raise IdentificationError(
+            f"the drives of {', '.join(coupled)} move several joints, which the refinement cannot "
+            "simulate; take what identify found, or estimator='iv' or sides='joint' of identify"
+        )
     for joint in found.springs:
         stiffness = found.drivetrains[joint].value("stiffness")
         if not (np.isfinite(stiffness) and stiffness > 0):

@@ -9,7 +9,8 @@ import numpy as np
 
 from seaid.arrays import Array
 from seaid.base import random_states
-from seaid.rigid_body import rigid_body_regressor
+from seaid.rigid_body import regressor_at_drives
+from seaid.transmission import at_joints
 
 if TYPE_CHECKING:
     from seaid.estimation.estimate import Estimate
@@ -85,7 +86,8 @@ def _inertia(found: Identification, joint: str) -> Array:
     index = robot.index(joint)
     pushed = np.zeros_like(q)
     pushed[:, index] = 1.0
-    rows = rigid_body_regressor(robot, q, 0 * v, pushed) - rigid_body_regressor(
+    pushed = at_joints(robot.transmission, pushed)
+    rows = regressor_at_drives(robot, q, 0 * v, pushed) - regressor_at_drives(
         robot, q, 0 * v, 0 * v
     )
     return np.asarray(np.mean(found.base.reduce(rows)[:, index], axis=0))
@@ -97,7 +99,7 @@ def _gravity(found: Identification, joint: str) -> Array | None:
     if not np.all(np.isfinite(robot.parameters)):
         return None
     q, v, _ = random_states(robot, seed=3)
-    rows = found.base.reduce(rigid_body_regressor(robot, q, 0 * v, 0 * v))[:, robot.index(joint)]
+    rows = found.base.reduce(regressor_at_drives(robot, q, 0 * v, 0 * v))[:, robot.index(joint)]
     expected = rows @ found.base.project(robot.parameters)
     size = float(expected @ expected)
     return np.asarray(expected @ rows / size) if size > 0 else None
