@@ -20,12 +20,13 @@ from seaid.regression import (
     in_band,
     motor_regressor,
     row_samples,
+    sensed_torque,
     signals,
     standstill,
 )
 from seaid.repair import Repair
 from seaid.resampling import interpolated
-from seaid.rigid_body import rigid_body_regressor
+from seaid.rigid_body import regressor_at_drives
 from seaid.robot import Robot
 
 SIGNIFICANT = 4.0
@@ -147,7 +148,7 @@ def _of_positions(robot: Robot, motion: Motion) -> Iterator[_Agreement]:
     rows = row_samples(motion)
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drivetrains[joint]
-        motor, position = motion.motor_position[:, index], motion.joint_position[:, index]
+        motor, position = motion.motor_position[:, index], signals(robot, motion, index)["theta_L"]
         one = np.ones((len(motor), 1))
         if not isinstance(drive, SeriesElasticDrive):
             if np.ptp(motor - drive.ratio * position) > 1e-9 * np.ptp(motor):  # both measured
@@ -155,11 +156,11 @@ def _of_positions(robot: Robot, motion: Motion) -> Iterator[_Agreement]:
                 against, nothing = "joint position", np.zeros(len(motor))
                 yield _Agreement(joint, "motor_position", against, motor, nothing, columns, rows)
             continue
-        force = motion.joint_torque[:, index]
+        force = sensed_torque(robot, motion, index)
         if np.all(np.isfinite(force)):
             columns, against = np.column_stack([one, force]), "joint torque"
         else:
-            bodies = rigid_body_regressor(robot, *motion.joint_states)[:, index]
+            bodies = regressor_at_drives(robot, *motion.joint_states)[:, index]
             columns, against = np.column_stack([one, bodies]), "the load on its spring"
         values = drive.motor_radius / drive.ratio * motor
         rest = -drive.load_radius * position
@@ -174,7 +175,7 @@ def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Agreement]:
         nothing = np.zeros(len(motion.time))
         told = rows[~standstill(motion, index)[rows]]
         motor = by_name["tau_M"]
-        force = motion.joint_torque[:, index]
+        force = sensed_torque(robot, motion, index)
         if np.all(np.isfinite(motor)):
             if isinstance(drive, SeriesElasticDrive):
                 regressor, zeta, columns = actuator_columns(robot, motion, joint)
@@ -182,18 +183,18 @@ def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Agreement]:
             else:
                 regressor = motor_regressor(robot, joint)
                 zeta, columns = regressor.evaluate(by_name)
-                bodies = rigid_body_regressor(robot, *motion.joint_states)[:, index]
+                bodies = regressor_at_drives(robot, *motion.joint_states)[:, index]
                 columns, against = np.column_stack([columns, bodies]), "the motion"
             rest = regressor.evaluate(by_name | {"tau_M": nothing})[0]
             yield _Agreement(joint, "motor_torque", against, zeta - rest, rest, columns, told)
         if np.all(np.isfinite(force)):
             if isinstance(drive, SeriesElasticDrive):
                 stretch = drive.motor_radius / drive.ratio * motion.motor_position[:, index]
-                stretch = stretch - drive.load_radius * motion.joint_position[:, index]
+                stretch = stretch - drive.load_radius * by_name["theta_L"]
                 columns, against = np.column_stack([nothing + 1, stretch]), "its deflection"
             else:
                 friction = motor_regressor(robot, joint).evaluate(by_name)[1]
-                bodies = rigid_body_regressor(robot, *motion.joint_states)[:, index]
+                bodies = regressor_at_drives(robot, *motion.joint_states)[:, index]
                 columns, against = np.column_stack([friction, bodies]), "the motion"
             yield _Agreement(joint, "joint_torque", against, force, nothing, columns, told)
 

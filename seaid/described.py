@@ -15,6 +15,7 @@ from seaid.formats.table import Block, Table
 from seaid.log_columns import UNIT_FACTORS, column_names
 from seaid.log_description import Clock, LogDescription, Servo, Source
 from seaid.robot import Robot
+from seaid.transmission import coupled_names
 
 
 def channels_of(
@@ -63,6 +64,7 @@ def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
         deflection, drive = found.pop(name), robot.drivetrains[joint]
         if not isinstance(drive, SeriesElasticDrive):
             raise LogError(f"joint '{joint}' has a stiff drive, which has no deflection")
+        _check_own_drive(robot, joint, "a deflection does not tell its position")
         motor, load = list(column_names(joint, robot.is_prismatic[index]))[:2]
         behind_gear = drive.motor_radius / drive.ratio
         if load in found:
@@ -75,6 +77,14 @@ def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
                 "with motor_position or joint_position"
             )
     return found
+
+
+def _check_own_drive(robot: Robot, joint: str, consequence: str) -> None:
+    if joint in coupled_names(robot.joint_names, robot.transmission):
+        raise LogError(
+            f"the drive of joint '{joint}' moves several joints or moves it by a factor: "
+            f"{consequence}; give motor_position and joint_position as they were measured"
+        )
 
 
 def _clock_of(where: str, table: Table, description: LogDescription, source: Source) -> Clock:
@@ -138,6 +148,7 @@ def _unit_factor(
     own_side, _, kind = quantity.partition("_")
     factor = 1.0
     if source.side not in (None, own_side):
+        _check_own_drive(robot, joint, f"nothing turns its {source.side} side into the other")
         drive = robot.drivetrains[joint]
         ratio = drive.ratio
         if isinstance(drive, SeriesElasticDrive):

@@ -85,6 +85,15 @@ def coupled_names(joints: Sequence[str], matrix: Array) -> tuple[str, ...]:
     return tuple(joint for index, joint in enumerate(joints) if index in coupled)
 
 
+def named_in_part(joints: Sequence[str], matrix: Array, rows: Collection[str]) -> tuple[str, ...]:
+    """Return the joints of the first coupled group of which `rows` names some, not all; or none."""
+    for group in coupled_groups(matrix):
+        names = tuple(joints[index] for index in group)
+        if 0 < sum(name in rows for name in names) < len(names):
+            return names
+    return ()
+
+
 def at_drives(matrix: Array, states: Array) -> Array:
     """Return phi = C q of joint positions, or of velocities or accelerations, (..., n)."""
     return _mapped(matrix, states, lambda block: block.T)

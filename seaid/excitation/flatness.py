@@ -17,6 +17,7 @@ from seaid.arrays import Array
 from seaid.drivetrain.model import Drive, SeriesElasticDrive
 from seaid.errors import ExcitationError
 from seaid.robot import Robot
+from seaid.transmission import coupled_names
 
 SIGN_WIDTH = 0.02
 """Coulomb friction turns within this part of the largest motor speed, so that it has a slope."""
@@ -36,7 +37,16 @@ class Transmission:
 
 
 def transmission(robot: Robot) -> Transmission:
-    """Return every joint's transmission. Raises ExcitationError where no stiffness is given."""
+    """Return every joint's transmission.
+
+    Raises ExcitationError where no stiffness is given, and for drives that move several joints.
+    """
+    coupled = coupled_names(robot.joint_names, robot.transmission)
+    if coupled:
+        raise ExcitationError(
+            f"the drives of {', '.join(coupled)} move several joints: motions are planned for the "
+            "base parameters of such a robot, without parameters and limits of its drives"
+        )
 
     def values(value_of: Callable[[SeriesElasticDrive, float], float], stiff: bool) -> Array:
         found = np.zeros(robot.n)

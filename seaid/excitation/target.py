@@ -14,6 +14,7 @@ import numpy as np
 from seaid.arrays import Array
 from seaid.base import BaseParameters
 from seaid.drivetrain.smooth import SIGNALS, SmoothColumns, smooth_columns
+from seaid.errors import ExcitationError
 from seaid.excitation.flatness import (
     SIGN_WIDTH,
     Transmission,
@@ -29,6 +30,7 @@ from seaid.load_side import load_model
 from seaid.regression import motor_regressor
 from seaid.rigid_body import joint_torques, rigid_body_regressor
 from seaid.robot import Robot
+from seaid.transmission import named_in_part
 
 READINGS_HZ = 1000.0
 """Readings of torque a second, with independent errors, for which standard errors are stated."""
@@ -76,8 +78,15 @@ class Target:
 def load_target(robot: Robot, rows: Sequence[str] | None, base: BaseParameters) -> Target:
     """Return the target of the base parameters alone, unscaled, as (16) has it.
 
-    It needs the geometry alone: the robot is kept without parameters and drives.
+    It needs the geometry alone: the robot is kept without parameters and drives. Raises
+    ExcitationError for rows that are some of the joints that drives move together.
     """
+    group = named_in_part(robot.joint_names, robot.transmission, robot.rows(rows))
+    if group:
+        raise ExcitationError(
+            f"the drives of {', '.join(group)} move these joints together: rows= must name all of "
+            "them or none to plan a motion"
+        )
     bare = replace(robot.with_values(np.zeros(10 * robot.n), robot.drivetrains), drivetrains={})
     nothing, p = np.zeros(robot.n), len(base.columns)
     known = tuple(map(robot.index, robot.rows(rows)))

@@ -23,6 +23,7 @@ from seaid.symbolic.grouping import (
 from seaid.symbolic.polynomial import MAX_TERMS
 from seaid.symbolic.recursion import null_space
 from seaid.symbolic.torques import torque_rows
+from seaid.transmission import named_in_part
 
 _SUSPICIOUS = 1e10
 
@@ -105,6 +106,12 @@ def _known(robot: Robot, rows: Sequence[str] | None) -> list[int]:
         raise SymbolicError(
             f"rows= must be a list of at least one joint name, found {rows!r}; the joints of "
             f"'{robot.name}' are {', '.join(robot.joint_names)}"
+        )
+    group = named_in_part(robot.joint_names, robot.transmission, rows)
+    if group:
+        raise SymbolicError(
+            f"the drives of {', '.join(group)} move these joints together: rows= must name all of "
+            "them or none here; seaid.base_parameters serves some of them"
         )
     return [robot.model_order.index(robot.index(joint)) for joint in rows]
 

@@ -11,6 +11,7 @@ from seaid.drivetrain.model import IDEAL_DRIVE, SeriesElasticDrive
 from seaid.drivetrain.symbols import N, i_M, r_L, t, tau_L, tau_M, theta_L, theta_M, u_M
 from seaid.robot import Robot
 from seaid.symbolic.regressor_form import rigid_body
+from seaid.transmission import coupled_groups
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +22,8 @@ class CompleteModel:
     them. `coordinates` are the joints' and the elastic joints' motors' positions, functions of
     time; `inputs` the motor torques (at an ideal drive the joint torque). `parameters` are the
     standard inertial parameters, the other symbols those of `seaid.drivetrain.equations` with the
-    joint's name behind, as k_knee: N, r_M, r_L and I_M are known, the others not.
+    joint's name behind, as k_knee: N, r_M, r_L and I_M are known, the others not. The equations of
+    a drive that moves several joints are those of what it turns; its factors are exact numbers.
     """
 
     equations: tuple[sp.Expr, ...]
@@ -36,6 +38,12 @@ def complete_model(robot: Robot) -> CompleteModel:
     joints = [sp.Function(f"q_{joint}")(t) for joint in robot.joint_names]
     inertial = tuple(sp.Symbol(text) for text in robot.parameter_names)
     torques = form.expanded(form.R) * sp.Matrix(inertial)
+    turned = sp.Matrix(joints)
+    if coupled_groups(robot.transmission):
+        factors = sp.Matrix(
+            [[sp.Rational(repr(factor)) for factor in row] for row in robot.transmission.tolist()]
+        )
+        turned, torques = factors * turned, factors.inv().T * torques
     in_time = {
         symbol: joint.diff(t, order)
         for order, symbols in enumerate(form.motion)
@@ -54,15 +62,15 @@ def complete_model(robot: Robot) -> CompleteModel:
             continue
         side = motor_equation(drive).expression
         beside = joint_equation(drive).expression + tau_L
-        load += _of_joint(beside, joint, joints[index], motor, torque)
+        load += _of_joint(beside, joint, turned[index], motor, torque)
         if isinstance(drive, SeriesElasticDrive):
             spring = r_L * spring_force(drive)
             coordinates.append(motor)
-            equations.append(_of_joint(side, joint, joints[index], motor, torque))
-            equations.append(_of_joint(spring, joint, joints[index], motor, torque) - load)
+            equations.append(_of_joint(side, joint, turned[index], motor, torque))
+            equations.append(_of_joint(spring, joint, turned[index], motor, torque) - load)
         else:
             side = side.subs(theta_M, N * theta_L).doit()
-            stiff = _of_joint(side, joint, joints[index], motor, torque)
+            stiff = _of_joint(side, joint, turned[index], motor, torque)
             equations.append(stiff.subs(tau_L, load))
     return CompleteModel(tuple(equations), tuple(coordinates), tuple(inputs), inertial)
 
