@@ -1,0 +1,270 @@
+"""Identify every measured set, and put what was found beside what is known about it.
+
+The sets are not part of this project: `--data` is the folder with them. What they are, which robot,
+drives and log description belong to each, and what is known, is data: `scripts/real_data.toml`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tomllib
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import seaid
+from seaid.files import result_folder
+from seaid.progress import track
+from seaid.report.figures import save_actuator_figure, save_load_figure
+from seaid.report.text import number
+
+ROOT = Path(__file__).resolve().parents[1]
+MODELS = ROOT / "models"
+DATA = ROOT.parent / "shared" / "data"
+HEADER = ("set", "what", "found", "known", "off", "trial", "asked", "met")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A measured set: files, what is known, what is asked; see `scripts/real_data.toml`."""
+
+    name: str
+    robot: str
+    drives: str
+    logs: str
+    description: str
+    refused: str = ""
+    weak: tuple[str, ...] = ()
+    gears: str = ""
+    gears_of: tuple[str, ...] = ()
+    value: tuple[Mapping[str, Any], ...] = ()
+    torque: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
+    payload: tuple[Mapping[str, Any], ...] = ()
+
+    def load_robot(self) -> seaid.Robot:
+        """Return the robot with nothing but what is known of it."""
+        package, _, name = self.robot.rpartition("/")
+        urdf = packaged(package, name) if package else MODELS / name
+        payloads = tuple(seaid.Payload(**one) for one in self.payload)
+        return seaid.load_robot(urdf, drivetrains=MODELS / self.drives, payloads=payloads)
+
+    def read_logs(self, robot: seaid.Robot, data: Path, description: str = "") -> list[seaid.Log]:
+        """Return the logs by their description (or another one)."""
+        chosen = MODELS / "logs" / (description or self.description)
+        return [
+            seaid.read_log(path, robot, description=chosen) for path in sorted(data.glob(self.logs))
+        ]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table; `met` None: nothing was asked."""
+
+    case: str
+    what: str
+    found: str
+    known: str = ""
+    off: str = ""
+    trial: str = ""
+    asked: str = ""
+    met: bool | None = None
+
+    def cells(self) -> list[str]:
+        """Return the line as text."""
+        said = {None: "", True: "yes", False: "**no**"}[self.met]
+        return [
+            self.case,
+            self.what,
+            self.found,
+            self.known,
+            self.off,
+            self.trial,
+            self.asked,
+            said,
+        ]
+
+
+def packaged(package: str, name: str) -> str:
+    """Return the path of a file that an installed package has."""
+    return next(str(path.locate()) for path in files(package) or [] if path.name == name)
+
+
+def read_cases() -> list[Case]:
+    """Return all cases of the table of data."""
+    tables = tomllib.loads((ROOT / "scripts" / "real_data.toml").read_text(encoding="utf-8"))
+    lists = ("weak", "gears_of", "value", "payload")
+    cases: list[dict[str, Any]] = tables["case"]
+    return [
+        Case(**{key: tuple(one) if key in lists else one for key, one in table.items()})
+        for table in cases
+    ]
+
+
+def rows_of(case: Case, data: Path, output: Path) -> Iterator[Row]:
+    """Identify one set, and yield what was found beside what is known."""
+    robot = case.load_robot()
+    try:
+        logs = case.read_logs(robot, data)
+    except seaid.LogError as problem:
+        yield Row(
+            case.name,
+            "refused",
+            f'"{problem}"'.replace(str(data), ""),
+            asked=case.refused,
+            met=bool(case.refused) and case.refused in str(problem),
+        )
+        return
+    found = seaid.identify(robot, logs)
+    yield from value_rows(case, found)
+    yield from weak_rows(case, found)
+    yield from gear_rows(case, robot, logs, data)
+    yield from torque_rows(case, robot, logs, found, output)
+
+
+def value_of(found: seaid.Identification, name: str) -> tuple[float, float]:
+    """Return value and standard error of "joint.parameter", a base parameter, or "1"."""
+    if name == "1":
+        return 1.0, 0.0
+    joint, _, parameter = name.partition(".")
+    estimate, name = (
+        (found.drivetrains[joint], parameter)
+        if joint in found.drivetrains and parameter
+        else (found.load, name)
+    )
+    place = estimate.names.index(name)
+    return float(estimate.values[place]), float(estimate.standard_errors[place])
+
+
+def value_rows(case: Case, found: seaid.Identification) -> Iterator[Row]:
+    """Yield found values, or ratios of two, beside the published ones."""
+    for known in case.value:
+        value, error = value_of(found, known["found"])
+        below, below_error = value_of(found, known.get("over", "1"))
+        parts = np.array([error / value, below_error / below])
+        value, error = value / below, abs(value / below) * float(np.linalg.norm(parts))
+        published = float(known["published"])
+        off = 100 * (value / published - 1)
+        yield Row(
+            case.name,
+            known["what"],
+            f"{number(value)} +- {error:.1g}",
+            number(published),
+            f"{off:.2g} %",
+            number(known["reached"]) if "reached" in known else "",
+            f"{known['asked_percent']:g} %",
+            abs(off) <= known["asked_percent"],
+        )
+
+
+def weak_rows(case: Case, found: seaid.Identification) -> Iterator[Row]:
+    """Yield which springs the log does not tell: they must be flagged."""
+    if case.weak:
+        flagged = {joint: bool(found.drivetrains[joint].flags) for joint in case.weak}
+        values = [
+            f"{joint} {number(found.drivetrains[joint].value('stiffness'))}" for joint in case.weak
+        ]
+        told = f"{sum(flagged.values())} of {len(flagged)} flagged ({', '.join(values)})"
+        yield Row(case.name, "springs hardly loaded", told, asked="all", met=all(flagged.values()))
+
+
+def gear_rows(case: Case, robot: seaid.Robot, logs: list[seaid.Log], data: Path) -> Iterator[Row]:
+    """Yield gear ratios from motor angle and angle behind the gear."""
+    if not case.gears:
+        return
+    behind = case.read_logs(robot, data, case.gears)
+    for joint in robot.joint_names:
+        index, published = robot.index(joint), robot.drivetrains[joint].ratio
+        found = seaid.gear_ratio(
+            [log.motor_position[:, index] for log in logs],
+            [
+                np.interp(log.time, other.time, other.motor_position[:, index] / published)
+                for log, other in zip(logs, behind, strict=True)
+            ],
+        )
+        off = 100 * (found.value / published - 1)
+        asked = joint in case.gears_of
+        yield Row(
+            case.name,
+            f"N of {joint}",
+            f"{number(found.value)} +- {found.standard_error:.1g}",
+            f"{published:.7g}",
+            f"{off:.2g} %",
+            asked="0.2 %" if asked else "",
+            met=abs(off) <= 0.2 if asked else None,
+        )
+
+
+def torque_rows(
+    case: Case,
+    robot: seaid.Robot,
+    logs: list[seaid.Log],
+    found: seaid.Identification,
+    output: Path,
+) -> Iterator[Row]:
+    """Yield relative errors of the torque, and save the figure."""
+    name = case.name.lower().replace(" ", "_").replace(",", "")
+    in_sample = seaid.validate(found, logs[0])
+    if not np.all(np.isnan(in_sample.actuator.measured)):
+        save_actuator_figure(in_sample, output / f"{name}_actuator.png")
+    save_load_figure(in_sample, output / f"{name}_load.png")
+    results = {"in_sample": in_sample}
+    if "unseen_half" in case.torque:
+        middle = float(np.mean(logs[0].time[[0, -1]]))
+        half = seaid.identify(robot, logs[0].between(-np.inf, middle))
+        results["unseen_half"] = seaid.validate(half, logs[0].between(middle, np.inf))
+    for kind, known in case.torque.items():
+        errors = 100 * results[kind].load.relative_error
+        raw = 100 * results[kind].load.raw_relative_error
+        yield Row(
+            case.name,
+            f"torque error, {kind.replace('_', ' ')} [%]",
+            f"{_percents(errors)} (raw {_percents(raw)})",
+            _percents(known.get("published", [])),
+            trial=_percents(known.get("reached", [])),
+            asked=_percents(known["asked"]),
+            met=bool(np.all(errors <= np.array(known["asked"]))),
+        )
+
+
+def _percents(values: Any) -> str:
+    return " ".join(f"{value:.3g}" for value in values)
+
+
+def markdown(rows: list[Row]) -> str:
+    """Return the table as Markdown."""
+    lines = [list(HEADER), ["---"] * len(HEADER), *(row.cells() for row in rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def main(data: Path, output: Path) -> None:
+    """Identify all sets that are there; print the table and save it with the figures."""
+    result_folder(output)
+    rows: list[Row] = []
+    for case in track(read_cases(), "measured sets", True):
+        if not list(data.glob(case.logs)):
+            print(f"skipped: no {case.logs} in {data}")
+            continue
+        try:
+            rows += rows_of(case, data, output)
+        except seaid.SeaidError as problem:
+            rows.append(Row(case.name, "error", str(problem), met=False))
+    print(markdown(rows))
+    (output / "real_data.md").write_text(markdown(rows) + "\n", encoding="utf-8")
+    print(
+        f"{sum(row.met is True for row in rows)} of {sum(row.met is not None for row in rows)} "
+        f"asked figures met. Results: {output}/"
+    )
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--data", type=Path, default=DATA, help="folder of the measured sets")
+    parser.add_argument("--output", type=Path, default=Path("out/real_data"), help="result folder")
+    arguments = parser.parse_args()
+    warnings.filterwarnings("ignore", category=seaid.SeaidWarning)
+    main(arguments.data, arguments.output)
