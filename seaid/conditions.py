@@ -247,7 +247,7 @@ def _load(
     covariances = [actuators[joint].fit.estimate.covariance for joint in joints]
     rows = {}
     for name, robot in robots.items():
-        springs = {joint: spring_of(actuators[joint].of(name)) for joint in joints}
+        springs = {joint: spring_of(robot, actuators[joint].of(name), joint) for joint in joints}
         values = {joint: spring.values for joint, spring in springs.items()}
         one = rows_of(records[name], partial(_load_rows, robot, models[name], values))
         places = [
@@ -301,7 +301,7 @@ def _sides(
         drivetrains={joint: found[joint] for joint in robot.joint_names if joint in found},
         load=base,
         load_side=load_side,
-        springs={joint: spring_of(drives[joint]).values for joint in joints},
+        springs={joint: spring_of(robot, drives[joint], joint).values for joint in joints},
         left_out={name: side.rows[condition].left_out for name, side in sides.items()},
         checks={name: side.fit.checks(robot.joint_names, ()) for name, side in sides.items()},
         white_covariance=load.shared.of(

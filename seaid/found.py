@@ -11,16 +11,21 @@ from seaid.drivetrain.catalogue import PARAMETERS
 from seaid.drivetrain.model import Drive
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.information import Information, triangle
+from seaid.regression import spring_regressor
+from seaid.robot import Robot
 
 POORLY_IDENTIFIED = 0.1
 """Relative standard error above which a parameter is flagged."""
 
-_SPRING = ("stiffness", "deflection_offset")
+
+def spring_of(robot: Robot, estimate: Estimate, joint: str) -> Estimate:
+    """Return the parameters of a joint's spring alone, in the order of its regressor."""
+    names = spring_regressor(robot, joint).names
+    return estimate.part([estimate.names.index(name) for name in names], names)
 
 
-def spring_of(estimate: Estimate) -> Estimate:
-    """Return stiffness and deflection offset alone, in that order."""
-    return estimate.part([estimate.names.index(name) for name in _SPRING], _SPRING)
+_ZEROS = ("deflection_offset", "deflection_zero", "friction_offset", "coulomb_shift")
+"""Parameters that may well be zero: their relative error says nothing."""
 
 
 def with_estimate(drive: Drive, estimate: Estimate) -> Drive:
@@ -57,19 +62,25 @@ def with_flags(estimate: Estimate, joint: str, information: Information | None) 
     for name, value, error in zip(
         estimate.names, estimate.values, estimate.standard_errors, strict=True
     ):
-        if name in ("deflection_offset", "friction_offset"):
+        if name in _ZEROS:
             continue
         text = name.replace("_", " ") + f" of {joint}"
         reasons = []
         if error > POORLY_IDENTIFIED * abs(value):
             reasons.append(f"standard error {error / abs(value):.0%}" if value else "found zero")
-        if name == "stiffness" and information is not None:
+        if name == "stiffness" and information is not None and _is_straight(estimate):
             reasons += _weak_spring(estimate, information)
         if reasons:
             flags.append(f"{text} is poorly identified: {'; '.join(reasons)}")
-        if value < 0:
+        if value < 0 and name in PARAMETERS and PARAMETERS[name].is_positive:
             flags.append(f"{text} is negative, {value:.3g}: check signs and zeros of the log")
     return replace(estimate, flags=tuple(flags))
+
+
+def _is_straight(estimate: Estimate) -> bool:
+    """Tell whether the spring is k times the deflection and an offset, and nothing else."""
+    bent = ("deflection_zero", "cubic_stiffness", "fifth_stiffness", "dead_zone")
+    return "deflection_offset" in estimate.names and not set(bent) & set(estimate.names)
 
 
 def _weak_spring(estimate: Estimate, information: Information) -> list[str]:

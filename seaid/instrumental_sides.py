@@ -107,7 +107,7 @@ def _settled(
 
 def _fitted(robot: Robot, model: LoadModel, sides: Sides) -> FittedModel:
     springs = {
-        joint: spring_of(sides.drivetrains[joint]).values
+        joint: spring_of(robot, sides.drivetrains[joint], joint).values
         for joint in model.rows
         if joint in robot.elastic_joints
     }

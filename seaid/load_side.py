@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from seaid.arrays import Array, BoolArray, frozen
 from seaid.base import BaseParameters, grouped_text, left_to_right, negligible, random_states
 from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
+from seaid.drivetrain.values import is_dry
 from seaid.errors import LogError
 from seaid.inertia import UNITS
 from seaid.motion import Motion
 from seaid.regression import (
+    INPUTS,
     Regression,
     in_band_at,
+    joint_regressor,
+    joint_standstill,
     motor_regressor,
     row_samples,
     sensed_torque,
@@ -25,9 +30,10 @@ from seaid.regression import (
 )
 from seaid.rigid_body import regressor_at_drives
 from seaid.robot import Robot
-from seaid.transmission import at_drives
+from seaid.transmission import at_drives, group_of, torques_at_drives
 
 _ZERO_STEP = 1e-4
+_JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +103,8 @@ def load_columns(
     """
     Y = regressor_at_drives(robot, *motion.joint_states)
     known = [robot.index(joint) for joint in model.rows]
-    columns, drives = _drive_columns(robot, model.rows, lambda index: signals(robot, motion, index))
+    signals_of = partial(_load_signals, robot, motion)
+    columns, drives = _drive_columns(robot, model.rows, signals_of)
     wanted = [drives.index(drive) for drive in model.drives]
     flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # no copy: so the regressor lies in memory
     places = np.add.outer(known, robot.n * np.array(model.base.columns, dtype=np.intp))
@@ -146,61 +153,98 @@ def zero_sensitivity(
     """
     reference, changes = load_regression(robot, motion, model, springs), []
     for index in range(robot.n):
-        position = motion.joint_position.copy()
-        position[:, index] += _ZERO_STEP
-        moved = dict(springs)
-        for joint, (stiffness, offset) in springs.items():
-            travel = _ZERO_STEP * robot.transmission[robot.index(joint), index]
-            if travel:  # the deflection offset takes what the zero does to the spring
-                load_radius = getattr(robot.drivetrains[joint], "load_radius", 1.0)
-                moved[joint] = np.array([stiffness, offset + stiffness * load_radius * travel])
-        shifted = load_regression(robot, replace(motion, joint_position=position), model, moved)
+        shifted = load_regression(robot, shifted_zero(robot, motion, index), model, springs)
         change = (shifted.y - shifted.H @ theta) - (reference.y - reference.H @ theta)
         changes.append(change / _ZERO_STEP)
     return replace(reference, carried=np.column_stack(changes))
 
 
+def shifted_zero(robot: Robot, motion: Motion, index: int) -> Motion:
+    """Return the motion with the zero of one joint's encoder shifted by a small step.
+
+    The motors of springs go along: the deflection's own zero takes what the shift does to it.
+    """
+    joint, motor = motion.joint_position.copy(), motion.motor_position.copy()
+    joint[:, index] += _ZERO_STEP
+    for name in robot.elastic_joints:
+        other, drive = robot.index(name), robot.drivetrains[name]
+        lever = drive.ratio * getattr(drive, "load_radius", 1.0) / getattr(drive, "motor_radius", 1)
+        motor[:, other] += lever * robot.transmission[other, index] * _ZERO_STEP
+    return replace(motion, joint_position=joint, motor_position=motor)
+
+
 def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     """Tell the samples (T,) at which the load side of a joint has unknown friction.
 
-    That of a stiff drive with Coulomb friction does where it stands still; an elastic one has none.
+    That of a stiff drive with dry friction has where it stands still; an elastic one has it only
+    where the joint itself has dry friction behind the spring.
     """
-    drive = robot.drivetrains[joint]
-    if isinstance(drive, StiffDrive) and "coulomb" in drive.friction:
-        return standstill(motion, robot.index(joint))
-    return np.zeros(len(motion.time), dtype=bool)
+    drive, index = robot.drivetrains[joint], robot.index(joint)
+    unknown = np.zeros(len(motion.time), dtype=bool)
+    if isinstance(drive, StiffDrive) and is_dry(drive):
+        unknown |= standstill(motion, index)
+    for other in group_of(robot.transmission, index):
+        beside = robot.drivetrains[robot.joint_names[other]]
+        if "coulomb" in getattr(beside, "joint_friction", ()):
+            unknown |= joint_standstill(motion, other)
+    return unknown
 
 
 def _drive_columns(
     robot: Robot, rows: Sequence[str], signals_of: Callable[[int], dict[str, Array]]
 ) -> tuple[Array, list[tuple[str, str, str]]]:
-    """Return the stiff drives' columns (T, rows, columns) at the joints, and what they are."""
+    """Return the drives' columns (T, rows, columns) on the load side, and what they are.
+
+    Those of stiff drives, and of what acts beside any drive between the joint's bodies.
+    """
     blocks, drives = [], []
-    for row, joint in enumerate(rows):
-        drive = robot.drivetrains[joint]
-        if isinstance(drive, SeriesElasticDrive):
-            continue
-        regressor = motor_regressor(robot, joint)
-        R = regressor.evaluate(signals_of(robot.index(joint)))[1]
-        block = np.zeros((len(R), len(rows), R.shape[1]))
-        block[:, row] = drive.ratio * R
-        blocks.append(block)
-        drives += [
-            (joint, name, unit) for name, unit in zip(regressor.names, regressor.units, strict=True)
-        ]
+    known = [robot.index(joint) for joint in rows]
+    for joint in robot.joint_names:
+        index, drive = robot.index(joint), robot.drivetrains[joint]
+        parts = []
+        if not isinstance(drive, SeriesElasticDrive) and index in known:
+            parts.append((motor_regressor(robot, joint), drive.ratio, np.eye(robot.n)[index]))
+        if drive.parallel_spring or getattr(drive, "joint_friction", ()):
+            at_drive = torques_at_drives(robot.transmission, np.eye(robot.n)[index])
+            parts.append((joint_regressor(robot, joint), 1.0, at_drive))
+        for regressor, factor, share in parts:
+            by_name = signals_of(index)
+            if regressor is not motor_regressor(robot, joint):
+                by_name = {**by_name, **{name: by_name[f"own_{name}"] for name in _JOINT}}
+            R = factor * regressor.evaluate(by_name)[1]
+            blocks.append(R[:, None, :] * share[known][None, :, None])
+            drives += [
+                (joint, name, unit)
+                for name, unit in zip(regressor.names, regressor.units, strict=True)
+            ]
     length = len(next(iter(signals_of(0).values())))
     return np.concatenate([*blocks, np.empty((length, len(rows), 0))], axis=2), drives
 
 
+def _load_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
+    """Return the signals of a drive, and the states of its own joint as own_theta_L."""
+    own = {
+        f"own_{name}": values[:, index]
+        for name, values in zip(_JOINT, motion.joint_states, strict=True)
+    }
+    return signals(robot, motion, index) | own
+
+
 def _stiff_signals(robot: Robot, index: int, q: Array, v: Array, a: Array) -> dict[str, Array]:
-    """Return the signals of a stiff drive at joint states: the motor turns with its joints."""
+    """Return the signals of a stiff drive at joint states: the motor turns with its joints.
+
+    What is independent of them, current, voltage and the torque through the gear, is random.
+    """
     ratio, nothing = robot.drivetrains[robot.joint_names[index]].ratio, np.zeros(len(q))
+    own = {f"own_{name}": values[:, index] for name, values in zip(_JOINT, (q, v, a), strict=True)}
+    rng = np.random.default_rng(index)
+    free = {name: rng.normal(size=len(q)) for name in ("i_M", "u_M", "tau_G")}
     states = {"theta_L": q, "theta_L_dot": v, "theta_L_ddot": a}
     joint = {
         name: at_drives(robot.transmission, values)[:, index] for name, values in states.items()
     }
     motor = {name.replace("_L", "_M"): ratio * values for name, values in joint.items()}
-    return {**joint, **motor, "tau_M": nothing, "tau_L": nothing}
+    return {**joint, **motor, **own, **free, "tau_M": nothing, "tau_L": nothing}
 
 
 def _load_targets(
@@ -219,14 +263,16 @@ def _load_targets(
             if joint not in springs:
                 targets[:, row] = measured
                 continue
-            R = drive.load_radius * spring_regressor(robot, joint).evaluate(by_name)[1]
-            targets[:, row] = R @ springs[joint]  # (4b)
+            zeta, R = spring_regressor(robot, joint).evaluate(by_name)
+            R = drive.load_radius * R
+            targets[:, row] = R @ springs[joint] - drive.load_radius * zeta  # (4b)
             carried[:, row, start : start + R.shape[1]] = R
             start += R.shape[1]
         else:
-            if np.all(np.isnan(by_name["tau_M"])):
+            if np.all(np.isnan(by_name["tau_M"])) and drive.motor_input == "torque":
                 by_name["tau_M"] = measured / drive.ratio
             targets[:, row] = drive.ratio * motor_regressor(robot, joint).evaluate(by_name)[0]
+            targets[np.isnan(by_name[INPUTS[drive.motor_input]]), row] = np.nan
     missing = [joint for row, joint in enumerate(rows) if np.any(np.isnan(targets[:, row]))]
     if missing:
         raise LogError(f"no torque in the log at {', '.join(missing)}; name the others with rows=")

@@ -31,7 +31,8 @@ class Motion:
     compares regressor and torque (inf: no filter); torques, motor current [A] and voltage [V]
     (None: no such sensor) are as measured. `regressions` leave `trim_s` away at both ends, where
     filters swing in. `fastest` (n,) are the largest motor speeds [rad/s] of the whole log where
-    this is a part of it.
+    this is a part of it. `gear_torque` is the torque that stiff drives put on their load, N m or N,
+    as far as it is known, where friction depends on it.
     """
 
     time: Array
@@ -49,6 +50,7 @@ class Motion:
     fastest: Array | None = None
     motor_current: Array | None = None
     motor_voltage: Array | None = None
+    gear_torque: Array | None = None
 
     @property
     def joint_states(self) -> tuple[Array, Array, Array]:

@@ -6,15 +6,16 @@ Regressor and torque pass the same low pass, then every few samples make a row.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
 from seaid.arrays import Array, BoolArray, IndexArray, frozen
-from seaid.drivetrain.equations import motor_equation, spring_equation
+from seaid.drivetrain.equations import joint_equation, motor_equation, spring_equation
 from seaid.drivetrain.model import Drive, SeriesElasticDrive
 from seaid.drivetrain.regressor import DriveRegressor, drive_regressor
+from seaid.drivetrain.values import is_dry
 from seaid.errors import LogError
 from seaid.filtering import decimation, low_pass
 from seaid.motion import Motion
@@ -84,6 +85,16 @@ def spring_regressor(robot: Robot, joint: str) -> DriveRegressor:
     return _spring_regressor(drive)
 
 
+def joint_regressor(robot: Robot, joint: str) -> DriveRegressor:
+    """Return the regressor of what acts beside the drive: parallel spring, joint friction."""
+    return _joint_regressor(robot.drivetrains[joint])
+
+
+@cache
+def _joint_regressor(drive: Drive) -> DriveRegressor:
+    return drive_regressor(joint_equation(drive), drive)
+
+
 @cache
 def _motor_regressor(drive: Drive) -> DriveRegressor:
     return drive_regressor(motor_equation(drive), drive)
@@ -111,7 +122,18 @@ def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
         "theta_L_ddot": acceleration,
         "tau_M": motion.motor_torque[:, index],
         "tau_L": np.zeros(len(motion.time)),
+        "i_M": _channel(motion.motor_current, motion, index),
+        "u_M": _channel(motion.motor_voltage, motion, index),
+        "tau_G": _channel(motion.gear_torque, motion, index),
     }
+
+
+def _channel(samples: Array | None, motion: Motion, index: int) -> Array:
+    return np.full(len(motion.time), np.nan) if samples is None else samples[:, index]
+
+
+INPUTS = {"torque": "tau_M", "current": "i_M", "voltage": "u_M"}
+"""The signal that a drive's equation has as the motor's input."""
 
 
 def sensed_torque(robot: Robot, motion: Motion, index: int) -> Array:
@@ -130,6 +152,16 @@ def standstill(motion: Motion, index: int) -> BoolArray:
     """
     speed = np.abs(motion.motor_velocity[:, index])
     fastest = np.max(speed) if motion.fastest is None else motion.fastest[index]
+    return _still(motion, speed, float(fastest))
+
+
+def joint_standstill(motion: Motion, index: int) -> BoolArray:
+    """Tell the samples (T,) that see a joint stand still, as `standstill` does of its motor."""
+    speed = np.abs(motion.joint_velocity[:, index])
+    return _still(motion, speed, float(np.max(speed)))
+
+
+def _still(motion: Motion, speed: Array, fastest: float) -> BoolArray:
     still = (speed < max(STANDSTILL * fastest, REST_RAD_S)).astype(float)
     return np.asarray((still > 0) | (in_band(motion, still) > SEEN))
 
@@ -142,29 +174,37 @@ def actuator_columns(
     From the motor torque and (7); where the log has only the spring's torque, from (4b), which
     tells stiffness and offset. Raises LogError where neither was measured.
     """
+    regressor, by_name = actuator_equation(robot, motion, joint)
+    return regressor, *regressor.evaluate(by_name)
+
+
+def actuator_equation(
+    robot: Robot, motion: Motion, joint: str
+) -> tuple[DriveRegressor, dict[str, Array]]:
+    """Return the regressor that `actuator_columns` evaluates, and the signals it takes."""
     index = robot.index(joint)
     by_name = signals(robot, motion, index)
     sensed = sensed_torque(robot, motion, index)
-    if np.all(np.isfinite(by_name["tau_M"])):
-        regressor = motor_regressor(robot, joint)
-    elif np.all(np.isfinite(sensed)):
-        by_name["tau_L"] = sensed
-        regressor = spring_regressor(robot, joint)
-    else:
-        raise LogError(f"elastic joint '{joint}' has no torque in the log: motor or joint")
-    return regressor, *regressor.evaluate(by_name)
+    kind = robot.drivetrains[joint].motor_input
+    if np.all(np.isfinite(by_name[INPUTS[kind]])):
+        return motor_regressor(robot, joint), by_name
+    if np.all(np.isfinite(sensed)):
+        return spring_regressor(robot, joint), {**by_name, "tau_L": sensed}
+    others = [other for other, name in INPUTS.items() if np.all(np.isfinite(by_name[name]))]
+    hint = f"; it has its {others[0]}: say motor_input = '{others[0]}'" if others else ""
+    raise LogError(
+        f"elastic joint '{joint}' has no torque in the log: motor {kind} or joint torque{hint}"
+    )
 
 
 def actuator_regression(robot: Robot, motion: Motion, joint: str) -> Regression:
     """Return the actuator side (10) over time: friction, stiffness, deflection offset.
 
-    Instants near standstill are left out where friction is among them.
+    Instants near standstill are left out where dry friction is among them.
     """
     index = robot.index(joint)
     regressor, y, H = actuator_columns(robot, motion, joint)
-    rows = row_samples(motion)
-    needs_friction = "coulomb_friction" in regressor.names
-    kept = rows[~(standstill(motion, index) & needs_friction)[rows]]
+    kept, left_out = actuator_rows(robot, motion, joint, regressor)
     return Regression(
         names=regressor.names,
         units=regressor.units,
@@ -173,10 +213,26 @@ def actuator_regression(robot: Robot, motion: Motion, joint: str) -> Regression:
         joint=np.full(len(kept), index),
         time=motion.time[kept],
         run=np.zeros(len(kept)),
-        left_out=len(rows) - len(kept),
+        left_out=left_out,
         carried=np.empty((len(kept), 0)),
         joint_names=robot.joint_names,
     )
+
+
+def actuator_rows(
+    robot: Robot, motion: Motion, joint: str, regressor: DriveRegressor
+) -> tuple[IndexArray, int]:
+    """Return the samples that become rows of an actuator side, and how many are left out.
+
+    The spring equation (4b) has no derivative in it: it holds to the ends of the log.
+    """
+    if "tau_M" not in regressor.signals and not regressor.signals & {"i_M", "u_M"}:
+        return row_samples(replace(motion, trim_s=0.0)), 0
+    rows = row_samples(motion)
+    if not is_dry(robot.drivetrains[joint]):
+        return rows, 0
+    kept = rows[~standstill(motion, robot.index(joint))[rows]]
+    return kept, len(rows) - len(kept)
 
 
 def stacked(regressions: Sequence[Regression]) -> Regression:

@@ -28,7 +28,14 @@ from seaid.robot import Robot
 from seaid.streaming import stream_estimate
 from seaid.transmission import group_of
 
-_NEEDED = ("stiffness", "deflection_offset")
+_NEEDED = ("stiffness", "deflection_offset", "deflection_zero")
+
+INPUT_FIELDS = {
+    "torque": "motor_torque",
+    "current": "motor_current",
+    "voltage": "motor_voltage",
+}
+"""The field of a motion that has a drive's input."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +129,8 @@ def sequential_sides(
         optional = [name for name in fit.estimate.names if name not in _NEEDED]
         checks[joint] = fit.checks(robot.joint_names, optional)
         left_out[joint] = fit.information.left_out
-    springs = {joint: spring_of(drives[joint]) for joint in sprung(robot, records, model)}
+    sprung_joints = sprung(robot, records, model)
+    springs = {joint: spring_of(robot, drives[joint], joint) for joint in sprung_joints}
     for _ in track([0], "load side", progress):
         load = _load_side(
             robot, records, model, springs, estimator, joint_zero_std, executor, regressions
@@ -148,7 +156,7 @@ def known_torques(robot: Robot, records: Sequence[Record]) -> tuple[str, ...]:
         joint
         for joint in robot.joint_names
         if joint in robot.elastic_joints
-        or _all_measured(robot, motions, joint, "motor_torque")
+        or _all_measured(robot, motions, joint, INPUT_FIELDS[robot.drivetrains[joint].motor_input])
         or _all_measured(robot, motions, joint, "joint_torque")
     )
 
@@ -167,7 +175,8 @@ def sprung(robot: Robot, records: Sequence[Record], model: LoadModel) -> tuple[s
 def _all_measured(robot: Robot, motions: Sequence[Motion], joint: str, signal: str) -> bool:
     own = robot.index(joint)
     used = group_of(robot.transmission, own) if signal == "joint_torque" else [own]
-    return all(bool(np.all(np.isfinite(getattr(one, signal)[:, used]))) for one in motions)
+    channels = [getattr(one, signal) for one in motions]
+    return all(one is not None and bool(np.all(np.isfinite(one[:, used]))) for one in channels)
 
 
 def _load_side(

@@ -54,6 +54,7 @@ from seaid.drivetrain.symbols import (
     w_C,
     w_S,
 )
+from seaid.drivetrain.values import is_smooth
 
 
 @dataclass(frozen=True)
@@ -134,11 +135,6 @@ def smooth_friction(drive: Drive) -> sp.Expr:
     }
     own = sum((terms[term] for term in drive.friction if term in terms), sp.Integer(0))
     return own + friction_level(drive) * direction(drive) if is_smooth(drive) else own
-
-
-def is_smooth(drive: Drive) -> bool:
-    """Tell whether the drive's friction is known at standstill too."""
-    return bool({"smooth_coulomb", "shifted_coulomb"} & set(drive.friction))
 
 
 def motor_equation(drive: Drive) -> DriveEquation:

@@ -47,6 +47,12 @@ class DriveRegressor:
     non_linear: tuple[str, ...] = ()
 
     @property
+    def signals(self) -> set[str]:
+        """Names of the signals that are in the equation."""
+        found = [flat_names(entry).free_symbols for entry in (self.zeta, *self.row)]
+        return {str(symbol) for symbols in found for symbol in symbols} & set(_ARGUMENTS.values())
+
+    @property
     def linear(self) -> tuple[str, ...]:
         """The parameters in which the equation is linear when `non_linear` are given."""
         return tuple(name for name in self.names if name not in self.non_linear)

@@ -20,6 +20,20 @@ def unit_of(drive: Drive, name: str) -> str:
     return PARAMETERS[name].unit_for(drive.spring_units, drive.joint_units)
 
 
+DRY = ("coulomb", "load", "stribeck")
+"""Friction terms that can hold a motor, unless the drive's Coulomb friction is smooth."""
+
+
+def is_smooth(drive: Drive) -> bool:
+    """Tell whether the drive's friction is known at standstill too."""
+    return bool({"smooth_coulomb", "shifted_coulomb"} & set(drive.friction))
+
+
+def is_dry(drive: Drive) -> bool:
+    """Tell whether the drive has friction whose direction is unknown at standstill."""
+    return bool(set(DRY) & set(drive.friction)) and not is_smooth(drive)
+
+
 def parameter_names(
     drive: Drive, term_fields: tuple[str, ...], extra: tuple[str, ...] = ()
 ) -> tuple[str, ...]:
