@@ -97,12 +97,13 @@ def packaged(package: str, name: str) -> str:
 def read_cases() -> list[Case]:
     """Return all cases of the table of data."""
     tables = tomllib.loads((ROOT / "scripts" / "real_data.toml").read_text(encoding="utf-8"))
+    return [_case(table) for table in tables["case"]]
+
+
+def _case(table: dict[str, Any]) -> Case:
     lists = ("weak", "gears_of", "value", "payload")
-    cases: list[dict[str, Any]] = tables["case"]
-    return [
-        Case(**{key: tuple(one) if key in lists else one for key, one in table.items()})
-        for table in cases
-    ]
+    given: dict[str, Any] = {key: tuple(one) if key in lists else one for key, one in table.items()}
+    return Case(**given)
 
 
 def rows_of(case: Case, data: Path, output: Path) -> Iterator[Row]:
