@@ -56,8 +56,8 @@ def base_parameters(
     """Return the base parameters of a robot: structural, or what one motion can tell.
 
     Without `motion` the regressor is taken at random full states. `rows` names the joints whose
-    torques are known (default all): those of their drives. Raises ExcitationError where nothing is
-    identifiable.
+    torques are known (default all): those of their drives. Columns of known bodies are left
+    out; where all are known there are none. Raises ExcitationError where nothing is identifiable.
     """
     torques = robot.rows(rows)
     known = [robot.index(joint) for joint in torques]
@@ -66,8 +66,8 @@ def base_parameters(
     states = random_states(robot, seed, len(known)) if motion is None else motion.joint_states
     Y = regressor_at_drives(robot, *states)
     H = Y[:, known].reshape(-1, Y.shape[2])
-    columns, grouping, gap = left_to_right(H, negligible(H))
-    if not columns:
+    columns, grouping, gap = left_to_right(H, negligible(H) | robot.is_known)
+    if not columns and not np.all(robot.is_known):
         raise ExcitationError(
             f"no parameter of '{robot.name}' is identifiable from the torques at "
             f"{', '.join(torques)}"

@@ -77,7 +77,8 @@ def possible_bodies(
     `load_side` has the columns of `model`, and those of elastic drives as '<parameter> of <joint>'
     where both sides were estimated at once; `drives` {joint: Estimate} are estimates of elastic
     drives beside it. `prior` (10n,) are standard parameters, by default the robot's; a body
-    without (NaN) gets a ball of 1 kg as large as its link. Payloads are no part of the bodies.
+    without (NaN) gets a ball of 1 kg as large as its link. Payloads are no part of the bodies, and
+    known bodies stay what they are.
 
     `mass_bounds` {body: (least, most)} [kg]; `com_boxes` {body: (lower, upper)}, corners [m] in the
     body's frame. `weight` of the prior in units of chi-square: None = chosen by the data, 0 = only
@@ -96,12 +97,15 @@ def possible_bodies(
     masses, boxes = mass_bounds or {}, com_boxes or {}
     limits = body_limits(robot, bodies, masses, boxes)
     start = inside(robot, bodies, masses, boxes)
+    for body in robot.known_bodies:
+        if body in {**masses, **boxes}:
+            raise IdentificationError(f"'{body}' is a known body: it has no bounds")
     programme, words = _programme(robot, model, known, bodies, limits, start)
     bound = nearest(programme)
     found = _weighted(programme, weight, bound.chi_square)
     return PossibleBodies(
         robot=_robot(robot, model, known, found),
-        parameters=found.unknowns[: 10 * robot.n],
+        parameters=_bodies(robot, found),
         names=known.names,
         units=known.units,
         values=found.values,
@@ -211,6 +215,11 @@ def _weighted(programme: Programme, weight: float | None, least: float) -> Possi
     return regularised(programme, max(weight, WEIGHTS[-1]))
 
 
+def _bodies(robot: Robot, found: Possible) -> Array:
+    """Return the standard parameters (10n,) that were found, known ones as they are."""
+    return np.where(robot.is_known, robot.parameters, found.unknowns[: 10 * robot.n])
+
+
 def _robot(robot: Robot, model: LoadModel, known: Estimate, found: Possible) -> Robot:
     """Return the robot with possible bodies and the drives that were found."""
     m, names = 10 * robot.n, dict(zip(known.names, found.values, strict=True))
@@ -224,7 +233,7 @@ def _robot(robot: Robot, model: LoadModel, known: Estimate, found: Possible) -> 
             if full.endswith(f" of {joint}") and full not in model.expressions
         }
         drives[joint] = with_values(drive, own)
-    return robot.with_values(found.unknowns[:m], drives)
+    return robot.with_values(_bodies(robot, found), drives)
 
 
 def _errors(programme: Programme) -> Array:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from seaid.arrays import Array, FrozenMapping, finite, frozen
+from seaid.arrays import Array, BoolArray, FrozenMapping, finite, frozen
 from seaid.assembly import TURNING, Assembly, Payload, assemble, moving_joints
 from seaid.drivetrain.drive_file import drives_from_mapping, read_drivetrains
 from seaid.drivetrain.model import IDEAL_DRIVE, Drive, SeriesElasticDrive, StiffDrive
@@ -33,6 +33,7 @@ class Robot:
     order asked for is not the tree's. `parameters` (10n,) are the standard parameters of the bodies
     without payload, `payload_parameters` (10n,) those of the payloads alone. `limits` are rows of
     lower and upper position, velocity and effort, in rad or m. `urdf` is the file it came from.
+    `known_bodies` names those whose parameters are known and not identified.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Robot:
     velocity_limits: Array
     effort_limits: Array
     urdf: Path | None = None
+    known_bodies: tuple[str, ...] = ()
 
     @property
     def n(self) -> int:
@@ -59,6 +61,16 @@ class Robot:
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the 10n standard parameters, as 'Iyy_thigh'."""
         return parameter_names(self.body_names)
+
+    @property
+    def is_known(self) -> BoolArray:
+        """Tells which of the standard parameters (10n,) are those of known bodies."""
+        return np.repeat([body in self.known_bodies for body in self.body_names], 10)
+
+    @property
+    def known_parameters(self) -> Array:
+        """What is known beforehand of the standard parameters (10n,): payloads, known bodies."""
+        return self.payload_parameters + np.where(self.is_known, self.parameters, 0.0)
 
     @property
     def elastic_joints(self) -> tuple[str, ...]:
@@ -108,11 +120,11 @@ class Robot:
     def without_nominal(self) -> Robot:
         """Return what is known before an identification: geometry, ratios, rotor inertias, payload.
 
-        The standard parameters are NaN, and the drives have no stiffness and no friction, so no
-        result computed from this robot can lean on them.
+        The standard parameters are NaN but for known bodies, and the drives have no stiffness and
+        no friction, so no result computed from this robot can lean on them.
         """
         known = {joint: drive.without_nominal() for joint, drive in self.drivetrains.items()}
-        return self.with_values(np.full(10 * self.n, np.nan), known)
+        return self.with_values(np.where(self.is_known, self.parameters, np.nan), known)
 
 
 def load_robot(
@@ -121,6 +133,7 @@ def load_robot(
     *,
     joints: Sequence[str] | None = None,
     payloads: Sequence[Payload] = (),
+    known_bodies: Sequence[str] = (),
     gravity: Sequence[float] = (0.0, 0.0, -9.81),
     snap_tolerance_rad: float = 2e-3,
 ) -> Robot:
@@ -128,7 +141,9 @@ def load_robot(
 
     `drivetrains`: TOML path, {joint: drive or table}, or None; a joint not named has an ideal stiff
     drive (its torque is known at the joint). `joints`: those that move, in this order; the rest is
-    locked at zero; None = all, in Pinocchio's order. `payloads` are known and not identified.
+    locked at zero; None = all, in Pinocchio's order. `payloads` are known and not identified; so
+    are the bodies of the links that `known_bodies` names, with what is fixed to them, as they are
+    in the URDF.
     `gravity` [m/s^2] in the base frame. `snap_tolerance_rad`: see `seaid.urdf.read_urdf`.
 
     Revolute, continuous and prismatic joints of any axis can move; fixed ones are merged; mimic
@@ -145,7 +160,8 @@ def load_robot(
         )
     drives = _drives(tree, moving, drivetrains)
     built = assemble(tree, moving, payloads, finite("gravity", gravity, (3,), RobotError))
-    return replace(_robot(tree, moving, drives, built), urdf=Path(urdf))
+    robot = replace(_robot(tree, moving, drives, built), urdf=Path(urdf))
+    return replace(robot, known_bodies=_known_bodies(robot, tree, known_bodies))
 
 
 def _robot(
@@ -172,6 +188,23 @@ def _robot(
         effort_limits=limits("effort"),
     )
     return robot.with_values(built.bodies.ravel(), drives)
+
+
+def _known_bodies(robot: Robot, tree: UrdfTree, names: Sequence[str]) -> tuple[str, ...]:
+    if isinstance(names, str):
+        raise RobotError(f"known_bodies= must be a list of names, found the text '{names}'")
+    bodies = robot.parameters.reshape(-1, 10)
+    for name in names:
+        if name in tree.links and name not in robot.body_names:
+            raise RobotError(
+                f"known_bodies: no joint that moves carries '{name}'; the bodies are those of "
+                f"{', '.join(robot.body_names)}, with what is fixed to them"
+            )
+        if name not in robot.body_names:
+            raise RobotError("known_bodies: " + unknown_name("body", name, robot.body_names))
+        if not np.any(bodies[robot.body_names.index(name)]):
+            raise RobotError(f"known_bodies: '{name}' has no inertial parameters in the URDF")
+    return tuple(dict.fromkeys(names))
 
 
 def _drives(

@@ -35,7 +35,7 @@ def pivoted_base(robot: Robot, rows: Sequence[str] | None = None) -> BaseParamet
 
 def _random_rows(robot: Robot, known: list[int], seed: int) -> Array:
     Y = regressor_at_drives(robot, *random_states(robot, seed, len(known)))[:, known]
-    return Y.reshape(-1, 10 * robot.n)
+    return np.where(robot.is_known, 0.0, Y).reshape(-1, 10 * robot.n)
 
 
 def _best_pivots(draws: list[Array], rank: int) -> list[int]:

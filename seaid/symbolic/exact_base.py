@@ -15,10 +15,12 @@ from seaid.symbolic.energies import lagrangian_table
 from seaid.symbolic.geometry import ExactTree, exact_tree
 from seaid.symbolic.grouping import (
     ExactBaseParameters,
+    SparseRow,
     Way,
     from_null_space,
     from_rows,
     packed,
+    without_columns,
 )
 from seaid.symbolic.polynomial import MAX_TERMS
 from seaid.symbolic.recursion import null_space
@@ -43,7 +45,8 @@ def base_parameters(
     tree (the default); "energy" reduces the polynomials of kinetic and potential energy; "torque"
     those of the regressor of the joint torques, the paper's (11)-(13). All give the same. `rows`
     names the joints whose torques are known (default all); only "torque" serves it, and is taken
-    then. Angles and lengths are those of `seaid.symbolic.geometry`.
+    then. Columns of known bodies are left out. Angles and lengths are those of
+    `seaid.symbolic.geometry`.
 
     With `floating_base` the base is a free body with known motion and wrench (recursion only): ten
     parameters '<parameter>_base' come first, of everything that no joint moves.
@@ -63,6 +66,7 @@ def base_parameters(
         taken = "base" in robot.body_names
         names = parameter_names(["floating_base" if taken else "base"]) + names
     echelon = from_null_space(null_space(tree, floating=floating_base), len(names))
+    echelon = _of_unknown(robot, echelon, len(names) - 10 * robot.n)
     return _checked(robot, packed(echelon, names, way))
 
 
@@ -95,7 +99,14 @@ def _by_polynomials(
     if way == "torque":
         rows, functions = torque_rows(tree, table, known, max_terms, progress=progress)
     echelon, different = from_rows(rows, 10 * robot.n)
+    echelon = _of_unknown(robot, echelon, 0)
     return packed(echelon, robot.parameter_names, way, functions, different)
+
+
+def _of_unknown(robot: Robot, echelon: list[SparseRow], first: int) -> list[SparseRow]:
+    """Return the echelon form without the columns of known bodies; `first` is the robot's own."""
+    known = {first + int(column) for column in np.flatnonzero(robot.is_known)}
+    return without_columns(echelon, known) if known else echelon
 
 
 def _known(robot: Robot, rows: Sequence[str] | None) -> list[int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
@@ -122,6 +122,12 @@ def from_rows(rows: Iterable[SparseRow], width: int) -> tuple[list[SparseRow], i
     echelon, rank = matrix.rref()
     table = echelon.tolist()[:rank]
     return [{j: x for j, x in enumerate(row) if x != 0} for row in table], len(different)
+
+
+def without_columns(echelon: Sequence[SparseRow], known: Collection[int]) -> list[SparseRow]:
+    """Return the echelon form of the other columns, where some parameters are known."""
+    rows = [{j: x for j, x in row.items() if j not in known} for row in echelon]
+    return from_rows(rows, 1 + max((j for row in rows for j in row), default=0))[0]
 
 
 def _primitive(row: SparseRow) -> SparseRow:
