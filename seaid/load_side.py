@@ -97,7 +97,7 @@ def load_model(robot: Robot, base: BaseParameters, rows: Sequence[str]) -> LoadM
 def load_columns(
     robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array]
 ) -> tuple[Array, Array, Array, Array]:
-    """Return the load side over time: torque (T, rows), the payload's part of it, H and carried.
+    """Return the load side over time: torque (T, rows), what is known of it, H and carried.
 
     torque = payload + H (T, rows, columns) @ theta; see `load_regression`.
     """
@@ -112,8 +112,8 @@ def load_columns(
     H = np.concatenate([base, columns[:, :, wanted]], axis=2)
     torque, carried = _load_targets(robot, motion, model.rows, springs)
     payload = np.zeros_like(torque)
-    if np.any(robot.payload_parameters):
-        payload = (Y @ robot.payload_parameters)[:, known]
+    if np.any(robot.known_parameters):
+        payload = (Y @ robot.known_parameters)[:, known]
     return torque, payload, H, carried
 
 
