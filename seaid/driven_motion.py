@@ -19,6 +19,7 @@ from seaid.errors import IdentificationError
 from seaid.filtering import low_pass, spline_derivatives
 from seaid.load_response import Answer, TorqueJacobians, answer_to, torque_jacobians
 from seaid.load_side import LoadModel, load_columns
+from seaid.method_limits import straight_spring
 from seaid.motion import Motion
 from seaid.robot import Robot
 from seaid.transmission import at_drives, at_joints
@@ -30,6 +31,9 @@ _WINDOW_PERIODS = 5.0
 """It starts anew after so many periods of the cutoff, so that what the model lacks stays small."""
 
 _SWEEPS = 2
+
+_BESIDE = ("parallel_stiffness", "joint_viscous_friction")
+"""Parameters by which the torque between a joint's bodies rises with its position and velocity."""
 
 _RUNAWAY = 1e12
 """What no joint reaches in a window from a unit of initial position or velocity; NaN neither."""
@@ -45,7 +49,7 @@ def driven_motion(
 ) -> Motion:
     """Return the motion with its joints where the motors and the fitted model (8) put them.
 
-    `springs` {joint of `model.rows`: stiffness, offset} are simulated, `load_side` (p,) has the
+    `springs` {joint of `model.rows`: its spring's values} are simulated, `load_side` (p,) has the
     values of the columns of `model`; stiff joints move with the finer of their encoders, and the
     motor side stays as measured. Each window's initial state is the one nearest to the joint
     encoders in the pass band. Raises IdentificationError where the simulation diverges, farther
@@ -57,7 +61,11 @@ def driven_motion(
     joints = [robot.index(joint) for joint in names]
     rows = [model.rows.index(joint) for joint in names]
     fitted = _fitted_robot(robot, model, load_side)
-    rate = np.array([springs[joint][0] * _load_radius(robot, joint) ** 2 for joint in names])
+    lever = np.array([_load_radius(robot, joint) ** 2 for joint in names])
+    straight = [straight_spring(robot, joint, springs[joint]) for joint in names]
+    rate = lever * [spring.stiffness for spring in straight]
+    damping = lever * [spring.damping for spring in straight]
+    beside = [_beside(robot, model, load_side, name) for name in _BESIDE]
     turned = at_drives(robot.transmission, motion.joint_position)
     reading = low_pass(turned[:, joints], motion.rate_hz, motion.cutoff_hz)
     here = _smoothed(_turned(finer_side(robot, motion), robot.transmission, at_drives), joints)
@@ -68,9 +76,9 @@ def driven_motion(
             moved = _turned(here, robot.transmission, at_joints)
             torque, payload, H, _ = load_columns(robot, moved, model, springs)
             missing = (torque - payload - H @ load_side)[:, rows]
-            jacobians = torque_jacobians(fitted, *moved.joint_states)
+            jacobians = torque_jacobians(fitted, *moved.joint_states).plus(*beside)
             inside = jacobians.at_drives(robot.transmission).part(joints, joints)
-            inside = replace(inside, position=inside.position + np.diag(rate))
+            inside = inside.plus(np.diag(rate), np.diag(damping))
             answer = _answer(inside, missing, 1 / motion.rate_hz, windows)
         here = _moved(here, joints, answer, reading, windows)
     return _turned(here, robot.transmission, at_joints)
@@ -109,8 +117,19 @@ def _fitted_robot(robot: Robot, model: LoadModel, load_side: Array) -> Robot:
     """Return a robot with the found base parameters; which one of those does not matter."""
     base, prior = model.base, np.zeros(10 * robot.n)
     prior[::10] = 1.0
+    prior[robot.is_known] = robot.parameters[robot.is_known]
     missing = load_side[: len(base.columns)] - base.project(prior)
     return robot.with_values(prior + np.linalg.pinv(base.grouping) @ missing, robot.drivetrains)
+
+
+def _beside(robot: Robot, model: LoadModel, load_side: Array, name: str) -> Array:
+    """Return a parameter of what acts beside the drives, known or found, as a matrix (n, n)."""
+    found = dict(zip(model.names, load_side, strict=True))
+    values = [
+        drive.values[name] if name in drive.known else found.get(f"{name} of {joint}", 0.0)
+        for joint, drive in robot.drivetrains.items()
+    ]
+    return np.diag(values)
 
 
 def _smoothed(motion: Motion, joints: list[int]) -> Motion:

@@ -25,6 +25,7 @@ from seaid.instruments import (
     motor_driven_motion,
 )
 from seaid.load_side import LoadModel
+from seaid.method_limits import check_instruments, straight_spring
 from seaid.records import Record
 from seaid.regression import Regression
 from seaid.robot import Robot
@@ -111,7 +112,12 @@ def _fitted(robot: Robot, model: LoadModel, sides: Sides) -> FittedModel:
         for joint in model.rows
         if joint in robot.elastic_joints
     }
-    bad = [joint for joint, (stiffness, _) in springs.items() if stiffness <= 0]
+    check_instruments(robot, springs)
+    bad = [
+        joint
+        for joint, values in springs.items()
+        if straight_spring(robot, joint, values).stiffness <= 0
+    ]
     if bad:
         raise IdentificationError(
             f"the stiffness of {', '.join(bad)} was found not positive: the fitted model predicts "

@@ -28,6 +28,7 @@ from seaid.driven_motion import driven_motion
 from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.filtering import low_pass, spline_derivatives
 from seaid.load_side import LoadModel, load_columns, load_regression
+from seaid.method_limits import straight_spring
 from seaid.motion import Motion
 from seaid.regression import Regression, actuator_columns, actuator_regression, in_band
 from seaid.robot import Robot
@@ -43,7 +44,8 @@ _PREFIX = "instrument of "
 class FittedModel:
     """What instruments are computed with: bodies and springs of an estimate before.
 
-    `load_side` (p,) has the values of the columns of `model`; `springs` {joint: stiffness, offset}.
+    `load_side` (p,) has the values of the columns of `model`; `springs` {joint: its values} those of
+    the springs' regressors.
     """
 
     model: LoadModel
@@ -76,8 +78,9 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
     for row, joint in enumerate(fitted.model.rows):
         drive, index = robot.drivetrains[joint], robot.index(joint)
         if joint in fitted.springs and isinstance(drive, SeriesElasticDrive):
-            stiffness, offset = fitted.springs[joint]
-            deflection = (torque[:, row] / drive.load_radius - offset) / stiffness  # (4b)
+            spring = straight_spring(robot, joint, fitted.springs[joint])
+            force = torque[:, row] / drive.load_radius - spring.offset
+            deflection = force / spring.stiffness  # (4b); an instrument may lack its damping
             travel = deflection + drive.load_radius * turned[:, index]
             angle[:, index] = drive.ratio / drive.motor_radius * travel
     return _with_motors(reference, angle)

@@ -26,7 +26,7 @@ from seaid.arrays import Array, IndexArray
 from seaid.errors import IdentificationError
 from seaid.estimation.estimate import Estimate
 from seaid.found import with_flags
-from seaid.load_side import LoadModel, load_regression
+from seaid.load_side import ZERO_STEP, LoadModel, load_regression, shifted_zero
 from seaid.motion import Motion
 from seaid.regression import Regression, actuator_regression, spring_regressor, stacked
 from seaid.robot import Robot
@@ -40,8 +40,6 @@ _ROUNDING = 1e-11
 """Part of the torque below which it changes nothing either: where there is no noise."""
 
 _SPRING = ("stiffness", "deflection_offset")
-
-_ZERO_STEP = 1e-4
 
 
 def joint_regression(
@@ -131,7 +129,10 @@ def _springs(
     """
     found, instant = [], rows.run + 1j * rows.time
     for joint in robot.elastic_joints:
-        stiffness, offset = (rows.names.index(f"{name} of {joint}") for name in _SPRING)
+        names = [f"{name} of {joint}" for name in _SPRING]
+        if not set(names) <= set(rows.names):
+            continue
+        stiffness, offset = map(rows.names.index, names)
         index = robot.index(joint)
         load = np.flatnonzero((rows.joint == index) & (rows.H[:, offset] != 0))
         motor = np.flatnonzero(rows.joint == robot.n + index)
@@ -200,19 +201,12 @@ def joint_zero_sensitivity(
 ) -> Regression:
     """Return `joint_regression` with `carried` (R, n): what a shifted zero of each joint does.
 
-    It is minus the change of the residual, at the parameters `theta`, a unit of shift; the
-    deflection offset takes what the zero does to the spring. See `load_side.zero_sensitivity`.
+    It is minus the change of the residual, at the parameters `theta`, a unit of shift; see
+    `load_side.zero_sensitivity`.
     """
     reference, changes = joint_regression(robot, motion, model, springs), []
     for index in range(robot.n):
-        position, moved = motion.joint_position.copy(), theta.copy()
-        position[:, index] += _ZERO_STEP
-        for joint in robot.elastic_joints:
-            travel = _ZERO_STEP * robot.transmission[robot.index(joint), index]
-            stiffness, offset = (reference.names.index(f"{name} of {joint}") for name in _SPRING)
-            load_radius = robot.drivetrains[joint].load_radius  # type: ignore[union-attr]
-            moved[offset] += theta[stiffness] * load_radius * travel
-        shifted = joint_regression(robot, replace(motion, joint_position=position), model, springs)
-        change = (shifted.y - shifted.H @ moved) - (reference.y - reference.H @ theta)
-        changes.append(change / _ZERO_STEP)
+        shifted = joint_regression(robot, shifted_zero(robot, motion, index), model, springs)
+        change = (shifted.y - shifted.H @ theta) - (reference.y - reference.H @ theta)
+        changes.append(change / ZERO_STEP)
     return replace(reference, carried=np.column_stack(changes))

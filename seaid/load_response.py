@@ -34,6 +34,12 @@ class TorqueJacobians:
             )
         )
 
+    def plus(self, position: Array, velocity: Array) -> TorqueJacobians:
+        """Return the derivatives with constant ones (n, n) added to them."""
+        return TorqueJacobians(
+            self.position + position, self.velocity + velocity, self.acceleration
+        )
+
     def change(self, answer: Answer) -> Array:
         """Return how the torques (T, rows, columns) change with an answer of the joints."""
         return np.asarray(

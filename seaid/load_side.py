@@ -32,7 +32,9 @@ from seaid.rigid_body import regressor_at_drives
 from seaid.robot import Robot
 from seaid.transmission import at_drives, group_of, torques_at_drives
 
-_ZERO_STEP = 1e-4
+ZERO_STEP = 1e-4
+"""Shift [rad or m] of an encoder's zero for a difference quotient."""
+
 _JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
 
 
@@ -155,7 +157,7 @@ def zero_sensitivity(
     for index in range(robot.n):
         shifted = load_regression(robot, shifted_zero(robot, motion, index), model, springs)
         change = (shifted.y - shifted.H @ theta) - (reference.y - reference.H @ theta)
-        changes.append(change / _ZERO_STEP)
+        changes.append(change / ZERO_STEP)
     return replace(reference, carried=np.column_stack(changes))
 
 
@@ -165,11 +167,11 @@ def shifted_zero(robot: Robot, motion: Motion, index: int) -> Motion:
     The motors of springs go along: the deflection's own zero takes what the shift does to it.
     """
     joint, motor = motion.joint_position.copy(), motion.motor_position.copy()
-    joint[:, index] += _ZERO_STEP
+    joint[:, index] += ZERO_STEP
     for name in robot.elastic_joints:
         other, drive = robot.index(name), robot.drivetrains[name]
         lever = drive.ratio * getattr(drive, "load_radius", 1.0) / getattr(drive, "motor_radius", 1)
-        motor[:, other] += lever * robot.transmission[other, index] * _ZERO_STEP
+        motor[:, other] += lever * robot.transmission[other, index] * ZERO_STEP
     return replace(motion, joint_position=joint, motor_position=motor)
 
 

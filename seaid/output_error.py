@@ -22,6 +22,7 @@ from seaid.found import with_estimate, with_flags
 from seaid.identification import Identification
 from seaid.load_response import Answer
 from seaid.log import Log
+from seaid.method_limits import check_refinable
 from seaid.output_residuals import Layout, Run, layout_of, linearised, robot_at, run_of
 from seaid.progress import track
 from seaid.transmission import coupled_names
@@ -95,6 +96,7 @@ def _check_start(found: Identification) -> None:
             f"the drives of {', '.join(coupled)} move several joints, which the refinement cannot "
             "simulate; take what identify found, or estimator='iv' or sides='joint' of identify"
         )
+    check_refinable(found.known)
     for joint in found.springs:
         stiffness = found.drivetrains[joint].value("stiffness")
         if not (np.isfinite(stiffness) and stiffness > 0):

@@ -9,9 +9,9 @@ from functools import partial
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.estimation.estimate import Estimate
 from seaid.estimation.estimators import Estimator
 from seaid.estimation.information import information_of
+from seaid.found import spring_of
 from seaid.joint_sides import (
     joint_regression,
     joint_zero_sensitivity,
@@ -20,6 +20,7 @@ from seaid.joint_sides import (
     whitened,
 )
 from seaid.load_side import LoadModel
+from seaid.method_limits import check_joint_sides
 from seaid.motion import Motion
 from seaid.records import Record, rows_of
 from seaid.regression import Regression
@@ -39,9 +40,10 @@ def simultaneous_sides(
     """Return both sides at once; `whole` has the covariance between them.
 
     (7) and (8) are rows of one regression that shares each spring; see `joint_sides`. Raises
-    IdentificationError where the iteration does not settle.
+    IdentificationError where the iteration does not settle, and for springs that cannot be shared.
     """
     springs = tuple(start.springs)
+    check_joint_sides(robot, springs)
     regress: Callable[[Motion], Regression]
     regress = partial(joint_regression, robot, model=model, springs=springs)
     rows = rows_of(records, regress, executor)
@@ -67,16 +69,12 @@ def simultaneous_sides(
         drivetrains=drives,
         load=load,
         load_side=load_side,
-        springs={joint: drives[joint].values[_spring_places(drives[joint])] for joint in springs},
+        springs={joint: spring_of(robot, drives[joint], joint).values for joint in springs},
         left_out=start.left_out,
         checks={"both": fit.checks(robot.joint_names, optional)},
         white_covariance=fit.white_covariance,
         whole=whole,
     )
-
-
-def _spring_places(drive: Estimate) -> list[int]:
-    return [drive.names.index(name) for name in ("stiffness", "deflection_offset")]
 
 
 def _values(rows: Regression, start: Sides) -> Array:
