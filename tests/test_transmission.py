@@ -127,6 +127,19 @@ def mixed_differential() -> Case:
 
 
 @cache
+def compensated_differential() -> Case:
+    """Return a differential with springs between the bodies of two joints, beside the drives."""
+    beside: dict[str, Any] = {"parallel_spring": ("linear",)}
+    return differential(
+        (
+            stiff(),
+            elastic(1, nominal={"parallel_stiffness": 4.0}, **beside),
+            stiff(2, nominal={"parallel_stiffness": -1.5}, **beside),
+        )
+    )
+
+
+@cache
 def parallelogram() -> Case:
     """Return the elastic HEBI-like planar arm whose second motor stands at the base: q1 + q2."""
     first, second = load_robot(MODELS / "hebi_arm_2.urdf").joint_names
@@ -207,7 +220,10 @@ def rnea(robot: Robot, states: tuple[Array, Array, Array]) -> Array:
 def motor_angles(case: Case, time: Array, seed: int) -> tuple[Array, Array]:
     """Return the motors' angles and the torques tau_phi at times (T,), by (3) and (4b)."""
     robot, states = case.robot, waves(case.robot.n, time, case.reach, seed)
-    tau_phi = np.asarray(np.linalg.solve(case.C.T, rnea(robot, states).T).T, dtype=np.float64)
+    tau = rnea(robot, states)
+    for i, drive in enumerate(robot.drivetrains[joint] for joint in robot.joint_names):
+        tau[:, i] += drive.nominal.get("parallel_stiffness", 0.0) * states[0][:, i]
+    tau_phi = np.asarray(np.linalg.solve(case.C.T, tau.T).T, dtype=np.float64)
     phi = states[0] @ case.C.T
     angle = np.empty_like(phi)
     for i, drive in enumerate(robot.drivetrains[joint] for joint in robot.joint_names):
@@ -467,6 +483,18 @@ def test_exact_without_noise(case: Case) -> None:
     assert found.values[p:] == pytest.approx(expected, rel=1e-6)
 
 
+def test_springs_beside_coupled_drives_act_at_their_own_joint() -> None:
+    case = compensated_differential()
+    motion, known = true_motion(case), case.robot.without_nominal()
+    model = load_model(known, base_parameters(known), known.joint_names)
+    springs = {"wrist_pitch": np.array([true_value(case.robot, "wrist_pitch", "stiffness"), 0.0])}
+    found = ordinary(load_regression(known, motion, model, springs))
+    p = len(model.base.columns)
+    assert found.values[:p] == pytest.approx(model.base.project(case.robot.parameters), abs=1e-7)
+    assert found.value("parallel_stiffness of wrist_pitch") == pytest.approx(4.0, rel=1e-6)
+    assert found.value("parallel_stiffness of wrist_roll") == pytest.approx(-1.5, rel=1e-6)
+
+
 def test_the_count_of_base_parameters_does_not_change(case: Case) -> None:
     own = {joint: replace(d, transmission={}) for joint, d in case.robot.drivetrains.items()}
     plain = case.robot.with_values(case.robot.parameters, own)
@@ -596,7 +624,7 @@ def test_validation_predicts_the_torques_on_what_the_drives_turn(case: Case) -> 
 
 
 def test_the_complete_model_is_zero_along_a_motion() -> None:
-    for case in (mixed_differential(), parallelogram()):
+    for case in (mixed_differential(), compensated_differential(), parallelogram()):
         motion, model, at = true_motion(case), complete_model(case.robot), 1234
         t = model.coordinates[0].args[0]
         values: dict[Any, float] = {}
@@ -625,6 +653,7 @@ def test_the_complete_model_is_zero_along_a_motion() -> None:
                 f"F_C_{joint}": drive.coulomb_friction_Nm,
                 f"k_{joint}": getattr(drive, "stiffness", None),
                 f"f_0_{joint}": 0.0,
+                f"k_P_{joint}": drive.nominal.get("parallel_stiffness"),
             }
         assert len(model.equations) == case.robot.n + len(case.robot.elastic_joints)
         for equation in model.equations:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import sympy as sp
 
 from seaid.drivetrain.equations import joint_equation, motor_equation, spring_force
-from seaid.drivetrain.model import IDEAL_DRIVE, SeriesElasticDrive
-from seaid.drivetrain.symbols import N, i_M, r_L, t, tau_L, tau_M, theta_L, theta_M, u_M
+from seaid.drivetrain.model import IDEAL_DRIVE, Drive, SeriesElasticDrive
+from seaid.drivetrain.symbols import N, i_M, r_L, t, tau_G, tau_L, tau_M, theta_L, theta_M, u_M
 from seaid.robot import Robot
 from seaid.symbolic.regressor_form import rigid_body
 from seaid.transmission import coupled_groups
@@ -38,21 +38,19 @@ def complete_model(robot: Robot) -> CompleteModel:
     joints = [sp.Function(f"q_{joint}")(t) for joint in robot.joint_names]
     inertial = tuple(sp.Symbol(text) for text in robot.parameter_names)
     torques = form.expanded(form.R) * sp.Matrix(inertial)
-    turned = sp.Matrix(joints)
-    if coupled_groups(robot.transmission):
-        factors = sp.Matrix(
-            [[sp.Rational(repr(factor)) for factor in row] for row in robot.transmission.tolist()]
-        )
-        turned, torques = factors * turned, factors.inv().T * torques
     in_time = {
         symbol: joint.diff(t, order)
         for order, symbols in enumerate(form.motion)
         for symbol, joint in zip(symbols, joints, strict=True)
     }
+    loads = [
+        torque.xreplace(in_time) + _beside(robot.drivetrains[joint], joint, position)
+        for torque, joint, position in zip(torques, robot.joint_names, joints, strict=True)
+    ]
+    turned, loads = _at_drives(robot, joints, loads)
     equations: list[sp.Expr] = []
     coordinates, inputs = list(joints), []
-    for index, joint in enumerate(robot.joint_names):
-        load = torques[index].xreplace(in_time)
+    for joint, position, load in zip(robot.joint_names, turned, loads, strict=True):
         drive = robot.drivetrains[joint]
         motor = sp.Function(f"theta_M_{joint}")(t)
         torque = sp.Function(f"tau_{joint}" if drive is IDEAL_DRIVE else f"tau_M_{joint}")(t)
@@ -61,18 +59,35 @@ def complete_model(robot: Robot) -> CompleteModel:
             equations.append(load - torque)
             continue
         side = motor_equation(drive).expression
-        beside = joint_equation(drive).expression + tau_L
-        load += _of_joint(beside, joint, turned[index], motor, torque)
         if isinstance(drive, SeriesElasticDrive):
             spring = r_L * spring_force(drive)
             coordinates.append(motor)
-            equations.append(_of_joint(side, joint, turned[index], motor, torque))
-            equations.append(_of_joint(spring, joint, turned[index], motor, torque) - load)
+            equations.append(_of_joint(side, joint, position, motor, torque))
+            equations.append(_of_joint(spring, joint, position, motor, torque) - load)
         else:
             side = side.subs(theta_M, N * theta_L).doit()
-            stiff = _of_joint(side, joint, turned[index], motor, torque)
-            equations.append(stiff.subs(tau_L, load))
+            stiff = _of_joint(side, joint, position, motor, torque)
+            equations.append(stiff.subs({tau_L: load, tau_G: load}))
     return CompleteModel(tuple(equations), tuple(coordinates), tuple(inputs), inertial)
+
+
+def _beside(drive: Drive, joint: str, position: sp.Expr) -> sp.Expr:
+    """Return the torque that acts at the joint itself, beside its drive."""
+    if drive is IDEAL_DRIVE:
+        return sp.Integer(0)
+    return _of_joint(joint_equation(drive).expression + tau_L, joint, position, theta_M, tau_M)
+
+
+def _at_drives(
+    robot: Robot, joints: list[sp.Expr], loads: list[sp.Expr]
+) -> tuple[list[sp.Expr], list[sp.Expr]]:
+    """Return what the drives turn, C q, and the torques on that, C^-T tau."""
+    if not coupled_groups(robot.transmission):
+        return joints, loads
+    factors = sp.Matrix(
+        [[sp.Rational(repr(factor)) for factor in row] for row in robot.transmission.tolist()]
+    )
+    return list(factors * sp.Matrix(joints)), list(factors.inv().T * sp.Matrix(loads))
 
 
 def _of_joint(
