@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from seaid.output_error import refine
     from seaid.possible_bodies import PossibleBodies
     from seaid.repair import Repair, Repairs
+    from seaid.replaying import replay
     from seaid.robot import Robot, load_robot
     from seaid.simulation import Noise, simulate
     from seaid.validation import Validation, validate
@@ -95,6 +96,7 @@ _WHERE = {
     "output_error": ("refine",),
     "possible_bodies": ("PossibleBodies",),
     "repair": ("Repair", "Repairs"),
+    "replaying": ("replay",),
     "robot": ("Robot", "load_robot"),
     "simulation": ("Noise", "simulate"),
     "validation": ("Validation", "validate"),
@@ -155,6 +157,7 @@ __all__ = [
     "reconstruct_motion",
     "refine",
     "regression",
+    "replay",
     "simulate",
     "symbolic",
     "validate",

@@ -35,6 +35,7 @@ FUNCTIONS = {
     "estimate_delays": "robot log largest_s cutoff_hz",
     "correct_delays": "log delays",
     "gear_ratio": "motor_angle_rad output_angle_rad",
+    "replay": "robot log command",
     "reconstruct_motion": "robot log cutoff_hz",
     "identify": "robot logs rows sides estimator feasible cutoff_hz joint_zero_std executor "
     "progress",
