@@ -44,7 +44,7 @@ _PREFIX = "instrument of "
 class FittedModel:
     """What instruments are computed with: bodies and springs of an estimate before.
 
-    `load_side` (p,) has the values of the columns of `model`; `springs` {joint: its values} those of
+    `load_side` (p,) has the values of the columns of `model`; `springs` {joint: values} those of
     the springs' regressors.
     """
 
