@@ -64,8 +64,8 @@ def _straight_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Driv
     start = _linear_start(robot, motions, joint, drive)
     search = _search(robot, motions, joint)
     names = search.regressor.non_linear
-    grid = [_starts(name, drive, start, scale) for name in names]
-    lower, upper = (np.array([_bounds(name, scale)[end] for name in names]) for end in (0, 1))
+    grid = [starts_of(name, drive, start, scale) for name in names]
+    lower, upper = (np.array([bounds_of(name, scale)[end] for name in names]) for end in (0, 1))
     found = projected(
         search.columns,
         search.slopes,
@@ -168,8 +168,10 @@ def _linear_start(
     return values
 
 
-def _starts(name: str, drive: Drive, start: Mapping[str, float], scale: Scale) -> tuple[float, ...]:
-    """Return where the search for a parameter begins: its nominal value, or by the data's scale."""
+def starts_of(
+    name: str, drive: Drive, start: Mapping[str, float], scale: Scale
+) -> tuple[float, ...]:
+    """Return where the search for a parameter begins: its nominal value, or by the data."""
     if name in drive.values:
         return (drive.values[name],)
     if name in _SPEEDS:
@@ -181,7 +183,8 @@ def _starts(name: str, drive: Drive, start: Mapping[str, float], scale: Scale) -
     return (start.get(name, 0.0),)
 
 
-def _bounds(name: str, scale: Scale) -> tuple[float, float]:
+def bounds_of(name: str, scale: Scale) -> tuple[float, float]:
+    """Return between what a bent parameter is searched."""
     if name in _SPEEDS:
         size, middle = scale.speed, 0.0
     elif name in _STRETCHES:

@@ -24,11 +24,13 @@ from seaid.instrumental_sides import instrumental_sides
 from seaid.load_side import LoadModel, load_model
 from seaid.log import Log
 from seaid.possible_bodies import PossibleBodies, possible_bodies
-from seaid.records import Source, records_of, sources_of
+from seaid.processing import Processing
+from seaid.records import Source, processing_of, records_of, sources_of
 from seaid.robot import Robot
 from seaid.sequential import Sides, known_torques, sequential_sides
 from seaid.signs import sign_flags
 from seaid.simultaneous import simultaneous_sides
+from seaid.straightening import straightened_robot
 
 if TYPE_CHECKING:
     from seaid.validation import Validation
@@ -49,7 +51,7 @@ class Identification:
     where `possible` tells how they came about), `known` the robot as it was given. `load_side` is
     the whole estimate of the load side in the columns of `model`. `left_out` counts instants near
     standstill by joint, "load" for the load side; `checks` of the model have the same keys ("both"
-    where both sides were estimated at once).
+    where both sides were estimated at once). `processing` tells what was done to each log before.
     """
 
     drivetrains: Mapping[str, Estimate]
@@ -64,6 +66,7 @@ class Identification:
     left_out: Mapping[str, int]
     checks: Mapping[str, ModelChecks]
     possible: PossibleBodies | None = None
+    processing: tuple[Processing, ...] = ()
 
     @property
     def flags(self) -> tuple[str, ...]:
@@ -157,6 +160,7 @@ def identify(
         check_excitation(robot, in_memory)
     check_channels(in_memory)
     used = known_torques(robot, records) if rows is None else robot.rows(rows)
+    robot, records = straightened_robot(robot, records, used)
     model = load_model(robot, base_parameters(robot, rows=used), used)
     found = sequential_sides(robot, records, model, solver, joint_zero_std, executor, progress)
     if estimator == INSTRUMENTAL:
@@ -164,7 +168,9 @@ def identify(
     if sides == "joint":
         found = simultaneous_sides(robot, records, model, found, solver, joint_zero_std, executor)
     possible = _possible(robot, model, found) if feasible else None
-    return packed(robot, model, found, records[0].cutoff_hz, possible)
+    return packed(
+        robot, model, found, records[0].cutoff_hz, possible, processing_of(records)
+    )
 
 
 def packed(
@@ -173,6 +179,7 @@ def packed(
     found: Sides,
     cutoff_hz: float,
     possible: PossibleBodies | None = None,
+    processing: tuple[Processing, ...] = (),
 ) -> Identification:
     """Return what both sides told as an Identification of the robot."""
     return Identification(
@@ -188,6 +195,7 @@ def packed(
         left_out=FrozenMapping(found.left_out),
         checks=FrozenMapping(found.checks),
         possible=possible,
+        processing=processing,
     )
 
 

@@ -78,7 +78,12 @@ def load_model(robot: Robot, base: BaseParameters, rows: Sequence[str]) -> LoadM
     )
     H = np.concatenate([Y, columns], axis=2).reshape(len(q) * len(known), -1)
     p = len(base.columns)
-    found, grouping, _ = left_to_right(H, negligible(H))
+    bent = [
+        p + place
+        for place, (joint, name, _) in enumerate(drives)
+        if name in _bent_parameters(robot, joint)
+    ]
+    found, grouping = _identifiable(H, bent)
     names = (*base.expressions, *(f"{name}_{joint}" for joint, name, _ in drives))
     absorbed = [column for column in range(p, H.shape[1]) if column not in found]
     expressions = []
@@ -94,6 +99,28 @@ def load_model(robot: Robot, base: BaseParameters, rows: Sequence[str]) -> LoadM
         absorbed=tuple(drives[column - p] for column in absorbed),
         absorption=frozen("absorption", grouping[:, absorbed], (len(found), None)),
     )
+
+
+def _bent_parameters(robot: Robot, joint: str) -> tuple[str, ...]:
+    """Return the parameters in which a stiff drive is not linear."""
+    elastic = isinstance(robot.drivetrains[joint], SeriesElasticDrive)
+    return () if elastic else motor_regressor(robot, joint).non_linear
+
+
+def _identifiable(H: Array, bent: Sequence[int]) -> tuple[list[int], Array]:
+    """Return the columns of H that are identifiable, and how much of each is in every column.
+
+    The slopes of what is `bent` stand beside the others whatever the random states: they live where
+    the motor is slow.
+    """
+    straight = [column for column in range(H.shape[1]) if column not in bent]
+    chosen, grouping, _ = left_to_right(H[:, straight], negligible(H[:, straight]))
+    found = sorted([straight[column] for column in chosen] + list(bent))
+    whole = np.zeros((len(found), H.shape[1]))
+    rows = [found.index(straight[column]) for column in chosen]
+    whole[np.ix_(rows, straight)] = grouping
+    whole[[found.index(column) for column in bent], list(bent)] = 1.0
+    return found, whole
 
 
 def load_columns(

@@ -25,6 +25,7 @@ from seaid.progress import track
 from seaid.records import Record, first_motion, rows_of
 from seaid.regression import Regression, actuator_regression
 from seaid.robot import Robot
+from seaid.spring_torque import both_noisy, noise_ratio, springs_torque_alone
 from seaid.streaming import stream_estimate
 from seaid.transmission import group_of
 
@@ -125,6 +126,9 @@ def sequential_sides(
     for joint in track(robot.elastic_joints, "actuator side", progress):
         regress = partial(_of_actuator, robot, regressions, joint)
         fit = fitted(records, regress, estimator, None, executor)
+        if fit.rows is not None and estimator.weigh and springs_torque_alone(robot, records, joint):
+            noisy = both_noisy(fit.rows, noise_ratio(robot, records, joint))
+            fit = replace(fit, estimate=noisy)
         drives[joint] = with_flags(fit.estimate, joint, fit.information)
         optional = [name for name in fit.estimate.names if name not in _NEEDED]
         checks[joint] = fit.checks(robot.joint_names, optional)

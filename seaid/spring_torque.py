@@ -17,11 +17,19 @@ from seaid.estimation.estimate import Estimate
 from seaid.estimation.instrumental import instrumental
 from seaid.motion import Motion
 from seaid.records import Record, first_motion
-from seaid.regression import Regression, sensed_torque, signals, spring_regressor
+from seaid.regression import Regression, actuator_equation, sensed_torque, signals, spring_regressor
 from seaid.robot import Robot
 
 _BAND = (2.5, 4.0)
 """The noise is looked at between so many times the cutoff; positions are filtered at five times."""
+
+
+def springs_torque_alone(robot: Robot, records: Sequence[Record], joint: str) -> bool:
+    """Tell whether a plain spring is found from its torque, the motor's not being in the log."""
+    spring = spring_regressor(robot, joint)
+    used = [actuator_equation(robot, first_motion(one), joint)[0] for one in records]
+    plain = spring.names == ("stiffness", "deflection_offset")
+    return plain and all(regressor is spring for regressor in used)
 
 
 def both_noisy(rows: Regression, ratio: float) -> Estimate:

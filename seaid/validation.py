@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from seaid.arrays import Array, BoolArray
+from seaid.gear_torque import under_load, with_gear_torque
 from seaid.identification import Identification
 from seaid.load_side import load_columns, unknown_friction
 from seaid.log import Log
 from seaid.motion import Motion, reconstruct_motion
-from seaid.regression import actuator_columns, in_band, standstill
+from seaid.regression import INPUTS, actuator_columns, in_band, signals, standstill
 from seaid.robot import Robot
 
 NUMBERS = (
@@ -74,6 +75,9 @@ def validate(found: Identification, log: Log) -> Validation:
     """
     robot = found.robot
     motion = reconstruct_motion(robot, log, found.cutoff_hz)
+    if under_load(found.known, found.model.rows):
+        theta = found.load_side.values
+        motion = with_gear_torque(found.known, motion, found.model, found.springs, theta)
     return Validation(
         joints=robot.joint_names,
         time=motion.time,
@@ -95,14 +99,28 @@ def _actuator(found: Identification, motion: Motion) -> tuple[Array, Array]:
         regressor, zeta, R = actuator_columns(found.known, motion, joint)
         if regressor.names != estimate.names:
             continue
-        torque = motion.motor_torque[:, index]
-        if np.all(np.isfinite(torque)):
-            measured[:, index], computed[:, index] = torque, torque - zeta + R @ estimate.values
-        else:
+        error = R @ estimate.values - zeta
+        measured[:, index] = _input_torque(found, motion, joint)
+        if np.any(np.isnan(measured[:, index])):
             drive = found.known.drivetrains[joint]
             lever = getattr(drive, "motor_radius", 1.0) / drive.ratio
-            measured[:, index], computed[:, index] = lever * zeta, lever * (R @ estimate.values)
+            force = motion.joint_torque[:, index] / getattr(drive, "load_radius", 1.0)
+            measured[:, index], error = lever * force, lever * error
+        computed[:, index] = measured[:, index] + error
     return measured, computed
+
+
+def _input_torque(found: Identification, motion: Motion, joint: str) -> Array:
+    """Return the motor's torque (T,) by what is logged of it, with the constant that was found."""
+    drive, estimate = found.known.drivetrains[joint], found.drivetrains[joint]
+    values = {**drive.values, **dict(zip(estimate.names, estimate.values, strict=True))}
+    factor = {
+        "torque": 1.0,
+        "current": values.get("torque_constant", np.nan),
+        "voltage": values.get("voltage_constant", np.nan),
+    }[drive.motor_input]
+    signal = signals(found.known, motion, found.robot.index(joint))[INPUTS[drive.motor_input]]
+    return np.asarray(factor * signal)
 
 
 def _load(found: Identification, motion: Motion) -> tuple[Array, Array]:

@@ -1,0 +1,107 @@
+"""Friction under load of stiff drives: it needs the torque that the fitted model says.
+
+The motor's own torque would do as well, but its noise would stand in the column. The load's torque
+comes from a fit without that friction, then from one with it, until it settles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from seaid.arrays import Array
+from seaid.bent_load import fit_load, straightened_load
+from seaid.drivetrain.model import Drive
+from seaid.errors import IdentificationError
+from seaid.load_side import LoadModel, load_columns
+from seaid.motion import Motion
+from seaid.regression import motor_regressor
+from seaid.robot import Robot
+
+_SETTLED, _MOST_TURNS, _SEARCHES = 1e-6, 20, 2
+
+
+def under_load(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
+    """Return the joints among `used` whose stiff drive has friction under load."""
+    return tuple(
+        joint
+        for joint in used
+        if joint not in robot.elastic_joints and "load" in robot.drivetrains[joint].friction
+    )
+
+
+def with_gear_torques(
+    robot: Robot, motions: Sequence[Motion], used: Sequence[str]
+) -> tuple[Robot, list[Motion]]:
+    """Return the robot near whose values its stiff drives are taken, and motions that know loads.
+
+    Raises IdentificationError where the torques do not settle.
+    """
+    joints = under_load(robot, used)
+    if not joints:
+        return straightened_load(robot, motions, used), list(motions)
+    drives = {joint: _without_load(robot.drivetrains[joint]) for joint in joints}
+    plain = robot.with_values(robot.parameters, {**robot.drivetrains, **drives})
+    known = _known(straightened_load(plain, motions, used), motions, used)
+    for _ in range(_SEARCHES):
+        robot = straightened_load(robot, known, used)
+        known = _settled(robot, known, used)
+    return robot, known
+
+
+def with_gear_torque(
+    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
+) -> Motion:
+    """Return the motion with the torque through the gears that a fit of the load side says."""
+    _, payload, H, _ = load_columns(robot, motion, model, springs)
+    drives = [
+        place
+        for place, (joint, name, _) in enumerate(model.drives, len(model.expressions))
+        if joint not in robot.elastic_joints and name in motor_regressor(robot, joint).names
+    ]
+    behind = [place for place in range(H.shape[2]) if place not in drives]
+    torque = np.full_like(motion.joint_position, np.nan)
+    torque[:, [robot.index(joint) for joint in model.rows]] = (
+        payload + H[:, :, behind] @ theta[behind]
+    )
+    return replace(motion, gear_torque=torque)
+
+
+def _settled(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> list[Motion]:
+    """Return motions whose torques are those of the fit that they lead to."""
+    known = list(motions)
+    for _ in range(_MOST_TURNS):
+        better = _known(robot, known, used)
+        if _change(known, better) < _SETTLED:
+            return better
+        known = better
+    raise IdentificationError(
+        f"friction under load of {', '.join(under_load(robot, used))} did not settle in "
+        f"{_MOST_TURNS} turns: leave 'load' out of friction, or move these joints more"
+    )
+
+
+def _without_load(drive: Drive) -> Drive:
+    return replace(
+        drive,
+        friction=tuple(term for term in drive.friction if term != "load"),
+        nominal={name: x for name, x in drive.nominal.items() if name != "load_friction"},
+        known=tuple(name for name in drive.known if name != "load_friction"),
+    )
+
+
+def _known(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> list[Motion]:
+    fit = fit_load(robot, motions, used)
+    theta = fit.estimate.values
+    return [with_gear_torque(robot, one, fit.model, fit.springs, theta) for one in motions]
+
+
+def _change(before: Sequence[Motion], after: Sequence[Motion]) -> float:
+    """Return the largest change of the torques, as a part of them."""
+    old, new = (
+        np.concatenate([np.nan_to_num(np.asarray(one.gear_torque)) for one in motions])
+        for motions in (before, after)
+    )
+    return float(np.linalg.norm(new - old) / max(float(np.linalg.norm(new)), 1e-300))
