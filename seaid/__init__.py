@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from seaid.repair import Repair, Repairs
     from seaid.replaying import replay
     from seaid.robot import Robot, load_robot
+    from seaid.sensors import Identifiability, identifiability
     from seaid.simulation import Noise, simulate
     from seaid.validation import Validation, validate
 
@@ -98,6 +99,7 @@ _WHERE = {
     "repair": ("Repair", "Repairs"),
     "replaying": ("replay",),
     "robot": ("Robot", "load_robot"),
+    "sensors": ("Identifiability", "identifiability"),
     "simulation": ("Noise", "simulate"),
     "validation": ("Validation", "validate"),
 }
@@ -116,6 +118,7 @@ __all__ = [
     "Excitation",
     "ExcitationError",
     "GearRatio",
+    "Identifiability",
     "Identification",
     "IdentificationError",
     "Limits",
@@ -147,6 +150,7 @@ __all__ = [
     "design_excitation",
     "estimate_delays",
     "gear_ratio",
+    "identifiability",
     "identify",
     "identify_conditions",
     "load_robot",

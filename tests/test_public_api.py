@@ -26,6 +26,7 @@ FUNCTIONS = {
     "add_run_in": "trajectory robot limits periods",
     "load_trajectory": "path",
     "cross_check": "numeric exact",
+    "identifiability": "robot sensors conditions seed",
     "simulate": "robot trajectory rate_hz noise seed",
     "read_log": "path robot columns description repair",
     "describe_log": "path robot",
@@ -78,6 +79,8 @@ CLASSES = {
     "Description": "description unsure unused to_toml",
     "LongLog": "path cutoff_hz",
     "PossibleBodies": "robot values estimate distance chi_square held notes",
+    "Identifiability": "names identifiable combinations ratios unidentifiable base rank usable gap "
+    "agree table body_count",
     "Conditions": "found own differences summary",
     "Identification": "drivetrains load base robot checks possible summary to_dict save",
     "Estimate": "names values covariance standard_errors units residual_std condition_number "

@@ -1,0 +1,1 @@
+"""What sensors leave of a robot's equations, and what these can tell: see `seaid.sensors`."""

@@ -1,0 +1,216 @@
+"""The columns of sensed equations at random instants: in doubles, or modulo a prime.
+
+An instant is free, every signal a random number; or one of a true motion, at which all equations
+hold for true parameters. Free instants tell which combinations of parameters the equations have;
+true ones what a log can tell of them, since there the signals are not independent: the deflection
+of a spring is the torque of the bodies behind it over its stiffness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from flint import fmpq, fmpq_mat
+
+from seaid.drivetrain.catalogue import PARAMETERS
+from seaid.drivetrain.symbols import K_t, K_u, N, r_L, r_M
+from seaid.robot import Robot
+from seaid.symbolic.sensing.arithmetic import Known, Numbers
+from seaid.symbolic.sensing.drives import (
+    BACK_EMF,
+    MOTOR_SIGNALS,
+    STRETCH,
+    STRETCH_DOT,
+    DriveTerms,
+    plain,
+)
+from seaid.symbolic.sensing.equations import System
+from seaid.symbolic.sensing.positions import exact_transmission
+
+_STATES = ("", "_dot", "_ddot")
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """True values: of the unknown standard parameters (10n,), and of the symbols of each drive."""
+
+    bodies: Any
+    drives: tuple[Mapping[sp.Expr, Any], ...]
+
+
+def random_truth(numbers: Numbers, system: System) -> Truth:
+    """Return random values of all unknown parameters beside the known ones."""
+    drives = []
+    for drive in system.terms:
+        known: Known = {symbol: numbers.number(x) for symbol, x in drive.known.items()}
+        for symbol, name in zip(drive.unknowns, drive.names, strict=True):
+            value = numbers.random(1)[0]
+            is_speed = name in PARAMETERS and PARAMETERS[name].unit == "rad/s"
+            known[symbol] = (
+                numbers.reduced(value * numbers.number(_speed(drive))) if is_speed else value
+            )
+        drives.append(known)
+    bodies = numbers.random(10 * system.robot.n)
+    bodies[system.robot.is_known] = 0
+    return Truth(bodies, tuple(drives))
+
+
+def _speed(drive: DriveTerms) -> float:
+    """Return how fast a motor turns in random states [rad/s], about."""
+    return 3.0 * (drive.drive.ratio if drive.spring is None else 1.0)
+
+
+def columns_at_instants(
+    numbers: Numbers, system: System, truth: Truth, count: int, payload: Any = None
+) -> Any:
+    """Return (count * W, m): the slopes of the sums of equations by all unknown parameters.
+
+    Instants are free, or of a true motion with `payload` (10n,): what is known
+    of the standard parameters.
+    """
+    robot, terms, sums = system.robot, system.terms, system.sums
+    Y, drives = _instants(numbers, robot, terms, truth, count, payload)
+    starts = np.cumsum([10 * robot.n, *(len(drive.unknowns) for drive in terms)]).tolist()
+    H = np.zeros((count, len(sums), starts[-1]), dtype=Y.dtype)
+    for e in sorted(system.used):
+        equation = system.equations[e]
+        slopes = np.zeros((count, starts[-1]), dtype=Y.dtype)
+        if equation.kind == "load":
+            slopes[:, : 10 * robot.n] = -Y[:, equation.index] * ~robot.is_known
+        for i, factor, expression in equation.parts:
+            for place, symbol in enumerate(terms[i].unknowns, starts[i]):
+                slope = _slope(expression, symbol)
+                if slope != 0:
+                    slopes[:, place] += _number(numbers, factor) * numbers.value(slope, drives[i])
+        for w in np.flatnonzero(sums[:, e] != 0):
+            H[:, w] += _number(numbers, sums[w, e]) * numbers.reduced(slopes)
+    return numbers.reduced(H).reshape(-1, starts[-1])
+
+
+@cache
+def _slope(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
+    """Return the derivative by a parameter; a step has none."""
+    return expression.diff(symbol).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
+
+
+def _number(numbers: Numbers, value: fmpq) -> Any:
+    return numbers.number(Fraction(int(value.p), int(value.q)))
+
+
+def _matrix(numbers: Numbers, matrix: fmpq_mat, dtype: Any) -> Any:
+    rows = [[_number(numbers, x) for x in row] for row in matrix.tolist()]
+    return np.array(rows, dtype=dtype)
+
+
+def _instants(
+    numbers: Numbers,
+    robot: Robot,
+    terms: Sequence[DriveTerms],
+    truth: Truth,
+    count: int,
+    payload: Any,
+) -> tuple[Any, list[Known]]:
+    """Return the regressor (T, n, 10n) at random instants and every drive's signals."""
+    q, turned, v, a = numbers.states(count)
+    exact = exact_transmission(robot)
+    C, C_inv = (_matrix(numbers, x, q.dtype) for x in (exact, exact.inv()))
+    drives: list[Known] = []
+    for i, drive in enumerate(terms):
+        known: Known = dict(truth.drives[i])
+        for suffix, state in zip(_STATES, (q, v, a), strict=True):
+            known[plain(f"theta_L{suffix}")] = numbers.product(state, C[i])
+        own = exact[i, i] == 1 and sum(x != 0 for x in exact.tolist()[i]) == 1
+        if own and not robot.is_prismatic[i]:
+            for function, values in zip((sp.cos, sp.sin), turned, strict=True):
+                known[function(plain("theta_L"))] = values[:, i]
+        _turn_motor(numbers, drive, known, count)
+        drives.append(known)
+    if payload is not None:
+        bodies = numbers.reduced(truth.bodies + payload)
+        a = _held(numbers, terms, drives, (q, turned, v, a), C_inv, bodies)
+        for i, drive in enumerate(terms):
+            drives[i][plain("theta_L_ddot")] = numbers.product(a, C[i])
+            if drive.spring is None:
+                _turn_motor(numbers, drive, drives[i], count)
+    Y = numbers.regressor(q, turned, v, a)
+    loads = None
+    if payload is not None:
+        loads = numbers.product(numbers.product(Y, bodies), C_inv)
+    for i, drive in enumerate(terms):
+        _drive_motor(numbers, drive, drives[i], None if loads is None else loads[:, i], count)
+    return Y, drives
+
+
+def _turn_motor(numbers: Numbers, drive: DriveTerms, known: Known, count: int) -> None:
+    """Add the motor's states: of a stiff drive those of its joint, else random ones."""
+    for suffix in _STATES:
+        load = known[plain(f"theta_L{suffix}")]
+        motor = plain(f"theta_M{suffix}")
+        if drive.spring is None:
+            known[motor] = numbers.reduced(known[N] * load)
+            continue
+        known[motor] = numbers.signal(count)
+        if suffix == "":
+            known[STRETCH] = numbers.signal(count)
+            into = numbers.over(known[N], known[r_M])
+            stretched = numbers.reduced(known[STRETCH] + known[r_L] * load)
+            known[motor] = numbers.reduced(into * stretched)
+        elif suffix == "_dot":
+            rate = numbers.over(known[r_M] * known[motor], known[N])
+            known[STRETCH_DOT] = numbers.reduced(rate - known[r_L] * load)
+
+
+def _held(
+    numbers: Numbers,
+    terms: Sequence[DriveTerms],
+    drives: Sequence[Known],
+    state: tuple[Any, Any, Any, Any],
+    C_inv: Any,
+    bodies: Any,
+) -> Any:
+    """Return accelerations (T, n) with which every spring holds what is behind it, (8)."""
+    q, turned, v, a = state
+    elastic = [i for i, drive in enumerate(terms) if drive.spring is not None]
+    if not elastic:
+        return a
+
+    def loads(acceleration: Any) -> Any:
+        torques = numbers.product(numbers.regressor(q, turned, v, acceleration), bodies)
+        return numbers.product(torques, C_inv)[:, elastic]
+
+    missing = -loads(a)
+    inertia = np.empty((len(q), len(elastic), len(elastic)), dtype=q.dtype)
+    for place, i in enumerate(elastic):
+        inertia[:, :, place] = numbers.reduced(missing + loads(a + C_inv[:, i]))
+        force = numbers.value(terms[i].spring, drives[i]) * drives[i][r_L]
+        drives[i][_HELD] = numbers.reduced(force - numbers.value(terms[i].beside, drives[i]))
+    wanted = np.stack([drives[i][_HELD] for i in elastic], axis=1)
+    change = numbers.solve(inertia, numbers.reduced(missing + wanted))
+    return numbers.reduced(a + numbers.product(change, C_inv.T[elastic]))
+
+
+_HELD = sp.Symbol("torque_on_the_bodies")
+
+
+def _drive_motor(numbers: Numbers, drive: DriveTerms, known: Known, load: Any, count: int) -> None:
+    """Add the torque, current and voltage of a motor: random ones, or what the motion takes."""
+    tau, current, voltage = (plain(MOTOR_SIGNALS[sensor]) for sensor in MOTOR_SIGNALS)
+    if load is None:
+        for signal in (tau, current, voltage, plain("tau_G")):
+            known[signal] = numbers.signal(count)
+        return
+    load = numbers.reduced(load + numbers.value(drive.beside, known))
+    known[plain("tau_G")] = load
+    torque = numbers.value(drive.share, known) * load + numbers.value(drive.motor, known)
+    known[tau] = numbers.reduced(torque)
+    if K_t in known:
+        known[current] = numbers.over(known[tau], known[K_t])
+    if K_u in known:
+        lost = known.get(BACK_EMF, 0) * known[plain("theta_M_dot")]
+        known[voltage] = numbers.over(numbers.reduced(known[tau] + lost), known[K_u])
