@@ -22,6 +22,7 @@ from hypothesis import strategies as st
 from seaid.arrays import Array
 from seaid.base import base_parameters
 from seaid.described import both_sides
+from seaid.driven_motion import driven_motion
 from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
 from seaid.errors import (
     ExcitationError,
@@ -35,7 +36,13 @@ from seaid.estimation.solve import ordinary
 from seaid.excitation.flatness import transmission as flat_transmission
 from seaid.excitation.target import load_target
 from seaid.identification import Identification, identify
-from seaid.load_side import load_model, load_regression
+from seaid.load_side import (
+    LoadModel,
+    load_columns,
+    load_model,
+    load_regression,
+    zero_sensitivity,
+)
 from seaid.log import Log
 from seaid.motion import Motion, reconstruct_motion
 from seaid.output_error import refine
@@ -594,6 +601,52 @@ def test_a_shifted_zero_is_inside_the_intervals(sides: str) -> None:
     ]
     assert scores[0] > 8.0
     assert scores[1] < 3.0
+
+
+def truth_of(case: Case) -> tuple[LoadModel, dict[str, Array], Array]:
+    """Return the load model, springs and values of its columns as they truly are."""
+    known = case.robot.without_nominal()
+    model = load_model(known, base_parameters(known), known.joint_names)
+    springs = {
+        joint: np.array([true_value(case.robot, joint, "stiffness"), 0.0])
+        for joint in case.robot.elastic_joints
+    }
+    drives = [true_value(case.robot, joint, name) for joint, name, _ in model.drives]
+    return model, springs, np.append(model.base.project(case.robot.parameters), drives)
+
+
+@pytest.mark.parametrize("name", ["elastic differential", "parallelogram", "sliding"])
+def test_a_shifted_zero_does_to_the_torques_what_their_slope_says(name: str) -> None:
+    case, motion = CASES[name](), true_motion(CASES[name]())
+    model, springs, theta = truth_of(case)
+    rows = zero_sensitivity(case.robot.without_nominal(), motion, model, springs, theta)
+    data = case.robot.model.createData()
+    for at in (100, 2000, 3000):
+        q, v, a = (state[at] for state in motion.joint_states)
+        slope = pin.computeRNEADerivatives(case.robot.model, data, q, v, a)[0]
+        expected = -np.linalg.solve(case.C.T, slope)
+        for i, joint in enumerate(case.robot.joint_names):
+            mine = (rows.time == motion.time[at]) & (rows.joint == i)
+            if joint in springs:
+                assert rows.carried[mine][0] == pytest.approx(expected[i], abs=2e-3, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["elastic differential", "mixed differential", "sliding"])
+def test_motors_drive_coupled_joints_to_where_they_were(name: str) -> None:
+    case = CASES[name]()
+    known, (model, springs, theta) = case.robot.without_nominal(), truth_of(case)
+    clean = reconstruct_motion(known, log_of(true_motion(case)), 12.0)
+    noise = 1e-3 * np.random.default_rng(0).normal(size=clean.joint_position.shape)
+    noisy = replace(clean, joint_position=clean.joint_position + noise)
+    made = driven_motion(known, noisy, model, springs, theta)
+    inside = slice(200, -200)
+    off = at_drives(case.C, made.joint_position - clean.joint_position)[inside]
+    elastic_joints = [known.index(joint) for joint in springs]
+    shaken = at_drives(case.C, noise)[:, elastic_joints]
+    assert np.all(np.std(off[:, elastic_joints], axis=0) < 0.15 * np.std(shaken, axis=0))
+    torque, payload, H, _ = load_columns(known, made, model, springs)
+    residual = (torque - payload - H @ theta)[inside][:, elastic_joints]
+    assert np.all(np.std(residual, axis=0) < 1e-3 * np.std(torque[:, elastic_joints], axis=0))
 
 
 def test_possible_bodies_of_a_coupled_robot() -> None:
