@@ -1,4 +1,4 @@
-"""Zero-phase low pass, derivatives and the pass band that the data ask for."""
+"""Zero-phase low pass, derivatives, spikes."""
 
 from __future__ import annotations
 
@@ -8,9 +8,6 @@ from seaid.arrays import Array
 from seaid.errors import LogError
 
 _ORDER = 4
-_SHARE, _MARGIN, _FEWEST_PERIODS = 0.99, 3.0, 15.0
-_NARROWEST_HZ, _WIDEST_HZ = 4.0, 12.0
-_SMOOTHED_BINS = 9
 _ROUNDING = 1e-6
 _GAUSSIAN = 1.4826
 """Standard deviation of Gaussian noise over the median of its absolute values."""
@@ -74,28 +71,3 @@ def spline_derivatives(time: Array, signals: Array) -> tuple[Array, Array, Array
     values[:, known] = signals[:, known]
     first[:, known], second[:, known] = spline(time, 1), spline(time, 2)
     return values, first, second
-
-
-def propose_cutoff_hz(positions: Array, rate_hz: float) -> float:
-    """Return the pass band [Hz] for an identification from the spectra of positions (T, any).
-
-    Three times the frequency below which the fastest channel has 99 % of the power of its velocity,
-    counted where the spectrum stands out of the white noise floor, gaps between the lines of a
-    motion left out. Between 4 and 12 Hz, as far as rate (at most an eighth) and duration (at least
-    fifteen periods) allow.
-    """
-    from scipy.signal import detrend, periodogram
-
-    highest = min(_WIDEST_HZ, rate_hz / 8)
-    lowest = min(max(_NARROWEST_HZ, _FEWEST_PERIODS * rate_hz / len(positions)), highest)
-    moving = positions[:, np.ptp(positions, axis=0) > 0]
-    if not moving.shape[1]:
-        return highest
-    frequency, power = periodogram(detrend(moving, axis=0), fs=rate_hz, window="hann", axis=0)
-    floor = np.median(power[frequency > 0.25 * rate_hz], axis=0) / np.log(2)
-    window = np.ones(_SMOOTHED_BINS) / _SMOOTHED_BINS
-    smooth = np.apply_along_axis(np.convolve, 0, power, window, mode="same")
-    in_signal = (smooth >= 3 * floor) & (frequency <= highest)[:, None]
-    speed_power = np.cumsum(power * in_signal * frequency[:, None] ** 2, axis=0)
-    edges = frequency[np.argmax(speed_power >= _SHARE * speed_power[-1], axis=0)]
-    return float(np.clip(_MARGIN * np.max(edges), lowest, highest))

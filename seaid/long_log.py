@@ -18,6 +18,7 @@ from seaid.formats.table import Block, Blocks
 from seaid.log import MINIMUM_SAMPLES, Log, log_of
 from seaid.log_columns import Column, wanted_columns
 from seaid.motion import Motion, check_cutoff, is_regular, reconstruct_motion
+from seaid.processing import Processing
 from seaid.regression import Regression, row_samples
 from seaid.robot import Robot
 
@@ -50,7 +51,8 @@ class LongLog:
     """A log file that is read piece by piece, each time anew, with what all pieces must share.
 
     `cutoff_hz` is the pass band, `step_s` the time between rows of a regression, `fastest` (n,) the
-    largest motor speeds [rad/s]: friction is unknown below a part of them.
+    largest motor speeds [rad/s]: friction is unknown below a part of them. `processing` is what was
+    done to the first piece.
     """
 
     path: Path
@@ -61,6 +63,7 @@ class LongLog:
     cutoff_hz: float
     step_s: float
     fastest: Array | None = None
+    processing: Processing | None = None
 
     def parts(self) -> Iterator[LogPart]:
         """Yield the log in parts that overlap."""
@@ -106,8 +109,10 @@ def open_long_log(
     """
     path, columns = Path(path), dict(columns or {})
     first = next(iterate_log(path, robot, columns=columns, chunk_samples=chunk_samples)).log
+    processing = None
     if cutoff_hz is None:
-        cutoff_hz = reconstruct_motion(robot, first).cutoff_hz
+        motion = reconstruct_motion(robot, first)
+        cutoff_hz, processing = motion.cutoff_hz, motion.processing
     rate_hz = (len(first.time) - 1) / (first.time[-1] - first.time[0])
     check_cutoff(cutoff_hz, rate_hz)
     step, period = decimation(rate_hz, cutoff_hz), rate_hz / cutoff_hz
@@ -121,6 +126,7 @@ def open_long_log(
         overlap_samples=overlap,
         cutoff_hz=cutoff_hz,
         step_s=step / rate_hz,
+        processing=processing,
     )
     return replace(long_log, fastest=_fastest(long_log))
 

@@ -10,8 +10,11 @@ import numpy as np
 from seaid.arrays import Array
 from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.errors import LogError
-from seaid.filtering import low_pass, propose_cutoff_hz, spline_derivatives
+from seaid.filtering import low_pass, spline_derivatives
 from seaid.log import Log
+from seaid.pass_band import PassBand, propose_pass_band
+from seaid.processing import Processing
+from seaid.resampling import interpolated
 from seaid.robot import Robot
 from seaid.transmission import at_drives, at_joints, coupled_groups
 
@@ -51,6 +54,7 @@ class Motion:
     motor_current: Array | None = None
     motor_voltage: Array | None = None
     gear_torque: Array | None = None
+    processing: Processing | None = None
 
     @property
     def joint_states(self) -> tuple[Array, Array, Array]:
@@ -68,10 +72,11 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
 
     Positions pass a zero-phase low pass at five times `cutoff_hz`, the pass band of the
     identification, and are differentiated by a quintic spline; the torques stay as they are, since
-    a regression filters regressor and torque alike. `cutoff_hz` None: proposed from the spectra.
-    The side of a stiff drive that has no encoder is computed from the other; joints that drives
-    move together from all of their motors. Raises LogError where the log does not fit the robot or
-    is too short for the cutoff.
+    a regression filters regressor and torque alike. `cutoff_hz` None: proposed from the spectra,
+    see `seaid.pass_band`; `Motion.processing` tells what was done, and why. The side of a stiff
+    drive that has no encoder is computed from the other; joints that drives move together from all
+    of their motors. Raises LogError where the log does not fit the robot or is too short for the
+    cutoff.
     """
     columns = _columns(robot, log)
     time, signals = _uniform(log, columns)
@@ -79,7 +84,10 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
     joint, motor = signals["joint_position"], signals["motor_position"]
     _check_sides(robot, joint, motor)
     if cutoff_hz is None:
-        cutoff_hz = propose_cutoff_hz(np.hstack([joint, motor]), rate_hz)
+        band = propose_pass_band(joint, motor, rate_hz, robot.joint_names)
+        cutoff_hz = band.cutoff_hz
+    else:
+        band = PassBand(cutoff_hz, "as it was given")
     check_cutoff(cutoff_hz, rate_hz)
     _check_duration(cutoff_hz, float(time[-1] - time[0]))
     measured = low_pass(np.hstack([joint, motor]), rate_hz, POSITION_BAND * cutoff_hz)
@@ -102,6 +110,15 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
         motor_voltage=signals.get("motor_voltage"),
         cutoff_hz=float(cutoff_hz),
         trim_s=1.0 / cutoff_hz,
+        processing=Processing(
+            logged_rate_hz=float((len(log.time) - 1) / (log.time[-1] - log.time[0])),
+            rate_hz=float(rate_hz),
+            resampled=time is not log.time,
+            position_low_pass_hz=float(POSITION_BAND * cutoff_hz),
+            pass_band=band,
+            trim_s=float(1.0 / cutoff_hz),
+            repairs=log.report,
+        ),
     )
 
 
@@ -123,17 +140,20 @@ def is_regular(time: Array) -> bool:
 
 
 def _uniform(log: Log, columns: list[int]) -> tuple[Array, dict[str, Array]]:
-    """Return time and {sensor: samples} on a uniform grid at the log's median rate."""
+    """Return time and {sensor: samples} on a uniform grid at the log's mean rate."""
     signals = {field: values[:, columns] for field, values in log.sensors().items()}
     if is_regular(log.time):
         return log.time, signals
     step = float(np.mean(np.diff(log.time)))
     count = math.floor((log.time[-1] - log.time[0]) / step + 1e-9) + 1
-    time = log.time[0] + step * np.arange(count)
-    return time, {
-        field: np.column_stack([np.interp(time, log.time, column) for column in values.T])
-        for field, values in signals.items()
-    }
+    time = np.minimum(log.time[0] + step * np.arange(count), log.time[-1])
+    found = {field: np.full((count, len(columns)), np.nan) for field in signals}
+    for field, values in signals.items():
+        for place in np.flatnonzero(np.isfinite(values[0])):
+            found[field][:, place] = interpolated(
+                log.time, values[:, place], time, smooth=field.endswith("position")
+            )
+    return time, found
 
 
 def _check_sides(robot: Robot, joint: Array, motor: Array) -> None:

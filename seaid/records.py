@@ -15,6 +15,8 @@ from seaid.errors import IdentificationError
 from seaid.log import Log
 from seaid.long_log import LongLog, Regress, open_long_log
 from seaid.motion import Motion, reconstruct_motion
+from seaid.pass_band import PassBand
+from seaid.processing import Processing
 from seaid.progress import track
 from seaid.regression import Regression, stacked
 from seaid.robot import Robot
@@ -50,16 +52,31 @@ def records_of(
 ) -> list[Record]:
     """Return the motions of all logs in one pass band: the given one, or the narrowest proposed.
 
-    The executor reconstructs them, one log a task.
+    Not narrower, though, than the shortest log allows. The executor reconstructs them, one a task.
     """
     records = _mapped(partial(_record, robot, cutoff_hz), sources, executor, progress)
-    narrowest = min(record.cutoff_hz for record in records)
-    others = [place for place, one in enumerate(records) if one.cutoff_hz != narrowest]
+    bands = [record.processing.pass_band for record in records if record.processing is not None]
+    common = max(
+        min(record.cutoff_hz for record in records), *(band.shortest_hz for band in bands), 0.0
+    )
+    others = [place for place, one in enumerate(records) if one.cutoff_hz != common]
     again = [sources[place] for place in others]
-    redone = _mapped(partial(_record, robot, narrowest), again, executor, progress)
+    redone = _mapped(partial(_record, robot, common), again, executor, progress)
     for place, record in zip(others, redone, strict=True):
-        records[place] = record
+        records[place] = _in_common(record)
     return records
+
+
+def _in_common(record: Record) -> Record:
+    if isinstance(record, LongLog) or record.processing is None:
+        return record
+    band = PassBand(record.cutoff_hz, "which suits all the logs together")
+    return replace(record, processing=replace(record.processing, pass_band=band))
+
+
+def processing_of(records: Sequence[Record]) -> tuple[Processing, ...]:
+    """Return what was done to each log; of a long one, to its first piece."""
+    return tuple(record.processing for record in records if record.processing is not None)
 
 
 def first_motion(record: Record) -> Motion:

@@ -13,7 +13,6 @@ from seaid.filtering import (
     decimation,
     despiked,
     low_pass,
-    propose_cutoff_hz,
     spline_derivatives,
 )
 
@@ -101,48 +100,6 @@ def test_derivatives_of_a_missing_signal_are_missing() -> None:
 )
 def test_four_rows_a_period_of_the_cutoff(cutoff_hz: float, step: int) -> None:
     assert decimation(RATE_HZ, cutoff_hz) == step
-
-
-def encoder_noise(seed: int) -> Array:
-    return np.random.default_rng(seed).normal(0.0, 1e-4, (len(TIME), 1))
-
-
-@pytest.mark.parametrize(
-    ("frequency_hz", "lowest_hz", "highest_hz"),
-    [(0.2, 4.0, 4.0), (0.7, 4.0, 4.0), (2.0, 6.0, 7.0), (3.0, 9.0, 10.0), (8.0, 12.0, 12.0)],
-)
-def test_proposed_cutoff_is_three_times_the_motion_between_4_and_12(
-    frequency_hz: float, lowest_hz: float, highest_hz: float
-) -> None:
-    found = propose_cutoff_hz(sine(frequency_hz) + encoder_noise(0), RATE_HZ)
-    assert lowest_hz <= found <= highest_hz
-
-
-def test_proposed_cutoff_does_not_follow_noise() -> None:
-    quiet, noisy = (
-        propose_cutoff_hz(sine(0.8) + size * encoder_noise(1), RATE_HZ) for size in (0, 300)
-    )
-    assert quiet == pytest.approx(noisy, abs=1.0)
-
-
-def test_fastest_joint_decides_whatever_its_unit_or_offset() -> None:
-    slow, fast = sine(0.3), sine(2.5)
-    together = propose_cutoff_hz(np.hstack([100 * slow + 5.0, 1e-3 * fast - 2.0]), RATE_HZ)
-    assert together == pytest.approx(propose_cutoff_hz(fast, RATE_HZ), rel=1e-6)
-    assert together > 7.0
-
-
-def test_proposed_cutoff_fits_a_slow_or_short_log() -> None:
-    assert propose_cutoff_hz(sine(1.0)[::50], 20.0) == 2.5
-    assert propose_cutoff_hz(sine(0.5)[:2000], RATE_HZ) == 7.5
-
-
-def test_joints_that_stand_still_have_no_say() -> None:
-    still = np.full((len(TIME), 1), 0.7)
-    moving = sine(2.5)
-    expected = propose_cutoff_hz(moving, RATE_HZ)
-    assert propose_cutoff_hz(np.hstack([still, moving]), RATE_HZ) == expected
-    assert propose_cutoff_hz(still, RATE_HZ) == 12.0
 
 
 def test_spikes_go_and_the_other_samples_stay() -> None:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from seaid.errors import LogError
 from seaid.log import Log
 from seaid.motion import reconstruct_motion
+from seaid.repair import Repair
 from seaid.simulation import measure
 from tests.experiments import ARM_SENSORS, arm, arm_motion, leg, perfect_log
 
@@ -115,22 +118,27 @@ def test_log_too_short_for_the_cutoff_says_what_to_do() -> None:
         reconstruct_motion(arm(), log().between(0.0, 1.0), 4.0)
 
 
-def test_irregular_times_are_resampled_near_the_truth() -> None:
-    kept = np.random.default_rng(0).random(len(log().time)) < 0.7
+def without_samples(share: float) -> Log:
+    """Return the log without a random share of its samples."""
+    kept = np.random.default_rng(0).random(len(log().time)) >= share
     kept[[0, -1]] = True
-    holes = replace(
-        log(),
-        time=log().time[kept],
-        motor_position=log().motor_position[kept],
-        joint_position=log().joint_position[kept],
-        motor_torque=log().motor_torque[kept],
-    )
+    sensors: dict[str, Any] = {field: values[kept] for field, values in log().sensors().items()}
+    return replace(log(), time=log().time[kept], **sensors)
+
+
+def test_irregular_times_are_resampled_without_bias() -> None:
+    """Straight lines between samples, which cut off bends, would miss each bound by ten times."""
+    holes = without_samples(0.3)
     found, expected = (reconstruct_motion(arm(), one, 8.0) for one in (holes, log()))
     assert np.diff(found.time) == pytest.approx(np.mean(np.diff(holes.time)))
     assert found.time[[0, -1]] == pytest.approx(expected.time[[0, -1]])
-    for joint in range(4):
-        again = np.interp(found.time, expected.time, expected.joint_position[:, joint])
-        assert np.max(np.abs(found.joint_position[:, joint] - again)) < 2e-4
+    inside = slice(500, -500)
+    for state, tolerance in (("position", 1e-6), ("velocity", 5e-5), ("acceleration", 2e-3)):
+        exact = getattr(expected, f"joint_{state}")
+        for joint in range(4):
+            again = CubicSpline(expected.time, exact[:, joint])(found.time)
+            error = getattr(found, f"joint_{state}")[:, joint] - again
+            assert np.max(np.abs(error[inside])) < tolerance * np.max(np.abs(again))
 
 
 def test_small_jitter_of_the_clock_is_not_resampled() -> None:
@@ -140,6 +148,29 @@ def test_small_jitter_of_the_clock_is_not_resampled() -> None:
 
 
 def test_proposed_cutoff_is_used_where_none_is_given() -> None:
-    proposed = reconstruct_motion(arm(), log()).cutoff_hz
-    assert 4.0 <= proposed <= 12.0
-    assert reconstruct_motion(arm(), log(), proposed).cutoff_hz == proposed
+    motion = reconstruct_motion(arm(), log())
+    assert 3.0 <= motion.cutoff_hz <= 5.0
+    assert reconstruct_motion(arm(), log(), motion.cutoff_hz).cutoff_hz == motion.cutoff_hz
+    assert motion.processing is not None
+    assert "three times the edge of the motion's speed" in str(motion.processing)
+
+
+def test_motion_tells_what_was_done_to_it() -> None:
+    plain = reconstruct_motion(arm(), log(), 8.0).processing
+    assert plain is not None
+    assert str(plain) == (
+        "1000 Hz, positions below 40 Hz; regressor and torque below 8 Hz, as it was given; "
+        "0.12 s left away at both ends"
+    )
+    thinned = reconstruct_motion(arm(), without_samples(0.3), 8.0).processing
+    assert thinned is not None
+    assert thinned.resampled
+    assert thinned.logged_rate_hz == pytest.approx(700, rel=0.02)
+    assert "uneven steps resampled to" in str(thinned)
+    report = (Repair("rail.motor_torque_Nm", "no numbers", 3, 0.5, "bridged"),)
+    mended = reconstruct_motion(arm(), replace(log(), report=report), 8.0).processing
+    assert mended is not None
+    assert mended.repairs == report
+    assert str(mended).endswith("1 kinds of faults mended on reading")
+    wide = reconstruct_motion(arm(), log(), 100.0).processing
+    assert "positions as they are" in str(wide)

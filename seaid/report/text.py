@@ -71,6 +71,7 @@ def identification_table(found: Identification) -> str:
     parts = [
         f"{found.robot.name}: {len(found.load.values)} base parameters from the torques at "
         f"{', '.join(found.model.rows)}; pass band {found.cutoff_hz:.3g} Hz",
+        *_processing_text(found),
         drive_table("Drives", found),
         load_table("Base parameters", found),
         checks_table(found),
@@ -78,6 +79,13 @@ def identification_table(found: Identification) -> str:
         *(f"! {flag}" for flag in found.flags),
     ]
     return "\n".join(parts)
+
+
+def _processing_text(found: Identification) -> list[str]:
+    """Say in one line what was done to the first log, and how many others there are."""
+    others = len(found.processing) - 1
+    more = f" (first of {others + 1} logs)" if others > 0 else ""
+    return [f"processing{more}: {one}" for one in found.processing[:1]]
 
 
 def checks_table(found: Identification) -> str:
