@@ -171,11 +171,19 @@ def _unit_factor(
 
 
 def _servo_voltage(data: Block, servo: Servo) -> Array:
-    """Return the voltage [V] of a position servo; see `Servo`."""
-    error = data[servo.goal] - data[servo.position]
-    duty = servo.gain_factor * _number(data, servo.gain, 1.0) * error
-    clipped: Array = np.clip(duty, -servo.limit, servo.limit) * _number(data, servo.supply, 1.0)
-    return clipped
+    """Return the voltage [V] of a position servo; see `Servo`.
+
+    A goal holds until the next one comes, while the position moves on: at a sample the voltage is
+    the mean of that before and that after the goal's step.
+    """
+    goal, gain = data[servo.goal], servo.gain_factor * _number(data, servo.gain, 1.0)
+    before = np.concatenate([goal[:1], goal[:-1]])
+    duties = [
+        np.clip(gain * (one - data[servo.position]), -servo.limit, servo.limit)
+        for one in (before, goal)
+    ]
+    voltage: Array = 0.5 * (duties[0] + duties[1]) * _number(data, servo.supply, 1.0)
+    return voltage
 
 
 def _number(data: Block, value: str | float | None, default: float) -> Array | float:

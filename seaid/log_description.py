@@ -38,6 +38,8 @@ class Clock:
 class Servo:
     """A proportional position servo: voltage = clip(g (goal - position), -limit, limit) supply.
 
+    A goal holds until the next sample.
+
     `goal` and `position` are columns in the same unit; g = `gain` times `gain_factor` is a duty
     cycle a unit; `gain` and `supply` [V] are columns or numbers.
     """

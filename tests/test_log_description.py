@@ -150,7 +150,10 @@ def test_voltage_of_a_position_servo_is_computed_and_clipped(tmp_path: Path) -> 
     arm = {"motor_position": None, "motor_torque": None, "motor_voltage": {"servo": servo}}
     description = described(**arm) | {"where": "on", "repair": repair}
     log = read_log(path, robot, description=description)
-    expected = 12 * np.clip(wave(0.5) - wave(0.7), -1, 1)[on > 0]
+    goal = wave(0.5)
+    held = np.concatenate([goal[:1], goal[:-1]])
+    before, after = (np.clip(one - wave(0.7), -1, 1) for one in (held, goal))
+    expected = 6 * (before + after)[on > 0]
     assert np.max(np.abs(expected)) == 12.0
     np.testing.assert_allclose(log.sensors()["motor_voltage"][:, 0], expected, rtol=1e-12)
 
@@ -469,8 +472,11 @@ def test_computed_voltage_is_that_of_the_servo(tmp_path: Path) -> None:
     log = read_log(path, robot, description=MODELS / "xl330.toml")
     rows = content["entries"]
     stamps = np.array([row["timestamp"] for row in rows])
-    error = np.array([row["goal_position"] - row["position"] for row in rows])
-    duty = np.clip(error * content["kp"] * 4096 / (2 * np.pi) / (256 * 885), -1, 1)
-    expected = np.interp(log.time, stamps, 7.4 * duty)
+    goal = np.array([row["goal_position"] for row in rows])
+    position = np.array([row["position"] for row in rows])
+    gain = content["kp"] * 4096 / (2 * np.pi) / (256 * 885)
+    held = np.concatenate([goal[:1], goal[:-1]])
+    before, after = (np.clip(gain * (one - position), -1, 1) for one in (held, goal))
+    expected = np.interp(log.time, stamps, 3.7 * (before + after))
     difference = log.sensors()["motor_voltage"][:, 0] - expected
     assert np.sqrt(np.mean(difference**2)) < 0.02 * np.std(expected)
