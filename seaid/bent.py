@@ -20,6 +20,7 @@ from seaid.drivetrain.regressor import DriveRegressor
 from seaid.errors import IdentificationError
 from seaid.estimation.projection import projected
 from seaid.estimation.solve import ordinary
+from seaid.found import with_values
 from seaid.motion import Motion
 from seaid.regression import (
     actuator_equation,
@@ -50,11 +51,12 @@ def straightened(robot: Robot, motions: Sequence[Motion]) -> Robot:
     Drives whose equations are linear stay as they are. Raises IdentificationError where a spring
     that is linear finds no stiffness to start from.
     """
-    drives = dict(robot.drivetrains)
-    for joint in robot.elastic_joints:
-        if actuator_equation(robot, motions[0], joint)[0].non_linear:
-            drives[joint] = _straight_drive(robot, motions, joint)
-    return robot.with_values(robot.parameters, drives)
+    found = {
+        joint: _straight_drive(robot, motions, joint)
+        for joint in robot.elastic_joints
+        if actuator_equation(robot, motions[0], joint)[0].non_linear
+    }
+    return robot.with_drivetrains(found) if found else robot
 
 
 def _straight_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Drive:
@@ -74,9 +76,8 @@ def _straight_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Driv
         upper,
     )
     values = dict(zip(names, found.bent.tolist(), strict=True))
-    return drive.with_values(
-        values | dict(zip(search.regressor.linear, found.linear.tolist(), strict=True))
-    )
+    values |= dict(zip(search.regressor.linear, found.linear.tolist(), strict=True))
+    return with_values(drive, values)
 
 
 @dataclass(frozen=True)
@@ -156,8 +157,7 @@ def _linear_start(
         known=known,
         nominal={},
     )
-    drives = {**robot.drivetrains, joint: plain}
-    simple = robot.with_values(robot.parameters, drives)
+    simple = robot.with_drivetrains({joint: plain})
     rows = stacked([actuator_regression(simple, motion, joint) for motion in motions])
     found = ordinary(rows)
     values = {**plain.values, **dict(zip(found.names, found.values.tolist(), strict=True))}

@@ -13,12 +13,13 @@ from seaid.arrays import Array, IndexArray
 from seaid.base import base_parameters
 from seaid.bent import Scale, bounds_of, starts_of
 from seaid.drivetrain.catalogue import PARAMETERS
+from seaid.drivetrain.model import Drive
 from seaid.drivetrain.regressor import DriveRegressor
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.information import information_of
+from seaid.estimation.information import Information, information_of
 from seaid.estimation.projection import projected
-from seaid.estimation.solve import ordinary, settled_weights, weighted
-from seaid.found import spring_of
+from seaid.estimation.solve import equal_weights, estimate_of, ordinary, solve
+from seaid.found import spring_of, with_values
 from seaid.load_side import LoadModel, load_model, load_regression, unknown_friction
 from seaid.motion import Motion
 from seaid.regression import (
@@ -40,6 +41,9 @@ _LEVELS = ("coulomb_friction", "stribeck_friction")
 
 _LOST = 1e-9
 
+_FEW = 1e-3
+"""Of two equations' weights the smaller over the larger is no less."""
+
 
 @dataclass(frozen=True, eq=False)
 class LoadFit:
@@ -49,6 +53,7 @@ class LoadFit:
     springs: Mapping[str, Array]
     estimate: Estimate
     rows: Regression
+    information: Information
 
 
 def bent_joints(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
@@ -66,11 +71,17 @@ def straightened_load(robot: Robot, motions: Sequence[Motion], used: Sequence[st
     if not bent:
         return robot
     scales = {joint: _scale(robot, motions, joint) for joint in bent}
-    robot = _started(robot, scales)
+    given, robot = robot.drivetrains, _started(robot, scales)
     for sweep in range(1 if len(bent) == 1 else _SWEEPS):
         for joint in bent:
-            robot = _searched(robot, motions, used, joint, scales[joint], first=sweep == 0)
+            grid = [] if sweep else _grid(robot, joint, given[joint], scales[joint])
+            robot = _searched(robot, motions, used, joint, scales[joint], grid)
     return robot
+
+
+def _grid(robot: Robot, joint: str, given: Drive, scale: Scale) -> list[Array]:
+    names = motor_regressor(robot, joint).non_linear
+    return [np.array(one) for one in product(*(starts_of(n, given, {}, scale) for n in names))]
 
 
 def fit_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> LoadFit:
@@ -83,7 +94,20 @@ def fit_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> Lo
             rows = stacked([actuator_regression(robot, motion, joint) for motion in motions])
             springs[joint] = spring_of(robot, ordinary(rows), joint).values
     rows = stacked([load_regression(robot, motion, model, springs) for motion in motions])
-    return LoadFit(model, springs, weighted(rows), rows)
+    information = information_of(rows)
+    estimate = estimate_of(information, _weights(information))
+    return LoadFit(model, springs, estimate, rows, information)
+
+
+def _weights(information: Information) -> Array:
+    """Return weights (E,) of the equations by what an ordinary fit leaves, within limits.
+
+    Settled ones are for the estimate: here the model is not right yet.
+    """
+    theta = solve(information, equal_weights(information)).values
+    std = information.residual_norms(theta) / np.sqrt(np.maximum(information.counts, 1))
+    largest = float(np.max(std))
+    return largest / np.maximum(std, _FEW * largest) if largest else equal_weights(information)
 
 
 def _scale(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
@@ -102,7 +126,7 @@ def _started(robot: Robot, scales: Mapping[str, Scale]) -> Robot:
             if name in PARAMETERS and name not in drive.values
         }
         drives[joint] = drive.with_values(values)
-    return robot.with_values(robot.parameters, drives)
+    return robot.with_drivetrains(drives)
 
 
 def _searched(
@@ -111,22 +135,18 @@ def _searched(
     used: Sequence[str],
     joint: str,
     scale: Scale,
-    *,
-    first: bool,
+    starts: Sequence[Array],
 ) -> Robot:
     """Return the robot with better bent parameters of one joint, all others held."""
     fit, drive = fit_load(robot, motions, used), robot.drivetrains[joint]
     search = _search(robot, motions, joint, fit)
     names = search.regressor.non_linear
-    grid = [starts_of(name, drive, {}, scale) for name in names] if first else [()]
-    starts = [np.array([drive.values[name] for name in names])]
-    starts += [np.array(one) for one in product(*grid) if one]
+    starts = [np.array([drive.values[name] for name in names]), *starts]
     lower, upper = (np.array([bounds_of(name, scale)[end] for name in names]) for end in (0, 1))
     found = projected(search.columns, search.slopes, starts, lower, upper)
     values = dict(zip(names, found.bent.tolist(), strict=True))
     values |= dict(zip(search.linear, found.linear.tolist(), strict=True))
-    better = {**robot.drivetrains, joint: drive.with_values(values)}
-    return robot.with_values(robot.parameters, better)
+    return robot.with_drivetrains({joint: with_values(drive, values)})
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,8 +207,8 @@ def _search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadFit) -
     rows, index, drive = fit.rows, robot.index(joint), robot.drivetrains[joint]
     regressor = motor_regressor(robot, joint)
     own = [f"{name} of {joint}" for name in regressor.names]
-    information = information_of(rows)
-    weights = settled_weights(information)
+    information = fit.information
+    weights = _weights(information)
     of_row = weights[np.searchsorted(information.equations, rows.joint)]
     rest = [place for place, name in enumerate(rows.names) if name not in own]
     H = of_row[:, None] * rows.H[:, rest]

@@ -24,7 +24,7 @@ from seaid.estimation.estimate import Estimate
 from seaid.estimation.estimators import Estimator, estimator_named
 from seaid.estimation.information import information_of
 from seaid.estimation.solve import settled_weights
-from seaid.found import spring_of, with_flags
+from seaid.found import joined, spring_of, with_flags
 from seaid.identification import Identification, packed
 from seaid.load_side import LoadModel, load_model, load_regression
 from seaid.motion import Motion
@@ -295,7 +295,7 @@ def _sides(
     }
     load_side = load.of(condition)
     base, others = split_load_side(model, load_side)
-    found = drives | others
+    found = joined(drives, others)
     sides = {**actuators, "load": load}
     return Sides(
         drivetrains={joint: found[joint] for joint in robot.joint_names if joint in found},

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from scipy import linalg
 
 from seaid.drivetrain.catalogue import PARAMETERS
 from seaid.drivetrain.model import Drive
@@ -24,7 +25,38 @@ def spring_of(robot: Robot, estimate: Estimate, joint: str) -> Estimate:
     return estimate.part([estimate.names.index(name) for name in names], names)
 
 
-_ZEROS = ("deflection_offset", "deflection_zero", "friction_offset", "coulomb_shift")
+def joined(drives: Mapping[str, Estimate], beside: Mapping[str, Estimate]) -> dict[str, Estimate]:
+    """Return the estimates of both by joint; of a joint in both, as one without correlation.
+
+    `drives` are those of actuator sides, `beside` what the load side tells of the same drives.
+    """
+    found = dict(beside)
+    for joint, drive in drives.items():
+        found[joint] = _with(drive, beside[joint]) if joint in beside else drive
+    return found
+
+
+def _with(drive: Estimate, other: Estimate) -> Estimate:
+    white = [one.white_standard_errors for one in (drive, other)]
+    known = [errors for errors in white if errors is not None]
+    return replace(
+        drive,
+        names=drive.names + other.names,
+        values=np.concatenate([drive.values, other.values]),
+        covariance=linalg.block_diag(drive.covariance, other.covariance),
+        units=drive.units + other.units,
+        flags=drive.flags + other.flags,
+        white_standard_errors=np.concatenate(known) if len(known) == len(white) else None,
+    )
+
+
+_ZEROS = (
+    "deflection_offset",
+    "deflection_zero",
+    "friction_offset",
+    "coulomb_shift",
+    "parallel_preload",
+)
 """Parameters that may well be zero: their relative error says nothing."""
 
 

@@ -43,12 +43,13 @@ def with_gear_torques(
     if not joints:
         return straightened_load(robot, motions, used), list(motions)
     drives = {joint: _without_load(robot.drivetrains[joint]) for joint in joints}
-    plain = robot.with_values(robot.parameters, {**robot.drivetrains, **drives})
+    plain = robot.with_drivetrains(drives)
     known = _known(straightened_load(plain, motions, used), motions, used)
+    found = plain
     for _ in range(_SEARCHES):
-        robot = straightened_load(robot, known, used)
-        known = _settled(robot, known, used)
-    return robot, known
+        found = straightened_load(robot, known, used)
+        known = _settled(found, known, used)
+    return found, known
 
 
 def with_gear_torque(

@@ -168,9 +168,7 @@ def identify(
     if sides == "joint":
         found = simultaneous_sides(robot, records, model, found, solver, joint_zero_std, executor)
     possible = _possible(robot, model, found) if feasible else None
-    return packed(
-        robot, model, found, records[0].cutoff_hz, possible, processing_of(records)
-    )
+    return packed(robot, model, found, records[0].cutoff_hz, possible, processing_of(records))
 
 
 def packed(
@@ -204,7 +202,11 @@ def _possible(robot: Robot, model: LoadModel, found: Sides) -> PossibleBodies:
     white = found.white_covariance
     if found.whole is not None:
         return possible_bodies(robot, model, found.whole, white_covariance=white)
-    elastic = {joint: found.drivetrains[joint] for joint in robot.elastic_joints}
+    elastic = {}
+    for joint in robot.elastic_joints:
+        drive, load = found.drivetrains[joint], found.load_side.names
+        own = [i for i, name in enumerate(drive.names) if f"{name} of {joint}" not in load]
+        elastic[joint] = drive.part(own, [drive.names[i] for i in own])
     return possible_bodies(robot, model, found.load_side, elastic, white_covariance=white)
 
 

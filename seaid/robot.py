@@ -117,6 +117,10 @@ class Robot:
         drives = FrozenMapping({joint: drivetrains[joint] for joint in self.joint_names})
         return replace(self, model=model, parameters=parameters, drivetrains=drives)
 
+    def with_drivetrains(self, drivetrains: Mapping[str, Drive]) -> Robot:
+        """Return the same robot with other drives at some joints."""
+        return self.with_values(self.parameters, {**self.drivetrains, **drivetrains})
+
     def without_nominal(self) -> Robot:
         """Return what is known before an identification: geometry, ratios, rotor inertias, payload.
 

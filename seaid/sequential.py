@@ -17,7 +17,7 @@ from seaid.estimation.estimators import Estimator
 from seaid.estimation.information import Information, information_of
 from seaid.estimation.model_checks import ModelChecks, model_checks
 from seaid.estimation.solve import estimate_of, settled_weights
-from seaid.found import spring_of, with_flags
+from seaid.found import joined, spring_of, with_flags
 from seaid.load_side import LoadModel, load_regression, zero_sensitivity
 from seaid.long_log import LongLog
 from seaid.motion import Motion
@@ -139,8 +139,8 @@ def sequential_sides(
         load = _load_side(
             robot, records, model, springs, estimator, joint_zero_std, executor, regressions
         )
-    base, stiff = split_load_side(model, load.estimate)
-    found = drives | stiff
+    base, beside = split_load_side(model, load.estimate)
+    found = joined(drives, beside)
     return Sides(
         drivetrains={joint: found[joint] for joint in robot.joint_names if joint in found},
         load=base,
@@ -235,12 +235,12 @@ def _with_zeros(
 
 
 def split_load_side(model: LoadModel, load_side: Estimate) -> tuple[Estimate, dict[str, Estimate]]:
-    """Return the base parameters, and the stiff drives' parameters {joint: Estimate}."""
+    """Return the base parameters, and what the load side tells of drives {joint: Estimate}."""
     p = len(model.base.columns)
     base = load_side.part(range(p), model.expressions)
-    stiff = {}
+    drives = {}
     for joint in dict.fromkeys(joint for joint, _, _ in model.drives):
         mine = [i for i, (owner, _, _) in enumerate(model.drives) if owner == joint]
         part = load_side.part([p + i for i in mine], [model.drives[i][1] for i in mine])
-        stiff[joint] = with_flags(part, joint, None)
-    return base, stiff
+        drives[joint] = with_flags(part, joint, None)
+    return base, drives

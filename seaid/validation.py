@@ -97,9 +97,10 @@ def _actuator(found: Identification, motion: Motion) -> tuple[Array, Array]:
     for joint in found.robot.elastic_joints:
         index, estimate = found.robot.index(joint), found.drivetrains[joint]
         regressor, zeta, R = actuator_columns(found.known, motion, joint)
-        if regressor.names != estimate.names:
+        if not set(regressor.names) <= set(estimate.names):
             continue
-        error = R @ estimate.values - zeta
+        values = np.array([estimate.value(name) for name in regressor.names])
+        error = R @ values - zeta
         measured[:, index] = _input_torque(found, motion, joint)
         if np.any(np.isnan(measured[:, index])):
             drive = found.known.drivetrains[joint]

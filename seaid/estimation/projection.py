@@ -22,6 +22,7 @@ Slopes = Callable[[Array, Array], Array]
 
 _LOST = 1e-9
 _MOST_EVALUATIONS = 60
+_FEW_STEPS, _MOST_TRIED = 8, 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,15 +43,31 @@ def projected(
 ) -> Projected:
     """Return the least-squares fit of a model that is linear but for b parameters.
 
-    The search goes on from the best of the `starts` (each (b,)), within `lower` < v < `upper` (b,),
-    which also set its scale where they are finite; a start on a bound is moved inside.
+    A few steps are taken from the best dozen of the `starts` (each (b,)), and the search goes on
+    from the best of these, within `lower` < v < `upper` (b,), which also set its scale where they
+    are finite; a start on a bound is moved inside.
     """
-    from scipy.optimize import least_squares
+
+    def misfit(v: Array) -> float:
+        return float(np.linalg.norm(_residual(columns, v)[0]))
 
     inside = [_inside(np.asarray(start, dtype=float), lower, upper) for start in starts]
-    best = min(inside, key=lambda v: float(np.linalg.norm(_residual(columns, v)[0])))
-    start, *_ = _residual(columns, best)
-    size = max(float(np.linalg.norm(start)), 1e-300)
+    inside = sorted(inside, key=misfit)[:_MOST_TRIED]
+    if len(inside) > 1:
+        tried = [_descended(columns, slopes, v, lower, upper, _FEW_STEPS) for v in inside]
+        inside = [min(tried, key=misfit)]
+    best = _descended(columns, slopes, inside[0], lower, upper, _MOST_EVALUATIONS)
+    rest, theta, _ = _residual(columns, best)
+    return Projected(best, theta, float(np.linalg.norm(rest)))
+
+
+def _descended(
+    columns: Columns, slopes: Slopes, start: Array, lower: Array, upper: Array, most: int
+) -> Array:
+    """Return where so many evaluations lead from a start."""
+    from scipy.optimize import least_squares
+
+    size = max(float(np.linalg.norm(_residual(columns, start)[0])), 1e-300)
 
     def residual(v: Array) -> Array:
         return _residual(columns, v)[0] / size
@@ -60,20 +77,20 @@ def projected(
         D = slopes(v, theta)
         return -(D - Q @ (Q.T @ D)) / size
 
-    scale = np.where(best != 0, np.abs(best), np.where(np.isfinite(upper), upper, 1.0))
+    scale = np.where(start != 0, np.abs(start), np.where(np.isfinite(upper), upper, 1.0))
+    start = _inside(start, lower, upper)
     found = least_squares(
         residual,
-        best,
+        start,
         jac=jacobian,
         bounds=(lower, upper),
         x_scale=scale,
         xtol=1e-12,
         ftol=1e-14,
         gtol=1e-14,
-        max_nfev=_MOST_EVALUATIONS,
+        max_nfev=most,
     )
-    rest, theta, _ = _residual(columns, found.x)
-    return Projected(np.asarray(found.x), theta, float(np.linalg.norm(rest)))
+    return np.asarray(found.x)
 
 
 def _residual(columns: Columns, v: Array) -> tuple[Array, Array, Array]:

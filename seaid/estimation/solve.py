@@ -17,6 +17,9 @@ from seaid.regression import Regression
 _LOST = 1e-7
 """Singular value, relative to the largest, below which a combination of columns is lost."""
 
+_ROUNDING = 1e-9
+"""A residual below this part of the target is rounding, or what an iteration left."""
+
 _MOST_REWEIGHTINGS = 1000
 _MOST_NAMED = 3
 
@@ -69,9 +72,9 @@ def settled_weights(information: Information) -> Array:
     for _ in range(_MOST_REWEIGHTINGS):
         std = information.residual_norms(solve(information, weights).values) / root_counts
         largest = float(np.max(std))
-        if largest <= 1e-12 * target:
+        if largest <= _ROUNDING * target:
             break
-        new = largest / np.maximum(std, 1e-9 * largest)
+        new = largest / np.maximum(std, _ROUNDING * target)
         settled = np.allclose(new, weights, rtol=1e-6)
         weights = new
         if settled:
@@ -103,10 +106,11 @@ def solve(information: Information, weights: Array) -> Solution:
         names = ", ".join(first_term(information.names[place]) for place in dead)
         raise ExcitationError(f"the motion does not excite {names}: move these joints")
     found = directions(R, information.names)
-    if found.shares[-1] < _LOST:
+    worst = float(found.shares[-1]) if p else 1.0
+    if worst < _LOST:
         raise ExcitationError(_lost(information, found))
     half = (found.vectors.T / (found.largest * found.shares)) / found.norms[:, None]
-    return Solution(half @ (found.left.T @ R[:p, p]), half @ half.T, float(1 / found.shares[-1]))
+    return Solution(half @ (found.left.T @ R[:p, p]), half @ half.T, 1 / worst)
 
 
 def estimate_of(
@@ -157,7 +161,9 @@ def _white(information: Information, weights: Array, theta: Array) -> Array:
     """Return the covariance (p, p) of the sum of scores if each equation's noise were white."""
     p = len(information.names)
     std = information.residual_norms(theta) / np.sqrt(np.maximum(information.counts, 1))
-    stack = ((weights**2 * std)[:, None, None] * information.factors[:, :, :p]).reshape(-1, p)
+    stack = ((weights**2 * std)[:, None, None] * information.factors[:, :, :p]).reshape(
+        len(weights) * (p + 1), p
+    )
     return np.asarray(stack.T @ stack)
 
 

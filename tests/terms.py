@@ -1,0 +1,187 @@
+"""Motions of a two-joint arm made from the equations of its drives, exact to rounding.
+
+Joint "one" has a stiff drive, "two" a spring (mostly). Everything is periodic and differentiated by
+its Fourier series; torques come from the equations by themselves, not from any regressor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from seaid.arrays import Array
+from seaid.base import base_parameters
+from seaid.drivetrain.equations import DriveEquation, joint_equation, motor_equation, spring_force
+from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
+from seaid.drivetrain.regressor import flat_names
+from seaid.drivetrain.symbols import SYMBOLS, known_values
+from seaid.estimation.estimators import estimator_named
+from seaid.identification import Identification, packed
+from seaid.load_side import load_model
+from seaid.log import Log
+from seaid.motion import Motion
+from seaid.rigid_body import joint_torques
+from seaid.robot import Payload, Robot, load_robot
+from seaid.sequential import known_torques, sequential_sides
+from seaid.straightening import straightened_robot
+
+PERIOD_S, RATE_HZ = 8.0, 500.0
+TIME = np.arange(int(PERIOD_S * RATE_HZ)) / RATE_HZ
+
+STIFF = StiffDrive(gear_ratio=40.0, motor_inertia_kg_m2=2e-5).with_values(
+    {"viscous_friction": 4e-4, "coulomb_friction": 0.02}
+)
+ELASTIC = SeriesElasticDrive(gear_ratio=50.0, motor_inertia_kg_m2=1e-5).with_values(
+    {"viscous_friction": 5e-4, "coulomb_friction": 0.03, "stiffness": 120.0}
+)
+
+_URDF = """<robot name="arm"><link name="base"/>
+<joint name="one" type="continuous"><parent link="base"/><child link="upper"/>
+<axis xyz="0 1 0"/><origin xyz="0 0 1"/></joint>
+<link name="upper"><inertial><origin xyz="0.02 0.01 -0.15"/><mass value="2.0"/>
+<inertia ixx="0.02" ixy="0.001" ixz="0" iyy="0.021" iyz="0" izz="0.004"/></inertial></link>
+<joint name="two" type="continuous"><parent link="upper"/><child link="lower"/>
+<axis xyz="0 1 0"/><origin xyz="0 0 -0.35"/></joint>
+<link name="lower"><inertial><origin xyz="0.01 0 -0.12"/><mass value="1.2"/>
+<inertia ixx="0.01" ixy="0" ixz="0.0005" iyy="0.01" iyz="0" izz="0.002"/></inertial></link>
+</robot>"""
+
+
+def arm(folder: Path, one: Drive, two: Drive, **options: Any) -> Robot:
+    """Return the arm with two drives; options as those of load_robot."""
+    path = folder / "arm.urdf"
+    path.write_text(_URDF)
+    return load_robot(path, {"one": one, "two": two}, **options)
+
+
+def with_terms(drive: Any, terms: Mapping[str, Any], values: Mapping[str, float]) -> Any:
+    """Return a drive with other terms and the true values of what they bring."""
+    return replace(drive, **terms).with_values(values)
+
+
+def exact_motion(robot: Robot, stretch: Mapping[str, Array] | None = None, seed: int = 1) -> Motion:
+    """Return the motion of the true robot, its cutoff infinite: nothing is filtered.
+
+    Springs are as stretched as the load asks for, which a plain one can say; `stretch` {joint:
+    deflection (T,)} says it for the others, whose load side is then wrong.
+    """
+    rng = np.random.default_rng(seed)
+    q = np.column_stack([_waves(rng, 0.8), _waves(rng, 1.1)])
+    v, a = slope(q), slope(slope(q))
+    load = joint_torques(robot, q, v, a)
+    motor, torque, current, voltage = (np.zeros_like(q) for _ in range(4))
+    for index, joint in enumerate(robot.joint_names):
+        drive, states = robot.drivetrains[joint], _states("theta_L", q[:, index])
+        nothing = dict.fromkeys(("tau_L", "tau_M", "i_M", "u_M"), np.zeros(len(q)))
+        load[:, index] += value_of(joint_equation(drive), drive, {**states, **nothing})
+        turned = drive.ratio * q[:, index]
+        if isinstance(drive, SeriesElasticDrive):
+            if stretch is None:
+                offset = drive.values.get("deflection_offset", 0.0)
+                d = (load[:, index] / drive.load_radius - offset) / drive.values["stiffness"]
+            else:
+                d = stretch[joint]
+            turned = drive.ratio / drive.motor_radius * (d + drive.load_radius * q[:, index])
+        motor[:, index] = turned
+        by_name = states | _states("theta_M", turned)
+        by_name |= nothing | {"tau_L": load[:, index], "tau_G": load[:, index]}
+        needed = value_of(motor_equation(drive), drive, by_name)
+        torque[:, index] = needed
+        current[:, index] = needed / drive.values.get("torque_constant", 1.0)
+        voltage[:, index] = needed / drive.values.get("voltage_constant", 1.0)
+    kinds = np.array([robot.drivetrains[joint].motor_input for joint in robot.joint_names])
+    return Motion(
+        time=TIME,
+        joint_names=robot.joint_names,
+        joint_position=q,
+        joint_velocity=v,
+        joint_acceleration=a,
+        motor_position=motor,
+        motor_velocity=slope(motor),
+        motor_acceleration=slope(slope(motor)),
+        motor_torque=np.where(kinds == "torque", torque, np.nan),
+        joint_torque=np.full_like(q, np.nan),
+        cutoff_hz=np.inf,
+        motor_current=np.where(kinds == "current", current, np.nan),
+        motor_voltage=np.where(kinds == "voltage", voltage, np.nan),
+    )
+
+
+def free_stretch(reach: float, seed: int = 5) -> Array:
+    """Return a deflection (T,) that has nothing to do with any load."""
+    wave = _waves(np.random.default_rng(seed), 1.0)
+    return np.asarray(reach * wave / np.max(np.abs(wave)))
+
+
+def noisy_log(motion: Motion, torque_std: float, angle_std: float, seed: int = 3) -> Log:
+    """Return the log of a motion with white noise; current and voltage have that of the torque."""
+    rng = np.random.default_rng(seed)
+
+    def measured(values: Array, std: float) -> Array:
+        return np.asarray(values + std * rng.normal(size=values.shape))
+
+    inputs = {
+        name: measured(values, torque_std)
+        for name in ("motor_current", "motor_voltage")
+        if np.any(np.isfinite(values := getattr(motion, name)))
+    }
+    return Log(
+        time=motion.time,
+        joint_names=motion.joint_names,
+        joint_position=measured(motion.joint_position, angle_std),
+        motor_position=measured(motion.motor_position, angle_std),
+        motor_torque=measured(motion.motor_torque, torque_std),
+        **inputs,
+    )
+
+
+def identified(robot: Robot, motion: Motion, rows: list[str] | None = None) -> Identification:
+    """Do what `identify` does, with a motion instead of a log, from nothing but what is known."""
+    known = robot.without_nominal()
+    used = known_torques(known, [motion]) if rows is None else tuple(rows)
+    known, records = straightened_robot(known, [motion], used)
+    model = load_model(known, base_parameters(known, rows=used), used)
+    sides = sequential_sides(known, records, model, estimator_named("wls"), 0.0, None, False)
+    return packed(known, model, sides, motion.cutoff_hz)
+
+
+def value_of(equation: DriveEquation, drive: Drive, by_name: Mapping[str, Array]) -> Array:
+    """Return the expression of an equation (T,) with the true values of a drive."""
+    values = {str(symbol): value for symbol, value in known_values(drive).items()}
+    values |= {str(SYMBOLS[name]): value for name, value in drive.values.items()}
+    flat = flat_names(equation.expression)
+    names = sorted(map(str, flat.free_symbols))
+    plain = flat.xreplace({symbol: sp.Symbol(str(symbol)) for symbol in flat.free_symbols})
+    function = sp.lambdify([sp.Symbol(name) for name in names], plain, modules="numpy")
+    arguments = [by_name[name] if name in by_name else values.get(name, 0.0) for name in names]
+    return np.broadcast_to(function(*arguments), TIME.shape).astype(float)
+
+
+def slope(values: Array) -> Array:
+    """Return the derivative of periodic columns (T, ...)."""
+    spectrum = np.fft.rfft(values, axis=0)
+    factor = 2j * np.pi * np.fft.rfftfreq(len(values), 1 / RATE_HZ)
+    factor = factor.reshape(-1, *[1] * (values.ndim - 1))
+    return np.asarray(np.fft.irfft(factor * spectrum, len(values), axis=0))
+
+
+def _states(name: str, position: Array) -> dict[str, Array]:
+    velocity = slope(position)
+    return {name: position, f"{name}_dot": velocity, f"{name}_ddot": slope(velocity)}
+
+
+def _waves(rng: np.random.Generator, reach: float) -> Array:
+    """Return eight harmonics with random amplitudes and phases, (T,)."""
+    wave = np.zeros(len(TIME))
+    for harmonic in range(1, 9):
+        amplitude = rng.normal() / harmonic**0.7
+        wave += amplitude * np.sin(2 * np.pi * harmonic * TIME / PERIOD_S + rng.uniform(0, 7))
+    return np.asarray(reach * wave / np.max(np.abs(wave)))
+
+
+__all__ = ["ELASTIC", "STIFF", "Payload", "arm", "exact_motion", "identified", "spring_force"]
