@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from seaid.robot import Robot, load_robot
     from seaid.sensors import Identifiability, identifiability
     from seaid.simulation import Noise, simulate
+    from seaid.term_selection import TermSelection, compare_terms
     from seaid.validation import Validation, validate
 
 __version__ = "0.1.0"
@@ -101,6 +102,7 @@ _WHERE = {
     "robot": ("Robot", "load_robot"),
     "sensors": ("Identifiability", "identifiability"),
     "simulation": ("Noise", "simulate"),
+    "term_selection": ("TermSelection", "compare_terms"),
     "validation": ("Validation", "validate"),
 }
 _MODULE_OF = {name: module for module, names in _WHERE.items() for name in names}
@@ -139,10 +141,12 @@ __all__ = [
     "SeriesElasticDrive",
     "StiffDrive",
     "SymbolicError",
+    "TermSelection",
     "Trajectory",
     "Validation",
     "add_run_in",
     "base_parameters",
+    "compare_terms",
     "correct_delays",
     "cross_check",
     "cross_validate",

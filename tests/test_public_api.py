@@ -40,6 +40,7 @@ FUNCTIONS = {
     "reconstruct_motion": "robot log cutoff_hz",
     "identify": "robot logs rows sides estimator feasible cutoff_hz joint_zero_std executor "
     "progress",
+    "compare_terms": "robot logs joints terms rows cutoff_hz progress",
     "identify_conditions": "conditions own rows estimator cutoff_hz progress",
     "cross_validate": "robot logs parts progress",
     "open_long_log": "path robot columns cutoff_hz chunk_samples",
@@ -81,6 +82,7 @@ CLASSES = {
     "PossibleBodies": "robot values estimate distance chi_square held notes",
     "Identifiability": "names identifiable combinations ratios unidentifiable base rank usable gap "
     "agree table body_count",
+    "TermSelection": "gains recommended robot",
     "Conditions": "found own differences summary",
     "Identification": "drivetrains load base robot checks possible summary to_dict save",
     "Estimate": "names values covariance standard_errors units residual_std condition_number "

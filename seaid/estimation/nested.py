@@ -10,7 +10,6 @@ import numpy as np
 
 from seaid.arrays import Array, BoolArray
 from seaid.errors import IdentificationError
-from seaid.estimation.checks import term_test
 from seaid.estimation.information import Information, information_of
 from seaid.regression import Regression
 
@@ -48,38 +47,46 @@ def gain(
     rows: Regression,
     weights: Array,
     base: Sequence[str],
-    terms: Sequence[str],
+    whole: Sequence[str],
     independent: float,
     asked: int,
 ) -> Gain:
-    """Return what the columns `terms` are worth beside the columns `base` of rows.
+    """Return what a model with the columns `whole` of rows is worth beside that with `base`.
 
-    `weights` (E,) of the equations are held; so many `independent` rows tell as much as the
-    correlated ones; so many terms were `asked` about. Raises as `term_test` does.
+    `whole` holds what `base` can say and more, if not in the same columns. `weights` (E,) of the
+    equations are held; so many `independent` rows tell as much as the correlated ones; so many
+    models were `asked` about. Raises IdentificationError for too few rows, and for a model that is
+    not larger.
     """
-    kept = [*base, *terms]
-    places = [rows.names.index(name) for name in kept]
-    picked = replace(
-        rows,
-        names=tuple(kept),
-        units=tuple(rows.units[place] for place in places),
-        H=rows.H[:, places],
-    )
-    test = term_test(information_of(picked), weights, terms, independent)
-    parts = [information_of(_part(picked, block)) for block in time_blocks(picked)]
-    factors = [part.weighted_factor(_of(part, picked, weights)) for part in parts]
-    without, whole = (
-        _left_out(factors, columns) for columns in (range(len(base)), range(len(kept)))
-    )
-    change, total = without - whole, float(np.sum(without))
+    more = len(whole) - len(base)
+    if more < 1 or independent <= len(whole):
+        raise IdentificationError(
+            f"a comparison needs a larger model and more independent rows than its {len(whole)} "
+            f"parameters, found {more} more parameters and {independent:.1f} rows"
+        )
+    parts = [information_of(_part(rows, block)) for block in time_blocks(rows)]
+    factors = [part.weighted_factor(_of(part, rows, weights)) for part in parts]
+    columns = [[rows.names.index(name) for name in names] for names in (base, whole)]
+    growth = _residual(factors, columns[0]) / max(_residual(factors, columns[1]), 1e-300)
+    without, within = (_left_out(factors, chosen) for chosen in columns)
+    change, total = without - within, max(float(np.sum(without)), 1e-300)
+    penalty = more * math.log(independent) + 2 * math.log(max(asked, 1))
     return Gain(
-        bic=test.bic - 2 * math.log(max(asked, 1)),
-        F=test.F,
+        bic=independent * math.log(max(growth, 1e-300)) - penalty,
+        F=(independent - len(whole)) / more * (growth - 1),
         improvement=float(np.sum(change)) / total,
         improvement_std=math.sqrt(len(change)) * float(np.std(change, ddof=1)) / total,
         better=int(np.sum(change > 0)),
         blocks=len(change),
     )
+
+
+def common_rows(one: Regression, other: Regression) -> tuple[Regression, Regression]:
+    """Return the rows of the same equations and instants in two regressions of the same logs."""
+    keys = [list(zip(rows.joint, rows.run, rows.time, strict=True)) for rows in (one, other)]
+    shared = set(keys[0]) & set(keys[1])
+    masks = [np.array([key in shared for key in found], dtype=bool) for found in keys]
+    return _part(one, masks[0]), _part(other, masks[1])
 
 
 def time_blocks(rows: Regression, count: int = BLOCKS) -> list[BoolArray]:
@@ -113,15 +120,24 @@ def _of(part: Information, rows: Regression, weights: Array) -> Array:
     return np.array([weights[equations.index(equation)] for equation in part.equations])
 
 
-def _left_out(factors: Sequence[Array], columns: range) -> Array:
+def _residual(factors: Sequence[Array], columns: Sequence[int]) -> float:
+    """Return the squared residual of all rows with some columns."""
+    R = np.concatenate(factors)
+    theta = _solved(R[:, columns], R[:, -1])
+    return float(np.sum((R[:, -1] - R[:, columns] @ theta) ** 2))
+
+
+def _left_out(factors: Sequence[Array], columns: Sequence[int]) -> Array:
     """Return the squared error of each block, predicted from the others with some columns."""
-    kept = [*columns, -1]
     errors = np.empty(len(factors))
     for place, left in enumerate(factors):
         others = np.concatenate([R for other, R in enumerate(factors) if other != place])
-        H, y = others[:, columns], others[:, -1]
-        norms = np.linalg.norm(H, axis=0)
-        norms[norms == 0] = 1.0
-        theta = np.linalg.lstsq(H / norms, y, rcond=_LOST)[0] / norms
-        errors[place] = np.sum((left[:, kept] @ np.append(-theta, 1.0)) ** 2)
+        theta = _solved(others[:, columns], others[:, -1])
+        errors[place] = np.sum((left[:, -1] - left[:, columns] @ theta) ** 2)
     return errors
+
+
+def _solved(H: Array, y: Array) -> Array:
+    norms = np.linalg.norm(H, axis=0)
+    norms[norms == 0] = 1.0
+    return np.asarray(np.linalg.lstsq(H / norms, y, rcond=_LOST)[0] / norms)

@@ -1,9 +1,13 @@
 """Nested models: what a term is worth by BIC and by prediction of what was left out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from seaid.errors import IdentificationError
+from seaid.estimation.checks import term_test
+from seaid.estimation.information import information_of
 from seaid.estimation.nested import gain, time_blocks
 from seaid.regression import Regression
 
@@ -30,8 +34,8 @@ def rows(
 
 def test_a_term_that_is_there_is_worth_it_and_one_that_is_not_is_not() -> None:
     data = rows((1.0, -2.0, 0.05, 0.0))
-    there = gain(data, np.ones(2), NAMES[:2], ("c",), 400.0, 2)
-    missing = gain(data, np.ones(2), NAMES[:2], ("d",), 400.0, 2)
+    there = gain(data, np.ones(2), NAMES[:2], NAMES[:3], 400.0, 2)
+    missing = gain(data, np.ones(2), NAMES[:2], ("a", "b", "d"), 400.0, 2)
     assert there.is_worth_it
     assert there.F > 40
     assert there.better >= 7
@@ -41,7 +45,7 @@ def test_a_term_that_is_there_is_worth_it_and_one_that_is_not_is_not() -> None:
 def test_what_is_not_there_is_seldom_found() -> None:
     """The rate of false alarms of one question of six, 400 draws."""
     alarms = [
-        gain(rows((1.0, -2.0, 0.0, 0.0), seed=seed), np.ones(2), NAMES[:2], ("c",), 400.0, 6)
+        gain(rows((1.0, -2.0, 0.0, 0.0), seed=seed), np.ones(2), NAMES[:2], NAMES[:3], 400.0, 6)
         for seed in range(400)
     ]
     assert np.mean([one.is_worth_it for one in alarms]) < 0.01
@@ -49,7 +53,7 @@ def test_what_is_not_there_is_seldom_found() -> None:
 
 def test_improvement_is_that_of_refitting_without_each_block() -> None:
     data = rows((1.0, -2.0, 0.3, 0.2))
-    found = gain(data, np.ones(2), ("a",), ("b", "c"), 400.0, 1)
+    found = gain(data, np.ones(2), ("a",), ("a", "b", "c"), 400.0, 1)
     errors = np.zeros((2, 8))
     for place, block in enumerate(time_blocks(data)):
         for model, columns in enumerate(([0], [0, 1, 2])):
@@ -58,6 +62,21 @@ def test_improvement_is_that_of_refitting_without_each_block() -> None:
             errors[model, place] = np.sum((data.y[block] - H[block] @ theta) ** 2)
     assert found.improvement == pytest.approx(1 - errors[1].sum() / errors[0].sum())
     assert found.better == np.sum(errors[1] < errors[0])
+
+
+def test_the_criterion_is_that_of_a_term_test_less_what_asking_costs() -> None:
+    data = rows((1.0, -2.0, 0.05, 0.0))
+    found = gain(data, np.ones(2), NAMES[:2], NAMES[:3], 400.0, 5)
+    less = replace(data, names=NAMES[:3], units=("1",) * 3, H=data.H[:, :3])
+    test = term_test(information_of(less), np.ones(2), ["c"], 400.0)
+    assert found.F == pytest.approx(test.F)
+    assert found.bic == pytest.approx(test.bic - 2 * np.log(5))
+
+
+def test_a_model_that_is_not_larger_is_refused() -> None:
+    data = rows((1.0, -2.0, 0.05, 0.0))
+    with pytest.raises(IdentificationError, match="found 0 more parameters and 400.0 rows"):
+        gain(data, np.ones(2), NAMES[:2], NAMES[:2], 400.0, 1)
 
 
 def test_blocks_are_equal_parts_in_time_over_the_runs() -> None:
