@@ -69,7 +69,7 @@ PARAMETERS = {
     "coulomb_shift": Parameter("rad/s", is_positive=False),
     "friction_offset": Parameter("N m", is_positive=False),
     "asymmetric_friction": Parameter("N m s/rad", is_positive=False),
-    "quadratic_friction": Parameter("N m s^2/rad^2"),
+    "quadratic_friction": Parameter("N m s^2/rad^2", is_positive=False),
     "load_friction": Parameter("1"),
     "stribeck_friction": Parameter("N m", is_positive=False),
     "stribeck_speed": Parameter("rad/s"),
