@@ -18,6 +18,7 @@ from seaid.filtering import spline_derivatives
 from seaid.log import Log
 from seaid.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, advance, plant_of
 from seaid.robot import Robot
+from seaid.transmission import at_drives
 
 _LONGEST_STEP_S = 1e-3
 
@@ -106,18 +107,20 @@ def _logged(robot: Robot, log: Log) -> Command:
 
 
 def _start(robot: Robot, log: Log) -> Array:
-    """Return the first state (4, n) of a log; motors of stiff drives turn with the joints."""
+    """Return the first state (4, n) of a log; motors of stiff drives turn with their joints."""
     state = np.zeros((4, robot.n))
     for index, joint in enumerate(robot.joint_names):
-        ratio, drive = robot.drivetrains[joint].ratio, robot.drivetrains[joint]
         position = _column(robot, log, "joint_position", joint)[:, None]
         state[JOINT_POSITION, index] = position[0, 0]
         state[JOINT_SPEED, index] = spline_derivatives(log.time, position)[1][0, 0]
+    position, speed = at_drives(robot.transmission, state[[JOINT_POSITION, JOINT_SPEED]])
+    for index, joint in enumerate(robot.joint_names):
+        drive = robot.drivetrains[joint]
         if isinstance(drive, SeriesElasticDrive):
             turned = _column(robot, log, "motor_position", joint)[:, None]
             state[POSITION, index] = turned[0, 0]
             state[SPEED, index] = spline_derivatives(log.time, turned)[1][0, 0]
         else:
-            state[POSITION, index] = ratio * state[JOINT_POSITION, index]
-            state[SPEED, index] = ratio * state[JOINT_SPEED, index]
+            state[POSITION, index] = drive.ratio * position[index]
+            state[SPEED, index] = drive.ratio * speed[index]
     return state

@@ -47,6 +47,7 @@ from seaid.log import Log
 from seaid.motion import Motion, reconstruct_motion
 from seaid.output_error import refine
 from seaid.regression import actuator_regression
+from seaid.replaying import replay
 from seaid.robot import Robot, load_robot
 from seaid.symbolic.exact_base import base_parameters as exact_base_parameters
 from seaid.symbolic.whole_model import complete_model
@@ -647,6 +648,14 @@ def test_motors_drive_coupled_joints_to_where_they_were(name: str) -> None:
     torque, payload, H, _ = load_columns(known, made, model, springs)
     residual = (torque - payload - H @ theta)[inside][:, elastic_joints]
     assert np.all(np.std(residual, axis=0) < 1e-3 * np.std(torque[:, elastic_joints], axis=0))
+
+
+@pytest.mark.parametrize("name", ["stiff differential", "mixed differential"])
+def test_a_replay_starts_with_coupled_motors_where_they_were(name: str) -> None:
+    case = CASES[name]()
+    log = log_of(true_motion(case)).between(0.6, 0.8)
+    again = replay(case.robot, log)
+    assert again.motor_position[0] == pytest.approx(log.motor_position[0], abs=1e-9)
 
 
 def test_possible_bodies_of_a_coupled_robot() -> None:
