@@ -56,7 +56,8 @@ def with_gear_torque(
     robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
 ) -> Motion:
     """Return the motion with the torque through the gears that a fit of the load side says."""
-    _, payload, H, _ = load_columns(robot, motion, model, springs)
+    unloaded = replace(motion, gear_torque=np.zeros_like(motion.joint_position))
+    _, payload, H, _ = load_columns(robot, unloaded, model, springs)
     drives = [
         place
         for place, (joint, name, _) in enumerate(model.drives, len(model.expressions))
