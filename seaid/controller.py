@@ -6,12 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from scipy.ndimage import gaussian_filter1d
 
 from seaid.arrays import Array
-from seaid.plant import Plant
+from seaid.drivetrain.acting import spring_curve, stretch_of
+from seaid.drivetrain.model import SeriesElasticDrive
+from seaid.plant import Plant, inverse_inertia
 
 _LEAST_BANDWIDTH_RAD_S = 60.0
 _DAMPING = 0.7
+_PASSAGE_S = 0.01
 _SLOW = 0.02
 """Below this part of the highest speed the feedforward of Coulomb friction fades."""
 
@@ -41,19 +45,37 @@ def joint_controller(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float)
 
     An elastic joint is flat in its position: (8) gives the motor angle, (7) the motor torque.
     """
-    data = plant.model.createData()
-    load = np.array([pin.rnea(plant.model, data, *states) for states in zip(q, v, a, strict=True)])
+    planned, load = q, _drive_torques(plant, q, v, a)
+    if plant.coupling is not None:
+        q, v = q @ plant.coupling.T, v @ plant.coupling.T
+    for index, drive in plant.acting:
+        width = float(plant.joint_width[index])
+        pairs = zip(q[:, index].tolist(), v[:, index].tolist(), strict=True)
+        load[:, index] += [drive.beside(*pair, width) for pair in pairs]
     N, r_M, r_L = plant.ratio, plant.motor_radius, plant.load_radius
-    stretch = np.where(plant.elastic, load / (np.where(plant.elastic, plant.stiffness, 1) * r_L), 0)
+    stretch = np.where(
+        plant.elastic, load / (np.where(plant.stiffness > 0, plant.stiffness, 1) * r_L), 0
+    )
+    stiffness = plant.stiffness.copy()
+    for index, _ in plant.acting:
+        if plant.elastic[index]:
+            force = load[:, index] / r_L[index]
+            stretch[:, index], stiffness[index] = _bent_stretch(plant, index, force, rate_hz)
     motor_position = np.where(plant.elastic, N / r_M * (r_L * q + stretch), N * q)
     motor_velocity = np.gradient(motor_position, 1 / rate_hz, axis=0)
     motor_acceleration = np.gradient(motor_velocity, 1 / rate_hz, axis=0)
     slow = _SLOW * np.maximum(np.max(np.abs(motor_velocity), axis=0), 1e-300)
     friction = plant.viscous * motor_velocity + plant.coulomb * np.tanh(motor_velocity / slow)
+    for index, drive in plant.acting:
+        turned = (motor_position, motor_velocity, q, v, load)
+        states = np.column_stack([values[:, index] for values in turned])
+        direction = np.tanh(motor_velocity[:, index] / slow[index])
+        friction[:, index] = [drive.friction(*state) for state in states.tolist()]
+        friction[:, index] += direction * [drive.level(*state) for state in states.tolist()]
     elastic = plant.motor_inertia * motor_acceleration + r_M / N * load / r_L
     feedforward = friction + np.where(plant.elastic, elastic, load / N)
-    inertia = np.where(plant.elastic, plant.motor_inertia, _least_inertia(plant, q) / N**2)
-    resonance = np.sqrt(plant.stiffness / np.maximum(plant.motor_inertia, 1e-300)) * r_M / N
+    inertia = np.where(plant.elastic, plant.motor_inertia, _least_inertia(plant, planned) / N**2)
+    resonance = np.sqrt(stiffness / np.maximum(plant.motor_inertia, 1e-300)) * r_M / N
     bandwidth = np.where(plant.elastic, 2 * resonance, 0.0)
     bandwidth = np.clip(bandwidth, _LEAST_BANDWIDTH_RAD_S, 0.2 * rate_hz)
     return JointController(
@@ -66,14 +88,37 @@ def joint_controller(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float)
     )
 
 
+def _drive_torques(plant: Plant, q: Array, v: Array, a: Array) -> Array:
+    """Return the torques (T, n) on what the drives turn, with the rotors of stiff drives."""
+    data = plant.model.createData()
+    load = np.array([pin.rnea(plant.model, data, *states) for states in zip(q, v, a, strict=True)])
+    if plant.rotors is None or plant.uncoupling is None:
+        return load
+    return np.asarray((load + a @ plant.rotors) @ plant.uncoupling)
+
+
+def _bent_stretch(plant: Plant, index: int, force: Array, rate_hz: float) -> tuple[Array, float]:
+    """Return the stretch (T,) of a spring under a force (T,), without jumps, and its stiffness.
+
+    Through a dead zone the motor cannot jump: it passes within some milliseconds.
+    """
+    drive = plant.drives[index]
+    assert isinstance(drive, SeriesElasticDrive)
+    curve = spring_curve(drive)
+    stretch = stretch_of(curve, force)
+    if "dead_zone" in drive.spring:
+        stretch = gaussian_filter1d(stretch, _PASSAGE_S * rate_hz, mode="nearest")
+    return stretch, max(float(np.median(curve.slope(stretch))), 0.0)
+
+
 def _least_inertia(plant: Plant, q: Array) -> Array:
-    """Return the least inertia (n,) that each joint feels along a motion with the others free.
+    """Return the least inertia (n,) that each drive feels along a motion with the others free.
 
     Gains on the diagonal inertia would be too high where joints are strongly coupled.
     """
-    data = plant.model.createData()
+    data, C = plant.model.createData(), plant.coupling
     felt = []
     for configuration in q[:: max(1, len(q) // 50)]:
-        inverse = np.triu(pin.computeMinverse(plant.model, data, configuration))
-        felt.append(1 / np.diag(inverse))
+        inverse = inverse_inertia(plant, data, configuration)
+        felt.append(1 / np.diag(inverse if C is None else C @ inverse @ C.T))
     return np.asarray(np.min(felt, axis=0))

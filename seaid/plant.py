@@ -5,111 +5,56 @@ Inside this module all joints are in the order of Pinocchio's model.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import math
 
 import numpy as np
 import pinocchio as pin
 
-from seaid.arrays import Array, BoolArray
-from seaid.drivetrain.extra_terms import extra_torque
-from seaid.drivetrain.model import Drive, SeriesElasticDrive
-from seaid.errors import RobotError, SeaidError
-from seaid.robot import Robot
+from seaid.arrays import Array, IndexArray
+from seaid.errors import SeaidError
+from seaid.plant_model import (
+    JOINT_POSITION,
+    JOINT_SPEED,
+    POSITION,
+    SPEED,
+    Plant,
+    mass_matrix,
+    plant_of,
+)
+
+__all__ = [
+    "JOINT_POSITION",
+    "JOINT_SPEED",
+    "POSITION",
+    "REST_RAD_S",
+    "SPEED",
+    "Plant",
+    "accelerations",
+    "advance",
+    "drive_states",
+    "gear_torques",
+    "inverse_inertia",
+    "plant_of",
+    "slip_directions",
+    "spring_force",
+]
 
 REST_RAD_S = 1e-9
 """A motor slower than this is at rest, and friction may hold it."""
 
 _MOST_EVENTS = 200
+_MOST_TURNS, _SETTLED = 60, 1e-11
+"""The torque through a gear, where friction depends on it, settles to this part of itself."""
 
-Extra = Callable[[float, float, float, float], float]
-POSITION, SPEED, JOINT_POSITION, JOINT_SPEED = range(4)
-"""Rows of a state (4, n): motor angle and speed, joint position and speed."""
-
-
-@dataclass(frozen=True, eq=False)
-class Plant:
-    """Numbers of the complete model, each (n,); stiffness 0 and not `elastic` where stiff.
-
-    `motor_lever` r_M/N, `elastic_lever` r_L and `motor_mobility` 1/I_M, the latter two zero where
-    stiff; `stiff_ratio` N, zero where elastic.
-    `model` carries the rotor inertia of stiff drives as armature, seen at the joint.
-    """
-
-    model: pin.Model
-    elastic: BoolArray
-    ratio: Array
-    motor_inertia: Array
-    viscous: Array
-    coulomb: Array
-    motor_radius: Array
-    load_radius: Array
-    stiffness: Array
-    motor_lever: Array
-    elastic_lever: Array
-    motor_mobility: Array
-    stiff_ratio: Array
-    extras: tuple[tuple[int, Extra], ...]
+_NOTHING = 1e-300
+"""A slip that is there and has no friction."""
 
 
-def plant_of(robot: Robot) -> Plant:
-    """Return the plant of a robot with its payloads and nominal values.
-
-    Raises RobotError naming joint and value where a nominal value is not given.
-    """
-    if not np.all(np.isfinite(robot.parameters)):
-        raise RobotError(f"'{robot.name}' has no inertial parameters: it cannot be simulated")
-    drives = [robot.drivetrains[robot.joint_names[index]] for index in robot.model_order]
-    names = [robot.joint_names[index] for index in robot.model_order]
-
-    def nominal(value_of: Callable[[str, Drive, str], float], name: str) -> Array:
-        pairs = zip(names, drives, strict=True)
-        return np.array([value_of(joint, drive, name) for joint, drive in pairs])
-
-    elastic = np.array([isinstance(drive, SeriesElasticDrive) for drive in drives])
-    ratio = np.array([drive.ratio for drive in drives])
-    inertia = nominal(_nominal, "motor_inertia_kg_m2")
-    motor_radius = np.array([getattr(drive, "motor_radius", 1.0) for drive in drives])
-    load_radius = np.array([getattr(drive, "load_radius", 1.0) for drive in drives])
-    model = robot.model.copy()
-    model.armature = np.where(elastic, 0.0, ratio**2 * inertia)
-    if np.any(elastic & (inertia == 0)):
-        name = names[int(np.flatnonzero(elastic & (inertia == 0))[0])]
-        raise RobotError(f"joint '{name}': an elastic drive needs a motor inertia to be simulated")
-    return Plant(
-        model=model,
-        elastic=elastic,
-        ratio=ratio,
-        motor_inertia=inertia,
-        viscous=nominal(_friction, "viscous"),
-        coulomb=nominal(_friction, "coulomb"),
-        motor_radius=motor_radius,
-        load_radius=load_radius,
-        stiffness=nominal(_nominal, "stiffness"),
-        motor_lever=motor_radius / ratio,
-        elastic_lever=np.where(elastic, load_radius, 0.0),
-        motor_mobility=np.where(elastic, 1 / np.where(elastic, inertia, 1.0), 0.0),
-        stiff_ratio=np.where(elastic, 0.0, ratio),
-        extras=tuple(
-            (index, extra_torque(drive)) for index, drive in enumerate(drives) if drive.extra_terms
-        ),
-    )
-
-
-def _nominal(joint: str, drive: Drive, name: str) -> float:
-    if name == "stiffness" and not isinstance(drive, SeriesElasticDrive):
-        return 0.0
-    value = getattr(drive, name)
-    if value is None:
-        raise RobotError(
-            f"joint '{joint}': '{name}' is not given; a simulation needs a nominal value"
-        )
-    return float(value)
-
-
-def _friction(joint: str, drive: Drive, term: str) -> float:
-    name = {"viscous": "viscous_friction_Nms_per_rad", "coulomb": "coulomb_friction_Nm"}[term]
-    return _nominal(joint, drive, name) if term in drive.friction else 0.0
+def drive_states(plant: Plant, state: Array) -> Array:
+    """Return a state (4, n) with what the drives turn, phi = C q, in place of the joints."""
+    if plant.coupling is None:
+        return state
+    return np.concatenate([state[:JOINT_POSITION], state[JOINT_POSITION:] @ plant.coupling.T])
 
 
 def accelerations(
@@ -118,15 +63,43 @@ def accelerations(
     """Return motor and joint acceleration at a state under a motor torque.
 
     `slip` (n,) is the direction in which dry friction is overcome, 0 where it holds the motor.
+    Raises SeaidError where friction under load has no solution.
     """
+    turned = drive_states(plant, state)
     free = torque - plant.viscous * state[SPEED] - plant.coulomb * slip
     for index, extra in plant.extras:
-        free[index] -= extra(*state[:, index])
-    force = spring_force(plant, state)
+        free[index] -= extra(*turned[:, index])
+    force = spring_force(plant, turned)
+    if not plant.acting:
+        return _driven(plant, data, state, free, force, slip)
+    at = turned.T.tolist()
+    gear, under_load = np.zeros_like(free), list(plant.under_load)
+    for _ in range(_MOST_TURNS):
+        rest = free.copy()
+        for index, drive in plant.acting:
+            through = float(gear[index])
+            rest[index] -= drive.friction(*at[index], through)
+            if slip[index] != 0:
+                rest[index] -= drive.level(*at[index], through) * slip[index]
+        motor, joint = _driven(plant, data, state, rest, force, slip)
+        found = (plant.ratio * (rest - plant.motor_inertia * motor))[under_load]
+        if np.all(np.abs(found - gear[under_load]) <= _SETTLED * (1 + np.abs(found))):
+            return motor, joint
+        gear[under_load] = found
+    raise SeaidError("friction under load does not settle: load_friction must be well below one")
+
+
+def _driven(
+    plant: Plant, data: pin.Data, state: Array, free: Array, force: Array, slip: Array
+) -> tuple[Array, Array]:
+    """Return motor and joint acceleration under motor torques less friction, and spring forces."""
     load_torque = plant.elastic_lever * force + plant.stiff_ratio * free
-    joint = np.array(
-        pin.aba(plant.model, data, state[JOINT_POSITION], state[JOINT_SPEED], load_torque)
-    )
+    if plant.acting:
+        turned = drive_states(plant, state)
+        for index, drive in plant.acting:
+            position, speed = turned[JOINT_POSITION:, index].tolist()
+            load_torque[index] -= drive.beside(position, speed, float(plant.joint_width[index]))
+    joint = _joint_accelerations(plant, data, state, load_torque)
     motor = (free - plant.motor_lever * force) * plant.motor_mobility
     held = slip == 0
     if held.any():
@@ -134,52 +107,119 @@ def accelerations(
         stiff_held = np.flatnonzero(held & ~plant.elastic)
         if stiff_held.size:
             joint += _holding(plant, data, state, joint, stiff_held)[1]
-            joint[stiff_held] = 0.0  # exactly: what is held does not creep
-    return motor + plant.stiff_ratio * joint, joint
+            joint = _without(plant, joint, stiff_held)
+    turning = joint if plant.coupling is None else plant.coupling @ joint
+    motor = motor + plant.stiff_ratio * turning
+    if plant.coupling is not None:
+        motor[held] = 0.0
+    return motor, joint
 
 
-def spring_force(plant: Plant, state: Array) -> Array:
-    """Return (3) of each joint (n,), zero where stiff."""
-    return np.asarray(
+def _joint_accelerations(plant: Plant, data: pin.Data, state: Array, torque: Array) -> Array:
+    """Return the joint accelerations under torques on what the drives turn."""
+    position, speed = state[JOINT_POSITION], state[JOINT_SPEED]
+    if plant.coupling is None or plant.rotors is None:
+        return np.array(pin.aba(plant.model, data, position, speed, torque))
+    bias = pin.nle(plant.model, data, position, speed)
+    inertia = mass_matrix(plant.model, data, position) + plant.rotors
+    return np.asarray(np.linalg.solve(inertia, plant.coupling.T @ torque - bias))
+
+
+def _without(plant: Plant, joint: Array, held: IndexArray) -> Array:
+    """Return joint speeds or accelerations without those of held drives, exactly: no creeping."""
+    if plant.coupling is None or plant.uncoupling is None:
+        joint[held] = 0.0
+        return joint
+    turning = plant.coupling @ joint
+    turning[held] = 0.0
+    return np.asarray(plant.uncoupling @ turning)
+
+
+def spring_force(plant: Plant, turned: Array) -> Array:
+    """Return (3) of each joint (n,), zero where stiff, at a state of `drive_states`."""
+    force = np.asarray(
         plant.stiffness
-        * (plant.motor_lever * state[POSITION] - plant.load_radius * state[JOINT_POSITION])
+        * (plant.motor_lever * turned[POSITION] - plant.load_radius * turned[JOINT_POSITION])
     )
+    for index, drive in plant.acting:
+        if plant.elastic[index]:
+            force[index] = drive.force(*turned[:, index].tolist(), 0.0)
+    return force
+
+
+def gear_torques(plant: Plant, data: pin.Data, state: Array, acceleration: Array) -> Array:
+    """Return what stiff gears put on their load (n,), NaN where elastic; of joint accelerations."""
+    turned = drive_states(plant, state)
+    armature, plant.model.armature = plant.model.armature.copy(), np.zeros(plant.model.nv)
+    torque = pin.rnea(plant.model, data, state[JOINT_POSITION], state[JOINT_SPEED], acceleration)
+    plant.model.armature = armature
+    torque = np.array(torque if plant.uncoupling is None else torque @ plant.uncoupling)
+    for index, drive in plant.acting:
+        position, speed = turned[JOINT_POSITION:, index].tolist()
+        torque[index] += drive.beside(position, speed, float(plant.joint_width[index]))
+    return np.where(plant.elastic, np.nan, torque)
+
+
+def inverse_inertia(plant: Plant, data: pin.Data, position: Array) -> Array:
+    """Return the inverse of the mass matrix (n, n) with the rotors of stiff drives."""
+    if plant.rotors is not None:
+        return np.asarray(np.linalg.inv(mass_matrix(plant.model, data, position) + plant.rotors))
+    inverse = np.triu(pin.computeMinverse(plant.model, data, position))
+    return np.asarray(inverse + np.triu(inverse, 1).T)
 
 
 def _holding(
-    plant: Plant, data: pin.Data, state: Array, joint: Array, held: np.ndarray
+    plant: Plant, data: pin.Data, state: Array, joint: Array, held: IndexArray
 ) -> tuple[Array, Array]:
-    """Return the joint torques that keep the held joints still, and their joint accelerations."""
-    inverse = np.triu(pin.computeMinverse(plant.model, data, state[JOINT_POSITION]))
-    inverse = inverse + np.triu(inverse, 1).T
-    torque = -np.linalg.solve(inverse[np.ix_(held, held)], joint[held])
-    return torque, inverse[:, held] @ torque
+    """Return the torques that keep the held drives still, and their joint accelerations."""
+    inverse = inverse_inertia(plant, data, state[JOINT_POSITION])
+    if plant.coupling is None:
+        torque = np.asarray(-np.linalg.solve(inverse[np.ix_(held, held)], joint[held]))
+        return torque, np.asarray(inverse[:, held] @ torque)
+    rows = plant.coupling[held]
+    torque = np.asarray(-np.linalg.solve(rows @ inverse @ rows.T, rows @ joint))
+    return torque, np.asarray(inverse @ rows.T @ torque)
 
 
 def slip_directions(plant: Plant, data: pin.Data, state: Array, torque: Array) -> Array:
     """Return where friction slips (+-1) and where it can hold the motor (0), all joints at once."""
     speed = state[SPEED]
     slip = np.where(np.abs(speed) > REST_RAD_S, np.sign(speed), 0.0)
-    slip[plant.coulomb == 0] = 1.0
+    slip[~plant.is_dry] = 1.0
     resting = np.flatnonzero(slip == 0)
     if not resting.size:
         return slip
-    free = torque.copy()
+    free, turned = torque.copy(), drive_states(plant, state)
     for index, extra in plant.extras:
-        free[index] -= extra(*state[:, index])
-    free -= plant.motor_lever * spring_force(plant, state)
-    moves = plant.elastic & (slip == 0) & (np.abs(free) > plant.coulomb)
+        free[index] -= extra(*turned[:, index])
+    for index, drive in plant.acting:
+        free[index] -= drive.friction(*turned[:, index].tolist(), 0.0)
+    free -= plant.motor_lever * spring_force(plant, turned)
+    level = _levels(plant, turned, np.zeros_like(free))
+    moves = plant.elastic & (slip == 0) & (np.abs(free) > level)
     slip[moves] = np.sign(free[moves])
     while (held := np.flatnonzero((slip == 0) & ~plant.elastic)).size:
         without = slip.copy()
-        without[held] = 1e-300
+        without[held] = _NOTHING
         joint = accelerations(plant, data, state, torque, without)[1]
         needed = -_holding(plant, data, state, joint, held)[0] / plant.ratio[held]
-        breaks = np.abs(needed) > plant.coulomb[held]
+        through = np.zeros_like(free)
+        through[held] = plant.ratio[held] * (free[held] - needed)
+        breaks = np.abs(needed) > _levels(plant, turned, through)[held]
         if not np.any(breaks):
             break
         slip[held[breaks]] = np.sign(needed[breaks])
     return slip
+
+
+def _levels(plant: Plant, turned: Array, through: Array) -> Array:
+    """Return the friction (n,) that can hold each motor, `through` the torque through its gear."""
+    if not plant.acting:
+        return plant.coulomb
+    level = plant.coulomb.copy()
+    for index, drive in plant.acting:
+        level[index] = drive.level(*turned[:, index].tolist(), float(through[index]))
+    return level
 
 
 def advance(
@@ -190,6 +230,23 @@ def advance(
     The torque is `torque` at the start and grows with `torque_rate`. Raises SeaidError if the
     state is no longer finite or the friction events do not end.
     """
+    parts = math.ceil(step / plant.longest_step) if step > plant.longest_step else 1
+    try:
+        for part in range(parts):
+            now = torque if part == 0 else torque + torque_rate * (part * step / parts)
+            state = _advance(plant, data, state, now, torque_rate, step / parts)
+    except OverflowError:
+        raise _diverged() from None
+    return state
+
+
+def _diverged() -> SeaidError:
+    return SeaidError("the simulation diverged: check stiffness, inertias and controller")
+
+
+def _advance(
+    plant: Plant, data: pin.Data, state: Array, torque: Array, torque_rate: Array, step: float
+) -> Array:
     done, stuck = 0.0, np.zeros(len(torque), dtype=bool)
     for _ in range(_MOST_EVENTS):
         now = torque + torque_rate * done
@@ -198,12 +255,10 @@ def advance(
         rest = step - done
         new = _runge_kutta(plant, data, state, now, torque_rate, slip, rest)
         before, after = state[SPEED] * slip, new[SPEED] * slip
-        crossed = np.flatnonzero((after < 0) & (plant.coulomb > 0))
+        crossed = np.flatnonzero((after < 0) & plant.is_dry)
         if not crossed.size:
             if not np.all(np.isfinite(new)):
-                raise SeaidError(
-                    "the simulation diverged: check stiffness, inertias and controller"
-                )
+                raise _diverged()
             return new
         fractions = np.clip(before[crossed] / (before[crossed] - after[crossed]), 0.0, 1.0)
         first, fraction = crossed[np.argmin(fractions)], float(fractions.min())
@@ -212,7 +267,7 @@ def advance(
         state = _runge_kutta(plant, data, state, now, torque_rate, slip, fraction * rest)
         state[SPEED, first] = 0.0
         if not plant.elastic[first]:
-            state[JOINT_SPEED, first] = 0.0
+            state[JOINT_SPEED] = _without(plant, state[JOINT_SPEED], np.array([first]))
         done += fraction * rest
     raise SeaidError("the simulation stopped: friction events without end in one step")
 

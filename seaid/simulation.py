@@ -13,6 +13,7 @@ from seaid.errors import SeaidError
 from seaid.excitation.trajectory import Trajectory
 from seaid.log import Log
 from seaid.motion import Motion
+from seaid.motor_inputs import motor_inputs
 from seaid.plant import (
     JOINT_POSITION,
     JOINT_SPEED,
@@ -21,11 +22,14 @@ from seaid.plant import (
     Plant,
     accelerations,
     advance,
+    drive_states,
+    gear_torques,
     plant_of,
     slip_directions,
 )
 from seaid.progress import track
 from seaid.robot import Robot
+from seaid.transmission import torques_at_joints
 
 SETTLE_S = 1.0
 """The controller holds the start of the trajectory so long before the log begins."""
@@ -59,9 +63,10 @@ def simulate(
 ) -> Log:
     """Return the log of a robot that follows a trajectory under joint control.
 
-    The robot moves with its payloads and its nominal stiffness and friction; the controller sees
-    the motor encoders as the log has them. The same seed gives the same log. Raises RobotError
-    where a drive lacks a nominal value.
+    The robot moves with its payloads and all terms of its drives at their nominal values; the
+    controller sees the motor encoders as the log has them. A motor whose drive has the input
+    "current" or "voltage" is logged by that, without a torque. The same seed gives the same log.
+    Raises RobotError where a drive lacks a nominal value.
     """
     noise = Noise() if noise is None else noise
     motion = simulate_motion(robot, trajectory, rate_hz=rate_hz, noise=noise, progress=progress)
@@ -74,12 +79,15 @@ def measure(robot: Robot, motion: Motion, noise: Noise, seed: int = 0) -> Log:
     noise_torque = rng.normal(size=motion.motor_torque.shape) * _spread(
         robot, "torque_std_Nm", noise.torque_std_Nm
     )
+    inputs = motor_inputs(robot, motion.motor_torque + noise_torque)
     return Log(
         time=motion.time,
         joint_names=robot.joint_names,
         motor_position=_reading(robot, noise, "motor", motion.motor_position),
         joint_position=_reading(robot, noise, "joint", motion.joint_position),
-        motor_torque=motion.motor_torque + noise_torque,
+        motor_torque=inputs.torque,
+        motor_current=inputs.current,
+        motor_voltage=inputs.voltage,
         is_prismatic=robot.is_prismatic,
     )
 
@@ -96,7 +104,8 @@ def simulate_motion(
 
     `trajectory` needs `duration` [s] and `sample(time) -> q, v, a`. The motor current ramps from
     one command of the controller to the next within one tick, so the torque that a sensor reads at
-    a tick is the one that acts then.
+    a tick is the one that acts then; it is there whatever the motor is logged by. `gear_torque` is
+    there where friction of stiff drives depends on it.
     """
     if not (math.isfinite(rate_hz) and rate_hz > 0):
         raise SeaidError(f"rate_hz must be more than zero, found {rate_hz}")
@@ -163,14 +172,15 @@ def _run(
 
 def _motion(robot: Robot, plant: Plant, time: Array, states: Array, torques: Array) -> Motion:
     data, order = plant.model.createData(), list(robot.model_order)
-    speeds = np.empty((2, *torques.shape))
+    speeds, through = np.empty((2, *torques.shape)), np.full(torques.shape, np.nan)
     for tick, (state, torque) in enumerate(zip(states, torques, strict=True)):
         slip = slip_directions(plant, data, state, torque)
         speeds[:, tick] = accelerations(plant, data, state, torque, slip)
-    stretch = plant.motor_radius / plant.ratio * states[:, POSITION]
-    stretch = stretch - plant.load_radius * states[:, JOINT_POSITION]
-    load = np.where(plant.elastic, plant.load_radius * plant.stiffness * stretch, np.nan)  # (4b)
+        if plant.under_load:
+            through[tick] = gear_torques(plant, data, state, speeds[1, tick])
+    load = _spring_torques(plant, states)
     back = np.argsort(order)
+    inputs = motor_inputs(robot, torques[:, back])
     return Motion(
         time=time,
         joint_names=robot.joint_names,
@@ -181,9 +191,27 @@ def _motion(robot: Robot, plant: Plant, time: Array, states: Array, torques: Arr
         motor_velocity=states[:, SPEED, back],
         motor_acceleration=speeds[0][:, back],
         motor_torque=torques[:, back],
-        joint_torque=load[:, back],
+        joint_torque=torques_at_joints(robot.transmission, load[:, back]),
+        motor_current=inputs.current,
+        motor_voltage=inputs.voltage,
+        gear_torque=through[:, back] if plant.under_load else None,
         cutoff_hz=math.inf,
     )
+
+
+def _spring_torques(plant: Plant, states: Array) -> Array:
+    """Return (4b) along states (T, 4, n): the torque (T, n) of springs on what the drives turn."""
+    turned = states
+    if plant.coupling is not None or plant.acting:
+        turned = np.array([drive_states(plant, state) for state in states])
+    stretch = plant.motor_radius / plant.ratio * turned[:, POSITION]
+    stretch = stretch - plant.load_radius * turned[:, JOINT_POSITION]
+    load = np.where(plant.elastic, plant.load_radius * plant.stiffness * stretch, np.nan)
+    for index, drive in plant.acting:
+        if plant.elastic[index]:
+            force = [drive.force(*state, 0.0) for state in turned[:, :, index].tolist()]
+            load[:, index] = plant.load_radius[index] * np.array(force)
+    return load
 
 
 def _reading(robot: Robot, noise: Noise, side: str, position: Array) -> Array:
