@@ -110,6 +110,7 @@ def identifiability(
     held = {member for group in groups for member in group}
     alone = [len(np.flatnonzero(row)) == 1 for row in base.grouping]
     free = [place for place in range(len(base.names)) if place not in held]
+    usable = words_of(system, [base.names[place] for place in sorted(held)])
     return Identifiability(
         robot_name=robot.name,
         names=names,
@@ -123,7 +124,7 @@ def identifiability(
         ),
         base=base,
         rank=rank,
-        usable=FrozenMapping(words_of(system)),
+        usable=FrozenMapping(usable),
         sensors=FrozenMapping(
             {joint: tuple(x for x in SENSORS if x in sensed[joint]) for joint in robot.joint_names}
         ),
@@ -143,7 +144,8 @@ def _sensed(
             robot.index(joint)
         given = {joint: sensors.get(joint, ()) for joint in robot.joint_names}
     else:
-        given = dict.fromkeys(robot.joint_names, sensors)
+        every = sensors if isinstance(sensors, str) else tuple(sensors)
+        given = dict.fromkeys(robot.joint_names, every)
     return {joint: _checked(joint, names) for joint, names in given.items()}
 
 
@@ -175,8 +177,9 @@ def _check_conditions(robot: Robot, conditions: Sequence[Robot]) -> None:
             one.isApprox(two)
             for one, two in zip(own.jointPlacements, other.model.jointPlacements, strict=True)
         )
+        same = same and other.known_bodies == robot.known_bodies
         if not same or dict(other.drivetrains) != dict(robot.drivetrains):
             raise RobotError(
                 f"conditions= takes the same robot with other payloads; '{other.name}' has other "
-                f"joints or drives than '{robot.name}'"
+                f"joints, drives or known bodies than '{robot.name}'"
             )

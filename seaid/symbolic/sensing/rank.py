@@ -20,6 +20,7 @@ from seaid.symbolic.sensing.instants import Truth, columns_at_instants, random_t
 
 _MORE_INSTANTS = 6
 _SAME = 1e-7
+_ROUNDING = 1e-9
 
 Decision = tuple[BaseParameters, tuple[tuple[int, ...], ...], int, bool]
 """Combinations, groups of their places known up to a factor, rank, and whether doubles agree."""
@@ -133,8 +134,8 @@ def _in_doubles(
     if not agree:
         grouping = np.linalg.lstsq(H[:, columns], H, rcond=None)[0]
     seen = np.abs(grouping) > _SAME * np.max(np.abs(grouping), axis=1, keepdims=True)
-    exact = rows != 0
-    agree &= not np.any(seen & ~exact) and bool(np.all(grouping[exact] != 0))
+    exact = rows != 0  # what is zero in doubles alone is the trace of an irrational direction
+    agree &= not np.any(seen & ~exact)
     told = _rank_in_doubles(system, payloads, numeric, columns, truth)
     return np.where(exact, grouping, 0.0), gap, bool(agree and told == rank)
 
@@ -162,8 +163,8 @@ def _negligible(system: System, H: Array) -> BoolArray:
 def _fractions(row: Residues, values: Array) -> dict[int, Fraction]:
     """Return a row of the grouping as rationals: exactly where they are short, else the doubles."""
     found = {}
-    for column in np.flatnonzero(row).tolist():
-        short, value = short_fraction(int(row[column])), float(values[column])
-        exact = short is not None and abs(float(short) - value) <= _SAME * abs(value)
-        found[column] = short if exact and short is not None else Fraction(value)
+    for column in np.flatnonzero(values).tolist():
+        value = float(values[column])
+        near = short_fraction(int(row[column])), Fraction(round(value)), Fraction(value)
+        found[column] = next(x for x in near if x and abs(x - value) <= _ROUNDING * abs(value))
     return found

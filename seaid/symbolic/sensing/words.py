@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from seaid.symbolic.sensing.drives import INPUTS
 from seaid.symbolic.sensing.equations import Equation, System
 
 _TITLES = {"motor": "(7) of its motor", "spring": "(4b) of its spring", "load": "(8) of its load"}
 
+_SCALES = {
+    "stiffness": "spring torque",
+    "torque_constant": "motor torque",
+    "voltage_constant": "motor torque",
+}
 
-def words_of(system: System) -> dict[str, tuple[str, ...]]:
-    """Return {joint: sentences} of all joints."""
+
+def words_of(system: System, scaled: Collection[str]) -> dict[str, tuple[str, ...]]:
+    """Return {joint: sentences} of all joints; `scaled` are names known only up to a factor."""
     return {
-        joint: tuple(_sentences(system, index))
+        joint: (*_sentences(system, index), *_scales(joint, scaled))
         for index, joint in enumerate(system.robot.joint_names)
     }
+
+
+def _scales(joint: str, scaled: Collection[str]) -> Iterator[str]:
+    """Say which torque of a joint has no scale of its own."""
+    for name, torque in _SCALES.items():
+        if f"{name} of {joint}" in scaled:
+            yield f"its {torque} is known only up to the scale of its {name.replace('_', ' ')}"
 
 
 def _sentences(system: System, index: int) -> Iterator[str]:
