@@ -21,6 +21,9 @@ from seaid.transmission import at_drives, at_joints, coupled_groups
 POSITION_BAND = 5.0
 """Positions are filtered at so many times the cutoff, to leave the pass band untouched."""
 
+FEWEST_PERIODS = 10.0
+"""Periods of the cutoff that a log must hold for the filters to have an inside."""
+
 _REGULAR = 1e-3
 """Time steps that differ by more than this part are resampled."""
 
@@ -206,7 +209,7 @@ def check_cutoff(cutoff_hz: float, rate_hz: float) -> None:
 
 
 def _check_duration(cutoff_hz: float, duration_s: float) -> None:
-    if duration_s * cutoff_hz < 10:
+    if duration_s * cutoff_hz < FEWEST_PERIODS:
         raise LogError(
             f"the log is too short: {duration_s:.3g} s hold fewer than ten periods of the cutoff, "
             f"{cutoff_hz:.3g} Hz; record more, or set cutoff_hz higher"

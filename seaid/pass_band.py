@@ -14,8 +14,11 @@ import numpy as np
 
 from seaid.arrays import Array
 
-FEWEST_PERIODS = 15.0
+_FEWEST_PERIODS = 15.0
 """Periods of the cutoff that a log must hold."""
+
+_WIDENED_HZ = 12.0
+"""No log is made to hold them by a wider band than this: one of a few instants is too short."""
 
 _ALLOWED = 0.01
 _VELOCITY_SHARE, _WIDE = 0.98, 3.0
@@ -69,11 +72,11 @@ def propose_pass_band(joint: Array, motor: Array, rate_hz: float, names: Sequenc
     of its encoder's steps, if larger. Not narrower than twice the frequency below which the fastest
     channel has 99.5 % of the power of its position, where the motion is: what gears and links
     vibrate at is above. Not wider than three times that with 98 % of the power of its velocity. At
-    least fifteen periods in the log, at most an eighth of the rate. Channels that stand still, or
-    move less than ten times their noise (rms), have no say.
+    least fifteen periods in the log (as far as 12 Hz hold them), at most an eighth of the rate.
+    Channels that stand still, or move less than ten times their noise (rms), have no say.
     """
     highest = rate_hz / _RATES
-    shortest = min(FEWEST_PERIODS * rate_hz / len(joint), highest)
+    shortest = min(_FEWEST_PERIODS * rate_hz / len(joint), highest, _WIDENED_HZ)
     found: dict[str, _Spectrum] = {}
     for side, positions in (("joint", joint), ("motor", motor)):
         for index, name in enumerate(names):

@@ -14,7 +14,7 @@ import numpy as np
 from seaid.errors import IdentificationError
 from seaid.log import Log
 from seaid.long_log import LongLog, Regress, open_long_log
-from seaid.motion import Motion, reconstruct_motion
+from seaid.motion import FEWEST_PERIODS, Motion, reconstruct_motion
 from seaid.pass_band import PassBand
 from seaid.processing import Processing
 from seaid.progress import track
@@ -55,10 +55,12 @@ def records_of(
     Not narrower, though, than the shortest log allows. The executor reconstructs them, one a task.
     """
     records = _mapped(partial(_record, robot, cutoff_hz), sources, executor, progress)
-    bands = [record.processing.pass_band for record in records if record.processing is not None]
-    common = max(
-        min(record.cutoff_hz for record in records), *(band.shortest_hz for band in bands), 0.0
-    )
+    allowed = [
+        1.001 * FEWEST_PERIODS / (record.time[-1] - record.time[0])
+        for record in records
+        if isinstance(record, Motion) and cutoff_hz is None
+    ]
+    common = max([min(record.cutoff_hz for record in records), *allowed])
     others = [place for place, one in enumerate(records) if one.cutoff_hz != common]
     again = [sources[place] for place in others]
     redone = _mapped(partial(_record, robot, common), again, executor, progress)
