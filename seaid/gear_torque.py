@@ -20,7 +20,7 @@ from seaid.motion import Motion
 from seaid.regression import motor_regressor
 from seaid.robot import Robot
 
-_SETTLED, _MOST_TURNS, _SEARCHES = 1e-6, 20, 2
+_SETTLED, _MOST_TURNS, _SEARCHES = 1e-5, 20, 2
 
 
 def under_load(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
@@ -44,12 +44,20 @@ def with_gear_torques(
         return straightened_load(robot, motions, used), list(motions)
     drives = {joint: _without_load(robot.drivetrains[joint]) for joint in joints}
     plain = robot.with_drivetrains(drives)
-    known = _known(straightened_load(plain, motions, used), motions, used)
-    found = plain
+    found = straightened_load(plain, motions, used)
+    known = _known(found, motions, used)
     for _ in range(_SEARCHES):
-        found = straightened_load(robot, known, used)
+        starts = {joint: _with_values_of(robot, found, joint) for joint in robot.joint_names}
+        found = straightened_load(robot.with_drivetrains(starts), known, used)
         known = _settled(found, known, used)
     return found, known
+
+
+def _with_values_of(robot: Robot, other: Robot, joint: str) -> Drive:
+    """Return a drive with what was found of it without, or with, friction under load."""
+    drive = robot.drivetrains[joint]
+    values = other.drivetrains[joint].values
+    return drive.with_values({n: values[n] for n in drive.parameter_names if n in values})
 
 
 def with_gear_torque(
