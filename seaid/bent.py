@@ -30,6 +30,7 @@ from seaid.regression import (
     stacked,
 )
 from seaid.robot import Robot
+from seaid.untold import told
 
 _SPEEDS = {
     "coulomb_width": (0.002, 0.01, 0.05),
@@ -77,7 +78,8 @@ def _straight_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Driv
     )
     values = dict(zip(names, found.bent.tolist(), strict=True))
     values |= dict(zip(search.regressor.linear, found.linear.tolist(), strict=True))
-    return with_values(drive, values)
+    drive = with_values(drive, values)
+    return told(drive, search.regressor.names, search.all_columns(drive.values), names)
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,10 @@ class _Search:
         return self._banded(
             [self.regressor.evaluate(one, values)[1][:, bent_places] for one in self.signals]
         )
+
+    def all_columns(self, values: Mapping[str, float]) -> Array:
+        """Return the columns of all parameters near some values."""
+        return self._banded([self.regressor.evaluate(one, values)[1] for one in self.signals])
 
     def _banded(self, parts: Sequence[Array]) -> Array:
         triples = zip(self.motions, parts, self.rows, strict=True)

@@ -32,6 +32,7 @@ from seaid.regression import (
     stacked,
 )
 from seaid.robot import Robot
+from seaid.untold import told
 
 _SWEEPS = 2
 """How often the joints are searched in turn, each beside the others."""
@@ -76,6 +77,12 @@ def straightened_load(robot: Robot, motions: Sequence[Motion], used: Sequence[st
         for joint in bent:
             grid = [] if sweep else _grid(robot, joint, given[joint], scales[joint])
             robot = _searched(robot, motions, used, joint, scales[joint], grid)
+    for joint in bent:
+        search = _search(robot, motions, joint, fit_load(robot, motions, used))
+        drive, names = robot.drivetrains[joint], search.regressor.non_linear
+        columns = search.all_columns(drive.values)
+        held = told(drive, (*search.linear, *names), columns, names)
+        robot = robot.with_drivetrains({joint: held})
     return robot
 
 
@@ -188,6 +195,12 @@ class _Search:
         places = [self.regressor.names.index(name) for name in self.regressor.non_linear]
         parts = [self.regressor.evaluate(one, values)[1][:, places] for one in self.signals]
         return self._alone(self._placed(parts))
+
+    def all_columns(self, values: Mapping[str, float]) -> Array:
+        """Return the linear columns and then the bent ones near some values."""
+        bent = np.array([values[name] for name in self.regressor.non_linear])
+        linear = np.array([values[name] for name in self.linear])
+        return np.hstack([self.columns(bent)[1], self.slopes(bent, linear)])
 
     def _placed(self, parts: Sequence[Array]) -> Array:
         columns = np.zeros((len(self.y), parts[0].shape[1]))

@@ -50,6 +50,9 @@ def _with(drive: Estimate, other: Estimate) -> Estimate:
     )
 
 
+BENT = ("coulomb_width", "stribeck_speed", "dead_zone")
+"""Positive parameters that were searched for: a minus is not that of a torque in the log."""
+
 _ZEROS = (
     "deflection_offset",
     "deflection_zero",
@@ -104,7 +107,9 @@ def with_flags(estimate: Estimate, joint: str, information: Information | None) 
             reasons += _weak_spring(estimate, information)
         if reasons:
             flags.append(f"{text} is poorly identified: {'; '.join(reasons)}")
-        if value < 0 and name in PARAMETERS and PARAMETERS[name].is_positive:
+        if value < 0 and name in BENT:
+            flags.append(f"{text} is not told from zero: leave its term out")
+        elif value < 0 and name in PARAMETERS and PARAMETERS[name].is_positive:
             flags.append(f"{text} is negative, {value:.3g}: check signs and zeros of the log")
     return replace(estimate, flags=tuple(flags))
 

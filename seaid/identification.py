@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +31,7 @@ from seaid.sequential import Sides, known_torques, sequential_sides
 from seaid.signs import sign_flags
 from seaid.simultaneous import simultaneous_sides
 from seaid.straightening import straightened_robot
+from seaid.untold import with_held_flags
 
 if TYPE_CHECKING:
     from seaid.validation import Validation
@@ -160,6 +161,7 @@ def identify(
         check_excitation(robot, in_memory)
     check_channels(in_memory)
     used = known_torques(robot, records) if rows is None else robot.rows(rows)
+    given = robot
     robot, records = straightened_robot(robot, records, used)
     model = load_model(robot, base_parameters(robot, rows=used), used)
     found = sequential_sides(robot, records, model, solver, joint_zero_std, executor, progress)
@@ -167,6 +169,7 @@ def identify(
         found = instrumental_sides(robot, records, model, found, joint_zero_std, executor)
     if sides == "joint":
         found = simultaneous_sides(robot, records, model, found, solver, joint_zero_std, executor)
+    found = replace(found, drivetrains=with_held_flags(found.drivetrains, given, robot))
     possible = _possible(robot, model, found) if feasible else None
     return packed(robot, model, found, records[0].cutoff_hz, possible, processing_of(records))
 

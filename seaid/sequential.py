@@ -25,6 +25,7 @@ from seaid.progress import track
 from seaid.records import Record, first_motion, rows_of
 from seaid.regression import Regression, actuator_regression
 from seaid.robot import Robot
+from seaid.scale import CONSTANTS, check_scale
 from seaid.spring_torque import both_noisy, noise_ratio, springs_torque_alone
 from seaid.streaming import stream_estimate
 from seaid.transmission import group_of
@@ -100,8 +101,11 @@ def fitted(
     long_logs = [record for record in records if isinstance(record, LongLog)]
     if len(long_logs) == len(records) and executor is None and estimator.weigh is not None:
         estimate, information = stream_estimate(long_logs, regress, estimator.weigh, carried)
+        check_scale(information)
         return Fit(estimate, information, None, carried)
     rows = rows_of(records, regress, executor)
+    if any(name.split(" of ")[0] in CONSTANTS for name in rows.names):
+        check_scale(information_of(rows))
     estimate = estimator.solve(rows, carried)
     seen = estimator.seen(rows, estimate)
     return Fit(estimate, information_of(seen), seen, carried)

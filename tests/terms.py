@@ -29,6 +29,7 @@ from seaid.rigid_body import joint_torques
 from seaid.robot import Payload, Robot, load_robot
 from seaid.sequential import known_torques, sequential_sides
 from seaid.straightening import straightened_robot
+from seaid.untold import with_held_flags
 
 PERIOD_S, RATE_HZ = 8.0, 500.0
 TIME = np.arange(int(PERIOD_S * RATE_HZ)) / RATE_HZ
@@ -136,7 +137,8 @@ def noisy_log(motion: Motion, torque_std: float, angle_std: float, seed: int = 3
         joint_position=measured(motion.joint_position, angle_std),
         motor_position=measured(motion.motor_position, angle_std),
         motor_torque=measured(motion.motor_torque, torque_std),
-        **inputs,
+        motor_current=inputs.get("motor_current"),
+        motor_voltage=inputs.get("motor_voltage"),
     )
 
 
@@ -147,6 +149,8 @@ def identified(robot: Robot, motion: Motion, rows: list[str] | None = None) -> I
     known, records = straightened_robot(known, [motion], used)
     model = load_model(known, base_parameters(known, rows=used), used)
     sides = sequential_sides(known, records, model, estimator_named("wls"), 0.0, None, False)
+    drives = with_held_flags(sides.drivetrains, robot, known)
+    sides = replace(sides, drivetrains=drives)
     return packed(known, model, sides, motion.cutoff_hz)
 
 
