@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from seaid.repair import Repair, Repairs
     from seaid.replaying import replay
     from seaid.robot import Robot, load_robot
+    from seaid.sensitivity import CutoffSensitivity, cutoff_sensitivity
     from seaid.sensors import Identifiability, identifiability
     from seaid.simulation import Noise, simulate
     from seaid.term_selection import TermSelection, compare_terms
@@ -101,6 +102,7 @@ _WHERE = {
     "replaying": ("replay",),
     "robot": ("Robot", "load_robot"),
     "sensors": ("Identifiability", "identifiability"),
+    "sensitivity": ("CutoffSensitivity", "cutoff_sensitivity"),
     "simulation": ("Noise", "simulate"),
     "term_selection": ("TermSelection", "compare_terms"),
     "validation": ("Validation", "validate"),
@@ -113,6 +115,7 @@ __all__ = [
     "Box",
     "Conditions",
     "CrossCheck",
+    "CutoffSensitivity",
     "Delay",
     "Description",
     "EndState",
@@ -150,6 +153,7 @@ __all__ = [
     "correct_delays",
     "cross_check",
     "cross_validate",
+    "cutoff_sensitivity",
     "describe_log",
     "design_excitation",
     "estimate_delays",

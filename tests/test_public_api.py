@@ -43,6 +43,7 @@ FUNCTIONS = {
     "compare_terms": "robot logs joints terms rows cutoff_hz progress",
     "identify_conditions": "conditions own rows estimator cutoff_hz progress",
     "cross_validate": "robot logs parts progress",
+    "cutoff_sensitivity": "robot logs cutoffs_hz progress",
     "open_long_log": "path robot columns cutoff_hz chunk_samples",
     "refine": "found logs joint_zero_std iterations progress",
     "validate": "found log",
@@ -70,7 +71,9 @@ CLASSES = {
     "Noise": "",
     "Limits": "",
     "Log": "time joint_names motor_position joint_position motor_torque joint_torque",
-    "Motion": "",
+    "Motion": "processing",
+    "CutoffSensitivity": "cutoffs_hz names units values standard_errors proposed refused moves "
+    "save_figure",
     "GearRatio": "value standard_error misfit_rad",
     "Delay": "joint channel against delay_s standard_error_s is_significant",
     "Repairs": "rate_hz longest_gap_s most_gap_error most_missing most_disordered "
