@@ -10,13 +10,20 @@ import numpy as np
 import sympy as sp
 
 from seaid.arrays import Array, FrozenMapping
+from seaid.drivetrain.equations import motor_equation
+from seaid.drivetrain.model import Drive
 from seaid.drivetrain.regressor import DriveRegressor, flat_names
-from seaid.drivetrain.symbols import SYMBOLS, known_values
+from seaid.drivetrain.symbols import PARAMETER_NAMES, SYMBOLS, K_t, K_u, known_values
 
-SIGNALS = ("theta_M", "theta_M_dot", "theta_M_ddot", "theta_L", "theta_L_dot", "theta_L_ddot")
-"""What the columns are differentiated by, in this order."""
+STATES = ("theta_M", "theta_M_dot", "theta_M_ddot", "theta_L", "theta_L_dot", "theta_L_ddot")
+SIGNALS = (*STATES, "tau_G")
+"""What the columns are differentiated by, in this order; `tau_G` is the torque on the load."""
 
-_WIDTH = sp.Symbol("sign_width", positive=True)
+WIDTH = sp.Symbol("sign_width", real=True)
+"""Speed within which the sign of a speed turns, in `smoothed` expressions."""
+
+_SPEEDS = {"theta_M_dot", "theta_L_dot"}
+_NAMES = {str(symbol): name for symbol, name in PARAMETER_NAMES.items()}
 
 
 @dataclass(frozen=True)
@@ -31,16 +38,20 @@ class SmoothColumns:
     row: tuple[sp.Expr, ...]
     known: FrozenMapping[float]
 
-    def evaluate(
-        self, signals: Mapping[str, Array], sign_width_rad_s: float
-    ) -> tuple[Array, Array]:
-        """Return the columns (T, p) and their slopes (T, p, 6) by `SIGNALS`, each (T,).
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """The parameters near whose values the columns are taken, and that have none."""
+        symbols = {str(symbol) for entry in self.row for symbol in entry.free_symbols}
+        return tuple(name for key, name in _NAMES.items() if key in symbols - set(self.known))
 
-        As `DriveRegressor.evaluate`, with sign(x) as tanh(x / sign_width_rad_s), so that friction
-        has a slope.
+    def evaluate(self, signals: Mapping[str, Array], sign_width: float) -> tuple[Array, Array]:
+        """Return the columns (T, p) and their slopes (T, p, 7) by `SIGNALS`, each (T,).
+
+        As `DriveRegressor.evaluate`, with the sign of a speed as tanh(speed / sign_width), so that
+        friction has a slope. A signal that is in no column may be left out.
         """
         function, names = _compiled(self.row)
-        known = {**self.known, str(_WIDTH): sign_width_rad_s}
+        known = {**self.known, str(WIDTH): sign_width}
         arguments = [known[name] if name in known else signals[name] for name in names]
         p, length = len(self.row), len(next(iter(signals.values())))
         table = np.empty((p * (1 + len(SIGNALS)), length))
@@ -50,17 +61,53 @@ class SmoothColumns:
 
 
 def smooth_columns(regressor: DriveRegressor) -> SmoothColumns:
-    """Return the columns of a drive's regressor with slopes."""
-    row = tuple(map(flat_names, regressor.row))
+    """Return the columns of a drive's regressor with slopes.
+
+    Current and voltage are those that the drive needs for its motion, with its values.
+    """
+    row = tuple(_with_input(flat_names(entry), regressor.drive) for entry in regressor.row)
     known = {str(SYMBOLS[name]): value for name, value in regressor.drive.values.items()}
     known |= {str(symbol): value for symbol, value in known_values(regressor.drive).items()}
     return SmoothColumns(regressor.names, regressor.units, row, FrozenMapping(known))
 
 
+def _with_input(entry: sp.Expr, drive: Drive) -> sp.Expr:
+    """Return a flat column in which current or voltage follow from the motor equation (7)."""
+    inputs = {sp.Symbol(name): constant for name, constant in (("i_M", K_t), ("u_M", K_u))}
+    asked = entry.free_symbols & set(inputs)
+    if not asked:
+        return entry
+    needed = flat_names(motor_equation(drive).expression)
+    needed = needed.subs({**dict.fromkeys(inputs, 0), sp.Symbol("tau_L"): sp.Symbol("tau_G")})
+    return entry.subs({symbol: needed / inputs[symbol] for symbol in asked})
+
+
+def smoothed(expression: sp.Expr) -> sp.Expr:
+    """Return a flat expression of real symbols in which the signs of speeds turn within `WIDTH`."""
+    real = {symbol: real_symbol(str(symbol)) for symbol in expression.free_symbols}
+    return sp.sympify(expression).xreplace(real).replace(sp.sign, _turning)
+
+
+def slope_of(expression: sp.Expr, name: str) -> sp.Expr:
+    """Return the derivative of a smoothed expression by a signal; a step has none."""
+    slope = expression.diff(real_symbol(name))
+    return slope.replace(sp.DiracDelta, lambda *_: sp.Integer(0))
+
+
+def real_symbol(name: str) -> sp.Symbol:
+    """Return the symbol of a signal or parameter in `smoothed` expressions."""
+    return sp.Symbol(name, real=True)
+
+
+def _turning(x: sp.Expr) -> sp.Expr:
+    of_speed = {str(symbol) for symbol in x.free_symbols & set(map(real_symbol, SIGNALS))}
+    return sp.tanh(x / WIDTH) if of_speed and of_speed <= _SPEEDS else sp.sign(x)
+
+
 @cache
 def _compiled(row: tuple[sp.Expr, ...]):  # type: ignore[no-untyped-def]
-    smooth = [entry.replace(sp.sign, lambda x: sp.tanh(x / _WIDTH)) for entry in row]
-    slopes = [entry.diff(sp.Symbol(signal)) for entry in smooth for signal in SIGNALS]
-    entries = [*smooth, *slopes]
+    smooth = [smoothed(entry) for entry in row]
+    entries = [*smooth, *(slope_of(entry, signal) for entry in smooth for signal in SIGNALS)]
     names = sorted({str(symbol) for entry in entries for symbol in entry.free_symbols})
-    return sp.lambdify([sp.Symbol(name) for name in names], entries, modules="numpy"), names
+    arguments = [real_symbol(name) for name in names]
+    return sp.lambdify(arguments, entries, modules="numpy", cse=True), names

@@ -6,31 +6,39 @@ are torques at a joint [N m, or N]. A row is divided by the standard deviation o
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from seaid.arrays import Array
 from seaid.base import BaseParameters
+from seaid.drivetrain.regressor import DriveRegressor
 from seaid.drivetrain.smooth import SIGNALS, SmoothColumns, smooth_columns
 from seaid.errors import ExcitationError
+from seaid.excitation.drive_curves import beside_names, no_value
 from seaid.excitation.flatness import (
     SIGN_WIDTH,
+    Besides,
     Transmission,
+    besides,
     check_nominal_bodies,
     differentiation,
+    load_derivatives,
+    load_torques,
     motor_signals,
     motor_signals_gradient,
+    motor_speeds,
+    rigid_transmission,
     transmission,
 )
-from seaid.excitation.gradient import States, regressor_gradient, torque_derivatives
+from seaid.excitation.gradient import States, regressor_gradient
 from seaid.inertia import UNITS
 from seaid.load_side import load_model
-from seaid.regression import motor_regressor
-from seaid.rigid_body import joint_torques, rigid_body_regressor
+from seaid.regression import joint_regressor, motor_regressor
+from seaid.rigid_body import rigid_body_regressor
 from seaid.robot import Robot
-from seaid.transmission import named_in_part
+from seaid.transmission import named_in_part, torques_at_drives
 
 READINGS_HZ = 1000.0
 """Readings of torque a second, with independent errors, for which standard errors are stated."""
@@ -38,13 +46,25 @@ READINGS_HZ = 1000.0
 
 @dataclass(frozen=True, eq=False)
 class DriveBlock:
-    """Columns of one drive: where the parameters `picked` of its regressor stand in the whole."""
+    """Columns of one drive: where the parameters `picked` of its regressor stand in the whole.
+
+    Torques of the regressor times `shares` (rows,) are what they are in every row. `acts_beside`:
+    its signals are those of the joint itself, otherwise of the motor and what it turns.
+    """
 
     joint: int
-    row: int
+    shares: Array
     regressor: SmoothColumns
     columns: tuple[int, ...]
     picked: tuple[int, ...]
+    sign_width: float
+    acts_beside: bool
+
+    @property
+    def signals(self) -> set[str]:
+        """Names of the signals in the picked columns."""
+        row = [self.regressor.row[place] for place in self.picked]
+        return {str(symbol) for entry in row for symbol in entry.free_symbols}
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +72,9 @@ class Target:
     """The stacked regressor that a motion shall make well conditioned, and how it is scaled.
 
     Columns are the p base columns, then those of the drives in `blocks`; `names` and `units` tell
-    them. Rows at one instant are the known torques `rows`, then the motors of elastic joints.
+    them. Rows at one instant are the known torques `rows`, then the motors of elastic joints;
+    `at_drives` (r, r) makes torques on what the drives turn of those at joints. `needs_load`: drive
+    columns depend on the load's torque, to which `beside` belongs.
     `row_weights` (rows,) and `column_scale` (columns,) multiply them; `known` (., columns), scaled
     alike, is the triangular factor of what recorded logs tell already.
     """
@@ -64,7 +86,9 @@ class Target:
     names: tuple[str, ...]
     units: tuple[str, ...]
     drives: Transmission
-    sign_width: Array
+    beside: Besides
+    needs_load: bool
+    at_drives: Array
     row_weights: Array
     column_scale: Array
     known: Array
@@ -88,7 +112,7 @@ def load_target(robot: Robot, rows: Sequence[str] | None, base: BaseParameters) 
             "them or none to plan a motion"
         )
     bare = replace(robot.with_values(np.zeros(10 * robot.n), robot.drivetrains), drivetrains={})
-    nothing, p = np.zeros(robot.n), len(base.columns)
+    p = len(base.columns)
     known = tuple(map(robot.index, robot.rows(rows)))
     return Target(
         robot=bare,
@@ -97,8 +121,10 @@ def load_target(robot: Robot, rows: Sequence[str] | None, base: BaseParameters) 
         blocks=(),
         names=base.expressions,
         units=tuple(UNITS[column % 10] for column in base.columns),
-        drives=Transmission(nothing, nothing, nothing),
-        sign_width=nothing,
+        drives=rigid_transmission(bare),
+        beside=(),
+        needs_load=False,
+        at_drives=np.eye(len(known)),
         row_weights=np.ones(len(known)),
         column_scale=np.ones(p),
         known=np.empty((0, p)),
@@ -112,27 +138,25 @@ def drive_target(
 
     `top_speed` (n,) [rad/s or m/s] sets where Coulomb friction turns. A motor's speed and its
     spring's deflection follow from the nominal model; raises ExcitationError where an elastic drive
-    or a body has none.
+    or a body has none, and where a column is a slope near a value that is not given.
     """
-    known = robot.rows(rows)
+    known, drives = robot.rows(rows), transmission(robot)
+    parts = _drive_blocks(robot, drives, known, top_speed)
     plain, model = load_target(robot, rows, base), load_model(robot, base, known)
-    drives = transmission(robot)
-    if robot.elastic_joints:
-        check_nominal_bodies(robot)
     names, units = list(model.expressions), list(plain.units)
     blocks = []
-    for row, joint in enumerate((*known, *robot.elastic_joints)):
-        elastic = joint in robot.elastic_joints
-        if elastic and row < len(known):
-            continue  # its drive is in its motor row
-        regressor = smooth_columns(motor_regressor(robot, joint))
-        kept = [name for owner, name, _ in model.drives if owner == joint]
-        picked = [i for i, name in enumerate(regressor.names) if elastic or name in kept]
-        columns = range(len(names), len(names) + len(picked))
-        index = robot.index(joint)
-        blocks.append(DriveBlock(index, row, regressor, tuple(columns), tuple(picked)))
+    for block in parts:
+        joint, regressor = robot.joint_names[block.joint], block.regressor
+        told = {name for owner, name, _ in model.drives if owner == joint}
+        in_motor_row = np.any(block.shares[len(known) :])
+        picked = [i for i, name in enumerate(regressor.names) if in_motor_row or name in told]
+        columns = tuple(range(len(names), len(names) + len(picked)))
+        blocks.append(replace(block, columns=columns, picked=tuple(picked)))
         names += [f"{regressor.names[i]} of {joint}" for i in picked]
         units += [regressor.units[i] for i in picked]
+    needs_load = drives.is_elastic or any("tau_G" in block.signals for block in blocks)
+    if needs_load:
+        check_nominal_bodies(robot)
     return replace(
         plain,
         robot=robot,
@@ -140,11 +164,50 @@ def drive_target(
         names=tuple(names),
         units=tuple(units),
         drives=drives,
-        sign_width=SIGN_WIDTH * drives.ratio * top_speed,
+        beside=besides(robot, top_speed, robot.joint_names) if needs_load else (),
+        needs_load=needs_load,
+        at_drives=_at_drives(robot)[np.ix_(plain.rows, plain.rows)],
         row_weights=np.ones(len(known) + len(robot.elastic_joints)),
         column_scale=np.ones(len(names)),
         known=np.empty((0, len(names))),
     )
+
+
+def _drive_blocks(
+    robot: Robot, drives: Transmission, known: Sequence[str], top_speed: Array
+) -> list[DriveBlock]:
+    """Return what drives, and what acts beside them, bring to the rows; nothing picked yet."""
+    load_rows = [robot.index(joint) for joint in known]
+    motors = SIGN_WIDTH * motor_speeds(drives, top_speed)
+    blocks = []
+    for index, joint in enumerate(robot.joint_names):
+        shares = np.zeros(len(known) + len(robot.elastic_joints))
+        if joint in robot.elastic_joints:
+            shares[len(known) + robot.elastic_joints.index(joint)] = drives.ratio[index]
+        elif joint in known:
+            shares[known.index(joint)] = drives.ratio[index]
+        if np.any(shares):
+            columns = _valued(joint, motor_regressor(robot, joint))
+            blocks.append(DriveBlock(index, shares, columns, (), (), motors[index], False))
+        if beside_names(robot.drivetrains[joint]):
+            shares = np.zeros(len(shares))
+            shares[: len(known)] = _at_drives(robot)[load_rows, index]
+            columns, width = _valued(joint, joint_regressor(robot, joint)), top_speed[index]
+            blocks.append(DriveBlock(index, shares, columns, (), (), SIGN_WIDTH * width, True))
+    return blocks
+
+
+def _valued(joint: str, regressor: DriveRegressor) -> SmoothColumns:
+    """Return smooth columns. Raises ExcitationError where a value is missing for them."""
+    columns = smooth_columns(regressor)
+    if columns.missing:
+        raise no_value(joint, columns.missing[0])
+    return columns
+
+
+def _at_drives(robot: Robot) -> Array:
+    """Return the matrix (n, n) that makes torques on what the drives turn of those at joints."""
+    return torques_at_drives(robot.transmission, np.eye(robot.n)).T
 
 
 def stacked_regressor(target: Target, time: Array, states: States) -> Array:
@@ -153,12 +216,12 @@ def stacked_regressor(target: Target, time: Array, states: States) -> Array:
     `time` (T,) is equally spaced.
     """
     H = np.zeros((len(time), len(target.row_weights), len(target.names)))
-    Y = rigid_body_regressor(target.robot, *states)
-    H[:, : len(target.rows), : len(target.base_columns)] = Y[:, list(target.rows)][
-        :, :, list(target.base_columns)
-    ]
-    for block, (columns, _) in _drive_columns(target, time, states):
-        H[:, block.row, list(block.columns)] = columns
+    Y = rigid_body_regressor(target.robot, *states)[:, list(target.rows)]
+    H[:, : len(target.rows), : len(target.base_columns)] = (
+        target.at_drives @ Y[:, :, list(target.base_columns)]
+    )
+    for block, (columns, _) in _drive_columns(target, time, states)[0]:
+        H[:, :, list(block.columns)] = block.shares[:, None] * columns[:, None]
     H *= _weights(target, time) * target.column_scale
     return H.reshape(-1, len(target.names))
 
@@ -169,21 +232,25 @@ def regressor_pull_back(target: Target, time: Array, states: States, G: Array) -
     G = G * _weights(target, time) * target.column_scale
     robot, r = target.robot, len(target.rows)
     weights = np.zeros((len(time), r, 10 * robot.n))
-    weights[:, :, list(target.base_columns)] = G[:, :r, : len(target.base_columns)]
+    weights[:, :, list(target.base_columns)] = (
+        target.at_drives.T @ G[:, :r, : len(target.base_columns)]
+    )
     gradient = np.stack(regressor_gradient(robot, states, target.rows, weights))
-    by_signal = np.zeros((len(SIGNALS), len(time), robot.n))
-    for block, (_, slopes) in _drive_columns(target, time, states):
-        by_signal[:, :, block.joint] += np.einsum(
-            "tp,tps->st", G[:, block.row, list(block.columns)], slopes
-        )
-    if target.blocks:
-        by_state, by_torque = motor_signals_gradient(
-            target.drives, by_signal, differentiation(time)
-        )
-        gradient += by_state
-        if np.any(target.drives.give):
-            tables = torque_derivatives(robot, states)
-            gradient += np.einsum("ti,xtij->xtj", by_torque, tables)
+    by_signal, by_joint = np.zeros((2, len(SIGNALS), len(time), robot.n))
+    blocks, through = _drive_columns(target, time, states)
+    for block, (_, slopes) in blocks:
+        by_column = np.einsum("r,trp->tp", block.shares, G[:, :, list(block.columns)])
+        felt = by_joint if block.acts_beside else by_signal
+        felt[:, :, block.joint] += np.einsum("tp,tps->st", by_column, slopes)
+    if not blocks:
+        return gradient[0], gradient[1], gradient[2]
+    by_state, by_torque = motor_signals_gradient(
+        target.drives, by_signal, through, differentiation(time)
+    )
+    gradient += by_state + by_joint[3:6]
+    if target.needs_load:
+        tables = load_derivatives(robot, target.beside, states)
+        gradient += np.einsum("ti,xtij->xtj", by_torque @ _at_drives(robot), tables)
     return gradient[0], gradient[1], gradient[2]
 
 
@@ -197,18 +264,23 @@ def _weights(target: Target, time: Array) -> Array:
 
 def _drive_columns(
     target: Target, time: Array, states: States
-) -> Iterator[tuple[DriveBlock, tuple[Array, Array]]]:
-    """Give each drive's columns (T, p), as torques at the joint, and their slopes (T, p, 6)."""
+) -> tuple[list[tuple[DriveBlock, tuple[Array, Array]]], Array]:
+    """Return each drive's picked columns (T, p) and their slopes (T, p, 7); torques on drives."""
+    through = np.zeros_like(states[0])
     if not target.blocks:
-        return
-    springs = np.any(target.drives.give)
-    torque = joint_torques(target.robot, *states) if springs else np.zeros_like(states[0])
-    signals = motor_signals(target.drives, states, torque, differentiation(time))
+        return [], through
+    if target.needs_load:
+        torque = load_torques(target.robot, target.beside, states)
+        through = torques_at_drives(target.drives.matrix, torque)
+    signals = motor_signals(target.drives, states, through, differentiation(time))
+    own = signals.copy()
+    own[3:6] = states
+    found = []
     for block in target.blocks:
-        ratio = target.drives.ratio[block.joint]
+        seen = (own if block.acts_beside else signals)[:, :, block.joint]
         columns, slopes = block.regressor.evaluate(
-            dict(zip(SIGNALS, signals[:, :, block.joint], strict=True)),
-            target.sign_width[block.joint],
+            dict(zip(SIGNALS, seen, strict=True)), block.sign_width
         )
         picked = list(block.picked)
-        yield block, (ratio * columns[:, picked], ratio * slopes[:, picked])
+        found.append((block, (columns[:, picked], slopes[:, picked])))
+    return found, through

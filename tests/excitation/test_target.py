@@ -11,7 +11,7 @@ import pytest
 
 from seaid.arrays import Array
 from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
-from seaid.drivetrain.smooth import SIGNALS, smooth_columns
+from seaid.drivetrain.smooth import SIGNALS, STATES, smooth_columns
 from seaid.errors import ExcitationError
 from seaid.excitation.fourier import FourierBasis
 from seaid.excitation.gradient import regressor_gradient, torque_derivatives
@@ -134,12 +134,13 @@ def test_motor_rows_are_the_regressor_of_the_motion_that_springs_make() -> None:
     deflection = joint_torques(robot, *motion)[:, index] / (r_L * k)
     angle = drive.ratio / r_M * (deflection + r_L * q)
     speed = np.gradient(angle, time)
-    signals = dict(zip(SIGNALS, (angle, speed, np.gradient(speed, time), q, v, a), strict=True))
+    signals = dict(zip(STATES, (angle, speed, np.gradient(speed, time), q, v, a), strict=True))
     regressor = motor_regressor(robot, "knee_pitch")
     R = regressor.evaluate({**signals, "tau_M": 0 * q, "tau_L": 0 * q})[1]
     block = next(block for block in target.blocks if block.joint == index)
     weight = np.sqrt(READINGS_HZ * (time[1] - time[0])) * drive.ratio * r_L / r_M
-    found = H[:, block.row, list(block.columns)] / weight
+    row = int(np.argmax(block.shares))
+    found = H[:, row, list(block.columns)] / weight
     inside = slice(5, -5)
     for column, name in enumerate(regressor.names):
         size = np.abs(R[:, column]).max()
@@ -147,7 +148,7 @@ def test_motor_rows_are_the_regressor_of_the_motion_that_springs_make() -> None:
         # a sign turns within a sample where the speed crosses zero
         assert differ.sum() <= (8 if name == "coulomb_friction" else 0)
     # the other rows know nothing of this drive
-    others = np.delete(H, block.row, axis=1)[:, :, list(block.columns)]
+    others = np.delete(H, row, axis=1)[:, :, list(block.columns)]
     assert not np.any(others)
 
 
@@ -169,7 +170,7 @@ def test_smooth_columns_are_the_regressor_but_for_the_sign() -> None:
         np.testing.assert_allclose(
             smooth.evaluate(signals, 0.5)[1][:, :, index], numeric, rtol=1e-5, atol=1e-6
         )
-    assert slopes.shape == (30, len(regressor.names), 6)
+    assert slopes.shape == (30, len(regressor.names), 7)
 
 
 def test_an_ideal_drive_has_no_columns() -> None:
@@ -177,7 +178,7 @@ def test_an_ideal_drive_has_no_columns() -> None:
     smooth = smooth_columns(motor_regressor(robot, robot.joint_names[0]))
     columns, slopes = smooth.evaluate({name: np.zeros(7) for name in SIGNALS}, 1.0)
     assert columns.shape == (7, 0)
-    assert slopes.shape == (7, 0, 6)
+    assert slopes.shape == (7, 0, 7)
 
 
 def test_torque_derivatives_with_payload_and_order() -> None:
