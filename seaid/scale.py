@@ -12,13 +12,18 @@ CONSTANTS = {"torque_constant": "current", "voltage_constant": "voltage"}
 
 _ROUNDING = 1e-9
 
+_LOST, _PART = 1e-7, 0.01
+"""A combination of columns that is lost, and the least part of it that a constant has then."""
+
+_LOAD = "known bodies (known_bodies=), logs with and without a payload (identify_conditions), "
 _SPRING = "the stiffness of its spring (known = ['stiffness']), "
 
 
 def check_scale(information: Information) -> None:
     """Raise IdentificationError where a motor constant is unknown and nothing fixes the scale.
 
-    Then the equations are homogeneous, and least squares finds zero for all that is in them.
+    Then the equations are homogeneous, and least squares finds zero for all that is in them. A
+    payload that is always there does not help: it could as well be part of its body.
     """
     places = {
         place: name.split(" of ", 1)
@@ -29,15 +34,17 @@ def check_scale(information: Information) -> None:
         return
     R, p = information.weighted_factor(), len(information.names)
     norms = np.linalg.norm(R[:, :p], axis=0)
-    theta = np.linalg.lstsq(R[:p, :p] / np.where(norms > 0, norms, 1.0), R[:p, p], rcond=1e-9)[0]
+    U, sizes, Vt = np.linalg.svd(R[:p, :p] / np.where(norms > 0, norms, 1.0))
+    told = sizes > _LOST * sizes[0]
+    theta = Vt[told].T @ ((U.T @ R[:p, p])[told] / sizes[told])
     least = _ROUNDING * float(np.linalg.norm(R[:, p]))
+    open_part = np.max(np.abs(Vt[~told]), axis=0, initial=0.0)
     for place, (name, *where) in places.items():
-        if abs(theta[place]) <= least:
+        if abs(theta[place]) <= least or open_part[place] > _PART:
             joint = where[0] if where else information.joint_names[information.equations[0]]
-            known = "a payload (payloads=), known bodies (known_bodies=), "
             raise IdentificationError(
                 f"of the motor of {joint} only the {CONSTANTS[name]} was logged, and nothing known "
                 f"tells its {name.replace('_', ' ')}: all torques could be larger by a factor. "
-                f"Give one of: {known if where else _SPRING}its rotor inertia, or the constant "
+                f"Give one of: {_LOAD if where else _SPRING}its rotor inertia, or the constant "
                 f"itself (known = ['{name}'])"
             )

@@ -76,7 +76,7 @@ def independent_rows(information: Information, estimate: Estimate) -> float:
     From how much its variances exceed those for white noise, in the middle of all parameters.
     """
     white = estimate.white_standard_errors
-    if white is None or not np.all(white > 0):
+    if white is None or not len(white) or not np.all(white > 0):
         return float(information.count)
     inflation = float(np.median((estimate.standard_errors / white) ** 2))
     return information.count / max(inflation, 1.0)
