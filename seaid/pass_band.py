@@ -127,16 +127,19 @@ def _spectrum(samples: Array, rate_hz: float, order: int) -> _Spectrum:
     seen = (smooth >= _OUTSTANDING * floor) & (frequency <= rate_hz / _RATES)
     signal = np.where(seen, np.maximum(power - floor, 0.0), 0.0)
     # the noise of a derivative is integrated, its lines are those of the signal
+    # a sweep moves too: only its speed and acceleration are without the trend
+    moving = periodogram(samples, fs=rate_hz, window="hann", detrend="constant")[1]
+    place = np.where(seen | (frequency <= frequency[2]), np.maximum(moving - floor, 0.0), 0.0)
     exponent = 2 * order
     noise = floor * frequency ** (exponent + 1) / (exponent + 1)
     moved = np.cumsum(signal * frequency**exponent) * frequency[1]
     clean = np.flatnonzero((noise <= _ALLOWED**2 * moved) & (moved > 0))
     return _Spectrum(
-        position_hz=_edge(frequency, signal, _POSITION_SHARE),
+        position_hz=_edge(frequency, place, _POSITION_SHARE),
         speed_hz=_edge(frequency, signal * frequency**2, _VELOCITY_SHARE),
         noise_limit_hz=float(frequency[clean[-1]]) if len(clean) else 0.0,
         floor=floor,
-        moves=bool(np.sum(signal) * frequency[1] >= _MOVING**2 * variance),
+        moves=bool(np.sum(place) * frequency[1] >= _MOVING**2 * variance),
     )
 
 

@@ -77,6 +77,14 @@ def test_vibration_beyond_the_motion_does_not_widen_the_lower_edge() -> None:
     assert found.motion_hz[0] == pytest.approx(1.0, abs=0.3)
 
 
+def test_sweep_is_a_motion_and_what_shakes_on_it_is_not() -> None:
+    """From one pose to another at an even speed, as in a log of a single long move."""
+    sweep = 0.3 * TIME[:, None]
+    found = proposed(sweep + 2e-3 * sine(20.0) + noise(0, 1e-4))
+    assert found.motion_hz[0] < 0.5
+    assert proposed(sweep + noise(0, 1e-3)).channel == "joint side of hip"
+
+
 def test_fastest_joint_decides_whatever_its_unit_or_offset() -> None:
     slow, fast = sine(0.3), sine(2.5)
     together = proposed(np.hstack([100 * slow + 5.0, 1e-3 * fast - 2.0]))
