@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import tomllib
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import files
 from pathlib import Path
@@ -18,7 +18,10 @@ from typing import Any
 import numpy as np
 
 import seaid
+from seaid.arrays import Array
+from seaid.description_file import description_for
 from seaid.files import result_folder
+from seaid.formats.opening import open_table
 from seaid.progress import track
 from seaid.report.figures import save_actuator_figure, save_load_figure
 from seaid.report.text import number
@@ -45,13 +48,20 @@ class Case:
     value: tuple[Mapping[str, Any], ...] = ()
     torque: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
     payload: tuple[Mapping[str, Any], ...] = ()
+    known_bodies: tuple[str, ...] = ()
+    forward: Mapping[str, float] = field(default_factory=dict)
 
     def load_robot(self) -> seaid.Robot:
         """Return the robot with nothing but what is known of it."""
         package, _, name = self.robot.rpartition("/")
         urdf = packaged(package, name) if package else MODELS / name
         payloads = tuple(seaid.Payload(**one) for one in self.payload)
-        return seaid.load_robot(urdf, drivetrains=MODELS / self.drives, payloads=payloads)
+        return seaid.load_robot(
+            urdf,
+            drivetrains=MODELS / self.drives,
+            payloads=payloads,
+            known_bodies=self.known_bodies,
+        )
 
     def read_logs(self, robot: seaid.Robot, data: Path, description: str = "") -> list[seaid.Log]:
         """Return the logs by their description (or another one)."""
@@ -101,7 +111,7 @@ def read_cases() -> list[Case]:
 
 
 def _case(table: dict[str, Any]) -> Case:
-    lists = ("weak", "gears_of", "value", "payload")
+    lists = ("weak", "gears_of", "value", "payload", "known_bodies")
     given: dict[str, Any] = {key: tuple(one) if key in lists else one for key, one in table.items()}
     return Case(**given)
 
@@ -125,6 +135,7 @@ def rows_of(case: Case, data: Path, output: Path) -> Iterator[Row]:
     yield from weak_rows(case, found)
     yield from gear_rows(case, robot, logs, data)
     yield from torque_rows(case, robot, logs, found, output)
+    yield from forward_rows(case, logs, found, data)
 
 
 def value_of(found: seaid.Identification, name: str) -> tuple[float, float]:
@@ -212,7 +223,8 @@ def torque_rows(
     in_sample = seaid.validate(found, logs[0])
     if not np.all(np.isnan(in_sample.actuator.measured)):
         save_actuator_figure(in_sample, output / f"{name}_actuator.png")
-    save_load_figure(in_sample, output / f"{name}_load.png")
+    if np.any(np.isfinite(in_sample.load.relative_error)):
+        save_load_figure(in_sample, output / f"{name}_load.png")
     results = {"in_sample": in_sample}
     if "unseen_half" in case.torque:
         middle = float(np.mean(logs[0].time[[0, -1]]))
@@ -230,6 +242,63 @@ def torque_rows(
             asked=_percents(known["asked"]),
             met=bool(np.all(errors <= np.array(known["asked"]))),
         )
+
+
+def forward_rows(
+    case: Case, logs: list[seaid.Log], found: seaid.Identification, data: Path
+) -> Iterator[Row]:
+    """Yield how far the found robot is from the logs, simulated under its servo."""
+    if not case.forward:
+        return
+    errors = []
+    for path, log in zip(sorted(data.glob(case.logs)), logs, strict=True):
+        simulated = seaid.replay(found.robot, log, servo_of(case, path, found.robot))
+        errors.append(float(np.mean(np.abs(simulated.joint_position - log.joint_position))))
+    error = float(np.mean(errors))
+    yield Row(
+        case.name,
+        "forward simulation, mean absolute error [rad]",
+        f"{error:.4f}",
+        f"{case.forward['published']:.4f}",
+        asked=f"{case.forward['asked']:.4f}",
+        met=error <= case.forward["asked"],
+    )
+
+
+def servo_of(case: Case, path: Path, robot: seaid.Robot) -> Callable[[float, Array], Array]:
+    """Return the voltages of the servos in a log's description, the goals held between samples."""
+    described = description_for(path, MODELS / "logs" / case.description)
+    if described is None or described.time is None or described.time.column is None:
+        raise seaid.LogError(f"'{case.description}' names no time")
+    servos = [described.joints[joint]["motor_voltage"].servo for joint in robot.joint_names]
+    known = [servo for servo in servos if servo is not None]
+    if len(known) < robot.n:
+        raise seaid.LogError(f"'{case.description}' has no servo for every joint")
+    names = {name for servo in known for name in servo.columns()} | {described.time.column}
+    table = open_table(path).load(sorted(names))
+    time = table[described.time.column]
+
+    def voltages(at: float, position: Array) -> Array:
+        now = max(int(np.searchsorted(time, at, side="right")) - 1, 0)
+
+        def number_of(one: str | float) -> float:
+            return float(table[one][now]) if isinstance(one, str) else one
+
+        return np.array(
+            [
+                number_of(servo.supply)
+                * np.clip(
+                    servo.gain_factor
+                    * number_of(servo.gain)
+                    * (number_of(servo.goal) - position[index]),
+                    -servo.limit,
+                    servo.limit,
+                )
+                for index, servo in enumerate(known)
+            ]
+        )
+
+    return voltages
 
 
 def _percents(values: Any) -> str:

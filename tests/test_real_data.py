@@ -6,17 +6,12 @@ import warnings
 from pathlib import Path
 from types import ModuleType
 
-import numpy as np
 import pytest
 
 import seaid
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT.parent / "shared" / "data"
-
-pytestmark = pytest.mark.skipif(
-    not DATA.is_dir(), reason=f"measured logs are not part of the project: no folder {DATA}"
-)
 
 
 def script(name: str) -> ModuleType:
@@ -30,25 +25,39 @@ def script(name: str) -> ModuleType:
     return module
 
 
-def test_ur10_second_half_from_the_first() -> None:
-    ur10 = script("identify_ur10")
+real_data = script("real_data")
+CASES = real_data.read_cases()
+SLOW = pytest.mark.slow  # friction that is searched for, or simulated sample by sample
+
+
+@pytest.mark.skipif(
+    not DATA.is_dir(), reason=f"measured logs are not part of the project: no folder {DATA}"
+)
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, id=case.name, marks=SLOW if "unseen_half" in case.torque else ())
+        for case in CASES
+        if not case.forward  # long: the script's
+    ],
+)
+def test_every_figure_of_a_measured_set_is_reached(case: ModuleType, tmp_path: Path) -> None:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", seaid.SeaidWarning)  # its URDF has rounded angles
-        robot = ur10.load_ur10()
-    log = ur10.read(DATA / "ur10_exciting" / "ur10_exciting_trajectory.csv", robot)
-    middle = float(np.mean(log.time[[0, -1]]))
-    found = seaid.identify(robot, log.between(-np.inf, middle))
-    unseen = seaid.validate(found, log.between(middle, np.inf))
-    assert len(found.load.values) == 36
-    assert np.all(unseen.load.relative_error <= np.array([0.18, 0.05, 0.06, 0.15, 0.13, 0.31]))
+        warnings.simplefilter("ignore", seaid.SeaidWarning)
+        rows = list(real_data.rows_of(case, DATA, tmp_path))
+    asked = [row for row in rows if row.met is not None]
+    assert asked
+    assert [row.cells() for row in asked if not row.met] == []
 
 
-def test_hebi_spring_without_the_deflection_channel() -> None:
-    hebi = script("identify_hebi_joint")
-    robot = seaid.load_robot(
-        ROOT / "models" / "hebi_arm_2.urdf", drivetrains=ROOT / "models" / "hebi_arm_2.toml"
-    )
-    found = seaid.identify(robot, hebi.read(DATA / "hebi_arms" / "virtual_spring.csv", robot))
-    assert found.drivetrains["joint_0"].value("stiffness") == pytest.approx(70.0, rel=0.04)
-    assert not found.drivetrains["joint_0"].flags
-    assert "stiffness of joint_1 is poorly identified" in found.flags[0]
+def test_every_case_has_its_files_and_something_asked() -> None:
+    models = ROOT / "models"
+    for case in CASES:
+        assert (models / case.drives).is_file()
+        assert (models / "logs" / case.description).is_file()
+        assert case.refused or case.weak or case.value or case.torque or case.forward
+        assert "/" in case.robot or (models / case.robot).is_file()
+
+
+def test_names_of_cases_are_their_own() -> None:
+    assert len({case.name for case in CASES}) == len(CASES)

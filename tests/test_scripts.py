@@ -82,21 +82,21 @@ def test_main_job_flags_the_unloaded_spring(tulip: tuple[Path, str]) -> None:
     assert "21 base parameters are identifiable, from all five 29" in tulip[1]
 
 
-@pytest.mark.parametrize("script", ["identify_ur10.py", "identify_hebi_joint.py"])
-def test_missing_measured_log_is_one_line(script: str, tmp_path: Path) -> None:
-    done = run(f"scripts/{script}", str(tmp_path / "none.csv"))
-    assert done.returncode != 0
-    assert "no measured log" in done.stderr
-    assert "Traceback" not in done.stderr
+def test_missing_measured_sets_are_one_line_each(tmp_path: Path) -> None:
+    done = run("scripts/real_data.py", "--data", str(tmp_path), "--output", str(tmp_path / "out"))
+    assert done.returncode == 0, done.stderr
+    assert "skipped: no xl330_pendulum/raw/*.json in " in done.stdout
+    assert "0 of 0 asked figures met" in done.stdout
 
 
-def test_broken_log_is_one_line(tmp_path: Path) -> None:
-    broken = tmp_path / "run.csv"
-    broken.write_text("t_stamp,pos\n0,1\n1,x\n")
-    done = run("scripts/identify_ur10.py", str(broken))
-    assert done.returncode != 0
+def test_broken_measured_log_is_a_line_of_the_table(tmp_path: Path) -> None:
+    (tmp_path / "ur10_exciting").mkdir()
+    (tmp_path / "ur10_exciting" / "broken.csv").write_text("t_stamp,pos\n0,1\n1,x\n")
+    done = run("scripts/real_data.py", "--data", str(tmp_path), "--output", str(tmp_path / "out"))
+    assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr
-    assert "error:" in done.stderr
+    assert "| UR10 | refused | " in done.stdout
+    assert "0 of 1 asked figures met" in done.stdout
 
 
 def test_plan_writes_every_file_and_says_where(tmp_path: Path) -> None:
