@@ -74,6 +74,7 @@ def accelerations(
         return _driven(plant, data, state, free, force, slip)
     at = turned.T.tolist()
     gear, under_load = np.zeros_like(free), list(plant.under_load)
+    last: tuple[Array, Array] | None = None
     for _ in range(_MOST_TURNS):
         rest = free.copy()
         for index, drive in plant.acting:
@@ -83,10 +84,20 @@ def accelerations(
                 rest[index] -= drive.level(*at[index], through) * slip[index]
         motor, joint = _driven(plant, data, state, rest, force, slip)
         found = (plant.ratio * (rest - plant.motor_inertia * motor))[under_load]
-        if np.all(np.abs(found - gear[under_load]) <= _SETTLED * (1 + np.abs(found))):
+        error = found - gear[under_load]
+        if np.all(np.abs(error) <= _SETTLED * (1 + np.abs(found))):
             return motor, joint
-        gear[under_load] = found
+        gear[under_load] = found if last is None else _faster(found, error, *last)
+        last = found, error
     raise SeaidError("friction under load does not settle: load_friction must be well below one")
+
+
+def _faster(found: Array, error: Array, found_before: Array, error_before: Array) -> Array:
+    """Return the next guess of a fixed point, by the secant of the last two (Anderson 1965)."""
+    change = error - error_before
+    size = float(change @ change)
+    part = float(error @ change) / size if size > 0 else 0.0
+    return found - part * (found - found_before)
 
 
 def _driven(

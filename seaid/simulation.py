@@ -13,7 +13,7 @@ from seaid.errors import SeaidError
 from seaid.excitation.trajectory import Trajectory
 from seaid.log import Log
 from seaid.motion import Motion
-from seaid.motor_inputs import motor_inputs
+from seaid.motor_inputs import input_gain, motor_inputs
 from seaid.plant import (
     JOINT_POSITION,
     JOINT_SPEED,
@@ -110,6 +110,8 @@ def simulate_motion(
     if not (math.isfinite(rate_hz) and rate_hz > 0):
         raise SeaidError(f"rate_hz must be more than zero, found {rate_hz}")
     _check_joints(robot, trajectory)
+    for joint in robot.joint_names:
+        input_gain(robot, joint)  # a missing constant is told before anything moves
     plant, order = plant_of(robot), list(robot.model_order)
     noise = Noise() if noise is None else noise
     settle = round(SETTLE_S * rate_hz)
