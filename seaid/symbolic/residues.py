@@ -84,15 +84,36 @@ class ResidueNumbers:
         self, q: Residues, turned: tuple[Residues, Residues], v: Residues, a: Residues
     ) -> Residues:
         """Return the joint-torque regressor (T, n, 10n), as `rigid_body_regressor`."""
-        program, entries = self._program
-        states = dict(zip("cs", turned, strict=True)) | {"q": q, "v": v, "a": a}
-        known = {f"{x}{i}": column for x, s in states.items() for i, column in enumerate(s.T)}
-        for name, value in program.steps.items():
-            known[name] = _sum(value, known, len(q))
+        known = self._steps(q, turned, v, a)
         Y = np.zeros((len(q), self.robot.n, 10 * self.robot.n), dtype=object)
-        for (row, column), value in entries.items():
+        for (row, column), value in self._program[1].items():
             Y[:, row, column] = _sum(value, known, len(q))
         return Y
+
+    def torques(
+        self,
+        q: Residues,
+        turned: tuple[Residues, Residues],
+        v: Residues,
+        a: Residues,
+        bodies: Residues,
+    ) -> Residues:
+        """Return `regressor` @ bodies, (T, n)."""
+        known = self._steps(q, turned, v, a)
+        found = np.zeros((len(q), self.robot.n), dtype=object)
+        for (row, column), value in self._program[1].items():
+            found[:, row] += _sum(value, known, len(q)) * bodies[column]
+        return np.asarray(found % PRIME)
+
+    def _steps(
+        self, q: Residues, turned: tuple[Residues, Residues], v: Residues, a: Residues
+    ) -> dict[str, Residues]:
+        """Return every named value of the program."""
+        states = dict(zip("cs", turned, strict=True)) | {"q": q, "v": v, "a": a}
+        known = {f"{x}{i}": column for x, s in states.items() for i, column in enumerate(s.T)}
+        for name, value in self._program[0].steps.items():
+            known[name] = _sum(value, known, len(q))
+        return known
 
     def product(self, left: Residues, right: Residues) -> Residues:
         """Return left @ right."""

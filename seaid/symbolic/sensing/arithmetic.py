@@ -15,7 +15,7 @@ import sympy as sp
 
 from seaid.arrays import Array
 from seaid.base import random_states
-from seaid.rigid_body import rigid_body_regressor
+from seaid.rigid_body import joint_torques, rigid_body_regressor
 from seaid.robot import Robot
 
 Known = dict[sp.Expr, Any]
@@ -39,6 +39,9 @@ class Numbers(Protocol):
 
     def regressor(self, q: Any, turned: Any, v: Any, a: Any) -> Any:
         """Return the joint-torque regressor (T, n, 10n)."""
+
+    def torques(self, q: Any, turned: Any, v: Any, a: Any, bodies: Any) -> Any:
+        """Return `regressor` @ bodies, (T, n)."""
 
     def product(self, left: Any, right: Any) -> Any:
         """Return left @ right."""
@@ -89,6 +92,11 @@ class RealNumbers:
     def regressor(self, q: Array, turned: object, v: Array, a: Array) -> Array:
         """Return the joint-torque regressor (T, n, 10n)."""
         return rigid_body_regressor(self.robot, q, v, a)
+
+    def torques(self, q: Array, turned: object, v: Array, a: Array, bodies: Array) -> Array:
+        """Return `regressor` @ bodies, (T, n)."""
+        own = bodies - self.robot.payload_parameters
+        return joint_torques(self.robot.with_values(own, self.robot.drivetrains), q, v, a)
 
     def product(self, left: Array, right: Array) -> Array:
         """Return left @ right."""

@@ -179,23 +179,17 @@ def _held(
     elastic = [i for i, drive in enumerate(terms) if drive.spring is not None]
     if not elastic:
         return a
-
-    def loads(acceleration: Any) -> Any:
-        torques = numbers.product(numbers.regressor(q, turned, v, acceleration), bodies)
-        return numbers.product(torques, C_inv)[:, elastic]
-
-    missing = -loads(a)
-    inertia = np.empty((len(q), len(elastic), len(elastic)), dtype=q.dtype)
+    pushed = np.concatenate([a, *(a + C_inv[:, i] for i in elastic)])
+    held, *turns, speeds = (np.tile(x, (1 + len(elastic), 1)) for x in (q, *turned, v))
+    torques = numbers.torques(held, tuple(turns), speeds, numbers.reduced(pushed), bodies)
+    loads = numbers.product(torques, C_inv)[:, elastic].reshape(-1, *q[:, elastic].shape)
+    inertia = numbers.reduced(loads[1:] - loads[0]).transpose(1, 2, 0)
+    wanted = -loads[0]
     for place, i in enumerate(elastic):
-        inertia[:, :, place] = numbers.reduced(missing + loads(a + C_inv[:, i]))
         force = numbers.value(terms[i].spring, drives[i]) * drives[i][r_L]
-        drives[i][_HELD] = numbers.reduced(force - numbers.value(terms[i].beside, drives[i]))
-    wanted = np.stack([drives[i][_HELD] for i in elastic], axis=1)
-    change = numbers.solve(inertia, numbers.reduced(missing + wanted))
+        wanted[:, place] += force - numbers.value(terms[i].beside, drives[i])
+    change = numbers.solve(inertia, numbers.reduced(wanted))
     return numbers.reduced(a + numbers.product(change, C_inv.T[elastic]))
-
-
-_HELD = sp.Symbol("torque_on_the_bodies")
 
 
 def _drive_motor(numbers: Numbers, drive: DriveTerms, known: Known, load: Any, count: int) -> None:
