@@ -69,11 +69,18 @@ def _descended(
 
     size = max(float(np.linalg.norm(_residual(columns, start)[0])), 1e-300)
 
+    last: list[tuple[Array, tuple[Array, Array, Array]]] = []
+
+    def at(v: Array) -> tuple[Array, Array, Array]:
+        if not last or not np.array_equal(last[0][0], v):
+            last[:] = [(v.copy(), _residual(columns, v))]
+        return last[0][1]
+
     def residual(v: Array) -> Array:
-        return _residual(columns, v)[0] / size
+        return at(v)[0] / size
 
     def jacobian(v: Array) -> Array:
-        _, theta, Q = _residual(columns, v)
+        _, theta, Q = at(v)
         D = slopes(v, theta)
         return -(D - Q @ (Q.T @ D)) / size
 
