@@ -134,7 +134,24 @@ def _separated(
     if not unknowns:
         return -expression, (), ()
     form = separate(expression, motion=list(SIGNALS), unknowns=unknowns)
-    return form.zeta[0], tuple(form.parameters), tuple(form.regressor)
+    parameters, row = tuple(form.parameters), tuple(form.regressor)
+    factor = _factor(expression, parameters, row)
+    return factor * form.zeta[0], parameters, tuple(factor * entry for entry in row)
+
+
+def _factor(
+    expression: sp.Expr, parameters: tuple[sp.Expr, ...], row: tuple[sp.Expr, ...]
+) -> sp.Expr:
+    """Return by what a row of (9) must be multiplied to balance what the equation balances.
+
+    Algorithm 1 leaves the scale of a row open; the torque on the load counts in the equation's.
+    """
+    pairs = [pair for pair in zip(parameters, row, strict=True) if pair[0].is_Symbol]
+    if not pairs:
+        return sp.Integer(1)
+    parameter, entry = min(pairs, key=lambda pair: pair[1].count_ops())
+    slope = expression.diff(parameter)
+    return sp.cancel(flat_names(slope) / flat_names(entry))
 
 
 def _evaluate(

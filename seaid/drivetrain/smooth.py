@@ -13,7 +13,7 @@ from seaid.arrays import Array, FrozenMapping
 from seaid.drivetrain.equations import motor_equation
 from seaid.drivetrain.model import Drive
 from seaid.drivetrain.regressor import DriveRegressor, flat_names
-from seaid.drivetrain.symbols import PARAMETER_NAMES, SYMBOLS, K_t, K_u, known_values
+from seaid.drivetrain.symbols import PARAMETER_NAMES, SYMBOLS, K_t, K_u, N, known_values, r_L, r_M
 
 STATES = ("theta_M", "theta_M_dot", "theta_M_ddot", "theta_L", "theta_L_dot", "theta_L_ddot")
 SIGNALS = (*STATES, "tau_G")
@@ -22,6 +22,7 @@ SIGNALS = (*STATES, "tau_G")
 WIDTH = sp.Symbol("sign_width", real=True)
 """Speed within which the sign of a speed turns, in `smoothed` expressions."""
 
+_POSITIVE = {str(symbol) for symbol in (N, r_M, r_L, *PARAMETER_NAMES) if symbol.is_positive}
 _SPEEDS = {"theta_M_dot", "theta_L_dot"}
 _NAMES = {str(symbol): name for symbol, name in PARAMETER_NAMES.items()}
 
@@ -63,23 +64,28 @@ class SmoothColumns:
 def smooth_columns(regressor: DriveRegressor) -> SmoothColumns:
     """Return the columns of a drive's regressor with slopes.
 
-    Current and voltage are those that the drive needs for its motion, with its values.
+    Current and voltage are those that the drive needs for its motion, with its values; zeros of
+    encoders are zero where they are not given.
     """
     row = tuple(_with_input(flat_names(entry), regressor.drive) for entry in regressor.row)
-    known = {str(SYMBOLS[name]): value for name, value in regressor.drive.values.items()}
+    values = {"deflection_zero": 0.0, "deflection_offset": 0.0, **regressor.drive.values}
+    if "preload" not in getattr(regressor.drive, "spring", ("preload",)):
+        values["deflection_offset"] = 0.0
+    known = {str(SYMBOLS[name]): value for name, value in values.items()}
     known |= {str(symbol): value for symbol, value in known_values(regressor.drive).items()}
     return SmoothColumns(regressor.names, regressor.units, row, FrozenMapping(known))
 
 
 def _with_input(entry: sp.Expr, drive: Drive) -> sp.Expr:
     """Return a flat column in which current or voltage follow from the motor equation (7)."""
-    inputs = {sp.Symbol(name): constant for name, constant in (("i_M", K_t), ("u_M", K_u))}
-    asked = entry.free_symbols & set(inputs)
+    constants = {"i_M": K_t, "u_M": K_u}
+    asked = [symbol for symbol in entry.free_symbols if str(symbol) in constants]
     if not asked:
         return entry
     needed = flat_names(motor_equation(drive).expression)
-    needed = needed.subs({**dict.fromkeys(inputs, 0), sp.Symbol("tau_L"): sp.Symbol("tau_G")})
-    return entry.subs({symbol: needed / inputs[symbol] for symbol in asked})
+    nothing = dict.fromkeys(map(sp.Symbol, constants), 0)
+    needed = needed.subs({**nothing, sp.Symbol("tau_L"): sp.Symbol("tau_G")})
+    return entry.subs({symbol: needed / constants[str(symbol)] for symbol in asked})
 
 
 def smoothed(expression: sp.Expr) -> sp.Expr:
@@ -96,7 +102,7 @@ def slope_of(expression: sp.Expr, name: str) -> sp.Expr:
 
 def real_symbol(name: str) -> sp.Symbol:
     """Return the symbol of a signal or parameter in `smoothed` expressions."""
-    return sp.Symbol(name, real=True)
+    return sp.Symbol(name, positive=True) if name in _POSITIVE else sp.Symbol(name, real=True)
 
 
 def _turning(x: sp.Expr) -> sp.Expr:

@@ -127,6 +127,20 @@ def test_friction_under_load_takes_the_direction_of_the_coulomb_friction() -> No
     np.testing.assert_allclose(R[:, 1], np.abs(s["tau_G"]) / 50 * np.sign(s["theta_M_dot"]))
 
 
+@pytest.mark.parametrize("motor_input", ["torque", "current", "voltage"])
+@pytest.mark.parametrize("friction", [("viscous",), ("viscous", "coulomb", "load"), ("load",)])
+def test_a_row_balances_the_torque_at_the_motor(
+    motor_input: str, friction: tuple[str, ...]
+) -> None:
+    """The load's torque counts 1/N there, whatever scale Algorithm 1 leaves."""
+    drive = replace(STIFF, motor_input=motor_input, friction=friction)
+    regressor = drive_regressor(motor_equation(drive), drive)
+    s = signals()
+    more = {**s, "tau_L": s["tau_L"] + 1.0}
+    change = regressor.evaluate(more)[0] - regressor.evaluate(s)[0]
+    np.testing.assert_allclose(change, -1 / 50, rtol=1e-9)
+
+
 def test_dead_zone_takes_its_width_away_on_both_sides() -> None:
     drive = replace(ELASTIC, spring=("linear", "dead_zone")).with_values(
         {"stiffness": 10.0, "dead_zone": 0.1, "deflection_zero": 0.02}
