@@ -49,10 +49,11 @@ class Identification:
     `drivetrains` {joint: Estimate} has the drives' parameters; `load` the base parameters, whose
     combinations are in `base`; `robot` the robot with the found values (its standard parameters are
     the nearest to those of the file that have the found base parameters; physically possible ones
-    where `possible` tells how they came about), `known` the robot as it was given. `load_side` is
-    the whole estimate of the load side in the columns of `model`. `left_out` counts instants near
-    standstill by joint, "load" for the load side; `checks` of the model have the same keys ("both"
-    where both sides were estimated at once). `processing` tells what was done to each log before.
+    where `possible` tells how they came about), `known` the robot as it was given, with
+    a value of what bends its drives' equations. `load_side` is the whole estimate of the load side
+    in the columns of `model`. `left_out` counts instants near standstill by joint, "load" for the
+    load side; `checks` of the model have the same keys ("both" where both sides were estimated at
+    once). `processing` tells what was done to each log before.
     """
 
     drivetrains: Mapping[str, Estimate]
@@ -134,8 +135,13 @@ def identify(
     Part one estimates friction, stiffness and deflection offset of each elastic joint from (7);
     part two computes the load torques by (4b) and estimates the base parameters from (8), with the
     uncertainty of the springs carried along. `sides` "joint" goes on from there to (7) and (8) at
-    once, which share the springs. Only ratios, radii, known rotor inertias, geometry and payload of
-    `robot` are used, and with `feasible` its inertial parameters as a prior.
+    once, which share the springs. Only ratios, radii, geometry, payload and what is known of drives
+    and bodies of `robot` are used, and with `feasible` its inertial parameters as a prior; nominal
+    values only as the start of a search.
+
+    Parameters in which a drive's equation is not linear (a width, a Stribeck speed, a dead zone)
+    are searched for first, by variable projection; of logs read in pieces the first piece is
+    searched. Then they have a column and a standard error as all others.
 
     `logs` may be paths of files with our column names, or `open_long_log`'s: they are read in
     pieces, and with "ols" and "wls" memory does not grow with their length. `rows` names the joints

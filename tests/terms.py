@@ -31,7 +31,7 @@ from seaid.sequential import known_torques, sequential_sides
 from seaid.straightening import straightened_robot
 from seaid.untold import with_held_flags
 
-PERIOD_S, RATE_HZ = 8.0, 500.0
+PERIOD_S, RATE_HZ = 8.0, 250.0
 TIME = np.arange(int(PERIOD_S * RATE_HZ)) / RATE_HZ
 
 STIFF = StiffDrive(gear_ratio=40.0, motor_inertia_kg_m2=2e-5).with_values(
