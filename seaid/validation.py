@@ -125,13 +125,23 @@ def _input_torque(found: Identification, motion: Motion, joint: str) -> Array:
 
 
 def _load(found: Identification, motion: Motion) -> tuple[Array, Array]:
-    """Return measured and computed load torque (T, n) by (8), NaN where it was not used."""
+    """Return measured and computed load torque (T, n) by (8), NaN where it was not used.
+
+    Where a motor's current or voltage was logged, what it gives by the found constant is measured.
+    """
     torque, payload, H, _ = load_columns(found.known, motion, found.model, found.springs)
+    theta, bodies = found.load_side.values, len(found.model.expressions)
+    constants = [
+        bodies + place
+        for place, (_, name, _) in enumerate(found.model.drives)
+        if name in ("torque_constant", "voltage_constant")
+    ]
+    given = H[:, :, constants] @ theta[constants]
     measured = np.full_like(motion.joint_position, np.nan)
     computed = measured.copy()
     used = [found.robot.index(joint) for joint in found.model.rows]
-    measured[:, used] = torque
-    computed[:, used] = payload + H @ found.load_side.values
+    measured[:, used] = torque - given
+    computed[:, used] = payload + H @ theta - given
     return measured, computed
 
 
