@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     )
     from seaid.excitation.scene_file import Box, load_scene
     from seaid.export.drive_tables import write_drivetrains
+    from seaid.export.mjcf import WrittenMjcf, write_mjcf
     from seaid.export.urdf_file import write_urdf
     from seaid.gears import GearRatio, gear_ratio
     from seaid.identification import Identification, identify
@@ -89,6 +90,7 @@ _WHERE = {
     ),
     "excitation.scene_file": ("Box", "load_scene"),
     "export.drive_tables": ("write_drivetrains",),
+    "export.mjcf": ("WrittenMjcf", "write_mjcf"),
     "export.urdf_file": ("write_urdf",),
     "gears": ("GearRatio", "gear_ratio"),
     "identification": ("Identification", "identify"),
@@ -147,6 +149,7 @@ __all__ = [
     "TermSelection",
     "Trajectory",
     "Validation",
+    "WrittenMjcf",
     "add_run_in",
     "base_parameters",
     "compare_terms",
@@ -175,6 +178,7 @@ __all__ = [
     "validate",
     "write_drivetrains",
     "write_log",
+    "write_mjcf",
     "write_urdf",
 ]
 

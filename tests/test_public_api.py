@@ -32,6 +32,7 @@ FUNCTIONS = {
     "describe_log": "path robot",
     "write_log": "log path",
     "write_urdf": "found path source force",
+    "write_mjcf": "found path force",
     "write_drivetrains": "drives path",
     "estimate_delays": "robot log largest_s cutoff_hz",
     "correct_delays": "log delays",
@@ -91,6 +92,7 @@ CLASSES = {
     "Estimate": "names values covariance standard_errors units residual_std condition_number "
     "interval",
     "Validation": "joints actuator load",
+    "WrittenMjcf": "path notes",
     "validation.Fit": "rms_error relative_error r_squared",
     "symbolic.RegressorForm": "zeta regressor parameters",
     "symbolic.BaseForm": "regressor parameters B echelon pivots fundamental_functions",

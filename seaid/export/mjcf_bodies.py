@@ -1,0 +1,116 @@
+"""The bodies of a MuJoCo model: placements, joints and inertias of a robot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from seaid.arrays import Array
+from seaid.errors import RobotError
+from seaid.inertia import is_physical, pseudo_inertia
+from seaid.robot import Robot
+
+TINY = 1e-14
+"""Mass [kg] and second moments [kg m^2] that stand for nothing: MuJoCo refuses less than 1e-15."""
+
+_ROUNDING = 1e-9
+"""Relative: a pseudo-inertia less negative than this is one of a body without thickness."""
+
+
+def add_bodies(robot: Robot, world: Any, notes: list[str], force: bool) -> dict[str, Any]:
+    """Add a body with its joint for each moving link; return {joint: its element}.
+
+    Raises RobotError for a body that cannot exist, or with `force` writes the nearest one.
+    """
+    from lxml import etree
+
+    bodies, joints = [world], {}
+    loaded = (robot.parameters + robot.payload_parameters).reshape(-1, 10)
+    for position, index in enumerate(robot.model_order, 1):
+        placement = robot.model.jointPlacements[position]
+        link, joint = robot.body_names[index], robot.joint_names[index]
+        body = etree.SubElement(
+            bodies[robot.model.parents[position]],
+            "body",
+            name="world_link" if link == "world" else link,
+            pos=text(placement.translation),
+            quat=text(_quaternion(placement.rotation)),
+        )
+        bodies.append(body)
+        _add_inertial(body, link, loaded[index], notes, force)
+        joints[joint] = _add_joint(body, robot, position, index)
+    return joints
+
+
+def text(values: Iterable[float]) -> str:
+    """Return numbers as MuJoCo reads them, in full precision."""
+    return " ".join(repr(float(value)) for value in values)
+
+
+def _add_joint(body: Any, robot: Robot, position: int, index: int) -> Any:
+    joint = robot.model.joints[position]
+    data = joint.createData()
+    joint.calc(data, np.zeros(1))
+    along = np.asarray(data.S).ravel()
+    slides = robot.is_prismatic[index]
+    element = body.makeelement(
+        "joint",
+        name=robot.joint_names[index],
+        type="slide" if slides else "hinge",
+        axis=text(along[:3] if slides else along[3:]),
+    )
+    lower, upper = float(robot.lower_limits[index]), float(robot.upper_limits[index])
+    element.set("limited", "false")
+    if np.isfinite(lower) and np.isfinite(upper) and lower < upper:
+        element.set("range", text((lower, upper)))
+    body.insert(1, element)
+    return element
+
+
+def _add_inertial(body: Any, link: str, parameters: Array, notes: list[str], force: bool) -> None:
+    """Write ten parameters as mass, centre of mass, principal axes and moments."""
+    from lxml import etree
+
+    _check_possible(link, parameters, force)
+    mass = parameters[0]
+    center = parameters[1:4] / mass if mass > 0 else np.zeros(3)
+    second = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(center, center)
+    moments, axes = np.linalg.eigh(second)
+    if not is_physical(parameters, _ROUNDING):
+        notes.append(
+            f"link '{link}' is no possible body: its second moments at the centre of mass along "
+            f"the principal axes, {', '.join(f'{moment:.3g}' for moment in moments)} kg m^2, are "
+            "written as zero where negative"
+        )
+    moments = np.maximum(moments, TINY)
+    axes[:, 2] *= np.linalg.det(axes)
+    etree.SubElement(
+        body,
+        "inertial",
+        pos=text(center),
+        quat=text(_quaternion(axes)),
+        mass=text([max(mass, TINY)]),
+        diaginertia=text(moments[[1, 2, 0]] + moments[[2, 0, 1]]),
+    )
+
+
+def _check_possible(link: str, parameters: Array, force: bool) -> None:
+    if is_physical(parameters, _ROUNDING) or (force and parameters[0] > 0):
+        return
+    least = float(np.linalg.eigvalsh(pseudo_inertia(parameters))[0])
+    advice = "identify with feasible=True, or write the nearest body with force=True"
+    if parameters[0] <= 0:
+        advice = "identify with feasible=True (force=True needs a mass of more than zero)"
+    raise RobotError(
+        f"link '{link}' would be no possible body (mass {parameters[0]:.4g} kg, least eigenvalue "
+        f"of its pseudo-inertia {least:.2g}): {advice}"
+    )
+
+
+def _quaternion(rotation: Array) -> Array:
+    """Return a rotation as w, x, y, z."""
+    x, y, z, w = pin.Quaternion(np.asarray(rotation)).normalized().coeffs()
+    return np.array([w, x, y, z])
