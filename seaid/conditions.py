@@ -33,6 +33,7 @@ from seaid.regression import Regression, actuator_regression
 from seaid.robot import Robot
 from seaid.sequential import Fit, Sides, known_torques, split_load_side, sprung
 from seaid.shared_columns import SharedRows, placed_carried, shared_rows
+from seaid.straightening import straightened_robot
 
 BODIES = "bodies"
 """Stands in `own` for all base parameters."""
@@ -75,13 +76,16 @@ def identify_conditions(
     The robots are one type: the same URDF and drives; their payloads may differ. `own` names the
     parameters that each condition has for itself, of all joints ("viscous_friction") or of one
     ("viscous_friction of knee"), "bodies" the base parameters; all others are shared. Other options
-    as in `identify`. Raises IdentificationError for less than two conditions, unknown names and
-    robots that do not have the same joints, drives and base parameters.
+    as in `identify`; equations that bend are taken near values of the first condition. Raises
+    IdentificationError for less than two conditions, unknown names and robots that do not have the
+    same joints, drives and base parameters.
     """
     robots, records = _records(conditions, cutoff_hz, progress)
     first = robots[next(iter(robots))]
     _check_own(first, own)
     used = _used(robots, records) if rows is None else first.rows(rows)
+    robots, records = _straightened(robots, records, used)
+    first = robots[next(iter(robots))]
     models = {
         name: load_model(robot, base_parameters(robot, rows=used), used)
         for name, robot in robots.items()
@@ -173,6 +177,19 @@ def _records(
     records = read(cutoff_hz)
     bands = {one.cutoff_hz for found in records.values() for one in found}
     return robots, records if len(bands) == 1 else read(min(bands))
+
+
+def _straightened(
+    robots: Mapping[str, Robot], records: Mapping[str, list[Record]], used: Sequence[str]
+) -> tuple[dict[str, Robot], dict[str, list[Record]]]:
+    """Return robots near whose values drives that bend are taken: those of the first condition."""
+    found, known = dict(robots), {}
+    for place, (name, robot) in enumerate(robots.items()):
+        straight, known[name] = straightened_robot(found[name], records[name], used)
+        if place == 0 and straight is not robot:
+            alike = {x: one for x, one in robots.items() if one.drivetrains == robot.drivetrains}
+            found |= {x: one.with_drivetrains(straight.drivetrains) for x, one in alike.items()}
+    return found, known
 
 
 def _used(robots: Mapping[str, Robot], records: Mapping[str, list[Record]]) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from seaid.conditions import identify_conditions
 from seaid.drivetrain.model import Drive
 from seaid.errors import IdentificationError, LogError
 from seaid.identification import Identification, identify
@@ -392,3 +393,26 @@ def test_an_input_that_was_not_logged_is_named() -> None:
         LogError, match=r"'two' has no torque in the log: motor current.*say motor_input = 'torque'"
     ):
         found_in(noisy("plain"), robot(STIFF, drive))
+
+
+def together(one: Drive, known: Drive) -> Identification:
+    """Return what two conditions tell together, with a payload and without."""
+    conditions = {}
+    for name, payloads in (("with", (Payload("lower", 0.5, (0.0, 0.0, -0.2)),)), ("without", ())):
+        log = noisy_log(exact_motion(robot(one, one, payloads=payloads)), 0.003, 1e-6)
+        conditions[name] = robot(known, known, payloads=payloads).without_nominal(), log
+    return identify_conditions(conditions, cutoff_hz=10.0).found["with"]
+
+
+def test_a_payload_that_comes_and_goes_tells_motor_constants() -> None:
+    drive = with_terms(STIFF, {"motor_input": "current"}, {"torque_constant": 0.05})
+    found = together(drive, replace(drive, motor_inertia_kg_m2=None))
+    for estimate in found.drivetrains.values():
+        assert estimate.value("torque_constant") == pytest.approx(0.05, rel=2e-3)
+
+
+def test_conditions_share_what_bends() -> None:
+    drive = with_terms(STIFF, *FRICTION["smooth"])
+    found = together(drive, drive)
+    for estimate in found.drivetrains.values():
+        assert estimate.value("coulomb_width") == pytest.approx(1.5, rel=0.1)
