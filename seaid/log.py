@@ -166,6 +166,9 @@ _WRITERS: dict[str, Callable[[Path, Mapping[str, Array]], None]] = {
     ".hdf5": write_hdf5,
 }
 
+WRITTEN = tuple(_WRITERS)
+"""Endings of the files that `write_log` writes."""
+
 
 def _mended(
     path: Path,

@@ -1,0 +1,82 @@
+"""The commands of `seaid`, in the order of the work."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+from seaid.cli import finding, looking, moving
+from seaid.cli.words import spoken
+
+_HELP = """Identify robots with springs in their joints: from a URDF and a log to motor friction,
+spring stiffness and inertias, each with its standard error.
+
+\b
+  seaid inspect leg.urdf --drives leg.toml           what can be told at all
+  seaid excite leg.urdf -o plan.json                 a motion that tells it
+  seaid simulate leg.urdf plan.json --drives leg.toml -o run.csv
+  seaid describe run.csv -o run.toml                 a log with foreign names
+  seaid identify leg.urdf run.csv --drives leg.toml -o parameters.json
+  seaid validate leg.urdf other.csv --from run.csv --drives leg.toml
+  seaid export leg.urdf --from run.csv --drives leg.toml -o found.urdf
+
+Each command has its own --help with examples. Results go to stdout, notes, errors and progress to
+stderr. Exit codes: 0 done, 1 it could not be done (one line says why and what to do), 2 wrong
+usage. Files are written whole or not at all, and overwritten only with --force."""
+
+
+class _Commands(TyperGroup):
+    """Commands whose warnings and errors are said in a line each."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command asked for."""
+        with spoken():
+            return super().invoke(ctx)
+
+
+app = typer.Typer(
+    name="seaid",
+    cls=_Commands,
+    help=_HELP,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from seaid import __version__
+
+        typer.echo(f"seaid {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: bool = typer.Option(
+        False, "--version", callback=_version, is_eager=True, help="Say the version."
+    ),
+) -> None:
+    pass
+
+
+def _add(name: str, function: Callable[..., None]) -> None:
+    """Add a command: the help is its docstring, with the examples left line by line."""
+    text = inspect.cleandoc(function.__doc__ or "")
+    app.command(name, help=text.replace("\n\nseaid ", "\n\n\b\nseaid "))(function)
+
+
+_add("inspect", looking.inspect)
+_add("crosscheck", looking.crosscheck)
+_add("excite", moving.excite)
+_add("simulate", moving.simulate)
+_add("describe", looking.describe)
+_add("identify", finding.identify)
+_add("validate", finding.validate)
+_add("terms", finding.terms)
+_add("export", finding.export)

@@ -1,0 +1,262 @@
+"""Commands that find parameters in logs: identify, validate, terms, export."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from seaid.cli.options import (
+    AsJson,
+    CutoffHz,
+    Description,
+    Drives,
+    Estimator,
+    Force,
+    Joints,
+    JointZeroStd,
+    KnownBodies,
+    Logs,
+    Output,
+    Payloads,
+    Repair,
+    Rows,
+    Sides,
+    Urdf,
+    ending,
+    logs_of,
+    names,
+    robot_of,
+)
+from seaid.cli.words import say, say_results, shows_progress, to_be_written
+
+if TYPE_CHECKING:
+    from seaid.identification import Identification
+    from seaid.log import Log
+    from seaid.robot import Robot
+    from seaid.term_selection import TermGain
+
+FromLogs = Annotated[
+    list[Path],
+    typer.Option("--from", help="Log to identify from. May be repeated.", metavar="LOG"),
+]
+_FEASIBLE = "The physically possible bodies nearest to the estimate."
+
+
+def identify(
+    urdf: Urdf,
+    logs: Logs,
+    drives: Drives = None,
+    joints: Joints = None,
+    payload: Payloads = None,
+    known_body: KnownBodies = None,
+    description: Description = None,
+    repair: Repair = False,
+    rows: Rows = None,
+    sides: Sides = "sequential",
+    estimator: Estimator = "wls",
+    feasible: Annotated[bool, typer.Option("--feasible", help=_FEASIBLE)] = False,
+    cutoff_hz: CutoffHz = None,
+    joint_zero_std: JointZeroStd = 0.0,
+    output: Output = Path("parameters.json"),
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Identify drives and bodies from one log or several.
+
+    Only geometry, ratios, radii, rotor inertias and what is named as known are used of the files;
+    other numbers in them are nominal. Lines with '!' say what must not be trusted.
+
+    seaid identify leg.urdf run.csv --drives leg.toml --payload foot:2.0:0.15,0,0
+    seaid identify arm.urdf a.csv b.csv --drives arm.toml --sides joint -o arm.json
+    seaid identify arm.urdf bag/ --description arm_log.toml --estimator huber
+    """
+    to_be_written(output, force=force, read=(urdf, drives, description, *logs))
+    robot = robot_of(urdf, drives, joints, payload, known_body)
+    found = _identified(
+        robot,
+        logs_of(logs, robot, description, repair),
+        rows,
+        sides,
+        estimator,
+        feasible,
+        cutoff_hz,
+        joint_zero_std,
+    )
+    found.save(output)
+    say(found.summary(), found.to_dict(), as_json)
+    say_results(as_json, output)
+
+
+def _identified(
+    robot: Robot,
+    logs: list[Log],
+    rows: str | None,
+    sides: str,
+    estimator: str,
+    feasible: bool,
+    cutoff_hz: float | None,
+    joint_zero_std: float,
+) -> Identification:
+    from seaid.identification import identify as identified
+
+    return identified(
+        robot,
+        logs,
+        rows=names(rows),
+        sides=sides,
+        estimator=estimator,
+        feasible=feasible,
+        cutoff_hz=cutoff_hz,
+        joint_zero_std=joint_zero_std,
+        progress=shows_progress(),
+    )
+
+
+def validate(
+    urdf: Urdf,
+    log: Annotated[Path, typer.Argument(help="A log not identified from.", metavar="LOG")],
+    from_logs: FromLogs,
+    drives: Drives = None,
+    joints: Joints = None,
+    payload: Payloads = None,
+    known_body: KnownBodies = None,
+    description: Description = None,
+    repair: Repair = False,
+    rows: Rows = None,
+    sides: Sides = "sequential",
+    estimator: Estimator = "wls",
+    cutoff_hz: CutoffHz = None,
+    joint_zero_std: JointZeroStd = 0.0,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="File for parameters with their validation."),
+    ] = None,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Identify from some logs, and predict the torques of another one.
+
+    seaid validate leg.urdf other.csv --from run.csv --drives leg.toml
+    seaid validate arm.urdf c.csv --from a.csv --from b.csv -o parameters.json
+    """
+    from seaid.errors import SeaidError
+    from seaid.report.text import validation_table
+    from seaid.validation import validate as validated
+
+    if log.resolve() in [path.resolve() for path in from_logs]:
+        raise SeaidError(f"'{log}' is identified from: validate on a log that it has not seen")
+    to_be_written(output, force=force, read=(urdf, drives, description, log, *from_logs))
+    robot = robot_of(urdf, drives, joints, payload, known_body)
+    *known, unseen = logs_of([*from_logs, log], robot, description, repair)
+    found = _identified(robot, known, rows, sides, estimator, False, cutoff_hz, joint_zero_std)
+    result = validated(found, unseen)
+    if output is not None:
+        found.save(output, result)
+    text = [validation_table(result), *(f"! {flag}" for flag in found.flags)]
+    say("\n".join(text), {**result.to_dict(), "flags": found.flags}, as_json)
+    say_results(as_json, output)
+
+
+def terms(
+    urdf: Urdf,
+    logs: Logs,
+    drives: Drives = None,
+    joints: Joints = None,
+    payload: Payloads = None,
+    known_body: KnownBodies = None,
+    description: Description = None,
+    repair: Repair = False,
+    of: Annotated[
+        str | None, typer.Option(help="Joints asked about, as a,b,c; default: all.")
+    ] = None,
+    rows: Rows = None,
+    cutoff_hz: CutoffHz = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="TOML with the drives and recommended terms."),
+    ] = None,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Ask which more terms of friction and springs the logs support.
+
+    seaid terms leg.urdf run.csv --drives leg.toml -o leg_with_terms.toml
+    seaid terms leg.urdf run.csv --drives leg.toml --of knee_pitch
+    """
+    from seaid.export.drive_tables import write_drivetrains
+    from seaid.term_selection import compare_terms
+
+    to_be_written(output, force=force, read=(urdf, drives, description, *logs))
+    robot = robot_of(urdf, drives, joints, payload, known_body)
+    selection = compare_terms(
+        robot,
+        logs_of(logs, robot, description, repair),
+        joints=names(of),
+        rows=names(rows),
+        cutoff_hz=cutoff_hz,
+        progress=shows_progress(),
+    )
+    if output is not None:
+        write_drivetrains(selection.robot.drivetrains, output)
+    content = {
+        "recommended": selection.recommended,
+        "asked": [_gain_facts(one) for one in selection.gains],
+    }
+    say(str(selection), content, as_json)
+    say_results(as_json, output)
+
+
+def _gain_facts(one: TermGain) -> dict[str, object]:
+    facts = {"joint": one.joint, "field": one.field, "term": one.term, "step": one.step + 1}
+    facts |= {"worth_having": one.is_worth_it, "chosen": one.chosen, "reason": one.reason}
+    return facts | {"gain": None if one.gain is None else asdict(one.gain)}
+
+
+def export(
+    urdf: Urdf,
+    from_logs: FromLogs,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The URDF to write.")],
+    drives: Drives = None,
+    joints: Joints = None,
+    payload: Payloads = None,
+    known_body: KnownBodies = None,
+    description: Description = None,
+    repair: Repair = False,
+    rows: Rows = None,
+    sides: Sides = "sequential",
+    estimator: Estimator = "wls",
+    feasible: Annotated[bool, typer.Option("--feasible/--as-estimated", help=_FEASIBLE)] = True,
+    allow_impossible: Annotated[
+        bool, typer.Option("--allow-impossible", help="Write bodies that cannot exist.")
+    ] = False,
+    cutoff_hz: CutoffHz = None,
+    joint_zero_std: JointZeroStd = 0.0,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Identify, and write the URDF with the identified bodies and its drives as TOML beside it.
+
+    All else in the URDF stays as it was: comments, meshes, unknown tags. Payloads are not written.
+
+    seaid export leg.urdf --from run.csv --drives leg.toml -o found.urdf
+    seaid export leg.urdf --from run.csv --drives leg.toml --as-estimated -o found.urdf
+    """
+    from seaid.export.urdf_file import write_urdf
+
+    beside = ending(output, ".urdf", ".xml").with_suffix(".toml")
+    read = (urdf, drives, description, *from_logs)
+    to_be_written(output, beside, force=force, read=read)
+    robot = robot_of(urdf, drives, joints, payload, known_body)
+    logs = logs_of(from_logs, robot, description, repair)
+    found = _identified(robot, logs, rows, sides, estimator, feasible, cutoff_hz, joint_zero_std)
+    written = write_urdf(found, output, force=allow_impossible)
+    for note in written.notes:
+        typer.echo(f"note: {note}", err=True)
+    content = {"urdf": written.urdf, "drivetrains": written.drivetrains, "notes": written.notes}
+    text = [f"{robot.name}: {len(found.load.values)} base parameters and its drives written"]
+    text += [f"! {flag}" for flag in found.flags]
+    say("\n".join(text), {**content, "flags": found.flags}, as_json)
+    say_results(as_json, written.urdf, written.drivetrains)

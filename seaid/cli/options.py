@@ -1,0 +1,142 @@
+"""Arguments and options that commands share, and how their text is read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from seaid.assembly import Payload
+    from seaid.log import Log
+    from seaid.robot import Robot
+
+Urdf = Annotated[Path, typer.Argument(help="The robot, with its base fixed.", metavar="URDF")]
+Logs = Annotated[
+    list[Path], typer.Argument(help="Logs to identify from: docs/logs.md.", metavar="LOG...")
+]
+Drives = Annotated[
+    Path | None,
+    typer.Option(help="Its drives, a table a joint; none: all stiff.", metavar="TOML"),
+]
+Joints = Annotated[
+    str | None, typer.Option(help="Joints that move, as a,b,c; the others are locked at zero.")
+]
+Payloads = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--payload",
+        help="Known body on a link: mass [kg] at x,y,z [m] in the link's frame. May be repeated.",
+        metavar="LINK:MASS:X,Y,Z",
+    ),
+]
+KnownBodies = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--known-body",
+        help="Link whose body is known as it is in the URDF. May be repeated.",
+        metavar="LINK",
+    ),
+]
+Description = Annotated[
+    Path | None,
+    typer.Option(
+        help="What the columns of foreign logs are; default: run.toml beside run.csv.",
+        metavar="TOML",
+    ),
+]
+Repair = Annotated[
+    bool, typer.Option("--repair", help="Mend gaps, repeated times and lost samples of the logs.")
+]
+Rows = Annotated[
+    str | None,
+    typer.Option(help="Joints whose torque is used, as a,b,c; default: all that have one."),
+]
+Sides = Annotated[str, typer.Option(help="sequential: springs, then bodies. joint: both at once.")]
+Estimator = Annotated[str, typer.Option(help="ols, wls, huber, tukey or iv.")]
+CutoffHz = Annotated[
+    float | None, typer.Option(help="Pass band [Hz]; default: proposed from the data.")
+]
+JointZeroStd = Annotated[
+    float, typer.Option(help="How well the zeros of joint encoders are known [rad or m].")
+]
+Output = Annotated[Path, typer.Option("--output", "-o", help="File for the result.")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite files that are there.")]
+AsJson = Annotated[bool, typer.Option("--json", help="JSON on stdout, for machines.")]
+
+
+def names(text: str | None) -> list[str] | None:
+    """Return the names of a list with commas, None of none."""
+    return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
+
+
+def values(option: str, text: str | None) -> float | dict[str, float] | None:
+    """Return one number, or {joint: number} of 'knee=2,hip=1'."""
+    if text is None:
+        return None
+    try:
+        if "=" not in text:
+            return float(text)
+        pairs = [part.split("=", 1) for part in text.split(",")]
+        return {joint.strip(): float(value) for joint, value in pairs}
+    except ValueError:
+        raise typer.BadParameter(
+            f"'{text}' is no number and no list as knee=2,hip=1", param_hint=option
+        ) from None
+
+
+def payload_of(text: str) -> Payload:
+    """Return the payload of 'link:mass:x,y,z', at the link's origin where x,y,z are left out."""
+    from seaid.assembly import Payload
+
+    link, *parts = text.split(":")
+    try:
+        mass = float(parts[0])
+        x, y, z = map(float, parts[1].split(",")) if len(parts) > 1 else (0.0, 0.0, 0.0)
+        if len(parts) > 2:
+            raise ValueError
+    except (ValueError, IndexError):
+        raise typer.BadParameter(
+            f"'{text}' is not link:mass:x,y,z, as foot:2.0:0.15,0,0", param_hint="--payload"
+        ) from None
+    return Payload(link, mass, (x, y, z))
+
+
+def robot_of(
+    urdf: Path,
+    drives: Path | None,
+    joints: str | None = None,
+    payloads: list[str] | None = None,
+    known_bodies: list[str] | None = None,
+) -> Robot:
+    """Load the robot that the options tell."""
+    from seaid.robot import load_robot
+
+    return load_robot(
+        urdf,
+        drives,
+        joints=names(joints),
+        payloads=[payload_of(text) for text in payloads or ()],
+        known_bodies=known_bodies or (),
+    )
+
+
+def logs_of(
+    paths: list[Path], robot: Robot, description: Path | None = None, repair: bool = False
+) -> list[Log]:
+    """Read the logs of a robot, all with one description or each with the one beside it."""
+    from seaid.log import read_log
+    from seaid.repair import Repairs
+
+    mending = Repairs() if repair else None
+    return [read_log(path, robot, description=description, repair=mending) for path in paths]
+
+
+def ending(path: Path, *allowed: str) -> Path:
+    """Return the path if its ending is allowed; else it is a wrong usage."""
+    if path.suffix.lower() not in allowed:
+        raise typer.BadParameter(
+            f"'{path}' must end in {' or '.join(allowed)}", param_hint="--output"
+        )
+    return path
