@@ -31,6 +31,8 @@ MODELS = ROOT / "models"
 DATA = ROOT.parent / "shared" / "data"
 HEADER = ("set", "what", "found", "known", "off", "trial", "asked", "met")
 
+_SEEN = "the motion it was identified from"
+
 
 @dataclass(frozen=True)
 class Case:
@@ -222,9 +224,9 @@ def torque_rows(
     name = case.name.lower().replace(" ", "_").replace(",", "")
     in_sample = seaid.validate(found, logs[0])
     if not np.all(np.isnan(in_sample.actuator.measured)):
-        save_actuator_figure(in_sample, output / f"{name}_actuator.png")
+        save_actuator_figure(in_sample, output / f"{name}_actuator.png", _SEEN)
     if np.any(np.isfinite(in_sample.load.relative_error)):
-        save_load_figure(in_sample, output / f"{name}_load.png")
+        save_load_figure(in_sample, output / f"{name}_load.png", _SEEN)
     results = {"in_sample": in_sample}
     if "unseen_half" in case.torque:
         middle = float(np.mean(logs[0].time[[0, -1]]))

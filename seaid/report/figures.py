@@ -20,10 +20,14 @@ _MEASURED: dict[str, Any] = {"color": "0.62", "linewidth": 2.4, "label": "measur
 _COMPUTED: dict[str, Any] = {"color": "black", "linewidth": 0.9, "label": "computed"}
 
 
-def save_actuator_figure(result: Validation, path: str | Path) -> None:
+UNSEEN = "a motion the identification has not seen"
+
+
+def save_actuator_figure(result: Validation, path: str | Path, motion: str = UNSEEN) -> None:
     """Draw the motor torques of the best and the worst elastic joint, as Fig. 3 of the paper.
 
-    Raises SeaidError where the validation has no actuator side.
+    `motion` says in the title which motion it is. Raises SeaidError where the validation has no
+    actuator side.
     """
     errors = result.actuator.relative_error
     elastic = [int(index) for index in np.flatnonzero(np.isfinite(errors))]
@@ -34,14 +38,17 @@ def save_actuator_figure(result: Validation, path: str | Path) -> None:
         )
     best, worst = min(elastic, key=errors.item), max(elastic, key=errors.item)
     shown = {best: "best joint", worst: "worst joint"} if best != worst else {best: "only joint"}
-    title = "Actuator side: motor torque of a motion the identification has not seen"
+    title = f"Actuator side: motor torque of {motion}"
     save_figure(_torques(result, result.actuator, list(shown.items()), title, 1e3, "mN m"), path)
 
 
-def save_load_figure(result: Validation, path: str | Path) -> None:
-    """Draw the load torque of every joint that has one, as Fig. 4 of the paper."""
+def save_load_figure(result: Validation, path: str | Path, motion: str = UNSEEN) -> None:
+    """Draw the load torque of every joint that has one, as Fig. 4 of the paper.
+
+    `motion` says in the title which motion it is.
+    """
     there = np.flatnonzero(np.isfinite(result.load.relative_error))
-    title = "Load side: torque on the load in a motion the identification has not seen"
+    title = f"Load side: torque on the load in {motion}"
     save_figure(
         _torques(result, result.load, [(int(i), "") for i in there], title, 1.0, "N m"), path
     )
