@@ -37,6 +37,8 @@ def description_for(path: Path, description: Described | None) -> LogDescription
         return _described("description=", description)
     if description is not None:
         return _described(f"'{description}'", _read(Path(description)))
+    if not path.name:  # '.' or '/'
+        return None
     beside = path.with_suffix(".toml")
     if beside == path or not beside.is_file():
         return None

@@ -27,7 +27,8 @@ _AS_OPTIONS = {
     r"\bknown_bodies=": "--known-body",
     r"\bjoint_zero_std=": "--joint-zero-std",
     r"\bcutoff_hz=": "--cutoff-hz",
-    r"\b(sides|estimator|rows|joints|description)=": r"--\1 ",
+    r"\b(sides|estimator|rows|joints|description)=(?=[\w\"])": r"--\1 ",
+    r"\b(sides|estimator|rows|joints|description)=": r"--\1",
 }
 """How what the library asks for is asked for here."""
 
