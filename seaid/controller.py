@@ -45,13 +45,9 @@ def joint_controller(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float)
 
     An elastic joint is flat in its position: (8) gives the motor angle, (7) the motor torque.
     """
-    planned, load = q, _drive_torques(plant, q, v, a)
+    planned, load = q, _drive_torques(plant, q, v, a, rate_hz)
     if plant.coupling is not None:
         q, v = q @ plant.coupling.T, v @ plant.coupling.T
-    for index, drive in plant.acting:
-        width = float(plant.joint_width[index])
-        pairs = zip(q[:, index].tolist(), v[:, index].tolist(), strict=True)
-        load[:, index] += [drive.beside(*pair, width) for pair in pairs]
     N, r_M, r_L = plant.ratio, plant.motor_radius, plant.load_radius
     stretch = np.where(
         plant.elastic, load / (np.where(plant.stiffness > 0, plant.stiffness, 1) * r_L), 0
@@ -88,10 +84,18 @@ def joint_controller(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float)
     )
 
 
-def _drive_torques(plant: Plant, q: Array, v: Array, a: Array) -> Array:
-    """Return the torques (T, n) on what the drives turn, with the rotors of stiff drives."""
+def _drive_torques(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float) -> Array:
+    """Return the torques (T, n) on what the drives turn, with the rotors of stiff drives.
+
+    Where a joint's own dry friction turns, a spring cannot: it passes within some milliseconds.
+    """
     data = plant.model.createData()
     load = np.array([pin.rnea(plant.model, data, *states) for states in zip(q, v, a, strict=True)])
+    for index, drive in plant.acting:
+        pairs = zip(q[:, index].tolist(), v[:, index].tolist(), strict=True)
+        load[:, index] += [drive.beside(*pair) for pair in pairs]
+        turning = gaussian_filter1d(np.sign(v[:, index]), _PASSAGE_S * rate_hz, mode="nearest")
+        load[:, index] += drive.joint_level * turning
     if plant.rotors is None or plant.uncoupling is None:
         return load
     return np.asarray((load + a @ plant.rotors) @ plant.uncoupling)

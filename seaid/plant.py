@@ -10,7 +10,7 @@ import math
 import numpy as np
 import pinocchio as pin
 
-from seaid.arrays import Array, IndexArray
+from seaid.arrays import Array, BoolArray, IndexArray
 from seaid.errors import SeaidError
 from seaid.plant_model import (
     JOINT_POSITION,
@@ -62,11 +62,12 @@ def accelerations(
 ) -> tuple[Array, Array]:
     """Return motor and joint acceleration at a state under a motor torque.
 
-    `slip` (n,) is the direction in which dry friction is overcome, 0 where it holds the motor.
-    Raises SeaidError where friction under load has no solution.
+    `slip` (n + m,) is the direction in which dry friction is overcome, 0 where it holds: that of
+    the motors, then that of the m rubbing joints. Raises SeaidError where friction under load has
+    no solution.
     """
     turned = drive_states(plant, state)
-    free = torque - plant.viscous * state[SPEED] - plant.coulomb * slip
+    free = torque - plant.viscous * state[SPEED] - plant.coulomb * slip[: len(torque)]
     for index, extra in plant.extras:
         free[index] -= extra(*turned[:, index])
     force = spring_force(plant, turned)
@@ -105,45 +106,60 @@ def _driven(
 ) -> tuple[Array, Array]:
     """Return motor and joint acceleration under motor torques less friction, and spring forces."""
     load_torque = plant.elastic_lever * force + plant.stiff_ratio * free
-    if plant.acting:
-        turned = drive_states(plant, state)
-        for index, drive in plant.acting:
-            position, speed = turned[JOINT_POSITION:, index].tolist()
-            load_torque[index] -= drive.beside(position, speed, float(plant.joint_width[index]))
-    joint = _joint_accelerations(plant, data, state, load_torque)
+    joint = _joint_accelerations(plant, data, state, load_torque, slip)
     motor = (free - plant.motor_lever * force) * plant.motor_mobility
-    held = slip == 0
-    if held.any():
-        motor[held] = 0.0
-        stiff_held = np.flatnonzero(held & ~plant.elastic)
-        if stiff_held.size:
-            joint += _holding(plant, data, state, joint, stiff_held)[1]
-            joint = _without(plant, joint, stiff_held)
+    resting = not slip.all()
+    if resting:
+        held = np.flatnonzero((slip == 0) & _holds_load(plant))
+        motor[slip[: len(motor)] == 0] = 0.0
+        if held.size:
+            joint += _holding(plant, data, state, joint, held)[1]
+            joint = _without(plant, joint, held)
     turning = joint if plant.coupling is None else plant.coupling @ joint
     motor = motor + plant.stiff_ratio * turning
-    if plant.coupling is not None:
-        motor[held] = 0.0
+    if resting and plant.coupling is not None:
+        motor[slip[: len(motor)] == 0] = 0.0
     return motor, joint
 
 
-def _joint_accelerations(plant: Plant, data: pin.Data, state: Array, torque: Array) -> Array:
+def _joint_accelerations(
+    plant: Plant, data: pin.Data, state: Array, torque: Array, slip: Array
+) -> Array:
     """Return the joint accelerations under torques on what the drives turn."""
     position, speed = state[JOINT_POSITION], state[JOINT_SPEED]
-    if plant.coupling is None or plant.rotors is None:
+    torque = torque if plant.coupling is None else plant.coupling.T @ torque
+    for index, drive in plant.acting:
+        torque[index] -= drive.beside(float(position[index]), float(speed[index]))
+    if plant.rubbing.size:
+        torque[plant.rubbing] -= plant.joint_coulomb * slip[len(torque) :]
+    if plant.rotors is None:
         return np.array(pin.aba(plant.model, data, position, speed, torque))
     bias = pin.nle(plant.model, data, position, speed)
     inertia = mass_matrix(plant.model, data, position) + plant.rotors
-    return np.asarray(np.linalg.solve(inertia, plant.coupling.T @ torque - bias))
+    return np.asarray(np.linalg.solve(inertia, torque - bias))
+
+
+def _holds_load(plant: Plant) -> BoolArray:
+    """Tell which friction (n + m,) holds something at the load when it holds."""
+    return np.append(~plant.elastic, np.ones(plant.rubbing.size, dtype=bool))
+
+
+def _held_rows(plant: Plant, held: IndexArray) -> Array:
+    """Return what held drives and joints turn, as rows (held, n) on the joints."""
+    n = len(plant.elastic)
+    turned = np.eye(n) if plant.coupling is None else plant.coupling
+    return np.vstack([turned, np.eye(n)[plant.rubbing]])[held]
 
 
 def _without(plant: Plant, joint: Array, held: IndexArray) -> Array:
-    """Return joint speeds or accelerations without those of held drives, exactly: no creeping."""
-    if plant.coupling is None or plant.uncoupling is None:
-        joint[held] = 0.0
-        return joint
-    turning = plant.coupling @ joint
-    turning[held] = 0.0
-    return np.asarray(plant.uncoupling @ turning)
+    """Return joint speeds or accelerations without those of held drives and joints: no creeping."""
+    n = len(joint)
+    if plant.coupling is not None:
+        rows = _held_rows(plant, held)
+        joint = joint - np.linalg.pinv(rows) @ (rows @ joint)
+        held = held[held >= n]
+    joint[np.append(np.arange(n), plant.rubbing)[held]] = 0.0
+    return joint
 
 
 def spring_force(plant: Plant, turned: Array) -> Array:
@@ -158,16 +174,21 @@ def spring_force(plant: Plant, turned: Array) -> Array:
     return force
 
 
-def gear_torques(plant: Plant, data: pin.Data, state: Array, acceleration: Array) -> Array:
-    """Return what stiff gears put on their load (n,), NaN where elastic; of joint accelerations."""
-    turned = drive_states(plant, state)
+def gear_torques(
+    plant: Plant, data: pin.Data, state: Array, acceleration: Array, slip: Array
+) -> Array:
+    """Return what stiff gears put on their load (n,), NaN where elastic; of joint accelerations.
+
+    A rubbing joint that is held counts without its friction.
+    """
     armature, plant.model.armature = plant.model.armature.copy(), np.zeros(plant.model.nv)
     torque = pin.rnea(plant.model, data, state[JOINT_POSITION], state[JOINT_SPEED], acceleration)
     plant.model.armature = armature
-    torque = np.array(torque if plant.uncoupling is None else torque @ plant.uncoupling)
+    torque = np.array(torque)
     for index, drive in plant.acting:
-        position, speed = turned[JOINT_POSITION:, index].tolist()
-        torque[index] += drive.beside(position, speed, float(plant.joint_width[index]))
+        torque[index] += drive.beside(*state[JOINT_POSITION:, index].tolist())
+    torque[plant.rubbing] += plant.joint_coulomb * slip[len(torque) :]
+    torque = torque if plant.uncoupling is None else torque @ plant.uncoupling
     return np.where(plant.elastic, np.nan, torque)
 
 
@@ -182,19 +203,23 @@ def inverse_inertia(plant: Plant, data: pin.Data, position: Array) -> Array:
 def _holding(
     plant: Plant, data: pin.Data, state: Array, joint: Array, held: IndexArray
 ) -> tuple[Array, Array]:
-    """Return the torques that keep the held drives still, and their joint accelerations."""
+    """Return the torques that keep held drives and joints still, and their joint accelerations."""
     inverse = inverse_inertia(plant, data, state[JOINT_POSITION])
     if plant.coupling is None:
-        torque = np.asarray(-np.linalg.solve(inverse[np.ix_(held, held)], joint[held]))
-        return torque, np.asarray(inverse[:, held] @ torque)
-    rows = plant.coupling[held]
-    torque = np.asarray(-np.linalg.solve(rows @ inverse @ rows.T, rows @ joint))
+        places = np.append(np.arange(len(joint)), plant.rubbing)[held]
+        torque = np.asarray(-np.linalg.solve(inverse[np.ix_(places, places)], joint[places]))
+        return torque, np.asarray(inverse[:, places] @ torque)
+    rows = _held_rows(plant, held)
+    torque = np.asarray(-np.linalg.lstsq(rows @ inverse @ rows.T, rows @ joint)[0])
     return torque, np.asarray(inverse @ rows.T @ torque)
 
 
 def slip_directions(plant: Plant, data: pin.Data, state: Array, torque: Array) -> Array:
-    """Return where friction slips (+-1) and where it can hold the motor (0), all joints at once."""
-    speed = state[SPEED]
+    """Return where friction slips (+-1) and where it can hold (0), (n + m,), all at once.
+
+    That of the motors, then that of the m rubbing joints.
+    """
+    n, speed = len(torque), _rubbing_speeds(plant, state)
     slip = np.where(np.abs(speed) > REST_RAD_S, np.sign(speed), 0.0)
     slip[~plant.is_dry] = 1.0
     resting = np.flatnonzero(slip == 0)
@@ -207,15 +232,16 @@ def slip_directions(plant: Plant, data: pin.Data, state: Array, torque: Array) -
         free[index] -= drive.friction(*turned[:, index].tolist(), 0.0)
     free -= plant.motor_lever * spring_force(plant, turned)
     level = _levels(plant, turned, np.zeros_like(free))
-    moves = plant.elastic & (slip == 0) & (np.abs(free) > level)
+    moves = np.flatnonzero(plant.elastic & (slip[:n] == 0) & (np.abs(free) > level[:n]))
     slip[moves] = np.sign(free[moves])
-    while (held := np.flatnonzero((slip == 0) & ~plant.elastic)).size:
+    holds_load, reach = _holds_load(plant), np.append(plant.ratio, np.ones(plant.rubbing.size))
+    while (held := np.flatnonzero((slip == 0) & holds_load)).size:
         without = slip.copy()
         without[held] = _NOTHING
         joint = accelerations(plant, data, state, torque, without)[1]
-        needed = -_holding(plant, data, state, joint, held)[0] / plant.ratio[held]
-        through = np.zeros_like(free)
-        through[held] = plant.ratio[held] * (free[held] - needed)
+        needed = -_holding(plant, data, state, joint, held)[0] / reach[held]
+        through, motors = np.zeros_like(free), held[held < n]
+        through[motors] = plant.ratio[motors] * (free[motors] - needed[: len(motors)])
         breaks = np.abs(needed) > _levels(plant, turned, through)[held]
         if not np.any(breaks):
             break
@@ -223,11 +249,21 @@ def slip_directions(plant: Plant, data: pin.Data, state: Array, torque: Array) -
     return slip
 
 
+def _rubbing_speeds(plant: Plant, state: Array) -> Array:
+    """Return the speeds (n + m,) of the motors, then of the rubbing joints."""
+    if not plant.rubbing.size:
+        return np.asarray(state[SPEED])
+    return np.append(state[SPEED], state[JOINT_SPEED, plant.rubbing])
+
+
 def _levels(plant: Plant, turned: Array, through: Array) -> Array:
-    """Return the friction (n,) that can hold each motor, `through` the torque through its gear."""
+    """Return the friction (n + m,) that can hold motors, and rubbing joints.
+
+    `through` is the torque through the gears of stiff drives.
+    """
     if not plant.acting:
         return plant.coulomb
-    level = plant.coulomb.copy()
+    level = np.append(plant.coulomb, plant.joint_coulomb)
     for index, drive in plant.acting:
         level[index] = drive.level(*turned[:, index].tolist(), float(through[index]))
     return level
@@ -258,14 +294,14 @@ def _diverged() -> SeaidError:
 def _advance(
     plant: Plant, data: pin.Data, state: Array, torque: Array, torque_rate: Array, step: float
 ) -> Array:
-    done, stuck = 0.0, np.zeros(len(torque), dtype=bool)
+    done, stuck = 0.0, np.zeros(len(plant.is_dry), dtype=bool)
     for _ in range(_MOST_EVENTS):
         now = torque + torque_rate * done
         slip = slip_directions(plant, data, state, now)
         slip[stuck] = 0.0
         rest = step - done
         new = _runge_kutta(plant, data, state, now, torque_rate, slip, rest)
-        before, after = state[SPEED] * slip, new[SPEED] * slip
+        before, after = (_rubbing_speeds(plant, one) * slip for one in (state, new))
         crossed = np.flatnonzero((after < 0) & plant.is_dry)
         if not crossed.size:
             if not np.all(np.isfinite(new)):
@@ -276,11 +312,25 @@ def _advance(
         if fraction * rest < 1e-12:
             stuck[first] = True
         state = _runge_kutta(plant, data, state, now, torque_rate, slip, fraction * rest)
-        state[SPEED, first] = 0.0
-        if not plant.elastic[first]:
-            state[JOINT_SPEED] = _without(plant, state[JOINT_SPEED], np.array([first]))
+        _stop(plant, state, int(first), np.flatnonzero(slip == 0))
         done += fraction * rest
     raise SeaidError("the simulation stopped: friction events without end in one step")
+
+
+def _stop(plant: Plant, state: Array, first: int, resting: IndexArray) -> None:
+    """Set the speed of a motor or rubbing joint to zero, and that of stiff motors with it."""
+    n = len(plant.elastic)
+    if first < n:
+        state[SPEED, first] = 0.0
+        if plant.elastic[first]:
+            return
+    held = np.append(resting[_holds_load(plant)[resting]], first)
+    state[JOINT_SPEED] = _without(plant, state[JOINT_SPEED], held)
+    if plant.coupling is not None:
+        turning = plant.ratio * (plant.coupling @ state[JOINT_SPEED])
+        stiff = ~plant.elastic
+        stiff[held[held < n]] = False
+        state[SPEED, stiff] = turning[stiff]
 
 
 def _runge_kutta(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from seaid.arrays import Array, BoolArray
+from seaid.arrays import Array, BoolArray, IndexArray
 from seaid.drivetrain.acting import ActingDrive, acting_drive, is_plain
 from seaid.drivetrain.extra_terms import extra_torque
 from seaid.drivetrain.model import Drive, SeriesElasticDrive
@@ -21,9 +21,6 @@ from seaid.transmission import coupled_groups
 
 POSITION, SPEED, JOINT_POSITION, JOINT_SPEED = range(4)
 """Rows of a state (4, n): motor angle and speed, joint position and speed."""
-
-_JOINT_RATE = 1000.0
-"""Dry friction at a joint turns within the speed at which it brakes with this rate [1/s]."""
 
 _STEP_A_RATE = 1.0
 """Steps are so many parts of the time in which what damps a joint would stop it."""
@@ -42,9 +39,10 @@ class Plant:
     armature, seen at the joint.
 
     Drives with more terms than plain friction and a linear spring are in `acting`, by index, with
-    zeros in `viscous`, `coulomb` and `stiffness`; `is_dry` tells whose friction can hold its motor,
-    `under_load` (indices) whose friction depends on the torque through a stiff gear. Dry friction
-    at a joint is a tanh of the speed over `joint_width`. Where drives move several joints
+    zeros in `viscous`, `coulomb` and `stiffness`; `under_load` (indices) are those whose friction
+    depends on the torque through a stiff gear. `rubbing` (m,) are the joints whose own friction,
+    `joint_coulomb` (m,) [N m or N], can hold them. `is_dry` (n + m,) tells which friction can hold:
+    that of the motors, then that of the rubbing joints. Where drives move several joints
     `coupling` is C of phi = C q, `uncoupling` its inverse and `rotors` (n, n) the rotor inertia of
     stiff drives seen at the joints, which `model` then has not. No step is longer than
     `longest_step` [s].
@@ -68,7 +66,8 @@ class Plant:
     is_dry: BoolArray
     acting: tuple[tuple[int, ActingDrive], ...]
     under_load: tuple[int, ...]
-    joint_width: Array
+    rubbing: IndexArray
+    joint_coulomb: Array
     longest_step: float
     coupling: Array | None
     uncoupling: Array | None
@@ -109,8 +108,9 @@ def plant_of(robot: Robot) -> Plant:
     is_dry = coulomb > 0
     for index, drive in acting:
         is_dry[index] = drive.is_dry
+    rubbing = np.array([index for index, drive in acting if drive.joint_level > 0], dtype=np.intp)
+    levels = {index: drive.joint_level for index, drive in acting}
     felt = _felt_inertia(model, C, rotors) if acting else np.ones(robot.n)
-    width, step = _widths_and_step(names, drives, acting, felt)
     return Plant(
         model=model,
         elastic=elastic,
@@ -129,11 +129,12 @@ def plant_of(robot: Robot) -> Plant:
             (index, extra_torque(drive)) for index, drive in enumerate(drives) if drive.extra_terms
         ),
         drives=tuple(drives),
-        is_dry=is_dry,
+        is_dry=np.append(is_dry, np.ones(len(rubbing), dtype=bool)),
         acting=acting,
         under_load=tuple(index for index, drive in acting if drive.is_under_load),
-        joint_width=width,
-        longest_step=step,
+        rubbing=rubbing,
+        joint_coulomb=np.array([levels[index] for index in rubbing.tolist()]),
+        longest_step=_longest_step(names, drives, acting, felt),
         coupling=C if is_coupled else None,
         uncoupling=np.asarray(np.linalg.inv(C)) if is_coupled else None,
         rotors=rotors,
@@ -181,21 +182,19 @@ def mass_matrix(model: pin.Model, data: pin.Data, position: Array) -> Array:
     return np.asarray(upper + np.triu(upper, 1).T)
 
 
-def _widths_and_step(
+def _longest_step(
     names: list[str],
     drives: list[Drive],
     acting: tuple[tuple[int, ActingDrive], ...],
     felt: Array,
-) -> tuple[Array, float]:
-    """Return the joint widths (n,) and the longest step [s] that what damps the joints allows."""
-    width, longest = np.ones(len(drives)), np.inf
+) -> float:
+    """Return the longest step [s] that what damps the joints allows."""
+    longest = np.inf
     for index, _ in acting:
         drive = drives[index]
         values = drive.values
-        dry = values.get("joint_coulomb_friction", 0.0)
-        width[index] = dry / (_JOINT_RATE * felt[index]) or 1.0
         damping = values.get("spring_damping", 0.0)
-        beside = values.get("joint_viscous_friction", 0.0) + dry / width[index]
+        beside = values.get("joint_viscous_friction", 0.0)
         rate = (beside + damping * getattr(drive, "load_radius", 1.0) ** 2) / felt[index]
         at_motor = values.get("viscous_friction", 0.0)
         if "coulomb_width" in values:
@@ -214,4 +213,4 @@ def _widths_and_step(
                 "(sharp) instead"
             )
         longest = min(longest, step)
-    return width, longest
+    return longest

@@ -179,7 +179,7 @@ def _motion(robot: Robot, plant: Plant, time: Array, states: Array, torques: Arr
         slip = slip_directions(plant, data, state, torque)
         speeds[:, tick] = accelerations(plant, data, state, torque, slip)
         if plant.under_load:
-            through[tick] = gear_torques(plant, data, state, speeds[1, tick])
+            through[tick] = gear_torques(plant, data, state, speeds[1, tick], slip)
     load = _spring_torques(plant, states)
     back = np.argsort(order)
     inputs = motor_inputs(robot, torques[:, back])

@@ -129,7 +129,15 @@ def residuals(robot: Robot, plant: Plant, state: Array, torque: Array) -> list[f
     position, speed = state[JOINT_POSITION], state[JOINT_SPEED]
     bodies = np.array(pin.rnea(robot.model, data, position, speed, joint))
     C, found = robot.transmission, []
-    on_drives = np.linalg.solve(C.T, bodies)
+    beside = [
+        value(
+            joint_equation,
+            robot.drivetrains[name],
+            {"theta_L": position[index], "theta_L_dot": speed[index], "tau_L": 0.0},
+        )
+        for index, name in enumerate(robot.joint_names)
+    ]
+    on_drives = np.linalg.solve(C.T, bodies + beside)
     for index, name in enumerate(robot.joint_names):
         drive = robot.drivetrains[name]
         by_name = {
@@ -140,14 +148,13 @@ def residuals(robot: Robot, plant: Plant, state: Array, torque: Array) -> list[f
             "theta_L_dot": C[index] @ speed,
             "tau_M": torque[index],
         }
-        beside = value(joint_equation, drive, {**by_name, "tau_L": 0.0})
-        load = on_drives[index] + beside
+        load = on_drives[index]
         by_name |= {"tau_L": load, "tau_G": load}
         found.append(value(motor_equation, drive, by_name))
         if isinstance(drive, SeriesElasticDrive):
             found.append(value(spring_equation, drive, by_name) / 100)
         else:
-            assert gear_torques(plant, data, state, joint)[index] == pytest.approx(load)
+            assert gear_torques(plant, data, state, joint, slip)[index] == pytest.approx(load)
             assert motor[index] == pytest.approx(drive.ratio * C[index] @ joint)
     return found
 
@@ -213,7 +220,7 @@ def test_energy_goes_where_the_terms_say(write_chain: Chain) -> None:
         "coulomb_friction": 0.01,
         "coulomb_width": 5.0,
         "cubic_stiffness": 4e3,
-        "fifth_stiffness": 3e5,
+        "fifth_stiffness": 1e5,
         "spring_damping": 0.05,
         "parallel_stiffness": 2.0,
         "joint_viscous_friction": 0.02,
@@ -333,6 +340,68 @@ def test_steep_friction_is_stepped_finely_and_absurd_friction_refused(write_chai
     absurd = elastic({"coulomb_width": 1e-3}, friction=friction)
     with pytest.raises(RobotError, match=r"'swing': its friction brakes within 3\.3e-07 s"):
         plant_of(pendulum(write_chain, absurd))
+
+
+RUBBING = elastic(
+    {"viscous_friction": 0.0, "coulomb_friction": 0.02, "joint_coulomb_friction": 1.0},
+    joint_friction=("coulomb",),
+)
+
+
+def test_joint_is_held_by_its_own_friction_while_its_motor_moves(write_chain: Chain) -> None:
+    """It breaks loose where the spring pulls with F_C of the joint: at theta = N F_C / k."""
+    plant = plant_of(pendulum(write_chain, RUBBING, g=0.0))
+    states = run(plant, np.zeros((4, 1)), lambda t: np.array([0.02 + 0.04 * t]), 0.6, 5e-4)
+    motor, joint = states[:, POSITION, 0], states[:, JOINT_SPEED, 0]
+    first = int(np.argmax(joint > 0))
+    assert first > 100
+    assert not np.any(states[:first, JOINT_POSITION])
+    assert motor[first - 2] <= 50 / 120 <= motor[first]  # a step decides at its start
+    assert np.all(joint[first:] > 0)
+
+
+def test_joint_friction_brings_a_swinging_load_to_rest(write_chain: Chain) -> None:
+    """Each half swing loses the same where a spring pulls: the amplitude falls by 2 F_C / k."""
+    values = {"coulomb_friction": 1e3, "joint_coulomb_friction": 0.6}
+    drive = elastic(values, joint_friction=("coulomb",))
+    plant = plant_of(pendulum(write_chain, drive, g=0.0))
+    state = np.zeros((4, 1))
+    state[JOINT_POSITION] = 0.048
+    states = run(plant, state, lambda _: np.zeros(1), 3.0, 1e-3)
+    joint, speed = states[:, JOINT_POSITION, 0], states[:, JOINT_SPEED, 0]
+    turns = joint[1:-1][(np.diff(joint)[:-1] * np.diff(joint)[1:]) < 0]
+    swings = [0.048 - 0.01 * number for number in range(1, len(turns) + 1)]
+    assert len(turns) >= 3
+    assert np.abs(turns) == pytest.approx(swings, rel=5e-3)
+    assert np.all(speed[-300:] == 0)
+    assert np.all(joint[-300:] == joint[-1])
+    assert abs(120 * joint[-1]) < 0.6
+
+
+def test_held_joint_of_a_differential_stays_while_the_other_moves(write_chain: Chain) -> None:
+    """Joint a rubs and stays: both motors pull b alone, through their springs."""
+    drive = SeriesElasticDrive(
+        gear_ratio=20.0, motor_inertia_kg_m2=1e-4, motor_pulley_radius_m=0.05, friction=()
+    ).with_values({"stiffness": 3e3})
+    rubbing = replace(drive, joint_friction=("coulomb",)).with_values(
+        {"joint_coulomb_friction": 500.0}
+    )
+    robot, both, second = table(write_chain, rubbing, drive)
+    plant = plant_of(robot)
+    state = np.zeros((4, 2))
+    state[POSITION] = [10.0, -10.0]
+    states = run(plant, state, lambda _: np.zeros(2), 0.05, 1e-3)
+    assert not np.any(states[:, JOINT_POSITION:, 0])
+    force = 3e3 * 0.05 / 20 * 10.0
+    data = plant.model.createData()
+    slip = slip_directions(plant, data, state, np.zeros(2))
+    assert slip.tolist() == [1, 1, 0]
+    joint = accelerations(plant, data, state, np.zeros(2), slip)[1]
+    assert joint == pytest.approx([0.0, 2 * force / second])
+    freed = accelerations(plant, data, state, np.zeros(2), np.ones(3))[1]
+    assert freed == pytest.approx(
+        np.linalg.solve([[both, second], [second, second]], [-500.0, 2 * force])
+    )
 
 
 # Two sliders whose motors drive sum and difference: small enough to write down.

@@ -27,7 +27,6 @@ Acting = Callable[..., float]
 """Of motor angle and speed, joint position and speed, and torque through the gear."""
 
 _STATE = ("theta_M", "theta_M_dot", "theta_L", "theta_L_dot", "tau_G")
-_WIDTH = sp.Symbol("sign_width", positive=True)
 _PLAIN_FRICTION = {"viscous", "coulomb"}
 
 
@@ -36,16 +35,17 @@ class ActingDrive:
     """The terms of a drive with its values.
 
     `friction` [N m] at the motor, which cannot hold it, `level` [N m] of the friction that can,
-    `force` of the spring (zero of a stiff drive), `beside` of joint position, joint speed and the
-    speed within which dry friction at the joint turns: what acts between the bodies beside the
-    drive [N m or N]. `is_under_load`: the friction of a stiff drive depends on the torque through
-    its gear.
+    `force` of the spring (zero of a stiff drive), `beside` of the joint's own position and speed:
+    what acts between its bodies beside the drive [N m or N] and cannot hold it, `joint_level` of
+    the friction there that can. `is_under_load`: the friction of a stiff drive depends on the
+    torque through its gear.
     """
 
     friction: Acting
     level: Acting
     force: Acting
-    beside: Callable[[float, float, float], float]
+    beside: Callable[[float, float], float]
+    joint_level: float
     is_dry: bool
     is_under_load: bool
 
@@ -71,13 +71,14 @@ def acting_drive(drive: Drive) -> ActingDrive:
     if isinstance(drive, SeriesElasticDrive):
         force = _with_values(drive, spring_force(drive))
     beside = _with_values(drive, joint_equation(drive).expression + tau_L)
-    smooth = beside.replace(sp.sign, lambda x: sp.tanh(x / _WIDTH))
+    smooth = beside.replace(sp.sign, lambda _: sp.Integer(0))
     position, speed = sp.symbols("theta_L theta_L_dot")
     return ActingDrive(
         friction=_function(friction),
         level=_function(level),
         force=_function(force),
-        beside=sp.lambdify([position, speed, _WIDTH], smooth, modules="math"),
+        beside=sp.lambdify([position, speed], smooth, modules="math"),
+        joint_level=float(beside.coeff(sp.sign(speed))),
         is_dry=is_dry(drive),
         is_under_load=not isinstance(drive, SeriesElasticDrive) and "load" in drive.friction,
     )
