@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
+import re
+import shlex
 import subprocess
 import sys
 import time
@@ -12,12 +15,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.core import TyperGroup
+from typer.main import get_command
 from typer.testing import CliRunner
 
 import seaid
+from seaid.cli import main
 from seaid.cli.commands import app
 from seaid.cli.words import in_one_line, plain
 
+ROOT = Path(__file__).parents[1]
 HELP_SECONDS = 1.0
 COMMANDS = ("inspect", "crosscheck", "excite", "simulate", "describe", "identify")
 FROM_LOGS = ("validate", "terms", "export")
@@ -95,7 +102,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
         search = ("--duration", "2", "--starts", "1", "--iterations", "12", "--seed", str(seed))
         done("excite", urdf, *search, "-o", folder / f"{name}_plan.json")
         plan, log = folder / f"{name}_plan.json", folder / f"{name}.csv"
-        noise = ("--torque-std", "0.001", "--seed", str(seed), "--rate-hz", "500")
+        noise = ("--torque-std", "0.001", "--seed", str(seed))
         done("simulate", urdf, plan, *drives, *noise, "-o", log)
     return folder
 
@@ -358,12 +365,29 @@ def test_warnings_are_notes_on_stderr_once(arm: Path, tmp_path: Path) -> None:
     assert "1.5708" in note
 
 
-@pytest.mark.parametrize("command", (*COMMANDS, *FROM_LOGS))
+@pytest.mark.parametrize("command", [*COMMANDS, *FROM_LOGS])
 def test_help_teaches_with_examples_as_they_are_typed(command: str) -> None:
     said = done(command, "--help")
     examples = [line.strip() for line in said.out.splitlines() if line.startswith("  seaid ")]
     assert examples
     assert all(example.startswith(f"seaid {command} ") for example in examples)
+
+
+def examples() -> list[str]:
+    """Return all commands in helps and in the README, without their comments."""
+    helps = [done(command, "--help").out for command in (*COMMANDS, *FROM_LOGS)]
+    texts = [done("--help").out, *helps, (ROOT / "README.md").read_text(encoding="utf-8")]
+    lines = [line.strip() for text in texts for line in text.splitlines()]
+    return [line.partition("  ")[0] for line in lines if re.match(r"seaid [a-z]+ [\w/]+\.", line)]
+
+
+def test_every_example_is_right_usage() -> None:
+    group, found = get_command(app), examples()
+    assert isinstance(group, TyperGroup)
+    assert len(found) > 20
+    for example in found:
+        _, name, *arguments = shlex.split(example, comments=True)
+        group.commands[name].make_context(name, arguments)  # raises for wrong usage
 
 
 def test_help_and_version_come_at_once() -> None:
@@ -375,6 +399,12 @@ def test_help_and_version_come_at_once() -> None:
     assert min(seconds("--help") for _ in range(3)) < HELP_SECONDS
     assert done("--version").out == f"seaid {seaid.__version__}\n"
     assert all(command in done("--help").out for command in (*COMMANDS, *FROM_LOGS))
+
+
+def test_console_script_is_the_command_line() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    module, _, name = project["scripts"]["seaid"].partition(":")
+    assert getattr(importlib.import_module(module), name) is main
 
 
 def test_nothing_heavy_is_imported_for_the_help() -> None:
