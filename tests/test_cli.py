@@ -144,6 +144,16 @@ def test_walk_from_a_plan_to_the_identified_robot(arm: Path, tmp_path: Path) -> 
     assert "<!-- kept -->" in (tmp_path / "found.urdf").read_text()
 
 
+def test_export_of_a_mujoco_model(arm: Path, tmp_path: Path) -> None:
+    model = tmp_path / "found.xml"
+    said = done("export", *robot_and_drives(arm), "--from", arm / "run.csv", "-o", model, "--json")
+    assert json.loads(said.out)["drivetrains"] is None
+    assert "note: " in said.err
+    assert said.err.splitlines()[-1] == f"Results: {model}"
+    assert 'name="elbow_spring"' in model.read_text()
+    assert [one.name for one in tmp_path.iterdir()] == ["found.xml"]
+
+
 def test_inspect_shows_tree_drives_base_parameters_and_sensors(arm: Path) -> None:
     said = done("inspect", *robot_and_drives(arm))
     assert "  upper  <- shoulder: -1.2 to 1.2 rad, stiff; gear_ratio 50.0" in said.out

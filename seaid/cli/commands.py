@@ -9,7 +9,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from seaid.cli import finding, looking, moving
+from seaid.cli import finding, looking, moving, taking
 from seaid.cli.words import spoken
 
 _HELP = """Identify robots with springs in their joints: from a URDF and a log to motor friction,
@@ -79,4 +79,4 @@ _add("describe", looking.describe)
 _add("identify", finding.identify)
 _add("validate", finding.validate)
 _add("terms", finding.terms)
-_add("export", finding.export)
+_add("export", taking.export)

@@ -1,4 +1,4 @@
-"""Commands that find parameters in logs: identify, validate, terms, export."""
+"""Commands that find parameters in logs: identify, validate, terms."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from seaid.cli.options import (
     Drives,
     Estimator,
     Force,
+    FromLogs,
     Joints,
     JointZeroStd,
     KnownBodies,
@@ -25,7 +26,6 @@ from seaid.cli.options import (
     Rows,
     Sides,
     Urdf,
-    ending,
     logs_of,
     names,
     robot_of,
@@ -38,11 +38,7 @@ if TYPE_CHECKING:
     from seaid.robot import Robot
     from seaid.term_selection import TermGain
 
-FromLogs = Annotated[
-    list[Path],
-    typer.Option("--from", help="Log to identify from. May be repeated.", metavar="LOG"),
-]
-_FEASIBLE = "The physically possible bodies nearest to the estimate."
+FEASIBLE = "The physically possible bodies nearest to the estimate."
 
 
 def identify(
@@ -57,7 +53,7 @@ def identify(
     rows: Rows = None,
     sides: Sides = "sequential",
     estimator: Estimator = "wls",
-    feasible: Annotated[bool, typer.Option("--feasible", help=_FEASIBLE)] = False,
+    feasible: Annotated[bool, typer.Option("--feasible", help=FEASIBLE)] = False,
     cutoff_hz: CutoffHz = None,
     joint_zero_std: JointZeroStd = 0.0,
     output: Output = Path("parameters.json"),
@@ -75,7 +71,7 @@ def identify(
     """
     to_be_written(output, force=force, read=(urdf, drives, description, *logs))
     robot = robot_of(urdf, drives, joints, payload, known_body)
-    found = _identified(
+    found = identified(
         robot,
         logs_of(logs, robot, description, repair),
         rows,
@@ -90,7 +86,7 @@ def identify(
     say_results(as_json, output)
 
 
-def _identified(
+def identified(
     robot: Robot,
     logs: list[Log],
     rows: str | None,
@@ -100,9 +96,10 @@ def _identified(
     cutoff_hz: float | None,
     joint_zero_std: float,
 ) -> Identification:
-    from seaid.identification import identify as identified
+    """Identify as the options tell."""
+    from seaid.identification import identify as identify_logs
 
-    return identified(
+    return identify_logs(
         robot,
         logs,
         rows=names(rows),
@@ -151,7 +148,7 @@ def validate(
     to_be_written(output, force=force, read=(urdf, drives, description, log, *from_logs))
     robot = robot_of(urdf, drives, joints, payload, known_body)
     *known, unseen = logs_of([*from_logs, log], robot, description, repair)
-    found = _identified(robot, known, rows, sides, estimator, False, cutoff_hz, joint_zero_std)
+    found = identified(robot, known, rows, sides, estimator, False, cutoff_hz, joint_zero_std)
     result = validated(found, unseen)
     if output is not None:
         found.save(output, result)
@@ -213,50 +210,3 @@ def _gain_facts(one: TermGain) -> dict[str, object]:
     facts = {"joint": one.joint, "field": one.field, "term": one.term, "step": one.step + 1}
     facts |= {"worth_having": one.is_worth_it, "chosen": one.chosen, "reason": one.reason}
     return facts | {"gain": None if one.gain is None else asdict(one.gain)}
-
-
-def export(
-    urdf: Urdf,
-    from_logs: FromLogs,
-    output: Annotated[Path, typer.Option("--output", "-o", help="The URDF to write.")],
-    drives: Drives = None,
-    joints: Joints = None,
-    payload: Payloads = None,
-    known_body: KnownBodies = None,
-    description: Description = None,
-    repair: Repair = False,
-    rows: Rows = None,
-    sides: Sides = "sequential",
-    estimator: Estimator = "wls",
-    feasible: Annotated[bool, typer.Option("--feasible/--as-estimated", help=_FEASIBLE)] = True,
-    allow_impossible: Annotated[
-        bool, typer.Option("--allow-impossible", help="Write bodies that cannot exist.")
-    ] = False,
-    cutoff_hz: CutoffHz = None,
-    joint_zero_std: JointZeroStd = 0.0,
-    force: Force = False,
-    as_json: AsJson = False,
-) -> None:
-    """Identify, and write the URDF with the identified bodies and its drives as TOML beside it.
-
-    All else in the URDF stays as it was: comments, meshes, unknown tags. Payloads are not written.
-
-    seaid export leg.urdf --from run.csv --drives leg.toml -o found.urdf
-    seaid export leg.urdf --from run.csv --drives leg.toml --as-estimated -o found.urdf
-    """
-    from seaid.export.urdf_file import write_urdf
-
-    beside = ending(output, ".urdf", ".xml").with_suffix(".toml")
-    read = (urdf, drives, description, *from_logs)
-    to_be_written(output, beside, force=force, read=read)
-    robot = robot_of(urdf, drives, joints, payload, known_body)
-    logs = logs_of(from_logs, robot, description, repair)
-    found = _identified(robot, logs, rows, sides, estimator, feasible, cutoff_hz, joint_zero_std)
-    written = write_urdf(found, output, force=allow_impossible)
-    for note in written.notes:
-        typer.echo(f"note: {note}", err=True)
-    content = {"urdf": written.urdf, "drivetrains": written.drivetrains, "notes": written.notes}
-    text = [f"{robot.name}: {len(found.load.values)} base parameters and its drives written"]
-    text += [f"! {flag}" for flag in found.flags]
-    say("\n".join(text), {**content, "flags": found.flags}, as_json)
-    say_results(as_json, written.urdf, written.drivetrains)

@@ -16,6 +16,10 @@ Urdf = Annotated[Path, typer.Argument(help="The robot, with its base fixed.", me
 Logs = Annotated[
     list[Path], typer.Argument(help="Logs to identify from: docs/logs.md.", metavar="LOG...")
 ]
+FromLogs = Annotated[
+    list[Path],
+    typer.Option("--from", help="Log to identify from. May be repeated.", metavar="LOG"),
+]
 Drives = Annotated[
     Path | None,
     typer.Option(help="Its drives, a table a joint; none: all stiff.", metavar="TOML"),
