@@ -38,8 +38,9 @@ def write_mjcf(
     One body a moving link, payloads included. A stiff drive is at its joint: armature N^2 I_M,
     damping N^2 F_v, friction loss N F_C, and a motor of gear N. A series elastic one is a joint
     `<joint>_motor` of its own (armature I_M, damping F_v, friction loss F_C, motor of gear 1) and a
-    fixed tendon `<joint>_spring` whose length is the deflection r_M/N theta_M - r_L theta_L. What
-    moves several joints is a fixed tendon over them. Controls are motor torques [N m], each motor
+    fixed tendon `<joint>_spring` whose length is the deflection r_M/N theta_M - r_L theta_L. A
+    stiff drive that moves several joints is a fixed tendon over them, `<joint>_drive`. Parallel
+    springs and friction of a joint are at the joint. Controls are motor torques [N m], each motor
     named after its joint. MuJoCo itself is not needed to write. Terms of friction that MuJoCo does
     not have are left out, and `notes` (also a comment in the file) say so. `force` writes the
     nearest body that MuJoCo loads for one that cannot exist.

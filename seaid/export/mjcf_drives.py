@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,10 +14,9 @@ from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
 from seaid.drivetrain.values import unit_of
 from seaid.errors import RobotError
 from seaid.export.mjcf_bodies import TINY, text
+from seaid.export.mjcf_notes import SMOOTH, note_drive, note_drives
 from seaid.robot import Robot
 
-_SAID_FRICTION = ("viscous", "coulomb")
-_SMOOTH = ("smooth_coulomb", "shifted_coulomb")
 _FIRM = 0.999
 """Impedance of friction loss: how firmly it holds, of 1."""
 
@@ -49,39 +48,50 @@ def add_drives(
     taken = {*robot.joint_names, *robot.body_names, "world"}
     for index, joint in enumerate(robot.joint_names):
         drive, C = robot.drivetrains[joint], robot.transmission[index]
-        _note_left_out(joint, drive, notes)
+        note_drive(joint, drive, notes)
         turned = {robot.joint_names[at]: float(C[at]) for at in np.flatnonzero(C)}
-        own = turned == {joint: 1.0}
-        line = _at_joint(joint, drive)
-        if isinstance(drive, StiffDrive):
-            _check_armature(robot, joint, turned, line.armature)
+        beside, gear = _beside(joint, drive), _Line()
         where = {"joint": joint}
-        if own:
-            _set_joint(joints[joint], line, step)
-        elif line != _Line() or isinstance(drive, StiffDrive):
-            where = {"tendon": _free(f"{joint}_drive", taken)}
-            _add_tendon(tendons, where["tendon"], turned, line, step)
+        if isinstance(drive, StiffDrive):
+            gear = _behind_gear(joint, drive)
+            _check_armature(robot, joint, turned, gear.armature)
+            if turned != {joint: 1.0}:
+                where = {"tendon": _free(f"{joint}_drive", taken)}
+                _add_tendon(tendons, where["tendon"], turned, gear, step)
+                gear = _Line()
+        shared = replace(
+            beside,
+            armature=gear.armature,
+            damping=beside.damping + gear.damping,
+            friction=beside.friction + gear.friction,
+        )
+        _set_joint(joints[joint], shared, step)
         if isinstance(drive, SeriesElasticDrive):
             where = {"joint": _add_rotor(world, joint, drive, taken, step)}
             lever = {where["joint"]: drive.motor_radius / drive.ratio}
             lever |= {name: -drive.load_radius * factor for name, factor in turned.items()}
             spring = _spring(joint, drive)
             _add_tendon(tendons, _free(f"{joint}_spring", taken), lever, spring, step)
-        gear = drive.ratio if isinstance(drive, StiffDrive) else 1.0
-        actuators.append(actuators.makeelement("motor", name=joint, gear=text([gear]), **where))
-    _note_all(robot, step, notes)
+        ratio = drive.ratio if isinstance(drive, StiffDrive) else 1.0
+        actuators.append(actuators.makeelement("motor", name=joint, gear=text([ratio]), **where))
+    note_drives(robot, step, notes)
 
 
-def _at_joint(joint: str, drive: Drive) -> _Line:
-    """Return what acts on what a drive turns: a stiff gear's motor, parallel spring, friction."""
-    armature = damping = friction = 0.0
-    if isinstance(drive, StiffDrive):
-        motor = _motor(joint, drive)
-        armature, damping = drive.ratio**2 * motor.armature, drive.ratio**2 * motor.damping
-        friction = drive.ratio * motor.friction
+def _behind_gear(joint: str, drive: StiffDrive) -> _Line:
+    """Return the motor of a stiff drive, seen at what it turns."""
+    motor = _motor(joint, drive)
+    return _Line(
+        armature=drive.ratio**2 * motor.armature,
+        damping=drive.ratio**2 * motor.damping,
+        friction=drive.ratio * motor.friction,
+    )
+
+
+def _beside(joint: str, drive: Drive) -> _Line:
+    """Return what acts between the joint's bodies beside the drive: parallel spring, friction."""
     beside = getattr(drive, "joint_friction", ())
-    damping += _value(joint, drive, "joint_viscous_friction") if "viscous" in beside else 0.0
-    friction += _value(joint, drive, "joint_coulomb_friction") if "coulomb" in beside else 0.0
+    damping = _value(joint, drive, "joint_viscous_friction") if "viscous" in beside else 0.0
+    friction = _value(joint, drive, "joint_coulomb_friction") if "coulomb" in beside else 0.0
     parallel, stiffness, rest = drive.parallel_spring, 0.0, 0.0
     if "linear" in parallel:
         stiffness = _value(joint, drive, "parallel_stiffness")
@@ -98,12 +108,12 @@ def _at_joint(joint: str, drive: Drive) -> _Line:
             f"joint '{joint}': MuJoCo has no parallel spring with a negative stiffness, found "
             f"{stiffness:.4g} {unit_of(drive, 'parallel_stiffness')}"
         )
-    return _Line(armature, damping, friction, stiffness, (rest,))
+    return _Line(0.0, damping, friction, stiffness, (rest,))
 
 
 def _motor(joint: str, drive: Drive) -> _Line:
     """Return what acts at the motor of a drive, as its own coordinate has it."""
-    dry = any(term in drive.friction for term in ("coulomb", *_SMOOTH))
+    dry = any(term in drive.friction for term in ("coulomb", *SMOOTH))
     viscous = "viscous" in drive.friction
     return _Line(
         armature=_value(joint, drive, "motor_inertia"),
@@ -224,36 +234,3 @@ def _check_armature(robot: Robot, joint: str, turned: Mapping[str, float], armat
                     f"({', '.join(turned)}), and MuJoCo does not couple their inertia: it can be "
                     "written with motor_inertia_kg_m2 = 0, or as an elastic drive"
                 )
-
-
-def _note_left_out(joint: str, drive: Drive, notes: list[str]) -> None:
-    """Say what of a drive's terms the model has not, or has in another way."""
-    smooth = [term for term in drive.friction if term in _SMOOTH]
-    if smooth:
-        notes.append(f"joint '{joint}': its {smooth[0]} is written as dry friction (friction loss)")
-    lost = [term for term in drive.friction if term not in (*_SAID_FRICTION, *_SMOOTH)]
-    lost += [f"extra term {term}" for term in drive.extra_terms]
-    if lost:
-        notes.append(f"joint '{joint}': left out, MuJoCo cannot say it: {', '.join(lost)}")
-    if drive.motor_input != "torque":
-        constant = f"{drive.motor_input.replace('current', 'torque')}_constant"
-        value = drive.values.get(constant)
-        told = "unknown" if value is None else f"{value:.6g} {unit_of(drive, constant)}"
-        notes.append(
-            f"joint '{joint}': its control is the motor torque, {constant} ({told}) times the "
-            f"{drive.motor_input}"
-        )
-
-
-def _note_all(robot: Robot, step: float, notes: list[str]) -> None:
-    if robot.elastic_joints:
-        notes.append(
-            "motors of elastic joints turn on bodies of their own that stand still in the world "
-            f"({TINY:g} kg, and that much of their inertia in kg m^2): the links carry the motors' "
-            "masses, and gyroscopic torques of rotors are not there, as in the method's equations"
-        )
-    if any(drive.values.get("coulomb_friction") for drive in robot.drivetrains.values()):
-        notes.append(
-            f"MuJoCo's friction loss is soft: it brakes within a step ({step:g} s), and what it "
-            "holds creeps a little"
-        )

@@ -53,8 +53,8 @@ def _rates(robot: Robot) -> np.ndarray:
             at_motor = drive.ratio * at_joint
         mass += values.get("motor_inertia", 0.0) * np.outer(at_motor, at_motor)
         damping += values.get("viscous_friction", 0.0) * np.outer(at_motor, at_motor)
-        spring += values.get("parallel_stiffness", 0.0) * np.outer(at_joint, at_joint)
-        damping += values.get("joint_viscous_friction", 0.0) * np.outer(at_joint, at_joint)
+        spring[index, index] += values.get("parallel_stiffness", 0.0)
+        damping[index, index] += values.get("joint_viscous_friction", 0.0)
     mass += TINY * np.eye(2 * n)
     below = -scipy.linalg.solve(mass, np.hstack([spring, damping]), assume_a="sym")
     above = np.hstack([np.zeros_like(mass), np.eye(2 * n)])

@@ -23,9 +23,10 @@ from seaid.arrays import Array
 from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
 from seaid.errors import RobotError, SeaidError
 from seaid.export.mjcf import write_mjcf
+from seaid.identification import identify
 from seaid.plant import accelerations, advance, plant_of
 from seaid.robot import Robot, load_robot
-from tests.experiments import MODELS, TEST_MASS, arm, arm_motion, leg, leg_motion
+from tests.experiments import MODELS, TEST_MASS, arm, arm_motion, leg, leg_motion, perfect_log
 from tests.terms import ELASTIC, STIFF, with_terms
 from tests.terms import arm as two_joints
 
@@ -391,6 +392,14 @@ def test_friction_that_holds_creeps_little(kind: str, tmp_path: Path) -> None:
     assert np.max(np.abs(motors - state[0])) < 1e-3  # rad at the motor, in a second
 
 
+def test_an_identified_robot_moves_as_the_true_one(tmp_path: Path) -> None:
+    found = identify(arm(), perfect_log(arm(), arm_motion()))
+    written = write_mjcf(found, tmp_path / "robot.xml")
+    assert any("'telescope': its deflection offset" in note for note in written.notes)
+    true, same = run(arm(), tmp_path, 0.3)[0], run(found.robot, tmp_path, 0.3)[1]
+    assert np.max(np.abs(same - true)) < 2e-3
+
+
 # Springs by themselves
 
 
@@ -406,6 +415,17 @@ def test_springs_pull_motor_and_joint_as_the_equations_say(tmp_path: Path) -> No
     force = 59966.0 * stretch
     forces = [twin.data.joint(name).qfrc_passive[0] for name in (f"{joint}_motor", joint)]
     assert forces == pytest.approx([-0.020 / 86 * force, 0.036 * force], rel=1e-12)
+
+
+def test_dry_friction_stands_at_the_motor_or_the_joint_it_is_of(tmp_path: Path) -> None:
+    rubbing = elastic(
+        {"joint_coulomb_friction": 0.7, "coulomb_friction": 0.03},
+        joint_friction=("coulomb",),
+        friction=("viscous", "coulomb"),
+    )
+    model = loaded(two_joints(tmp_path, STIFF, rubbing), tmp_path)
+    losses = [model.joint(name).frictionloss[0] for name in ("one", "two", "two_motor")]
+    assert losses == pytest.approx([40 * 0.02, 0.7, 0.03], rel=1e-12)
 
 
 # What the file says, and what is refused
