@@ -6,11 +6,12 @@ Inside this module all joints are in the order of Pinocchio's model.
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pinocchio as pin
 
-from seaid.arrays import Array, BoolArray, IndexArray
+from seaid.arrays import Array, IndexArray
 from seaid.errors import SeaidError
 from seaid.plant_model import (
     JOINT_POSITION,
@@ -110,7 +111,7 @@ def _driven(
     motor = (free - plant.motor_lever * force) * plant.motor_mobility
     resting = not slip.all()
     if resting:
-        held = np.flatnonzero((slip == 0) & _holds_load(plant))
+        held = np.flatnonzero((slip == 0) & plant.holds_load)
         motor[slip[: len(motor)] == 0] = 0.0
         if held.size:
             joint += _holding(plant, data, state, joint, held)[1]
@@ -139,11 +140,6 @@ def _joint_accelerations(
     return np.asarray(np.linalg.solve(inertia, torque - bias))
 
 
-def _holds_load(plant: Plant) -> BoolArray:
-    """Tell which friction (n + m,) holds something at the load when it holds."""
-    return np.append(~plant.elastic, np.ones(plant.rubbing.size, dtype=bool))
-
-
 def _held_rows(plant: Plant, held: IndexArray) -> Array:
     """Return what held drives and joints turn, as rows (held, n) on the joints."""
     n = len(plant.elastic)
@@ -158,7 +154,7 @@ def _without(plant: Plant, joint: Array, held: IndexArray) -> Array:
         rows = _held_rows(plant, held)
         joint = joint - np.linalg.pinv(rows) @ (rows @ joint)
         held = held[held >= n]
-    joint[np.append(np.arange(n), plant.rubbing)[held]] = 0.0
+    joint[plant.places[held]] = 0.0
     return joint
 
 
@@ -196,8 +192,16 @@ def inverse_inertia(plant: Plant, data: pin.Data, position: Array) -> Array:
     """Return the inverse of the mass matrix (n, n) with the rotors of stiff drives."""
     if plant.rotors is not None:
         return np.asarray(np.linalg.inv(mass_matrix(plant.model, data, position) + plant.rotors))
-    inverse = np.triu(pin.computeMinverse(plant.model, data, position))
-    return np.asarray(inverse + np.triu(inverse, 1).T)
+    inverse = np.array(pin.computeMinverse(plant.model, data, position))
+    below = _below(len(position))
+    inverse[below] = inverse.T[below]
+    return inverse
+
+
+@cache
+def _below(n: int) -> tuple[IndexArray, IndexArray]:
+    """Return the places below the diagonal, which Pinocchio leaves empty."""
+    return np.tril_indices(n, -1)
 
 
 def _holding(
@@ -206,7 +210,7 @@ def _holding(
     """Return the torques that keep held drives and joints still, and their joint accelerations."""
     inverse = inverse_inertia(plant, data, state[JOINT_POSITION])
     if plant.coupling is None:
-        places = np.append(np.arange(len(joint)), plant.rubbing)[held]
+        places = plant.places[held]
         torque = np.asarray(-np.linalg.solve(inverse[np.ix_(places, places)], joint[places]))
         return torque, np.asarray(inverse[:, places] @ torque)
     rows = _held_rows(plant, held)
@@ -234,15 +238,18 @@ def slip_directions(plant: Plant, data: pin.Data, state: Array, torque: Array) -
     level = _levels(plant, turned, np.zeros_like(free))
     moves = np.flatnonzero(plant.elastic & (slip[:n] == 0) & (np.abs(free) > level[:n]))
     slip[moves] = np.sign(free[moves])
-    holds_load, reach = _holds_load(plant), np.append(plant.ratio, np.ones(plant.rubbing.size))
-    while (held := np.flatnonzero((slip == 0) & holds_load)).size:
+    while (held := np.flatnonzero((slip == 0) & plant.holds_load)).size:
         without = slip.copy()
         without[held] = _NOTHING
         joint = accelerations(plant, data, state, torque, without)[1]
-        needed = -_holding(plant, data, state, joint, held)[0] / reach[held]
-        through, motors = np.zeros_like(free), held[held < n]
-        through[motors] = plant.ratio[motors] * (free[motors] - needed[: len(motors)])
-        breaks = np.abs(needed) > _levels(plant, turned, through)[held]
+        motors = held[held < n]
+        needed = -_holding(plant, data, state, joint, held)[0]
+        needed[: len(motors)] /= plant.ratio[motors]
+        if plant.under_load:
+            through = np.zeros_like(free)
+            through[motors] = plant.ratio[motors] * (free[motors] - needed[: len(motors)])
+            level = _levels(plant, turned, through)
+        breaks = np.abs(needed) > level[held]
         if not np.any(breaks):
             break
         slip[held[breaks]] = np.sign(needed[breaks])
@@ -324,7 +331,7 @@ def _stop(plant: Plant, state: Array, first: int, resting: IndexArray) -> None:
         state[SPEED, first] = 0.0
         if plant.elastic[first]:
             return
-    held = np.append(resting[_holds_load(plant)[resting]], first)
+    held = np.append(resting[plant.holds_load[resting]], first)
     state[JOINT_SPEED] = _without(plant, state[JOINT_SPEED], held)
     if plant.coupling is not None:
         turning = plant.ratio * (plant.coupling @ state[JOINT_SPEED])

@@ -42,10 +42,12 @@ class Plant:
     zeros in `viscous`, `coulomb` and `stiffness`; `under_load` (indices) are those whose friction
     depends on the torque through a stiff gear. `rubbing` (m,) are the joints whose own friction,
     `joint_coulomb` (m,) [N m or N], can hold them. `is_dry` (n + m,) tells which friction can hold:
-    that of the motors, then that of the rubbing joints. Where drives move several joints
-    `coupling` is C of phi = C q, `uncoupling` its inverse and `rotors` (n, n) the rotor inertia of
-    stiff drives seen at the joints, which `model` then has not. No step is longer than
-    `longest_step` [s].
+    that of the motors, then that of the rubbing joints; `holds_load` (n + m,) which holds something
+    at the load, of joints `places` (n + m,) where none are coupled.
+
+    Where drives move several joints `coupling` is C of phi = C q, `uncoupling` its inverse and
+    `rotors` (n, n) the rotor inertia of stiff drives seen at the joints, which `model` then has
+    not. No step is longer than `longest_step` [s].
     """
 
     model: pin.Model
@@ -68,6 +70,8 @@ class Plant:
     under_load: tuple[int, ...]
     rubbing: IndexArray
     joint_coulomb: Array
+    holds_load: BoolArray
+    places: IndexArray
     longest_step: float
     coupling: Array | None
     uncoupling: Array | None
@@ -133,6 +137,8 @@ def plant_of(robot: Robot) -> Plant:
         acting=acting,
         under_load=tuple(index for index, drive in acting if drive.is_under_load),
         rubbing=rubbing,
+        holds_load=np.append(~elastic, np.ones(len(rubbing), dtype=bool)),
+        places=np.append(np.arange(robot.n), rubbing),
         joint_coulomb=np.array([levels[index] for index in rubbing.tolist()]),
         longest_step=_longest_step(names, drives, acting, felt),
         coupling=C if is_coupled else None,
