@@ -120,8 +120,12 @@ def compare_terms(
 
 
 def with_term(drive: Drive, field: str, term: str) -> Drive:
-    """Return the drive with one more term; its nominal values are those of its own terms."""
-    return replace(drive, **{field: (*getattr(drive, field), term)})  # type: ignore[arg-type]
+    """Return the drive with one more term; values of parameters that it then lacks are dropped."""
+    terms = (*getattr(drive, field), term)
+    bare = replace(drive, nominal={}, known=(), **{field: terms})  # type: ignore[arg-type]
+    names = bare.parameter_names
+    valued = bare.with_values({n: x for n, x in drive.values.items() if n in names})
+    return replace(valued, known=tuple(name for name in drive.known if name in names))
 
 
 def _asked(terms: Mapping[str, Sequence[str]] | None) -> Mapping[str, Sequence[str]]:

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from experiments import ELASTIC, LEG_SENSORS, leg, leg_motion, true_value
 
 import seaid
 from seaid.arrays import Array
@@ -25,6 +24,7 @@ from seaid.log import Log, column_names
 from seaid.repair import repaired
 from seaid.robot import Robot
 from seaid.simulation import measure
+from tests.experiments import ELASTIC, LEG_SENSORS, leg, leg_motion, true_value
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 measured = pytest.mark.skipif(

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from experiments import LEG_SENSORS, leg, leg_motion, true_value
 from scipy.interpolate import CubicSpline
 
 import seaid
@@ -18,6 +17,7 @@ from seaid.errors import LogError
 from seaid.log import Log
 from seaid.robot import Robot
 from seaid.simulation import measure
+from tests.experiments import LEG_SENSORS, leg, leg_motion, true_value
 
 QUIET = replace(LEG_SENSORS, torque_std_Nm=5e-4)
 ELASTIC = ("hip_pitch", "knee_pitch", "ankle_pitch")

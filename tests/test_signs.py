@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from experiments import ARM_SENSORS, LEG_SENSORS, arm, arm_motion, leg, leg_motion
 
 import seaid
 from seaid.identification import Identification
@@ -13,6 +12,7 @@ from seaid.log import Log
 from seaid.robot import Robot
 from seaid.signs import sign_flags
 from seaid.simulation import measure
+from tests.experiments import ARM_SENSORS, LEG_SENSORS, arm, arm_motion, leg, leg_motion
 
 
 def identified(robot: Robot, log: Log, *flipped: str) -> Identification:

@@ -64,8 +64,9 @@ def actuator(one: Motion) -> Regression:
 
 def load_side() -> tuple[Callable[[Motion], Regression], Array]:
     """Return the regression of the load side with springs as found, and their covariance."""
-    spring = spring_of(ordinary(actuator(motion())))
-    other = spring_of(ordinary(actuator_regression(ROBOT, motion(), "telescope")))
+    spring = spring_of(ROBOT, ordinary(actuator(motion())), JOINT)
+    telescope = ordinary(actuator_regression(ROBOT, motion(), "telescope"))
+    other = spring_of(ROBOT, telescope, "telescope")
     springs = {JOINT: spring.values, "telescope": other.values}
     model = load_model(ROBOT, base_parameters(ROBOT), ROBOT.joint_names)
     covariance = np.zeros((4, 4))
