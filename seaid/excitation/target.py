@@ -217,8 +217,8 @@ def stacked_regressor(target: Target, time: Array, states: States) -> Array:
     """
     H = np.zeros((len(time), len(target.row_weights), len(target.names)))
     Y = rigid_body_regressor(target.robot, *states)[:, list(target.rows)]
-    H[:, : len(target.rows), : len(target.base_columns)] = (
-        target.at_drives @ Y[:, :, list(target.base_columns)]
+    H[:, : len(target.rows), : len(target.base_columns)] = _mapped(
+        target.at_drives, Y[:, :, list(target.base_columns)]
     )
     for block, (columns, _) in _drive_columns(target, time, states)[0]:
         H[:, :, list(block.columns)] = block.shares[:, None] * columns[:, None]
@@ -232,8 +232,8 @@ def regressor_pull_back(target: Target, time: Array, states: States, G: Array) -
     G = G * _weights(target, time) * target.column_scale
     robot, r = target.robot, len(target.rows)
     weights = np.zeros((len(time), r, 10 * robot.n))
-    weights[:, :, list(target.base_columns)] = (
-        target.at_drives.T @ G[:, :r, : len(target.base_columns)]
+    weights[:, :, list(target.base_columns)] = _mapped(
+        target.at_drives.T, G[:, :r, : len(target.base_columns)]
     )
     gradient = np.stack(regressor_gradient(robot, states, target.rows, weights))
     by_signal, by_joint = np.zeros((2, len(SIGNALS), len(time), robot.n))
@@ -250,8 +250,14 @@ def regressor_pull_back(target: Target, time: Array, states: States, G: Array) -
     gradient += by_state + by_joint[3:6]
     if target.needs_load:
         tables = load_derivatives(robot, target.beside, states)
-        gradient += np.einsum("ti,xtij->xtj", by_torque @ _at_drives(robot), tables)
+        by_torque = _mapped(_at_drives(robot).T, by_torque[:, :, None])[:, :, 0]
+        gradient += np.einsum("ti,xtij->xtj", by_torque, tables)
     return gradient[0], gradient[1], gradient[2]
+
+
+def _mapped(matrix: Array, rows: Array) -> Array:
+    """Return rows (T, r, p) mapped by a matrix (r, r); bit by bit what they are by the identity."""
+    return rows if np.array_equal(matrix, np.eye(len(matrix))) else np.asarray(matrix @ rows)
 
 
 def _weights(target: Target, time: Array) -> Array:
