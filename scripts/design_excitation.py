@@ -21,10 +21,10 @@ from seaid.arrays import Array
 from seaid.excitation import CRITERIA, margins
 from seaid.excitation.basis import BASES
 from seaid.files import result_folder
-from seaid.found import nominal_values
-from seaid.load_side import load_model
 from seaid.report.excitation_figure import save_excitation_figure
 from seaid.report.text import number, percent, table
+from seaid.sides.found import nominal_values
+from seaid.sides.load_side import load_model
 
 LIMIT_NAMES = ("lower", "upper", "velocity", "acceleration", "joint_torque")
 

@@ -19,9 +19,9 @@ import numpy as np
 
 import seaid
 from seaid.arrays import Array
-from seaid.description_file import description_for
 from seaid.files import result_folder
 from seaid.formats.opening import open_table
+from seaid.logs.description_file import description_for
 from seaid.progress import track
 from seaid.report.figures import save_actuator_figure, save_load_figure
 from seaid.report.text import number

@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from seaid.agreement import CrossCheck, cross_check
     from seaid.assembly import Payload
     from seaid.base import BaseParameters, base_parameters
+    from seaid.bodies.possible_bodies import PossibleBodies
     from seaid.conditions import Conditions, identify_conditions
     from seaid.cross_validation import cross_validate
     from seaid.delays import Delay, correct_delays, estimate_delays
-    from seaid.describe import Description, describe_log
     from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
     from seaid.errors import (
         ExcitationError,
@@ -44,12 +44,12 @@ if TYPE_CHECKING:
     from seaid.gears import GearRatio, gear_ratio
     from seaid.identification import Identification, identify
     from seaid.log import Log, read_log, write_log
-    from seaid.log_description import LogDescription
+    from seaid.logs.describe import Description, describe_log
+    from seaid.logs.log_description import LogDescription
+    from seaid.logs.repair import Repair, Repairs
     from seaid.long_log import LongLog, open_long_log
     from seaid.motion import Motion, reconstruct_motion
     from seaid.output_error import refine
-    from seaid.possible_bodies import PossibleBodies
-    from seaid.repair import Repair, Repairs
     from seaid.replaying import replay
     from seaid.robot import Robot, load_robot
     from seaid.sensitivity import CutoffSensitivity, cutoff_sensitivity
@@ -67,7 +67,7 @@ _WHERE = {
     "conditions": ("Conditions", "identify_conditions"),
     "cross_validation": ("cross_validate",),
     "delays": ("Delay", "correct_delays", "estimate_delays"),
-    "describe": ("Description", "describe_log"),
+    "logs.describe": ("Description", "describe_log"),
     "drivetrain.model": ("SeriesElasticDrive", "StiffDrive"),
     "errors": (
         "ExcitationError",
@@ -95,12 +95,12 @@ _WHERE = {
     "gears": ("GearRatio", "gear_ratio"),
     "identification": ("Identification", "identify"),
     "log": ("Log", "read_log", "write_log"),
-    "log_description": ("LogDescription",),
+    "logs.log_description": ("LogDescription",),
     "long_log": ("LongLog", "open_long_log"),
     "motion": ("Motion", "reconstruct_motion"),
     "output_error": ("refine",),
-    "possible_bodies": ("PossibleBodies",),
-    "repair": ("Repair", "Repairs"),
+    "bodies.possible_bodies": ("PossibleBodies",),
+    "logs.repair": ("Repair", "Repairs"),
     "replaying": ("replay",),
     "robot": ("Robot", "load_robot"),
     "sensors": ("Identifiability", "identifiability"),

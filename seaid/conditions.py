@@ -24,16 +24,16 @@ from seaid.estimation.estimate import Estimate
 from seaid.estimation.estimators import Estimator, estimator_named
 from seaid.estimation.information import information_of
 from seaid.estimation.solve import settled_weights
-from seaid.found import joined, spring_of, with_flags
 from seaid.identification import Identification, packed
-from seaid.load_side import LoadModel, load_model, load_regression
 from seaid.motion import Motion
-from seaid.records import Record, Source, records_of, rows_of, sources_of
 from seaid.regression import Regression, actuator_regression
 from seaid.robot import Robot
-from seaid.sequential import Fit, Sides, known_torques, split_load_side, sprung
-from seaid.shared_columns import SharedRows, placed_carried, shared_rows
-from seaid.straightening import straightened_robot
+from seaid.sides.found import joined, spring_of, with_flags
+from seaid.sides.load_side import LoadModel, load_model, load_regression
+from seaid.sides.records import Record, Source, records_of, rows_of, sources_of
+from seaid.sides.sequential import Fit, Sides, known_torques, split_load_side, sprung
+from seaid.sides.shared_columns import SharedRows, placed_carried, shared_rows
+from seaid.sides.straightening import straightened_robot
 
 BODIES = "bodies"
 """Stands in `own` for all base parameters."""
@@ -110,7 +110,7 @@ def identify_conditions(
                     robots[name],
                     models[name],
                     _sides(name, robots[name], models[name], actuators, load, joints),
-                    records[name][0].cutoff_hz,
+                    records[name],
                 )
                 for name in robots
             }

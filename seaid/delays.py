@@ -14,6 +14,8 @@ from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.errors import LogError, unknown_name
 from seaid.estimation.covariance import newey_west
 from seaid.log import Log, column_names
+from seaid.logs.repair import Repair
+from seaid.logs.resampling import interpolated
 from seaid.motion import Motion, reconstruct_motion
 from seaid.regression import (
     actuator_columns,
@@ -24,8 +26,6 @@ from seaid.regression import (
     signals,
     standstill,
 )
-from seaid.repair import Repair
-from seaid.resampling import interpolated
 from seaid.rigid_body import regressor_at_drives
 from seaid.robot import Robot
 
@@ -113,7 +113,7 @@ def estimate_delays(
 def correct_delays(log: Log, delays: Sequence[Delay]) -> Log:
     """Return the log with every significant delay taken out; the ends that nothing covers are cut.
 
-    Channels are interpolated at the times at which they were true, as `seaid.repair` does; the
+    Channels are interpolated at the times at which they were true, as `seaid.logs.repair` does; the
     log's `report` says so. Raises LogError for a joint or channel that the log does not have.
     """
     fields = log.sensors()

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.dropouts import is_constant
 from seaid.errors import ExcitationError, LogError
 from seaid.log import Log
+from seaid.logs.dropouts import is_constant
 from seaid.robot import Robot
 
 _LEAST_RANGE = 20.0

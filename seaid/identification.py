@@ -13,25 +13,26 @@ import numpy as np
 
 from seaid.arrays import Array, FrozenMapping
 from seaid.base import BaseParameters, base_parameters
+from seaid.bodies.possible_bodies import PossibleBodies, possible_bodies
 from seaid.errors import IdentificationError, unknown_name
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.estimators import estimator_named
 from seaid.estimation.model_checks import ModelChecks
 from seaid.excited import check_channels, check_excitation
 from seaid.files import whole_file
-from seaid.found import with_estimate
-from seaid.instrumental_sides import instrumental_sides
-from seaid.load_side import LoadModel, load_model
 from seaid.log import Log
-from seaid.possible_bodies import PossibleBodies, possible_bodies
+from seaid.motion import Motion
 from seaid.processing import Processing
-from seaid.records import Source, processing_of, records_of, sources_of
 from seaid.robot import Robot
-from seaid.sequential import Sides, known_torques, sequential_sides
+from seaid.sides.found import with_estimate
+from seaid.sides.instrumental_sides import instrumental_sides
+from seaid.sides.load_side import LoadModel, load_model
+from seaid.sides.records import Record, Source, processing_of, records_of, sources_of
+from seaid.sides.sequential import Sides, known_torques, sequential_sides
+from seaid.sides.simultaneous import simultaneous_sides
+from seaid.sides.straightening import straightened_robot
+from seaid.sides.untold import with_held_flags
 from seaid.signs import sign_flags
-from seaid.simultaneous import simultaneous_sides
-from seaid.straightening import straightened_robot
-from seaid.untold import with_held_flags
 
 if TYPE_CHECKING:
     from seaid.validation import Validation
@@ -53,7 +54,8 @@ class Identification:
     a value of what bends its drives' equations. `load_side` is the whole estimate of the load side
     in the columns of `model`. `left_out` counts instants near standstill by joint, "load" for the
     load side; `checks` of the model have the same keys ("both" where both sides were estimated at
-    once). `processing` tells what was done to each log before.
+    once). `processing` tells what was done to each log before; `motions` are those of the logs in
+    memory, for a look at how well they are matched (`seaid.validation.compared`).
     """
 
     drivetrains: Mapping[str, Estimate]
@@ -69,6 +71,7 @@ class Identification:
     checks: Mapping[str, ModelChecks]
     possible: PossibleBodies | None = None
     processing: tuple[Processing, ...] = ()
+    motions: tuple[Motion, ...] = ()
 
     @property
     def flags(self) -> tuple[str, ...]:
@@ -177,18 +180,17 @@ def identify(
         found = simultaneous_sides(robot, records, model, found, solver, joint_zero_std, executor)
     found = replace(found, drivetrains=with_held_flags(found.drivetrains, given, robot))
     possible = _possible(robot, model, found) if feasible else None
-    return packed(robot, model, found, records[0].cutoff_hz, possible, processing_of(records))
+    return packed(robot, model, found, records, possible)
 
 
 def packed(
     robot: Robot,
     model: LoadModel,
     found: Sides,
-    cutoff_hz: float,
+    records: Sequence[Record],
     possible: PossibleBodies | None = None,
-    processing: tuple[Processing, ...] = (),
 ) -> Identification:
-    """Return what both sides told as an Identification of the robot."""
+    """Return what both sides told of the records as an Identification of the robot."""
     return Identification(
         drivetrains=FrozenMapping(found.drivetrains),
         load=found.load,
@@ -198,11 +200,12 @@ def packed(
         model=model,
         load_side=found.load_side,
         springs=FrozenMapping(found.springs),
-        cutoff_hz=cutoff_hz,
+        cutoff_hz=records[0].cutoff_hz,
         left_out=FrozenMapping(found.left_out),
         checks=FrozenMapping(found.checks),
         possible=possible,
-        processing=processing,
+        processing=processing_of(records),
+        motions=tuple(record for record in records if isinstance(record, Motion)),
     )
 
 

@@ -11,9 +11,6 @@ from typing import Any
 import numpy as np
 
 from seaid.arrays import Array, frozen
-from seaid.channels import Channel
-from seaid.described import both_sides, channels_of
-from seaid.description_file import Described, description_for
 from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.errors import LogError, SeaidWarning
 from seaid.files import whole_file, write_csv
@@ -21,9 +18,12 @@ from seaid.formats.hdf5_file import write_hdf5
 from seaid.formats.opening import open_table
 from seaid.formats.parquet_file import write_parquet
 from seaid.formats.table import check_lengths
-from seaid.log_columns import SENSORS, Column, column_names, near_names, wanted_columns
-from seaid.log_description import LogDescription
-from seaid.repair import Repair, Repairs, repaired
+from seaid.logs.channels import Channel
+from seaid.logs.described import both_sides, channels_of
+from seaid.logs.description_file import Described, description_for
+from seaid.logs.log_columns import SENSORS, Column, column_names, near_names, wanted_columns
+from seaid.logs.log_description import LogDescription
+from seaid.logs.repair import Repair, Repairs, repaired
 from seaid.robot import Robot
 
 __all__ = ["MINIMUM_SAMPLES", "SENSORS", "Log", "column_names", "log_of", "read_log", "write_log"]

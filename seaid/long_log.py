@@ -16,7 +16,7 @@ from seaid.filtering import decimation
 from seaid.formats.opening import open_table
 from seaid.formats.table import Block, Blocks
 from seaid.log import MINIMUM_SAMPLES, Log, log_of
-from seaid.log_columns import Column, wanted_columns
+from seaid.logs.log_columns import Column, wanted_columns
 from seaid.motion import Motion, check_cutoff, is_regular, reconstruct_motion
 from seaid.processing import Processing
 from seaid.regression import Regression, row_samples

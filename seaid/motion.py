@@ -12,9 +12,9 @@ from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.errors import LogError
 from seaid.filtering import low_pass, spline_derivatives
 from seaid.log import Log
+from seaid.logs.resampling import interpolated
 from seaid.pass_band import PassBand, propose_pass_band
 from seaid.processing import Processing
-from seaid.resampling import interpolated
 from seaid.robot import Robot
 from seaid.transmission import at_drives, at_joints, coupled_groups
 

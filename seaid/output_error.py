@@ -18,13 +18,13 @@ from seaid.arrays import Array, FrozenMapping
 from seaid.errors import IdentificationError
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.gauss_newton import Step, gauss_newton_step
-from seaid.found import with_estimate, with_flags
 from seaid.identification import Identification
-from seaid.load_response import Answer
 from seaid.log import Log
-from seaid.method_limits import check_refinable
 from seaid.output_residuals import Layout, Run, layout_of, linearised, robot_at, run_of
 from seaid.progress import track
+from seaid.sides.found import with_estimate, with_flags
+from seaid.sides.load_response import Answer
+from seaid.sides.method_limits import check_refinable
 from seaid.transmission import coupled_names
 
 _SETTLED, _CLOSE = 1e-3, 0.05

@@ -8,18 +8,18 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from seaid.arrays import Array, BoolArray, FrozenMapping
-from seaid.driven_motion import finer_side
 from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.errors import IdentificationError
 from seaid.estimation.gauss_newton import Residuals
 from seaid.filtering import decimation
 from seaid.identification import Identification
-from seaid.load_response import Answer, TorqueJacobians, answer_to, torque_jacobians
-from seaid.load_side import load_columns
 from seaid.log import Log
 from seaid.motion import POSITION_BAND, Motion, reconstruct_motion
 from seaid.regression import REST_RAD_S, STANDSTILL, actuator_columns
 from seaid.robot import Robot
+from seaid.sides.driven_motion import finer_side
+from seaid.sides.load_response import Answer, TorqueJacobians, answer_to, torque_jacobians
+from seaid.sides.load_side import load_columns
 
 WIDER = 3.0
 """The pass band of the refinement over that of the identification: dry friction is sharp."""

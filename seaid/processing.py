@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from seaid.logs.repair import Repair
 from seaid.pass_band import PassBand
-from seaid.repair import Repair
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from seaid.arrays import Array, frozen
 from seaid.errors import IdentificationError, SeaidError
 from seaid.identification import Identification, identify
 from seaid.progress import track
-from seaid.records import Source
 from seaid.robot import Robot
+from seaid.sides.records import Source
 
 _FACTORS = (1 / 3, 1 / 2, 1 / np.sqrt(2), np.sqrt(2), 2.0, 3.0)
 

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from seaid.arrays import Array, frozen
-from seaid.controller import joint_controller
 from seaid.errors import SeaidError
 from seaid.excitation.trajectory import Trajectory
-from seaid.log import Log
-from seaid.motion import Motion
-from seaid.motor_inputs import input_gain, motor_inputs
-from seaid.plant import (
+from seaid.forward.controller import joint_controller
+from seaid.forward.motor_inputs import input_gain, motor_inputs
+from seaid.forward.plant import (
     JOINT_POSITION,
     JOINT_SPEED,
     POSITION,
@@ -27,6 +25,8 @@ from seaid.plant import (
     plant_of,
     slip_directions,
 )
+from seaid.log import Log
+from seaid.motion import Motion
 from seaid.progress import track
 from seaid.robot import Robot
 from seaid.transmission import torques_at_joints

@@ -14,8 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seaid.arrays import Array, FrozenMapping
-from seaid.bent import straightened
-from seaid.bent_load import fit_load
 from seaid.drivetrain.catalogue import PARAMETERS_OF
 from seaid.drivetrain.model import Drive
 from seaid.errors import IdentificationError, RobotError, SeaidError, unknown_name
@@ -23,13 +21,15 @@ from seaid.estimation.checks import independent_rows
 from seaid.estimation.information import information_of
 from seaid.estimation.nested import Gain, common_rows, gain
 from seaid.estimation.solve import settled_weights, weighted
-from seaid.gear_torque import with_gear_torques
 from seaid.motion import Motion
 from seaid.progress import track
-from seaid.records import Source, first_motion, records_of, sources_of
 from seaid.regression import Regression, actuator_regression, stacked
 from seaid.robot import Robot
-from seaid.sequential import known_torques
+from seaid.sides.bent import straightened
+from seaid.sides.bent_load import fit_load
+from seaid.sides.gear_torque import with_gear_torques
+from seaid.sides.records import Source, first_motion, records_of, sources_of
+from seaid.sides.sequential import known_torques
 
 AT_THE_MOTOR = {
     "friction": ("offset", "asymmetric", "quadratic", "load", "stribeck"),

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from seaid.arrays import Array, BoolArray
-from seaid.gear_torque import under_load, with_gear_torque
 from seaid.identification import Identification
-from seaid.load_side import load_columns, unknown_friction
 from seaid.log import Log
 from seaid.motion import Motion, reconstruct_motion
 from seaid.regression import INPUTS, actuator_columns, in_band, signals, standstill
 from seaid.robot import Robot
+from seaid.sides.gear_torque import under_load, with_gear_torque
+from seaid.sides.load_side import load_columns, unknown_friction
 
 NUMBERS = (
     "rms_error",
@@ -73,8 +73,12 @@ def validate(found: Identification, log: Log) -> Validation:
 
     All instants count, those near standstill too. Raises LogError where the log does not fit.
     """
+    return compared(found, reconstruct_motion(found.robot, log, found.cutoff_hz))
+
+
+def compared(found: Identification, motion: Motion) -> Validation:
+    """Compare torques of a motion; with one of `found.motions`, how well the model fits its own."""
     robot = found.robot
-    motion = reconstruct_motion(robot, log, found.cutoff_hz)
     if under_load(found.known, found.model.rows):
         theta = found.load_side.values
         motion = with_gear_torque(found.known, motion, found.model, found.springs, theta)

@@ -22,14 +22,14 @@ from seaid.drivetrain.regressor import flat_names
 from seaid.drivetrain.symbols import SYMBOLS, known_values
 from seaid.estimation.estimators import estimator_named
 from seaid.identification import Identification, packed
-from seaid.load_side import load_model
 from seaid.log import Log
 from seaid.motion import Motion
 from seaid.rigid_body import joint_torques
 from seaid.robot import Payload, Robot, load_robot
-from seaid.sequential import known_torques, sequential_sides
-from seaid.straightening import straightened_robot
-from seaid.untold import with_held_flags
+from seaid.sides.load_side import load_model
+from seaid.sides.sequential import known_torques, sequential_sides
+from seaid.sides.straightening import straightened_robot
+from seaid.sides.untold import with_held_flags
 
 PERIOD_S, RATE_HZ = 8.0, 250.0
 TIME = np.arange(int(PERIOD_S * RATE_HZ)) / RATE_HZ
@@ -151,7 +151,7 @@ def identified(robot: Robot, motion: Motion, rows: list[str] | None = None) -> I
     sides = sequential_sides(known, records, model, estimator_named("wls"), 0.0, None, False)
     drives = with_held_flags(sides.drivetrains, robot, known)
     sides = replace(sides, drivetrains=drives)
-    return packed(known, model, sides, motion.cutoff_hz)
+    return packed(known, model, sides, records)
 
 
 def value_of(equation: DriveEquation, drive: Drive, by_name: Mapping[str, Array]) -> Array:

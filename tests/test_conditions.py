@@ -9,9 +9,9 @@ import pytest
 from seaid.conditions import Conditions, identify_conditions
 from seaid.errors import IdentificationError
 from seaid.estimation.estimate import Estimate
-from seaid.found import nominal_values
 from seaid.identification import identify
 from seaid.log import Log
+from seaid.sides.found import nominal_values
 from seaid.simulation import Noise, measure
 from tests.experiments import (
     ELASTIC,

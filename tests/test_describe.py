@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from seaid.arrays import Array
-from seaid.column_words import meaning_of
-from seaid.describe import Description, describe_log
 from seaid.errors import LogError
 from seaid.log import read_log
+from seaid.logs.column_words import meaning_of
+from seaid.logs.describe import Description, describe_log
 from seaid.robot import load_robot
 
 DATA = Path(__file__).parents[2] / "shared" / "data"

@@ -10,15 +10,15 @@ import pytest
 
 from seaid.arrays import Array
 from seaid.base import base_parameters
-from seaid.driven_motion import driven_motion, finer_side
 from seaid.errors import IdentificationError
 from seaid.estimation.estimators import ESTIMATORS
 from seaid.identification import identify
-from seaid.instrumental_sides import instrumental_sides
-from seaid.load_side import LoadModel, load_columns, load_model
 from seaid.motion import Motion, reconstruct_motion
 from seaid.robot import Robot, load_robot
-from seaid.sequential import Sides, sequential_sides
+from seaid.sides.driven_motion import driven_motion, finer_side
+from seaid.sides.instrumental_sides import instrumental_sides
+from seaid.sides.load_side import LoadModel, load_columns, load_model
+from seaid.sides.sequential import Sides, sequential_sides
 from seaid.simulation import Noise, measure, simulate_motion
 from tests.experiments import DATA, perfect_log, wiggle
 
@@ -164,7 +164,7 @@ def test_where_the_model_diverges_the_smoothed_motion_stays_and_a_flag_says_so(
     def diverges(*_: object) -> Motion:
         raise IdentificationError("the fitted model diverges")
 
-    monkeypatch.setattr("seaid.instrumental_sides.motor_driven_motion", diverges)
+    monkeypatch.setattr("seaid.sides.instrumental_sides.motor_driven_motion", diverges)
     found = instrumental_sides(robot, [motion], model, sides, 0.0, None)
     assert found.load.flags[-1].startswith("instruments of the load side are those of the smoothed")
     assert found.load.flags[-1].endswith("the fitted model diverges")

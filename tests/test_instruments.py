@@ -12,19 +12,19 @@ from seaid.base import base_parameters
 from seaid.errors import IdentificationError
 from seaid.estimation.estimators import ESTIMATORS
 from seaid.identification import identify
-from seaid.instrumental_sides import instrumental_sides
-from seaid.instruments import (
+from seaid.motion import Motion, reconstruct_motion
+from seaid.regression import actuator_regression
+from seaid.robot import Robot
+from seaid.sides.instrumental_sides import instrumental_sides
+from seaid.sides.instruments import (
     FittedModel,
     actuator_with_instruments,
     apart,
     instrument_motion,
     load_with_instruments,
 )
-from seaid.load_side import LoadModel, load_model, load_regression
-from seaid.motion import Motion, reconstruct_motion
-from seaid.regression import actuator_regression
-from seaid.robot import Robot
-from seaid.sequential import Sides, sequential_sides
+from seaid.sides.load_side import LoadModel, load_model, load_regression
+from seaid.sides.sequential import Sides, sequential_sides
 from seaid.simulation import Noise, measure
 from tests.experiments import ARM_SENSORS, arm, arm_motion, drive_errors, perfect_log
 
@@ -129,7 +129,7 @@ def test_errors(monkeypatch: pytest.MonkeyPatch) -> None:
     flipped = replace(drive, values=-drive.values)
     with pytest.raises(IdentificationError, match=f"stiffness of {joint} was found not positive"):
         run(replace(sides, drivetrains={**sides.drivetrains, joint: flipped}), 0.0, None)
-    monkeypatch.setattr("seaid.instrumental_sides._MOST_ITERATIONS", 1)
+    monkeypatch.setattr("seaid.sides.instrumental_sides._MOST_ITERATIONS", 1)
     away = replace(drive, values=0.5 * drive.values)
     with pytest.raises(IdentificationError, match=r"did not settle in 1 iterations: .* moves"):
         run(replace(sides, drivetrains={**sides.drivetrains, joint: away}), 0.0, None)

@@ -18,19 +18,19 @@ from seaid.estimation.estimate import Estimate
 from seaid.estimation.solve import ordinary, weighted
 from seaid.excitation.trajectory import Trajectory
 from seaid.identification import identify
-from seaid.joint_sides import (
+from seaid.log import Log
+from seaid.motion import Motion, reconstruct_motion
+from seaid.regression import Regression, stacked
+from seaid.rigid_body import joint_torques
+from seaid.robot import Payload, Robot, load_robot
+from seaid.sides.joint_sides import (
     joint_regression,
     joint_zero_sensitivity,
     settled,
     split_joint,
     whitened,
 )
-from seaid.load_side import LoadModel, load_model, zero_sensitivity
-from seaid.log import Log
-from seaid.motion import Motion, reconstruct_motion
-from seaid.regression import Regression, stacked
-from seaid.rigid_body import joint_torques
-from seaid.robot import Payload, Robot, load_robot
+from seaid.sides.load_side import LoadModel, load_model, zero_sensitivity
 from seaid.simulation import Noise, measure
 from tests.experiments import (
     ELASTIC,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from seaid.load_response import TorqueJacobians, answer_to, torque_jacobians
 from seaid.rigid_body import joint_torques
 from seaid.robot import Payload, load_robot
+from seaid.sides.load_response import TorqueJacobians, answer_to, torque_jacobians
 from tests.experiments import DATA
 
 STEP = 1e-3

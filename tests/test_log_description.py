@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seaid.arrays import Array
-from seaid.description_file import description_for
 from seaid.errors import LogError, SeaidWarning
 from seaid.log import Log, read_log, write_log
-from seaid.log_description import LogDescription
-from seaid.repair import Repairs
+from seaid.logs.description_file import description_for
+from seaid.logs.log_description import LogDescription
+from seaid.logs.repair import Repairs
 from seaid.robot import Robot, load_robot
 
 MODELS = Path(__file__).parents[1] / "models" / "logs"

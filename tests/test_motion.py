@@ -11,8 +11,8 @@ from scipy.interpolate import CubicSpline
 
 from seaid.errors import LogError
 from seaid.log import Log
+from seaid.logs.repair import Repair
 from seaid.motion import reconstruct_motion
-from seaid.repair import Repair
 from seaid.simulation import measure
 from tests.experiments import ARM_SENSORS, arm, arm_motion, leg, perfect_log
 

@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 
 from seaid.arrays import Array
 from seaid.base import base_parameters
+from seaid.bodies.possible_bodies import PossibleBodies, possible_bodies
+from seaid.bodies.prior_bodies import balls, prior_bodies
 from seaid.drivetrain.model import StiffDrive
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation.estimate import Estimate
 from seaid.inertia import from_center_of_mass, is_physical, pseudo_inertia
-from seaid.load_side import LoadModel, load_model
-from seaid.possible_bodies import PossibleBodies, possible_bodies
-from seaid.prior_bodies import balls, prior_bodies
 from seaid.robot import Robot, load_robot
+from seaid.sides.load_side import LoadModel, load_model
 from seaid.simulation import simulate_motion
 from tests.experiments import MODELS, arm, leg, wiggle
 

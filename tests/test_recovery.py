@@ -15,11 +15,11 @@ from seaid.base import base_parameters
 from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
 from seaid.estimation.solve import ordinary
 from seaid.identification import Identification, identify
-from seaid.load_side import load_model, load_regression
 from seaid.log import Log
 from seaid.motion import Motion
 from seaid.regression import actuator_regression
 from seaid.robot import Robot, load_robot
+from seaid.sides.load_side import load_model, load_regression
 from seaid.simulation import Noise, measure, simulate_motion
 from tests.experiments import (
     ARM_SENSORS,

@@ -12,7 +12,6 @@ from seaid.arrays import Array
 from seaid.base import base_parameters
 from seaid.errors import LogError
 from seaid.filtering import low_pass
-from seaid.load_side import LoadModel, load_model, load_regression, zero_sensitivity
 from seaid.motion import Motion
 from seaid.regression import (
     actuator_columns,
@@ -25,6 +24,7 @@ from seaid.regression import (
 )
 from seaid.rigid_body import joint_torques
 from seaid.robot import Robot, load_robot
+from seaid.sides.load_side import LoadModel, load_model, load_regression, zero_sensitivity
 from tests.experiments import ELASTIC, TEST_MASS, arm, arm_motion, leg, leg_motion, true_value
 
 LEG = leg(TEST_MASS)

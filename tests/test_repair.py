@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seaid.arrays import Array
-from seaid.channels import Channel
 from seaid.errors import LogError
-from seaid.repair import Repair, Repairs, repaired
+from seaid.logs.channels import Channel
+from seaid.logs.repair import Repair, Repairs, repaired
 
 RATE = 500.0
 ENCODER = 2 * np.pi / 2**14

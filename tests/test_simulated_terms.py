@@ -24,9 +24,8 @@ from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
 from seaid.drivetrain.regressor import flat_names
 from seaid.drivetrain.symbols import SYMBOLS, d_0, f_0, known_values
 from seaid.errors import RobotError, SeaidError
-from seaid.identification import identify
-from seaid.motor_inputs import motor_inputs
-from seaid.plant import (
+from seaid.forward.motor_inputs import motor_inputs
+from seaid.forward.plant import (
     JOINT_POSITION,
     JOINT_SPEED,
     POSITION,
@@ -38,6 +37,7 @@ from seaid.plant import (
     plant_of,
     slip_directions,
 )
+from seaid.identification import identify
 from seaid.robot import Robot, load_robot
 from seaid.simulation import Noise, measure, simulate, simulate_motion
 from tests.experiments import wiggle

@@ -16,7 +16,15 @@ from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
 from seaid.errors import RobotError, SeaidError
 from seaid.excitation.basis import make_basis
 from seaid.excitation.trajectory import Trajectory
-from seaid.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, Plant, advance, plant_of
+from seaid.forward.plant import (
+    JOINT_POSITION,
+    JOINT_SPEED,
+    POSITION,
+    SPEED,
+    Plant,
+    advance,
+    plant_of,
+)
 from seaid.robot import Robot, load_robot
 from seaid.simulation import Noise, measure, simulate, simulate_motion
 from tests.experiments import LEG_SENSORS, TEST_MASS, arm, arm_motion, leg, leg_motion, wiggle

@@ -11,7 +11,7 @@ from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.estimation.solve import ordinary
 from seaid.motion import reconstruct_motion
 from seaid.regression import Regression
-from seaid.spring_torque import both_noisy, deming, noise_ratio
+from seaid.sides.spring_torque import both_noisy, deming, noise_ratio
 from tests.experiments import leg, leg_motion, perfect_log
 
 STIFFNESS, OFFSET = 70.0, 1.5

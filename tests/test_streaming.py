@@ -15,14 +15,14 @@ from seaid.base import base_parameters
 from seaid.errors import IdentificationError, LogError
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.solve import equal_weights, ordinary, settled_weights, weighted
-from seaid.found import spring_of
-from seaid.load_side import load_model, load_regression
 from seaid.log import Log, read_log, write_log
 from seaid.long_log import LongLog, iterate_log, open_long_log
 from seaid.motion import Motion, reconstruct_motion
 from seaid.regression import Regression, actuator_regression, stacked
+from seaid.sides.found import spring_of
+from seaid.sides.load_side import load_model, load_regression
+from seaid.sides.streaming import stream_estimate, stream_information
 from seaid.simulation import measure
-from seaid.streaming import stream_estimate, stream_information
 from tests.experiments import ARM_SENSORS, arm, arm_motion
 
 CUTOFF_HZ = 8.0

@@ -21,8 +21,6 @@ from hypothesis import strategies as st
 
 from seaid.arrays import Array
 from seaid.base import base_parameters
-from seaid.described import both_sides
-from seaid.driven_motion import driven_motion
 from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
 from seaid.errors import (
     ExcitationError,
@@ -35,19 +33,21 @@ from seaid.errors import (
 from seaid.estimation.solve import ordinary
 from seaid.excitation.target import load_target
 from seaid.identification import Identification, identify
-from seaid.load_side import (
+from seaid.log import Log
+from seaid.logs.described import both_sides
+from seaid.motion import Motion, reconstruct_motion
+from seaid.output_error import refine
+from seaid.regression import actuator_regression
+from seaid.replaying import replay
+from seaid.robot import Robot, load_robot
+from seaid.sides.driven_motion import driven_motion
+from seaid.sides.load_side import (
     LoadModel,
     load_columns,
     load_model,
     load_regression,
     zero_sensitivity,
 )
-from seaid.log import Log
-from seaid.motion import Motion, reconstruct_motion
-from seaid.output_error import refine
-from seaid.regression import actuator_regression
-from seaid.replaying import replay
-from seaid.robot import Robot, load_robot
 from seaid.symbolic.exact_base import base_parameters as exact_base_parameters
 from seaid.symbolic.whole_model import complete_model
 from seaid.transmission import (

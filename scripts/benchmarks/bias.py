@@ -21,11 +21,11 @@ import numpy as np
 
 import seaid
 from seaid.arrays import Array
-from seaid.found import nominal_values
 from seaid.log import Log
 from seaid.motion import Motion
 from seaid.progress import track
 from seaid.report.text import table
+from seaid.sides.found import nominal_values
 from seaid.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

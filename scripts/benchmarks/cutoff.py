@@ -21,11 +21,11 @@ import numpy as np
 
 import seaid
 from seaid.arrays import Array
-from seaid.found import nominal_values
 from seaid.motion import Motion, reconstruct_motion
 from seaid.progress import track
 from seaid.report.text import table
 from seaid.robot import Robot
+from seaid.sides.found import nominal_values
 from seaid.simulation import Noise, measure
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

@@ -28,9 +28,9 @@ from seaid.excitation.flatness import transmission
 from seaid.excitation.problem import make_problem
 from seaid.excitation.scaling import recorded_factor, scaled_target
 from seaid.excitation.target import Target, drive_target, stacked_regressor
-from seaid.found import nominal_values
 from seaid.progress import track
 from seaid.report.text import percent, table
+from seaid.sides.found import nominal_values
 from seaid.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

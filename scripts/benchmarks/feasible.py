@@ -16,12 +16,12 @@ import numpy as np
 import seaid
 from seaid.arrays import Array
 from seaid.base import base_parameters, random_states
+from seaid.bodies.possible_bodies import PossibleBodies, possible_bodies
 from seaid.estimation.estimate import Estimate
 from seaid.inertia import from_pseudo_inertia, is_physical, pseudo_inertia
-from seaid.load_side import LoadModel, load_model
-from seaid.possible_bodies import PossibleBodies, possible_bodies
 from seaid.report.text import percent, table
 from seaid.rigid_body import rigid_body_regressor
+from seaid.sides.load_side import LoadModel, load_model
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 NOISE = 0.05

@@ -20,13 +20,13 @@ from seaid.arrays import Array
 from seaid.base import base_parameters
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.solve import weighted
-from seaid.found import nominal_values
-from seaid.joint_sides import joint_zero_sensitivity, settled, split_joint
 from seaid.motion import Motion, reconstruct_motion
 from seaid.progress import track
 from seaid.regression import Regression
 from seaid.report.text import percent, table
 from seaid.rigid_body import rigid_body_regressor
+from seaid.sides.found import nominal_values
+from seaid.sides.joint_sides import joint_zero_sensitivity, settled, split_joint
 from seaid.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

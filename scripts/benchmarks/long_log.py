@@ -23,13 +23,13 @@ from seaid.arrays import Array
 from seaid.base import base_parameters
 from seaid.estimation.information import information_of
 from seaid.estimation.solve import equal_weights, ordinary
-from seaid.load_side import load_model, load_regression
 from seaid.long_log import open_long_log
 from seaid.motion import Motion, reconstruct_motion
 from seaid.regression import Regression
 from seaid.report.text import table
 from seaid.rigid_body import joint_torques
-from seaid.streaming import stream_estimate
+from seaid.sides.load_side import load_model, load_regression
+from seaid.sides.streaming import stream_estimate
 
 CUTOFF_HZ, RATE_HZ, BLOCK = 8.0, 1000.0, 50_000
 

@@ -18,9 +18,9 @@ import numpy as np
 import seaid
 from seaid.arrays import Array
 from seaid.estimation.gauss_newton import fisher_covariance
-from seaid.found import nominal_values
 from seaid.output_residuals import layout_of, linearised, run_of
 from seaid.report.text import percent, table
+from seaid.sides.found import nominal_values
 from seaid.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

@@ -27,10 +27,10 @@ import seaid
 from seaid.arrays import Array
 from seaid.base import base_parameters
 from seaid.estimation.solve import ordinary
-from seaid.load_side import load_model, load_regression
 from seaid.motion import Motion
 from seaid.report.text import table
 from seaid.rigid_body import joint_torques
+from seaid.sides.load_side import load_model, load_regression
 
 SAMPLES, RATE_HZ = 10_000, 100.0
 Answer = tuple[Array, dict[str, float]]

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 import seaid
-from seaid.found import nominal_values
 from seaid.progress import track
 from seaid.report.text import percent, table
+from seaid.sides.found import nominal_values
 from seaid.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))

@@ -206,8 +206,8 @@ def describe(
     seaid describe run.csv
     seaid describe run.csv --urdf arm.urdf --drives arm.toml -o run.toml
     """
-    from seaid.describe import describe_log
     from seaid.files import whole_file
+    from seaid.logs.describe import describe_log
 
     to_be_written(output, force=force, read=(log, urdf, drives))
     robot = None if urdf is None else robot_of(urdf, drives, joints)

@@ -131,7 +131,7 @@ def logs_of(
 ) -> list[Log]:
     """Read the logs of a robot, all with one description or each with the one beside it."""
     from seaid.log import read_log
-    from seaid.repair import Repairs
+    from seaid.logs.repair import Repairs
 
     mending = Repairs() if repair else None
     return [read_log(path, robot, description=description, repair=mending) for path in paths]

@@ -15,11 +15,11 @@ from seaid.excitation.flatness import check_nominal_bodies
 from seaid.excitation.limits import positive_values
 from seaid.excitation.problem import Problem, random_start, states_of
 from seaid.excitation.target import Target, stacked_regressor
-from seaid.found import nominal_values
 from seaid.log import Log
 from seaid.motion import reconstruct_motion
 from seaid.regression import row_samples
 from seaid.robot import Robot
+from seaid.sides.found import nominal_values
 
 _REFERENCES = 3
 _SMALL, _UNCOUNTED = 0.1, 10.0

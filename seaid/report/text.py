@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seaid.found import nominal_values
+from seaid.sides.found import nominal_values
 
 if TYPE_CHECKING:
+    from seaid.bodies.possible_bodies import PossibleBodies
     from seaid.estimation.checks import TermTest
     from seaid.estimation.estimate import Estimate
     from seaid.identification import Identification
-    from seaid.possible_bodies import PossibleBodies
     from seaid.robot import Robot
     from seaid.validation import Validation
 

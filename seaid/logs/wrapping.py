@@ -113,7 +113,7 @@ def _follows(
 
 def _plausible(period: float, values: Array) -> float:
     """Return the period that an encoder has near a found one: parts of a turn, 2^k steps."""
-    from seaid.dropouts import resolution
+    from seaid.logs.dropouts import resolution
 
     step = resolution(values)
     candidates = [_TURN, _TURN / 2, _TURN / 4, 2 * _TURN]

@@ -16,9 +16,9 @@ from seaid.arrays import Array
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.instrumental import instrumental
 from seaid.motion import Motion
-from seaid.records import Record, first_motion
 from seaid.regression import Regression, actuator_equation, sensed_torque, signals, spring_regressor
 from seaid.robot import Robot
+from seaid.sides.records import Record, first_motion
 
 _BAND = (2.5, 4.0)
 """The noise is looked at between so many times the cutoff; positions are filtered at five times."""

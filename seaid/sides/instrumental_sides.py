@@ -14,8 +14,10 @@ from seaid.errors import IdentificationError
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.estimators import Estimator
 from seaid.estimation.instrumental import instrumental
-from seaid.found import spring_of
-from seaid.instruments import (
+from seaid.regression import Regression
+from seaid.robot import Robot
+from seaid.sides.found import spring_of
+from seaid.sides.instruments import (
     FittedModel,
     Maker,
     actuator_with_instruments,
@@ -24,12 +26,10 @@ from seaid.instruments import (
     load_with_instruments,
     motor_driven_motion,
 )
-from seaid.load_side import LoadModel
-from seaid.method_limits import check_instruments, straight_spring
-from seaid.records import Record
-from seaid.regression import Regression
-from seaid.robot import Robot
-from seaid.sequential import Regressions, Sides, sequential_sides
+from seaid.sides.load_side import LoadModel
+from seaid.sides.method_limits import check_instruments, straight_spring
+from seaid.sides.records import Record
+from seaid.sides.sequential import Regressions, Sides, sequential_sides
 
 SETTLED = 0.01
 """Part of a standard error below which new instruments change nothing."""
@@ -47,10 +47,11 @@ def instrumental_sides(
 ) -> Sides:
     """Return both sides, one after the other, from a `start` as least squares gives it.
 
-    The instruments are those of `seaid.instruments` with the estimate before, until no parameter
-    moves by more than a small part of its standard error (Janot, Vandanjon and Gautier 2014): first
-    of smoothed joint positions, which need no good estimate, then on the load side of joints that
-    the motors drive. Where the latter diverge or do not settle the former stay, and a flag says so.
+    The instruments are those of `seaid.sides.instruments` with the estimate before, until no
+    parameter moves by more than a small part of its standard error (Janot, Vandanjon and Gautier
+    2014): first of smoothed joint positions, which need no good estimate, then on the load side of
+    joints that the motors drive. Where the latter diverge or do not settle the former stay, and a
+    flag says so.
     Raises IdentificationError where that does not come, and as `instrumental` does.
     """
     run = partial(

@@ -20,7 +20,6 @@ from seaid.drivetrain.regressor import DriveRegressor
 from seaid.errors import IdentificationError
 from seaid.estimation.projection import projected
 from seaid.estimation.solve import ordinary
-from seaid.found import with_values
 from seaid.motion import Motion
 from seaid.regression import (
     actuator_equation,
@@ -30,7 +29,8 @@ from seaid.regression import (
     stacked,
 )
 from seaid.robot import Robot
-from seaid.untold import told
+from seaid.sides.found import with_values
+from seaid.sides.untold import told
 
 _SPEEDS = {
     "coulomb_width": (0.002, 0.01, 0.05),

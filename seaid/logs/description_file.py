@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from seaid.errors import LogError, unknown_name
-from seaid.log_columns import UNIT_FACTORS
-from seaid.log_description import QUANTITIES, Clock, LogDescription, Servo, Source
-from seaid.repair import Repairs
+from seaid.logs.log_columns import UNIT_FACTORS
+from seaid.logs.log_description import QUANTITIES, Clock, LogDescription, Servo, Source
+from seaid.logs.repair import Repairs
 
 _UNITS = {
     "position": {*UNIT_FACTORS["rad"], *UNIT_FACTORS["m"], "counts"},

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from seaid.bent import straightened
-from seaid.bent_load import bent_joints
 from seaid.errors import IdentificationError
-from seaid.gear_torque import under_load, with_gear_torques
 from seaid.motion import Motion
-from seaid.records import Record, first_motion
 from seaid.robot import Robot
+from seaid.sides.bent import straightened
+from seaid.sides.bent_load import bent_joints
+from seaid.sides.gear_torque import under_load, with_gear_torques
+from seaid.sides.records import Record, first_motion
 
 
 def straightened_robot(

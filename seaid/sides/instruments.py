@@ -24,14 +24,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.driven_motion import driven_motion
 from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.filtering import low_pass, spline_derivatives
-from seaid.load_side import LoadModel, load_columns, load_regression
-from seaid.method_limits import straight_spring
 from seaid.motion import Motion
 from seaid.regression import Regression, actuator_columns, actuator_regression, in_band
 from seaid.robot import Robot
+from seaid.sides.driven_motion import driven_motion
+from seaid.sides.load_side import LoadModel, load_columns, load_regression
+from seaid.sides.method_limits import straight_spring
 from seaid.transmission import at_drives
 
 REFERENCE_BAND = 0.5

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.channels import Channel
 from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.errors import LogError, unknown_name
 from seaid.formats.table import Block, Table
-from seaid.log_columns import UNIT_FACTORS, column_names
-from seaid.log_description import Clock, LogDescription, Servo, Source
+from seaid.logs.channels import Channel
+from seaid.logs.log_columns import UNIT_FACTORS, column_names
+from seaid.logs.log_description import Clock, LogDescription, Servo, Source
 from seaid.robot import Robot
 from seaid.transmission import coupled_names
 

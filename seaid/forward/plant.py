@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from seaid.arrays import Array, IndexArray
 from seaid.errors import SeaidError
-from seaid.plant_model import (
+from seaid.forward.plant_model import (
     JOINT_POSITION,
     JOINT_SPEED,
     POSITION,

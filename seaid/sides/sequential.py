@@ -17,17 +17,17 @@ from seaid.estimation.estimators import Estimator
 from seaid.estimation.information import Information, information_of
 from seaid.estimation.model_checks import ModelChecks, model_checks
 from seaid.estimation.solve import estimate_of, settled_weights
-from seaid.found import joined, spring_of, with_flags
-from seaid.load_side import LoadModel, load_regression, zero_sensitivity
 from seaid.long_log import LongLog
 from seaid.motion import Motion
 from seaid.progress import track
-from seaid.records import Record, first_motion, rows_of
 from seaid.regression import Regression, actuator_regression
 from seaid.robot import Robot
-from seaid.scale import CONSTANTS, check_scale
-from seaid.spring_torque import both_noisy, noise_ratio, springs_torque_alone
-from seaid.streaming import stream_estimate
+from seaid.sides.found import joined, spring_of, with_flags
+from seaid.sides.load_side import LoadModel, load_regression, zero_sensitivity
+from seaid.sides.records import Record, first_motion, rows_of
+from seaid.sides.scale import CONSTANTS, check_scale
+from seaid.sides.spring_torque import both_noisy, noise_ratio, springs_torque_alone
+from seaid.sides.streaming import stream_estimate
 from seaid.transmission import group_of
 
 _NEEDED = ("stiffness", "deflection_offset", "deflection_zero")

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.column_words import Meaning
 from seaid.formats.table import Block
+from seaid.logs.column_words import Meaning
 from seaid.robot import Robot
 
 _SAME = 0.99

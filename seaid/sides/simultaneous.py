@@ -11,21 +11,21 @@ import numpy as np
 from seaid.arrays import Array
 from seaid.estimation.estimators import Estimator
 from seaid.estimation.information import information_of
-from seaid.found import spring_of
-from seaid.joint_sides import (
+from seaid.motion import Motion
+from seaid.regression import Regression
+from seaid.robot import Robot
+from seaid.sides.found import spring_of
+from seaid.sides.joint_sides import (
     joint_regression,
     joint_zero_sensitivity,
     settled,
     split_joint,
     whitened,
 )
-from seaid.load_side import LoadModel
-from seaid.method_limits import check_joint_sides
-from seaid.motion import Motion
-from seaid.records import Record, rows_of
-from seaid.regression import Regression
-from seaid.robot import Robot
-from seaid.sequential import Fit, Sides
+from seaid.sides.load_side import LoadModel
+from seaid.sides.method_limits import check_joint_sides
+from seaid.sides.records import Record, rows_of
+from seaid.sides.sequential import Fit, Sides
 
 
 def simultaneous_sides(

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 from seaid.arrays import Array
 from seaid.drivetrain.acting import spring_curve, stretch_of
 from seaid.drivetrain.model import SeriesElasticDrive
-from seaid.plant import Plant, inverse_inertia
+from seaid.forward.plant import Plant, inverse_inertia
 
 _LEAST_BANDWIDTH_RAD_S = 60.0
 _DAMPING = 0.7

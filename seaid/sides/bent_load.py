@@ -11,7 +11,6 @@ from scipy import linalg
 
 from seaid.arrays import Array, IndexArray
 from seaid.base import base_parameters
-from seaid.bent import Scale, bounds_of, starts_of
 from seaid.drivetrain.catalogue import PARAMETERS
 from seaid.drivetrain.model import Drive
 from seaid.drivetrain.regressor import DriveRegressor
@@ -19,8 +18,6 @@ from seaid.estimation.estimate import Estimate
 from seaid.estimation.information import Information, information_of
 from seaid.estimation.projection import projected
 from seaid.estimation.solve import equal_weights, estimate_of, ordinary, solve
-from seaid.found import spring_of, with_values
-from seaid.load_side import LoadModel, load_model, load_regression, unknown_friction
 from seaid.motion import Motion
 from seaid.regression import (
     Regression,
@@ -32,7 +29,10 @@ from seaid.regression import (
     stacked,
 )
 from seaid.robot import Robot
-from seaid.untold import told
+from seaid.sides.bent import Scale, bounds_of, starts_of
+from seaid.sides.found import spring_of, with_values
+from seaid.sides.load_side import LoadModel, load_model, load_regression, unknown_friction
+from seaid.sides.untold import told
 
 _SWEEPS = 2
 """How often the joints are searched in turn, each beside the others."""

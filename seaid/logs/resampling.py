@@ -34,7 +34,7 @@ def interpolated(time: Array, values: Array, wanted: Array, *, smooth: bool) -> 
 
 def _merged(time: Array, values: Array) -> tuple[Array, Array]:
     """Return a channel with bursts of samples replaced by their means; the ends stay in place."""
-    from seaid.clocks import typical_step
+    from seaid.logs.clocks import typical_step
 
     shortest = _CLOSE * typical_step(time)
     if np.min(np.diff(time)) >= shortest:

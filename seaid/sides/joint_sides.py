@@ -25,11 +25,11 @@ import numpy as np
 from seaid.arrays import Array, IndexArray
 from seaid.errors import IdentificationError
 from seaid.estimation.estimate import Estimate
-from seaid.found import with_flags
-from seaid.load_side import ZERO_STEP, LoadModel, load_regression, shifted_zero
 from seaid.motion import Motion
 from seaid.regression import Regression, actuator_regression, spring_regressor, stacked
 from seaid.robot import Robot
+from seaid.sides.found import with_flags
+from seaid.sides.load_side import ZERO_STEP, LoadModel, load_regression, shifted_zero
 
 MOST_ITERATIONS = 50
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from seaid.arrays import FrozenMapping
 from seaid.errors import LogError, unknown_name
-from seaid.log_columns import SENSORS, UNIT_FACTORS
-from seaid.repair import Repairs
+from seaid.logs.log_columns import SENSORS, UNIT_FACTORS
+from seaid.logs.repair import Repairs
 
 QUANTITIES = (*SENSORS, "deflection")
 """What a column may be, per joint. Deflection: motor side of the spring minus joint side."""

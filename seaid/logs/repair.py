@@ -12,12 +12,19 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from seaid.arrays import Array, BoolArray
-from seaid.channels import Channel
-from seaid.clocks import ClockLine, MendedClock, clock_line, is_paired, mended_clock, typical_step
-from seaid.dropouts import SLOWER, held_dropouts, is_constant, saturated, zero_dropouts
 from seaid.errors import LogError
-from seaid.resampling import gap_error, resampled
-from seaid.wrapping import unwrapped, wrap_period
+from seaid.logs.channels import Channel
+from seaid.logs.clocks import (
+    ClockLine,
+    MendedClock,
+    clock_line,
+    is_paired,
+    mended_clock,
+    typical_step,
+)
+from seaid.logs.dropouts import SLOWER, held_dropouts, is_constant, saturated, zero_dropouts
+from seaid.logs.resampling import gap_error, resampled
+from seaid.logs.wrapping import unwrapped, wrap_period
 
 _REGULAR = 1e-3
 _GAP = 5.0

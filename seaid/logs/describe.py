@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.column_guesses import Look, quantities_of
-from seaid.column_words import Meaning, meaning_of
 from seaid.errors import LogError
 from seaid.formats.opening import open_table
 from seaid.formats.table import Block, Table
-from seaid.log_description import Clock, LogDescription, Source
+from seaid.logs.column_guesses import Look, quantities_of
+from seaid.logs.column_words import Meaning, meaning_of
+from seaid.logs.log_description import Clock, LogDescription, Source
 from seaid.robot import Robot
 
 _TOLD = ("position", "torque", "deflection", "current", "voltage")

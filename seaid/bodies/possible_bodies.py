@@ -14,15 +14,15 @@ import numpy as np
 from scipy import linalg
 
 from seaid.arrays import Array, finite
-from seaid.body_bounds import Boxes, Limit, MassBounds, body_limits, inside
+from seaid.bodies.body_bounds import Boxes, Limit, MassBounds, body_limits, inside
+from seaid.bodies.prior_bodies import prior_bodies
 from seaid.errors import IdentificationError
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.feasible import WEIGHTS, Possible, chosen, nearest, regularised
 from seaid.estimation.programme import Programme, least_spread, root_of
-from seaid.found import with_values
-from seaid.load_side import LoadModel
-from seaid.prior_bodies import prior_bodies
 from seaid.robot import Robot
+from seaid.sides.found import with_values
+from seaid.sides.load_side import LoadModel
 
 NON_NEGATIVE = ("viscous_friction", "coulomb_friction", "motor_inertia", "stiffness")
 """Parameters of drives that cannot be negative."""
