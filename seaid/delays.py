@@ -113,8 +113,8 @@ def estimate_delays(
 def correct_delays(log: Log, delays: Sequence[Delay]) -> Log:
     """Return the log with every significant delay taken out; the ends that nothing covers are cut.
 
-    Channels are interpolated at the times at which they were true, as `seaid.logs.repair` does; the
-    log's `report` says so. Raises LogError for a joint or channel that the log does not have.
+    Channels are interpolated at the times at which they were true, as `seaid.logs.mending` does;
+    the log's `report` says so. Raises LogError for a joint or channel that the log does not have.
     """
     fields = log.sensors()
     shifts = [delay for delay in delays if delay.is_significant]

@@ -23,7 +23,8 @@ from seaid.logs.described import both_sides, channels_of
 from seaid.logs.description_file import Described, description_for
 from seaid.logs.log_columns import SENSORS, Column, column_names, near_names, wanted_columns
 from seaid.logs.log_description import LogDescription
-from seaid.logs.repair import Repair, Repairs, repaired
+from seaid.logs.mending import repaired
+from seaid.logs.repair import Repair, Repairs
 from seaid.robot import Robot
 
 __all__ = ["MINIMUM_SAMPLES", "SENSORS", "Log", "column_names", "log_of", "read_log", "write_log"]

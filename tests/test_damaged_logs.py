@@ -21,7 +21,7 @@ from seaid.errors import LogError
 from seaid.log import Log, column_names
 from seaid.logs.channels import Channel
 from seaid.logs.clocks import clock_line
-from seaid.logs.repair import repaired
+from seaid.logs.mending import repaired
 from seaid.robot import Robot
 from seaid.simulation import measure
 from tests.experiments import ELASTIC, LEG_SENSORS, leg, leg_motion, true_value

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from seaid.arrays import Array
 from seaid.errors import LogError
 from seaid.logs.channels import Channel
-from seaid.logs.repair import Repair, Repairs, repaired
+from seaid.logs.mending import repaired
+from seaid.logs.repair import Repair, Repairs
 
 RATE = 500.0
 ENCODER = 2 * np.pi / 2**14

@@ -10,6 +10,11 @@ from seaid.arrays import Array, frozen
 from seaid.errors import LogError
 
 
+def is_position(name: str) -> bool:
+    """Tell whether a column name of our logs is that of a position."""
+    return "position" in name.rsplit(".", 1)[-1]
+
+
 @dataclass(frozen=True, eq=False)
 class Channel:
     """Samples `values` (T,) of a sensor at `time` (T,) [s], as logged: nothing is sorted or mended.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seaid.arrays import Array, IndexArray
+from seaid.arrays import Array, BoolArray, IndexArray
 from seaid.errors import LogError
 
 _LATE_RUN = 5
@@ -20,6 +20,7 @@ _TOLERANCE = 3.0
 _BLOCKS = 100
 _PAIRED = 3.0
 _ALIKE, _MOST = 0.01, 0.8
+_GAP, _REGULAR = 5.0, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +71,17 @@ def typical_step(time: Array) -> float:
     if np.mean(alike) > _MOST:
         return float(np.mean(steps[alike]))
     return float(np.mean(steps[steps <= 10 * np.mean(steps)]))
+
+
+def longest_step(time: Array) -> float:
+    """Return the time between samples [s] above which it is a gap: five typical steps."""
+    return _GAP * typical_step(time)
+
+
+def irregular_steps(time: Array) -> BoolArray:
+    """Tell the steps (T - 1,) of a clock that are not as long as most of them."""
+    steps = np.diff(time)
+    return np.asarray(np.abs(steps - np.median(steps)) > _REGULAR * np.median(steps))
 
 
 def mended_clock(name: str, time: Array, values: Array, longest_gap_s: float) -> MendedClock:

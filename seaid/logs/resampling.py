@@ -9,6 +9,9 @@ import numpy as np
 from seaid.arrays import Array
 from seaid.filtering import low_pass
 
+FEWEST = 4
+"""Samples that a channel needs to be interpolated."""
+
 _CLOSE = 0.3
 _WINDOWS = 60
 _FEWEST_WINDOWS = 5
