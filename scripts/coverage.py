@@ -69,7 +69,9 @@ def main(output: Path, experiments: int, others: int, jobs: int) -> None:
             chosen = [motions[run % MOTIONS] for run in runs]
             done = executor.map(partial(experiment, way), chosen, runs, chunksize=2)
             shown = track(list(zip(runs, repeat(done))), way, progress_wanted())
-            found[way] = [one for one in (next(results) for _, results in shown) if one]
+            answers = [one for one in (next(results) for _, results in shown) if one]
+            if answers:
+                found[way] = answers
     names, drives = parameter_names(truth)
     print(parameter_table(names, found[DEFAULT]))
     print(way_table(found, drives))
