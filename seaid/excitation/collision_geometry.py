@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from seaid.arrays import Array
 from seaid.errors import RobotError
+from seaid.mesh_files import find_mesh, search_folders
 from seaid.robot import Robot
 from seaid.urdf import read_urdf
 
@@ -35,7 +36,7 @@ def collision_geometry(
             f"'{urdf}' is not the file of robot '{robot.name}': it has no joint "
             f"{', '.join(strangers)}"
         )
-    text = _with_mesh_paths(Path(urdf), _folders(Path(urdf), package_dirs))
+    text = _with_mesh_paths(Path(urdf), search_folders(Path(urdf), package_dirs))
     try:
         full = pin.buildModelFromXML(text)
         shapes = pin.buildGeomFromUrdfString(full, text, pin.GeometryType.COLLISION)
@@ -114,7 +115,7 @@ def _with_mesh_paths(urdf: Path, folders: Sequence[Path]) -> str:
         root.set("name", urdf.stem)
     meshes = [mesh for box in root.iter("collision") for mesh in box.iter("mesh")]
     where = {str(mesh.get("filename")): None for mesh in meshes}
-    found: Mapping[str, Path | None] = {name: _find(name, folders) for name in where}
+    found: Mapping[str, Path | None] = {name: find_mesh(name, folders) for name in where}
     missing = [name for name, path in found.items() if path is None]
     if missing:
         raise RobotError(
@@ -125,35 +126,6 @@ def _with_mesh_paths(urdf: Path, folders: Sequence[Path]) -> str:
     for mesh in meshes:
         mesh.set("filename", str(found[mesh.get("filename")]))
     return str(etree.tostring(root, encoding="unicode"))
-
-
-def _folders(urdf: Path, package_dirs: str | Path | Sequence[str | Path]) -> list[Path]:
-    """Return where meshes are searched: the folders given, that of the file and its parents."""
-    several = [package_dirs] if isinstance(package_dirs, str | Path) else package_dirs
-    given = [Path(folder).resolve() for folder in several]
-    for folder in given:
-        if not folder.is_dir():
-            raise RobotError(f"package_dirs: there is no folder '{folder}'")
-    return [*given, *urdf.resolve().parents]
-
-
-def _find(name: str, folders: Sequence[Path]) -> Path | None:
-    candidates = (path for path in _candidates(name, folders) if path.is_file())
-    return next(candidates, None)
-
-
-def _candidates(name: str, folders: Sequence[Path]) -> Iterator[Path]:
-    """Yield where a mesh may be; a folder given may be that of its package itself."""
-    scheme, _, rest = name.rpartition("://")
-    if scheme == "file":
-        yield Path(rest)
-        return
-    rest = rest.lstrip("/") if scheme else rest
-    package, _, inside = rest.partition("/")
-    for folder in folders:
-        yield folder / rest
-        if scheme and folder.name == package:
-            yield folder / inside
 
 
 def bounding_spheres(geometry: pin.GeometryModel) -> tuple[Array, Array]:
