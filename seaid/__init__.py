@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from seaid.motion import Motion, reconstruct_motion
     from seaid.output_error import refine
     from seaid.replaying import replay
+    from seaid.report.html import write_report
     from seaid.robot import Robot, load_robot
     from seaid.sensitivity import CutoffSensitivity, cutoff_sensitivity
     from seaid.sensors import Identifiability, identifiability
@@ -102,6 +103,7 @@ _WHERE = {
     "bodies.possible_bodies": ("PossibleBodies",),
     "logs.repair": ("Repair", "Repairs"),
     "replaying": ("replay",),
+    "report.html": ("write_report",),
     "robot": ("Robot", "load_robot"),
     "sensors": ("Identifiability", "identifiability"),
     "sensitivity": ("CutoffSensitivity", "cutoff_sensitivity"),
@@ -179,6 +181,7 @@ __all__ = [
     "write_drivetrains",
     "write_log",
     "write_mjcf",
+    "write_report",
     "write_urdf",
 ]
 

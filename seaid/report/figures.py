@@ -29,17 +29,12 @@ def save_actuator_figure(result: Validation, path: str | Path, motion: str = UNS
     `motion` says in the title which motion it is. Raises SeaidError where the validation has no
     actuator side.
     """
-    errors = result.actuator.relative_error
-    elastic = [int(index) for index in np.flatnonzero(np.isfinite(errors))]
-    if not elastic:
+    if not np.any(np.isfinite(result.actuator.relative_error)):
         raise SeaidError(
             f"'{path}': none of {', '.join(result.joints)} has an actuator side to draw; "
             "draw the load side"
         )
-    best, worst = min(elastic, key=errors.item), max(elastic, key=errors.item)
-    shown = {best: "best joint", worst: "worst joint"} if best != worst else {best: "only joint"}
-    title = f"Actuator side: motor torque of {motion}"
-    save_figure(_torques(result, result.actuator, list(shown.items()), title, 1e3, "mN m"), path)
+    save_figure(actuator_figure(result, motion), path)
 
 
 def save_load_figure(result: Validation, path: str | Path, motion: str = UNSEEN) -> None:
@@ -47,11 +42,26 @@ def save_load_figure(result: Validation, path: str | Path, motion: str = UNSEEN)
 
     `motion` says in the title which motion it is.
     """
-    there = np.flatnonzero(np.isfinite(result.load.relative_error))
+    save_figure(load_figure(result, motion), path)
+
+
+def actuator_figure(result: Validation, motion: str = UNSEEN) -> Figure:
+    """Return Fig. 3 of the paper, of a validation that has an actuator side."""
+    errors = result.actuator.relative_error
+    elastic = [int(index) for index in np.flatnonzero(np.isfinite(errors))]
+    best, worst = min(elastic, key=errors.item), max(elastic, key=errors.item)
+    shown = {best: "best joint", worst: "worst joint"} if best != worst else {best: "only joint"}
+    title = f"Actuator side: motor torque of {motion}"
+    return _torques(result, result.actuator, list(shown.items()), title, 1e3, "mN m")
+
+
+def load_figure(
+    result: Validation, motion: str = UNSEEN, joints: Sequence[int] | None = None
+) -> Figure:
+    """Return Fig. 4 of the paper, of the joints that have a load side or a choice of them."""
+    shown = np.flatnonzero(np.isfinite(result.load.relative_error)) if joints is None else joints
     title = f"Load side: torque on the load in {motion}"
-    save_figure(
-        _torques(result, result.load, [(int(i), "") for i in there], title, 1.0, "N m"), path
-    )
+    return _torques(result, result.load, [(int(i), "") for i in shown], title, 1.0, "N m")
 
 
 def _torques(

@@ -1,0 +1,237 @@
+"""write_report: one self-contained HTML page by which an engineer decides what to trust."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from seaid.errors import SeaidError
+from seaid.files import whole_file
+from seaid.identification import Identification
+from seaid.report.html_experiment import (
+    known_rows,
+    log_facts,
+    reached_rows,
+    used_facts,
+    versions,
+)
+from seaid.report.html_maps import (
+    cells_of,
+    correlation_map,
+    dot_chart,
+    packed_correlations,
+    singular_values,
+)
+from seaid.report.html_pictures import figures_of
+from seaid.report.html_tables import (
+    base_rows,
+    condition_rows,
+    drive_tables,
+    error_rows,
+    has_white,
+    residual_rows,
+    term_rows,
+    terms_in,
+)
+from seaid.report.html_traces import Run, traces_of
+from seaid.report.html_words import doubts_of, verdict
+from seaid.validation import Validation, compared
+
+Fact = str | int | float
+
+
+def write_report(
+    found: Identification,
+    results: Validation | Iterable[Validation],
+    path: str | Path,
+    *,
+    facts: Mapping[str, Fact] | None = None,
+) -> None:
+    """Write one HTML file that opens offline: what was found, from what, and what to trust of it.
+
+    `results` are validations on motions that were not identified from; none are allowed, and the
+    page then says so. `facts` {what: text or number} are told with the conditions of the experiment
+    (seeds, files, who and where). The page has verdict and flags, tables with intervals, groupings,
+    checks, traces to zoom into with residual and spectrum, figures, singular values, correlations
+    and versions; it stays under 6 MB whatever the logs, and says where it thins them.
+
+    Raises SeaidError for a path that does not end in .html, for results that are no validations or
+    of another robot, for facts that are neither text nor number, and where it cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise SeaidError(f"a report is an HTML page: '{path}' must end in .html")
+    if not isinstance(found, Identification):
+        raise SeaidError(f"a report needs an Identification, found {type(found).__name__}")
+    runs = runs_of(found, _checked(found, results))
+    page = _page(found, runs, _checked_facts(facts or {}))
+    with whole_file(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+
+
+def runs_of(found: Identification, results: Sequence[Validation]) -> list[Run]:
+    """Return all motions of a page: those identified from, then the validations."""
+    own = [compared(found, motion) for motion in found.motions]
+    runs = [Run(_name("own log", place, own), one, False) for place, one in enumerate(own)]
+    for place, result in enumerate(results):
+        seen = any(_same(result, one) for one in own)
+        name = _name("validation", place, results)
+        runs.append(Run(name, result, not seen))
+    return runs
+
+
+def _name(kind: str, place: int, every: Sequence[Any]) -> str:
+    return f"{kind} {place + 1}" if len(every) > 1 else kind
+
+
+def _same(one: Validation, other: Validation) -> bool:
+    """Tell whether two are of the same motion."""
+    return one.load.measured.shape == other.load.measured.shape and all(
+        np.allclose(a, b, rtol=1e-9, atol=0, equal_nan=True)
+        for a, b in (
+            (one.time, other.time),
+            (one.actuator.measured, other.actuator.measured),
+            (one.load.measured, other.load.measured),
+        )
+    )
+
+
+def _checked(found: Identification, results: Validation | Iterable[Validation]) -> list[Validation]:
+    if isinstance(results, Validation):
+        return [results]
+    if not isinstance(results, Iterable) or isinstance(results, str | bytes):
+        raise SeaidError(_no_validation(results))
+    every = list(results)
+    for one in every:
+        if not isinstance(one, Validation):
+            raise SeaidError(_no_validation(one))
+        if one.joints != found.robot.joint_names:
+            raise SeaidError(
+                f"results: a validation of the joints {', '.join(one.joints)}, the identified "
+                f"robot '{found.robot.name}' has {', '.join(found.robot.joint_names)}: validate "
+                "the identification that the report is of"
+            )
+    return every
+
+
+def _no_validation(one: object) -> str:
+    return (
+        f"results must be Validations (of seaid.validate), found {type(one).__name__}; give [] "
+        "where there is none"
+    )
+
+
+def _checked_facts(facts: Mapping[str, Fact]) -> list[tuple[str, str]]:
+    if not isinstance(facts, Mapping):
+        raise SeaidError(f"facts= must be {{what: text or number}}, found {type(facts).__name__}")
+    for name, value in facts.items():
+        if not isinstance(name, str) or not isinstance(value, str | int | float | np.number):
+            raise SeaidError(
+                f"facts= must be {{what: text or number}}, found {name!r}: {type(value).__name__}"
+            )
+    return [(name, str(value)) for name, value in facts.items()]
+
+
+def _page(found: Identification, runs: Sequence[Run], facts: list[tuple[str, str]]) -> str:
+    """Return the page as text."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("seaid.report", "page"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    doubts = doubts_of(found, runs)
+    unseen = [run for run in runs if run.is_unseen]
+    pictured = (unseen or list(runs))[:1]
+    return environment.get_template("report.html.j2").render(
+        robot=found.robot.name,
+        verdict=verdict(found, runs, doubts),
+        doubts=doubts,
+        cutoff=f"{found.cutoff_hz:.3g}",
+        logs=log_facts(found),
+        used=used_facts(found),
+        known=known_rows(found),
+        drives=drive_tables(found),
+        base=base_rows(found),
+        terms_in=terms_in,
+        terms=term_rows(found),
+        residuals=residual_rows(found),
+        conditions=condition_rows(found),
+        possible=found.possible,
+        errors=error_rows(found, runs),
+        pictures=[picture for run in pictured for picture in figures_of(run)],
+        pictured=[run.name for run in pictured],
+        has_own=bool(found.motions),
+        has_runs=bool(runs),
+        traces=_as_json(traces_of(found, runs)),
+        singular=_singular(found),
+        correlations=_correlations(found),
+        reached=reached_rows(found),
+        facts=facts,
+        versions=versions(),
+        heads=_heads,
+        has_white=has_white(found),
+        asset=_asset,
+    )
+
+
+def _heads(first: str, white: bool) -> list[str]:
+    """Return the heads of a table of parameters; `white`: errors for white noise are there."""
+    textbook = ["White-noise s.e."] if white else []
+    return [first, "Value", "Std. error", *textbook, "95 % interval", "Unit", "Relative s.e.", ""]
+
+
+def _singular(found: Identification) -> dict[str, Any] | None:
+    values = singular_values(found)
+    if values is None:
+        return None
+    return {
+        "chart": dot_chart(values),
+        "condition": f"{1 / values.shares[-1]:.3g}",
+        "combinations": values.combinations,
+        "threshold": f"{values.threshold:g}",
+    }
+
+
+def _correlations(found: Identification) -> dict[str, Any]:
+    shown = correlation_map(found)
+    return {
+        "map": shown,
+        "cells": cells_of(shown),
+        "strongest": [(one, other, f"{value:+.2f}") for one, other, value in shown.strongest],
+        "data": _as_json({"names": shown.names, "data": packed_correlations(shown)}),
+    }
+
+
+def _as_json(content: Any) -> Any:
+    """Return JSON that is safe inside a <script>: no '<', '>' or '&' in it, no NaN."""
+    from markupsafe import Markup
+
+    text = json.dumps(_plain(content), allow_nan=False, separators=(",", ":"))
+    for sign in "<>&":
+        text = text.replace(sign, f"\\u{ord(sign):04x}")
+    return Markup(text)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _asset(name: str) -> Any:
+    """Return a file of the page as it is: our own style, script, and the chart library."""
+    from markupsafe import Markup
+
+    return Markup((files("seaid.report") / "page" / name).read_text(encoding="utf-8"))

@@ -1,0 +1,217 @@
+"""What a page says of the experiment: logs, what was known, what the motion reached, versions."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+
+import numpy as np
+
+from seaid.arrays import Array
+from seaid.drivetrain.model import IDEAL_DRIVE, Drive
+from seaid.export.drive_tables import drive_table
+from seaid.identification import Identification
+from seaid.motion import Motion
+from seaid.processing import Processing
+from seaid.regression import row_samples
+from seaid.report.html_numbers import seconds, short
+from seaid.robot import Robot
+from seaid.transmission import at_drives
+
+_PACKAGES = ("numpy", "scipy", "pin", "sympy")
+_SAME = 1e-9
+
+_SENSORS = {
+    "motor_torque": "motor torque",
+    "joint_torque": "torque at the joint",
+    "motor_current": "motor current",
+    "motor_voltage": "motor voltage",
+}
+
+
+@dataclass(frozen=True)
+class LogFacts:
+    """One log that was identified from, in words: {what: text}, and what was mended in it."""
+
+    name: str
+    facts: tuple[tuple[str, str], ...]
+    repairs: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Reached:
+    """What a joint reached in all motions that were identified from, as text."""
+
+    joint: str
+    cells: tuple[str, ...]
+
+
+def log_facts(found: Identification) -> list[LogFacts]:
+    """Return what is known of every log that was identified from."""
+    several = len(found.processing) > 1
+    logs = []
+    for place, processing in enumerate(found.processing):
+        motion = found.motions[place] if len(found.motions) == len(found.processing) else None
+        facts = [*_measured(found.known, motion), *_processed(processing)]
+        name = f"Log {place + 1}" if several else "The log"
+        logs.append(LogFacts(name, tuple(facts), tuple(str(one) for one in processing.repairs)))
+    return logs
+
+
+def _measured(robot: Robot, motion: Motion | None) -> Iterator[tuple[str, str]]:
+    if motion is None:
+        yield "Samples", "read in pieces; what follows tells of the first one"
+        return
+    length = float(motion.time[-1] - motion.time[0])
+    yield "Samples", f"{len(motion.time)} in {seconds(length)} ({motion.rate_hz:.4g} Hz)"
+    yield "Rows a joint", f"{len(row_samples(motion))} after decimation to the pass band"
+    yield "Positions", _positions(robot, motion)
+    for field, words in _SENSORS.items():
+        values = getattr(motion, field)
+        if values is not None:
+            seen = [
+                j for j, column in zip(robot.joint_names, values.T, strict=True) if _there(column)
+            ]
+            if seen:
+                yield words.capitalize(), _of(seen, robot)
+
+
+def _processed(processing: Processing) -> Iterator[tuple[str, str]]:
+    band = processing.pass_band
+    yield "Pass band", str(band)
+    if np.isfinite(band.noise_limit_hz):
+        yield "Noise", f"1 % of what moves the {band.channel} at {band.noise_limit_hz:.3g} Hz"
+    if processing.resampled:
+        yield "Time", f"{processing.logged_rate_hz:.4g} Hz in uneven steps, resampled by splines"
+    low = processing.position_low_pass_hz
+    filtered = low < 0.4 * processing.rate_hz
+    yield "Position filter", f"below {low:.3g} Hz, zero phase" if filtered else "none"
+    yield "Left away at the ends", f"{processing.trim_s:.2g} s each, where filters swing in"
+
+
+def _positions(robot: Robot, motion: Motion) -> str:
+    """Say which joints have an encoder on both sides: one of a stiff drive may be computed."""
+    ratio = np.array([robot.drivetrains[name].ratio for name in robot.joint_names])
+    turned = at_drives(robot.transmission, motion.joint_position) * ratio
+    scale = np.max(np.abs(turned), axis=0, initial=0.0)
+    off = np.max(np.abs(turned - motion.motor_position), axis=0, initial=0.0)
+    both = [j for j, far in zip(robot.joint_names, off > _SAME * scale, strict=True) if far]
+    if len(both) == robot.n:
+        return "both sides of every joint"
+    single = "one side (the other is computed through the stiff gear)"
+    if not both:
+        return f"every joint: {single}"
+    return f"both sides of {_of(both, robot)}; of the others {single}"
+
+
+def _there(column: Array) -> bool:
+    return bool(np.all(np.isfinite(column)))
+
+
+def _of(joints: Sequence[str], robot: Robot) -> str:
+    if len(joints) == robot.n:
+        return f"all {robot.n} joints" if robot.n > 1 else joints[0]
+    listed = ", ".join(joints[:12])
+    return listed if len(joints) <= 12 else f"{listed} and {len(joints) - 12} more"
+
+
+def used_facts(found: Identification) -> list[tuple[str, str]]:
+    """Return what was used of the logs, and what was known of the bodies."""
+    robot = found.known
+    facts = [
+        ("Torques used on the load side", _of(found.model.rows, robot)),
+        ("Pass band", f"{found.cutoff_hz:.4g} Hz"),
+        ("Sides", "both at once" if "both" in found.checks else "springs first, then the load"),
+        ("Known loads", "; ".join(_payloads(robot)) or "none"),
+        ("Known bodies", ", ".join(robot.known_bodies) or "none"),
+        ("Gravity", " ".join(f"{one:.5g}" for one in robot.model.gravity.linear) + " m/s²"),
+    ]
+    if found.model.absorbed:
+        names = [f"{name.replace('_', ' ')} of {joint}" for joint, name, _ in found.model.absorbed]
+        facts.append(("Found only together with base parameters", ", ".join(names)))
+    return facts
+
+
+def _payloads(robot: Robot) -> Iterator[str]:
+    for body, parameters in zip(
+        robot.body_names, robot.payload_parameters.reshape(-1, 10), strict=True
+    ):
+        if parameters[0] > 0:
+            x, y, z = parameters[1:4] / parameters[0]
+            yield f"{parameters[0]:.4g} kg on {body} at ({x:.4g}, {y:.4g}, {z:.4g}) m"
+
+
+def known_rows(found: Identification) -> list[tuple[str, str, str]]:
+    """Return of each joint its drive, what of it was known, and what was identified."""
+    rows = []
+    for joint in found.known.joint_names:
+        drive = found.known.drivetrains[joint]
+        estimate = found.drivetrains.get(joint)
+        names = () if estimate is None else estimate.names
+        identified = ", ".join(name.replace("_", " ") for name in names)
+        rows.append((joint, _known_text(drive), identified or "nothing"))
+    return rows
+
+
+def _known_text(drive: Drive) -> str:
+    """Say what was known of a drive: its table without nominal values."""
+    if drive == IDEAL_DRIVE:
+        return "none: torque known at the joint"
+    table = drive_table(drive.without_nominal())
+    kind = {"stiff": "stiff", "series_elastic": "series elastic"}[table.pop("type")]
+    return "; ".join([kind, *(f"{key} {_plain(value)}" for key, value in table.items())])
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_plain(one)}" for key, one in value.items())
+    if isinstance(value, list):
+        return " + ".join(map(str, value))
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def reached_rows(found: Identification) -> list[Reached]:
+    """Return what every joint reached in the motions identified from; none of long logs."""
+    if not found.motions:
+        return []
+    limits = zip(found.known.lower_limits, found.known.upper_limits, strict=True)
+    rows = []
+    for index, (joint, (lower, upper)) in enumerate(
+        zip(found.known.joint_names, limits, strict=True)
+    ):
+        q, v, a = (
+            np.concatenate(
+                [getattr(motion, f"joint_{state}")[:, index] for motion in found.motions]
+            )
+            for state in ("position", "velocity", "acceleration")
+        )
+        unit = "m" if found.known.is_prismatic[index] else "rad"
+        cells = (
+            f"{short(float(np.min(q)))} … {short(float(np.max(q)))} {unit}",
+            f"{short(float(lower))} … {short(float(upper))} {unit}",
+            f"{short(float(np.max(np.abs(v))))} {unit}/s",
+            f"{short(float(np.max(np.abs(a))))} {unit}/s²",
+        )
+        rows.append(Reached(joint, cells))
+    return rows
+
+
+def versions() -> list[tuple[str, str]]:
+    """Return date, system and versions of what computed the page."""
+    from seaid import __version__
+
+    rows = [
+        ("Written", datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")),
+        ("seaid", __version__),
+        ("Python", platform.python_version()),
+        ("System", f"{platform.system()} {platform.release()} on {platform.machine()}"),
+    ]
+    for name in _PACKAGES:
+        try:
+            rows.append(("Pinocchio" if name == "pin" else name, version(name)))
+        except PackageNotFoundError:
+            continue
+    return rows

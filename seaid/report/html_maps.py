@@ -1,0 +1,197 @@
+"""What the data tell together: singular values of the load side, correlations of the estimates."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from seaid.arrays import Array
+from seaid.estimation.checks import POORLY_TOLD
+from seaid.estimation.directions import directions, first_term
+from seaid.estimation.information import information_of
+from seaid.estimation.solve import settled_weights
+from seaid.identification import Identification
+from seaid.motion import Motion
+from seaid.regression import stacked
+from seaid.sides.gear_torque import under_load, with_gear_torque
+from seaid.sides.load_side import load_regression
+
+
+@dataclass(frozen=True, eq=False)
+class SingularValues:
+    """Singular values of the load side relative to the largest, best told first.
+
+    `combinations` says in words what of the parameters the last ones tell; `threshold` is the
+    share below which a combination is called poorly told.
+    """
+
+    shares: Array
+    combinations: tuple[str, ...]
+    threshold: float = POORLY_TOLD
+
+
+def singular_values(found: Identification) -> SingularValues | None:
+    """Return the singular values of the load side of all motions; None where they are not kept.
+
+    Columns have unit norm, rows are weighted by their joint's residual, as in the estimate by
+    weighted least squares: their spread is the condition number.
+    """
+    if not found.motions or not found.model.names:
+        return None
+    motions = [_with_gear_torque(found, motion) for motion in found.motions]
+    information = information_of(
+        stacked([load_regression(found.known, m, found.model, found.springs) for m in motions])
+    )
+    told = directions(information.weighted_factor(settled_weights(information)), information.names)
+    last = range(len(told.shares) - 1, max(len(told.shares) - 4, -1), -1)
+    return SingularValues(told.shares, tuple(told.text(place) for place in last))
+
+
+def _with_gear_torque(found: Identification, motion: Motion) -> Motion:
+    if not under_load(found.known, found.model.rows):
+        return motion
+    theta = found.load_side.values
+    return with_gear_torque(found.known, motion, found.model, found.springs, theta)
+
+
+@dataclass(frozen=True, eq=False)
+class CorrelationMap:
+    """Correlations of estimated parameters: `names` (p,), `blocks` (p,) which estimate each is of.
+
+    `values` (p, p) are NaN between estimates that were made apart. `total` counts the parameters
+    before the least correlated ones were left out; `strongest` lists (name, name, correlation).
+    """
+
+    names: tuple[str, ...]
+    blocks: tuple[int, ...]
+    values: Array
+    total: int
+    strongest: tuple[tuple[str, str, float], ...]
+
+
+_MOST_PARAMETERS, _STRONGEST, _STRONG = 110, 10, 0.7
+
+
+def correlation_map(found: Identification) -> CorrelationMap:
+    """Return the correlations of all estimates, of the most correlated parameters if many."""
+    names, blocks, parts = _estimates(found)
+    total = len(names)
+    values = np.full((total, total), np.nan)
+    for block, part in enumerate(parts):
+        own = [place for place, one in enumerate(blocks) if one == block]
+        values[np.ix_(own, own)] = part
+    others = np.abs(np.nan_to_num(values - np.eye(total)))
+    kept = np.arange(total)
+    if total > _MOST_PARAMETERS:
+        kept = np.sort(np.argsort(-others.max(axis=0), kind="stable")[:_MOST_PARAMETERS])
+    rows, columns = np.triu_indices(total, 1)
+    order = np.argsort(-others[rows, columns], kind="stable")[:_STRONGEST]
+    strongest = [
+        (names[rows[k]], names[columns[k]], float(values[rows[k], columns[k]]))
+        for k in order
+        if others[rows[k], columns[k]] > _STRONG
+    ]
+    return CorrelationMap(
+        names=tuple(names[place] for place in kept),
+        blocks=tuple(blocks[place] for place in kept),
+        values=values[np.ix_(kept, kept)],
+        total=total,
+        strongest=tuple(strongest),
+    )
+
+
+def _estimates(found: Identification) -> tuple[list[str], list[int], list[Array]]:
+    """Return short names, block of each, and correlations of every block: drives, then the load."""
+    names: list[str] = []
+    blocks: list[int] = []
+    parts: list[Array] = []
+
+    def add(part: Array, own: Sequence[str]) -> None:
+        names.extend(own)
+        blocks.extend([len(parts)] * len(own))
+        parts.append(part)
+
+    load = found.load_side
+    for joint in found.known.elastic_joints:
+        drive = found.drivetrains[joint]
+        own = [i for i, name in enumerate(drive.names) if f"{name} of {joint}" not in load.names]
+        if own:
+            named = [_spoken(f"{drive.names[i]} of {joint}") for i in own]
+            add(drive.correlation[np.ix_(own, own)], named)
+    if load.names:
+        bodies = [first_term(name) for name in found.model.expressions]
+        add(load.correlation, [*bodies, *map(_spoken, load.names[len(bodies) :])])
+    return names, blocks, parts
+
+
+def _spoken(name: str) -> str:
+    parameter, _, joint = name.partition(" of ")
+    return f"{parameter.replace('_', ' ')} of {joint}"
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Cells of a map that look alike: sign and strength (1 to 10), as the path of an SVG."""
+
+    sign: str
+    strength: int
+    path: str
+
+
+def cells_of(shown: CorrelationMap) -> list[Cells]:
+    """Return the lower triangle of a map, a unit a cell, cells of a colour as one path."""
+    rows, columns = np.tril_indices(len(shown.names), -1)
+    values = shown.values[rows, columns]
+    paths: dict[tuple[str, int], list[str]] = {}
+    for row, column, value in zip(rows, columns, values, strict=True):
+        strength = 0 if math.isnan(value) else math.ceil(10 * min(abs(value), 1.0) - 1e-9)
+        sign = "none" if math.isnan(value) else "plus" if value > 0 else "minus"
+        if strength or sign == "none":
+            paths.setdefault((sign, strength), []).append(f"M{column} {row}h1v1h-1z")
+    return [Cells(sign, strength, "".join(path)) for (sign, strength), path in paths.items()]
+
+
+def packed_correlations(shown: CorrelationMap) -> str:
+    """Return the whole map in hundredths as base64 of signed bytes; -128 where there is none."""
+    steps = np.where(np.isnan(shown.values), -128, np.round(100 * np.nan_to_num(shown.values)))
+    return base64.b64encode(steps.astype(np.int8).tobytes()).decode("ascii")
+
+
+@dataclass(frozen=True)
+class DotChart:
+    """Points of a chart with a logarithmic axis, in a box of `width` times `height`.
+
+    `dots` are (x, y, text), `decades` (y, exponent) of the grid, `threshold` the y of the line.
+    """
+
+    width: float
+    height: float
+    dots: tuple[tuple[float, float, str], ...]
+    decades: tuple[tuple[float, int], ...]
+    threshold: float
+
+
+def dot_chart(found: SingularValues, width: float = 640.0, height: float = 200.0) -> DotChart:
+    """Return singular values over their number as points of a chart."""
+    shares = np.maximum(found.shares, 1e-16)
+    lowest = min(math.floor(math.log10(float(shares.min()))), math.floor(math.log10(POORLY_TOLD)))
+
+    def y_of(share: float) -> float:
+        return round(height * math.log10(share) / lowest, 2)
+
+    step = width / len(shares)
+    dots = (
+        (round((k + 0.5) * step, 2), y_of(float(share)), f"{k + 1}: {share:.2g}")
+        for k, share in enumerate(shares)
+    )
+    return DotChart(
+        width=width,
+        height=height,
+        dots=tuple(dots),
+        decades=tuple((y_of(10.0**power), power) for power in range(0, lowest - 1, -1)),
+        threshold=y_of(found.threshold),
+    )

@@ -1,0 +1,257 @@
+"""Tables of a page: drives, base parameters, checks, validation, as data with text in it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from seaid.arrays import Array
+from seaid.estimation.checks import TermTest
+from seaid.estimation.estimate import Estimate
+from seaid.identification import Identification
+from seaid.report.html_numbers import Rounded, probability, rounded, share, short
+from seaid.report.html_traces import SIDES, Run
+from seaid.sides.found import POORLY_IDENTIFIED
+from seaid.validation import Fit
+
+_LONG_GROUPING = 64
+_GROUPINGS_ROOM = 1_000_000
+"""Characters of the page for groupings; beyond them each is cut, and the page says so."""
+
+CORRELATED = 0.9
+"""Autocorrelation from row to row above which something is missing: a low pass makes about half."""
+
+_UNITS = {"^2": "²", "^3": "³", "^5": "⁵"}
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """One parameter: numbers as text, its exact value, `bar` (0 to 1) its relative error.
+
+    `mark` says in words what is doubtful: "may be zero" where the 95 % interval holds zero, else
+    "± 12 %" where the standard error is above a tenth of the value.
+    """
+
+    name: str
+    more: str
+    numbers: Rounded
+    exact: float
+    relative: str
+    bar: float
+    mark: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class DriveTable:
+    """The parameters of one joint's drive."""
+
+    joint: str
+    rows: tuple[ParameterRow, ...]
+
+
+@dataclass(frozen=True)
+class CheckRow:
+    """A line of a table of checks: its cells as text, and whether it speaks against the model."""
+
+    cells: tuple[str, ...]
+    is_doubtful: bool
+
+
+@dataclass(frozen=True)
+class ErrorRow:
+    """How well the torque of a joint on one side is predicted in a run."""
+
+    run: str
+    is_unseen: bool
+    joint: str
+    side: str
+    cells: tuple[str, ...]
+    relative_error: float
+
+
+def drive_tables(found: Identification) -> list[DriveTable]:
+    """Return a table of every joint whose drive has parameters."""
+    return [
+        DriveTable(joint, tuple(_rows(estimate, _spoken)))
+        for joint, estimate in found.drivetrains.items()
+    ]
+
+
+def base_rows(found: Identification) -> list[ParameterRow]:
+    """Return the base parameters with their groupings, whole as far as the page has room."""
+    names = found.load.names
+    room = max(_LONG_GROUPING, _GROUPINGS_ROOM // max(len(names), 1))
+
+    def cut(name: str) -> str:
+        if sum(map(len, names)) <= _GROUPINGS_ROOM or len(name) <= room:
+            return name
+        kept = name[:room].rsplit(" ", 2)[0]
+        return f"{kept} … ({terms_in(name)} terms; parameters.json has them all)"
+
+    return list(_rows(found.load, cut))
+
+
+def terms_in(expression: str) -> int:
+    """Return how many terms a grouping has."""
+    return 1 + expression.count(" + ") + expression.count(" - ")
+
+
+def _rows(estimate: Estimate, text: object) -> Iterator[ParameterRow]:
+    white, intervals = _white(estimate), estimate.interval()
+    errors, relative = estimate.standard_errors, estimate.relative_standard_errors
+    for place, name in enumerate(estimate.names):
+        value, error, ends = float(estimate.values[place]), float(errors[place]), intervals[place]
+        whole = text(name) if callable(text) else name
+        head, more = _head(whole)
+        yield ParameterRow(
+            name=head,
+            more=more,
+            numbers=rounded(value, error, float(ends[0]), float(ends[1]), float(white[place])),
+            exact=value,
+            relative=share(float(relative[place])),
+            bar=bar(float(relative[place])),
+            mark=_mark(value, error, ends[0] <= 0 <= ends[1]),
+            unit=readable_unit(estimate.units[place]),
+        )
+
+
+def _white(estimate: Estimate) -> Array:
+    """Return the standard errors for white noise, NaN where the estimator gave none."""
+    white = estimate.white_standard_errors
+    return np.full(len(estimate.names), np.nan) if white is None else white
+
+
+def has_white(found: Identification) -> bool:
+    """Tell whether any estimate has standard errors for white noise."""
+    every = (found.load, *found.drivetrains.values())
+    return any(one.white_standard_errors is not None for one in every)
+
+
+def _head(text: str) -> tuple[str, str]:
+    """Return what of a grouping is shown at once, and the whole where that is not all."""
+    if len(text) <= _LONG_GROUPING:
+        return text, ""
+    terms = text[:_LONG_GROUPING].rsplit(" + ", 1)[0].rsplit(" - ", 1)[0]
+    return f"{terms} + …", text
+
+
+def _spoken(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _mark(value: float, error: float, holds_zero: bool) -> str:
+    if not (math.isfinite(value) and math.isfinite(error)):
+        return "not told"
+    if error > 0 and holds_zero:
+        return "may be zero"
+    return "poorly told" if error > POORLY_IDENTIFIED * abs(value) else ""
+
+
+def bar(relative: float) -> float:
+    """Return a relative standard error as the length of a bar, 1 at 100 % and beyond."""
+    return round(min(relative, 1.0), 4) if math.isfinite(relative) else 1.0
+
+
+def readable_unit(unit: str) -> str:
+    """Return a unit with raised figures, nothing for 1."""
+    for plain, raised in _UNITS.items():
+        unit = unit.replace(plain, raised)
+    return "" if unit == "1" else unit
+
+
+def term_rows(found: Identification) -> list[CheckRow]:
+    """Return each tested term of the drives, and whether the data are for it."""
+    return [
+        CheckRow(
+            (
+                term_name(side, term),
+                f"× {math.sqrt(term.growth):.4g}",
+                short(term.F),
+                probability(term.p_value),
+                short(term.bic),
+                "yes" if term.bic > 0 else "no",
+            ),
+            term.bic <= 0,
+        )
+        for side, checks in found.checks.items()
+        for term in checks.terms
+    ]
+
+
+def term_name(side: str, term: TermTest) -> str:
+    """Return a tested term with its joint, in words."""
+    name = term.terms[0] + ("" if side in ("load", "both") else f" of {side}")
+    parameter, _, joint = name.partition(" of ")
+    return f"{_spoken(parameter)} of {joint}" if joint else name
+
+
+def residual_rows(found: Identification) -> list[CheckRow]:
+    """Return how correlated in time the residual of every equation is."""
+    return [
+        CheckRow(
+            (joint, side_name(side), short(white.first), short(white.durbin_watson)),
+            white.first > CORRELATED,
+        )
+        for side, checks in found.checks.items()
+        for joint, white in checks.whiteness.items()
+    ]
+
+
+def condition_rows(found: Identification) -> list[CheckRow]:
+    """Return condition numbers, residuals and what was left out, by regression."""
+    rows = []
+    for side, checks in found.checks.items():
+        elastic = side not in ("load", "both")
+        estimate = found.drivetrains[side] if elastic else found.load_side
+        unit = "" if not elastic and any(found.robot.is_prismatic) else "N m"
+        left_out = found.left_out.get(side)
+        cells = (
+            f"actuator side of {side}" if elastic else side_name(side),
+            short(checks.condition_number),
+            f"{short(estimate.residual_std)} {unit}".strip(),
+            "–" if left_out is None else str(left_out),
+        )
+        rows.append(CheckRow(cells, False))
+    return rows
+
+
+def side_name(side: str) -> str:
+    """Return a side of the checks in words."""
+    return {"load": "load side", "both": "both sides at once"}.get(side, "actuator side")
+
+
+def error_rows(found: Identification, runs: Sequence[Run]) -> list[ErrorRow]:
+    """Return how well every run is predicted, by side and joint; sides without traces left out."""
+    return [
+        ErrorRow(
+            run=run.name,
+            is_unseen=run.is_unseen,
+            joint=joint,
+            side=side,
+            cells=_error_cells(fit, index, _torque_unit(found, side, index)),
+            relative_error=float(fit.relative_error[index]),
+        )
+        for run in runs
+        for side in SIDES
+        for fit in [getattr(run.result, side)]
+        for index, joint in enumerate(run.result.joints)
+        if np.isfinite(fit.relative_error[index])
+    ]
+
+
+def _torque_unit(found: Identification, side: str, index: int) -> str:
+    return "N" if side == "load" and found.robot.is_prismatic[index] else "N m"
+
+
+def _error_cells(fit: Fit, index: int, unit: str) -> tuple[str, ...]:
+    return (
+        share(float(fit.relative_error[index])),
+        share(float(fit.moving_relative_error[index])),
+        share(float(fit.raw_relative_error[index])),
+        f"{short(float(fit.rms_error[index]))} {unit}",
+        f"{float(fit.r_squared[index]):.4f}",
+    )

@@ -1,0 +1,209 @@
+"""Traces of a page: measured, computed and residual, thinned and packed, and their spectra.
+
+Nothing that can be seen is lost by taking every few samples of what lies behind a low pass. Where
+there are more joints than the page has room for, the least and the largest sample of every stretch
+are kept instead, so that peaks stay as high as they are.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from seaid.arrays import Array, IndexArray
+from seaid.identification import Identification
+from seaid.validation import Fit, Validation
+
+SIDES = ("actuator", "load")
+
+_ROOM = 2_000_000
+"""Bytes of the page for all traces together, and as base64."""
+
+_SAMPLE_BYTES = 8.0
+"""Three 16 bit integers, as base64."""
+
+_PER_PERIOD = 24
+"""Samples kept of a period of the cutoff, where there is room."""
+
+_FEWEST, _LINES, _FEW_LINES, _MANY = 120, 220, 100, 80
+_HIGHEST, _DEEPEST = 8.0, 1e-9
+_MISSING = -32768
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A motion with its measured and computed torques; `is_unseen`: not identified from."""
+
+    name: str
+    result: Validation
+    is_unseen: bool
+
+
+def traces_of(found: Identification, runs: Sequence[Run]) -> dict[str, Any]:
+    """Return all runs as data of the page: names, units, and packed traces by side and joint."""
+    fits = [getattr(run.result, side) for run in runs for side in SIDES]
+    count = sum(len(_told(fit)) for fit in fits)
+    room = int(_ROOM / _SAMPLE_BYTES / max(count, 1))
+    lines = _LINES if count <= _MANY else _FEW_LINES
+    return {
+        "joints": list(found.robot.joint_names),
+        "units": {
+            "actuator": ["N m"] * found.robot.n,
+            "load": ["N" if sliding else "N m" for sliding in found.robot.is_prismatic],
+        },
+        "sources": {side: _sources(found, side) for side in SIDES},
+        "runs": [_packed_run(run, max(room, _FEWEST), lines) for run in runs],
+    }
+
+
+def _told(fit: Fit) -> list[int]:
+    """Return the joints of which a side has traces."""
+    return [int(i) for i in np.flatnonzero(np.any(np.isfinite(fit.measured), axis=0))]
+
+
+def _sources(found: Identification, side: str) -> list[str]:
+    """Say of each joint where what is called measured comes from."""
+    if side == "actuator":
+        return ["the motor's torque as logged"] * found.robot.n
+    elastic = found.robot.elastic_joints
+    return [
+        "the torque of the identified spring by its measured deflection, (4b)"
+        if joint in found.springs
+        else "the sensor's torque at the joint"
+        if joint in elastic
+        else "the drive's torque as logged, through the gear, less that of its known rotor"
+        for joint in found.robot.joint_names
+    ]
+
+
+def _packed_run(run: Run, room: int, lines: int) -> dict[str, Any]:
+    result = run.result
+    rate_hz = (len(result.time) - 1) / (result.time[-1] - result.time[0])
+    inside = _inside(result)
+    step = max(1, int(rate_hz / (_PER_PERIOD * result.cutoff_hz)))
+    count = len(range(*inside.indices(len(result.time))))
+    stretch = 0 if -(-count // step) <= room else -(-2 * count // room)
+    bands = _bands(count, rate_hz, result.cutoff_hz, lines)
+    return {
+        "name": run.name,
+        "unseen": run.is_unseen,
+        "cutoff": result.cutoff_hz,
+        "start": float(result.time[inside][0]),
+        "step": (stretch / 2 if stretch else step) / rate_hz,
+        "thinned": _thinned_text(step, stretch, rate_hz, result.cutoff_hz),
+        "frequencies": [float(f"{one:.4g}") for one in bands.frequency],
+        **{
+            side: _packed_side(getattr(result, side), inside, step, stretch, bands)
+            for side in SIDES
+        },
+    }
+
+
+def _inside(result: Validation) -> slice:
+    """Return the samples that any joint has a trace of: filters swing in at the ends."""
+    both = np.hstack([result.actuator.measured, result.load.measured])
+    there = np.flatnonzero(np.any(np.isfinite(both), axis=1))
+    return slice(int(there[0]), int(there[-1]) + 1) if len(there) else slice(0, len(both))
+
+
+def _thinned_text(step: int, stretch: int, rate_hz: float, cutoff_hz: float) -> str:
+    if stretch:
+        return (
+            f"Drawn thinned, the least and the largest sample of every {stretch} "
+            f"({1e3 * stretch / rate_hz:.3g} ms): peaks are as high as they are, details between "
+            "them are not in this page."
+        )
+    if step > 1:
+        return (
+            f"Every {step}th sample of {rate_hz:.4g} Hz is drawn; behind the low pass at "
+            f"{cutoff_hz:.3g} Hz the others lie between them."
+        )
+    return "Every sample is drawn."
+
+
+def _packed_side(
+    fit: Fit, inside: slice, step: int, stretch: int, bands: Bands
+) -> list[dict[str, Any] | None]:
+    told = set(_told(fit))
+    return [
+        _packed_trace(fit.measured[inside, j], fit.computed[inside, j], step, stretch, bands)
+        if j in told
+        else None
+        for j in range(fit.measured.shape[1])
+    ]
+
+
+def _packed_trace(
+    measured: Array, computed: Array, step: int, stretch: int, bands: Bands
+) -> dict[str, Any]:
+    traces = {"measured": measured, "computed": computed, "residual": measured - computed}
+    thin = {
+        name: envelope(trace, stretch) if stretch else trace[::step]
+        for name, trace in traces.items()
+    }
+    return {
+        **{name: packed(trace) for name, trace in thin.items()},
+        "spectra": {name: packed(np.log10(bands.amplitude(one))) for name, one in traces.items()},
+    }
+
+
+def envelope(trace: Array, stretch: int) -> Array:
+    """Return two samples of each stretch, the least and the largest in the order they came.
+
+    NaN where a stretch has a sample that is missing.
+    """
+    count = -(-len(trace) // stretch)
+    padded = np.pad(trace, (0, count * stretch - len(trace)), mode="edge").reshape(count, stretch)
+    known = np.where(np.isfinite(padded), padded, 0.0)
+    places = np.sort([np.argmin(known, axis=1), np.argmax(known, axis=1)], axis=0)
+    found = np.take_along_axis(padded, places.T, axis=1)
+    found[~np.all(np.isfinite(padded), axis=1)] = np.nan
+    return np.asarray(found.ravel())
+
+
+def packed(trace: Array) -> dict[str, Any]:
+    """Return {data, scale, offset}: int16 as base64, value = offset + scale * integer.
+
+    Little-endian; the smallest integer is a missing sample.
+    """
+    known = trace[np.isfinite(trace)]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+    scale, offset = (high - low) / 65534 or 1.0, (high + low) / 2
+    steps = np.full(len(trace), _MISSING)
+    steps[np.isfinite(trace)] = np.round((known - offset) / scale)
+    data = base64.b64encode(steps.astype("<i2").tobytes()).decode("ascii")
+    return {"data": data, "scale": float(f"{scale:.9g}"), "offset": float(f"{offset:.9g}")}
+
+
+@dataclass(frozen=True, eq=False)
+class Bands:
+    """Lines of a spectrum gathered in bands that are even on a logarithmic axis; `start` of each.
+
+    The amplitude of a band is that of its largest line.
+    """
+
+    frequency: Array
+    start: IndexArray
+    end: int
+
+    def amplitude(self, trace: Array) -> Array:
+        """Return the largest amplitude in every band, of a trace without its mean (Hann window)."""
+        there = np.nan_to_num(trace - np.nanmean(trace))
+        window = np.hanning(len(there))
+        lines = 2 * np.abs(np.fft.rfft(window * there)) / max(float(window.sum()), 1e-300)
+        found = np.maximum.reduceat(lines[: self.end], self.start)
+        return np.maximum(found, max(_DEEPEST * float(np.max(found)), 1e-300))
+
+
+def _bands(count: int, rate_hz: float, cutoff_hz: float, lines: int) -> Bands:
+    """Return the bands of traces of `count` samples, up to well above the cutoff."""
+    frequency = np.fft.rfftfreq(count, 1 / rate_hz)
+    end = int(np.searchsorted(frequency, _HIGHEST * cutoff_hz, side="right"))
+    end = max(min(end, len(frequency)), 2)
+    edges = np.unique(np.round(np.geomspace(1, end, lines + 1)).astype(np.intp))
+    start, stop = (edges[:-1], edges[1:]) if len(edges) > 1 else (edges, edges + 1)
+    return Bands(np.sqrt(frequency[start] * frequency[stop - 1]), start, end)
