@@ -1,0 +1,204 @@
+"""Picture: all there is to see of a robot at rest, and where its bodies are in a posture."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from seaid.arrays import Array, finite, frozen
+from seaid.errors import RobotError, SeaidWarning
+from seaid.robot import Robot
+from seaid.urdf import UrdfTree, read_urdf
+from seaid.view.shapes import Shape, shapes_of
+
+_SNAP_RAD = 2e-3
+"""As load_robot by itself reads angles; joints that move stand where the robot's model has them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mark:
+    """A mass at a point of a body: `center` (3,) [m] in the body's frame, `mass` [kg]."""
+
+    name: str
+    body: int
+    center: Array
+    mass: float
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What there is to see of a robot with n joints, on n + 1 bodies.
+
+    Body 0 is the base, body i + 1 what joint i moves; its frame is that of Pinocchio's joint.
+    `places` has the body and the placement on it of every link of the URDF. `segments` (S, 2, 3)
+    [m] are lines between the frames of joints, `segment_bodies` (S,) the bodies they are on;
+    `axes` (n, 3) the joints' axes in their bodies' frames. `up` (3,) points against gravity.
+    `payloads` and `centers` of mass are marks. `notes` tell what could not be shown.
+    """
+
+    robot: Robot
+    places: dict[str, tuple[int, pin.SE3]]
+    shapes: tuple[Shape, ...]
+    segments: Array
+    segment_bodies: tuple[int, ...]
+    axes: Array
+    payloads: tuple[Mark, ...]
+    centers: tuple[Mark, ...]
+    up: Array
+    notes: tuple[str, ...]
+
+    @property
+    def bare_links(self) -> tuple[str, ...]:
+        """The links on which no shape is shown."""
+        shown = {shape.link for shape in self.shapes}
+        return tuple(link for link in self.places if link not in shown)
+
+    @cached_property
+    def size(self) -> float:
+        """The length [m] from corner to corner of what is seen at `home`."""
+        lower, upper = self.bounds(self.home[None])
+        return float(np.linalg.norm(upper - lower)) or 1.0
+
+    @property
+    def home(self) -> Array:
+        """The posture (n,) within the limits that is nearest to all joints at zero."""
+        lower, upper = self.robot.lower_limits, self.robot.upper_limits
+        return np.clip(np.zeros(self.robot.n), lower, upper)
+
+    def placements(self, q: Array) -> list[pin.SE3]:
+        """Return where the n + 1 bodies are in the base frame at positions q (n,) [rad or m].
+
+        Raises RobotError for positions of another shape or not finite.
+        """
+        robot = self.robot
+        q = finite("joint positions", q, (robot.n,), RobotError)
+        data = robot.model.createData()
+        pin.forwardKinematics(robot.model, data, q[list(robot.model_order)])
+        bodies = [pin.SE3.Identity()] * (robot.n + 1)
+        for position, index in enumerate(robot.model_order):
+            bodies[index + 1] = data.oMi[position + 1]
+        return bodies
+
+    def link_placements(self, q: Array) -> dict[str, pin.SE3]:
+        """Return where all links of the URDF are, those that are fixed or locked at zero too."""
+        bodies = self.placements(q)
+        return {link: bodies[body] * place for link, (body, place) in self.places.items()}
+
+    def bounds(self, postures: Array) -> tuple[Array, Array]:
+        """Return the lower and upper corner (3,) [m] of all that is seen in postures (P, n)."""
+        corners = [
+            (placement.homogeneous[:3, :3] @ points.T).T + placement.translation
+            for q in postures
+            for placement, points in zip(self.placements(q), self._outlines, strict=True)
+        ]
+        points = np.concatenate(corners)
+        return np.min(points, axis=0), np.max(points, axis=0)
+
+    @cached_property
+    def _outlines(self) -> list[Array]:
+        """Points of each body, (., 3): corners of its shapes' boxes, ends of its lines, marks."""
+        found: list[list[Array]] = [[np.zeros((1, 3))] for _ in range(self.robot.n + 1)]
+        for shape in self.shapes:
+            ends = np.array([shape.vertices.min(axis=0), shape.vertices.max(axis=0)])
+            grid = np.array(np.meshgrid(*ends.T)).reshape(3, -1).T
+            found[shape.body].append(grid)
+        for body, segment in zip(self.segment_bodies, self.segments, strict=True):
+            found[body].append(segment)
+        for mark in self.payloads:
+            found[mark.body].append(mark.center[None])
+        return [np.concatenate(points) for points in found]
+
+
+def picture_of(robot: Robot, *, package_dirs: str | Path | Sequence[str | Path] = ()) -> Picture:
+    """Return all there is to see of a robot that load_robot has made.
+
+    Shapes are those of the URDF's visuals; `package_dirs` are folders in which packages of meshes
+    are searched, beside the folder of the file and those above it. Raises RobotError for a robot
+    without its file and for folders that are not there.
+    """
+    tree = _tree_of(robot)
+    places = _places(tree, robot)
+    assert robot.urdf is not None
+    shapes, notes = shapes_of(robot.urdf, places, package_dirs)
+    segments, bodies = _segments(tree, places)
+    gravity = robot.model.gravity.linear
+    strength = float(np.linalg.norm(gravity))
+    up = np.array([0.0, 0.0, 1.0]) if strength == 0.0 else -gravity / strength
+    return Picture(
+        robot=robot,
+        places=places,
+        shapes=shapes,
+        segments=frozen("segments", segments, (None, 2, 3)),
+        segment_bodies=bodies,
+        axes=frozen("axes", [tree.joints[joint].axis for joint in robot.joint_names], (None, 3)),
+        payloads=_marks("payload on", robot, robot.payload_parameters),
+        centers=_marks("body of", robot, robot.parameters),
+        up=frozen("up", up, (3,)),
+        notes=notes,
+    )
+
+
+def _tree_of(robot: Robot) -> UrdfTree:
+    if robot.urdf is None:
+        raise RobotError(f"'{robot.name}' has no URDF to show: make it by load_robot")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SeaidWarning)  # was said when the robot was loaded
+        tree = read_urdf(robot.urdf, _SNAP_RAD)
+    gone = [joint for joint in robot.joint_names if joint not in tree.joints]
+    if gone:
+        raise RobotError(
+            f"'{robot.urdf}' has no joint {', '.join(gone)} any more: it was changed since "
+            f"'{robot.name}' was loaded; load it again"
+        )
+    return tree
+
+
+def _places(tree: UrdfTree, robot: Robot) -> dict[str, tuple[int, pin.SE3]]:
+    """Return the body that carries each link, and the link's frame on it, from the root on."""
+    places = {tree.root: (0, pin.SE3.Identity())}
+    waiting = [tree.root]
+    while waiting:
+        link = waiting.pop()
+        body, placement = places[link]
+        for joint in tree.children(link):
+            if joint.name in robot.joint_names:
+                places[joint.child] = (robot.index(joint.name) + 1, pin.SE3.Identity())
+            else:
+                places[joint.child] = (body, placement * joint.placement)
+            waiting.append(joint.child)
+    return places
+
+
+def _segments(
+    tree: UrdfTree, places: dict[str, tuple[int, pin.SE3]]
+) -> tuple[Array, tuple[int, ...]]:
+    """Return lines from each link's frame to the joints below it, or else to its centre of mass."""
+    segments, bodies = [], []
+    for link, (body, placement) in places.items():
+        below = [placement * joint.placement for joint in tree.children(link)]
+        ends = [frame.translation for frame in below]
+        mass, *moment = tree.links[link][:4]
+        if not ends and mass > 0:
+            ends = [placement.act(np.array(moment) / mass)]
+        for end in ends:
+            if np.linalg.norm(end - placement.translation) > 0:
+                segments.append([placement.translation, end])
+                bodies.append(body)
+    return np.array(segments).reshape(-1, 2, 3), tuple(bodies)
+
+
+def _marks(what: str, robot: Robot, parameters: Array) -> tuple[Mark, ...]:
+    """Return the centres of the masses that bodies have, but for those not known (NaN)."""
+    marks = []
+    for index, values in enumerate(parameters.reshape(-1, 10)):
+        if np.all(np.isfinite(values[:4])) and values[0] > 0:
+            center = frozen("center", values[1:4] / values[0], (3,))
+            name = f"{what} {robot.body_names[index]}"
+            marks.append(Mark(name, index + 1, center, float(values[0])))
+    return tuple(marks)
