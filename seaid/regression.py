@@ -31,6 +31,7 @@ __all__ = [
     "spring_regressor",
     "stacked",
     "standstill",
+    "standstill_seen",
 ]
 
 STANDSTILL = 0.01
@@ -41,6 +42,9 @@ REST_RAD_S = 1e-9
 
 SEEN = 0.05
 """Share of standstill in what the low pass sees above which a sample is left out."""
+
+SEEN_AT_A_PEAK = 0.01
+"""The same for friction with a peak at standstill (Stribeck), told by the samples beside it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,26 +148,31 @@ def sensed_torque(robot: Robot, motion: Motion, index: int) -> Array:
     return np.asarray(torques_at_drives(robot.transmission, motion.joint_torque)[:, index])
 
 
-def standstill(motion: Motion, index: int) -> BoolArray:
+def standstill(motion: Motion, index: int, seen: float = SEEN) -> BoolArray:
     """Tell the samples (T,) that see a motor stand still, so that its friction is unknown.
 
     Behind the low pass a sample sees its neighbourhood: it is left out if standstill makes up more
-    than a small share of that. A reversal without a stop is no standstill.
+    than a small share of that, `seen`. A reversal without a stop is no standstill.
     """
     speed = np.abs(motion.motor_velocity[:, index])
     fastest = np.max(speed) if motion.fastest is None else motion.fastest[index]
-    return _still(motion, speed, float(fastest))
+    return _still(motion, speed, float(fastest), seen)
+
+
+def standstill_seen(drive: Drive) -> float:
+    """Return the share of standstill that samples of a drive with dry friction may see."""
+    return SEEN_AT_A_PEAK if "stribeck" in drive.friction else SEEN
 
 
 def joint_standstill(motion: Motion, index: int) -> BoolArray:
     """Tell the samples (T,) that see a joint stand still, as `standstill` does of its motor."""
     speed = np.abs(motion.joint_velocity[:, index])
-    return _still(motion, speed, float(np.max(speed)))
+    return _still(motion, speed, float(np.max(speed)), SEEN)
 
 
-def _still(motion: Motion, speed: Array, fastest: float) -> BoolArray:
+def _still(motion: Motion, speed: Array, fastest: float, seen: float) -> BoolArray:
     still = (speed < max(STANDSTILL * fastest, REST_RAD_S)).astype(float)
-    return np.asarray((still > 0) | (in_band(motion, still) > SEEN))
+    return np.asarray((still > 0) | (in_band(motion, still) > seen))
 
 
 def actuator_columns(
@@ -229,9 +238,10 @@ def actuator_rows(
     if "tau_M" not in regressor.signals and not regressor.signals & {"i_M", "u_M"}:
         return row_samples(replace(motion, trim_s=0.0)), 0
     rows = row_samples(motion)
-    if not is_dry(robot.drivetrains[joint]):
+    drive = robot.drivetrains[joint]
+    if not is_dry(drive):
         return rows, 0
-    kept = rows[~standstill(motion, robot.index(joint))[rows]]
+    kept = rows[~standstill(motion, robot.index(joint), standstill_seen(drive))[rows]]
     return kept, len(rows) - len(kept)
 
 

@@ -611,18 +611,7 @@ EXPERIMENTS: dict[str, tuple[Drive, Drive]] = {
 }
 
 
-_TOO_LARGE = pytest.mark.xfail(
-    strict=True, reason="sharp reversals behind the filter: found 13 % too large, 3.7 errors"
-)
-
-
-@pytest.mark.parametrize(
-    "terms",
-    [
-        pytest.param(terms, marks=_TOO_LARGE) if terms == "stribeck" else terms
-        for terms in EXPERIMENTS
-    ],
-)
+@pytest.mark.parametrize("terms", EXPERIMENTS)
 def test_what_was_simulated_is_found_again(terms: str, tmp_path: Path) -> None:
     """What the terms bring is within three of its standard errors, which are small."""
     robot = arm(tmp_path, *EXPERIMENTS[terms])

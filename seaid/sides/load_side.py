@@ -27,6 +27,7 @@ from seaid.regression import (
     signals,
     spring_regressor,
     standstill,
+    standstill_seen,
 )
 from seaid.rigid_body import regressor_at_drives
 from seaid.robot import Robot
@@ -211,7 +212,7 @@ def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     drive, index = robot.drivetrains[joint], robot.index(joint)
     unknown = np.zeros(len(motion.time), dtype=bool)
     if isinstance(drive, StiffDrive) and is_dry(drive):
-        unknown |= standstill(motion, index)
+        unknown |= standstill(motion, index, standstill_seen(drive))
     for other in group_of(robot.transmission, index):
         beside = robot.drivetrains[robot.joint_names[other]]
         if "coulomb" in getattr(beside, "joint_friction", ()):
