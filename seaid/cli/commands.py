@@ -9,7 +9,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from seaid.cli import finding, looking, moving, taking
+from seaid.cli import finding, looking, moving, reporting, taking
 from seaid.cli.words import spoken
 
 _HELP = """Identify robots with springs in their joints: from a URDF and a log to motor friction,
@@ -22,6 +22,7 @@ spring stiffness and inertias, each with its standard error.
   seaid describe run.csv -o run.toml                 a log with foreign names
   seaid identify leg.urdf run.csv --drives leg.toml -o parameters.json
   seaid validate leg.urdf other.csv --from run.csv --drives leg.toml
+  seaid report leg.urdf --from run.csv --validate other.csv --drives leg.toml
   seaid export leg.urdf --from run.csv --drives leg.toml -o found.urdf
 
 Each command has its own --help with examples. Results go to stdout, notes, errors and progress to
@@ -79,4 +80,5 @@ _add("describe", looking.describe)
 _add("identify", finding.identify)
 _add("validate", finding.validate)
 _add("terms", finding.terms)
+_add("report", reporting.report)
 _add("export", taking.export)

@@ -186,8 +186,8 @@ def _page(found: Identification, runs: Sequence[Run], facts: list[tuple[str, str
 
 def _heads(first: str, white: bool) -> list[str]:
     """Return the heads of a table of parameters; `white`: errors for white noise are there."""
-    textbook = ["White-noise s.e."] if white else []
-    return [first, "Value", "Std. error", *textbook, "95 % interval", "Unit", "Relative s.e.", ""]
+    textbook = ["S.e. if white"] if white else []
+    return [first, "Value", "Std. error", "95 % interval", "Unit", "Relative s.e.", "", *textbook]
 
 
 def _singular(found: Identification) -> dict[str, Any] | None:

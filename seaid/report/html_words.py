@@ -38,9 +38,9 @@ def verdict(found: Identification, runs: Sequence[Run], doubts: Sequence[Doubts]
     """Return in a sentence what was found, how well it predicts, and how many doubts there are."""
     drives = sum(len(one.names) for one in found.drivetrains.values())
     parts = [
-        f"{_count(drives, 'drive parameter')} ({_well_told(found.drivetrains.values())} with a "
-        f"standard error below 10 %) and {_count(len(found.load.values), 'base parameter')} "
-        f"({_well_told([found.load])}) found",
+        f"{_count(drives, 'drive parameter')}, {_well_told(found.drivetrains.values())} of them "
+        f"with a standard error below 10 %, and {_count(len(found.load.values), 'base parameter')},"
+        f" {_well_told([found.load])} of them, are found",
         _prediction(error_rows(found, [run for run in runs if run.is_unseen])),
     ]
     flags = sum(len(one.sentences) for one in doubts)
@@ -141,8 +141,7 @@ def _correlated(found: Identification) -> Iterator[str]:
                 yield (
                     f"The residual of {joint} ({side_name(side)}) goes on from row to row "
                     f"(autocorrelation {white.first:.3g}): the model lacks something there, or a "
-                    "sensor's zero is off. Its standard errors count that as noise, which it is "
-                    "not."
+                    "sensor's zero is off."
                 )
 
 
