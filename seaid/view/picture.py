@@ -54,10 +54,11 @@ class Picture:
     notes: tuple[str, ...]
 
     @property
-    def bare_links(self) -> tuple[str, ...]:
-        """The links on which no shape is shown."""
-        shown = {shape.link for shape in self.shapes}
-        return tuple(link for link in self.places if link not in shown)
+    def bare_bodies(self) -> tuple[str, ...]:
+        """The names of bodies that move and on which no shape is shown."""
+        shown = {shape.body for shape in self.shapes}
+        names = enumerate(self.robot.body_names, 1)
+        return tuple(name for body, name in names if body not in shown)
 
     @cached_property
     def size(self) -> float:

@@ -1,0 +1,229 @@
+"""Stage: the robot as nodes of a viser scene, and how they are moved and painted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from seaid.arrays import Array, IndexArray
+from seaid.view.colors import NEUTRAL
+from seaid.view.picture import Mark, Picture
+from seaid.view.shapes import Color
+
+LINES: Color = (60, 66, 74)
+GHOST: Color = (240, 130, 30)
+PAYLOAD: Color = (150, 60, 160)
+CENTER: Color = (30, 150, 110)
+
+_STEEL_KG_PER_M3 = 7850.0
+"""A payload is shown as a ball of steel of its mass."""
+
+_DRUM, _STIFF_DRUM, _LINE, _POINT = 0.022, 0.014, 0.006, 0.012
+"""Radii of what marks joints, of lines and of points, as parts of the picture's size."""
+
+_FIELD_OF_VIEW_RAD = 0.7
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """Handles of viser's nodes: `bodies` and `ghost` (n + 1) are frames, `joints` (n) the drums.
+
+    `groups` has all nodes that are shown or hidden together, by what they are.
+    """
+
+    bodies: tuple[Any, ...]
+    ghost: tuple[Any, ...]
+    joints: tuple[Any, ...]
+    groups: dict[str, tuple[Any, ...]]
+
+
+def put_on_stage(server: Any, picture: Picture) -> Stage:
+    """Add a picture to a viser server; everything hangs on the frames of its bodies."""
+    count = picture.robot.n + 1
+    bodies = tuple(server.scene.add_frame(f"/robot/{k}", show_axes=False) for k in range(count))
+    ghost = tuple(server.scene.add_frame(f"/ghost/{k}", show_axes=False) for k in range(count))
+    joints = tuple(_drum(server, picture, index) for index in range(picture.robot.n))
+    groups = {
+        "bodies": _shapes(server, picture),
+        "lines": _lines(server, picture, "/robot", LINES),
+        "ghost": _lines(server, picture, "/ghost", GHOST),
+        "joints": joints,
+        "names": _names(server, picture),
+        "payloads": _payloads(server, picture),
+        "centers": _centers(server, picture),
+    }
+    return Stage(bodies, ghost, joints, groups)
+
+
+def place(frames: Sequence[Any], placements: Sequence[pin.SE3]) -> None:
+    """Move the frames of bodies to their placements."""
+    for frame, placement in zip(frames, placements, strict=True):
+        x, y, z, w = pin.Quaternion(placement.rotation).normalized().coeffs()
+        frame.position = tuple(placement.translation)
+        frame.wxyz = (w, x, y, z)
+
+
+def paint(joints: Sequence[Any], colors: Sequence[Color]) -> None:
+    """Give the drums of joints their colours; only what changes is sent."""
+    for joint, color in zip(joints, colors, strict=True):
+        if tuple(joint.color) != color:
+            joint.color = color
+
+
+def show(group: Sequence[Any], visible: bool) -> None:
+    """Show or hide the nodes of a group."""
+    for node in group:
+        node.visible = visible
+
+
+def fade(group: Sequence[Any], opacity: float) -> None:
+    """Let what is behind shapes be seen through them; 1 is opaque, 0 hides them."""
+    for node in group:
+        node.opacity = None if opacity >= 1.0 else opacity
+        node.visible = opacity > 0.0
+
+
+def set_the_view(server: Any, picture: Picture, postures: Array) -> None:
+    """Point the camera at all that postures (P, n) reach, and put a grid under it."""
+    lower, upper = picture.bounds(postures)
+    middle, radius = (lower + upper) / 2, float(np.linalg.norm(upper - lower)) / 2 or 0.5
+    up = picture.up
+    server.scene.set_up_direction(tuple(up))
+    across = np.eye(3)[int(np.argmin(np.abs(up)))]
+    front = across - (across @ up) * up
+    front /= np.linalg.norm(front)
+    side = np.cross(up, front)
+    away = radius / np.sin(_FIELD_OF_VIEW_RAD / 2)
+    direction = 0.75 * front - 0.60 * side + 0.28 * up
+    camera = server.initial_camera
+    camera.position = tuple(middle + away * direction)
+    camera.look_at = tuple(middle)
+    camera.fov = _FIELD_OF_VIEW_RAD
+    camera.near, camera.far = away / 100, away * 50
+    server.scene.configure_default_lights(cast_shadow=False)
+    cell = _round_length(radius / 4)
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), up)
+    floor = middle - up * (np.abs(up) @ (upper - lower) / 2 + 0.01 * radius)
+    server.scene.add_grid(
+        "/grid",
+        infinite_grid=True,
+        cell_size=cell,
+        section_size=5 * cell,
+        cell_color=(214, 218, 222),
+        section_color=(176, 182, 188),
+        fade_distance=14 * radius,
+        position=tuple(floor),
+        wxyz=(turn.w, turn.x, turn.y, turn.z),
+    )
+
+
+def _round_length(length: float) -> float:
+    """Return 1, 2 or 5 times a power of ten, the largest that is not more than a length."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(max(step * power for step in (1, 2, 5) if step * power <= length * (1 + 1e-9)))
+
+
+def _shapes(server: Any, picture: Picture) -> tuple[Any, ...]:
+    return tuple(
+        server.scene.add_mesh_simple(
+            f"/robot/{shape.body}/shape_{number}",
+            shape.vertices,
+            shape.faces,
+            color=shape.color,
+            flat_shading=len(shape.vertices) < 100,
+            side="double",
+        )
+        for number, shape in enumerate(picture.shapes)
+    )
+
+
+def _lines(server: Any, picture: Picture, root: str, color: Color) -> tuple[Any, ...]:
+    bodies = np.array(picture.segment_bodies, dtype=int)
+    return tuple(
+        server.scene.add_line_segments(
+            f"{root}/{body}/lines",
+            picture.segments[bodies == body],
+            color,
+            thickness=_LINE * picture.size,
+        )
+        for body in np.unique(bodies)
+    )
+
+
+def _drum(server: Any, picture: Picture, index: int) -> Any:
+    """Add a cylinder about a joint's axis, longer than the shapes around it are wide."""
+    elastic = picture.robot.joint_names[index] in picture.robot.elastic_joints
+    radius = (_DRUM if elastic else _STIFF_DRUM) * picture.size
+    axis = picture.axes[index]
+    vertices, faces = _cylinder(radius, _half_length(picture, index, radius), axis)
+    return server.scene.add_mesh_simple(
+        f"/robot/{index + 1}/joint", vertices, faces, color=NEUTRAL, flat_shading=True
+    )
+
+
+def _half_length(picture: Picture, index: int, radius: float) -> float:
+    """Return how far a drum reaches from its joint, to stand out of its own body at both ends."""
+    axis, reach = picture.axes[index], 2.0 * radius
+    for shape in picture.shapes:
+        if shape.body == index + 1:
+            along = shape.vertices @ axis
+            beside = np.linalg.norm(shape.vertices - along[:, None] * axis, axis=1)
+            near = np.abs(along[beside < 3.0 * radius])
+            reach = max(reach, float(np.max(near, initial=0.0)) + 0.3 * radius)
+    return min(reach, 4.0 * radius)
+
+
+def _cylinder(radius: float, half_length: float, axis: Array) -> tuple[Array, IndexArray]:
+    import trimesh
+
+    ends = [-half_length * axis, half_length * axis]
+    mesh = trimesh.creation.cylinder(radius, segment=ends, sections=40)
+    return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.intp)
+
+
+def _names(server: Any, picture: Picture) -> tuple[Any, ...]:
+    few = picture.robot.n <= 12
+    return tuple(
+        server.scene.add_label(
+            f"/robot/{index + 1}/name",
+            name,
+            font_screen_scale=0.9,
+            anchor="bottom-left",
+            visible=few,
+        )
+        for index, name in enumerate(picture.robot.joint_names)
+    )
+
+
+def _payloads(server: Any, picture: Picture) -> tuple[Any, ...]:
+    nodes = []
+    for mark in picture.payloads:
+        radius = float(np.cbrt(3 * mark.mass / (4 * np.pi * _STEEL_KG_PER_M3)))
+        nodes += [_ball(server, mark, "payload", radius, PAYLOAD)]
+        nodes += [
+            server.scene.add_label(
+                f"/robot/{mark.body}/payload_name",
+                f"{mark.mass:.4g} kg",
+                position=tuple(mark.center),
+                font_screen_scale=0.9,
+                anchor="top-left",
+            )
+        ]
+    return tuple(nodes)
+
+
+def _centers(server: Any, picture: Picture) -> tuple[Any, ...]:
+    radius = _POINT * picture.size
+    nodes = [_ball(server, mark, "center", radius, CENTER) for mark in picture.centers]
+    show(nodes, False)
+    return tuple(nodes)
+
+
+def _ball(server: Any, mark: Mark, what: str, radius: float, color: Color) -> Any:
+    return server.scene.add_icosphere(
+        f"/robot/{mark.body}/{what}", radius, color, position=tuple(mark.center)
+    )
