@@ -6,7 +6,7 @@ RUN := $(VENV)/bin/python
 # Matrices here are small: a second BLAS thread only waits, and takes the core of another process.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: tulip test lint env clean
+.PHONY: tulip test lint docs env clean
 
 tulip: env
 	$(RUN) scripts/identify_tulip_leg.py
@@ -18,6 +18,10 @@ lint: env
 	$(RUN) -m ruff check .
 	$(RUN) -m ruff format --check .
 	$(RUN) -m mypy
+
+docs: env
+	$(RUN) -m sphinx --quiet --fail-on-warning --keep-going --nitpicky docs out/docs
+	@echo "The documents: out/docs/index.html"
 
 env: $(INSTALLED)
 

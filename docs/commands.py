@@ -1,0 +1,54 @@
+"""The reference of the command line, as `seaid --help` has it, in Markdown."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator
+from typing import Any
+
+MARK = "<!-- commands -->"
+
+
+def markdown() -> str:
+    """Return a section for each command: usage, help, arguments and options."""
+    import typer
+
+    from seaid.cli.commands import app
+
+    group: Any = typer.main.get_command(app)
+    sections = (_section(name, command) for name, command in group.commands.items())
+    return "\n".join(line for section in sections for line in section)
+
+
+def _section(name: str, command: Any) -> Iterator[str]:
+    text, _, examples = inspect.cleandoc(command.help).partition("\b\n")
+    yield from (f"## seaid {name}", "", *text.strip().splitlines(), "")
+    yield from ("```text", *examples.splitlines(), "```", "")
+    yield from ("| argument, option | meaning | default |", "|---|---|---|")
+    for parameter in command.params:
+        yield f"| {_words(parameter)} | {_meaning(parameter)} | {_default(parameter)} |"
+    yield ""
+
+
+def _words(parameter: Any) -> str:
+    if parameter.param_type_name == "argument":
+        return f"`{parameter.metavar or parameter.name.upper()}`"
+    options = [*parameter.opts, *parameter.secondary_opts]
+    value = "" if parameter.is_flag else f" {parameter.metavar or _kind(parameter)}"
+    return ", ".join(f"`{option}{value}`" for option in sorted(options, key=len))
+
+
+def _kind(parameter: Any) -> str:
+    kind = parameter.type_descriptor.annotation
+    return {float: "NUMBER", int: "COUNT", str: "TEXT"}.get(kind, "FILE")
+
+
+def _meaning(parameter: Any) -> str:
+    text = parameter.help or ""
+    return (text + (" Required." if parameter.required else "")).replace("|", r"\|")
+
+
+def _default(parameter: Any) -> str:
+    value = parameter.default
+    shown = isinstance(value, (str, float, int)) and not isinstance(value, bool)
+    return f"`{value}`" if shown else ""

@@ -1,0 +1,104 @@
+"""How the documents become a site: `make docs`. Nothing is fetched while it is built."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from docutils.utils.math.latex2mathml import tex2mathml
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import commands
+
+import seaid
+
+project = "seaid"
+author = "The seaid authors"
+project_copyright = author
+version = release = seaid.__version__
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_copybutton"]
+exclude_patterns = ["_build"]
+html_theme = "furo"
+html_title = f"seaid {version}"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_copy_source = False
+html_show_sourcelink = False
+copybutton_exclude = ".linenos, .gp, .go"
+
+myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "deflist"]
+myst_heading_anchors = 3
+
+# Docstrings are plain text with `names` in backticks.
+default_role = "code"
+autodoc_member_order = "bysource"
+autodoc_typehints_format = "short"
+autodoc_type_aliases = {name: f"seaid.{name}" for name in seaid.__all__}
+nitpicky = True
+nitpick_ignore_regex = [
+    ("py:class", r"(?!seaid\.[A-Z]).*"),  # types of other packages, and our own that are not public
+    ("py:exc", r".*"),
+]
+
+_NUMBER = re.compile(r"\\tag\{(.*?)\}")
+
+
+def _inline(self: Any, node: Any) -> None:
+    self.body.append(tex2mathml(node.astext(), as_block=False))
+
+
+def _block(self: Any, node: Any) -> None:
+    r"""Write an equation as MathML, which browsers show by themselves; \tag is its number."""
+    number = _NUMBER.search(node.astext())
+    equation = tex2mathml(_NUMBER.sub("", node.astext()).strip(), as_block=True)
+    tag = f'<span class="eqno">({number[1]})</span>' if number else ""
+    self.body.append(f'<div class="equation">{equation}{tag}</div>\n')
+
+
+def _leave(self: Any, node: Any) -> None:
+    pass
+
+
+def _skip_children(visit: Any) -> Any:
+    from docutils.nodes import SkipNode
+
+    def visit_and_skip(self: Any, node: Any) -> None:
+        visit(self, node)
+        raise SkipNode
+
+    return visit_and_skip
+
+
+def _fill(app: Any, name: str, source: list[str]) -> None:
+    """Put what the command line says of itself in the place of its mark."""
+    if commands.MARK in source[0]:
+        source[0] = source[0].replace(commands.MARK, commands.markdown())
+
+
+_OURS = re.compile(r"TypeAliasForwardRef\('([^']+)'\)|(?<![~\w.])(seaid\.[A-Z]\w*)")
+
+
+def _shorten(
+    app: Any, what: str, name: str, thing: Any, options: Any, signature: str | None, returns: Any
+) -> tuple[str | None, str | None]:
+    """Let public types of ours stand with their name alone, and link to their place."""
+
+    def short(text: str | None) -> str | None:
+        return text and _OURS.sub(lambda found: "~" + (found[1] or found[2]), text)
+
+    return short(signature), short(returns)
+
+
+def setup(app: Any) -> None:
+    """Register the equations and the commands."""
+    inline, block = (_skip_children(_inline), _leave), (_skip_children(_block), _leave)
+    app.add_html_math_renderer("mathml", inline, block)
+    app.connect("source-read", _fill)
+    app.connect("autodoc-process-signature", _shorten)
+
+
+html_math_renderer = "mathml"
