@@ -82,6 +82,7 @@ def main(output: Path, seed: int) -> None:
         )
 
     found = seaid.identify(known, log, joint_zero_std=JOINT_ZERO_STD_RAD, progress=True)
+    possible = seaid.identify(known, log, joint_zero_std=JOINT_ZERO_STD_RAD, feasible=True)
     elastic = seaid.identify(known, log, rows=known.elastic_joints)
     free = seaid.identify(load_leg(()).without_nominal(), free_log)
     result = seaid.validate(found, other_log)
@@ -97,7 +98,11 @@ def main(output: Path, seed: int) -> None:
     )
     print(validation_table(result))
     print_flags(found)
-    write(output, plan, log, other_log, found, result)
+    write(output, plan, log, other_log, found, result, seed)
+    written = seaid.write_urdf(possible, output / "tulip_leg_identified.urdf")
+    print("tulip_leg_identified.urdf has the possible bodies nearest to the estimate:")
+    for note in written.notes:
+        print(f"note: {note}")
     print(f"{time.perf_counter() - begin:.0f} s. Results: {output}/")
 
 
@@ -114,6 +119,7 @@ def write(
     other_log: seaid.Log,
     found: seaid.Identification,
     result: seaid.Validation,
+    seed: int,
 ) -> None:
     """Write the files of the experiment."""
     plan.trajectory.save_set_points(output / "excitation.csv")
@@ -122,6 +128,14 @@ def write(
     found.save(output / "parameters.json", result)
     save_actuator_figure(result, output / "actuator_side.png")
     save_load_figure(result, output / "load_side.png")
+    facts: dict[str, str | int | float] = {
+        "Seed of everything random": seed,
+        "Excitation": f"B-spline of {DURATION_S:g} s, condition {plan.condition_number:.3g}",
+        "Validation": f"polynomial of {DURATION_S:g} s, (18)",
+        "Zeros of joint encoders known to": f"{JOINT_ZERO_STD_RAD:g} rad",
+        "Robot and logs": "simulated",
+    }
+    seaid.write_report(found, [result], output / "report.html", facts=facts)
 
 
 if __name__ == "__main__":

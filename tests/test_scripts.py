@@ -18,6 +18,9 @@ TULIP_FILES = (
     "parameters.json",
     "actuator_side.png",
     "load_side.png",
+    "report.html",
+    "tulip_leg_identified.urdf",
+    "tulip_leg_identified.toml",
 )
 PLAN_FILES = ("excitation.json", "excitation.csv", "joint_trajectory.yaml", "excitation.png")
 
