@@ -87,7 +87,7 @@ def _joint_sliders(gui: Any, picture: Picture) -> tuple[Any, ...]:
         for index, joint in enumerate(robot.joint_names):
             ends = np.array([robot.lower_limits[index], robot.upper_limits[index]])
             free = (-1.0, 1.0) if robot.is_prismatic[index] else (-np.pi, np.pi)
-            lower, upper = np.where(np.isfinite(ends), ends, free)
+            lower, upper = np.round(np.where(np.isfinite(ends), ends, free), 3)
             value = float(np.clip(home[index], lower, upper))
             sliders.append(gui.add_slider(joint, float(lower), float(upper), 0.001, value))
     return tuple(sliders)

@@ -37,7 +37,7 @@ class Picture:
 
     Body 0 is the base, body i + 1 what joint i moves; its frame is that of Pinocchio's joint.
     `places` has the body and the placement on it of every link of the URDF. `segments` (S, 2, 3)
-    [m] are lines between the frames of joints, `segment_bodies` (S,) the bodies they are on;
+    [m] are lines between the frames of joints and to payloads, on the bodies `segment_bodies` (S,);
     `axes` (n, 3) the joints' axes in their bodies' frames. `up` (3,) points against gravity.
     `payloads` and `centers` of mass are marks. `notes` tell what could not be shown.
     """
@@ -127,7 +127,8 @@ def picture_of(robot: Robot, *, package_dirs: str | Path | Sequence[str | Path] 
     places = _places(tree, robot)
     assert robot.urdf is not None
     shapes, notes = shapes_of(robot.urdf, places, package_dirs)
-    segments, bodies = _segments(tree, places)
+    payloads = _marks("payload on", robot, robot.payload_parameters)
+    segments, bodies = _segments(tree, places, payloads)
     gravity = robot.model.gravity.linear
     strength = float(np.linalg.norm(gravity))
     up = np.array([0.0, 0.0, 1.0]) if strength == 0.0 else -gravity / strength
@@ -138,7 +139,7 @@ def picture_of(robot: Robot, *, package_dirs: str | Path | Sequence[str | Path] 
         segments=frozen("segments", segments, (None, 2, 3)),
         segment_bodies=bodies,
         axes=frozen("axes", [tree.joints[joint].axis for joint in robot.joint_names], (None, 3)),
-        payloads=_marks("payload on", robot, robot.payload_parameters),
+        payloads=payloads,
         centers=_marks("body of", robot, robot.parameters),
         up=frozen("up", up, (3,)),
         notes=notes,
@@ -177,10 +178,13 @@ def _places(tree: UrdfTree, robot: Robot) -> dict[str, tuple[int, pin.SE3]]:
 
 
 def _segments(
-    tree: UrdfTree, places: dict[str, tuple[int, pin.SE3]]
+    tree: UrdfTree, places: dict[str, tuple[int, pin.SE3]], payloads: Sequence[Mark]
 ) -> tuple[Array, tuple[int, ...]]:
-    """Return lines from each link's frame to the joints below it, or else to its centre of mass."""
-    segments, bodies = [], []
+    """Return lines from each link's frame to the joints below it, or else to its centre of mass;
+    and to payloads.
+    """
+    segments = [[np.zeros(3), mark.center] for mark in payloads]
+    bodies = [mark.body for mark in payloads]
     for link, (body, placement) in places.items():
         below = [placement * joint.placement for joint in tree.children(link)]
         ends = [frame.translation for frame in below]

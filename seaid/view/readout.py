@@ -33,20 +33,22 @@ def legend(robot: Robot, limits: Array) -> str:
 
 
 def table(robot: Robot, position: Array, deflection: Array, colors: Sequence[Color]) -> str:
-    """Return the numbers of all joints: position [rad or m], deflection [mrad or mm]."""
-    rows = [
-        f"<tr><td>{_chip(colors[index])} {escape(joint)}</td>"
-        f"{_cell(_number(position[index], '.3f', 'm' if slides else 'rad'))}"
-        f"{_cell(_number(1e3 * deflection[index], '.2f', 'mm' if slides else 'mrad'))}</tr>"
-        for index, (joint, slides) in enumerate(
-            zip(robot.joint_names, robot.is_prismatic, strict=True)
-        )
-    ]
-    head = '<tr style="text-align:right"><th style="text-align:left">joint</th>'
-    head += "<th>position</th><th>deflection</th></tr>"
+    """Return the numbers of all joints: position [rad or m], deflection [mrad or mm] of springs."""
+    springs = bool(robot.elastic_joints)
+    rows = []
+    for index, (joint, slides) in enumerate(
+        zip(robot.joint_names, robot.is_prismatic, strict=True)
+    ):
+        cells = [_number(position[index], ".3f", "m" if slides else "rad")]
+        if springs:
+            cells.append(_number(1e3 * deflection[index], ".2f", "mm" if slides else "mrad"))
+        name = f"<td>{_chip(colors[index])} {escape(joint)}</td>"
+        rows.append(f"<tr>{name}{''.join(map(_cell, cells))}</tr>")
+    heads = ["position", "deflection"] if springs else ["position"]
+    head = "".join(f'<th style="text-align:right">{word}</th>' for word in heads)
     return (
         f'<div style="{_TEXT}"><table style="width:100%;font-variant-numeric:tabular-nums">'
-        f"{head}{''.join(rows)}</table></div>"
+        f'<tr><th style="text-align:left">joint</th>{head}</tr>{"".join(rows)}</table></div>'
     )
 
 

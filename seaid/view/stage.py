@@ -22,10 +22,13 @@ CENTER: Color = (30, 150, 110)
 _STEEL_KG_PER_M3 = 7850.0
 """A payload is shown as a ball of steel of its mass."""
 
-_DRUM, _STIFF_DRUM, _LINE, _POINT = 0.022, 0.014, 0.006, 0.012
+_DRUM, _STIFF_DRUM, _LINE, _POINT = 0.03, 0.016, 0.006, 0.012
 """Radii of what marks joints, of lines and of points, as parts of the picture's size."""
 
 _FIELD_OF_VIEW_RAD = 0.7
+
+_LEFT_OF_PANEL = 0.35
+"""How far the picture is moved, as a part of its radius, for the panel at the right."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,15 +100,17 @@ def set_the_view(server: Any, picture: Picture, postures: Array) -> None:
     front = across - (across @ up) * up
     front /= np.linalg.norm(front)
     side = np.cross(up, front)
-    away = radius / np.sin(_FIELD_OF_VIEW_RAD / 2)
+    away = 0.95 * radius / np.sin(_FIELD_OF_VIEW_RAD / 2)
     direction = 0.75 * front - 0.60 * side + 0.28 * up
+    right = np.cross(up, direction) / np.linalg.norm(np.cross(up, direction))
+    target = middle + _LEFT_OF_PANEL * radius * right
     camera = server.initial_camera
-    camera.position = tuple(middle + away * direction)
-    camera.look_at = tuple(middle)
+    camera.position = tuple(target + away * direction)
+    camera.look_at = tuple(target)
     camera.fov = _FIELD_OF_VIEW_RAD
     camera.near, camera.far = away / 100, away * 50
     server.scene.configure_default_lights(cast_shadow=False)
-    cell = _round_length(radius / 4)
+    cell = _round_length(radius / 2)
     turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), up)
     floor = middle - up * (np.abs(up) @ (upper - lower) / 2 + 0.01 * radius)
     server.scene.add_grid(
@@ -113,9 +118,9 @@ def set_the_view(server: Any, picture: Picture, postures: Array) -> None:
         infinite_grid=True,
         cell_size=cell,
         section_size=5 * cell,
-        cell_color=(214, 218, 222),
-        section_color=(176, 182, 188),
-        fade_distance=14 * radius,
+        cell_color=(228, 231, 234),
+        section_color=(205, 210, 215),
+        fade_distance=12 * radius,
         position=tuple(floor),
         wxyz=(turn.w, turn.x, turn.y, turn.z),
     )

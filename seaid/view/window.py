@@ -157,7 +157,9 @@ class View:
             colors = deflection_colors(deflection, self._limits)
             place(self._stage.bodies, self.picture.placements(position))
             paint(self._stage.joints, colors)
-            self._panel.table.content = table(self.picture.robot, position, deflection, colors)
+            if self.playbacks:
+                text = table(self.picture.robot, position, deflection, colors)
+                self._panel.table.content = text
             other = None if self._panel.compared is None else self._panel.compared.value
             show(self._stage.groups["ghost"], other not in (None, NOTHING))
             if other not in (None, NOTHING):
