@@ -124,11 +124,13 @@ def used_facts(found: Identification) -> list[tuple[str, str]]:
     facts = [
         ("Torques used on the load side", _of(found.model.rows, robot)),
         ("Pass band", f"{found.cutoff_hz:.4g} Hz"),
-        ("Sides", "both at once" if "both" in found.checks else "springs first, then the load"),
         ("Known loads", "; ".join(_payloads(robot)) or "none"),
         ("Known bodies", ", ".join(robot.known_bodies) or "none"),
         ("Gravity", " ".join(f"{one:.5g}" for one in robot.model.gravity.linear) + " m/s²"),
     ]
+    if robot.elastic_joints:
+        order = "both at once" if "both" in found.checks else "springs first, then the load"
+        facts.insert(2, ("Sides of the springs", order))
     if found.model.absorbed:
         names = [f"{name.replace('_', ' ')} of {joint}" for joint, name, _ in found.model.absorbed]
         facts.append(("Found only together with base parameters", ", ".join(names)))

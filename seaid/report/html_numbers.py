@@ -58,9 +58,13 @@ def share(value: float) -> str:
         return NONE
     per_cent = 100 * value
     if abs(per_cent) >= 99.5:
-        return f"{per_cent:.0f} %" if abs(per_cent) < 1e4 else "> 10 000 %"
+        return (
+            f"{per_cent:.0f}\N{NO-BREAK SPACE}%"
+            if abs(per_cent) < 1e4
+            else "> 10⁴\N{NO-BREAK SPACE}%"
+        )
     decimals = 0 if per_cent == 0 else max(0, 1 - _power(abs(per_cent)))
-    return f"{per_cent:.{min(decimals, 6)}f} %"
+    return f"{per_cent:.{min(decimals, 6)}f}\N{NO-BREAK SPACE}%"
 
 
 def seconds(value: float) -> str:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from seaid.arrays import Array, IndexArray
+from seaid.drivetrain.model import IDEAL_DRIVE
 from seaid.identification import Identification
 from seaid.validation import Fit, Validation
 
@@ -67,17 +68,35 @@ def _told(fit: Fit) -> list[int]:
 
 def _sources(found: Identification, side: str) -> list[str]:
     """Say of each joint where what is called measured comes from."""
-    if side == "actuator":
-        return ["the motor's torque as logged"] * found.robot.n
-    elastic = found.robot.elastic_joints
-    return [
-        "the torque of the identified spring by its measured deflection, (4b)"
-        if joint in found.springs
-        else "the sensor's torque at the joint"
-        if joint in elastic
-        else "the drive's torque as logged, through the gear, less that of its known rotor"
-        for joint in found.robot.joint_names
-    ]
+    source = _motor_source if side == "actuator" else _load_source
+    return [source(found, joint) for joint in found.robot.joint_names]
+
+
+def _motor_source(found: Identification, joint: str) -> str:
+    kind = found.known.drivetrains[joint].motor_input
+    if kind != "torque":
+        return f"the torque of the motor's {kind} by the found constant"
+    if not _has_motor_torque(found, joint):
+        return "the spring's torque by the sensor at the joint, seen at the motor"
+    return "the motor's torque as logged"
+
+
+def _load_source(found: Identification, joint: str) -> str:
+    drive = found.known.drivetrains[joint]
+    if joint in found.springs:
+        return "the torque of the identified spring by its measured deflection, (4b)"
+    if joint in found.robot.elastic_joints:
+        return "the torque of the sensor at the joint"
+    if drive.motor_input != "torque":
+        return f"the torque of the motor's {drive.motor_input} by the found constant, at the joint"
+    if drive == IDEAL_DRIVE or not _has_motor_torque(found, joint):
+        return "the torque at the joint as logged, less that of a known rotor"
+    return "the motor's torque as logged, through the gear, less that of a known rotor"
+
+
+def _has_motor_torque(found: Identification, joint: str) -> bool:
+    index = found.known.index(joint)
+    return all(bool(np.isfinite(motion.motor_torque[0, index])) for motion in found.motions)
 
 
 def _packed_run(run: Run, room: int, lines: int) -> dict[str, Any]:

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from seaid.arrays import Array
 from seaid.estimation.estimate import Estimate
 from seaid.identification import Identification
 from seaid.inertia import is_physical
 from seaid.regression import row_samples
-from seaid.report.html_numbers import share
+from seaid.report.html_numbers import share, short
 from seaid.report.html_tables import CORRELATED, ErrorRow, error_rows, side_name, term_name
 from seaid.report.html_traces import Run
 from seaid.sides.found import POORLY_IDENTIFIED
@@ -36,21 +37,25 @@ class Doubts:
 
 def verdict(found: Identification, runs: Sequence[Run], doubts: Sequence[Doubts]) -> str:
     """Return in a sentence what was found, how well it predicts, and how many doubts there are."""
-    drives = sum(len(one.names) for one in found.drivetrains.values())
-    parts = [
-        f"{_count(drives, 'drive parameter')}, {_well_told(found.drivetrains.values())} of them "
-        f"with a standard error below 10 %, and {_count(len(found.load.values), 'base parameter')},"
-        f" {_well_told([found.load])} of them, are found",
-        _prediction(error_rows(found, [run for run in runs if run.is_unseen])),
+    counted = (
+        (_relative_errors(found.drivetrains.values()), "drive parameter"),
+        (_relative_errors([found.load]), "base parameter"),
+    )
+    told = [
+        f"{_count(len(errors), name)} found, {int(np.sum(errors < POORLY_IDENTIFIED))} with a "
+        "standard error below 10\N{NO-BREAK SPACE}%"
+        for errors, name in counted
+        if len(errors)
     ]
+    unseen = _prediction(error_rows(found, [run for run in runs if run.is_unseen]))
     flags = sum(len(one.sentences) for one in doubts)
-    raised = "nothing is flagged" if not flags else f"{_count(flags, 'flag')} below"
-    return f"{'; '.join(parts)}; {raised}."
+    raised = f"{_count(flags, 'flag')} below" if flags else "nothing is flagged"
+    return "; ".join([*told, unseen, raised]) + "."
 
 
-def _well_told(estimates: Iterable[Estimate]) -> int:
-    """Return how many parameters have a relative standard error that is not called poor."""
-    return sum(int(np.sum(one.relative_standard_errors < POORLY_IDENTIFIED)) for one in estimates)
+def _relative_errors(estimates: Iterable[Estimate]) -> Array:
+    """Return the relative standard errors of all parameters."""
+    return np.concatenate([np.zeros(0), *(one.relative_standard_errors for one in estimates)])
 
 
 def _prediction(rows: Sequence[ErrorRow]) -> str:
@@ -121,7 +126,7 @@ def _poorly_told(found: Identification) -> Iterator[str]:
     for side, checks in found.checks.items():
         where = f"{side_name(side)}{'' if side in ('load', 'both') else f' of {side}'}"
         for text in checks.poorly_told:
-            yield f"{where[0].upper()}{where[1:]}: {text}."
+            yield _sentence(f"{where}: {text}")
 
 
 def _not_worth(found: Identification) -> Iterator[str]:
@@ -130,7 +135,7 @@ def _not_worth(found: Identification) -> Iterator[str]:
             if term.bic <= 0:
                 yield (
                     f"{_capital(term_name(side, term))}: the data do not ask for it (BIC "
-                    f"{term.bic:.3g}); leave the term out."
+                    f"{short(term.bic)}); leave the term out."
                 )
 
 
@@ -163,7 +168,7 @@ def _listed(names: Sequence[str], most: int = 8) -> str:
 
 
 def _sentence(text: str) -> str:
-    return f"{_capital(text)}."
+    return _capital(text) + ("" if text.endswith(".") else ".")
 
 
 def _capital(text: str) -> str:
