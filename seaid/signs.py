@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _SURE = 2.0
 _FEWEST = 2
+_POSTURES = 40
 _OWN = {
     "viscous_friction": "viscous friction",
     "coulomb_friction": "Coulomb friction",
@@ -35,10 +36,13 @@ def sign_flags(found: Identification) -> tuple[str, ...]:
     """
     flags = []
     for joint in found.known.joint_names:
-        own, shared = dict(_own_signs(found, joint)), dict(_shared_signs(found, joint))
+        own = dict(_own_signs(found, joint))
+        if 1 in own.values():  # contradicted, whatever the others say
+            continue
+        shared = dict(_shared_signs(found, joint))
         minus = [name for name, sign in (own | shared).items() if sign < 0]
         own_minus = [name for name in minus if name in own]
-        contradicted = 1 in own.values() or (1 in shared.values() and len(own_minus) < _FEWEST)
+        contradicted = 1 in shared.values() and len(own_minus) < _FEWEST
         if len(minus) >= _FEWEST and not contradicted:
             what = " and ".join([", ".join(minus[:-1]), minus[-1]])
             number = "both" if len(minus) == _FEWEST else "all"
@@ -82,7 +86,7 @@ def _sure(value: float, error: float) -> int:
 def _inertia(found: Identification, joint: str) -> Array:
     """Return the mean inertia that a joint feels over all postures, in the base parameters (p,)."""
     robot = found.known
-    q, v, _ = random_states(robot, seed=2)
+    q, v, _ = (state[:_POSTURES] for state in random_states(robot, seed=2))
     index = robot.index(joint)
     pushed = np.zeros_like(q)
     pushed[:, index] = 1.0
@@ -98,7 +102,7 @@ def _gravity(found: Identification, joint: str) -> Array | None:
     robot = found.known
     if not np.all(np.isfinite(robot.parameters)):
         return None
-    q, v, _ = random_states(robot, seed=3)
+    q, v, _ = (state[:_POSTURES] for state in random_states(robot, seed=3))
     rows = found.base.reduce(regressor_at_drives(robot, q, 0 * v, 0 * v))[:, robot.index(joint)]
     expected = rows @ found.base.project(robot.parameters)
     size = float(expected @ expected)
