@@ -15,7 +15,8 @@ from seaid.arrays import Array
 from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.errors import LogError, RobotError
 from seaid.filtering import spline_derivatives
-from seaid.forward.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, advance, plant_of
+from seaid.forward.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, plant_of
+from seaid.forward.stepping import advance
 from seaid.log import Log
 from seaid.robot import Robot
 from seaid.transmission import at_drives

@@ -10,6 +10,7 @@ import numpy as np
 from seaid.arrays import Array, frozen
 from seaid.errors import SeaidError
 from seaid.excitation.trajectory import Trajectory
+from seaid.forward.balance import accelerations, drive_states, gear_torques
 from seaid.forward.controller import joint_controller
 from seaid.forward.motor_inputs import input_gain, motor_inputs
 from seaid.forward.plant import (
@@ -18,13 +19,10 @@ from seaid.forward.plant import (
     POSITION,
     SPEED,
     Plant,
-    accelerations,
-    advance,
-    drive_states,
-    gear_torques,
     plant_of,
-    slip_directions,
 )
+from seaid.forward.slipping import slip_directions
+from seaid.forward.stepping import advance
 from seaid.log import Log
 from seaid.motion import Motion
 from seaid.progress import track

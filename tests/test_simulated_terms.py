@@ -24,6 +24,7 @@ from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
 from seaid.drivetrain.regressor import flat_names
 from seaid.drivetrain.symbols import SYMBOLS, d_0, f_0, known_values
 from seaid.errors import RobotError, SeaidError
+from seaid.forward.balance import accelerations, gear_torques
 from seaid.forward.motor_inputs import motor_inputs
 from seaid.forward.plant import (
     JOINT_POSITION,
@@ -31,12 +32,10 @@ from seaid.forward.plant import (
     POSITION,
     SPEED,
     Plant,
-    accelerations,
-    advance,
-    gear_torques,
     plant_of,
-    slip_directions,
 )
+from seaid.forward.slipping import slip_directions
+from seaid.forward.stepping import advance
 from seaid.identification import identify
 from seaid.robot import Robot, load_robot
 from seaid.simulation import Noise, measure, simulate, simulate_motion

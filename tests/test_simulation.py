@@ -22,9 +22,9 @@ from seaid.forward.plant import (
     POSITION,
     SPEED,
     Plant,
-    advance,
     plant_of,
 )
+from seaid.forward.stepping import advance
 from seaid.robot import Robot, load_robot
 from seaid.simulation import Noise, measure, simulate, simulate_motion
 from tests.experiments import LEG_SENSORS, TEST_MASS, arm, arm_motion, leg, leg_motion, wiggle

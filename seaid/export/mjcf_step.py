@@ -9,7 +9,7 @@ import scipy.linalg
 
 from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.export.mjcf_bodies import TINY
-from seaid.forward.plant_model import mass_matrix
+from seaid.forward.inertia_matrix import mass_matrix
 from seaid.robot import Robot
 
 _LONGEST_S, _SHORTEST_S = 1e-3, 1e-6

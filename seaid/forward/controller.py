@@ -11,7 +11,8 @@ from scipy.ndimage import gaussian_filter1d
 from seaid.arrays import Array
 from seaid.drivetrain.acting import spring_curve, stretch_of
 from seaid.drivetrain.model import SeriesElasticDrive
-from seaid.forward.plant import Plant, inverse_inertia
+from seaid.forward.inertia_matrix import inverse_inertia
+from seaid.forward.plant import Plant
 
 _LEAST_BANDWIDTH_RAD_S = 60.0
 _DAMPING = 0.7
@@ -123,6 +124,6 @@ def _least_inertia(plant: Plant, q: Array) -> Array:
     data, C = plant.model.createData(), plant.coupling
     felt = []
     for configuration in q[:: max(1, len(q) // 50)]:
-        inverse = inverse_inertia(plant, data, configuration)
+        inverse = inverse_inertia(plant.model, data, configuration, plant.rotors)
         felt.append(1 / np.diag(inverse if C is None else C @ inverse @ C.T))
     return np.asarray(np.min(felt, axis=0))

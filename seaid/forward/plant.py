@@ -1,361 +1,234 @@
-"""The complete model (7) + (8) as a plant that moves, with dry friction that can hold.
+"""The numbers and functions of the complete model (7) + (8) that a simulation moves.
 
-Inside this module all joints are in the order of Pinocchio's model.
+All joints are in the order of Pinocchio's model.
 """
 
 from __future__ import annotations
 
-import math
-from functools import cache
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 
-from seaid.arrays import Array, IndexArray
-from seaid.errors import SeaidError
-from seaid.forward.plant_model import (
-    JOINT_POSITION,
-    JOINT_SPEED,
-    POSITION,
-    SPEED,
-    Plant,
-    mass_matrix,
-    plant_of,
-)
+from seaid.arrays import Array, BoolArray, IndexArray
+from seaid.drivetrain.acting import ActingDrive, acting_drive, is_plain
+from seaid.drivetrain.extra_terms import extra_torque
+from seaid.drivetrain.model import Drive, SeriesElasticDrive
+from seaid.errors import RobotError
+from seaid.forward.inertia_matrix import felt_inertia
+from seaid.robot import Robot
+from seaid.transmission import coupled_groups
 
-__all__ = [
-    "JOINT_POSITION",
-    "JOINT_SPEED",
-    "POSITION",
-    "REST_RAD_S",
-    "SPEED",
-    "Plant",
-    "accelerations",
-    "advance",
-    "drive_states",
-    "gear_torques",
-    "inverse_inertia",
-    "plant_of",
-    "slip_directions",
-    "spring_force",
-]
+POSITION, SPEED, JOINT_POSITION, JOINT_SPEED = range(4)
+"""Rows of a state (4, n): motor angle and speed, joint position and speed."""
 
-REST_RAD_S = 1e-9
-"""A motor slower than this is at rest, and friction may hold it."""
+_STEP_A_RATE = 1.0
+"""Steps are so many parts of the time in which what damps a joint would stop it."""
 
-_MOST_EVENTS = 200
-_MOST_TURNS, _SETTLED = 60, 1e-11
-"""The torque through a gear, where friction depends on it, settles to this part of itself."""
+_SHORTEST_STEP_S = 1e-6
 
-_NOTHING = 1e-300
-"""A slip that is there and has no friction."""
+Extra = Callable[[float, float, float, float], float]
 
 
-def drive_states(plant: Plant, state: Array) -> Array:
-    """Return a state (4, n) with what the drives turn, phi = C q, in place of the joints."""
-    if plant.coupling is None:
-        return state
-    return np.concatenate([state[:JOINT_POSITION], state[JOINT_POSITION:] @ plant.coupling.T])
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """Numbers of the complete model, each (n,); stiffness 0 and not `elastic` where stiff.
 
-
-def accelerations(
-    plant: Plant, data: pin.Data, state: Array, torque: Array, slip: Array
-) -> tuple[Array, Array]:
-    """Return motor and joint acceleration at a state under a motor torque.
-
-    `slip` (n + m,) is the direction in which dry friction is overcome, 0 where it holds: that of
-    the motors, then that of the m rubbing joints. Raises SeaidError where friction under load has
-    no solution.
+    `model` carries the rotor inertia of stiff drives as armature, seen at the joint. Where drives
+    move several joints `coupling` is C of phi = C q, and `rotors` (n, n) that rotor inertia, which
+    `model` then has not. Drives with more terms than plain friction and a linear spring are in
+    `acting`, by index, with zeros in `viscous`, `coulomb` and `stiffness`. No step is longer than
+    `longest_step` [s].
     """
-    turned = drive_states(plant, state)
-    free = torque - plant.viscous * state[SPEED] - plant.coulomb * slip[: len(torque)]
-    for index, extra in plant.extras:
-        free[index] -= extra(*turned[:, index])
-    force = spring_force(plant, turned)
-    if not plant.acting:
-        return _driven(plant, data, state, free, force, slip)
-    at = turned.T.tolist()
-    gear, under_load = np.zeros_like(free), list(plant.under_load)
-    last: tuple[Array, Array] | None = None
-    for _ in range(_MOST_TURNS):
-        rest = free.copy()
-        for index, drive in plant.acting:
-            through = float(gear[index])
-            rest[index] -= drive.friction(*at[index], through)
-            if slip[index] != 0:
-                rest[index] -= drive.level(*at[index], through) * slip[index]
-        motor, joint = _driven(plant, data, state, rest, force, slip)
-        found = (plant.ratio * (rest - plant.motor_inertia * motor))[under_load]
-        error = found - gear[under_load]
-        if np.all(np.abs(error) <= _SETTLED * (1 + np.abs(found))):
-            return motor, joint
-        gear[under_load] = found if last is None else _faster(found, error, *last)
-        last = found, error
-    raise SeaidError("friction under load does not settle: load_friction must be well below one")
+
+    model: pin.Model
+    drives: tuple[Drive, ...]
+    elastic: BoolArray
+    ratio: Array
+    motor_inertia: Array
+    viscous: Array
+    coulomb: Array
+    motor_radius: Array
+    load_radius: Array
+    stiffness: Array
+    acting: tuple[tuple[int, ActingDrive], ...]
+    longest_step: float
+    coupling: Array | None
+    rotors: Array | None
+
+    @cached_property
+    def motor_lever(self) -> Array:
+        """The lever r_M/N (n,) of a spring at its motor."""
+        return self.motor_radius / self.ratio
+
+    @cached_property
+    def elastic_lever(self) -> Array:
+        """The lever r_L (n,) of a spring at its load, zero where stiff."""
+        return np.where(self.elastic, self.load_radius, 0.0)
+
+    @cached_property
+    def motor_mobility(self) -> Array:
+        """1/I_M (n,), zero where stiff."""
+        return np.where(self.elastic, 1 / np.where(self.elastic, self.motor_inertia, 1.0), 0.0)
+
+    @cached_property
+    def stiff_ratio(self) -> Array:
+        """N (n,), zero where elastic."""
+        return np.where(self.elastic, 0.0, self.ratio)
+
+    @cached_property
+    def extras(self) -> tuple[tuple[int, Extra], ...]:
+        """The extra terms of drives that have some, by index."""
+        pairs = enumerate(self.drives)
+        return tuple((index, extra_torque(drive)) for index, drive in pairs if drive.extra_terms)
+
+    @cached_property
+    def under_load(self) -> tuple[int, ...]:
+        """Indices of the drives whose friction depends on the torque through a stiff gear."""
+        return tuple(index for index, drive in self.acting if drive.is_under_load)
+
+    @cached_property
+    def rubbing(self) -> IndexArray:
+        """Indices (m,) of the joints whose own friction can hold them."""
+        return np.array(
+            [index for index, drive in self.acting if drive.joint_level > 0], dtype=np.intp
+        )
+
+    @cached_property
+    def joint_coulomb(self) -> Array:
+        """The friction (m,) [N m or N] that holds rubbing joints."""
+        return np.array([drive.joint_level for _, drive in self.acting if drive.joint_level > 0])
+
+    @cached_property
+    def is_dry(self) -> BoolArray:
+        """Tells (n + m,) which friction can hold: that of motors, then that of rubbing joints."""
+        dry = self.coulomb > 0
+        for index, drive in self.acting:
+            dry[index] = drive.is_dry
+        return np.append(dry, np.ones(len(self.rubbing), dtype=bool))
+
+    @cached_property
+    def holds_load(self) -> BoolArray:
+        """Tells (n + m,) which friction holds something at the load."""
+        return np.append(~self.elastic, np.ones(len(self.rubbing), dtype=bool))
+
+    @cached_property
+    def places(self) -> IndexArray:
+        """The joints (n + m,) that friction holds, where none are coupled."""
+        return np.append(np.arange(len(self.elastic)), self.rubbing)
+
+    @cached_property
+    def uncoupling(self) -> Array | None:
+        """The inverse of `coupling`."""
+        return None if self.coupling is None else np.asarray(np.linalg.inv(self.coupling))
 
 
-def _faster(found: Array, error: Array, found_before: Array, error_before: Array) -> Array:
-    """Return the next guess of a fixed point, by the secant of the last two (Anderson 1965)."""
-    change = error - error_before
-    size = float(change @ change)
-    part = float(error @ change) / size if size > 0 else 0.0
-    return found - part * (found - found_before)
+def plant_of(robot: Robot) -> Plant:
+    """Return the plant of a robot with its payloads and nominal values.
 
-
-def _driven(
-    plant: Plant, data: pin.Data, state: Array, free: Array, force: Array, slip: Array
-) -> tuple[Array, Array]:
-    """Return motor and joint acceleration under motor torques less friction, and spring forces."""
-    load_torque = plant.elastic_lever * force + plant.stiff_ratio * free
-    joint = _joint_accelerations(plant, data, state, load_torque, slip)
-    motor = (free - plant.motor_lever * force) * plant.motor_mobility
-    resting = not slip.all()
-    if resting:
-        held = np.flatnonzero((slip == 0) & plant.holds_load)
-        motor[slip[: len(motor)] == 0] = 0.0
-        if held.size:
-            joint += _holding(plant, data, state, joint, held)[1]
-            joint = _without(plant, joint, held)
-    turning = joint if plant.coupling is None else plant.coupling @ joint
-    motor = motor + plant.stiff_ratio * turning
-    if resting and plant.coupling is not None:
-        motor[slip[: len(motor)] == 0] = 0.0
-    return motor, joint
-
-
-def _joint_accelerations(
-    plant: Plant, data: pin.Data, state: Array, torque: Array, slip: Array
-) -> Array:
-    """Return the joint accelerations under torques on what the drives turn."""
-    position, speed = state[JOINT_POSITION], state[JOINT_SPEED]
-    torque = torque if plant.coupling is None else plant.coupling.T @ torque
-    for index, drive in plant.acting:
-        torque[index] -= drive.beside(float(position[index]), float(speed[index]))
-    if plant.rubbing.size:
-        torque[plant.rubbing] -= plant.joint_coulomb * slip[len(torque) :]
-    if plant.rotors is None:
-        return np.array(pin.aba(plant.model, data, position, speed, torque))
-    bias = pin.nle(plant.model, data, position, speed)
-    inertia = mass_matrix(plant.model, data, position) + plant.rotors
-    return np.asarray(np.linalg.solve(inertia, torque - bias))
-
-
-def _held_rows(plant: Plant, held: IndexArray) -> Array:
-    """Return what held drives and joints turn, as rows (held, n) on the joints."""
-    n = len(plant.elastic)
-    turned = np.eye(n) if plant.coupling is None else plant.coupling
-    return np.vstack([turned, np.eye(n)[plant.rubbing]])[held]
-
-
-def _without(plant: Plant, joint: Array, held: IndexArray) -> Array:
-    """Return joint speeds or accelerations without those of held drives and joints: no creeping."""
-    n = len(joint)
-    if plant.coupling is not None:
-        rows = _held_rows(plant, held)
-        joint = joint - np.linalg.pinv(rows) @ (rows @ joint)
-        held = held[held >= n]
-    joint[plant.places[held]] = 0.0
-    return joint
-
-
-def spring_force(plant: Plant, turned: Array) -> Array:
-    """Return (3) of each joint (n,), zero where stiff, at a state of `drive_states`."""
-    force = np.asarray(
-        plant.stiffness
-        * (plant.motor_lever * turned[POSITION] - plant.load_radius * turned[JOINT_POSITION])
+    Raises RobotError naming joint and value where a nominal value is not given.
+    """
+    if not np.all(np.isfinite(robot.parameters)):
+        raise RobotError(f"'{robot.name}' has no inertial parameters: it cannot be simulated")
+    order = list(robot.model_order)
+    names = [robot.joint_names[index] for index in order]
+    drives = [robot.drivetrains[name] for name in names]
+    pairs = list(zip(names, drives, strict=True))
+    elastic = np.array([isinstance(drive, SeriesElasticDrive) for drive in drives])
+    ratio = np.array([drive.ratio for drive in drives])
+    inertia = np.array([_motor_inertia(*pair) for pair in pairs])
+    acting = _acting(names, drives)
+    C = robot.transmission[np.ix_(order, order)]
+    is_coupled = bool(coupled_groups(robot.transmission))
+    armature = np.where(elastic, 0.0, ratio**2 * inertia)
+    rotors = C.T @ np.diag(armature) @ C if is_coupled else None
+    model = robot.model.copy()
+    model.armature = np.zeros(robot.n) if is_coupled else armature
+    felt = felt_inertia(model, C, rotors) if acting else np.ones(robot.n)
+    return Plant(
+        model=model,
+        drives=tuple(drives),
+        elastic=elastic,
+        ratio=ratio,
+        motor_inertia=inertia,
+        viscous=np.array([_friction(*pair, "viscous") for pair in pairs]),
+        coulomb=np.array([_friction(*pair, "coulomb") for pair in pairs]),
+        motor_radius=np.array([getattr(drive, "motor_radius", 1.0) for drive in drives]),
+        load_radius=np.array([getattr(drive, "load_radius", 1.0) for drive in drives]),
+        stiffness=np.array([_nominal(*pair, "stiffness") for pair in pairs]),
+        acting=acting,
+        longest_step=_longest_step(names, drives, acting, felt),
+        coupling=C if is_coupled else None,
+        rotors=rotors,
     )
-    for index, drive in plant.acting:
-        if plant.elastic[index]:
-            force[index] = drive.force(*turned[:, index].tolist(), 0.0)
-    return force
 
 
-def gear_torques(
-    plant: Plant, data: pin.Data, state: Array, acceleration: Array, slip: Array
-) -> Array:
-    """Return what stiff gears put on their load (n,), NaN where elastic; of joint accelerations.
-
-    A rubbing joint that is held counts without its friction.
-    """
-    armature, plant.model.armature = plant.model.armature.copy(), np.zeros(plant.model.nv)
-    torque = pin.rnea(plant.model, data, state[JOINT_POSITION], state[JOINT_SPEED], acceleration)
-    plant.model.armature = armature
-    torque = np.array(torque)
-    for index, drive in plant.acting:
-        torque[index] += drive.beside(*state[JOINT_POSITION:, index].tolist())
-    torque[plant.rubbing] += plant.joint_coulomb * slip[len(torque) :]
-    torque = torque if plant.uncoupling is None else torque @ plant.uncoupling
-    return np.where(plant.elastic, np.nan, torque)
+def _motor_inertia(joint: str, drive: Drive) -> float:
+    inertia = _nominal(joint, drive, "motor_inertia_kg_m2")
+    if inertia == 0 and isinstance(drive, SeriesElasticDrive):
+        raise RobotError(f"joint '{joint}': an elastic drive needs a motor inertia to be simulated")
+    return inertia
 
 
-def inverse_inertia(plant: Plant, data: pin.Data, position: Array) -> Array:
-    """Return the inverse of the mass matrix (n, n) with the rotors of stiff drives."""
-    if plant.rotors is not None:
-        return np.asarray(np.linalg.inv(mass_matrix(plant.model, data, position) + plant.rotors))
-    inverse = np.array(pin.computeMinverse(plant.model, data, position))
-    below = _below(len(position))
-    inverse[below] = inverse.T[below]
-    return inverse
+def _nominal(joint: str, drive: Drive, name: str) -> float:
+    if name == "stiffness" and not (isinstance(drive, SeriesElasticDrive) and is_plain(drive)):
+        return 0.0
+    value = getattr(drive, name)
+    if value is None:
+        raise RobotError(
+            f"joint '{joint}': '{name}' is not given; a simulation needs a nominal value"
+        )
+    return float(value)
 
 
-@cache
-def _below(n: int) -> tuple[IndexArray, IndexArray]:
-    """Return the places below the diagonal, which Pinocchio leaves empty."""
-    return np.tril_indices(n, -1)
+def _friction(joint: str, drive: Drive, term: str) -> float:
+    name = {"viscous": "viscous_friction_Nms_per_rad", "coulomb": "coulomb_friction_Nm"}[term]
+    is_there = term in drive.friction and is_plain(drive)
+    return _nominal(joint, drive, name) if is_there else 0.0
 
 
-def _holding(
-    plant: Plant, data: pin.Data, state: Array, joint: Array, held: IndexArray
-) -> tuple[Array, Array]:
-    """Return the torques that keep held drives and joints still, and their joint accelerations."""
-    inverse = inverse_inertia(plant, data, state[JOINT_POSITION])
-    if plant.coupling is None:
-        places = plant.places[held]
-        torque = np.asarray(-np.linalg.solve(inverse[np.ix_(places, places)], joint[places]))
-        return torque, np.asarray(inverse[:, places] @ torque)
-    rows = _held_rows(plant, held)
-    torque = np.asarray(-np.linalg.lstsq(rows @ inverse @ rows.T, rows @ joint)[0])
-    return torque, np.asarray(inverse @ rows.T @ torque)
+def _acting(names: list[str], drives: list[Drive]) -> tuple[tuple[int, ActingDrive], ...]:
+    found = []
+    for index, (name, drive) in enumerate(zip(names, drives, strict=True)):
+        if not is_plain(drive):
+            try:
+                found.append((index, acting_drive(drive)))
+            except RobotError as problem:
+                raise RobotError(f"joint '{name}': {problem}") from None
+    return tuple(found)
 
 
-def slip_directions(plant: Plant, data: pin.Data, state: Array, torque: Array) -> Array:
-    """Return where friction slips (+-1) and where it can hold (0), (n + m,), all at once.
-
-    That of the motors, then that of the m rubbing joints.
-    """
-    n, speed = len(torque), _rubbing_speeds(plant, state)
-    slip = np.where(np.abs(speed) > REST_RAD_S, np.sign(speed), 0.0)
-    slip[~plant.is_dry] = 1.0
-    resting = np.flatnonzero(slip == 0)
-    if not resting.size:
-        return slip
-    free, turned = torque.copy(), drive_states(plant, state)
-    for index, extra in plant.extras:
-        free[index] -= extra(*turned[:, index])
-    for index, drive in plant.acting:
-        free[index] -= drive.friction(*turned[:, index].tolist(), 0.0)
-    free -= plant.motor_lever * spring_force(plant, turned)
-    level = _levels(plant, turned, np.zeros_like(free))
-    moves = np.flatnonzero(plant.elastic & (slip[:n] == 0) & (np.abs(free) > level[:n]))
-    slip[moves] = np.sign(free[moves])
-    while (held := np.flatnonzero((slip == 0) & plant.holds_load)).size:
-        without = slip.copy()
-        without[held] = _NOTHING
-        joint = accelerations(plant, data, state, torque, without)[1]
-        motors = held[held < n]
-        needed = -_holding(plant, data, state, joint, held)[0]
-        needed[: len(motors)] /= plant.ratio[motors]
-        if plant.under_load:
-            through = np.zeros_like(free)
-            through[motors] = plant.ratio[motors] * (free[motors] - needed[: len(motors)])
-            level = _levels(plant, turned, through)
-        breaks = np.abs(needed) > level[held]
-        if not np.any(breaks):
-            break
-        slip[held[breaks]] = np.sign(needed[breaks])
-    return slip
-
-
-def _rubbing_speeds(plant: Plant, state: Array) -> Array:
-    """Return the speeds (n + m,) of the motors, then of the rubbing joints."""
-    if not plant.rubbing.size:
-        return np.asarray(state[SPEED])
-    return np.append(state[SPEED], state[JOINT_SPEED, plant.rubbing])
-
-
-def _levels(plant: Plant, turned: Array, through: Array) -> Array:
-    """Return the friction (n + m,) that can hold motors, and rubbing joints.
-
-    `through` is the torque through the gears of stiff drives.
-    """
-    if not plant.acting:
-        return plant.coulomb
-    level = np.append(plant.coulomb, plant.joint_coulomb)
-    for index, drive in plant.acting:
-        level[index] = drive.level(*turned[:, index].tolist(), float(through[index]))
-    return level
-
-
-def advance(
-    plant: Plant, data: pin.Data, state: Array, torque: Array, torque_rate: Array, step: float
-) -> Array:
-    """Return the state one step later, stopping inside it wherever a motor comes to rest.
-
-    The torque is `torque` at the start and grows with `torque_rate`. Raises SeaidError if the
-    state is no longer finite or the friction events do not end.
-    """
-    parts = math.ceil(step / plant.longest_step) if step > plant.longest_step else 1
-    try:
-        for part in range(parts):
-            now = torque if part == 0 else torque + torque_rate * (part * step / parts)
-            state = _advance(plant, data, state, now, torque_rate, step / parts)
-    except OverflowError:
-        raise _diverged() from None
-    return state
-
-
-def _diverged() -> SeaidError:
-    return SeaidError("the simulation diverged: check stiffness, inertias and controller")
-
-
-def _advance(
-    plant: Plant, data: pin.Data, state: Array, torque: Array, torque_rate: Array, step: float
-) -> Array:
-    done, stuck = 0.0, np.zeros(len(plant.is_dry), dtype=bool)
-    for _ in range(_MOST_EVENTS):
-        now = torque + torque_rate * done
-        slip = slip_directions(plant, data, state, now)
-        slip[stuck] = 0.0
-        rest = step - done
-        new = _runge_kutta(plant, data, state, now, torque_rate, slip, rest)
-        before, after = (_rubbing_speeds(plant, one) * slip for one in (state, new))
-        crossed = np.flatnonzero((after < 0) & plant.is_dry)
-        if not crossed.size:
-            if not np.all(np.isfinite(new)):
-                raise _diverged()
-            return new
-        fractions = np.clip(before[crossed] / (before[crossed] - after[crossed]), 0.0, 1.0)
-        first, fraction = crossed[np.argmin(fractions)], float(fractions.min())
-        if fraction * rest < 1e-12:
-            stuck[first] = True
-        state = _runge_kutta(plant, data, state, now, torque_rate, slip, fraction * rest)
-        _stop(plant, state, int(first), np.flatnonzero(slip == 0))
-        done += fraction * rest
-    raise SeaidError("the simulation stopped: friction events without end in one step")
-
-
-def _stop(plant: Plant, state: Array, first: int, resting: IndexArray) -> None:
-    """Set the speed of a motor or rubbing joint to zero, and that of stiff motors with it."""
-    n = len(plant.elastic)
-    if first < n:
-        state[SPEED, first] = 0.0
-        if plant.elastic[first]:
-            return
-    held = np.append(resting[plant.holds_load[resting]], first)
-    state[JOINT_SPEED] = _without(plant, state[JOINT_SPEED], held)
-    if plant.coupling is not None:
-        turning = plant.ratio * (plant.coupling @ state[JOINT_SPEED])
-        stiff = ~plant.elastic
-        stiff[held[held < n]] = False
-        state[SPEED, stiff] = turning[stiff]
-
-
-def _runge_kutta(
-    plant: Plant,
-    data: pin.Data,
-    state: Array,
-    torque: Array,
-    torque_rate: Array,
-    slip: Array,
-    step: float,
-) -> Array:
-    def rate(at: float, y: Array) -> Array:
-        motor, joint = accelerations(plant, data, y, torque + torque_rate * at, slip)
-        return np.array([y[SPEED], motor, y[JOINT_SPEED], joint])
-
-    half = 0.5 * step
-    k1 = rate(0.0, state)
-    k2 = rate(half, state + half * k1)
-    k3 = rate(half, state + half * k2)
-    k4 = rate(step, state + step * k3)
-    return np.asarray(state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
+def _longest_step(
+    names: list[str],
+    drives: list[Drive],
+    acting: tuple[tuple[int, ActingDrive], ...],
+    felt: Array,
+) -> float:
+    """Return the longest step [s] that what damps the joints allows."""
+    longest = np.inf
+    for index, _ in acting:
+        drive = drives[index]
+        values = drive.values
+        damping = values.get("spring_damping", 0.0)
+        beside = values.get("joint_viscous_friction", 0.0)
+        rate = (beside + damping * getattr(drive, "load_radius", 1.0) ** 2) / felt[index]
+        at_motor = values.get("viscous_friction", 0.0)
+        if "coulomb_width" in values:
+            turning = values.get("coulomb_friction", 0.0) + abs(values.get("stribeck_friction", 0))
+            at_motor += turning / max(values["coulomb_width"], 1e-300)
+        if isinstance(drive, SeriesElasticDrive):
+            inertia = float(drive.motor_inertia_kg_m2 or 0.0)
+            rate += (at_motor + damping * (drive.motor_radius / drive.ratio) ** 2) / inertia
+        else:
+            rate += at_motor * drive.ratio**2 / felt[index]
+        step = _STEP_A_RATE / rate if rate > 0 else np.inf
+        if step < _SHORTEST_STEP_S:
+            raise RobotError(
+                f"joint '{names[index]}': its friction brakes within {1 / rate:.2g} s, too stiff "
+                "to simulate: give a larger coulomb_width_rad_per_s, or take the term 'coulomb' "
+                "(sharp) instead"
+            )
+        longest = min(longest, step)
+    return longest

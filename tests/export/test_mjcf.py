@@ -23,7 +23,9 @@ from seaid.arrays import Array
 from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
 from seaid.errors import RobotError, SeaidError
 from seaid.export.mjcf import write_mjcf
-from seaid.forward.plant import accelerations, advance, plant_of
+from seaid.forward.balance import accelerations
+from seaid.forward.plant import plant_of
+from seaid.forward.stepping import advance
 from seaid.identification import identify
 from seaid.robot import Robot, load_robot
 from tests.experiments import MODELS, TEST_MASS, arm, arm_motion, leg, leg_motion, perfect_log
