@@ -38,6 +38,7 @@ from seaid.report.html_tables import (
     residual_rows,
     term_rows,
     terms_in,
+    worst_rows,
 )
 from seaid.report.html_traces import Run, traces_of
 from seaid.report.html_words import doubts_of, verdict
@@ -152,6 +153,8 @@ def _page(found: Identification, runs: Sequence[Run], facts: list[tuple[str, str
     doubts = doubts_of(found, runs)
     unseen = [run for run in runs if run.is_unseen]
     pictured = (unseen or list(runs))[:1]
+    errors = error_rows(found, runs)
+    traces = traces_of(found, runs)
     return environment.get_template("report.html.j2").render(
         robot=found.robot.name,
         verdict=verdict(found, runs, doubts),
@@ -167,12 +170,14 @@ def _page(found: Identification, runs: Sequence[Run], facts: list[tuple[str, str
         residuals=residual_rows(found),
         conditions=condition_rows(found),
         possible=found.possible,
-        errors=error_rows(found, runs),
+        errors=worst_rows(errors),
+        all_errors=len(errors),
         pictures=[picture for run in pictured for picture in figures_of(run)],
         pictured=[run.name for run in pictured],
         has_own=bool(found.motions),
         has_runs=bool(runs),
-        traces=_as_json(traces_of(found, runs)),
+        traces=_as_json(traces),
+        without_traces=len(runs) - len(traces["runs"]),
         singular=_singular(found),
         correlations=_correlations(found),
         reached=reached_rows(found),

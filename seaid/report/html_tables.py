@@ -21,6 +21,8 @@ _LONG_GROUPING = 64
 _GROUPINGS_ROOM = 1_000_000
 """Characters of the page for groupings; beyond them each is cut, and the page says so."""
 
+_MOST_ERRORS = 1500
+
 CORRELATED = 0.9
 """Autocorrelation from row to row above which something is missing: a low pass makes about half."""
 
@@ -241,6 +243,12 @@ def error_rows(found: Identification, runs: Sequence[Run]) -> list[ErrorRow]:
         for index, joint in enumerate(run.result.joints)
         if np.isfinite(fit.relative_error[index])
     ]
+
+
+def worst_rows(rows: Sequence[ErrorRow]) -> list[ErrorRow]:
+    """Return the rows of a table that is not too long: the largest errors, in their order."""
+    largest = sorted(range(len(rows)), key=lambda k: -rows[k].relative_error)[:_MOST_ERRORS]
+    return [rows[k] for k in sorted(largest)]
 
 
 def _torque_unit(found: Identification, side: str, index: int) -> str:

@@ -30,6 +30,9 @@ _SAMPLE_BYTES = 8.0
 _PER_PERIOD = 24
 """Samples kept of a period of the cutoff, where there is room."""
 
+_MOST_TRACES = 1300
+"""Beyond them whole runs are left out: each takes at least two kilobytes."""
+
 _FEWEST, _LINES, _FEW_LINES, _MANY = 120, 220, 100, 80
 _HIGHEST, _DEEPEST = 8.0, 1e-9
 _MISSING = -32768
@@ -45,9 +48,12 @@ class Run:
 
 
 def traces_of(found: Identification, runs: Sequence[Run]) -> dict[str, Any]:
-    """Return all runs as data of the page: names, units, and packed traces by side and joint."""
-    fits = [getattr(run.result, side) for run in runs for side in SIDES]
-    count = sum(len(_told(fit)) for fit in fits)
+    """Return runs as data of the page: names, units, and packed traces by side and joint.
+
+    Of more runs than there is room for, those that were not identified from come first.
+    """
+    runs = _with_room(runs)
+    count = sum(map(_count, runs))
     room = int(_ROOM / _SAMPLE_BYTES / max(count, 1))
     lines = _LINES if count <= _MANY else _FEW_LINES
     return {
@@ -59,6 +65,19 @@ def traces_of(found: Identification, runs: Sequence[Run]) -> dict[str, Any]:
         "sources": {side: _sources(found, side) for side in SIDES},
         "runs": [_packed_run(run, max(room, _FEWEST), lines) for run in runs],
     }
+
+
+def _with_room(runs: Sequence[Run]) -> list[Run]:
+    """Return the runs of which the page has traces, in their order."""
+    kept: list[Run] = []
+    for run in sorted(runs, key=lambda run: not run.is_unseen):
+        if not kept or sum(map(_count, [*kept, run])) <= _MOST_TRACES:
+            kept.append(run)
+    return [run for run in runs if run in kept]
+
+
+def _count(run: Run) -> int:
+    return len(_told(run.result.actuator)) + len(_told(run.result.load))
 
 
 def _told(fit: Fit) -> list[int]:
@@ -89,7 +108,9 @@ def _load_source(found: Identification, joint: str) -> str:
         return "the torque of the sensor at the joint"
     if drive.motor_input != "torque":
         return f"the torque of the motor's {drive.motor_input} by the found constant, at the joint"
-    if drive == IDEAL_DRIVE or not _has_motor_torque(found, joint):
+    if drive == IDEAL_DRIVE:
+        return "the torque at the joint as logged"
+    if not _has_motor_torque(found, joint):
         return "the torque at the joint as logged, less that of a known rotor"
     return "the motor's torque as logged, through the gear, less that of a known rotor"
 

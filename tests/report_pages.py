@@ -1,0 +1,134 @@
+"""Identifications to write reports of: a real one, and made-up ones of any size and any names."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from seaid.arrays import Array, FrozenMapping, frozen
+from seaid.base import BaseParameters
+from seaid.estimation.checks import TermTest, Whiteness
+from seaid.estimation.estimate import Estimate
+from seaid.estimation.model_checks import ModelChecks
+from seaid.identification import Identification, identify
+from seaid.inertia import UNITS
+from seaid.robot import Robot, load_robot
+from seaid.sides.load_side import LoadModel
+from seaid.simulation import measure
+from seaid.validation import Fit, Validation, validate
+from tests.experiments import ARM_SENSORS, arm, arm_motion
+
+HOSTILE = ("<b>x</b>", "\"'&amp;", "</script><script>alert(1)</script>", "${a}", "$x_y$", "{{ 7 }}")
+
+
+@cache
+def arm_found() -> Identification:
+    """Return the mixed arm identified from a simulated log: stiff, elastic, sliding joints."""
+    return identify(arm().without_nominal(), measure(arm(), arm_motion(), ARM_SENSORS, seed=1))
+
+
+@cache
+def arm_result() -> Validation:
+    """Return its validation on another motion."""
+    return validate(arm_found(), measure(arm(), arm_motion(seed=5), ARM_SENSORS, seed=2))
+
+
+def chain(folder: Path, joints: tuple[str, ...]) -> Robot:
+    """Return a chain of turning joints of these names, with stiff ideal drives."""
+    body = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    text = '<robot name="chain &lt;i&gt;"><link name="base"/>'
+    parent = "base"
+    for number, joint in enumerate(joints):
+        link = f"link_{number}"
+        text += f'<link name="{link}">{body}</inertial></link>'
+        text += f'<joint name={quoteattr(joint)} type="continuous"><parent link="{parent}"/>'
+        text += f'<child link="{link}"/><origin xyz="0 0 0.1"/><axis xyz="0 1 0"/></joint>'
+        parent = link
+    path = folder / "chain.urdf"
+    path.write_text(text + "</robot>", encoding="utf-8")
+    return load_robot(path)
+
+
+def estimate(names: tuple[str, ...], units: tuple[str, ...], seed: int = 0) -> Estimate:
+    """Return a made-up estimate, values between 0.1 and 10 with errors from 0.1 % to 100 %."""
+    rng = np.random.default_rng(seed)
+    values = 10 ** rng.uniform(-1, 1, len(names))
+    errors = values * 10 ** rng.uniform(-3, 0, len(names))
+    mixed = np.eye(len(names)) + 0.3 * rng.normal(size=(len(names), 5)) @ rng.normal(
+        size=(5, len(names))
+    ) / np.sqrt(5)
+    covariance = mixed @ mixed.T
+    scale = errors / np.sqrt(np.diag(covariance))
+    return Estimate(names, values, covariance * np.outer(scale, scale), units, 0.01, 20.0)
+
+
+def made_up(
+    folder: Path, joints: tuple[str, ...], samples: int = 4000
+) -> tuple[Identification, Validation]:
+    """Return an identification of a chain whose own motions are not kept, and its validation."""
+    robot = chain(folder, joints)
+    per_joint = 7
+    columns = tuple(10 * body + k for body in range(robot.n) for k in range(per_joint))
+    names = robot.parameter_names
+    expressions = tuple(
+        names[c]
+        + "".join(f" + {0.1 * k:.3g} {one}" for k, one in enumerate(names[c + 10 :: 10], 1))
+        for c in columns
+    )
+    grouping = frozen("grouping", np.zeros((len(columns), len(names))), (None, None))
+    base = BaseParameters(columns, tuple(names[c] for c in columns), expressions, grouping, 1e6)
+    model = LoadModel(base, joints, (), expressions, (), np.zeros((len(columns), 0)))
+    load = estimate(expressions, tuple(UNITS[c % 10] for c in columns))
+    checks = ModelChecks(
+        condition_number=300.0,
+        poorly_told=tuple(f"the data tell 1e-03 of the combination {one}" for one in names[:12]),
+        terms=(TermTest((f"viscous_friction of {joints[0]}",), 1.001, 1.0, 0.4, -3.0, 100.0),),
+        whiteness={joint: Whiteness(0.5, 1.0, 0.1) for joint in joints},
+    )
+    found = Identification(
+        drivetrains=FrozenMapping(
+            {
+                joint: estimate(("viscous_friction", "coulomb_friction"), ("N m s/rad", "N m"), k)
+                for k, joint in enumerate(joints)
+            }
+        ),
+        load=load,
+        base=base,
+        robot=robot,
+        known=robot,
+        model=model,
+        load_side=load,
+        springs=FrozenMapping({}),
+        cutoff_hz=5.0,
+        left_out=FrozenMapping({"load": 10}),
+        checks=FrozenMapping({"load": checks}),
+    )
+    return found, prediction(joints, samples)
+
+
+def prediction(joints: tuple[str, ...], samples: int) -> Validation:
+    """Return a made-up validation at 500 Hz, the actuator side without equations."""
+    rng = np.random.default_rng(1)
+    time = np.arange(samples) / 500.0
+    phase = rng.uniform(0, 6, len(joints))
+    measured = np.sin(np.outer(2 * np.pi * time, rng.uniform(0.2, 2, len(joints))) + phase)
+    computed = measured + 0.02 * np.cos(np.outer(9 * time, np.ones(len(joints))))
+    for ends in (slice(None, 50), slice(-50, None)):
+        measured[ends] = computed[ends] = np.nan
+    nothing = np.full_like(measured, np.nan)
+    return Validation(joints, time, 5.0, fit(nothing, nothing), fit(measured, computed))
+
+
+def fit(measured: Array, computed: Array) -> Fit:
+    """Return a fit with the numbers of its traces."""
+    told = np.isfinite(measured[:, 0])
+    if not np.any(told):
+        none = np.full(measured.shape[1], np.nan)
+        return Fit(measured, computed, none, none, none, none, none)
+    error, signal = (measured - computed)[told], measured[told]
+    relative = np.linalg.norm(error, axis=0) / np.linalg.norm(signal, axis=0)
+    rms = np.sqrt(np.mean(error**2, axis=0))
+    return Fit(measured, computed, rms, relative, 1 - relative**2, relative, relative)
