@@ -58,6 +58,8 @@ if TYPE_CHECKING:
     from seaid.simulation import Noise, simulate
     from seaid.term_selection import TermSelection, compare_terms
     from seaid.validation import Validation, validate
+    from seaid.view.opening import view_robot
+    from seaid.view.window import View
 
 __version__ = "0.1.0"
 
@@ -110,6 +112,8 @@ _WHERE = {
     "simulation": ("Noise", "simulate"),
     "term_selection": ("TermSelection", "compare_terms"),
     "validation": ("Validation", "validate"),
+    "view.opening": ("view_robot",),
+    "view.window": ("View",),
 }
 _MODULE_OF = {name: module for module, names in _WHERE.items() for name in names}
 _SUBMODULES = ("regression", "symbolic")
@@ -151,6 +155,7 @@ __all__ = [
     "TermSelection",
     "Trajectory",
     "Validation",
+    "View",
     "WrittenMjcf",
     "add_run_in",
     "base_parameters",
@@ -178,6 +183,7 @@ __all__ = [
     "simulate",
     "symbolic",
     "validate",
+    "view_robot",
     "write_drivetrains",
     "write_log",
     "write_mjcf",

@@ -26,7 +26,7 @@ from seaid.cli.words import in_one_line, plain
 
 ROOT = Path(__file__).parents[1]
 HELP_SECONDS = 1.0
-COMMANDS = ("inspect", "crosscheck", "excite", "simulate", "describe", "identify")
+COMMANDS = ("inspect", "crosscheck", "excite", "simulate", "view", "describe", "identify")
 FROM_LOGS = ("validate", "terms", "report", "export")
 
 URDF = """<robot name="small_arm">

@@ -49,6 +49,7 @@ FUNCTIONS = {
     "open_long_log": "path robot columns cutoff_hz chunk_samples",
     "refine": "found logs joint_zero_std iterations progress",
     "validate": "found log",
+    "view_robot": "robot motions package_dirs host port",
     "regression.rigid_body_regressor": "robot q v a",
     "symbolic.equations_of_motion": "lagrangian coordinates forces",
     "symbolic.separate": "equations motion unknowns",
@@ -93,6 +94,7 @@ CLASSES = {
     "Estimate": "names values covariance standard_errors units residual_std condition_number "
     "interval",
     "Validation": "joints actuator load",
+    "View": "url playbacks playback time show compare seek play pause wait stop",
     "WrittenMjcf": "path notes",
     "validation.Fit": "rms_error relative_error r_squared",
     "symbolic.RegressorForm": "zeta regressor parameters",

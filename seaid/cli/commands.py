@@ -9,7 +9,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from seaid.cli import finding, looking, moving, reporting, taking
+from seaid.cli import finding, looking, moving, reporting, seeing, taking
 from seaid.cli.words import spoken
 
 _HELP = """Identify robots with springs in their joints: from a URDF and a log to motor friction,
@@ -19,6 +19,7 @@ spring stiffness and inertias, each with its standard error.
   seaid inspect leg.urdf --drives leg.toml           what can be told at all
   seaid excite leg.urdf -o plan.json                 a motion that tells it
   seaid simulate leg.urdf plan.json --drives leg.toml -o run.csv
+  seaid view leg.urdf --drives leg.toml --log run.csv
   seaid describe run.csv -o run.toml                 a log with foreign names
   seaid identify leg.urdf run.csv --drives leg.toml -o parameters.json
   seaid validate leg.urdf other.csv --from run.csv --drives leg.toml
@@ -76,6 +77,7 @@ _add("inspect", looking.inspect)
 _add("crosscheck", looking.crosscheck)
 _add("excite", moving.excite)
 _add("simulate", moving.simulate)
+_add("view", seeing.view)
 _add("describe", looking.describe)
 _add("identify", finding.identify)
 _add("validate", finding.validate)

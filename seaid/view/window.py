@@ -1,14 +1,13 @@
-"""view_robot: a window in the browser that shows a robot and plays its motions."""
+"""View: an open window in the browser that shows a robot and plays its motions."""
 
 from __future__ import annotations
 
 import contextlib
 import io
-import socket
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, Self
 
@@ -16,43 +15,42 @@ import numpy as np
 
 from seaid.arrays import Array
 from seaid.errors import SeaidError, unknown_name
-from seaid.excitation import Excitation, Trajectory
-from seaid.log import Log
-from seaid.motion import Motion
-from seaid.robot import Robot
 from seaid.view.colors import deflection_colors
-from seaid.view.panel import NOTHING, put_panel, said
-from seaid.view.picture import Picture, picture_of
-from seaid.view.playback import Playback, Shown, playback_of, scales
+from seaid.view.panel import NOTHING, Panel, said
+from seaid.view.picture import Picture
+from seaid.view.playback import Playback
 from seaid.view.readout import table
-from seaid.view.stage import paint, place, put_on_stage, set_the_view, show
+from seaid.view.stage import Stage, paint, place, show
 
 _FRAMES_HZ = 30.0
-_POSTURES = 40
-"""Of each motion, to point the camera at."""
 
 
+@dataclass(frozen=True, eq=False)
 class View:
     """An open window on a robot: `url` is its address, `playbacks` are the motions it can play.
 
     The panel in the browser and these methods do the same things. `stop` closes it, and so does the
-    end of a `with` block.
+    end of a `with` block. Made by `view_robot`; `server`, `stage` and `panel` are viser's server
+    and handles, `limits` (n,) [rad or m] where the colours of deflections end.
     """
 
-    def __init__(self, server: Any, picture: Picture, playbacks: Sequence[Playback]) -> None:
-        self.server, self.picture, self.playbacks = server, picture, tuple(playbacks)
-        self._limits = scales(playbacks, picture.robot.is_prismatic)
-        self._lock, self._ended, self._playing = threading.RLock(), threading.Event(), False
-        sampled = [one.position[:: max(1, len(one.time) // _POSTURES)] for one in playbacks]
-        set_the_view(
-            server, picture, np.concatenate([picture.home[None], *sampled][bool(sampled) :])
-        )
-        self._stage = put_on_stage(server, picture)
-        self._panel = put_panel(server, picture, self._stage, playbacks, self._limits)
+    server: Any
+    picture: Picture
+    playbacks: tuple[Playback, ...]
+    stage: Stage
+    panel: Panel
+    limits: Array
+    _drawing: Any = field(default_factory=threading.RLock, init=False, repr=False)
+    _playing: threading.Event = field(default_factory=threading.Event, init=False, repr=False)
+    _ended: threading.Event = field(default_factory=threading.Event, init=False, repr=False)
+    _clock: threading.Thread = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
         self._listen()
-        self._change_run()
-        self._thread = threading.Thread(target=self._run, name="seaid view", daemon=True)
-        self._thread.start()
+        self._change_motion()
+        clock = threading.Thread(target=self._keep_time, name="seaid view", daemon=True)
+        object.__setattr__(self, "_clock", clock)
+        clock.start()
 
     @property
     def url(self) -> str:
@@ -64,45 +62,45 @@ class View:
     @property
     def time(self) -> float:
         """The time [s] since the start of the motion shown, 0 without motion."""
-        return float(self._panel.time.value) if self.playbacks else 0.0
+        return float(self.panel.time.value) if self.playbacks else 0.0
 
     @property
     def playback(self) -> Playback | None:
         """The motion shown."""
-        return self._named(self._panel.run.value) if self.playbacks else None
+        return self._named(self.panel.run.value) if self.playbacks else None
 
     def show(self, name: str) -> None:
         """Show another motion, by its name. Raises SeaidError with the nearest name."""
         self._named(name)
-        self._panel.run.value = name
+        self.panel.run.value = name
 
     def compare(self, name: str | None) -> None:
         """Show another motion as orange lines beside this one, None for nothing.
 
         Raises SeaidError with the nearest name, and where there is no other motion.
         """
-        if self._panel.compared is None:
+        if self.panel.compared is None:
             raise SeaidError("there is no other motion to compare with: give view_robot two")
-        self._panel.compared.value = NOTHING if name is None else self._named(name).name
+        self.panel.compared.value = NOTHING if name is None else self._named(name).name
 
     def seek(self, time_s: float) -> None:
         """Show the robot at a time [s] since the start of the motion, or at its nearest end."""
         if self.playback is None:
             raise SeaidError("there is no motion to seek in: give view_robot one")
-        self._panel.time.value = float(np.clip(time_s, 0.0, self.playback.duration))
+        self.panel.time.value = float(np.clip(time_s, 0.0, self.playback.duration))
 
     def play(self) -> None:
         """Play on from the time shown, again and again. Raises SeaidError without a motion."""
         if self.playback is None:
             raise SeaidError("there is no motion to play: give view_robot one")
-        self._playing = True
-        self._panel.play.label, self._panel.play.icon = "Pause", "player-pause"
+        self._playing.set()
+        self.panel.play.label, self.panel.play.icon = "Pause", "player-pause"
 
     def pause(self) -> None:
         """Stay at the time shown."""
-        self._playing = False
-        if self._panel.play is not None:
-            self._panel.play.label, self._panel.play.icon = "Play", "player-play"
+        self._playing.clear()
+        if self.panel.play is not None:
+            self.panel.play.label, self.panel.play.icon = "Play", "player-play"
 
     def wait(self, seconds: float | None = None) -> None:
         """Wait until `stop` closes the window, or so long; the browser is served meanwhile."""
@@ -112,8 +110,8 @@ class View:
         """Close the window and free its port."""
         if not self._ended.is_set():
             self._ended.set()
-            self._thread.join()
-            with _quietly():
+            self._clock.join()
+            with quietly():
                 self.server.stop()
 
     def __enter__(self) -> Self:
@@ -131,132 +129,61 @@ class View:
         return found[name]
 
     def _listen(self) -> None:
-        panel = self._panel
+        panel = self.panel
         for slider in panel.joints:
             slider.on_update(lambda _: self._draw())
         if self.playbacks:
             panel.time.on_update(lambda _: self._draw())
-            panel.run.on_update(lambda _: self._change_run())
-            panel.play.on_click(lambda _: self.pause() if self._playing else self.play())
+            panel.run.on_update(lambda _: self._change_motion())
+            panel.play.on_click(lambda _: self.pause() if self._playing.is_set() else self.play())
         if panel.compared is not None:
             panel.compared.on_update(lambda _: self._draw())
 
-    def _change_run(self) -> None:
+    def _change_motion(self) -> None:
         playback = self.playback
-        with self._lock:
+        with self._drawing:
             if playback is not None:
-                self._panel.time.max = playback.duration
-                self._panel.time.value = min(self.time, playback.duration)
-            self._panel.notes.content = said(self.picture, playback)
+                self.panel.time.max = playback.duration
+                self.panel.time.value = min(self.time, playback.duration)
+            self.panel.notes.content = said(self.picture, playback)
         self._draw()
 
     def _draw(self) -> None:
         """Put everything where it is at the time shown."""
-        with self._lock, self.server.atomic():
+        with self._drawing, self.server.atomic():
             position, deflection = self._state()
-            colors = deflection_colors(deflection, self._limits)
-            place(self._stage.bodies, self.picture.placements(position))
-            paint(self._stage.joints, colors)
+            colors = deflection_colors(deflection, self.limits)
+            place(self.stage.bodies, self.picture.placements(position))
+            paint(self.stage.joints, colors)
             if self.playbacks:
                 text = table(self.picture.robot, position, deflection, colors)
-                self._panel.table.content = text
-            other = None if self._panel.compared is None else self._panel.compared.value
-            show(self._stage.groups["ghost"], other not in (None, NOTHING))
+                self.panel.table.content = text
+            other = None if self.panel.compared is None else self.panel.compared.value
+            show(self.stage.groups["ghost"], other not in (None, NOTHING))
             if other not in (None, NOTHING):
                 beside, _ = self._named(other).at(self.time)
-                place(self._stage.ghost, self.picture.placements(beside))
+                place(self.stage.ghost, self.picture.placements(beside))
 
     def _state(self) -> tuple[Array, Array]:
         """Return position and deflection (n,) shown now."""
         if self.playback is not None:
             return self.playback.at(self.time)
-        values = np.array([slider.value for slider in self._panel.joints])
+        values = np.array([slider.value for slider in self.panel.joints])
         return values, np.full(len(values), np.nan)
 
-    def _run(self) -> None:
+    def _keep_time(self) -> None:
         """Let time go on while the motion plays, from its end to its start again."""
         before = time.monotonic()
         while not self._ended.wait(1.0 / _FRAMES_HZ):
             now = time.monotonic()
             step, before = now - before, now
-            if self._playing and self.playback is not None:
-                speed = float(self._panel.speed.value.rstrip("x"))
-                self._panel.time.value = (self.time + step * speed) % self.playback.duration
-
-
-def view_robot(
-    robot: Robot,
-    motions: Mapping[str, Shown] | Sequence[Shown] | Shown = (),
-    *,
-    package_dirs: str | Path | Sequence[str | Path] = (),
-    host: str = "127.0.0.1",
-    port: int = 8080,
-) -> View:
-    """Show a robot in the browser, at `View.url`, and play planned and recorded motions.
-
-    `motions`: logs, motions and trajectories, in a mapping under the names they get. Joints with a
-    spring have the colour of its deflection; without motions, joints have sliders. `package_dirs`:
-    folders in which packages of meshes are searched. `host`: who may look, by itself this machine
-    alone, "0.0.0.0" for the network. `port` 0: any that is free. The window is open until
-    `View.stop`, or the end of a `with` block.
-
-    Raises SeaidError where viser is not installed or the port cannot be had, RobotError for a robot
-    without its URDF, LogError and ExcitationError for motions of other joints.
-    """
-    server_of = _viser_server()
-    picture = picture_of(robot, package_dirs=package_dirs)
-    playbacks = [playback_of(robot, one, name) for name, one in _by_name(motions).items()]
-    _check_port(host, port)
-    with _quietly():
-        server = server_of(host=host, port=port, verbose=False)
-    try:
-        return View(server, picture, playbacks)
-    except BaseException:
-        with _quietly():
-            server.stop()
-        raise
-
-
-def _viser_server() -> Any:
-    try:
-        from viser import ViserServer
-    except ImportError:
-        raise SeaidError(
-            "to view a robot, the package viser is needed: get it with pip install 'seaid[view]'"
-        ) from None
-    return ViserServer
-
-
-def _by_name(motions: Mapping[str, Shown] | Sequence[Shown] | Shown) -> dict[str, Shown]:
-    if isinstance(motions, Mapping):
-        return dict(motions)
-    several = [motions] if isinstance(motions, Log | Motion | Trajectory | Excitation) else motions
-    kinds = {Log: "log", Motion: "motion"}
-    return {
-        f"{kinds.get(type(one), 'plan')} {number}": one for number, one in enumerate(several, 1)
-    }
-
-
-def _check_port(host: str, port: int) -> None:
-    """Raise SeaidError where a port cannot be had, which viser would go round or wait for."""
-    if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port < 65536:
-        raise SeaidError(f"port must be a whole number of 0 to 65535, found {port!r}")
-    try:
-        family, kind, protocol, _, address = socket.getaddrinfo(
-            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-        )[0]
-        with socket.socket(family, kind, protocol) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(address)
-    except OSError as problem:
-        raise SeaidError(
-            f"cannot open port {port} of host '{host}': {problem.strerror}; if another view is "
-            "open there, end it or take another port: port=0 is any that is free"
-        ) from None
+            if self._playing.is_set() and self.playback is not None:
+                speed = float(self.panel.speed.value.rstrip("x"))
+                self.panel.time.value = (self.time + step * speed) % self.playback.duration
 
 
 @contextlib.contextmanager
-def _quietly() -> Iterator[None]:
+def quietly() -> Iterator[None]:
     """Keep viser from printing its own words."""
     with contextlib.redirect_stdout(io.StringIO()):
         yield
