@@ -72,11 +72,6 @@ def seconds(value: float) -> str:
     return f"{value:.4g} s" if value < 120 else f"{value / 60:.3g} min"
 
 
-def size(count: float) -> str:
-    """Return a number of bytes in kB or MB."""
-    return f"{count / 1e3:.3g} kB" if count < 1e6 else f"{count / 1e6:.3g} MB"
-
-
 def _last_place(value: float, error: float) -> int:
     """Return the power of ten of the last digit that is written."""
     if not math.isfinite(error) or error <= 0:

@@ -1,0 +1,436 @@
+"""write_report: what the page says is what was found; hostile names, many joints, refusals."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from seaid.arrays import Array, FrozenMapping
+from seaid.errors import SeaidError
+from seaid.estimation.checks import TermTest, Whiteness
+from seaid.estimation.model_checks import ModelChecks
+from seaid.identification import Identification
+from seaid.report import html_tables, html_traces
+from seaid.report.html import runs_of, write_report
+from seaid.report.html_maps import cells_of, correlation_map, packed_correlations, singular_values
+from seaid.report.html_words import NOT_VALIDATED, doubts_of, verdict
+from seaid.validation import Validation, compared
+from tests.report_pages import HOSTILE, arm_found, arm_result, made_up, prediction
+
+PAGE_BYTES = 6_000_000
+VOID = {"meta", "br", "input", "link", "img", "hr"}
+
+
+class Page(HTMLParser):
+    """A page taken apart: its visible text, tags, attributes, scripts; unclosed tags fail."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.text = ""
+        self.tags: list[str] = []
+        self.scripts: dict[str, str] = {}
+        self.attributes: list[tuple[str, str]] = []
+        self.open: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(text)
+        assert not self.open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.text += " " if tag in ("dd", "td", "th", "li") else ""
+        self.attributes += [(name, value or "") for name, value in attrs]
+        if tag not in VOID:
+            self.open.append((tag, dict(attrs)))
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += [(name, value or "") for name, value in attrs]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open, tag
+        assert self.open.pop()[0] == tag
+
+    def handle_data(self, data: str) -> None:
+        inside, attributes = self.open[-1] if self.open else ("", {})
+        if inside == "script":
+            name = attributes.get("id") or "code"
+            self.scripts[name] = self.scripts.get(name, "") + data
+        elif inside != "style":
+            self.text += data
+
+    @property
+    def words(self) -> str:
+        """The visible text with single spaces."""
+        return " ".join(self.text.split())
+
+
+def page_of(
+    folder: Path, found: Identification, results: Any, facts: Mapping[str, Any] | None = None
+) -> Page:
+    path = folder / "page.html"
+    write_report(found, results, path, facts=facts)
+    assert path.stat().st_size < PAGE_BYTES
+    return Page(path.read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Page:
+    """The page of the mixed arm, validated."""
+    facts = {"seed": 1, "who": "<me> & you"}
+    return page_of(tmp_path_factory.mktemp("page"), arm_found(), [arm_result()], facts)
+
+
+def unpacked(trace: dict[str, Any]) -> Array:
+    steps = np.frombuffer(base64.b64decode(trace["data"]), dtype="<i2").astype(float)
+    steps[steps == -32768] = np.nan
+    return np.asarray(trace["offset"] + trace["scale"] * steps)
+
+
+# What it says
+
+
+def test_page_has_every_parameter_with_its_exact_value_and_interval(page: Page) -> None:
+    found = arm_found()
+    values = [float(value) for name, value in page.attributes if name == "value" and "." in value]
+    every = [*found.drivetrains.values(), found.load]
+    expected = np.concatenate([one.values for one in every])
+    assert values == expected.tolist()
+    for joint, estimate in found.drivetrains.items():
+        assert joint in page.words
+        for name in estimate.names:
+            assert name.replace("_", " ") in page.words
+    for expression in found.load.names:
+        assert expression in page.words
+
+
+def test_page_says_how_well_the_unseen_motion_is_predicted(page: Page) -> None:
+    result = arm_result()
+    errors = np.concatenate([result.actuator.relative_error, result.load.relative_error])
+    errors = errors[np.isfinite(errors)]
+    runs = runs_of(arm_found(), [result])
+    said = verdict(arm_found(), runs, doubts_of(arm_found(), runs))
+    assert said in page.text
+    percents = [
+        float(one) / 100 for one in re.findall(r"([\d.]+)\N{NO-BREAK SPACE}% (?:err|at)", said)
+    ]
+    assert percents == [
+        pytest.approx(float(np.median(errors)), rel=0.051),
+        pytest.approx(float(np.max(errors)), rel=0.051),
+    ]
+
+
+def test_page_has_logs_known_drives_conditions_facts_and_versions(page: Page) -> None:
+    assert "6001 in 6 s (1000 Hz)" in page.words
+    assert "Torques used on the load side all 4 joints" in page.words
+    assert str(arm_found().processing[0].pass_band) in page.words
+    assert "gear_ratio_rad_per_m" in page.words
+    assert "seed 1" in page.words
+    assert "who <me> & you" in page.words
+    for name in ("seaid", "numpy", "scipy", "Pinocchio", "Python"):
+        assert re.search(rf"{name} \d+\.\d+", page.words)
+    position = arm_found().motions[0].joint_position[:, 0]
+    assert f"{position.min():.3g} … {position.max():.3g} m".replace("-", "−") in page.words
+
+
+def test_page_is_whole_html_that_fetches_nothing(page: Page) -> None:
+    for name, value in page.attributes:
+        assert name not in ("src", "srcset", "background", "poster"), value
+        if name == "href":
+            assert value.startswith("#")
+    for wanted in ("h1", "h2", "table", "caption", "th", "noscript", "nav", "main", "svg", "title"):
+        assert wanted in page.tags
+    ids = [value for name, value in page.attributes if name == "id"]
+    assert len(ids) == len(set(ids))
+    linked = {value[1:] for name, value in page.attributes if name == "href"}
+    assert linked - {""} <= set(ids)
+
+
+def test_licence_of_the_chart_library_is_in_the_source(tmp_path: Path) -> None:
+    write_report(arm_found(), [arm_result()], tmp_path / "page.html")
+    text = (tmp_path / "page.html").read_text()
+    assert "The MIT License" in text
+    assert "Leon Sorokin" in text
+
+
+# Traces
+
+
+def test_traces_are_those_of_the_validation(page: Page) -> None:
+    data = json.loads(page.scripts["traces-data"])
+    own, unseen = data["runs"]
+    assert (own["unseen"], unseen["unseen"]) == (False, True)
+    result = arm_result()
+    assert data["joints"] == list(result.joints)
+    assert data["units"]["load"] == ["N", "N m", "N", "N m"]
+    for side, fit in (("actuator", result.actuator), ("load", result.load)):
+        for index, trace in enumerate(unseen[side]):
+            if np.all(np.isnan(fit.measured[:, index])):
+                assert trace is None
+                continue
+            times = unseen["start"] + unseen["step"] * np.arange(len(unpacked(trace["measured"])))
+            for name, values in (("measured", fit.measured), ("computed", fit.computed)):
+                expected = np.interp(times, result.time, values[:, index])
+                np.testing.assert_allclose(
+                    unpacked(trace[name]), expected, atol=2e-5 * np.nanmax(np.abs(expected))
+                )
+            error = np.interp(times, result.time, (fit.measured - fit.computed)[:, index])
+            np.testing.assert_allclose(
+                unpacked(trace["residual"]), error, atol=2e-5 * np.nanmax(np.abs(error))
+            )
+
+
+def test_spectrum_of_a_sine_has_its_amplitude_at_its_frequency(tmp_path: Path) -> None:
+    found, result = made_up(tmp_path, ("a", "b"), 4000)
+    sine = 0.7 * np.sin(2 * np.pi * 2.0 * result.time)
+    measured = np.where(np.isnan(result.load.measured), np.nan, sine[:, None])
+    result = replace(result, load=replace(result.load, measured=measured))
+    page = page_of(tmp_path, found, result)
+    run = json.loads(page.scripts["traces-data"])["runs"][0]
+    amplitude = 10 ** unpacked(run["load"][0]["spectra"]["measured"])
+    peak = int(np.argmax(amplitude))
+    assert run["frequencies"][peak] == pytest.approx(2.0, abs=0.15)
+    assert amplitude[peak] == pytest.approx(0.7, rel=0.1)
+
+
+def test_without_room_traces_are_thinned_with_their_peaks_and_said_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(html_traces, "_ROOM", 8_000)
+    found, result = made_up(tmp_path, ("a", "b", "c"), 4000)
+    spike = result.load.measured.copy()
+    spike[1234, 1] = 50.0
+    result = replace(result, load=replace(result.load, measured=spike))
+    page = page_of(tmp_path, found, [result])
+    run = json.loads(page.scripts["traces-data"])["runs"][0]
+    measured = unpacked(run["load"][1]["measured"])
+    assert len(measured) <= 334
+    assert np.max(measured) == pytest.approx(50.0, rel=1e-4)
+    assert "Drawn thinned" in run["thinned"]
+    time = run["start"] + run["step"] * int(np.argmax(measured))
+    assert time == pytest.approx(result.time[1234], abs=2 * run["step"])
+
+
+def test_more_motions_than_there_is_room_for_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(html_traces, "_MOST_TRACES", 5)
+    monkeypatch.setattr(html_tables, "_MOST_ERRORS", 6)
+    found, result = made_up(tmp_path, ("a", "b"), 600)
+    page = page_of(tmp_path, found, [result] * 4)
+    assert len(json.loads(page.scripts["traces-data"])["runs"]) == 2
+    assert "no room for the traces of 2 more motions" in page.words
+    assert "The 6 largest of 8 errors" in page.words
+
+
+# Names and sizes
+
+
+def test_hostile_names_are_text(tmp_path: Path) -> None:
+    found, result = made_up(tmp_path, HOSTILE)
+    page = page_of(tmp_path, found, [result], {"<i>who</i>": "</script>\"'&"})
+    for name in (*HOSTILE, "<i>who</i>", "</script>\"'&", "chain <i>"):
+        assert name in page.text
+    assert "b" not in page.tags
+    assert page.tags.count("script") == 4
+    assert json.loads(page.scripts["traces-data"])["joints"] == list(HOSTILE)
+    assert "<" not in page.scripts["traces-data"] + page.scripts["correlations-data"]
+
+
+def test_three_hundred_joints_are_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # inertia and gravity of such a chain take a minute, and no page needs them
+    monkeypatch.setattr("seaid.identification.sign_flags", lambda _: ())
+    found, result = made_up(tmp_path, tuple(f"joint_{k:03d}" for k in range(300)), 2000)
+    page = page_of(tmp_path, found, [result, result])
+    assert "600 drive parameters found" in page.words
+    assert page.words.count("joint_299") > 3
+    assert "The 110 most correlated of 2100 parameters" in page.words
+
+
+# Doubts
+
+
+def doubts(found: Identification, *results: Validation) -> dict[str, tuple[str, ...]]:
+    return {one.subject: one.sentences for one in doubts_of(found, runs_of(found, list(results)))}
+
+
+def test_report_without_validation_says_so_at_its_top(tmp_path: Path) -> None:
+    page = page_of(tmp_path, arm_found(), [])
+    assert "not validated on a motion it has not seen" in page.words
+    assert NOT_VALIDATED in page.words
+    assert doubts(arm_found())["Validation"] == (NOT_VALIDATED,)
+    assert "a motion the identification has not seen" not in page.words
+
+
+def test_own_motion_given_as_validation_does_not_count(tmp_path: Path) -> None:
+    found = arm_found()
+    own = compared(found, found.motions[0])
+    said = doubts(found, own)["Validation"]
+    assert said[0] == NOT_VALIDATED
+    assert "is of a motion that was identified from" in said[1]
+    assert "not validated" in page_of(tmp_path, found, own).words
+
+
+def test_bodies_that_cannot_exist_are_named() -> None:
+    impossible = arm_found().robot.parameters.copy()
+    impossible[0] = -1.0
+    robot = arm_found().robot
+    found = replace(arm_found(), robot=robot.with_values(impossible, robot.drivetrains))
+    (sentence,) = doubts(found, arm_result())["Bodies"]
+    assert sentence.startswith(robot.body_names[0])
+    possible = replace(found, robot=arm_found().known.with_values(_bodies(), robot.drivetrains))
+    assert "Bodies" not in doubts(possible, arm_result())
+
+
+@cache
+def _bodies() -> Array:
+    """Ten parameters of possible bodies, four of them."""
+    return np.tile([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.1], 4)
+
+
+def test_checks_that_fail_are_flagged() -> None:
+    term = TermTest(("viscous_friction of wrist",), 1.0, 0.1, 0.7, -4.0, 100.0)
+    white = {"wrist": Whiteness(0.95, 0.1, 0.0), "rail": Whiteness(0.5, 1.0, 0.0)}
+    bad = ModelChecks(900.0, ("the data tell 1e-03 of the combination a - b",), (term,), white)
+    found = replace(
+        arm_found(),
+        checks=FrozenMapping({"load": bad}),
+        left_out=FrozenMapping({"load": 10**6}),
+    )
+    said = doubts(found, arm_result())
+    assert said["Combinations that the data hardly tell"] == (
+        "Load side: the data tell 1e-03 of the combination a - b.",
+    )
+    (term_said,) = said["Terms that the data do not support"]
+    assert term_said.startswith("Viscous friction of wrist: the data do not ask for it (BIC −4)")
+    (residual,) = said["Residuals"]
+    assert "wrist (load side)" in residual
+    assert "Standstill" in said
+
+
+def test_bad_predictions_are_flagged_and_good_ones_not() -> None:
+    result = arm_result()
+    bad = replace(result.load, relative_error=np.array([0.01, 0.35, 0.01, 0.01]))
+    said = doubts(arm_found(), replace(result, load=bad))["Validation"]
+    assert said == (
+        "The torque of shoulder (load side) is predicted badly in the validation: "
+        "35\N{NO-BREAK SPACE}% of its size is error.",
+    )
+    assert "Validation" not in doubts(arm_found(), result)
+
+
+# What the data tell
+
+
+def test_singular_values_have_the_condition_number_of_the_estimate() -> None:
+    values = singular_values(arm_found())
+    assert values is not None
+    assert values.shares[0] == 1.0
+    assert np.all(np.diff(values.shares) <= 0)
+    known = arm_found().checks["load"].condition_number
+    assert 1 / values.shares[-1] == pytest.approx(known, rel=1e-6)
+
+
+def test_correlations_are_those_of_the_estimates_and_none_between_what_was_apart() -> None:
+    found = arm_found()
+    shown = correlation_map(found)
+    load = found.load_side.correlation
+    count = len(load)
+    np.testing.assert_allclose(shown.values[-count:, -count:], load)
+    assert np.all(np.isnan(shown.values[:-count, -count:]))
+    first = found.drivetrains["shoulder"]
+    np.testing.assert_allclose(shown.values[:4, :4], first.correlation[:4, :4])
+    data = np.frombuffer(base64.b64decode(packed_correlations(shown)), dtype=np.int8)
+    np.testing.assert_allclose(
+        data.reshape(shown.values.shape)[-count:, -count:], 100 * load, atol=0.5001
+    )
+    drawn = sum(one.path.count("M") for one in cells_of(shown))
+    assert drawn <= len(shown.names) * (len(shown.names) - 1) // 2
+    assert {one.sign for one in cells_of(shown)} == {"plus", "minus", "none"}
+
+
+# One equation, nothing kept, nothing found
+
+
+def test_stiff_robot_of_one_joint_has_no_actuator_side(tmp_path: Path) -> None:
+    found, result = made_up(tmp_path, ("only",))
+    page = page_of(tmp_path, found, [result])
+    run = json.loads(page.scripts["traces-data"])["runs"][0]
+    assert run["actuator"] == [None]
+    assert "is predicted with" in page.words
+
+
+def test_logs_that_are_not_kept_are_told(tmp_path: Path) -> None:
+    found, _ = made_up(tmp_path, ("a", "b"))
+    page = page_of(tmp_path, found, [])
+    assert "traces-data" not in page.scripts
+    assert "the logs were read in pieces and are not kept in memory" in page.words
+    assert "not kept of logs that are read in pieces" in page.words
+
+
+def test_validation_without_any_torque_is_a_page_too(tmp_path: Path) -> None:
+    found, result = made_up(tmp_path, ("a", "b"))
+    nothing = replace(result, load=result.actuator)
+    page = page_of(tmp_path, found, [nothing])
+    assert "there is no torque to compare" in page.words or "No motion was predicted" in page.words
+
+
+# Refusals
+
+
+@pytest.mark.parametrize(
+    ("results", "words"),
+    [
+        ("report", "results must be Validations (of seaid.validate), found str; give []"),
+        ([1], "results must be Validations (of seaid.validate), found int"),
+        (None, "found NoneType; give []"),
+        ([prediction(("other",), 200)], "a validation of the joints other, the identified robot"),
+    ],
+)
+def test_results_that_are_none_are_refused(tmp_path: Path, results: Any, words: str) -> None:
+    with pytest.raises(SeaidError) as refused:
+        write_report(arm_found(), results, tmp_path / "page.html")
+    assert words in str(refused.value)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("facts", [{"a": [1]}, {1: "a"}, ["a"], {"a": None}])
+def test_facts_that_are_no_text_are_refused(tmp_path: Path, facts: Any) -> None:
+    with pytest.raises(SeaidError, match=r"facts= must be \{what: text or number\}, found"):
+        write_report(arm_found(), [], tmp_path / "page.html", facts=facts)
+
+
+def test_page_has_its_ending_and_an_identification(tmp_path: Path) -> None:
+    with pytest.raises(SeaidError, match=r"report.pdf' must end in .html"):
+        write_report(arm_found(), [], tmp_path / "report.pdf")
+    with pytest.raises(SeaidError, match="needs an Identification, found Robot"):
+        write_report(arm_found().robot, [], tmp_path / "page.html")  # type: ignore[arg-type]
+
+
+def test_page_is_written_whole_or_not_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found, _ = made_up(tmp_path, ("a",))
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(SeaidError, match="cannot write"):
+        write_report(found, [], tmp_path / "file" / "page.html")
+    path = tmp_path / "page.html"
+    path.write_text("old")
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(SeaidError, match="No space left on device"):
+        write_report(found, [], path)
+    assert path.read_text() == "old"
+    assert {one.name for one in tmp_path.iterdir()} == {"chain.urdf", "file", "page.html"}

@@ -1,0 +1,61 @@
+"""Numbers of a page: no digit that the standard error does not let stand."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from seaid.report.html_numbers import probability, rounded, seconds, share, short
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "texts"),
+    [
+        (83097.04, 95.7, ("83097", "96")),
+        (0.0241512, 0.0015861, ("0.0242", "0.0016")),
+        (8.079e-5, 8.711e-7, ("8.079e−5", "0.087e−5")),
+        (-0.1447, 0.005479, ("−0.1447", "0.0055")),
+        (-0.0001548, 0.001133, ("−0.00015", "0.00113")),
+        (0.0, 0.012, ("0.000", "0.012")),
+        (3.0, 0.0, ("3.00000", "0.00000")),
+        (math.nan, 1.0, ("–", "–")),
+        (2.5, math.inf, ("2.50000", "–")),
+    ],
+)
+def test_values_end_where_their_error_does(
+    value: float, error: float, texts: tuple[str, str]
+) -> None:
+    found = rounded(value, error, value - 2 * error, value + 2 * error)
+    assert (found.value, found.error) == texts
+
+
+finite = st.floats(-1e9, 1e9, allow_nan=False).filter(lambda x: x == 0 or abs(x) > 1e-9)
+
+
+@given(value=finite, relative=st.floats(1e-6, 1e3))
+def test_text_says_the_number_to_a_tenth_of_its_error(value: float, relative: float) -> None:
+    error = relative * (abs(value) or 1.0)
+    found = rounded(value, error, value - error, value + error)
+    said = float(found.value.replace("−", "-"))
+    assert abs(said - value) <= 0.051 * error * (1 + 1e-9)
+    assert abs(float(found.error.replace("−", "-")) - error) <= 0.051 * error * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0123, "1.2 %"), (0.00073, "0.073 %"), (0.996, "100 %"), (3.28, "328 %"), (0.0, "0 %")],
+)
+def test_shares_have_two_digits(value: float, text: str) -> None:
+    assert share(value).replace("\N{NO-BREAK SPACE}", " ") == text
+
+
+def test_other_numbers() -> None:
+    assert share(math.nan) == short(math.inf) == "–"
+    assert share(1e6).startswith("> 10⁴")
+    assert short(-0.00012345) == "−0.000123"
+    assert probability(0.0) == "< 1e−16"
+    assert probability(0.034) == "0.034"
+    assert (seconds(10.0), seconds(600.0)) == ("10 s", "10 min")
