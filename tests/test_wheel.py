@@ -1,0 +1,159 @@
+"""What is published: wheel and source distribution have all that is needed, metadata agree."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from dataclasses import dataclass
+from email import message_from_bytes, message_from_string
+from email.message import Message
+from pathlib import Path
+
+import pytest
+import yaml
+
+import seaid
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+CITATION = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+
+
+def tracked(*folders: str) -> list[str]:
+    """Return the files that the project has: what git knows of and is there."""
+    command = ["git", "ls-files", "--", *folders]
+    said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    if said.returncode:
+        pytest.skip("no git checkout: which files belong to the project is not known")
+    return [name for name in said.stdout.splitlines() if (ROOT / name).is_file()]
+
+
+@dataclass(frozen=True)
+class Built:
+    """Names of the files in wheel and source distribution, and the wheel's metadata."""
+
+    wheel: frozenset[str]
+    source: frozenset[str]
+    metadata: Message
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Built:
+    """Build the project's tracked files elsewhere: the sdist, and the wheel from that alone."""
+    place, out = tmp_path_factory.mktemp("project"), tmp_path_factory.mktemp("built")
+    for name in tracked():
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ROOT / name, place / name)
+    command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(out), str(place)]
+    said = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert said.returncode == 0, said.stdout + said.stderr
+    (wheel,), (source,) = out.glob("*.whl"), out.glob("*.tar.gz")
+    with zipfile.ZipFile(wheel) as archive:
+        inside = frozenset(archive.namelist())
+        (name,) = (name for name in inside if name.endswith(".dist-info/METADATA"))
+        metadata = message_from_bytes(archive.read(name))
+    with tarfile.open(source) as packed:
+        names = frozenset(one.name.partition("/")[2] for one in packed if one.isfile())
+    return Built(inside, names, metadata)
+
+
+def test_wheel_has_every_file_of_the_package_and_nothing_else(built: Built) -> None:
+    package = {name for name in built.wheel if ".dist-info/" not in name}
+    assert package == set(tracked("seaid"))
+    assert {"seaid/py.typed", "seaid/report/page/report.css"} <= package
+
+
+def test_source_distribution_is_the_whole_project(built: Built) -> None:
+    assert set(tracked()) - built.source <= {".gitignore"}
+
+
+def test_metadata_of_the_wheel_are_what_a_package_index_shows(built: Built) -> None:
+    metadata = built.metadata
+    assert metadata["Name"] == "seaid"
+    assert metadata["Version"] == seaid.__version__
+    assert metadata["License-Expression"] == "BSD-3-Clause"
+    assert metadata["Description-Content-Type"] == "text/markdown"
+    assert str(metadata.get_payload()).startswith("# seaid")
+    assert set(metadata.get_all("Provides-Extra", [])) == set(PROJECT["optional-dependencies"])
+    names = {name.rpartition("/")[2] for name in built.wheel}
+    assert {"LICENSE", "entry_points.txt"} <= names
+
+
+def test_editable_installation_is_of_this_version() -> None:
+    said = subprocess.run(
+        [sys.executable, "-m", "pip", "show", "seaid"], capture_output=True, text=True, check=True
+    )
+    assert message_from_string(said.stdout)["Version"] == seaid.__version__
+
+
+def test_version_is_the_same_everywhere() -> None:
+    assert "version" in PROJECT["dynamic"]
+    assert CITATION["version"] == seaid.__version__
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    versions = re.findall(r"^## \[?([\d.]+)", changes, re.MULTILINE)
+    assert versions[0] == seaid.__version__
+
+
+def test_citation_names_the_software_and_the_paper_it_implements() -> None:
+    assert CITATION["cff-version"] == "1.2.0"
+    assert CITATION["type"] == "software"
+    assert {"message", "title", "authors", "license"} <= set(CITATION)
+    (paper,) = CITATION["references"]
+    assert paper["title"].lower() in (ROOT / "README.md").read_text(encoding="utf-8").lower()
+    assert {"type", "title", "authors"} <= set(paper)
+
+
+def test_python_versions_told_are_the_ones_allowed() -> None:
+    told = {name.rpartition(" ")[2] for name in PROJECT["classifiers"] if "Python :: 3." in name}
+    least = PROJECT["requires-python"].removeprefix(">=")
+    assert min(told, key=lambda version: int(version.partition(".")[2])) == least
+    assert not any(name.startswith("License ::") for name in PROJECT["classifiers"])
+
+
+def extras_named() -> dict[str, set[str]]:
+    """Return {extra: files that tell a user to install it}."""
+    found: dict[str, set[str]] = {}
+    for name in tracked("seaid", "docs", "scripts", "README.md"):
+        if name.endswith((".py", ".md", ".j2", ".js")):
+            text = (ROOT / name).read_text(encoding="utf-8")
+            for extras in re.findall(r"seaid\[([\w,\s-]+)\]", text):
+                for extra in extras.split(","):
+                    found.setdefault(extra.strip(), set()).add(name)
+    return found
+
+
+def test_every_extra_that_is_asked_for_exists() -> None:
+    named = extras_named()
+    assert {"parquet", "hdf5", "ros", "hebi"} <= set(named)
+    assert set(named) <= set(PROJECT["optional-dependencies"])
+
+
+def asked_by(requirement: str) -> set[str]:
+    """Return the packages that a requirement brings, extras of the project resolved."""
+    name, _, extras = re.split(r"[<>=]", requirement)[0].rstrip("]").partition("[")
+    if name != "seaid":
+        return {name}
+    optional = PROJECT["optional-dependencies"]
+    return {
+        one for extra in extras.split(",") for part in optional[extra] for one in asked_by(part)
+    }
+
+
+def test_environment_of_the_project_has_all_extras_so_that_they_resolve_together() -> None:
+    installed = asked_by("seaid[dev]")
+    for extra in PROJECT["optional-dependencies"]:
+        assert asked_by(f"seaid[{extra}]") <= installed, extra
+
+
+def test_everything_asked_for_is_pinned_for_repeatable_installations() -> None:
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pinned = {line.partition("==")[0] for line in lines if "==" in line}
+    names = asked_by("seaid[dev]") | {
+        one for need in PROJECT["dependencies"] for one in asked_by(need)
+    }
+    assert names <= pinned
