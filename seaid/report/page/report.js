@@ -131,7 +131,10 @@
 
   const startTraces = () => {
     const there = traces.runs.map((run) => [...run.actuator, ...run.load].some((one) => one !== null));
-    if (!there.includes(true)) return;
+    if (!there.includes(true)) {
+      at("scriptless").textContent = "No motion has a torque to show.";
+      return;
+    }
     fill(at("run"), traces.runs.map((run) => `${run.name}${run.unseen ? " (unseen)" : ""}`));
     fill(at("joint"), traces.joints);
     const first = traces.runs.findIndex((run, place) => run.unseen && there[place]);
@@ -141,6 +144,7 @@
     for (const id of ["joint", "side"]) at(id).addEventListener("change", offer);
     at("reset").addEventListener("click", () => zoomTo(null));
     at("viewer").hidden = false;
+    at("scriptless").hidden = true;
     offer();
     new ResizeObserver(() => {
       for (const [name, chart] of Object.entries(charts)) {
