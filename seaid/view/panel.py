@@ -65,7 +65,7 @@ def put_panel(
                 initial_value=NOTHING,
                 hint="Another motion beside this one, at the same time since its start.",
             )
-    if playbacks or picture.robot.elastic_joints:
+    if playbacks:
         gui.add_html(legend(picture.robot, limits))
     table = gui.add_html("")
     notes = gui.add_html("")

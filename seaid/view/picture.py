@@ -37,7 +37,8 @@ class Picture:
 
     Body 0 is the base, body i + 1 what joint i moves; its frame is that of Pinocchio's joint.
     `places` has the body and the placement on it of every link of the URDF. `segments` (S, 2, 3)
-    [m] are lines between the frames of joints and to payloads, on the bodies `segment_bodies` (S,);
+    [m] are lines between the frames of joints, along which they slide and to payloads, on the
+    bodies `segment_bodies` (S,);
     `axes` (n, 3) the joints' axes in their bodies' frames. `up` (3,) points against gravity.
     `payloads` and `centers` of mass are marks. `notes` tell what could not be shown.
     """
@@ -128,7 +129,7 @@ def picture_of(robot: Robot, *, package_dirs: str | Path | Sequence[str | Path] 
     assert robot.urdf is not None
     shapes, notes = shapes_of(robot.urdf, places, package_dirs)
     payloads = _marks("payload on", robot, robot.payload_parameters)
-    segments, bodies = _segments(tree, places, payloads)
+    segments, bodies = _segments(tree, robot, places, payloads)
     gravity = robot.model.gravity.linear
     strength = float(np.linalg.norm(gravity))
     up = np.array([0.0, 0.0, 1.0]) if strength == 0.0 else -gravity / strength
@@ -178,24 +179,30 @@ def _places(tree: UrdfTree, robot: Robot) -> dict[str, tuple[int, pin.SE3]]:
 
 
 def _segments(
-    tree: UrdfTree, places: dict[str, tuple[int, pin.SE3]], payloads: Sequence[Mark]
+    tree: UrdfTree,
+    robot: Robot,
+    places: dict[str, tuple[int, pin.SE3]],
+    payloads: Sequence[Mark],
 ) -> tuple[Array, tuple[int, ...]]:
     """Return lines from each link's frame to the joints below it, or else to its centre of mass;
-    and to payloads.
+    those on which joints slide; and those to payloads.
     """
-    segments = [[np.zeros(3), mark.center] for mark in payloads]
-    bodies = [mark.body for mark in payloads]
+    lines = [(mark.body, np.zeros(3), mark.center) for mark in payloads]
     for link, (body, placement) in places.items():
-        below = [placement * joint.placement for joint in tree.children(link)]
-        ends = [frame.translation for frame in below]
+        start, below = placement.translation, tree.children(link)
+        for joint in below:
+            frame = placement * joint.placement
+            lines.append((body, start, frame.translation))
+            if joint.type == "prismatic" and joint.name in robot.joint_names:
+                ends = np.array([joint.lower, joint.upper])
+                if np.all(np.isfinite(ends)):
+                    lines.append((body, *(frame.act(end * joint.axis) for end in ends)))
         mass, *moment = tree.links[link][:4]
-        if not ends and mass > 0:
-            ends = [placement.act(np.array(moment) / mass)]
-        for end in ends:
-            if np.linalg.norm(end - placement.translation) > 0:
-                segments.append([placement.translation, end])
-                bodies.append(body)
-    return np.array(segments).reshape(-1, 2, 3), tuple(bodies)
+        if not below and mass > 0:
+            lines.append((body, start, placement.act(np.array(moment) / mass)))
+    seen = [(body, (start, end)) for body, start, end in lines if np.linalg.norm(end - start) > 0]
+    segments = np.array([ends for _, ends in seen]).reshape(-1, 2, 3)
+    return segments, tuple(body for body, _ in seen)
 
 
 def _marks(what: str, robot: Robot, parameters: Array) -> tuple[Mark, ...]:

@@ -124,6 +124,8 @@ def _loaded(named: Any, folders: Sequence[Path]) -> Iterator[tuple[Any, Color | 
     except Exception as problem:  # readers of a dozen formats let whatever they meet through
         reason = f"{type(problem).__name__}: {problem}"
         raise _NoMeshError(f"mesh '{path}' cannot be read, {reason}") from None
+    if not any(len(part.faces) for part in parts):
+        raise _NoMeshError(f"mesh '{path}' has no triangles")
     scale = np.eye(4)
     scale[:3, :3] *= 1.0 if named.scale is None else named.scale
     for part in parts:

@@ -100,7 +100,7 @@ def set_the_view(server: Any, picture: Picture, postures: Array) -> None:
     front = across - (across @ up) * up
     front /= np.linalg.norm(front)
     side = np.cross(up, front)
-    away = 0.95 * radius / np.sin(_FIELD_OF_VIEW_RAD / 2)
+    away = 1.05 * radius / np.sin(_FIELD_OF_VIEW_RAD / 2)
     direction = 0.75 * front - 0.60 * side + 0.28 * up
     right = np.cross(up, direction) / np.linalg.norm(np.cross(up, direction))
     target = middle + _LEFT_OF_PANEL * radius * right
@@ -160,26 +160,26 @@ def _lines(server: Any, picture: Picture, root: str, color: Color) -> tuple[Any,
 
 
 def _drum(server: Any, picture: Picture, index: int) -> Any:
-    """Add a cylinder about a joint's axis, longer than the shapes around it are wide."""
-    elastic = picture.robot.joint_names[index] in picture.robot.elastic_joints
-    radius = (_DRUM if elastic else _STIFF_DRUM) * picture.size
-    axis = picture.axes[index]
-    vertices, faces = _cylinder(radius, _half_length(picture, index, radius), axis)
+    """Add a cylinder about a joint's axis."""
+    axis, (radius, half_length) = picture.axes[index], _drum_size(picture, index)
+    vertices, faces = _cylinder(radius, half_length, axis)
     return server.scene.add_mesh_simple(
         f"/robot/{index + 1}/joint", vertices, faces, color=NEUTRAL, flat_shading=True
     )
 
 
-def _half_length(picture: Picture, index: int, radius: float) -> float:
-    """Return how far a drum reaches from its joint, to stand out of its own body at both ends."""
-    axis, reach = picture.axes[index], 2.0 * radius
+def _drum_size(picture: Picture, index: int) -> tuple[float, float]:
+    """Return radius and half length of a joint's drum, which stands out of the body it moves."""
+    elastic = picture.robot.joint_names[index] in picture.robot.elastic_joints
+    radius = (_DRUM if elastic else _STIFF_DRUM) * picture.size
+    axis, half_length = picture.axes[index], 2.0 * radius
     for shape in picture.shapes:
         if shape.body == index + 1:
             along = shape.vertices @ axis
             beside = np.linalg.norm(shape.vertices - along[:, None] * axis, axis=1)
             near = np.abs(along[beside < 3.0 * radius])
-            reach = max(reach, float(np.max(near, initial=0.0)) + 0.3 * radius)
-    return min(reach, 4.0 * radius)
+            half_length = max(half_length, float(np.max(near, initial=0.0)) + 0.3 * radius)
+    return radius, min(half_length, 4.0 * radius)
 
 
 def _cylinder(radius: float, half_length: float, axis: Array) -> tuple[Array, IndexArray]:
@@ -191,11 +191,13 @@ def _cylinder(radius: float, half_length: float, axis: Array) -> tuple[Array, In
 
 
 def _names(server: Any, picture: Picture) -> tuple[Any, ...]:
+    """Add the names at the ends of the drums, where those of joints in one place are apart."""
     few = picture.robot.n <= 12
     return tuple(
         server.scene.add_label(
             f"/robot/{index + 1}/name",
             name,
+            position=tuple(_drum_size(picture, index)[1] * picture.axes[index]),
             font_screen_scale=0.9,
             anchor="bottom-left",
             visible=few,

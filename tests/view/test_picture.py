@@ -1,0 +1,294 @@
+"""What is shown of a robot: where its links are, how they look, what is said to be missing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+
+from seaid.arrays import Array
+from seaid.assembly import Payload
+from seaid.errors import RobotError
+from seaid.robot import Robot, load_robot
+from seaid.view.picture import Picture, picture_of
+from seaid.view.shapes import GREY
+
+ROBOTS = [
+    "ur5_robot.urdf",
+    "panda.urdf",
+    "tiago_no_hand.urdf",
+    "a1.urdf",
+    "kinova.urdf",
+    "double_pendulum.urdf",
+]
+"""With mimic, prismatic, continuous and fixed joints among them, and no rounded angles."""
+
+Load = Callable[..., Robot]
+
+
+def posture(robot: Robot, seed: int) -> Array:
+    rng = np.random.default_rng(seed)
+    lower, upper = np.maximum(robot.lower_limits, -2.0), np.minimum(robot.upper_limits, 2.0)
+    return np.asarray(rng.uniform(lower, upper))
+
+
+def frames_by_pinocchio(path: Path, positions: dict[str, float]) -> dict[str, pin.SE3]:
+    """Return all links of a file by Pinocchio's own reader, joints not named at zero."""
+    model = pin.buildModelFromUrdf(str(path))
+    data, q = model.createData(), pin.neutral(model)
+    for name, value in positions.items():
+        joint = model.joints[model.getJointId(name)]
+        if joint.nq == 2:  # a continuous joint: cosine and sine
+            q[joint.idx_q : joint.idx_q + 2] = np.cos(value), np.sin(value)
+        else:
+            q[joint.idx_q] = value
+    pin.framesForwardKinematics(model, data, q)
+    bodies = [(i, one) for i, one in enumerate(model.frames) if one.type == pin.FrameType.BODY]
+    return {one.name: data.oMf[i] for i, one in bodies}
+
+
+def largest_difference(found: dict[str, pin.SE3], expected: dict[str, pin.SE3]) -> float:
+    assert set(found) == set(expected) - {"universe"}
+    return max(
+        float(np.max(np.abs(found[name].homogeneous - expected[name].homogeneous)))
+        for name in found
+    )
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_links_are_where_pinocchio_has_them(
+    name: str, example_path: Callable[[str], Path], load_quietly: Load
+) -> None:
+    path = example_path(name)
+    robot = load_quietly(path)
+    picture, q = picture_of(robot), posture(robot, 1)
+    expected = frames_by_pinocchio(path, dict(zip(robot.joint_names, q, strict=True)))
+    assert largest_difference(picture.link_placements(q), expected) < 1e-9
+
+
+def test_links_are_where_yourdfpy_has_them(tulip_leg: Robot) -> None:
+    from yourdfpy import URDF
+
+    urdf = URDF.load(str(tulip_leg.urdf), load_meshes=False)
+    q = posture(tulip_leg, 2)
+    urdf.update_cfg(dict(zip(tulip_leg.joint_names, q, strict=True)))
+    for link, placement in picture_of(tulip_leg).link_placements(q).items():
+        np.testing.assert_allclose(placement.homogeneous, urdf.get_transform(link), atol=1e-9)
+
+
+def test_order_of_joints_and_locked_ones_count(
+    example_path: Callable[[str], Path], load_quietly: Load
+) -> None:
+    path = example_path("panda.urdf")
+    robot = load_quietly(path, joints=["panda_joint6", "panda_finger_joint2", "panda_joint2"])
+    q = posture(robot, 3)
+    expected = frames_by_pinocchio(path, dict(zip(robot.joint_names, q, strict=True)))
+    assert largest_difference(picture_of(robot).link_placements(q), expected) < 1e-9
+
+
+def test_bodies_are_at_the_joints_of_the_robots_model(
+    example_path: Callable[[str], Path], load_quietly: Load
+) -> None:
+    robot = load_quietly(example_path("ur10_robot.urdf"))  # its angles are rounded
+    q, data = posture(robot, 4), robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q[list(robot.model_order)])
+    placed = picture_of(robot).link_placements(q)
+    for name, body in zip(robot.joint_names, robot.body_names, strict=True):
+        expected = data.oMi[robot.model.getJointId(name)]
+        np.testing.assert_array_equal(placed[body].homogeneous, expected.homogeneous)
+
+
+@pytest.mark.parametrize("name", ["ur5_robot.urdf", "panda.urdf", "iiwa14.urdf"])
+def test_meshes_of_packages_are_found(
+    name: str, example_path: Callable[[str], Path], load_quietly: Load
+) -> None:
+    picture = picture_of(load_quietly(example_path(name)))
+    assert picture.notes == ()
+    assert sum(len(shape.faces) for shape in picture.shapes) > 10_000
+    assert len({shape.color for shape in picture.shapes}) > 1
+
+
+def visual(geometry: str, origin: str = "", material: str = "") -> str:
+    return f"<visual>{origin}<geometry>{geometry}</geometry>{material}</visual>"
+
+
+def shown(
+    write_urdf: Callable[[str], Path], inside: str, top: str = "", **options: object
+) -> Picture:
+    """Return the picture of a base that carries a link with visuals 1 m above it."""
+    path = write_urdf(
+        f'{top}<link name="base"/><link name="arm">{inside}</link>'
+        '<joint name="j" type="revolute"><parent link="base"/><child link="arm"/>'
+        '<origin xyz="0 0 1"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+    )
+    return picture_of(load_robot(path), **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("geometry", "half_size", "volume"),
+    [
+        ('<box size="0.2 0.4 0.6"/>', (0.1, 0.2, 0.3), 0.048),
+        ('<sphere radius="0.1"/>', (0.1, 0.1, 0.1), 4e-3 * np.pi / 3),
+        ('<cylinder radius="0.1" length="0.6"/>', (0.1, 0.1, 0.3), 6e-3 * np.pi),
+    ],
+)
+def test_primitive_shapes_have_their_size(
+    write_urdf: Callable[[str], Path],
+    geometry: str,
+    half_size: tuple[float, ...],
+    volume: float,
+) -> None:
+    (shape,) = shown(write_urdf, visual(geometry)).shapes
+    assert (shape.link, shape.body, shape.color) == ("arm", 1, GREY)
+    np.testing.assert_allclose(np.max(shape.vertices, axis=0), half_size, atol=1e-3)
+    mesh = trimesh.Trimesh(shape.vertices, shape.faces)
+    assert mesh.volume == pytest.approx(volume, rel=0.02)
+
+
+def test_origins_colours_and_fixed_links_count(write_urdf: Callable[[str], Path]) -> None:
+    red = '<material name="red"/>'
+    picture = shown(
+        write_urdf,
+        visual('<box size="0.2 0.2 0.2"/>', '<origin xyz="1 0 0" rpy="0 0 0"/>', red)
+        + visual(
+            '<sphere radius="0.1"/>',
+            material='<material name="own"><color rgba="0 0.5 1 1"/></material>',
+        ),
+        '<material name="red"><color rgba="1 0 0 1"/></material><link name="tip"/>'
+        '<joint name="f" type="fixed"><parent link="arm"/><child link="tip"/>'
+        '<origin xyz="0 0 0.5"/></joint>',
+    )
+    box, sphere = picture.shapes
+    assert box.color == (255, 0, 0)
+    assert sphere.color == (0, 128, 255)
+    np.testing.assert_allclose(box.vertices.mean(axis=0), [1.0, 0.0, 0.0], atol=1e-12)
+    placement = picture.link_placements(np.array([np.pi / 2]))["tip"]
+    np.testing.assert_allclose(placement.translation, [0.5, 0.0, 1.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("ending", ["stl", "obj", "ply"])
+def test_meshes_are_scaled_and_searched_in_package_dirs(
+    write_urdf: Callable[[str], Path], tmp_path: Path, ending: str
+) -> None:
+    packages = tmp_path / "elsewhere"
+    (packages / "arms" / "meshes").mkdir(parents=True)
+    trimesh.creation.box((1.0, 2.0, 3.0)).export(packages / "arms" / "meshes" / f"a.{ending}")
+    mesh = visual(f'<mesh filename="package://arms/meshes/a.{ending}" scale="0.1 0.1 0.01"/>')
+    missing = shown(write_urdf, mesh)
+    assert missing.shapes == ()
+    assert missing.notes == (f"mesh 'package://arms/meshes/a.{ending}' is not found (link 'arm')",)
+    assert missing.bare_bodies == ("arm",)
+    found = shown(write_urdf, mesh, package_dirs=packages)
+    np.testing.assert_allclose(np.ptp(found.shapes[0].vertices, axis=0), [0.1, 0.2, 0.03])
+    assert found.notes == found.bare_bodies == ()
+
+
+def test_mesh_that_cannot_be_read_makes_a_note(
+    write_urdf: Callable[[str], Path], tmp_path: Path
+) -> None:
+    (tmp_path / "bad.stl").write_text("no mesh at all")
+    both = visual('<mesh filename="bad.stl"/>') + visual('<box size="1 1 1"/>')
+    picture = shown(write_urdf, both)
+    assert len(picture.shapes) == 1
+    assert picture.notes == (f"mesh '{tmp_path / 'bad.stl'}' has no triangles (link 'arm')",)
+    (tmp_path / "bad.dae").write_text("no mesh at all")
+    (note,) = shown(write_urdf, visual('<mesh filename="bad.dae"/>')).notes
+    assert f"mesh '{tmp_path / 'bad.dae'}' cannot be read" in note
+
+
+def test_folder_that_is_not_there_is_refused(write_urdf: Callable[[str], Path]) -> None:
+    with pytest.raises(RobotError, match="package_dirs: there is no folder"):
+        shown(write_urdf, visual('<box size="1 1 1"/>'), package_dirs="nowhere")
+
+
+def rounded(points: list[Array]) -> list[tuple[float, ...]]:
+    return sorted(tuple((np.round(point, 9) + 0.0).tolist()) for point in points)
+
+
+def test_lines_join_joints_rails_and_payloads(write_chain: Callable[..., Path]) -> None:
+    limit = '<limit lower="-0.1" upper="0.3" velocity="1" effort="1"/>'
+    path = write_chain({"a": f"revolute {limit}", "b": f"prismatic {limit}"}, empty=("b_link",))
+    robot = load_robot(path, payloads=[Payload("b_link", 2.0, (0.0, 0.1, 0.0))])
+    picture = picture_of(robot)
+    assert picture.shapes == ()
+    assert picture.bare_bodies == ("a_link", "b_link")
+    still, slid = (picture.placements(np.array([0.3, slide])) for slide in (0.0, 0.2))
+    lines = zip(picture.segment_bodies, picture.segments, strict=True)
+    ends = [slid[body].act(point) for body, segment in lines for point in segment]
+    a, b = still[1].translation, still[2].translation
+    rail = [still[2].act(np.array([end, 0.0, 0.0])) for end in (-0.1, 0.3)]
+    payload = [slid[2].translation, slid[2].act(np.array([0.0, 0.1, 0.0]))]
+    assert rounded(ends) == rounded([np.zeros(3), a, a, b, *rail, *payload])
+
+
+def test_leaf_has_a_line_to_its_centre_of_mass(write_chain: Callable[..., Path]) -> None:
+    robot = load_robot(write_chain({"a": "continuous"}))
+    picture = picture_of(robot)
+    (center,) = picture.centers
+    assert picture.segment_bodies == (0, 1)
+    np.testing.assert_allclose(picture.segments[1], [np.zeros(3), center.center], atol=1e-12)
+    assert center.mass == pytest.approx(robot.parameters[0])
+
+
+def test_payloads_are_marked_where_they_are(tulip_urdf: Path) -> None:
+    payloads = [Payload("foot", 1.0, (0.1, 0.0, 0.0)), Payload("foot", 3.0, (0.2, 0.0, 0.0))]
+    robot = load_robot(tulip_urdf, payloads=payloads)
+    (mark,) = picture_of(robot).payloads
+    assert (mark.name, mark.body, mark.mass) == ("payload on foot", 5, 4.0)
+    np.testing.assert_allclose(mark.center, [0.175, 0.0, 0.0])
+
+
+def test_unknown_bodies_have_no_centre(tulip_leg: Robot) -> None:
+    assert len(picture_of(tulip_leg).centers) == 5
+    assert picture_of(tulip_leg.without_nominal()).centers == ()
+
+
+def test_up_is_against_gravity(tulip_urdf: Path) -> None:
+    for gravity, up in (
+        ((-9.81, 0.0, 0.0), (1.0, 0.0, 0.0)),
+        ((0.0, 3.0, -4.0), (0.0, -0.6, 0.8)),
+        ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+    ):
+        np.testing.assert_allclose(picture_of(load_robot(tulip_urdf, gravity=gravity)).up, up)
+
+
+def test_bounds_hold_all_that_is_shown(tulip_leg: Robot) -> None:
+    picture = picture_of(tulip_leg)
+    postures = np.array([posture(tulip_leg, seed) for seed in range(5)])
+    lower, upper = picture.bounds(postures)
+    for q in postures:
+        placements = picture.placements(q)
+        for shape in picture.shapes:
+            points = np.array([placements[shape.body].act(point) for point in shape.vertices])
+            assert np.all(points >= lower - 1e-9)
+            assert np.all(points <= upper + 1e-9)
+    assert 0.7 < picture.size < 1.2  # the leg is 0.7 m long
+
+
+def test_home_is_zero_within_the_limits(tulip_leg: Robot) -> None:
+    np.testing.assert_array_equal(picture_of(tulip_leg).home, [0.0, 0.0, 0.0, 0.05, 0.0])
+
+
+def test_positions_of_another_shape_are_refused(tulip_leg: Robot) -> None:
+    picture = picture_of(tulip_leg)
+    with pytest.raises(RobotError, match=r"joint positions must have shape \(5\)"):
+        picture.placements(np.zeros(4))
+    with pytest.raises(RobotError, match="joint positions must be finite"):
+        picture.placements(np.full(5, np.nan))
+
+
+def test_robot_needs_its_file_as_it_was(tulip_leg: Robot, tulip_urdf: Path, tmp_path: Path) -> None:
+    with pytest.raises(RobotError, match="has no URDF to show"):
+        picture_of(replace(tulip_leg, urdf=None))
+    with pytest.raises(RobotError, match="no URDF file at"):
+        picture_of(replace(tulip_leg, urdf=tmp_path / "gone.urdf"))
+    changed = tmp_path / "changed.urdf"
+    changed.write_text(tulip_urdf.read_text().replace('"knee_pitch"', '"knee"'))
+    with pytest.raises(RobotError, match=r"has no joint knee_pitch any more.*load it again"):
+        picture_of(replace(tulip_leg, urdf=changed))
