@@ -103,7 +103,7 @@ def test_bodies_are_at_the_joints_of_the_robots_model(
         np.testing.assert_array_equal(placed[body].homogeneous, expected.homogeneous)
 
 
-@pytest.mark.parametrize("name", ["ur5_robot.urdf", "panda.urdf", "iiwa14.urdf"])
+@pytest.mark.parametrize("name", ["ur5_robot.urdf", "panda.urdf", "xarm7.urdf"])
 def test_meshes_of_packages_are_found(
     name: str, example_path: Callable[[str], Path], load_quietly: Load
 ) -> None:
