@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from seaid.arrays import Array, BoolArray, IndexArray
+from seaid.drivetrain.curves import DriveCurve, beside_names, friction_curve
 from seaid.errors import ExcitationError
-from seaid.excitation.drive_curves import DriveCurve, beside_names, friction_curve
 from seaid.excitation.flatness import (
     SIGN_WIDTH,
     Besides,

@@ -15,10 +15,10 @@ import numpy as np
 
 from seaid.arrays import Array
 from seaid.drivetrain.catalogue import PARAMETERS_OF
+from seaid.drivetrain.curves import DriveCurve, beside_curve, beside_names, no_value
 from seaid.drivetrain.model import Drive, SeriesElasticDrive
 from seaid.errors import ExcitationError
 from seaid.excitation.bent_spring import BentSpring, bent_spring
-from seaid.excitation.drive_curves import DriveCurve, beside_curve, beside_names, no_value
 from seaid.excitation.gradient import States, torque_derivatives
 from seaid.rigid_body import joint_torques
 from seaid.robot import Robot

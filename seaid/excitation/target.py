@@ -13,10 +13,10 @@ import numpy as np
 
 from seaid.arrays import Array
 from seaid.base import BaseParameters
+from seaid.drivetrain.curves import beside_names, no_value
 from seaid.drivetrain.regressor import DriveRegressor
 from seaid.drivetrain.smooth import SIGNALS, SmoothColumns, smooth_columns
 from seaid.errors import ExcitationError
-from seaid.excitation.drive_curves import beside_names, no_value
 from seaid.excitation.flatness import (
     SIGN_WIDTH,
     Besides,
