@@ -210,7 +210,7 @@ def condition_rows(found: Identification) -> list[CheckRow]:
         elastic = side not in ("load", "both")
         estimate = found.drivetrains[side] if elastic else found.load_side
         unit = "" if not elastic and any(found.robot.is_prismatic) else "N m"
-        left_out = found.left_out.get(side)
+        left_out = sum(found.left_out.values()) if side == "both" else found.left_out.get(side)
         cells = (
             f"actuator side of {side}" if elastic else side_name(side),
             short(checks.condition_number),

@@ -30,7 +30,7 @@
     return one >= 1e-3 && one < 1e4 ? String(+one.toPrecision(1)) : one.toExponential(0).replace("-", "−");
   });
   const line = (label, name, width) => ({
-    label, stroke: colour(name), width, points: { show: false }, value: (_, value) => digits(value),
+    label, stroke: colour(name), width, pxAlign: 0, points: { show: false }, value: (_, value) => digits(value),
   });
 
   const zoomTo = (range) => {  // both time charts show the same stretch
@@ -62,7 +62,7 @@
     height, series: [{ label: "t [s]", value: (_, value) => (value == null ? "–" : value.toFixed(3)) }, ...series],
     scales: { x: { time: false } },
     axes: [name === "residual" ? axis("time [s]") : axis(undefined, { size: 34 }), axis(label, { size: 66 })],
-    cursor: { sync: { key: "time" }, drag: { x: true, y: false, setScale: false } },
+    cursor: { y: false, sync: { key: "time" }, drag: { x: true, y: false, setScale: false } },
     hooks: { setSelect: [(chart) => {
       if (chart.select.width < 4) return;
       const min = chart.posToVal(chart.select.left, "x");
@@ -87,6 +87,7 @@
     height: 300, series: [{ label: "f [Hz]", value: (_, value) => digits(value) },
       line("measured", "measured", 2.4), line("computed", "computed", 1.2), line("residual", "residual", 1.2)],
     scales: { x: { time: false, distr: 3 }, y: { distr: 3 } },
+    cursor: { y: false },
     axes: [axis("frequency [Hz]", { values: powers }), axis(`amplitude [${unit}]`, { size: 66, values: powers })],
     hooks: { drawClear: [shadeBand(cutoff)] },
   }, data);
