@@ -9,7 +9,6 @@ import math
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -18,23 +17,10 @@ import numpy as np
 import pinocchio as pin
 
 from seaid.arrays import Array
-from seaid.errors import RobotError, SeaidWarning, unknown_name
+from seaid.errors import RobotError, SeaidWarning
 from seaid.inertia import from_center_of_mass, in_parent_frame
-
-_FLOAT_NOISE_RAD = 1e-6
-"""Closer than this to a multiple of pi/2 (or to zero) is float noise of an exporter."""
-
-
-_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
-_NUMBERS = {
-    "origin": {"xyz": 3, "rpy": 3},
-    "axis": {"xyz": 3},
-    "mass": {"value": 1},
-    "inertia": dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), 1),
-    "limit": dict.fromkeys(("lower", "upper", "velocity", "effort"), 1),
-}
-"""How many numbers each attribute has, of the elements that count for the dynamics."""
-_NEEDED = {"mass": ("value",), "inertia": ("ixx", "iyy", "izz")}
+from seaid.rounded_angles import FLOAT_NOISE_RAD, snap
+from seaid.urdf_checks import check_elements
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +68,8 @@ def read_urdf(path: str | Path, snap_tolerance_rad: float) -> UrdfTree:
             f"snap_tolerance_rad must be between 0 and pi/4, found {snap_tolerance_rad}"
         )
     root = _parse_xml(path)
-    _check_elements(path, root)
-    snapped = [text for joint in root.iter("joint") for text in _snap(joint, snap_tolerance_rad)]
+    check_elements(path, root)
+    snapped = [text for joint in root.iter("joint") for text in snap(joint, snap_tolerance_rad)]
     if snapped:
         shown = ", ".join(dict.fromkeys(snapped))
         warnings.warn(
@@ -94,7 +80,7 @@ def read_urdf(path: str | Path, snap_tolerance_rad: float) -> UrdfTree:
         )
     robot = _parse_robot(path, root)
     links = {link.name: _link_parameters(path, link) for link in robot.links}
-    noise = _FLOAT_NOISE_RAD if snap_tolerance_rad > 0 else 0.0
+    noise = FLOAT_NOISE_RAD if snap_tolerance_rad > 0 else 0.0
     joints = {joint.name: _joint(path, joint, noise) for joint in robot.joints}
     return UrdfTree(
         robot.name or path.stem, _root_link(path, links, joints.values()), joints, links
@@ -115,62 +101,6 @@ def _parse_xml(path: Path) -> Any:
     return root
 
 
-def _check_elements(path: Path, root: Any) -> None:
-    """Refuse what yourdfpy would trip over or fill in: names, types, ends, numbers."""
-    for tag in ("link", "joint"):
-        names = [element.get("name") for element in root.findall(tag)]
-        if not all(names):
-            raise RobotError(f"URDF '{path}': a <{tag}> has no name")
-        repeated = {name for name in names if names.count(name) > 1}
-        if repeated:
-            raise RobotError(f"URDF '{path}': {tag} name used twice: {', '.join(sorted(repeated))}")
-    for joint in root.findall("joint"):
-        where = f"URDF '{path}': joint '{joint.get('name')}'"
-        if joint.get("type") not in _TYPES:
-            kind = joint.get("type") or ""
-            raise RobotError(f"{where}: " + unknown_name("joint type", kind, _TYPES))
-        for tag in ("parent", "child"):
-            end = joint.find(tag)
-            if end is None or not end.get("link"):
-                raise RobotError(f'{where} has no <{tag} link="...">')
-        _check_numbers(where, joint)
-        _check_limit(where, joint.find("limit"))
-    for link in root.findall("link"):
-        for inertial in link.findall("inertial"):
-            _check_numbers(f"URDF '{path}': link '{link.get('name')}'", inertial)
-
-
-def _check_numbers(where: str, parent: Any) -> None:
-    for element in parent:
-        for name, count in _NUMBERS.get(element.tag, {}).items():
-            text = element.get(name)
-            if text is None:
-                if name in _NEEDED.get(element.tag, ()):
-                    raise RobotError(f"{where}: <{element.tag}> has no {name}")
-                continue
-            try:
-                found = [float(word) for word in text.split()]
-            except ValueError:
-                found = []
-            endless = element.tag == "limit" and not any(map(math.isnan, found))
-            if len(found) != count or not (endless or all(map(math.isfinite, found))):
-                raise RobotError(
-                    f"{where}: {name} of <{element.tag}> must be {count} finite number"
-                    f"{'s' if count > 1 else ''}, found '{text}'"
-                )
-
-
-def _check_limit(where: str, limit: Any) -> None:
-    if limit is None:
-        return
-    lower, upper = (float(limit.get(name, 0.0)) for name in ("lower", "upper"))
-    if lower > upper:
-        raise RobotError(f"{where}: its lower limit {lower} is above its upper limit {upper}")
-    for name in ("velocity", "effort"):
-        if float(limit.get(name, 0.0)) < 0:
-            raise RobotError(f"{where}: its {name} limit is negative, {limit.get(name)}")
-
-
 def _parse_robot(path: Path, root: Any) -> Any:
     """Let yourdfpy read the XML and report what it finds missing."""
     import logging
@@ -188,35 +118,6 @@ def _parse_robot(path: Path, root: Any) -> Any:
             f"URDF '{path}' cannot be read: {type(problem).__name__}: {problem}"
         ) from None
     return urdf.robot
-
-
-def _snap(joint: Any, tolerance: float) -> list[str]:
-    """Write the exact multiples of pi/2 into a joint's rpy; return what was rounded before."""
-    origin = joint.find("origin")
-    if origin is None or not origin.get("rpy") or tolerance <= 0:
-        return []
-    snapped, angles = [], []
-    for text in origin.get("rpy").split():
-        exact = _meant_angle(text, tolerance)
-        if exact is not None:
-            snapped.append(text)
-        angles.append(text if exact is None else repr(exact))
-    origin.set("rpy", " ".join(angles))
-    return snapped
-
-
-def _meant_angle(text: str, tolerance: float) -> float | None:
-    """Return the multiple of pi/2 that a rounded angle means, None if it means itself."""
-    try:
-        value, exponent = float(text), Decimal(text).as_tuple().exponent
-    except (ValueError, InvalidOperation):
-        return None  # yourdfpy names the bad number
-    if not math.isfinite(value):
-        return None
-    exact = round(value / (math.pi / 2)) * (math.pi / 2)
-    last_digit = 10.0 ** int(exponent) if exact else 0.0
-    allowed = min(tolerance, max(_FLOAT_NOISE_RAD, 2 * last_digit))
-    return exact if 4e-16 * max(1.0, abs(exact)) < abs(value - exact) <= allowed else None
 
 
 def _joint(path: Path, joint: Any, noise: float) -> UrdfJoint:
