@@ -14,6 +14,7 @@ import numpy as np
 from seaid.errors import SeaidError
 from seaid.files import whole_file
 from seaid.identification import Identification
+from seaid.report.html_errors import error_rows, worst_rows
 from seaid.report.html_experiment import (
     known_rows,
     log_facts,
@@ -33,12 +34,9 @@ from seaid.report.html_tables import (
     base_rows,
     condition_rows,
     drive_tables,
-    error_rows,
     has_white,
     residual_rows,
     term_rows,
-    terms_in,
-    worst_rows,
 )
 from seaid.report.html_traces import Run, traces_of
 from seaid.report.html_words import doubts_of, verdict
@@ -150,43 +148,60 @@ def _page(found: Identification, runs: Sequence[Run], facts: list[tuple[str, str
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    doubts = doubts_of(found, runs)
-    unseen = [run for run in runs if run.is_unseen]
-    pictured = (unseen or list(runs))[:1]
-    errors = error_rows(found, runs)
-    traces = traces_of(found, runs)
     return environment.get_template("report.html.j2").render(
         robot=found.robot.name,
-        verdict=verdict(found, runs, doubts),
-        doubts=doubts,
-        cutoff=f"{found.cutoff_hz:.3g}",
-        logs=log_facts(found),
-        used=used_facts(found),
-        known=known_rows(found),
-        drives=drive_tables(found),
-        base=base_rows(found),
-        terms_in=terms_in,
-        terms=term_rows(found),
-        residuals=residual_rows(found),
-        conditions=condition_rows(found),
-        possible=found.possible,
-        errors=worst_rows(errors),
-        all_errors=len(errors),
-        pictures=[picture for run in pictured for picture in figures_of(run)],
-        pictured=[run.name for run in pictured],
-        has_own=bool(found.motions),
-        has_runs=bool(runs),
-        traces=_as_json(traces),
-        without_traces=len(runs) - len(traces["runs"]),
-        singular=_singular(found),
-        correlations=_correlations(found),
-        reached=reached_rows(found),
-        facts=facts,
-        versions=versions(),
+        **_parameters(found),
+        **_experiment(found, facts),
+        **_motions(found, runs),
         heads=_heads,
-        has_white=has_white(found),
         asset=_asset,
     )
+
+
+def _parameters(found: Identification) -> dict[str, Any]:
+    """Return what the page says of the estimates."""
+    return {
+        "drives": drive_tables(found),
+        "base": base_rows(found),
+        "has_white": has_white(found),
+        "possible": found.possible,
+        "terms": term_rows(found),
+        "residuals": residual_rows(found),
+        "conditions": condition_rows(found),
+        "singular": _singular(found),
+        "correlations": _correlations(found),
+    }
+
+
+def _experiment(found: Identification, facts: list[tuple[str, str]]) -> dict[str, Any]:
+    """Return what the page says of the experiment."""
+    return {
+        "cutoff": f"{found.cutoff_hz:.3g}",
+        "logs": log_facts(found),
+        "used": used_facts(found),
+        "known": known_rows(found),
+        "reached": reached_rows(found),
+        "facts": facts,
+        "versions": versions(),
+    }
+
+
+def _motions(found: Identification, runs: Sequence[Run]) -> dict[str, Any]:
+    """Return what the page says and shows of motions, and the verdict by them."""
+    doubts, errors, traces = doubts_of(found, runs), error_rows(found, runs), traces_of(found, runs)
+    pictured = ([run for run in runs if run.is_unseen] or list(runs))[:1]
+    return {
+        "verdict": verdict(found, runs, doubts),
+        "doubts": doubts,
+        "errors": worst_rows(errors),
+        "all_errors": len(errors),
+        "pictures": [picture for run in pictured for picture in figures_of(run)],
+        "pictured": [run.name for run in pictured],
+        "has_own": bool(found.motions),
+        "has_runs": bool(runs),
+        "traces": _as_json(traces),
+        "without_traces": len(runs) - len(traces["runs"]),
+    }
 
 
 def _heads(first: str, white: bool) -> list[str]:

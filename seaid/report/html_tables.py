@@ -1,9 +1,9 @@
-"""Tables of a page: drives, base parameters, checks, validation, as data with text in it."""
+"""Tables of a page: drives, base parameters and checks, as data with text in it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,15 +13,11 @@ from seaid.estimation.checks import TermTest
 from seaid.estimation.estimate import Estimate
 from seaid.identification import Identification
 from seaid.report.html_numbers import Rounded, probability, rounded, share, short
-from seaid.report.html_traces import SIDES, Run
 from seaid.sides.found import POORLY_IDENTIFIED
-from seaid.validation import Fit
 
 _LONG_GROUPING = 64
 _GROUPINGS_ROOM = 1_000_000
 """Characters of the page for groupings; beyond them each is cut, and the page says so."""
-
-_MOST_ERRORS = 1500
 
 CORRELATED = 0.9
 """Autocorrelation from row to row above which something is missing: a low pass makes about half."""
@@ -63,18 +59,6 @@ class CheckRow:
     is_doubtful: bool
 
 
-@dataclass(frozen=True)
-class ErrorRow:
-    """How well the torque of a joint on one side is predicted in a run."""
-
-    run: str
-    is_unseen: bool
-    joint: str
-    side: str
-    cells: tuple[str, ...]
-    relative_error: float
-
-
 def drive_tables(found: Identification) -> list[DriveTable]:
     """Return a table of every joint whose drive has parameters."""
     return [
@@ -102,13 +86,12 @@ def terms_in(expression: str) -> int:
     return 1 + expression.count(" + ") + expression.count(" - ")
 
 
-def _rows(estimate: Estimate, text: object) -> Iterator[ParameterRow]:
+def _rows(estimate: Estimate, text: Callable[[str], str]) -> Iterator[ParameterRow]:
     white, intervals = _white(estimate), estimate.interval()
     errors, relative = estimate.standard_errors, estimate.relative_standard_errors
     for place, name in enumerate(estimate.names):
         value, error, ends = float(estimate.values[place]), float(errors[place]), intervals[place]
-        whole = text(name) if callable(text) else name
-        head, more = _head(whole)
+        head, more = _head(text(name))
         yield ParameterRow(
             name=head,
             more=more,
@@ -224,42 +207,3 @@ def condition_rows(found: Identification) -> list[CheckRow]:
 def side_name(side: str) -> str:
     """Return a side of the checks in words."""
     return {"load": "load side", "both": "both sides at once"}.get(side, "actuator side")
-
-
-def error_rows(found: Identification, runs: Sequence[Run]) -> list[ErrorRow]:
-    """Return how well every run is predicted, by side and joint; sides without traces left out."""
-    return [
-        ErrorRow(
-            run=run.name,
-            is_unseen=run.is_unseen,
-            joint=joint,
-            side=side,
-            cells=_error_cells(fit, index, _torque_unit(found, side, index)),
-            relative_error=float(fit.relative_error[index]),
-        )
-        for run in runs
-        for side in SIDES
-        for fit in [getattr(run.result, side)]
-        for index, joint in enumerate(run.result.joints)
-        if np.isfinite(fit.relative_error[index])
-    ]
-
-
-def worst_rows(rows: Sequence[ErrorRow]) -> list[ErrorRow]:
-    """Return the rows of a table that is not too long: the largest errors, in their order."""
-    largest = sorted(range(len(rows)), key=lambda k: -rows[k].relative_error)[:_MOST_ERRORS]
-    return [rows[k] for k in sorted(largest)]
-
-
-def _torque_unit(found: Identification, side: str, index: int) -> str:
-    return "N" if side == "load" and found.robot.is_prismatic[index] else "N m"
-
-
-def _error_cells(fit: Fit, index: int, unit: str) -> tuple[str, ...]:
-    return (
-        share(float(fit.relative_error[index])),
-        share(float(fit.moving_relative_error[index])),
-        share(float(fit.raw_relative_error[index])),
-        f"{short(float(fit.rms_error[index]))} {unit}",
-        f"{float(fit.r_squared[index]):.4f}",
-    )

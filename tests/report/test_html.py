@@ -21,7 +21,7 @@ from seaid.errors import SeaidError
 from seaid.estimation.checks import TermTest, Whiteness
 from seaid.estimation.model_checks import ModelChecks
 from seaid.identification import Identification
-from seaid.report import html_tables, html_traces
+from seaid.report import html_errors, html_traces
 from seaid.report.html import runs_of, write_report
 from seaid.report.html_maps import cells_of, correlation_map, packed_correlations, singular_values
 from seaid.report.html_words import NOT_VALIDATED, doubts_of, verdict
@@ -224,7 +224,7 @@ def test_more_motions_than_there_is_room_for_are_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(html_traces, "_MOST_TRACES", 5)
-    monkeypatch.setattr(html_tables, "_MOST_ERRORS", 6)
+    monkeypatch.setattr(html_errors, "_MOST_ERRORS", 6)
     found, result = made_up(tmp_path, ("a", "b"), 600)
     page = page_of(tmp_path, found, [result] * 4)
     assert len(json.loads(page.scripts["traces-data"])["runs"]) == 2
