@@ -100,5 +100,5 @@ def _check_port(host: str, port: int) -> None:
     except OSError as problem:
         raise SeaidError(
             f"cannot open port {port} of host '{host}': {problem.strerror}; if another view is "
-            "open there, end it or take another port: port=0 is any that is free"
+            "open there, end it or take another port; port 0 is any that is free"
         ) from None

@@ -1,0 +1,133 @@
+"""The command that shows: what it says, what it plays, how it ends."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from seaid.cli.commands import app
+from seaid.excitation.trajectory import polynomial_trajectory
+from seaid.log import Log, write_log
+from seaid.view.opening import view_robot
+from seaid.view.window import View
+
+MODELS = Path(__file__).parents[2] / "models"
+LEG = (str(MODELS / "tulip_leg.urdf"), "--drives", str(MODELS / "tulip_leg.toml"))
+JOINTS = ("hip_yaw", "hip_roll", "hip_pitch", "knee_pitch", "ankle_pitch")
+AT_ONCE = ("--port", "0", "--seconds", "0")
+
+
+def run(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(app, ["view", *map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a log, the same as another robot writes it, and a plan."""
+    folder = tmp_path_factory.mktemp("motions")
+    time = np.linspace(0.0, 1.0, 101)
+    waves = 0.2 * np.sin(np.outer(time, np.arange(1.0, 6.0)))
+    log = Log(time, JOINTS, 100.0 * waves, waves, waves)
+    (folder / "again").mkdir()
+    write_log(log, folder / "run.csv")
+    write_log(log, folder / "again" / "run.csv")
+    powers = np.zeros((4, 5))
+    powers[2:] = [[0.6] * 5, [-0.4] * 5]
+    polynomial_trajectory(JOINTS, 1.0, powers).save(folder / "plan.json")
+    return folder
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[View]:
+    """Return the views that are opened from now on."""
+    found: list[View] = []
+
+    def remembered(*arguments: object, **options: object) -> View:
+        found.append(view_robot(*arguments, **options))  # type: ignore[arg-type]
+        return found[-1]
+
+    monkeypatch.setattr("seaid.view.opening.view_robot", remembered)
+    return found
+
+
+def test_address_is_the_last_line_and_the_window_ends(opened: list[View]) -> None:
+    said = run(*LEG, *AT_ONCE)
+    assert said.exit_code == 0
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+\n", said.stdout)
+    assert said.stderr == ""
+    (view,) = opened
+    assert not view._clock.is_alive()
+
+
+def test_logs_and_trajectories_are_played_under_their_names(
+    folder: Path, opened: list[View]
+) -> None:
+    logs = ("--log", folder / "run.csv", "--log", folder / "again" / "run.csv")
+    said = run(*LEG, *logs, "--trajectory", folder / "plan.json", *AT_ONCE)
+    assert said.exit_code == 0, said.stderr
+    names = [one.name for one in opened[0].playbacks]
+    assert names == [str(folder / "run.csv"), str(folder / "again" / "run.csv"), "plan.json"]
+    assert np.all(np.isfinite(opened[0].playbacks[0].deflection[:, 2:]))
+
+
+def test_options_reach_the_robot(opened: list[View]) -> None:
+    options = ("--joints", "knee_pitch,ankle_pitch", "--payload", "foot:2.0:0.15,0,0")
+    said = run(MODELS / "tulip_leg.urdf", *options, "--host", "0.0.0.0", *AT_ONCE)
+    assert said.exit_code == 0, said.stderr
+    assert said.stdout.startswith("http://localhost:")
+    picture = opened[0].picture
+    assert picture.robot.joint_names == ("knee_pitch", "ankle_pitch")
+    assert [mark.mass for mark in picture.payloads] == [2.0]
+
+
+def test_missing_meshes_are_notes(tmp_path: Path) -> None:
+    text = (MODELS / "tulip_leg.urdf").read_text()
+    box = '<box size="0.12 0.20 0.10"/>'
+    assert box in text
+    (tmp_path / "leg.urdf").write_text(text.replace(box, '<mesh filename="package://a/b.stl"/>'))
+    said = run(tmp_path / "leg.urdf", *AT_ONCE)
+    assert said.exit_code == 0
+    assert said.stderr == "note: mesh 'package://a/b.stl' is not found (link 'trunk')\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("no.urdf",), "no URDF file at 'no.urdf'"),
+        ((*LEG, "--log", "no.csv"), "no log file at 'no.csv'"),
+        ((*LEG, "--trajectory", "no.json"), "cannot read trajectory 'no.json'"),
+        ((*LEG, "--package-dir", "nowhere"), "there is no folder"),
+        ((*LEG, "--port", "99999"), "port must be a whole number of 0 to 65535"),
+        ((*LEG, "--host", "192.0.2.1"), "of host '192.0.2.1'"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_one_line(arguments: tuple[str, ...], words: str) -> None:
+    said = run(*arguments, *(() if "--port" in arguments else AT_ONCE))
+    assert said.exit_code == 1
+    (line,) = said.stderr.splitlines()
+    assert line.startswith("error: ")
+    assert words in line
+
+
+def test_it_is_shown_until_it_is_interrupted() -> None:
+    # a shell lets what it starts in the background ignore Ctrl-C, and its children after it
+    heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    code = f"{heard}; from seaid.cli import main; main()"
+    command = [sys.executable, "-c", code, "view", LEG[0], "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        url = process.stdout.readline().decode().strip()
+        with urllib.request.urlopen(url, timeout=10) as page:
+            assert page.status == 200
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=20) == 0
+        assert process.stdout.read() == process.stderr.read() == b""

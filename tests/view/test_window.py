@@ -1,0 +1,340 @@
+"""A window without a browser: nodes where the robot is, time that goes on, a clean end."""
+
+from __future__ import annotations
+
+import socket
+import sys
+import threading
+import time
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import seaid
+from seaid.arrays import Array
+from seaid.assembly import Payload
+from seaid.errors import SeaidError
+from seaid.excitation import Trajectory
+from seaid.excitation.trajectory import polynomial_trajectory
+from seaid.log import Log
+from seaid.robot import Robot, load_robot
+from seaid.view.colors import NEUTRAL, deflection_colors
+from seaid.view.opening import view_robot
+from seaid.view.stage import GHOST, LINES
+from seaid.view.window import View
+
+SETTLED_S = 5.0
+
+
+@pytest.fixture(scope="module")
+def leg() -> Robot:
+    models = Path(__file__).parents[2] / "models"
+    payloads = [Payload("foot", 2.0, (0.15, 0.0, 0.0))]
+    return load_robot(models / "tulip_leg.urdf", models / "tulip_leg.toml", payloads=payloads)
+
+
+def log_of(robot: Robot) -> Log:
+    """Return 2 s of waves, with deflections of 0.01 rad at the hip, 0.02 at the knee, ..."""
+    t = np.linspace(0.0, 2.0, 201)[:, None]
+    joint = 0.3 + 0.2 * np.sin((1.0 + np.arange(robot.n)) * t)
+    deflection = 0.01 * np.arange(-1, robot.n - 1) * np.cos(np.pi * t)
+    drives = [robot.drivetrains[name] for name in robot.joint_names]
+    radii = [getattr(one, "load_radius", 1.0) / getattr(one, "motor_radius", 1.0) for one in drives]
+    motor = (joint + deflection) * [one.ratio for one in drives] * np.array(radii)
+    return Log(t[:, 0], robot.joint_names, motor, joint, np.full(joint.shape, np.nan))
+
+
+def plan_of(robot: Robot) -> Trajectory:
+    powers = np.zeros((4, robot.n))
+    powers[0], powers[2], powers[3] = 0.1, 0.6, -0.4
+    return polynomial_trajectory(robot.joint_names, 1.0, powers)
+
+
+@pytest.fixture
+def view(leg: Robot) -> Iterator[View]:
+    with view_robot(leg, {"run": log_of(leg), "plan": plan_of(leg)}, port=0) as shown:
+        yield shown
+
+
+def node(view: View, name: str) -> Any:
+    return view.server.scene.get_handle_by_name(name)
+
+
+def pose(view: View, name: str) -> Array:
+    """Return the homogeneous matrix (4, 4) of a node of the scene."""
+    handle = node(view, name)
+    w, x, y, z = handle.wxyz
+    return np.asarray(pin.SE3(pin.Quaternion(w, x, y, z), np.array(handle.position)).homogeneous)
+
+
+def in_time(happened: Callable[[], bool]) -> bool:
+    """Tell whether something happens soon."""
+    end = time.monotonic() + SETTLED_S
+    while not happened() and time.monotonic() < end:
+        time.sleep(0.01)
+    return happened()
+
+
+def click(handle: Any) -> None:
+    """Press a button as the browser does."""
+    handle.value = True
+
+
+def test_bodies_are_where_the_robot_has_them(view: View, leg: Robot) -> None:
+    data = leg.model.createData()
+    for time_s in (0.0, 0.7, 1.333, 2.0):
+        view.seek(time_s)
+        q = view.playbacks[0].at(time_s)[0]
+        pin.forwardKinematics(leg.model, data, q)
+        np.testing.assert_array_equal(pose(view, "/robot/0"), np.eye(4))
+        for body in range(1, 6):
+            found = pose(view, f"/robot/{body}")
+            np.testing.assert_allclose(found, data.oMi[body].homogeneous, atol=1e-9)
+
+
+def test_joints_have_the_colours_of_deflections(view: View) -> None:
+    view.seek(2.0)
+    _, deflection = view.playbacks[0].at(2.0)
+    expected = deflection_colors(deflection, view.limits)
+    assert [tuple(node(view, f"/robot/{k}/joint").color) for k in range(1, 6)] == expected
+    assert expected[:2] == [NEUTRAL, NEUTRAL]
+    assert len(set(expected[2:])) == 3
+    largest = np.nanmax(np.abs([np.nanmax(np.abs(one.deflection)) for one in view.playbacks]))
+    np.testing.assert_allclose(view.limits, largest)
+
+
+def test_numbers_are_those_of_the_time(view: View) -> None:
+    view.seek(1.0)
+    position, deflection = view.playbacks[0].at(1.0)
+    assert f"{position[3]:+.3f} rad" in view.panel.table.content
+    assert f"{1e3 * deflection[3]:+.2f} mrad".replace("-", "−") in view.panel.table.content
+
+
+def test_payloads_shapes_names_and_lines_are_there(view: View) -> None:
+    np.testing.assert_allclose(node(view, "/robot/5/payload").position, [0.15, 0.0, 0.0])
+    volume = 4 / 3 * np.pi * node(view, "/robot/5/payload").radius ** 3
+    assert volume == pytest.approx(2.0 / 7850.0)
+    assert node(view, "/robot/5/payload_name").text == "2 kg"
+    assert node(view, "/robot/4/name").text == "knee_pitch"
+    assert len(view.stage.groups["bodies"]) == 6
+    lines = node(view, "/robot/3/lines")
+    np.testing.assert_allclose(lines.points[0], [[0.0] * 3, [0.0, 0.0, -0.275]], atol=1e-7)
+    assert not lines.visible  # shapes show the bodies
+    assert not node(view, "/robot/3/center").visible
+
+
+def test_robot_without_shapes_has_its_lines(leg: Robot, write_chain: Callable[..., Path]) -> None:
+    limit = '<limit lower="-1" upper="1" velocity="1" effort="1"/>'
+    robot = load_robot(write_chain({"a": f"revolute {limit}", "b": f"revolute {limit}"}))
+    with view_robot(robot, port=0) as shown:
+        assert shown.stage.groups["bodies"] == ()
+        assert all(lines.visible for lines in shown.stage.groups["lines"])
+        color = np.ravel(shown.stage.groups["lines"][0].colors)[:3]
+        np.testing.assert_array_equal(color, LINES)
+
+
+def test_what_is_shown_is_chosen_in_the_panel(view: View) -> None:
+    inputs = view.server.gui._gui_input_handle_from_uuid.values()
+    boxes = {handle.label: handle for handle in inputs}
+    for label, group in (
+        ("lines between joints", "lines"),
+        ("joints", "joints"),
+        ("names of joints", "names"),
+        ("known payloads", "payloads"),
+        ("centres of mass", "centers"),
+    ):
+        before = boxes[label].value
+        boxes[label].value = not before
+        assert {one.visible for one in view.stage.groups[group]} == {not before}
+    boxes["bodies"].value = 0.25
+    assert {one.opacity for one in view.stage.groups["bodies"]} == {0.25}
+    boxes["bodies"].value = 1.0
+    assert {one.opacity for one in view.stage.groups["bodies"]} == {None}
+    boxes["bodies"].value = 0.0
+    assert {one.visible for one in view.stage.groups["bodies"]} == {False}
+
+
+def test_another_motion_is_shown_within_its_time(view: View) -> None:
+    assert view.playback is view.playbacks[0]
+    view.seek(1.8)
+    view.show("plan")
+    assert view.playback is view.playbacks[1]
+    assert view.time == view.panel.time.max == 1.0
+    assert "planned; deflections are those of the nominal model" in view.panel.notes.content
+    expected = view.picture.placements(view.playbacks[1].position[-1])[5]
+    np.testing.assert_allclose(pose(view, "/robot/5"), expected.homogeneous, atol=1e-9)
+    view.show("run")
+    assert view.panel.time.max == 2.0
+    assert view.panel.notes.content == ""
+
+
+def test_another_motion_is_seen_beside(view: View) -> None:
+    ghost = view.stage.groups["ghost"]
+    np.testing.assert_array_equal(np.ravel(ghost[0].colors)[:3], GHOST)
+    assert not any(lines.visible for lines in ghost)
+    view.compare("plan")
+    assert all(lines.visible for lines in ghost)
+    view.seek(0.5)
+    expected = view.picture.placements(view.playbacks[1].at(0.5)[0])[4]
+    np.testing.assert_allclose(pose(view, "/ghost/4"), expected.homogeneous, atol=1e-9)
+    view.compare(None)
+    assert not any(lines.visible for lines in ghost)
+
+
+def test_time_goes_on_while_it_plays(view: View) -> None:
+    view.panel.speed.value = "4x"
+    start = pose(view, "/robot/5")
+    click(view.panel.play)
+    assert view.panel.play.label == "Pause"
+    assert in_time(lambda: view.time > 0.3)
+    assert np.max(np.abs(pose(view, "/robot/5") - start)) > 0.01
+    assert in_time(lambda: view.time < 0.3)  # it begins again
+    click(view.panel.play)
+    assert view.panel.play.label == "Play"
+    still = view.time
+    time.sleep(0.15)
+    assert view.time == still
+
+
+def test_speed_is_that_of_the_clock(view: View) -> None:
+    view.panel.speed.value = "0.5x"
+    begin = time.monotonic()
+    view.play()
+    assert in_time(lambda: view.time > 0.2)
+    view.pause()
+    elapsed = time.monotonic() - begin
+    assert view.time < 0.5 * (elapsed + 0.1)
+
+
+def test_without_motions_joints_have_sliders(leg: Robot) -> None:
+    with view_robot(leg, port=0) as shown:
+        assert shown.playback is None
+        assert shown.time == 0.0
+        sliders = shown.panel.joints
+        assert [(one.label, one.min, one.max) for one in sliders][3] == ("knee_pitch", 0.05, 1.4)
+        sliders[3].value = 1.2
+        q = np.array([0.0, 0.0, 0.0, 1.2, 0.0])
+        expected = shown.picture.placements(q)[5].homogeneous
+        np.testing.assert_allclose(pose(shown, "/robot/5"), expected, atol=1e-9)
+        with pytest.raises(SeaidError, match="no motion to seek in"):
+            shown.seek(1.0)
+        with pytest.raises(SeaidError, match="no motion to play"):
+            shown.play()
+        with pytest.raises(SeaidError, match="no other motion to compare with"):
+            shown.compare("x")
+        with pytest.raises(SeaidError, match="no motion is named 'x'; allowed: none"):
+            shown.show("x")
+        shown.pause()
+
+
+def test_names_of_motions_are_checked(view: View) -> None:
+    for asked in (view.show, view.compare):
+        with pytest.raises(SeaidError, match="did you mean 'plan'"):
+            asked("plann")
+
+
+def test_motions_without_names_get_some(leg: Robot) -> None:
+    with seaid.view_robot(leg, [log_of(leg), plan_of(leg)], port=0) as shown:
+        assert [one.name for one in shown.playbacks] == ["log 1", "plan 2"]
+    with seaid.view_robot(leg, plan_of(leg), port=0) as shown:
+        assert [one.name for one in shown.playbacks] == ["plan 1"]
+
+
+def test_a_free_joint_can_be_turned_about(write_chain: Callable[..., Path]) -> None:
+    robot = load_robot(write_chain({"a/b": "continuous", "slide": "prismatic"}))
+    with view_robot(robot, port=0) as shown:
+        free, stuck = shown.panel.joints
+        assert (free.min, free.max) == (-3.142, 3.142)
+        assert (stuck.min, stuck.max) == (-1.0, 1.0)
+        assert node(shown, "/robot/1/name").text == "a/b"
+
+
+def test_camera_sees_the_robot(view: View) -> None:
+    camera = view.server.initial_camera
+    lower, upper = view.picture.bounds(view.playbacks[0].position[::20])
+    corners = np.array(np.meshgrid(*np.array([lower, upper]).T)).reshape(3, -1).T
+    sight = camera.look_at - camera.position
+    sight = sight / np.linalg.norm(sight)
+    rays = corners - camera.position
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    assert np.all(np.arccos(rays @ sight) < camera.fov)  # half of it up and down, more sideways
+    assert node(view, "/grid").position[2] <= lower[2]
+
+
+def test_page_is_served_until_the_end_and_nothing_stays(leg: Robot) -> None:
+    before = set(threading.enumerate())
+    with view_robot(leg, log_of(leg), port=0) as shown:
+        port = shown.server.get_port()
+        assert shown.url == f"http://127.0.0.1:{port}"
+        shown.play()
+        with urllib.request.urlopen(shown.url, timeout=10) as page:
+            assert page.status == 200
+            assert b"<html" in page.read().lower()
+    assert in_time(lambda: set(threading.enumerate()) <= before)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", port))
+    shown.stop()  # again, for nothing
+
+
+def test_wait_ends_with_the_window(leg: Robot) -> None:
+    shown = view_robot(leg, port=0)
+    begin = time.monotonic()
+    shown.wait(0.05)
+    threading.Timer(0.1, shown.stop).start()
+    shown.wait()
+    assert time.monotonic() - begin < SETTLED_S
+    assert in_time(lambda: not shown._clock.is_alive())
+
+
+def test_nothing_is_printed(leg: Robot, capsys: pytest.CaptureFixture[str]) -> None:
+    with view_robot(leg, port=0):
+        pass
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_port_in_use_is_told(leg: Robot) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(
+            SeaidError, match=rf"cannot open port {port} of host '127.0.0.1'.*in use"
+        ):
+            view_robot(leg, port=port)
+
+
+@pytest.mark.parametrize("port", [-1, 65536, 80.5, True])
+def test_a_port_that_cannot_be_is_refused(leg: Robot, port: Any) -> None:
+    with pytest.raises(SeaidError, match="port must be a whole number of 0 to 65535, found"):
+        view_robot(leg, port=port)
+
+
+def test_a_host_that_is_not_this_machine_is_refused(leg: Robot) -> None:
+    with pytest.raises(SeaidError, match=r"cannot open port 0 of host '192.0.2.1'"):
+        view_robot(leg, host="192.0.2.1", port=0)  # an address for documents only
+
+
+def test_address_for_the_network_is_shown_as_this_machine(leg: Robot) -> None:
+    with view_robot(leg, host="0.0.0.0", port=0) as shown:
+        assert shown.url.startswith("http://localhost:")
+
+
+def test_missing_viser_is_told(leg: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(SeaidError, match=r"pip install 'seaid\[view\]'"):
+        view_robot(leg, port=0)
+
+
+def test_failure_while_it_opens_closes_the_server(
+    leg: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = set(threading.enumerate())
+    monkeypatch.setattr("seaid.view.opening.put_on_stage", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        view_robot(leg, port=0)
+    assert in_time(lambda: set(threading.enumerate()) <= before)
