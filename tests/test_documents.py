@@ -1,0 +1,168 @@
+"""Documents keep their word: code runs and prints what they say, links lead somewhere."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import seaid
+from seaid.drivetrain.drive_file import drives_from_mapping
+from seaid.logs.description_file import description_for
+from tests.pages import ROOT, Block, blocks, commands, is_run, pages, prepare, run_page, same
+
+LEG_LOGS = ("run.csv", "other.csv", "cold.csv", "warm.csv")
+"""Logs of the TULip leg with its test mass, for pages that begin with a log."""
+
+MAKES_ITS_LOGS = ("README.md", "docs/first_result.md", "docs/tutorial.md")
+LINK = re.compile(r"(?<!`)!?\[[^\]]*\]\(([^)\s]+)\)")
+TITLE = re.compile(r"^#{1,4} (.+)$", re.MULTILINE)
+REFERENCE = re.compile(r"^\.\. auto\w+:: seaid\.(\S+)$", re.MULTILINE)
+
+
+def name_of(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+PAGES = {name_of(page): page for page in pages()}
+WITH_CODE = [
+    name
+    for name, page in PAGES.items()
+    if any(block.language in ("python", "sh") for block in blocks(page.read_text("utf-8")))
+]
+ALL_BLOCKS = [
+    (f"{name}:{block.line}", block)
+    for name, page in PAGES.items()
+    for block in blocks(page.read_text("utf-8"))
+]
+
+
+def of_language(language: str) -> list[object]:
+    """Return the blocks of a language, as parameters of a test."""
+    chosen = [(name, block) for name, block in ALL_BLOCKS if block.language == language]
+    return [pytest.param(block, id=name) for name, block in chosen]
+
+
+@pytest.fixture(scope="session")
+def leg_logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Return the logs of the leg by their names: two motions, 6 s each."""
+    folder = tmp_path_factory.mktemp("logs")
+    leg = seaid.load_robot(
+        ROOT / "models/tulip_leg.urdf",
+        drivetrains=ROOT / "models/tulip_leg.toml",
+        payloads=[seaid.Payload("foot", 2.0, (0.15, 0.0, 0.0))],
+    )
+    noise = seaid.Noise(torque_std_Nm=0.005, joint_resolution_rad=0.00038)
+    for seed, names in enumerate((("run.csv", "cold.csv"), ("other.csv", "warm.csv"))):
+        with pytest.warns(seaid.SeaidWarning, match="ended early"):
+            plan = seaid.design_excitation(leg, 6.0, starts=1, iterations=10, seed=seed)
+        log = seaid.simulate(leg, plan.trajectory, noise=noise, seed=seed)
+        for name in names:
+            seaid.write_log(log, folder / name)
+    return {name: folder / name for name in LEG_LOGS}
+
+
+@pytest.mark.parametrize(
+    "name",
+    # They simulate the leg with its springs, some more than once, since they teach how.
+    [pytest.param(n, marks=pytest.mark.slow if n in MAKES_ITS_LOGS else ()) for n in WITH_CODE],
+)
+def test_code_of_a_page_runs_and_prints_what_the_page_says(
+    name: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    text = PAGES[name].read_text("utf-8")
+    named = name not in MAKES_ITS_LOGS and any(log in text for log in LEG_LOGS)
+    logs = request.getfixturevalue("leg_logs") if named else {}
+    prepare(tmp_path, tuple(logs.values()))
+    for block, printed in run_page(PAGES[name], tmp_path):
+        if block.printed is not None:
+            said = block.printed[2]
+            assert same(said, printed), f"{name}:{block.line} prints\n{printed}\nand not\n{said}"
+
+
+@pytest.mark.parametrize("block", of_language("sh"))
+def test_commands_that_are_not_run_exist(block: Block) -> None:
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    for command in commands(block):
+        if is_run(command):
+            assert command.split()[0] in ("seaid", "python"), command
+        for target in re.findall(r"^make (\w+)", command):
+            assert re.search(rf"^{target}:", makefile, re.MULTILINE), command
+        for extras in re.findall(r"pip install '?\S*\[([\w,]+)\]", command):
+            assert set(extras.split(",")) <= set(project["optional-dependencies"]), command
+
+
+@pytest.mark.parametrize("block", of_language("toml"))
+def test_toml_is_drives_or_a_log_description(block: Block) -> None:
+    table = tomllib.loads(block.code)
+    if all("type" in value for value in table.values() if isinstance(value, dict)) and table:
+        assert drives_from_mapping(table)
+    else:
+        table.setdefault("joints", {"elbow": {"joint_position": "q"}})
+        description = description_for(ROOT / "run.csv", table)
+        assert description is not None
+        assert description.joints
+
+
+@pytest.mark.parametrize("block", of_language("json"))
+def test_json_is_json(block: Block) -> None:
+    assert json.loads(block.code)
+
+
+def anchors(page: Path) -> set[str]:
+    """Return what a link into a page may name, as GitHub and the site make it of titles."""
+    text = page.read_text("utf-8")
+    plain = (re.sub(r"[^\w\- ]", "", title.lower()) for title in TITLE.findall(text))
+    targets = (label.replace("_", "-") for label in re.findall(r"^\((\S+)\)=$", text, re.MULTILINE))
+    return {title.replace(" ", "-") for title in plain} | set(targets)
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_links_and_pictures_are_there(name: str) -> None:
+    page = PAGES[name]
+    for target in LINK.findall(page.read_text("utf-8")):
+        if re.match(r"https?://", target):
+            continue
+        path, _, anchor = target.partition("#")
+        there = (page.parent / path).resolve() if path else page
+        assert there.exists(), f"{name}: {target}"
+        if anchor:
+            assert anchor in anchors(there), f"{name}: {target}"
+
+
+def test_every_public_name_is_in_the_reference() -> None:
+    pages_ = (ROOT / "docs/reference").glob("*.md")
+    named = {name for page in pages_ for name in REFERENCE.findall(page.read_text("utf-8"))}
+    modules = {"regression", "symbolic"}
+    symbolic = {f"symbolic.{name}" for name in seaid.symbolic.__all__}
+    assert set(seaid.__all__) - modules | symbolic | {"regression.rigid_body_regressor"} <= named
+
+
+def test_every_command_is_in_the_reference_with_its_options() -> None:
+    from typer.main import get_command
+
+    from docs import commands as reference
+    from seaid.cli.commands import app
+
+    text = reference.markdown()
+    for command in get_command(app).commands.values():  # type: ignore[attr-defined]
+        for option in (option for one in command.params for option in one.opts):
+            assert option in text or not option.startswith("-")
+
+
+# The reader of pages
+
+
+def test_words_have_to_be_the_same_and_numbers_nearly() -> None:
+    assert same("k = 51000 +- 270 N/m", "k = 51394 +- 280 N/m\n")
+    assert not same("k = 51000 N/m", "k = 41394 N/m")
+    assert not same("k = 51000 N/m", "K = 51000 N/m")
+
+
+def test_a_line_of_dots_stands_for_any_lines() -> None:
+    assert same("one\n...\nfour 4\n", "one\ntwo\nthree\nfour 4.1\n")
+    assert not same("one\n...\nfive\n", "one\ntwo\n")
