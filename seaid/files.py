@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import os
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -59,4 +60,7 @@ def write_csv(path: str | Path, data: Mapping[str, Array]) -> None:
 
 def _cannot_write(path: Path, problem: OSError) -> SeaidError:
     reason = problem.strerror or str(problem)
-    return SeaidError(f"cannot write '{path}': {reason}; name a folder you may write to")
+    advice = "name a folder you may write to"
+    if problem.errno in (errno.ENOSPC, errno.EDQUOT):
+        advice = "make room, or name a folder on another disk"
+    return SeaidError(f"cannot write '{path}': {reason}; {advice}")

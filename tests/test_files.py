@@ -38,7 +38,8 @@ def test_full_disk_is_said_with_path_and_advice(tmp_path: Path) -> None:
         temporary.write_text("half")
         raise OSError(28, "No space left on device")
     assert str(caught.value) == (
-        f"cannot write '{path}': No space left on device; name a folder you may write to"
+        f"cannot write '{path}': No space left on device; make room, or name a folder on another "
+        "disk"
     )
     assert path.read_text() == "old"
 

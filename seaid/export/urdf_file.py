@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -15,6 +14,16 @@ from seaid.arrays import Array
 from seaid.drivetrain.model import IDEAL_DRIVE, StiffDrive
 from seaid.errors import RobotError, SeaidWarning, unknown_name
 from seaid.export.drive_tables import write_drivetrains
+from seaid.export.xml_text import (
+    Edit,
+    Element,
+    edited,
+    new_element,
+    read_places,
+    with_children,
+    with_content,
+    without,
+)
 from seaid.files import whole_file
 from seaid.identification import Identification
 from seaid.inertia import in_parent_frame, is_physical, pseudo_inertia
@@ -46,44 +55,49 @@ def write_urdf(
     """Write the robot's URDF with its bodies replaced, and its drives as TOML beside it.
 
     Only the <inertial> of links that move, and the <dynamics> of joints with a stiff drive (damping
-    and friction, seen at the joint), change; comments, meshes and unknown tags stay. Links that are
+    and friction, seen at the joint), change; all other text stays byte by byte. Links that are
     fixed to a moving one keep their inertia, and the moving link gets the rest of what was
     identified together; where that rest is no possible body, it gets all and they get none (a
     note says so). The payload is not in the file. `source`: the URDF to take (default: the file
     that the robot was loaded from). Drives that are not ideal go to `<path>.toml`.
 
     Raises RobotError for bodies that cannot exist (unless `force`) or are not known, and for a
-    source without the robot's links; SeaidError where a file cannot be written.
+    source that is `path` or has not the robot's links; SeaidError where a file cannot be written.
     """
     robot = found.robot if isinstance(found, Identification) else found
     path = Path(path)
     source = robot.urdf if source is None else Path(source)
     if source is None:
         raise RobotError(f"'{robot.name}' was not loaded from a file: name its URDF with source=")
-    document = _document(source)
+    source = Path(source)
+    if path.resolve() == source.resolve():
+        raise RobotError(f"'{path}' is the URDF that is taken: name another file to write")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SeaidWarning)  # rounded angles were told when it was loaded
         tree = read_urdf(source, _SNAP)
     _check_links(source, tree, robot)
     notes: list[str] = []
-    for link, parameters in _bodies(robot, tree, notes, force).items():
-        _set_inertial(document, link, parameters)
-    for joint, drive in robot.drivetrains.items():
-        if isinstance(drive, StiffDrive) and drive != IDEAL_DRIVE:
-            _set_dynamics(document, joint, drive)
+    bodies = _bodies(robot, tree, notes, force)
+    text, root = _text_of(source)
+    edits = [edit for link in bodies for edit in _inertial_edits(text, root, link, bodies[link])]
+    edits += [edit for joint in robot.joint_names for edit in _dynamics(text, root, robot, joint)]
+    _note_left_out(robot, path, source, root, notes)
+    drives = None
+    if any(drive != IDEAL_DRIVE for drive in robot.drivetrains.values()):
+        drives = path.with_suffix(".toml")
     with whole_file(path) as temporary:
-        document.write(str(temporary), encoding="utf-8", xml_declaration=True)
-    if np.any(robot.payload_parameters):
-        notes.append("the payload that was known is not in the file: give it with payloads=")
-    return WrittenUrdf(path, _write_drives(robot, path), tuple(notes))
+        temporary.write_bytes(edited(text, edits))
+        if drives is not None:
+            write_drivetrains(robot.drivetrains, drives)
+    return WrittenUrdf(path, drives, tuple(notes))
 
 
-def _document(source: Path) -> Any:
-    from lxml import etree
-
+def _text_of(source: Path) -> tuple[bytes, Element]:
+    """Return a URDF's text, and where its elements are."""
     try:
-        return etree.parse(str(source), etree.XMLParser(remove_comments=False))
-    except (etree.XMLSyntaxError, OSError) as problem:
+        text = source.read_bytes()
+        return text, read_places(text)
+    except (ValueError, OSError) as problem:
         raise RobotError(f"cannot read URDF '{source}': {problem}") from None
 
 
@@ -150,58 +164,74 @@ def _check_possible(body: str, parameters: Array, force: bool, notes: list[str])
     notes.append(problem)
 
 
-def _set_inertial(document: Any, link: str, parameters: Array) -> None:
-    """Write ten parameters, in the link's frame, as mass, centre of mass and inertia there."""
-    element = next(e for e in document.getroot().iter("link") if e.get("name") == link)
+def _inertial_edits(text: bytes, root: Element, link: str, parameters: Array) -> list[Edit]:
+    """Return what writes ten parameters, in the link's frame, as a link's mass and inertia."""
+    element = _named(root, "link", link)
     inertial = element.find("inertial")
     if not np.any(parameters):
-        if inertial is not None:
-            element.remove(inertial)
-        return
-    if inertial is None:
-        inertial = element.makeelement("inertial")
-        inertial.tail = element.text
-        element.insert(0, inertial)
+        return [] if inertial is None else [without(text, inertial)]
     mass, center = parameters[0], parameters[1:4] / parameters[0]
     second = center @ center * np.eye(3) - np.outer(center, center)
     xx, xy, yy, xz, yz, zz = parameters[4:]
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - mass * second
-    origin = _child(inertial, "origin")
-    origin.set("xyz", _text(center))
-    origin.set("rpy", "0 0 0")
-    _child(inertial, "mass").set("value", _text([mass]))
-    names = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2)}
-    for name, place in {**names, "izz": (2, 2)}.items():
-        _child(inertial, "inertia").set(name, _text([inertia[place]]))
+    places = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2)}
+    children = {
+        "origin": {"xyz": _numbers(center), "rpy": "0 0 0"},
+        "mass": {"value": _numbers([mass])},
+        "inertia": {
+            name: _numbers([inertia[at]]) for name, at in {**places, "izz": (2, 2)}.items()
+        },
+    }
+    if inertial is None:
+        return [with_content(text, element, [new_element("inertial", children)])]
+    return with_children(text, inertial, children)
 
 
-def _set_dynamics(document: Any, joint: str, drive: StiffDrive) -> None:
-    """Write damping and friction of a stiff drive as they are at the joint."""
-    element = next(e for e in document.getroot().findall("joint") if e.get("name") == joint)
-    viscous, coulomb = drive.viscous_friction_Nms_per_rad, drive.coulomb_friction_Nm
+def _dynamics(text: bytes, root: Element, robot: Robot, joint: str) -> list[Edit]:
+    """Return what writes damping and friction of a stiff drive as they are at its own joint."""
+    drive = robot.drivetrains[joint]
+    if not isinstance(drive, StiffDrive) or drive == IDEAL_DRIVE or _is_coupled(robot, joint):
+        return []
+    viscous, coulomb = (drive.values.get(f"{kind}_friction") for kind in ("viscous", "coulomb"))
+    seen = {}
     if viscous is not None:
-        _child(element, "dynamics").set("damping", _text([drive.ratio**2 * viscous]))
+        seen["damping"] = _numbers([drive.ratio**2 * viscous])
     if coulomb is not None:
-        _child(element, "dynamics").set("friction", _text([drive.ratio * coulomb]))
+        seen["friction"] = _numbers([drive.ratio * coulomb])
+    return with_children(text, _named(root, "joint", joint), {"dynamics": seen}) if seen else []
 
 
-def _write_drives(robot: Robot, path: Path) -> Path | None:
-    if all(drive == IDEAL_DRIVE for drive in robot.drivetrains.values()):
-        return None
-    beside = path.with_suffix(".toml")
-    write_drivetrains(robot.drivetrains, beside)
-    return beside
+def _is_coupled(robot: Robot, joint: str) -> bool:
+    turned = robot.transmission[robot.index(joint)]
+    return bool(turned[robot.index(joint)] != 1 or np.count_nonzero(turned) != 1)
 
 
-def _child(parent: Any, tag: str) -> Any:
-    """Return the first child of a tag, made at the end where there is none."""
-    found = parent.find(tag)
-    if found is None:
-        found = parent.makeelement(tag)
-        found.tail = parent.text if len(parent) == 0 else parent[-1].tail
-        parent.append(found)
+def _note_left_out(robot: Robot, path: Path, source: Path, root: Element, notes: list[str]) -> None:
+    """Say what of the robot a URDF cannot have, and which files it names are no longer found."""
+    if np.any(robot.payload_parameters):
+        notes.append("the payload that was known is not in the file: give it with payloads=")
+    for joint, drive in robot.drivetrains.items():
+        if isinstance(drive, StiffDrive) and drive != IDEAL_DRIVE and _is_coupled(robot, joint):
+            notes.append(
+                f"joint '{joint}': its drive moves other joints, and <dynamics> cannot say its "
+                "friction: the file of the drives does"
+            )
+    shapes = (one for one in root.all() if one.tag in ("mesh", "texture"))
+    named = (one.attributes.get("filename", "") for one in shapes)
+    beside = [name for name in named if name and "://" not in name and not Path(name).is_absolute()]
+    if beside and path.resolve().parent != source.resolve().parent:
+        more = len(set(beside)) - 1
+        notes.append(
+            f"'{beside[0]}'{f' and {more} other files' if more else ''} that it names are looked "
+            f"for beside it: write it into '{source.resolve().parent}', or copy them"
+        )
+
+
+def _named(root: Element, tag: str, name: str) -> Element:
+    found = root.find(tag, name)
+    assert found is not None  # read_urdf has found it
     return found
 
 
-def _text(values: Iterable[float]) -> str:
+def _numbers(values: Iterable[float]) -> str:
     return " ".join(repr(float(value)) for value in values)
