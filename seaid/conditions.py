@@ -34,6 +34,7 @@ from seaid.sides.records import Record, Source, records_of, rows_of, sources_of
 from seaid.sides.sequential import Fit, Sides, known_torques, split_load_side, sprung
 from seaid.sides.shared_columns import SharedRows, placed_carried, shared_rows
 from seaid.sides.straightening import straightened_robot
+from seaid.sides.untold import with_held_flags
 
 BODIES = "bodies"
 """Stands in `own` for all base parameters."""
@@ -84,6 +85,7 @@ def identify_conditions(
     first = robots[next(iter(robots))]
     _check_own(first, own)
     used = _used(robots, records) if rows is None else first.rows(rows)
+    given = robots
     robots, records = _straightened(robots, records, used)
     first = robots[next(iter(robots))]
     models = {
@@ -109,7 +111,11 @@ def identify_conditions(
                 name: packed(
                     robots[name],
                     models[name],
-                    _sides(name, robots[name], models[name], actuators, load, joints),
+                    _held(
+                        _sides(name, robots[name], models[name], actuators, load, joints),
+                        given[name],
+                        robots[name],
+                    ),
                     records[name],
                 )
                 for name in robots
@@ -118,6 +124,10 @@ def identify_conditions(
         own=tuple(own),
         differences=FrozenMapping(differences),
     )
+
+
+def _held(sides: Sides, given: Robot, robot: Robot) -> Sides:
+    return replace(sides, drivetrains=with_held_flags(sides.drivetrains, given, robot))
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,8 +26,10 @@ from seaid.sides.instruments import (
 )
 from seaid.sides.load_side import LoadModel, load_model, load_regression
 from seaid.sides.sequential import Sides, sequential_sides
-from seaid.simulation import Noise, measure
-from tests.experiments import ARM_SENSORS, arm, arm_motion, drive_errors, perfect_log
+from seaid.simulation import Noise, measure, simulate
+from tests.experiments import ARM_SENSORS, arm, arm_motion, drive_errors, perfect_log, wiggle
+from tests.terms import STIFF
+from tests.terms import arm as two_joints
 
 
 @cache
@@ -114,6 +117,18 @@ def test_coarse_joint_encoders_bias_least_squares_more() -> None:
     worst = int(np.argmax(np.abs(np.mean(plain, axis=0))))
     assert np.mean(plain, axis=0)[worst] < -0.01
     assert abs(np.mean(freed, axis=0)[worst]) < 0.4 * abs(np.mean(plain, axis=0)[worst])
+
+
+def test_stiff_drives_have_no_instruments_and_that_is_said(tmp_path: Path) -> None:
+    robot = two_joints(tmp_path, STIFF, STIFF)
+    sensors = Noise(motor_resolution_rad=2 * np.pi / 2**10, torque_std_Nm=0.001)
+    trajectory = wiggle(robot, 4.0, (0.0, 0.0), (1.2, 1.5))
+    log = simulate(robot, trajectory, rate_hz=250.0, noise=sensors, seed=1)
+    plain, found = (
+        identify(robot.without_nominal(), log, estimator=name) for name in ("wls", "iv")
+    )
+    assert found.load.values == pytest.approx(plain.load.values, rel=1e-9)
+    assert [flag for flag in found.flags if "give what least squares gives" in flag]
 
 
 def test_errors(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -322,6 +322,19 @@ def test_a_zero_that_only_moves_a_preload_is_held_and_said() -> None:
     assert "deflection_zero" in found.known.drivetrains["two"].known
 
 
+def test_what_is_held_is_said_of_every_condition_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    def holding(given: Robot, records: Any, rows: Any) -> tuple[Robot, Any]:
+        drive = replace(given.drivetrains["two"], known=("deflection_zero",))
+        return given.with_drivetrains({**given.drivetrains, "two": drive}), records
+
+    monkeypatch.setattr("seaid.conditions.straightened_robot", holding)
+    drive = with_terms(ELASTIC, SPRINGS["cubic"][0], {"deflection_zero": 0.0})
+    known, log = robot(STIFF, drive), noisy("plain")
+    both = identify_conditions({"a": (known, log), "b": (known, log)}, own=())
+    for found in both.found.values():
+        assert any("deflection zero of two is not told by this motion" in f for f in found.flags)
+
+
 def test_found_terms_predict_another_log() -> None:
     truth = robot(
         with_terms(STIFF, *FRICTION["smooth"]), with_terms(ELASTIC, *FRICTION["stribeck"])

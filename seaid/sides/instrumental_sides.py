@@ -34,6 +34,9 @@ from seaid.sides.sequential import Regressions, Sides, sequential_sides
 SETTLED = 0.01
 """Part of a standard error below which new instruments change nothing."""
 
+_NOTHING = 1e-6
+"""Part of a standard error that is rounding."""
+
 _MOST_ITERATIONS = 20
 
 
@@ -51,7 +54,7 @@ def instrumental_sides(
     parameter moves by more than a small part of its standard error (Janot, Vandanjon and Gautier
     2014): first of smoothed joint positions, which need no good estimate, then on the load side of
     joints that the motors drive. Where the latter diverge or do not settle the former stay, and a
-    flag says so.
+    flag says so; so does one where all drives are stiff, and instruments change nothing.
     Raises IdentificationError where that does not come, and as `instrumental` does.
     """
     run = partial(
@@ -64,13 +67,24 @@ def instrumental_sides(
     )
     found = run(start, make=instrument_motion)
     try:
-        return run(found, make=motor_driven_motion)
+        found = run(found, make=motor_driven_motion)
     except IdentificationError as problem:
-        flag = (
+        return _flagged(
+            found,
             "instruments of the load side are those of the smoothed joint encoders, whose noise "
-            f"may bias the base parameters: {problem}"
+            f"may bias the base parameters: {problem}",
         )
-        return replace(found, load=replace(found.load, flags=(*found.load.flags, flag)))
+    if max(_moved(start, found).values()) < _NOTHING:
+        return _flagged(
+            found,
+            "instrumental variables give what least squares gives: behind stiff drives the motor's "
+            "encoder is the instrument, and the motion is that of the same encoder",
+        )
+    return found
+
+
+def _flagged(found: Sides, flag: str) -> Sides:
+    return replace(found, load=replace(found.load, flags=(*found.load.flags, flag)))
 
 
 def _settled(
