@@ -1,0 +1,150 @@
+"""The view in a real browser: it loads without error or a foreign request, and moves.
+
+`make test-browser` runs these; screenshots go to out/browser/.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import ConsoleMessage, Locator, Page, Request, sync_playwright
+
+from seaid.assembly import Payload
+from seaid.excitation.trajectory import polynomial_trajectory
+from seaid.log import Log
+from seaid.robot import Robot, load_robot
+from seaid.view.opening import view_robot
+from seaid.view.window import View
+
+pytestmark = pytest.mark.browser
+
+ROOT = Path(__file__).parents[2]
+PICTURES = ROOT / "out" / "browser"
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+SOFTWARE = [
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+]
+"""Chromium draws WebGL without a graphics card."""
+PATIENCE_MS = 60_000.0
+
+
+@pytest.fixture(scope="module")
+def leg() -> Robot:
+    payloads = [Payload("foot", 2.0, (0.15, 0.0, 0.0))]
+    models = ROOT / "models"
+    return load_robot(models / "tulip_leg.urdf", models / "tulip_leg.toml", payloads=payloads)
+
+
+@pytest.fixture(scope="module")
+def view(leg: Robot) -> Iterator[View]:
+    """Return a view of a log and a plan whose names a browser could take for markup."""
+    t = np.linspace(0.0, 2.0, 201)[:, None]
+    joint = np.array([0.3, 0.2, 0.4, 0.5, 0.5]) * np.sin(np.pi * t) + [0.0, 0.0, -0.2, 0.6, 0.0]
+    deflection = np.array([0.0, 0.0, 0.05, -0.04, 0.02]) * np.cos(np.pi * t)
+    drives = [leg.drivetrains[name] for name in leg.joint_names]
+    levers = [
+        getattr(one, "load_radius", 1.0) / getattr(one, "motor_radius", 1.0) for one in drives
+    ]
+    motor = (joint + deflection) * np.multiply([one.ratio for one in drives], levers)
+    log = Log(t[:, 0], leg.joint_names, motor, joint, np.full(joint.shape, np.nan))
+    powers = np.zeros((4, leg.n))
+    powers[2:] = [[0.6] * leg.n, [-0.4] * leg.n]
+    plan = polynomial_trajectory(leg.joint_names, 1.0, powers)
+    with view_robot(leg, {"<i>run</i>": log, "plan {1}": plan}, port=0) as shown:
+        yield shown
+
+
+@pytest.fixture(scope="module")
+def wrong() -> list[str]:
+    """Return what went wrong in the page, and what it asked for elsewhere."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def page(view: View, wrong: list[str]) -> Iterator[Page]:
+    executable = next(filter(None, map(shutil.which, NAMES)), None)
+    if executable is None:
+        pytest.skip("no Chromium: make test-browser installs it")
+    PICTURES.mkdir(parents=True, exist_ok=True)
+
+    def said(message: ConsoleMessage) -> None:
+        if message.type == "error":
+            wrong.append(message.text)
+
+    def asked(request: Request) -> None:
+        if not request.url.startswith((view.url, "data:", "blob:")):
+            wrong.append(f"request of {request.url}")
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=executable, args=SOFTWARE)
+        opened = browser.new_page(viewport={"width": 900, "height": 560})
+        opened.set_default_timeout(PATIENCE_MS)
+        opened.on("console", said)
+        opened.on("pageerror", lambda problem: wrong.append(str(problem)))
+        opened.on("request", asked)
+        opened.goto(view.url)
+        opened.wait_for_selector("canvas")
+        opened.get_by_text("knee_pitch").first.wait_for()
+        yield opened
+        browser.close()
+
+
+def drawn(page: Page, name: str) -> bytes:
+    """Return a screenshot of the scene once it stands still."""
+    clip = {"x": 320.0, "y": 0.0, "width": 250.0, "height": 560.0}  # without panel and hints
+    before = b""
+    for _ in range(40):
+        page.wait_for_timeout(500)
+        now = page.screenshot(clip=clip, timeout=PATIENCE_MS)  # type: ignore[arg-type]
+        if now == before:
+            break
+        before = now
+    page.screenshot(path=PICTURES / f"view_{name}.png", timeout=PATIENCE_MS)
+    return before
+
+
+def chosen(page: Page, value: str) -> Locator:
+    """Return the box of a choice that shows a value."""
+    boxes = page.locator("input.mantine-Select-input").all()
+    return next(box for box in boxes if box.input_value() == value)
+
+
+def test_page_shows_the_robot_and_what_time_it_is(page: Page, view: View, wrong: list[str]) -> None:
+    assert page.locator("canvas").count() >= 1
+    assert page.get_by_text("Spring deflection about its mean").is_visible()
+    assert page.get_by_text("tulip_leg").is_visible()
+    limit = 1e3 * float(np.max(view.limits))
+    assert page.get_by_text(f"+{limit:.3g} mrad").is_visible()
+    view.seek(0.0)
+    start = drawn(page, "start")
+    view.seek(0.5)
+    position, _ = view.playbacks[0].at(0.5)
+    page.get_by_text(f"{position[3]:+.3f} rad").wait_for()
+    assert drawn(page, "seek") != start
+    assert wrong == []
+
+
+def test_buttons_and_choices_of_the_page_move_the_robot(
+    page: Page, view: View, wrong: list[str]
+) -> None:
+    view.pause()
+    view.seek(0.0)
+    page.get_by_role("button", name="Play").click()
+    page.get_by_role("button", name="Pause").wait_for()
+    page.wait_for_timeout(500)
+    assert view.time > 0.0
+    page.get_by_role("button", name="Pause").click()
+    page.get_by_role("button", name="Play").wait_for()
+    chosen(page, "<i>run</i>").click()
+    page.get_by_role("option", name="plan {1}").click()
+    page.get_by_text("deflections are those of the nominal model").wait_for()
+    assert view.playback is view.playbacks[1]
+    assert chosen(page, "plan {1}").is_visible()
+    assert wrong == []
