@@ -6,6 +6,7 @@ import re
 import sys
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 from docutils.utils.math.latex2mathml import tex2mathml
 
@@ -44,17 +45,34 @@ nitpick_ignore_regex = [
     ("py:exc", r".*"),
 ]
 
+_SPACE = "{http://www.w3.org/1998/Math/MathML}"
+_ACCENTS = ("\u02d9", "\u00a8")  # of time derivatives
 _NUMBER = re.compile(r"\\tag\{(.*?)\}")
 
 
+def _mathml(text: str, block: bool) -> str:
+    """Return TeX as MathML, with the index of a dotted symbol beside it and not below."""
+    ElementTree.register_namespace("", _SPACE[1:-1])
+    math = ElementTree.fromstring(tex2mathml(text, as_block=block))
+    for both in list(math.iter(f"{_SPACE}munderover")):
+        symbol, index, accent = both
+        if accent.text in _ACCENTS:
+            both.tag, dotted = f"{_SPACE}msub", ElementTree.Element(f"{_SPACE}mover")
+            dotted.extend((symbol, accent))
+            both[:] = (dotted, index)
+    for dotted in math.iter(f"{_SPACE}mover"):
+        dotted.set("accent", "false")  # as an accent the dot falls into short letters
+    return ElementTree.tostring(math, encoding="unicode")
+
+
 def _inline(self: Any, node: Any) -> None:
-    self.body.append(tex2mathml(node.astext(), as_block=False))
+    self.body.append(_mathml(node.astext(), block=False))
 
 
 def _block(self: Any, node: Any) -> None:
     r"""Write an equation as MathML, which browsers show by themselves; \tag is its number."""
     number = _NUMBER.search(node.astext())
-    equation = tex2mathml(_NUMBER.sub("", node.astext()).strip(), as_block=True)
+    equation = _mathml(_NUMBER.sub("", node.astext()).strip(), block=True)
     tag = f'<span class="eqno">({number[1]})</span>' if number else ""
     self.body.append(f'<div class="equation">{equation}{tag}</div>\n')
 
