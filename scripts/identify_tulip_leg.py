@@ -81,8 +81,9 @@ def main(output: Path, seed: int) -> None:
             future.result() for future in track(futures, "simulating three runs", True)
         )
 
-    found = seaid.identify(known, log, joint_zero_std=JOINT_ZERO_STD_RAD, progress=True)
-    possible = seaid.identify(known, log, joint_zero_std=JOINT_ZERO_STD_RAD, feasible=True)
+    found = seaid.identify(
+        known, log, feasible=True, joint_zero_std=JOINT_ZERO_STD_RAD, progress=True
+    )
     elastic = seaid.identify(known, log, rows=known.elastic_joints)
     free = seaid.identify(load_leg(()).without_nominal(), free_log)
     result = seaid.validate(found, other_log)
@@ -99,7 +100,7 @@ def main(output: Path, seed: int) -> None:
     print(validation_table(result))
     print_flags(found)
     write(output, plan, log, other_log, found, result, seed)
-    written = seaid.write_urdf(possible, output / "tulip_leg_identified.urdf")
+    written = seaid.write_urdf(found, output / "tulip_leg_identified.urdf")
     print("tulip_leg_identified.urdf has the possible bodies nearest to the estimate:")
     for note in written.notes:
         print(f"note: {note}")
