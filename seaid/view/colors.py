@@ -11,9 +11,9 @@ NEUTRAL: Color = (88, 94, 102)
 """Of joints without a spring, and where its deflection is not known."""
 
 _STOPS = np.array(
-    [(20, 78, 186), (98, 164, 235), (246, 244, 238), (244, 150, 72), (186, 38, 18)], dtype=float
+    [(20, 78, 186), (104, 172, 232), (255, 243, 186), (245, 144, 66), (186, 34, 18)], dtype=float
 )
-"""Blue, light blue, white, orange, red; at -1, -1/2, 0, 1/2 and 1."""
+"""Blue, light blue, pale yellow, orange, red; at -1, -1/2, 0, 1/2 and 1."""
 
 
 def deflection_colors(deflection: Array, limit: Array) -> list[Color]:
