@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from seaid.arrays import Array, IndexArray
+from seaid.drive_signals import motor_regressor, sensed_torque, signals
 from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.errors import LogError, unknown_name
 from seaid.estimation.covariance import newey_west
@@ -17,15 +18,8 @@ from seaid.log import Log, column_names
 from seaid.logs.repair import Repair
 from seaid.logs.resampling import interpolated
 from seaid.motion import Motion, reconstruct_motion
-from seaid.regression import (
-    actuator_columns,
-    in_band,
-    motor_regressor,
-    row_samples,
-    sensed_torque,
-    signals,
-    standstill,
-)
+from seaid.motion_rows import in_band, row_samples, standstill
+from seaid.regression import actuator_columns
 from seaid.rigid_body import regressor_at_drives
 from seaid.robot import Robot
 

@@ -18,8 +18,9 @@ from seaid.formats.table import Block, Blocks
 from seaid.log import MINIMUM_SAMPLES, Log, log_of
 from seaid.logs.log_columns import Column, wanted_columns
 from seaid.motion import Motion, check_cutoff, is_regular, reconstruct_motion
+from seaid.motion_rows import row_samples
 from seaid.processing import Processing
-from seaid.regression import Regression, row_samples
+from seaid.regression import Regression
 from seaid.robot import Robot
 
 CHUNK_SAMPLES = 16_000

@@ -15,7 +15,8 @@ from seaid.filtering import decimation
 from seaid.identification import Identification
 from seaid.log import Log
 from seaid.motion import POSITION_BAND, Motion, reconstruct_motion
-from seaid.regression import REST_RAD_S, STANDSTILL, actuator_columns
+from seaid.motion_rows import REST_RAD_S, STANDSTILL
+from seaid.regression import actuator_columns
 from seaid.robot import Robot
 from seaid.sides.driven_motion import finer_side
 from seaid.sides.load_response import Answer, TorqueJacobians, answer_to, torque_jacobians

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from seaid.arrays import Array, BoolArray
+from seaid.drive_signals import INPUTS, signals
 from seaid.identification import Identification
 from seaid.log import Log
 from seaid.motion import Motion, reconstruct_motion
-from seaid.regression import INPUTS, actuator_columns, in_band, signals, standstill
+from seaid.motion_rows import in_band, standstill
+from seaid.regression import actuator_columns
 from seaid.robot import Robot
 from seaid.sides.gear_torque import under_load, with_gear_torque
 from seaid.sides.load_side import load_columns, unknown_friction

@@ -10,18 +10,12 @@ import pytest
 
 from seaid.arrays import Array
 from seaid.base import base_parameters
+from seaid.drive_signals import motor_regressor, spring_regressor
 from seaid.errors import LogError
 from seaid.filtering import low_pass
 from seaid.motion import Motion
-from seaid.regression import (
-    actuator_columns,
-    actuator_regression,
-    in_band,
-    motor_regressor,
-    spring_regressor,
-    stacked,
-    standstill,
-)
+from seaid.motion_rows import in_band, standstill
+from seaid.regression import actuator_columns, actuator_regression, stacked
 from seaid.rigid_body import joint_torques
 from seaid.robot import Robot, load_robot
 from seaid.sides.load_side import LoadModel, load_model, load_regression, zero_sensitivity

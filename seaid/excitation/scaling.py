@@ -17,7 +17,7 @@ from seaid.excitation.problem import Problem, random_start, states_of
 from seaid.excitation.target import Target, stacked_regressor
 from seaid.log import Log
 from seaid.motion import reconstruct_motion
-from seaid.regression import row_samples
+from seaid.motion_rows import row_samples
 from seaid.robot import Robot
 from seaid.sides.found import nominal_values
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from seaid.arrays import Array
 from seaid.base import BaseParameters
+from seaid.drive_signals import joint_regressor, motor_regressor
 from seaid.drivetrain.curves import beside_names, no_value
 from seaid.drivetrain.regressor import DriveRegressor
 from seaid.drivetrain.smooth import SIGNALS, SmoothColumns, smooth_columns
@@ -34,7 +35,6 @@ from seaid.excitation.flatness import (
 )
 from seaid.excitation.gradient import States, regressor_gradient
 from seaid.inertia import UNITS
-from seaid.regression import joint_regressor, motor_regressor
 from seaid.rigid_body import rigid_body_regressor
 from seaid.robot import Robot
 from seaid.sides.load_side import load_model

@@ -15,8 +15,8 @@ from seaid.drivetrain.model import IDEAL_DRIVE, Drive
 from seaid.export.drive_tables import drive_table
 from seaid.identification import Identification
 from seaid.motion import Motion
+from seaid.motion_rows import row_samples
 from seaid.processing import Processing
-from seaid.regression import row_samples
 from seaid.report.html_numbers import seconds, short
 from seaid.robot import Robot
 from seaid.transmission import at_drives

@@ -11,7 +11,7 @@ from seaid.arrays import Array
 from seaid.estimation.estimate import Estimate
 from seaid.identification import Identification
 from seaid.inertia import is_physical
-from seaid.regression import row_samples
+from seaid.motion_rows import row_samples
 from seaid.report.html_errors import ErrorRow, error_rows
 from seaid.report.html_numbers import share, short
 from seaid.report.html_tables import CORRELATED, side_name, term_name

@@ -21,13 +21,8 @@ from seaid.errors import IdentificationError
 from seaid.estimation.projection import projected
 from seaid.estimation.solve import ordinary
 from seaid.motion import Motion
-from seaid.regression import (
-    actuator_equation,
-    actuator_regression,
-    actuator_rows,
-    in_band_at,
-    stacked,
-)
+from seaid.motion_rows import in_band_at
+from seaid.regression import actuator_equation, actuator_regression, actuator_rows, stacked
 from seaid.robot import Robot
 from seaid.sides.found import with_values
 from seaid.sides.untold import told

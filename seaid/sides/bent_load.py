@@ -11,6 +11,7 @@ from scipy import linalg
 
 from seaid.arrays import Array, IndexArray
 from seaid.base import base_parameters
+from seaid.drive_signals import motor_regressor, signals
 from seaid.drivetrain.catalogue import PARAMETERS
 from seaid.drivetrain.model import Drive
 from seaid.drivetrain.regressor import DriveRegressor
@@ -19,15 +20,8 @@ from seaid.estimation.information import Information, information_of
 from seaid.estimation.projection import projected
 from seaid.estimation.solve import equal_weights, estimate_of, ordinary, solve
 from seaid.motion import Motion
-from seaid.regression import (
-    Regression,
-    actuator_regression,
-    in_band_at,
-    motor_regressor,
-    row_samples,
-    signals,
-    stacked,
-)
+from seaid.motion_rows import in_band_at, row_samples
+from seaid.regression import Regression, actuator_regression, stacked
 from seaid.robot import Robot
 from seaid.sides.bent import Scale, bounds_of, starts_of
 from seaid.sides.found import spring_of, with_values

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 from scipy import linalg
 
+from seaid.drive_signals import spring_regressor
 from seaid.drivetrain.catalogue import PARAMETERS
 from seaid.drivetrain.model import Drive
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.information import Information, triangle
-from seaid.regression import spring_regressor
 from seaid.robot import Robot
 
 POORLY_IDENTIFIED = 0.1

@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from seaid.arrays import Array
+from seaid.drive_signals import motor_regressor
 from seaid.drivetrain.model import Drive
 from seaid.errors import IdentificationError
 from seaid.motion import Motion
-from seaid.regression import motor_regressor
 from seaid.robot import Robot
 from seaid.sides.bent_load import fit_load, straightened_load
 from seaid.sides.load_side import LoadModel, load_columns

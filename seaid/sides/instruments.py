@@ -27,7 +27,8 @@ from seaid.arrays import Array
 from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.filtering import low_pass, spline_derivatives
 from seaid.motion import Motion
-from seaid.regression import Regression, actuator_columns, actuator_regression, in_band
+from seaid.motion_rows import in_band
+from seaid.regression import Regression, actuator_columns, actuator_regression
 from seaid.robot import Robot
 from seaid.sides.driven_motion import driven_motion
 from seaid.sides.load_side import LoadModel, load_columns, load_regression

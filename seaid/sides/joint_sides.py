@@ -23,10 +23,11 @@ from dataclasses import replace
 import numpy as np
 
 from seaid.arrays import Array, IndexArray
+from seaid.drive_signals import spring_regressor
 from seaid.errors import IdentificationError
 from seaid.estimation.estimate import Estimate
 from seaid.motion import Motion
-from seaid.regression import Regression, actuator_regression, spring_regressor, stacked
+from seaid.regression import Regression, actuator_regression, stacked
 from seaid.robot import Robot
 from seaid.sides.found import with_flags
 from seaid.sides.load_side import ZERO_STEP, LoadModel, load_regression, shifted_zero

@@ -10,25 +10,21 @@ import numpy as np
 
 from seaid.arrays import Array, BoolArray, frozen
 from seaid.base import BaseParameters, grouped_text, left_to_right, negligible, random_states
+from seaid.drive_signals import (
+    INPUTS,
+    joint_regressor,
+    motor_regressor,
+    sensed_torque,
+    signals,
+    spring_regressor,
+)
 from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
 from seaid.drivetrain.values import is_dry
 from seaid.errors import LogError
 from seaid.inertia import UNITS
 from seaid.motion import Motion
-from seaid.regression import (
-    INPUTS,
-    Regression,
-    in_band_at,
-    joint_regressor,
-    joint_standstill,
-    motor_regressor,
-    row_samples,
-    sensed_torque,
-    signals,
-    spring_regressor,
-    standstill,
-    standstill_seen,
-)
+from seaid.motion_rows import in_band_at, joint_standstill, row_samples, standstill, standstill_seen
+from seaid.regression import Regression
 from seaid.rigid_body import regressor_at_drives
 from seaid.robot import Robot
 from seaid.transmission import at_drives, group_of, torques_at_drives

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from seaid.drive_signals import motor_regressor, spring_regressor
 from seaid.drivetrain.model import Drive, SeriesElasticDrive
 from seaid.errors import IdentificationError
-from seaid.regression import motor_regressor, spring_regressor
 from seaid.robot import Robot
 
 _STRAIGHT = {"stiffness", "spring_damping", "deflection_offset"}

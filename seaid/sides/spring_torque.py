@@ -13,10 +13,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from seaid.arrays import Array
+from seaid.drive_signals import sensed_torque, signals, spring_regressor
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.instrumental import instrumental
 from seaid.motion import Motion
-from seaid.regression import Regression, actuator_equation, sensed_torque, signals, spring_regressor
+from seaid.regression import Regression, actuator_equation
 from seaid.robot import Robot
 from seaid.sides.records import Record, first_motion
 

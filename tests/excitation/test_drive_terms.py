@@ -14,6 +14,7 @@ import pytest
 
 from seaid.arrays import Array
 from seaid.base import base_parameters
+from seaid.drive_signals import motor_regressor
 from seaid.drivetrain.acting import spring_curve
 from seaid.drivetrain.equations import joint_equation, motor_equation, spring_equation
 from seaid.drivetrain.model import Drive, SeriesElasticDrive
@@ -25,7 +26,6 @@ from seaid.excitation.drive_limits import drive_limits, drive_load_gradient, dri
 from seaid.excitation.flatness import differentiation, motor_signals, transmission
 from seaid.excitation.fourier import FourierBasis
 from seaid.excitation.target import drive_target, stacked_regressor
-from seaid.regression import motor_regressor
 from seaid.rigid_body import joint_torques
 from seaid.robot import Robot
 from seaid.sides.load_side import load_model

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from seaid.arrays import Array
+from seaid.drive_signals import motor_regressor
 from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
 from seaid.drivetrain.smooth import SIGNALS, STATES, smooth_columns
 from seaid.errors import ExcitationError
@@ -24,7 +25,6 @@ from seaid.excitation.target import (
     regressor_pull_back,
     stacked_regressor,
 )
-from seaid.regression import motor_regressor
 from seaid.rigid_body import joint_torques, rigid_body_regressor
 from seaid.robot import Robot, load_robot
 from tests.excitation.robots import TIAGO, example_robot, robots, states

@@ -1,0 +1,87 @@
+"""The regressors of a robot's drives, and the signals of a motion that they take."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from seaid.arrays import Array
+from seaid.drivetrain.equations import joint_equation, motor_equation, spring_equation
+from seaid.drivetrain.model import Drive, SeriesElasticDrive
+from seaid.drivetrain.regressor import DriveRegressor, drive_regressor
+from seaid.errors import LogError
+from seaid.motion import Motion
+from seaid.robot import Robot
+from seaid.transmission import at_drives, torques_at_drives
+
+INPUTS = {"torque": "tau_M", "current": "i_M", "voltage": "u_M"}
+"""The signal that a drive's equation has as the motor's input."""
+
+
+def motor_regressor(robot: Robot, joint: str) -> DriveRegressor:
+    """Return the regressor derived from the motor equation (7) of a joint."""
+    return _motor_regressor(robot.drivetrains[joint])
+
+
+def spring_regressor(robot: Robot, joint: str) -> DriveRegressor:
+    """Return the regressor derived from the spring equation (4b) of an elastic joint."""
+    drive = robot.drivetrains[joint]
+    if not isinstance(drive, SeriesElasticDrive):
+        raise LogError(f"joint '{joint}' has no spring")
+    return _spring_regressor(drive)
+
+
+def joint_regressor(robot: Robot, joint: str) -> DriveRegressor:
+    """Return the regressor of what acts beside the drive: parallel spring, joint friction."""
+    return _joint_regressor(robot.drivetrains[joint])
+
+
+@cache
+def _joint_regressor(drive: Drive) -> DriveRegressor:
+    return drive_regressor(joint_equation(drive), drive)
+
+
+@cache
+def _motor_regressor(drive: Drive) -> DriveRegressor:
+    return drive_regressor(motor_equation(drive), drive)
+
+
+@cache
+def _spring_regressor(drive: SeriesElasticDrive) -> DriveRegressor:
+    return drive_regressor(spring_equation(drive), drive)
+
+
+def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
+    """Return the signals of a drive's equations by name, each (T,); no load torque yet.
+
+    theta_L is what the drive turns: the joint, or the sum of joints of its transmission.
+    """
+    position, velocity, acceleration = (
+        at_drives(robot.transmission, state)[:, index] for state in motion.joint_states
+    )
+    return {
+        "theta_M": motion.motor_position[:, index],
+        "theta_M_dot": motion.motor_velocity[:, index],
+        "theta_M_ddot": motion.motor_acceleration[:, index],
+        "theta_L": position,
+        "theta_L_dot": velocity,
+        "theta_L_ddot": acceleration,
+        "tau_M": motion.motor_torque[:, index],
+        "tau_L": np.zeros(len(motion.time)),
+        "i_M": _channel(motion.motor_current, motion, index),
+        "u_M": _channel(motion.motor_voltage, motion, index),
+        "tau_G": _channel(motion.gear_torque, motion, index),
+    }
+
+
+def _channel(samples: Array | None, motion: Motion, index: int) -> Array:
+    return np.full(len(motion.time), np.nan) if samples is None else samples[:, index]
+
+
+def sensed_torque(robot: Robot, motion: Motion, index: int) -> Array:
+    """Return the torque (T,) on what a drive turns by the sensors at the joints, NaN without.
+
+    Of a drive that moves several joints it takes the sensors of all joints that are coupled.
+    """
+    return np.asarray(torques_at_drives(robot.transmission, motion.joint_torque)[:, index])
