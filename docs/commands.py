@@ -23,7 +23,7 @@ def markdown() -> str:
 def _section(name: str, command: Any) -> Iterator[str]:
     text, _, examples = inspect.cleandoc(command.help).partition("\b\n")
     yield from (f"## seaid {name}", "", *text.strip().splitlines(), "")
-    yield from ("```text", *examples.splitlines(), "```", "")
+    yield from ("```sh", *examples.splitlines(), "```", "")
     yield from ("| argument, option | meaning | default |", "|---|---|---|")
     for parameter in command.params:
         yield f"| {_words(parameter)} | {_meaning(parameter)} | {_default(parameter)} |"

@@ -36,6 +36,7 @@ myst_heading_anchors = 3
 
 # Docstrings are plain text with `names` in backticks.
 default_role = "code"
+python_maximum_signature_line_length = 88
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 autodoc_type_aliases = {name: f"seaid.{name}" for name in seaid.__all__}
@@ -97,6 +98,9 @@ def _fill(app: Any, name: str, source: list[str]) -> None:
         source[0] = source[0].replace(commands.MARK, commands.markdown())
 
 
+_ARRAY = re.compile(
+    r"~?numpy\.ndarray\[tuple\[~?typing\.Any, \.\.\.\], ~?numpy\.dtype\[[~.\w]+\]\]"
+)
 _OURS = re.compile(r"TypeAliasForwardRef\('([^']+)'\)|(?<![~\w.])(seaid\.[A-Z]\w*)")
 
 
@@ -106,6 +110,7 @@ def _shorten(
     """Let public types of ours stand with their name alone, and link to their place."""
 
     def short(text: str | None) -> str | None:
+        text = text and _ARRAY.sub("Array", text)
         return text and _OURS.sub(lambda found: "~" + (found[1] or found[2]), text)
 
     return short(signature), short(returns)
