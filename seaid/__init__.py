@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from seaid.long_log import LongLog, open_long_log
     from seaid.motion import Motion, reconstruct_motion
     from seaid.output_error import refine
+    from seaid.parameters_file import read_parameters
     from seaid.replaying import replay
     from seaid.report.html import write_report
     from seaid.robot import Robot, load_robot
@@ -102,6 +103,7 @@ _WHERE = {
     "long_log": ("LongLog", "open_long_log"),
     "motion": ("Motion", "reconstruct_motion"),
     "output_error": ("refine",),
+    "parameters_file": ("read_parameters",),
     "bodies.possible_bodies": ("PossibleBodies",),
     "logs.repair": ("Repair", "Repairs"),
     "replaying": ("replay",),
@@ -176,6 +178,7 @@ __all__ = [
     "load_trajectory",
     "open_long_log",
     "read_log",
+    "read_parameters",
     "reconstruct_motion",
     "refine",
     "regression",

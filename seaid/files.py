@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import csv
 import errno
+import json
+import math
 import os
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -56,6 +59,26 @@ def write_csv(path: str | Path, data: Mapping[str, Array]) -> None:
     with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         csv.writer(file, lineterminator="\n").writerow(data)
         np.savetxt(file, np.column_stack(list(data.values())), fmt="%.17g", delimiter=",")
+
+
+def write_json(path: str | Path, content: Any) -> None:
+    """Write data as JSON, whole or not at all; see `plain`."""
+    with whole_file(path) as temporary:
+        text = json.dumps(plain(content), indent=1, allow_nan=False)
+        temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def plain(value: Any) -> Any:
+    """Return data as JSON knows it: arrays as lists, numbers that are not finite as null."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(one) for key, one in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(one) for one in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value
 
 
 def _cannot_write(path: Path, problem: OSError) -> SeaidError:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -19,7 +18,7 @@ from seaid.estimation.estimate import Estimate
 from seaid.estimation.estimators import estimator_named
 from seaid.estimation.model_checks import ModelChecks
 from seaid.excited import check_channels, check_excitation
-from seaid.files import whole_file
+from seaid.files import write_json
 from seaid.log import Log
 from seaid.motion import Motion
 from seaid.processing import Processing
@@ -86,38 +85,14 @@ class Identification:
         return identification_table(self)
 
     def to_dict(self, validation: Validation | None = None) -> dict[str, Any]:
-        """Return the content of `parameters.json`."""
-        return {
-            "robot": self.robot.name,
-            "joints": list(self.robot.joint_names),
-            "drivetrains": {
-                joint: {
-                    name: {"value": float(value), "standard_error": float(error), "unit": unit}
-                    for name, value, error, unit in _rows_of(estimate)
-                }
-                for joint, estimate in self.drivetrains.items()
-            },
-            "load": [
-                {
-                    "expression": name,
-                    "value": float(value),
-                    "standard_error": float(error),
-                    "unit": unit,
-                }
-                for name, value, error, unit in _rows_of(self.load)
-            ],
-            "base_columns": list(self.base.columns),
-            "grouping": self.base.grouping.tolist(),
-            "validation": {} if validation is None else validation.to_dict(),
-            "torques_used": list(self.model.rows),
-            "cutoff_hz": self.cutoff_hz,
-            "flags": list(self.flags),
-        }
+        """Return the content of `parameters.json`: plain data, null for what is not there."""
+        from seaid.parameters_file import content_of
+
+        return content_of(self, validation)
 
     def save(self, path: str | Path, validation: Validation | None = None) -> None:
-        """Write `parameters.json`, whole or not at all."""
-        with whole_file(path) as temporary:
-            temporary.write_text(json.dumps(self.to_dict(validation), indent=1) + "\n")
+        """Write `parameters.json`, whole or not at all; `read_parameters` takes it up again."""
+        write_json(path, self.to_dict(validation))
 
 
 def identify(
@@ -238,15 +213,3 @@ def _found_robot(robot: Robot, base: BaseParameters, sides: Sides) -> Robot:
         for joint, drive in robot.drivetrains.items()
     }
     return robot.with_values(prior + correction, found)
-
-
-def _rows_of(estimate: Estimate) -> list[tuple[str, float, float, str]]:
-    return list(
-        zip(
-            estimate.names,
-            estimate.values,
-            estimate.standard_errors,
-            estimate.units,
-            strict=True,
-        )
-    )

@@ -22,7 +22,8 @@ from typer.testing import CliRunner
 import seaid
 from seaid.cli import main
 from seaid.cli.commands import app
-from seaid.cli.words import in_one_line, plain
+from seaid.cli.words import in_one_line
+from seaid.files import plain
 
 ROOT = Path(__file__).parents[1]
 HELP_SECONDS = 1.0
@@ -142,6 +143,21 @@ def test_walk_from_a_plan_to_the_identified_robot(arm: Path, tmp_path: Path) -> 
         base.project(found.parameters), base.project(truth.parameters), rtol=0.1
     )
     assert "<!-- kept -->" in (tmp_path / "found.urdf").read_text()
+
+
+def test_export_of_saved_parameters_writes_the_same_files(arm: Path, tmp_path: Path) -> None:
+    robot, log, saved = robot_and_drives(arm), arm / "run.csv", tmp_path / "parameters.json"
+    done("identify", *robot, log, "--feasible", "-o", saved)
+    done("export", *robot, "--from", log, "-o", tmp_path / "one.urdf")
+    said = done("export", arm / "arm.urdf", "--parameters", saved, "-o", tmp_path / "two.urdf")
+    assert said.out.splitlines()[0] == "small_arm: 2 bodies and their drives written"
+    for ending in (".urdf", ".toml"):
+        one, two = ((tmp_path / name).with_suffix(ending) for name in ("one", "two"))
+        assert one.read_bytes() == two.read_bytes()
+    assert "is of another robot" in refused(
+        *("export", arm / "arm.urdf", "--joints", "elbow", "--parameters", saved),
+        *("-o", tmp_path / "three.urdf"),
+    )
 
 
 def test_export_of_a_mujoco_model(arm: Path, tmp_path: Path) -> None:
@@ -350,6 +366,8 @@ def test_what_cannot_be_done_is_said_in_one_line(
         ("simulate arm.urdf run_plan.json -o run.mat", "must end in .csv or .npz"),
         ("export arm.urdf --from run.csv -o found.toml", "must end in .urdf or .xml"),
         ("validate arm.urdf run.csv", "Missing option '--from'"),
+        ("export arm.urdf -o found.urdf", "--from, --parameters: give one of the two"),
+        ("export arm.urdf --from run.csv --parameters p -o found.urdf", "give one of the two"),
     ],
 )
 def test_wrong_usage_has_its_own_exit_code(
@@ -415,6 +433,22 @@ def test_console_script_is_the_command_line() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     module, _, name = project["scripts"]["seaid"].partition(":")
     assert getattr(importlib.import_module(module), name) is main
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_shell_completion_knows_the_commands(shell: str) -> None:
+    def completed(text: str, **variables: str) -> str:
+        """Return what the program says to a shell that asks."""
+        environment = {**os.environ, "_SEAID_COMPLETE": text, **variables}
+        command = [sys.executable, "-m", "seaid"]
+        said = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        return said.stdout
+
+    assert "_SEAID_COMPLETE=complete_" + shell in completed(f"source_{shell}")
+    asked = {"COMP_WORDS": "seaid va", "COMP_CWORD": "1"}
+    asked |= {"_TYPER_COMPLETE_ARGS": "seaid va", "_TYPER_COMPLETE_FISH_ACTION": "get-args"}
+    assert "validate" in completed(f"complete_{shell}", **asked)
+    assert "simulate" not in completed(f"complete_{shell}", **asked)
 
 
 def test_nothing_heavy_is_imported_for_the_help() -> None:

@@ -34,6 +34,7 @@ FUNCTIONS = {
     "write_urdf": "found path source force",
     "write_mjcf": "found path force",
     "write_drivetrains": "drives path",
+    "read_parameters": "path robot",
     "write_report": "found results path facts",
     "estimate_delays": "robot log largest_s cutoff_hz",
     "correct_delays": "log delays",

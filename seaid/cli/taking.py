@@ -15,7 +15,6 @@ from seaid.cli.options import (
     Drives,
     Estimator,
     Force,
-    FromLogs,
     Joints,
     JointZeroStd,
     KnownBodies,
@@ -28,18 +27,25 @@ from seaid.cli.options import (
     logs_of,
     robot_of,
 )
-from seaid.cli.words import say, say_results, to_be_written
+from seaid.cli.words import in_one_line, say, say_results, to_be_written
 
 if TYPE_CHECKING:
-    from seaid.identification import Identification
+    from seaid.robot import Robot
 
 
 def export(
     urdf: Urdf,
-    from_logs: FromLogs,
     output: Annotated[
         Path, typer.Option("--output", "-o", help="File to write: .urdf, or .xml for MuJoCo.")
     ],
+    from_logs: Annotated[
+        list[Path] | None,
+        typer.Option("--from", help="Log to identify from. May be repeated.", metavar="LOG"),
+    ] = None,
+    parameters: Annotated[
+        Path | None,
+        typer.Option(help="What seaid identify wrote, taken as it is, in place of --from."),
+    ] = None,
     drives: Drives = None,
     joints: Joints = None,
     payload: Payloads = None,
@@ -58,41 +64,52 @@ def export(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Identify, and write the robot with what was identified, as URDF or MuJoCo model.
+    """Write the robot with what was identified, as URDF or MuJoCo model.
 
-    A URDF has its drives as TOML beside it; all else in it stays as it was, comments, meshes and
-    unknown tags, and payloads are not written. A MuJoCo model has the springs and the payloads.
+    Of logs (--from) the possible bodies nearest to the estimate are written, of --parameters those
+    in the file: identify with --feasible. A URDF has its drives as TOML beside it; all else in it
+    stays as it was, comments, meshes and unknown tags, and payloads are not written. A MuJoCo model
+    has the springs and the payloads.
 
     seaid export leg.urdf --from run.csv --drives leg.toml -o found.urdf
-    seaid export leg.urdf --from run.csv --drives leg.toml --as-estimated -o found.urdf
+    seaid export leg.urdf --parameters parameters.json -o found.urdf
     seaid export leg.urdf --from run.csv --drives leg.toml -o found.xml
     """
     ending(output, ".urdf", ".xml")
+    if (parameters is None) == (not from_logs):
+        raise typer.BadParameter("give one of the two", param_hint="--from, --parameters")
     beside = output.with_suffix(".toml") if output.suffix.lower() == ".urdf" else None
-    read = (urdf, drives, description, *from_logs)
+    read = (urdf, drives, description, parameters, *(from_logs or ()))
     to_be_written(output, beside, force=force, read=read)
     robot = robot_of(urdf, drives, joints, payload, known_body)
-    logs = logs_of(from_logs, robot, description, repair)
-    found = identified(robot, logs, rows, sides, estimator, feasible, cutoff_hz, joint_zero_std)
-    drivetrains, notes = _written(found, output, allow_impossible)
+    flags: tuple[str, ...] = ()
+    if parameters is not None:
+        from seaid.parameters_file import read_parameters
+
+        robot = read_parameters(parameters, robot)
+    else:
+        logs = logs_of(from_logs or [], robot, description, repair)
+        found = identified(robot, logs, rows, sides, estimator, feasible, cutoff_hz, joint_zero_std)
+        robot, flags = found.robot, found.flags
+    drivetrains, notes = _written(robot, output, allow_impossible)
     for note in notes:
-        typer.echo(f"note: {note}", err=True)
-    content = {"robot": output, "drivetrains": drivetrains, "notes": notes, "flags": found.flags}
-    text = [f"{robot.name}: {len(found.load.values)} base parameters and its drives written"]
-    text += [f"! {flag}" for flag in found.flags]
+        typer.echo(f"note: {in_one_line(note)}", err=True)
+    content = {"robot": output, "drivetrains": drivetrains, "notes": notes, "flags": flags}
+    text = [f"{robot.name}: {robot.n} bodies and their drives written"]
+    text += [f"! {flag}" for flag in flags]
     say("\n".join(text), content, as_json)
     say_results(as_json, output, drivetrains)
 
 
 def _written(
-    found: Identification, output: Path, allow_impossible: bool
+    robot: Robot, output: Path, allow_impossible: bool
 ) -> tuple[Path | None, tuple[str, ...]]:
     """Write the robot, and return the file of its drives and what a reader must know."""
     if output.suffix.lower() == ".xml":
         from seaid.export.mjcf import write_mjcf
 
-        return None, write_mjcf(found, output, force=allow_impossible).notes
+        return None, write_mjcf(robot, output, force=allow_impossible).notes
     from seaid.export.urdf_file import write_urdf
 
-    written = write_urdf(found, output, force=allow_impossible)
+    written = write_urdf(robot, output, force=allow_impossible)
     return written.drivetrains, written.notes

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import typer
 
 from seaid.errors import SeaidError, SeaidWarning
@@ -65,6 +63,8 @@ def in_one_line(text: str) -> str:
 
 def say(text: str, content: Any, as_json: bool) -> None:
     """Print the text for people, or the content as JSON for machines, on stdout."""
+    from seaid.files import plain
+
     if as_json:
         text = json.dumps(plain(content), indent=1, allow_nan=False, ensure_ascii=False)
     typer.echo(text)
@@ -75,19 +75,6 @@ def say_results(as_json: bool, *paths: Path | None) -> None:
     there = ", ".join(str(path) for path in paths if path is not None)
     if there:
         typer.echo(f"Results: {there}", err=as_json)
-
-
-def plain(value: Any) -> Any:
-    """Return data as JSON knows it: arrays as lists, numbers that are not finite as null."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(one) for key, one in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(one) for one in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return str(value) if isinstance(value, Path) else value
 
 
 def shows_progress() -> bool:
