@@ -9,35 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import accumulate
 
-import numpy as np
-from scipy import linalg
-
-from seaid.arrays import Array, FrozenMapping
+from seaid.arrays import FrozenMapping
 from seaid.base import base_parameters
 from seaid.drivetrain.catalogue import PARAMETERS
 from seaid.errors import IdentificationError, unknown_name
-from seaid.estimation.checks import TermTest, independent_rows, term_test
-from seaid.estimation.estimate import Estimate
-from seaid.estimation.estimators import Estimator, estimator_named
-from seaid.estimation.information import information_of
-from seaid.estimation.solve import settled_weights
+from seaid.estimation.checks import TermTest
+from seaid.estimation.estimators import estimator_named
 from seaid.identification import Identification, packed
-from seaid.motion import Motion
-from seaid.regression import Regression, actuator_regression
 from seaid.robot import Robot
-from seaid.sides.found import joined, spring_of, with_flags
-from seaid.sides.load_side import LoadModel, load_model, load_regression
-from seaid.sides.records import Record, Source, records_of, rows_of, sources_of
-from seaid.sides.sequential import Fit, Sides, known_torques, split_load_side, sprung
-from seaid.sides.shared_columns import SharedRows, placed_carried, shared_rows
+from seaid.sides.condition_sides import BODIES, condition_sides
+from seaid.sides.load_side import LoadModel, load_model
+from seaid.sides.records import Record, Source, records_of, sources_of
+from seaid.sides.sequential import known_torques
 from seaid.sides.straightening import straightened_robot
 from seaid.sides.untold import with_held_flags
-
-BODIES = "bodies"
-"""Stands in `own` for all base parameters."""
 
 OWN = ("deflection_offset", "deflection_zero")
 """Own by default: encoders are zeroed anew when a robot is switched on."""
@@ -87,81 +73,19 @@ def identify_conditions(
     used = _used(robots, records) if rows is None else first.rows(rows)
     given = robots
     robots, records = _straightened(robots, records, used)
-    first = robots[next(iter(robots))]
     models = {
         name: load_model(robot, base_parameters(robot, rows=used), used)
         for name, robot in robots.items()
     }
     _check_models(models)
-    solver = estimator_named(estimator)
-    actuators = {
-        joint: _actuator(robots, records, joint, own, solver) for joint in first.elastic_joints
-    }
-    name = next(iter(robots))
-    joints = sprung(first, records[name], models[name])
-    load = _load(robots, records, models, joints, actuators, own, solver)
-    differences = {
-        f"{name} of {joint}": test
-        for joint, side in actuators.items()
-        for name, test in side.differences().items()
-    } | load.differences()
-    return Conditions(
-        found=FrozenMapping(
-            {
-                name: packed(
-                    robots[name],
-                    models[name],
-                    _held(
-                        _sides(name, robots[name], models[name], actuators, load, joints),
-                        given[name],
-                        robots[name],
-                    ),
-                    records[name],
-                )
-                for name in robots
-            }
-        ),
-        own=tuple(own),
-        differences=FrozenMapping(differences),
-    )
-
-
-def _held(sides: Sides, given: Robot, robot: Robot) -> Sides:
-    return replace(sides, drivetrains=with_held_flags(sides.drivetrains, given, robot))
-
-
-@dataclass(frozen=True, eq=False)
-class _Side:
-    """One side of all conditions: its rows, and the fit of them."""
-
-    rows: Mapping[str, Regression]
-    shared: SharedRows
-    fit: Fit
-
-    def of(self, condition: str) -> Estimate:
-        """Return a condition's estimate."""
-        return self.shared.of(condition, self.fit.estimate)
-
-    def differences(self) -> dict[str, TermTest]:
-        """Return {own parameter: test of whether the conditions differ in it}."""
-        names = list(self.fit.estimate.names)
-        groups: dict[str, list[int]] = {}
-        for place, name in enumerate(names):
-            if name.endswith("]"):
-                groups.setdefault(name.rsplit(" [", 1)[0], []).append(place)
-        change = np.eye(len(names))
-        for columns in groups.values():  # the first is what is common, the others differ from it
-            change[columns, columns[0]] = 1.0
-        rows = self.shared.rows
-        information = information_of(replace(rows, H=rows.H @ change))
-        independent = independent_rows(self.fit.information, self.fit.estimate)
-        if independent <= len(names):
-            return {}
-        weights = settled_weights(information)
-        return {
-            name: term_test(information, weights, [names[c] for c in columns[1:]], independent)
-            for name, columns in groups.items()
-        }
+    sides = condition_sides(robots, records, models, own, estimator_named(estimator))
+    found = {}
+    for name, robot in robots.items():
+        part = sides.of(name)
+        drives = with_held_flags(part.drivetrains, given[name], robot)
+        part = replace(part, drivetrains=drives)
+        found[name] = packed(robot, models[name], part, records[name])
+    return Conditions(FrozenMapping(found), tuple(own), FrozenMapping(sides.differences()))
 
 
 def _records(
@@ -236,102 +160,3 @@ def _check_models(models: Mapping[str, LoadModel]) -> None:
                 f"conditions '{first}' and '{other}' do not have the same base parameters and "
                 "drives: they must be one type of robot, with the same joints; payloads may differ"
             )
-
-
-def _actuator(
-    robots: Mapping[str, Robot],
-    records: Mapping[str, list[Record]],
-    joint: str,
-    own: Sequence[str],
-    solver: Estimator,
-) -> _Side:
-    rows = {
-        name: rows_of(records[name], partial(_actuator_rows, robots[name], joint))
-        for name in robots
-    }
-    names = next(iter(rows.values())).names
-    is_own = [name in own or f"{name} of {joint}" in own for name in names]
-    return _fitted(rows, is_own, solver, None)
-
-
-def _actuator_rows(robot: Robot, joint: str, motion: Motion) -> Regression:
-    return actuator_regression(robot, motion, joint)
-
-
-def _load(
-    robots: Mapping[str, Robot],
-    records: Mapping[str, list[Record]],
-    models: Mapping[str, LoadModel],
-    joints: Sequence[str],
-    actuators: Mapping[str, _Side],
-    own: Sequence[str],
-    solver: Estimator,
-) -> _Side:
-    """Fit (8) of all conditions, with the uncertainty of the springs that they share."""
-    first = next(iter(models))
-    counts = [len(actuators[joint].fit.estimate.names) for joint in joints]
-    starts = list(accumulate(counts, initial=0))
-    covariances = [actuators[joint].fit.estimate.covariance for joint in joints]
-    rows = {}
-    for name, robot in robots.items():
-        springs = {joint: spring_of(robot, actuators[joint].of(name), joint) for joint in joints}
-        values = {joint: spring.values for joint, spring in springs.items()}
-        one = rows_of(records[name], partial(_load_rows, robot, models[name], values))
-        places = [
-            int(start)
-            + actuators[joint].shared.places[name][actuators[joint].shared.names.index(p)]
-            for joint, start in zip(joints, starts, strict=False)
-            for p in springs[joint].names
-        ]
-        rows[name] = placed_carried(one, places, int(starts[-1]))
-    bodies = len(models[first].expressions)
-    is_own = [BODIES in own] * bodies + [
-        name in own or name.split(" of ")[0] in own for name in models[first].names[bodies:]
-    ]
-    carried = linalg.block_diag(*covariances) if covariances else None
-    return _fitted(rows, is_own, solver, carried)
-
-
-def _load_rows(
-    robot: Robot, model: LoadModel, springs: Mapping[str, Array], motion: Motion
-) -> Regression:
-    return load_regression(robot, motion, model, springs)
-
-
-def _fitted(
-    rows: Mapping[str, Regression], own: Sequence[bool], solver: Estimator, carried: Array | None
-) -> _Side:
-    shared = shared_rows(rows, own)
-    estimate = solver.solve(shared.rows, carried)
-    seen = solver.seen(shared.rows, estimate)
-    return _Side(rows, shared, Fit(estimate, information_of(seen), seen, carried))
-
-
-def _sides(
-    condition: str,
-    robot: Robot,
-    model: LoadModel,
-    actuators: Mapping[str, _Side],
-    load: _Side,
-    joints: Sequence[str],
-) -> Sides:
-    """Return one condition's part of all fits, as `identify` would."""
-    drives = {
-        joint: with_flags(side.of(condition), joint, information_of(side.rows[condition]))
-        for joint, side in actuators.items()
-    }
-    load_side = load.of(condition)
-    base, others = split_load_side(model, load_side)
-    found = joined(drives, others)
-    sides = {**actuators, "load": load}
-    return Sides(
-        drivetrains={joint: found[joint] for joint in robot.joint_names if joint in found},
-        load=base,
-        load_side=load_side,
-        springs={joint: spring_of(robot, drives[joint], joint).values for joint in joints},
-        left_out={name: side.rows[condition].left_out for name, side in sides.items()},
-        checks={name: side.fit.checks(robot.joint_names, ()) for name, side in sides.items()},
-        white_covariance=load.shared.of(
-            condition, replace(load.fit.estimate, covariance=load.fit.white_covariance)
-        ).covariance,
-    )
