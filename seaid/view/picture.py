@@ -64,8 +64,8 @@ class Picture:
     @cached_property
     def size(self) -> float:
         """The length [m] from corner to corner of what is seen at `home`."""
-        lower, upper = self.bounds(self.home[None])
-        return float(np.linalg.norm(upper - lower)) or 1.0
+        points = self.outline(self.home[None])
+        return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
 
     @property
     def home(self) -> Array:
@@ -92,15 +92,15 @@ class Picture:
         bodies = self.placements(q)
         return {link: bodies[body] * place for link, (body, place) in self.places.items()}
 
-    def bounds(self, postures: Array) -> tuple[Array, Array]:
-        """Return the lower and upper corner (3,) [m] of all that is seen in postures (P, n)."""
-        corners = [
-            (placement.homogeneous[:3, :3] @ points.T).T + placement.translation
-            for q in postures
-            for placement, points in zip(self.placements(q), self._outlines, strict=True)
-        ]
-        points = np.concatenate(corners)
-        return np.min(points, axis=0), np.max(points, axis=0)
+    def outline(self, postures: Array) -> Array:
+        """Return points (., 3) [m] around all that is seen in postures (P, n)."""
+        return np.concatenate(
+            [
+                points @ placement.rotation.T + placement.translation
+                for q in postures
+                for placement, points in zip(self.placements(q), self._outlines, strict=True)
+            ]
+        )
 
     @cached_property
     def _outlines(self) -> list[Array]:

@@ -92,9 +92,9 @@ def fade(group: Sequence[Any], opacity: float) -> None:
 
 def set_the_view(server: Any, picture: Picture, postures: Array) -> None:
     """Point the camera at all that postures (P, n) reach, and put a grid under it."""
-    lower, upper = picture.bounds(postures)
-    middle, radius = (lower + upper) / 2, float(np.linalg.norm(upper - lower)) / 2 or 0.5
-    up = picture.up
+    points, up = picture.outline(postures), picture.up
+    middle = (np.min(points, axis=0) + np.max(points, axis=0)) / 2
+    radius = float(np.max(np.linalg.norm(points - middle, axis=1))) or 0.5
     server.scene.set_up_direction(tuple(up))
     across = np.eye(3)[int(np.argmin(np.abs(up)))]
     front = across - (across @ up) * up
@@ -112,7 +112,7 @@ def set_the_view(server: Any, picture: Picture, postures: Array) -> None:
     server.scene.configure_default_lights(cast_shadow=False)
     cell = _round_length(radius / 2)
     turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), up)
-    floor = middle - up * (np.abs(up) @ (upper - lower) / 2 + 0.01 * radius)
+    floor = middle + up * (np.min((points - middle) @ up) - 0.01 * radius)
     server.scene.add_grid(
         "/grid",
         infinite_grid=True,

@@ -258,16 +258,16 @@ def test_up_is_against_gravity(tulip_urdf: Path) -> None:
         np.testing.assert_allclose(picture_of(load_robot(tulip_urdf, gravity=gravity)).up, up)
 
 
-def test_bounds_hold_all_that_is_shown(tulip_leg: Robot) -> None:
+def test_outline_is_around_all_that_is_shown(tulip_leg: Robot) -> None:
     picture = picture_of(tulip_leg)
     postures = np.array([posture(tulip_leg, seed) for seed in range(5)])
-    lower, upper = picture.bounds(postures)
+    points = picture.outline(postures)
     for q in postures:
         placements = picture.placements(q)
         for shape in picture.shapes:
-            points = np.array([placements[shape.body].act(point) for point in shape.vertices])
-            assert np.all(points >= lower - 1e-9)
-            assert np.all(points <= upper + 1e-9)
+            seen = np.array([placements[shape.body].act(point) for point in shape.vertices])
+            assert np.all(seen >= np.min(points, axis=0) - 1e-9)
+            assert np.all(seen <= np.max(points, axis=0) + 1e-9)
     assert 0.7 < picture.size < 1.2  # the leg is 0.7 m long
 
 
