@@ -14,7 +14,8 @@ from seaid.drive_signals import motor_regressor, sensed_torque, signals
 from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.errors import LogError, unknown_name
 from seaid.estimation.covariance import newey_west
-from seaid.log import Log, column_names
+from seaid.log import Log
+from seaid.logs.log_columns import column_names
 from seaid.logs.repair import Repair
 from seaid.logs.resampling import interpolated
 from seaid.motion import Motion, reconstruct_motion

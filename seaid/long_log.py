@@ -15,8 +15,10 @@ from seaid.errors import LogError
 from seaid.filtering import decimation
 from seaid.formats.opening import open_table
 from seaid.formats.table import Block, Blocks
-from seaid.log import MINIMUM_SAMPLES, Log, log_of
+from seaid.log import Log
 from seaid.logs.log_columns import Column, wanted_columns
+from seaid.logs.log_data import MINIMUM_SAMPLES
+from seaid.logs.log_from_columns import log_of
 from seaid.motion import Motion, check_cutoff, is_regular, reconstruct_motion
 from seaid.motion_rows import row_samples
 from seaid.processing import Processing

@@ -18,9 +18,10 @@ import pytest
 import seaid
 from seaid.arrays import Array
 from seaid.errors import LogError
-from seaid.log import Log, column_names
+from seaid.log import Log
 from seaid.logs.channels import Channel
 from seaid.logs.clocks import clock_line
+from seaid.logs.log_columns import column_names
 from seaid.logs.mending import repaired
 from seaid.robot import Robot
 from seaid.simulation import measure

@@ -14,7 +14,9 @@ from hypothesis.extra.numpy import arrays
 from seaid.arrays import Array
 from seaid.errors import LogError, SeaidError
 from seaid.formats.opening import READERS
-from seaid.log import MINIMUM_SAMPLES, Log, column_names, read_log, write_log
+from seaid.log import Log, read_log, write_log
+from seaid.logs.log_columns import column_names
+from seaid.logs.log_data import MINIMUM_SAMPLES
 from seaid.robot import Robot, load_robot
 
 TIME = np.arange(60) / 100
