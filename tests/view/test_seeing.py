@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -11,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.core import TyperGroup
+from typer.main import get_command
 from typer.testing import CliRunner, Result
 
 from seaid.cli.commands import app
@@ -131,3 +134,13 @@ def test_it_is_shown_until_it_is_interrupted() -> None:
         process.send_signal(signal.SIGINT)
         assert process.wait(timeout=20) == 0
         assert process.stdout.read() == process.stderr.read() == b""
+
+
+def test_commands_of_the_document_are_right_usage() -> None:
+    document = (MODELS.parent / "docs" / "view.md").read_text(encoding="utf-8")
+    lines = re.findall(r"^\$ seaid view (.+)$", document, re.MULTILINE)
+    assert len(lines) >= 3
+    group = get_command(app)
+    assert isinstance(group, TyperGroup)
+    for line in lines:
+        group.commands["view"].make_context("view", shlex.split(line))  # raises for wrong usage
