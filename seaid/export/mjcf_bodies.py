@@ -35,7 +35,7 @@ def add_bodies(robot: Robot, world: Any, notes: list[str], force: bool) -> dict[
         body = etree.SubElement(
             bodies[robot.model.parents[position]],
             "body",
-            name="world_link" if link == "world" else link,
+            name=_body_name(robot, link, notes),
             pos=text(placement.translation),
             quat=text(_quaternion(placement.rotation)),
         )
@@ -43,6 +43,17 @@ def add_bodies(robot: Robot, world: Any, notes: list[str], force: bool) -> dict[
         _add_inertial(body, link, loaded[index], notes, force)
         joints[joint] = _add_joint(body, robot, position, index)
     return joints
+
+
+def _body_name(robot: Robot, link: str, notes: list[str]) -> str:
+    """Return the name of a link's body, another one than MuJoCo's own 'world'."""
+    if link != "world":
+        return link
+    name = "world_link"
+    while name in robot.body_names:
+        name += "_"
+    notes.append(f"link 'world' is the body '{name}': MuJoCo's own 'world' is what stands still")
+    return name
 
 
 def text(values: Iterable[float]) -> str:

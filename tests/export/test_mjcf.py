@@ -465,6 +465,26 @@ def test_names_never_clash_and_comments_stay_comments(write_chain: Any, tmp_path
     assert names == {"a--", "a--_motor", "a--_motor_", "a--_motor_motor"}
 
 
+def test_names_that_mujoco_has_itself_and_odd_ones_load(tmp_path: Path) -> None:
+    body = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    links, joints = ("base", "world", "world_link", "left/hand é"), ("world", "a b", "arm/joint")
+    rows = [f'<link name="{name}">{body}</inertial></link>' for name in links]
+    for joint, parent, child in zip(joints, links[:-1], links[1:], strict=True):
+        rows.append(
+            f'<joint name="{joint}" type="continuous"><parent link="{parent}"/>'
+            f'<child link="{child}"/><axis xyz="0 1 0"/></joint>'
+        )
+    path = tmp_path / "odd.urdf"
+    path.write_text(f'<robot name="a/b &lt;c&gt;">{"".join(rows)}</robot>', encoding="utf-8")
+    robot = load_robot(path, dict.fromkeys(joints, ELASTIC))
+    model = loaded(robot, tmp_path)
+    names = [model.body(index).name for index in range(4)]
+    assert names == ["world", "world_link_", "world_link", "left/hand é"]
+    assert {model.actuator(index).name for index in range(model.nu)} == set(joints)
+    notes = write_mjcf(robot, tmp_path / "again.xml").notes
+    assert any("link 'world' is the body 'world_link_'" in note for note in notes)
+
+
 def body(robot: Robot, index: int, place: int, value: float) -> Robot:
     parameters = robot.parameters.copy()
     parameters[10 * index + place] = value
