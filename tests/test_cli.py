@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from typer.core import TyperGroup
 from typer.main import get_command
 from typer.testing import CliRunner
@@ -258,6 +259,27 @@ def test_options_of_identify_reach_it(arm: Path, tmp_path: Path) -> None:
     assert "possible bodies" in said.out
 
 
+def test_logs_read_in_pieces_tell_the_same(arm: Path, tmp_path: Path) -> None:
+    found = []
+    for more in ((), ("--in-pieces",)):
+        file = tmp_path / f"p{len(more)}.json"
+        done("identify", *robot_and_drives(arm), arm / "run.csv", *more, "-o", file)
+        found.append(json.loads(file.read_text())["drivetrains"]["elbow"]["stiffness"]["value"])
+    assert found[1] == pytest.approx(found[0], rel=1e-6)
+
+
+def test_a_plan_with_free_ends_is_run_into_and_told_to_ros(arm: Path, tmp_path: Path) -> None:
+    file, message = tmp_path / "plan.json", tmp_path / "plan.yaml"
+    search = ("--duration", "2", "--starts", "1", "--iterations", "5", "--free-ends")
+    said = done("excite", arm / "arm.urdf", *search, "--joint-trajectory", message, "-o", file)
+    assert said.out.splitlines()[-1] == f"Results: {file}, {file.with_suffix('.csv')}, {message}"
+    assert "a motion of 2 s (with ways in and out " in said.out
+    motion = seaid.load_trajectory(file)
+    begin, end = motion.main_interval
+    assert 0 < begin < end < motion.duration
+    assert yaml.safe_load(message.read_text())["joint_names"] == ["shoulder", "elbow"]
+
+
 def test_a_file_that_is_there_is_overwritten_with_force_only(arm: Path, tmp_path: Path) -> None:
     file = tmp_path / "x.toml"
     file.write_text("mine")
@@ -356,6 +378,7 @@ def test_what_cannot_be_done_is_said_in_one_line(
     ("arguments", "words"),
     [
         ("inspect", "Missing argument"),
+        ("identify arm.urdf run.csv --in-pieces --repair", "no --repair, no --description"),
         ("nothing", "No such command 'nothing'"),
         ("inspect arm.urdf --payload lower", "is not link:mass:x,y,z"),
         ("inspect arm.urdf --payload lower:1:0,0", "is not link:mass:x,y,z"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -34,10 +35,11 @@ from seaid.cli.words import say, say_results, shows_progress, to_be_written
 
 if TYPE_CHECKING:
     from seaid.identification import Identification
-    from seaid.log import Log
     from seaid.robot import Robot
+    from seaid.sides.records import Source
     from seaid.term_selection import TermGain
 
+PIECES = "Read logs with our own column names piece by piece: they may be longer than memory."
 FEASIBLE = "The physically possible bodies nearest to the estimate."
 
 
@@ -50,6 +52,7 @@ def identify(
     known_body: KnownBodies = None,
     description: Description = None,
     repair: Repair = False,
+    in_pieces: Annotated[bool, typer.Option("--in-pieces", help=PIECES)] = False,
     rows: Rows = None,
     sides: Sides = "sequential",
     estimator: Estimator = "wls",
@@ -68,12 +71,18 @@ def identify(
     seaid identify leg.urdf run.csv --drives leg.toml --payload foot:2.0:0.15,0,0
     seaid identify arm.urdf a.csv b.csv --drives arm.toml --sides joint -o arm.json
     seaid identify arm.urdf bag/ --description arm_log.toml --estimator huber
+    seaid identify arm.urdf day.parquet --drives arm.toml --in-pieces
     """
+    if in_pieces and (repair or description is not None):
+        raise typer.BadParameter(
+            "logs that are read in pieces are taken as they are: no --repair, no --description",
+            param_hint="--in-pieces",
+        )
     to_be_written(output, force=force, read=(urdf, drives, description, *logs))
     robot = robot_of(urdf, drives, joints, payload, known_body)
     found = identified(
         robot,
-        logs_of(logs, robot, description, repair),
+        logs if in_pieces else logs_of(logs, robot, description, repair),
         rows,
         sides,
         estimator,
@@ -88,7 +97,7 @@ def identify(
 
 def identified(
     robot: Robot,
-    logs: list[Log],
+    logs: Sequence[Source],
     rows: str | None,
     sides: str,
     estimator: str,

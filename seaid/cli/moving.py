@@ -26,7 +26,7 @@ from seaid.cli.options import (
 from seaid.cli.words import say, say_results, shows_progress, to_be_written
 
 if TYPE_CHECKING:
-    from seaid.excitation import Excitation
+    from seaid.excitation import Excitation, Trajectory
 
 _OF_ALL = "for all joints, or as knee=2,hip=1"
 
@@ -52,6 +52,10 @@ def excite(
     drive_columns: Annotated[
         bool, typer.Option("--drive-columns", help="Tell friction and stiffness as well.")
     ] = False,
+    free_ends: Annotated[
+        bool,
+        typer.Option("--free-ends", help="Begin and end moving, with a way in from rest and out."),
+    ] = False,
     recorded: Annotated[
         list[Path] | None, typer.Option(help="Log that tells already. May be repeated.")
     ] = None,
@@ -60,6 +64,10 @@ def excite(
     starts: Annotated[int, typer.Option(help="Random starts of the search.")] = 3,
     iterations: Annotated[int, typer.Option(help="Of the search, at most.")] = 150,
     seed: Annotated[int, typer.Option(help="Of the random starts.")] = 0,
+    joint_trajectory: Annotated[
+        Path | None,
+        typer.Option(help="Write it for ROS 2 trajectory controllers too.", metavar="YAML"),
+    ] = None,
     output: Output = Path("excitation.json"),
     force: Force = False,
     as_json: AsJson = False,
@@ -67,12 +75,13 @@ def excite(
     """Plan a motion within limits that tells the parameters well.
 
     Written: the trajectory as JSON, and its set-points as CSV beside it. The motion begins and ends
-    at rest. Limits not given are the URDF's.
+    at rest; with --free-ends it can tell more. Limits not given are the URDF's.
 
     seaid excite leg.urdf --drives leg.toml --velocity 2.5 -o plan.json
     seaid excite arm.urdf --duration 20 --velocity shoulder=1,elbow=2 --rows shoulder,elbow
+    seaid excite arm.urdf --free-ends --joint-trajectory arm.yaml -o plan.json
     """
-    from seaid.excitation import Limits, design_excitation
+    from seaid.excitation import Limits, add_run_in, design_excitation
 
     set_points = ending(output, ".json").with_suffix(".csv")
     texts = {"lower": lower, "upper": upper, "velocity": velocity, "acceleration": acceleration}
@@ -81,13 +90,15 @@ def excite(
     if not rate_hz > 0:
         raise typer.BadParameter(f"{rate_hz:g} is not more than zero", param_hint="--rate-hz")
     read = (urdf, drives, description, *(recorded or ()))
-    to_be_written(output, set_points, force=force, read=read)
+    to_be_written(output, set_points, joint_trajectory, force=force, read=read)
     robot = robot_of(urdf, drives, joints, payload)
+    asked = Limits(**limits)
     plan = design_excitation(
         robot,
         duration,
         basis=basis,
-        limits=Limits(**limits),
+        limits=asked,
+        rest_to_rest=not free_ends,
         rows=names(rows),
         criterion=criterion,
         drive_columns=drive_columns,
@@ -97,11 +108,15 @@ def excite(
         seed=seed,
         progress=shows_progress(),
     )
-    plan.trajectory.save(output)
-    plan.trajectory.save_set_points(set_points, rate_hz)
+    motion = add_run_in(plan.trajectory, robot, asked) if free_ends else plan.trajectory
+    motion.save(output)
+    motion.save_set_points(set_points, rate_hz)
+    if joint_trajectory is not None:
+        motion.save_joint_trajectory(joint_trajectory)
     content = {
         "robot": robot.name,
-        "duration_s": plan.trajectory.duration,
+        "duration_s": motion.duration,
+        "main_interval_s": motion.main_interval,
         "condition_number": plan.condition_number,
         "criterion": plan.criterion,
         "value": plan.value,
@@ -111,17 +126,22 @@ def excite(
         ],
         "trajectory": output,
         "set_points": set_points,
+        "joint_trajectory": joint_trajectory,
     }
-    say(_plan_text(robot.name, plan), content, as_json)
-    say_results(as_json, output, set_points)
+    say(_plan_text(robot.name, plan, motion), content, as_json)
+    say_results(as_json, output, set_points, joint_trajectory)
 
 
-def _plan_text(name: str, plan: Excitation) -> str:
+def _plan_text(name: str, plan: Excitation, motion: Trajectory) -> str:
+    begin, end = motion.main_interval
+    ways = (
+        f" (with ways in and out {motion.duration:.4g} s)" if end - begin < motion.duration else ""
+    )
     first, last = (one[0] / one[-1] for one in (plan.start_singular_values, plan.singular_values))
     return "\n".join(
         [
-            f"{name}: a motion of {plan.trajectory.duration:.4g} s for {len(plan.names)} "
-            f"parameters; {plan.criterion} {plan.value:.4g}",
+            f"{name}: a motion of {end - begin:.4g} s{ways} for {len(plan.names)} parameters; "
+            f"{plan.criterion} {plan.value:.4g}",
             f"condition number of the scaled columns: random start {first:.4g}, planned {last:.4g}",
             f"condition number of the {len(plan.base.columns)} base columns: "
             f"{plan.condition_number:.4g}",
