@@ -24,7 +24,7 @@ from seaid.files import result_folder
 from seaid.report.excitation_figure import save_excitation_figure
 from seaid.report.text import number, percent, table
 from seaid.sides.found import nominal_values
-from seaid.sides.load_side import load_model
+from seaid.sides.load_model import load_model
 
 LIMIT_NAMES = ("lower", "upper", "velocity", "acceleration", "joint_torque")
 

@@ -19,7 +19,7 @@ from seaid.estimation.estimators import estimator_named
 from seaid.identification import Identification, packed
 from seaid.robot import Robot
 from seaid.sides.condition_sides import BODIES, condition_sides
-from seaid.sides.load_side import LoadModel, load_model
+from seaid.sides.load_model import LoadModel, load_model
 from seaid.sides.records import Record, Source, records_of, sources_of
 from seaid.sides.sequential import known_torques
 from seaid.sides.straightening import straightened_robot

@@ -25,7 +25,7 @@ from seaid.processing import Processing
 from seaid.robot import Robot
 from seaid.sides.found import with_estimate
 from seaid.sides.instrumental_sides import instrumental_sides
-from seaid.sides.load_side import LoadModel, load_model
+from seaid.sides.load_model import LoadModel, load_model
 from seaid.sides.records import Record, Source, processing_of, records_of, sources_of
 from seaid.sides.sequential import Sides, known_torques, sequential_sides
 from seaid.sides.simultaneous import simultaneous_sides

@@ -16,7 +16,7 @@ from seaid.estimation.model_checks import ModelChecks
 from seaid.identification import Identification, identify
 from seaid.inertia import UNITS
 from seaid.robot import Robot, load_robot
-from seaid.sides.load_side import LoadModel
+from seaid.sides.load_model import LoadModel
 from seaid.simulation import measure
 from seaid.validation import Fit, Validation, validate
 from tests.experiments import ARM_SENSORS, arm, arm_motion

@@ -26,7 +26,7 @@ from seaid.log import Log
 from seaid.motion import Motion
 from seaid.rigid_body import joint_torques
 from seaid.robot import Payload, Robot, load_robot
-from seaid.sides.load_side import load_model
+from seaid.sides.load_model import load_model
 from seaid.sides.sequential import known_torques, sequential_sides
 from seaid.sides.straightening import straightened_robot
 from seaid.sides.untold import with_held_flags

@@ -17,7 +17,8 @@ from seaid.motion import Motion, reconstruct_motion
 from seaid.robot import Robot, load_robot
 from seaid.sides.driven_motion import driven_motion, finer_side
 from seaid.sides.instrumental_sides import instrumental_sides
-from seaid.sides.load_side import LoadModel, load_columns, load_model
+from seaid.sides.load_model import LoadModel, load_model
+from seaid.sides.load_side import load_columns
 from seaid.sides.sequential import Sides, sequential_sides
 from seaid.simulation import Noise, measure, simulate_motion
 from tests.experiments import DATA, perfect_log, wiggle

@@ -24,7 +24,8 @@ from seaid.sides.instruments import (
     instrument_motion,
     load_with_instruments,
 )
-from seaid.sides.load_side import LoadModel, load_model, load_regression
+from seaid.sides.load_model import LoadModel, load_model
+from seaid.sides.load_side import load_regression
 from seaid.sides.sequential import Sides, sequential_sides
 from seaid.simulation import Noise, measure, simulate
 from tests.experiments import ARM_SENSORS, arm, arm_motion, drive_errors, perfect_log, wiggle

@@ -30,7 +30,8 @@ from seaid.sides.joint_sides import (
     split_joint,
     whitened,
 )
-from seaid.sides.load_side import LoadModel, load_model, zero_sensitivity
+from seaid.sides.joint_zeros import zero_sensitivity
+from seaid.sides.load_model import LoadModel, load_model
 from seaid.simulation import Noise, measure
 from tests.experiments import (
     ELASTIC,

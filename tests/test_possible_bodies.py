@@ -20,7 +20,7 @@ from seaid.errors import IdentificationError, RobotError
 from seaid.estimation.estimate import Estimate
 from seaid.inertia import from_center_of_mass, is_physical, pseudo_inertia
 from seaid.robot import Robot, load_robot
-from seaid.sides.load_side import LoadModel, load_model
+from seaid.sides.load_model import LoadModel, load_model
 from seaid.simulation import simulate_motion
 from tests.experiments import MODELS, arm, leg, wiggle
 

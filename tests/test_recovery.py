@@ -19,7 +19,8 @@ from seaid.log import Log
 from seaid.motion import Motion
 from seaid.regression import actuator_regression
 from seaid.robot import Robot, load_robot
-from seaid.sides.load_side import load_model, load_regression
+from seaid.sides.load_model import load_model
+from seaid.sides.load_side import load_regression
 from seaid.simulation import Noise, measure, simulate_motion
 from tests.experiments import (
     ARM_SENSORS,

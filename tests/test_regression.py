@@ -18,7 +18,9 @@ from seaid.motion_rows import in_band, standstill
 from seaid.regression import actuator_columns, actuator_regression, stacked
 from seaid.rigid_body import joint_torques
 from seaid.robot import Robot, load_robot
-from seaid.sides.load_side import LoadModel, load_model, load_regression, zero_sensitivity
+from seaid.sides.joint_zeros import zero_sensitivity
+from seaid.sides.load_model import LoadModel, load_model
+from seaid.sides.load_side import load_regression
 from tests.experiments import ELASTIC, TEST_MASS, arm, arm_motion, leg, leg_motion, true_value
 
 LEG = leg(TEST_MASS)

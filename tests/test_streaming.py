@@ -20,7 +20,8 @@ from seaid.long_log import LongLog, iterate_log, open_long_log
 from seaid.motion import Motion, reconstruct_motion
 from seaid.regression import Regression, actuator_regression, stacked
 from seaid.sides.found import spring_of
-from seaid.sides.load_side import load_model, load_regression
+from seaid.sides.load_model import load_model
+from seaid.sides.load_side import load_regression
 from seaid.sides.streaming import stream_estimate, stream_information
 from seaid.simulation import measure
 from tests.experiments import ARM_SENSORS, arm, arm_motion

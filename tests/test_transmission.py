@@ -41,13 +41,9 @@ from seaid.regression import actuator_regression
 from seaid.replaying import replay
 from seaid.robot import Robot, load_robot
 from seaid.sides.driven_motion import driven_motion
-from seaid.sides.load_side import (
-    LoadModel,
-    load_columns,
-    load_model,
-    load_regression,
-    zero_sensitivity,
-)
+from seaid.sides.joint_zeros import zero_sensitivity
+from seaid.sides.load_model import LoadModel, load_model
+from seaid.sides.load_side import load_columns, load_regression
 from seaid.symbolic.exact_base import base_parameters as exact_base_parameters
 from seaid.symbolic.whole_model import complete_model
 from seaid.transmission import (

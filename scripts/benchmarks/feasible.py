@@ -21,7 +21,7 @@ from seaid.estimation.estimate import Estimate
 from seaid.inertia import from_pseudo_inertia, is_physical, pseudo_inertia
 from seaid.report.text import percent, table
 from seaid.rigid_body import rigid_body_regressor
-from seaid.sides.load_side import LoadModel, load_model
+from seaid.sides.load_model import LoadModel, load_model
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 NOISE = 0.05

@@ -28,7 +28,8 @@ from seaid.motion import Motion, reconstruct_motion
 from seaid.regression import Regression
 from seaid.report.text import table
 from seaid.rigid_body import joint_torques
-from seaid.sides.load_side import load_model, load_regression
+from seaid.sides.load_model import load_model
+from seaid.sides.load_side import load_regression
 from seaid.sides.streaming import stream_estimate
 
 CUTOFF_HZ, RATE_HZ, BLOCK = 8.0, 1000.0, 50_000

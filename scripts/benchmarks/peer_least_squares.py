@@ -30,7 +30,8 @@ from seaid.estimation.solve import ordinary
 from seaid.motion import Motion
 from seaid.report.text import table
 from seaid.rigid_body import joint_torques
-from seaid.sides.load_side import load_model, load_regression
+from seaid.sides.load_model import load_model
+from seaid.sides.load_side import load_regression
 
 SAMPLES, RATE_HZ = 10_000, 100.0
 Answer = tuple[Array, dict[str, float]]

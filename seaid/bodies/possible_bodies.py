@@ -22,7 +22,7 @@ from seaid.estimation.feasible import WEIGHTS, Possible, chosen, nearest, regula
 from seaid.estimation.programme import Programme, least_spread, root_of
 from seaid.robot import Robot
 from seaid.sides.found import with_values
-from seaid.sides.load_side import LoadModel
+from seaid.sides.load_model import LoadModel
 
 NON_NEGATIVE = ("viscous_friction", "coulomb_friction", "motor_inertia", "stiffness")
 """Parameters of drives that cannot be negative."""

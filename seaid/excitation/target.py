@@ -37,7 +37,7 @@ from seaid.excitation.gradient import States, regressor_gradient
 from seaid.inertia import UNITS
 from seaid.rigid_body import rigid_body_regressor
 from seaid.robot import Robot
-from seaid.sides.load_side import load_model
+from seaid.sides.load_model import load_model
 from seaid.transmission import named_in_part, torques_at_drives
 
 READINGS_HZ = 1000.0

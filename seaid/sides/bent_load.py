@@ -25,7 +25,8 @@ from seaid.regression import Regression, actuator_regression, stacked
 from seaid.robot import Robot
 from seaid.sides.bent import Scale, bounds_of, starts_of
 from seaid.sides.found import spring_of, with_values
-from seaid.sides.load_side import LoadModel, load_model, load_regression, unknown_friction
+from seaid.sides.load_model import LoadModel, load_model
+from seaid.sides.load_side import load_regression, unknown_friction
 from seaid.sides.untold import told
 
 _SWEEPS = 2

@@ -20,7 +20,8 @@ from seaid.motion import Motion
 from seaid.regression import Regression, actuator_regression
 from seaid.robot import Robot
 from seaid.sides.found import joined, spring_of, with_flags
-from seaid.sides.load_side import LoadModel, load_regression
+from seaid.sides.load_model import LoadModel
+from seaid.sides.load_side import load_regression
 from seaid.sides.records import Record, rows_of
 from seaid.sides.sequential import Fit, Sides, split_load_side, sprung
 from seaid.sides.shared_columns import SharedRows, placed_carried, shared_rows

@@ -19,8 +19,9 @@ from seaid.errors import IdentificationError
 from seaid.filtering import low_pass, spline_derivatives
 from seaid.motion import Motion
 from seaid.robot import Robot
+from seaid.sides.load_model import LoadModel
 from seaid.sides.load_response import Answer, TorqueJacobians, answer_to, torque_jacobians
-from seaid.sides.load_side import LoadModel, load_columns
+from seaid.sides.load_side import load_columns
 from seaid.sides.method_limits import straight_spring
 from seaid.transmission import at_drives, at_joints
 

@@ -18,7 +18,8 @@ from seaid.errors import IdentificationError
 from seaid.motion import Motion
 from seaid.robot import Robot
 from seaid.sides.bent_load import fit_load, straightened_load
-from seaid.sides.load_side import LoadModel, load_columns
+from seaid.sides.load_model import LoadModel
+from seaid.sides.load_side import load_columns
 
 _SETTLED, _MOST_TURNS, _SEARCHES = 1e-5, 20, 2
 

@@ -26,7 +26,7 @@ from seaid.sides.instruments import (
     load_with_instruments,
     motor_driven_motion,
 )
-from seaid.sides.load_side import LoadModel
+from seaid.sides.load_model import LoadModel
 from seaid.sides.method_limits import check_instruments, straight_spring
 from seaid.sides.records import Record
 from seaid.sides.sequential import Regressions, Sides, sequential_sides

@@ -31,7 +31,8 @@ from seaid.motion_rows import in_band
 from seaid.regression import Regression, actuator_columns, actuator_regression
 from seaid.robot import Robot
 from seaid.sides.driven_motion import driven_motion
-from seaid.sides.load_side import LoadModel, load_columns, load_regression
+from seaid.sides.load_model import LoadModel
+from seaid.sides.load_side import load_columns, load_regression
 from seaid.sides.method_limits import straight_spring
 from seaid.transmission import at_drives
 

@@ -30,7 +30,9 @@ from seaid.motion import Motion
 from seaid.regression import Regression, actuator_regression, stacked
 from seaid.robot import Robot
 from seaid.sides.found import with_flags
-from seaid.sides.load_side import ZERO_STEP, LoadModel, load_regression, shifted_zero
+from seaid.sides.joint_zeros import ZERO_STEP, shifted_zero
+from seaid.sides.load_model import LoadModel
+from seaid.sides.load_side import load_regression
 
 MOST_ITERATIONS = 50
 

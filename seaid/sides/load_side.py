@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
 
-from seaid.arrays import Array, BoolArray, frozen
-from seaid.base import BaseParameters, grouped_text, left_to_right, negligible, random_states
+from seaid.arrays import Array, BoolArray
 from seaid.drive_signals import (
     INPUTS,
-    joint_regressor,
     motor_regressor,
     sensed_torque,
     signals,
@@ -21,103 +18,14 @@ from seaid.drive_signals import (
 from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
 from seaid.drivetrain.values import is_dry
 from seaid.errors import LogError
-from seaid.inertia import UNITS
 from seaid.motion import Motion
 from seaid.motion_rows import in_band_at, joint_standstill, row_samples, standstill, standstill_seen
 from seaid.regression import Regression
 from seaid.rigid_body import regressor_at_drives
 from seaid.robot import Robot
-from seaid.transmission import at_drives, group_of, torques_at_drives
-
-ZERO_STEP = 1e-4
-"""Shift [rad or m] of an encoder's zero for a difference quotient."""
-
-_JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
-
-
-@dataclass(frozen=True, eq=False)
-class LoadModel:
-    """What the load side can tell: base parameters, and the columns of the stiff drives.
-
-    `drives` (p_d) are (joint, parameter, unit) of the drive columns that are identifiable beside
-    the p base columns; the others are part of the base parameters, as `expressions` (p,) say: they
-    are `absorbed` (a), and `absorption` (p + p_d, a) is how much of each is in every column. `rows`
-    are the joints whose equations are used: those of their drives, which for drives that move
-    several joints are the torques on what each of them turns.
-    """
-
-    base: BaseParameters
-    rows: tuple[str, ...]
-    drives: tuple[tuple[str, str, str], ...]
-    expressions: tuple[str, ...]
-    absorbed: tuple[tuple[str, str, str], ...]
-    absorption: Array
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of all columns: expressions, then '<parameter> of <joint>'."""
-        return self.expressions + tuple(f"{name} of {joint}" for joint, name, _ in self.drives)
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Units of all columns."""
-        base = tuple(UNITS[column % 10] for column in self.base.columns)
-        return base + tuple(unit for _, _, unit in self.drives)
-
-
-def load_model(robot: Robot, base: BaseParameters, rows: Sequence[str]) -> LoadModel:
-    """Return which columns of stiff drives are identifiable beside the base parameters."""
-    known = [robot.index(joint) for joint in rows]
-    q, v, a = random_states(robot, seed=1, torques=len(known))
-    Y = base.reduce(regressor_at_drives(robot, q, v, a))[:, known]
-    columns, drives = _drive_columns(
-        robot, rows, lambda index: _stiff_signals(robot, index, q, v, a)
-    )
-    H = np.concatenate([Y, columns], axis=2).reshape(len(q) * len(known), -1)
-    p = len(base.columns)
-    bent = [
-        p + place
-        for place, (joint, name, _) in enumerate(drives)
-        if name in _bent_parameters(robot, joint)
-    ]
-    found, grouping = _identifiable(H, bent)
-    names = (*base.expressions, *(f"{name}_{joint}" for joint, name, _ in drives))
-    absorbed = [column for column in range(p, H.shape[1]) if column not in found]
-    expressions = []
-    for row in range(p):
-        wanted = np.zeros(H.shape[1])
-        wanted[[row, *absorbed]] = grouping[row, [row, *absorbed]]
-        expressions.append(grouped_text(wanted, names))
-    return LoadModel(
-        base=base,
-        rows=tuple(rows),
-        drives=tuple(drives[column - p] for column in found if column >= p),
-        expressions=tuple(expressions),
-        absorbed=tuple(drives[column - p] for column in absorbed),
-        absorption=frozen("absorption", grouping[:, absorbed], (len(found), None)),
-    )
-
-
-def _bent_parameters(robot: Robot, joint: str) -> tuple[str, ...]:
-    """Return the parameters in which a stiff drive is not linear."""
-    elastic = isinstance(robot.drivetrains[joint], SeriesElasticDrive)
-    return () if elastic else motor_regressor(robot, joint).non_linear
-
-
-def _identifiable(H: Array, bent: Sequence[int]) -> tuple[list[int], Array]:
-    """Return the columns of H that are identifiable, and how much of each is in every column.
-
-    The slopes of what is `bent` stand beside the others whatever the random states: they live where
-    the motor is slow.
-    """
-    straight = [column for column in range(H.shape[1]) if column not in bent]
-    chosen, grouping, _ = left_to_right(H[:, straight], negligible(H[:, straight]))
-    found = sorted([straight[column] for column in chosen] + list(bent))
-    whole = np.zeros((len(found), H.shape[1]))
-    rows = [found.index(straight[column]) for column in chosen]
-    whole[np.ix_(rows, straight)] = grouping
-    whole[[found.index(column) for column in bent], list(bent)] = 1.0
-    return found, whole
+from seaid.sides.drive_columns import drive_columns, load_signals
+from seaid.sides.load_model import LoadModel
+from seaid.transmission import group_of
 
 
 def load_columns(
@@ -129,8 +37,8 @@ def load_columns(
     """
     Y = regressor_at_drives(robot, *motion.joint_states)
     known = [robot.index(joint) for joint in model.rows]
-    signals_of = partial(_load_signals, robot, motion)
-    columns, drives = _drive_columns(robot, model.rows, signals_of)
+    signals_of = partial(load_signals, robot, motion)
+    columns, drives = drive_columns(robot, model.rows, signals_of)
     wanted = [drives.index(drive) for drive in model.drives]
     flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # no copy: so the regressor lies in memory
     places = np.add.outer(known, robot.n * np.array(model.base.columns, dtype=np.intp))
@@ -170,35 +78,6 @@ def load_regression(
     )
 
 
-def zero_sensitivity(
-    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
-) -> Regression:
-    """Return the load side with `carried` (R, n): what a shifted zero of each joint encoder does.
-
-    It is minus the change of the computed torque, at the parameters `theta`, a unit of shift.
-    """
-    reference, changes = load_regression(robot, motion, model, springs), []
-    for index in range(robot.n):
-        shifted = load_regression(robot, shifted_zero(robot, motion, index), model, springs)
-        change = (shifted.y - shifted.H @ theta) - (reference.y - reference.H @ theta)
-        changes.append(change / ZERO_STEP)
-    return replace(reference, carried=np.column_stack(changes))
-
-
-def shifted_zero(robot: Robot, motion: Motion, index: int) -> Motion:
-    """Return the motion with the zero of one joint's encoder shifted by a small step.
-
-    The motors of springs go along: the deflection's own zero takes what the shift does to it.
-    """
-    joint, motor = motion.joint_position.copy(), motion.motor_position.copy()
-    joint[:, index] += ZERO_STEP
-    for name in robot.elastic_joints:
-        other, drive = robot.index(name), robot.drivetrains[name]
-        lever = drive.ratio * getattr(drive, "load_radius", 1.0) / getattr(drive, "motor_radius", 1)
-        motor[:, other] += lever * robot.transmission[other, index] * ZERO_STEP
-    return replace(motion, joint_position=joint, motor_position=motor)
-
-
 def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     """Tell the samples (T,) at which the load side of a joint has unknown friction.
 
@@ -214,63 +93,6 @@ def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
         if "coulomb" in getattr(beside, "joint_friction", ()):
             unknown |= joint_standstill(motion, other)
     return unknown
-
-
-def _drive_columns(
-    robot: Robot, rows: Sequence[str], signals_of: Callable[[int], dict[str, Array]]
-) -> tuple[Array, list[tuple[str, str, str]]]:
-    """Return the drives' columns (T, rows, columns) on the load side, and what they are.
-
-    Those of stiff drives, and of what acts beside any drive between the joint's bodies.
-    """
-    blocks, drives = [], []
-    known = [robot.index(joint) for joint in rows]
-    for joint in robot.joint_names:
-        index, drive = robot.index(joint), robot.drivetrains[joint]
-        parts = []
-        if not isinstance(drive, SeriesElasticDrive) and index in known:
-            parts.append((motor_regressor(robot, joint), drive.ratio, np.eye(robot.n)[index]))
-        if drive.parallel_spring or getattr(drive, "joint_friction", ()):
-            at_drive = torques_at_drives(robot.transmission, np.eye(robot.n)[index])
-            parts.append((joint_regressor(robot, joint), 1.0, at_drive))
-        for regressor, factor, share in parts:
-            by_name = signals_of(index)
-            if regressor is not motor_regressor(robot, joint):
-                by_name = {**by_name, **{name: by_name[f"own_{name}"] for name in _JOINT}}
-            R = factor * regressor.evaluate(by_name)[1]
-            blocks.append(R[:, None, :] * share[known][None, :, None])
-            drives += [
-                (joint, name, unit)
-                for name, unit in zip(regressor.names, regressor.units, strict=True)
-            ]
-    length = len(next(iter(signals_of(0).values())))
-    return np.concatenate([*blocks, np.empty((length, len(rows), 0))], axis=2), drives
-
-
-def _load_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
-    """Return the signals of a drive, and the states of its own joint as own_theta_L."""
-    own = {
-        f"own_{name}": values[:, index]
-        for name, values in zip(_JOINT, motion.joint_states, strict=True)
-    }
-    return signals(robot, motion, index) | own
-
-
-def _stiff_signals(robot: Robot, index: int, q: Array, v: Array, a: Array) -> dict[str, Array]:
-    """Return the signals of a stiff drive at joint states: the motor turns with its joints.
-
-    What is independent of them, current, voltage and the torque through the gear, is random.
-    """
-    ratio, nothing = robot.drivetrains[robot.joint_names[index]].ratio, np.zeros(len(q))
-    own = {f"own_{name}": values[:, index] for name, values in zip(_JOINT, (q, v, a), strict=True)}
-    rng = np.random.default_rng(index)
-    free = {name: rng.normal(size=len(q)) for name in ("i_M", "u_M", "tau_G")}
-    states = {"theta_L": q, "theta_L_dot": v, "theta_L_ddot": a}
-    joint = {
-        name: at_drives(robot.transmission, values)[:, index] for name, values in states.items()
-    }
-    motor = {name.replace("_L", "_M"): ratio * values for name, values in joint.items()}
-    return {**joint, **motor, **own, **free, "tau_M": nothing, "tau_L": nothing}
 
 
 def _load_targets(

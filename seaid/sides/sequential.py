@@ -23,7 +23,9 @@ from seaid.progress import track
 from seaid.regression import Regression, actuator_regression
 from seaid.robot import Robot
 from seaid.sides.found import joined, spring_of, with_flags
-from seaid.sides.load_side import LoadModel, load_regression, zero_sensitivity
+from seaid.sides.joint_zeros import zero_sensitivity
+from seaid.sides.load_model import LoadModel
+from seaid.sides.load_side import load_regression
 from seaid.sides.records import Record, first_motion, rows_of
 from seaid.sides.scale import CONSTANTS, check_scale
 from seaid.sides.spring_torque import both_noisy, noise_ratio, springs_torque_alone

@@ -22,7 +22,7 @@ from seaid.sides.joint_sides import (
     split_joint,
     whitened,
 )
-from seaid.sides.load_side import LoadModel
+from seaid.sides.load_model import LoadModel
 from seaid.sides.method_limits import check_joint_sides
 from seaid.sides.records import Record, rows_of
 from seaid.sides.sequential import Fit, Sides

@@ -28,7 +28,7 @@ from seaid.excitation.fourier import FourierBasis
 from seaid.excitation.target import drive_target, stacked_regressor
 from seaid.rigid_body import joint_torques
 from seaid.robot import Robot
-from seaid.sides.load_side import load_model
+from seaid.sides.load_model import load_model
 from tests import terms
 from tests.excitation.test_target import assert_gradient
 from tests.terms import ELASTIC, STIFF, arm, exact_motion, slope, value_of, with_terms
