@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import subprocess
 import sys
 import threading
 import time
@@ -337,3 +338,11 @@ def test_failure_while_it_opens_closes_the_server(
     with pytest.raises(ZeroDivisionError):
         view_robot(leg, port=0)
     assert in_time(lambda: set(threading.enumerate()) <= before)
+
+
+def test_nothing_of_the_window_is_imported_before_it_opens() -> None:
+    code = "import sys, seaid.cli.commands, seaid.view.picture, seaid.view.playback, seaid; "
+    code += "seaid.view_robot; print([m for m in ('viser', 'trimesh', 'yourdfpy') if m in "
+    code += "sys.modules])"
+    said = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert said.stdout == "[]\n"
