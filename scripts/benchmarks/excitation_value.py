@@ -27,7 +27,8 @@ from seaid.excitation.ends import EndState
 from seaid.excitation.flatness import transmission
 from seaid.excitation.problem import make_problem
 from seaid.excitation.scaling import recorded_factor, scaled_target
-from seaid.excitation.target import Target, drive_target, stacked_regressor
+from seaid.excitation.target import Target, drive_target
+from seaid.excitation.target_regressor import stacked_regressor
 from seaid.progress import track
 from seaid.report.text import percent, table
 from seaid.sides.found import nominal_values

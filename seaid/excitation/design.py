@@ -29,7 +29,8 @@ from seaid.excitation.problem import Problem, make_problem, states_of
 from seaid.excitation.scaling import recorded_factor, scaled_target
 from seaid.excitation.scene import Scene
 from seaid.excitation.search import Outcome, search
-from seaid.excitation.target import Target, drive_target, load_target, stacked_regressor
+from seaid.excitation.target import Target, drive_target, load_target
+from seaid.excitation.target_regressor import stacked_regressor
 from seaid.excitation.trajectory import Trajectory
 from seaid.excitation.ways import with_run_in
 from seaid.log import Log

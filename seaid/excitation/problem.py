@@ -13,7 +13,8 @@ from seaid.excitation.ends import MotionSpace, limit_rows
 from seaid.excitation.gradient import States
 from seaid.excitation.limits import JointLimits
 from seaid.excitation.scene import Scene, distance_gradients, distances
-from seaid.excitation.target import Target, regressor_pull_back, stacked_regressor
+from seaid.excitation.target import Target
+from seaid.excitation.target_regressor import regressor_pull_back, stacked_regressor
 
 AIM = 0.97
 """The search keeps to this part of the limits that it sees at instants only."""

@@ -14,7 +14,8 @@ from seaid.excitation.criteria import triangular_factor
 from seaid.excitation.flatness import check_nominal_bodies
 from seaid.excitation.limits import positive_values
 from seaid.excitation.problem import Problem, random_start, states_of
-from seaid.excitation.target import Target, stacked_regressor
+from seaid.excitation.target import Target
+from seaid.excitation.target_regressor import stacked_regressor
 from seaid.log import Log
 from seaid.motion import reconstruct_motion
 from seaid.motion_rows import row_samples

@@ -25,7 +25,8 @@ from seaid.excitation.bent_spring import bent_spring
 from seaid.excitation.drive_limits import drive_limits, drive_load_gradient, drive_loads
 from seaid.excitation.flatness import differentiation, motor_signals, transmission
 from seaid.excitation.fourier import FourierBasis
-from seaid.excitation.target import drive_target, stacked_regressor
+from seaid.excitation.target import drive_target
+from seaid.excitation.target_regressor import stacked_regressor
 from seaid.rigid_body import joint_torques
 from seaid.robot import Robot
 from seaid.sides.load_model import load_model

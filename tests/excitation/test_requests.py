@@ -16,7 +16,8 @@ from seaid.excitation.criteria import CRITERIA
 from seaid.excitation.pivoted import pivoted_base
 from seaid.excitation.scene import distances
 from seaid.excitation.scene_file import Box, load_scene
-from seaid.excitation.target import load_target, stacked_regressor
+from seaid.excitation.target import load_target
+from seaid.excitation.target_regressor import stacked_regressor
 from seaid.log import Log
 from seaid.robot import Robot, load_robot
 

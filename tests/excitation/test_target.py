@@ -17,14 +17,8 @@ from seaid.errors import ExcitationError
 from seaid.excitation.fourier import FourierBasis
 from seaid.excitation.gradient import regressor_gradient, torque_derivatives
 from seaid.excitation.pivoted import pivoted_base
-from seaid.excitation.target import (
-    READINGS_HZ,
-    Target,
-    drive_target,
-    load_target,
-    regressor_pull_back,
-    stacked_regressor,
-)
+from seaid.excitation.target import Target, drive_target, load_target
+from seaid.excitation.target_regressor import READINGS_HZ, regressor_pull_back, stacked_regressor
 from seaid.rigid_body import joint_torques, rigid_body_regressor
 from seaid.robot import Robot, load_robot
 from tests.excitation.robots import TIAGO, example_robot, robots, states
