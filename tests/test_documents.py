@@ -12,6 +12,7 @@ import pytest
 import seaid
 from seaid.drivetrain.drive_file import drives_from_mapping
 from seaid.logs.description_file import description_for
+from seaid.simulation import measure, simulate_motion
 from tests.pages import ROOT, Block, blocks, commands, is_run, pages, prepare, run_page, same
 
 LEG_LOGS = ("run.csv", "other.csv", "cold.csv", "warm.csv")
@@ -48,7 +49,7 @@ def of_language(language: str) -> list[object]:
 
 @pytest.fixture(scope="session")
 def leg_logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Return the logs of the leg by their names: two motions, 6 s each."""
+    """Return the logs of the leg by their names: one motion of 6 s, measured twice."""
     folder = tmp_path_factory.mktemp("logs")
     leg = seaid.load_robot(
         ROOT / "models/tulip_leg.urdf",
@@ -56,12 +57,12 @@ def leg_logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         payloads=[seaid.Payload("foot", 2.0, (0.15, 0.0, 0.0))],
     )
     noise = seaid.Noise(torque_std_Nm=0.005, joint_resolution_rad=0.00038)
+    with pytest.warns(seaid.SeaidWarning, match="ended early"):
+        plan = seaid.design_excitation(leg, 6.0, starts=1, iterations=10)
+    motion = simulate_motion(leg, plan.trajectory)
     for seed, names in enumerate((("run.csv", "cold.csv"), ("other.csv", "warm.csv"))):
-        with pytest.warns(seaid.SeaidWarning, match="ended early"):
-            plan = seaid.design_excitation(leg, 6.0, starts=1, iterations=10, seed=seed)
-        log = seaid.simulate(leg, plan.trajectory, noise=noise, seed=seed)
         for name in names:
-            seaid.write_log(log, folder / name)
+            seaid.write_log(measure(leg, motion, noise, seed), folder / name)
     return {name: folder / name for name in LEG_LOGS}
 
 
