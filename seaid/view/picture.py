@@ -78,13 +78,16 @@ class Picture:
 
         Raises RobotError for positions of another shape or not finite.
         """
-        robot = self.robot
+        robot, model = self.robot, self.robot.model
         q = finite("joint positions", q, (robot.n,), RobotError)
-        data = robot.model.createData()
-        pin.forwardKinematics(robot.model, data, q[list(robot.model_order)])
-        bodies = [pin.SE3.Identity()] * (robot.n + 1)
-        for position, index in enumerate(robot.model_order):
-            bodies[index + 1] = data.oMi[position + 1]
+        bodies, body_of = [pin.SE3.Identity()] * (robot.n + 1), [0]
+        for joint, index in enumerate(robot.model_order, 1):  # parents come before children
+            body_of.append(index + 1)
+            placement = bodies[body_of[model.parents[joint]]] * model.jointPlacements[joint]
+            axis, value = self.axes[index], float(q[index])
+            turn = np.eye(3) if robot.is_prismatic[index] else pin.exp3(value * axis)
+            shift = value * axis if robot.is_prismatic[index] else np.zeros(3)
+            bodies[index + 1] = placement * pin.SE3(turn, shift)
         return bodies
 
     def link_placements(self, q: Array) -> dict[str, pin.SE3]:
@@ -139,7 +142,7 @@ def picture_of(robot: Robot, *, package_dirs: str | Path | Sequence[str | Path] 
         shapes=shapes,
         segments=frozen("segments", segments, (None, 2, 3)),
         segment_bodies=bodies,
-        axes=frozen("axes", [tree.joints[joint].axis for joint in robot.joint_names], (None, 3)),
+        axes=_axes(robot),
         payloads=payloads,
         centers=_marks("body of", robot, robot.parameters),
         up=frozen("up", up, (3,)),
@@ -176,6 +179,17 @@ def _places(tree: UrdfTree, robot: Robot) -> dict[str, tuple[int, pin.SE3]]:
                 places[joint.child] = (body, placement * joint.placement)
             waiting.append(joint.child)
     return places
+
+
+def _axes(robot: Robot) -> Array:
+    """Return the axes (n, 3) of the model's joints in their own frames."""
+    model, data = robot.model, robot.model.createData()
+    jacobian = pin.computeJointJacobians(model, data, np.zeros(robot.n)).reshape(6, robot.n)
+    axes = np.empty((robot.n, 3))
+    for joint, index in enumerate(robot.model_order, 1):
+        rows = slice(0, 3) if robot.is_prismatic[index] else slice(3, 6)
+        axes[index] = data.oMi[joint].rotation.T @ jacobian[rows, joint - 1]
+    return frozen("axes", axes, (None, 3))
 
 
 def _segments(

@@ -100,7 +100,7 @@ def test_bodies_are_at_the_joints_of_the_robots_model(
     placed = picture_of(robot).link_placements(q)
     for name, body in zip(robot.joint_names, robot.body_names, strict=True):
         expected = data.oMi[robot.model.getJointId(name)]
-        np.testing.assert_array_equal(placed[body].homogeneous, expected.homogeneous)
+        np.testing.assert_allclose(placed[body].homogeneous, expected.homogeneous, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["ur5_robot.urdf", "panda.urdf", "xarm7.urdf"])
