@@ -147,7 +147,7 @@ def _columns(robot: Robot, names: Sequence[str], what: str, error: type[SeaidErr
     if missing:
         raise error(
             f"{what} has no joint {', '.join(missing)} of '{robot.name}'; its joints: "
-            f"{', '.join(names)}; name those that move by joints=[...] of load_robot"
+            f"{', '.join(names)}; name the joints that move by joints= where the robot is loaded"
         )
     return [tuple(names).index(joint) for joint in robot.joint_names]
 
