@@ -15,6 +15,7 @@ from seaid.arrays import Array
 
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 UNITS = ("kg",) + ("kg m",) * 3 + ("kg m^2",) * 6
+_FILE_DIGITS, _ROUNDING = 1e-3, 1e-9
 _UPPER = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 
@@ -63,6 +64,29 @@ def is_physical(parameters: Array, tolerance: float = 1e-12) -> bool:
     """Tell whether a body with these ten parameters can exist (no negative mass density)."""
     eigenvalues = np.linalg.eigvalsh(pseudo_inertia(parameters))
     return bool(eigenvalues[0] >= -tolerance * max(eigenvalues[-1], 1e-300))
+
+
+def impossibility(parameters: Array) -> str | None:
+    """Say why no body has these ten parameters, None where one can: in numbers of its centre.
+
+    Rounded digits of a file are no reason: a thousandth of the largest principal moment is allowed.
+    """
+    mass, scale = float(parameters[0]), float(np.max(np.abs(parameters[4:])))
+    if mass < 0:
+        return f"a negative mass, {mass:.4g} kg"
+    if mass == 0:
+        return "inertia without mass" if np.any(parameters) else None
+    pseudo = pseudo_inertia(parameters)
+    second = pseudo[:3, :3] - np.outer(pseudo[:3, 3], pseudo[:3, 3]) / mass
+    moments = np.linalg.eigvalsh(np.trace(second) * np.eye(3) - second)
+    allowed = _FILE_DIGITS * float(np.max(np.abs(moments))) + _ROUNDING * scale
+    clean = np.where(np.abs(moments) > _ROUNDING * np.max(np.abs(moments)), moments, 0.0)
+    shown = ", ".join(f"{moment:.4g}" for moment in clean)
+    if moments[0] < -allowed:
+        return f"a negative principal moment of inertia: {shown} kg m^2"
+    if moments[0] + moments[1] < moments[2] - allowed:
+        return f"a principal moment of inertia above the sum of the other two: {shown} kg m^2"
+    return None
 
 
 def to_pinocchio(parameters: Array) -> pin.Inertia:

@@ -197,6 +197,20 @@ def test_inspect_as_json_is_what_the_library_says(arm: Path) -> None:
     assert told["base_parameters"] == 6
 
 
+def test_inspect_names_links_that_no_body_can_be(arm: Path, tmp_path: Path) -> None:
+    assert "no body can be" not in done("inspect", arm / "arm.urdf").out
+    text = (arm / "arm.urdf").read_text()
+    tensor = re.search(r'<inertia ixx="[^"]*"', text)
+    assert tensor is not None
+    path = tmp_path / "impossible.urdf"
+    path.write_text(text.replace(tensor.group(), '<inertia ixx="9.0"', 1))
+    said = done("inspect", path)
+    assert "Links that no body can be" in said.out
+    assert "  upper has a principal moment of inertia above the sum of the other two" in said.out
+    content = json.loads(done("inspect", path, "--json").out)
+    assert list(content["impossible_links"]) == ["upper"]
+
+
 def test_joints_that_are_not_asked_for_are_said_not_to_move(arm: Path) -> None:
     said = done("inspect", arm / "arm.urdf", "--joints", "elbow")
     assert "upper  <- shoulder: does not move" in said.out

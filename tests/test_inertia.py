@@ -12,6 +12,7 @@ from seaid.inertia import (
     UNITS,
     from_center_of_mass,
     from_pseudo_inertia,
+    impossibility,
     in_parent_frame,
     is_physical,
     parameter_names,
@@ -133,3 +134,35 @@ def test_point_mass_and_nothing_are_possible_negative_mass_is_not() -> None:
     assert is_physical(point)
     assert is_physical(np.zeros(10))
     assert not is_physical(-point)
+
+
+@given(seeds)
+def test_no_reason_is_found_against_a_possible_body(seed: int) -> None:
+    _, parameters = random_body(seed)
+    assert impossibility(parameters) is None
+
+
+@pytest.mark.parametrize(
+    ("moments", "reason"),
+    [
+        ((1.0, 2.0, 3.0), None),
+        ((1.0, 2.0, 3.002), None),  # a plate, its digits rounded
+        ((0.0, 0.0, 0.0), None),
+        ((1.0, 2.0, 3.1), "above the sum of the other two: 1, 2, 3.1 kg m^2"),
+        ((0.0, 0.0, 1.0), "above the sum of the other two: 0, 0, 1 kg m^2"),
+        ((-0.1, 2.0, 2.0), "a negative principal moment of inertia: -0.1, 2, 2 kg m^2"),
+    ],
+)
+@given(seed=seeds)
+def test_an_impossible_tensor_is_named_wherever_the_body_is(
+    moments: tuple[float, float, float], reason: str | None, seed: int
+) -> None:
+    body = from_center_of_mass(2.0, np.zeros(3), np.diag(moments))
+    found = impossibility(in_parent_frame(body, random_placement(seed)))
+    assert found is None if reason is None else found is not None and reason in found
+
+
+def test_mass_that_no_body_has_is_named() -> None:
+    assert impossibility(np.zeros(10)) is None
+    assert impossibility(np.eye(10)[4]) == "inertia without mass"
+    assert impossibility(-np.eye(10)[0]) == "a negative mass, -1 kg"

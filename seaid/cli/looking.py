@@ -41,7 +41,7 @@ def inspect(
     """Show a robot: tree, drives, base parameters, and which sensors identify what.
 
     Base parameters are the combinations of masses, first moments and inertias that torques can
-    tell; no log tells more.
+    tell; no log tells more. Links that no body can be, by their inertia in the file, are named.
 
     seaid inspect leg.urdf --drives leg.toml
     seaid inspect arm.urdf --joints shoulder,elbow --sensors motor_position,motor_torque
@@ -57,17 +57,19 @@ def inspect(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SeaidWarning)  # was said when the robot was loaded
         tree = read_urdf(urdf, 2e-3)
+    impossible = _impossible_links(tree)
     base = base_parameters(robot)
     choices = (tuple(names(sensors) or ()),) if sensors is not None else _CHOICES
     told = {", ".join(one): identifiability(robot, one) for one in choices}
     content = {
         "robot": robot.name,
         "joints": _joint_facts(robot),
+        "impossible_links": impossible,
         "base_parameters": list(base.expressions),
         "gap": base.gap,
         "sensors": {name: _told(one) for name, one in told.items()},
     }
-    text = [*_tree_lines(robot, tree, tree.root), *_base_lines(base)]
+    text = [*_tree_lines(robot, tree, tree.root), *_link_lines(impossible), *_base_lines(base)]
     text += [str(one) for one in told.values()] if sensors is not None else [_told_table(told)]
     say("\n".join(text), content, as_json)
 
@@ -116,6 +118,20 @@ def _motion(robot: Robot, joint: str) -> str:
         for name, value in drive_table(drive).items()
     )
     return f"{limits}, {kind.removeprefix('type ')}; {', '.join(facts)}"
+
+
+def _impossible_links(tree: UrdfTree) -> dict[str, str]:
+    """Return {link: why no body has its inertia}."""
+    from seaid.inertia import impossibility
+
+    found = {link: impossibility(parameters) for link, parameters in tree.links.items()}
+    return {link: reason for link, reason in found.items() if reason is not None}
+
+
+def _link_lines(impossible: dict[str, str]) -> Iterator[str]:
+    if impossible:
+        yield "\nLinks that no body can be (simulations with them may go wrong):"
+        yield from (f"  {link} has {reason}" for link, reason in impossible.items())
 
 
 def _base_lines(base: BaseParameters) -> Iterator[str]:
