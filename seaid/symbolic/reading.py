@@ -8,6 +8,7 @@ import sympy as sp
 from flint import fmpq_mpoly
 
 from seaid.errors import SymbolicError
+from seaid.progress import track
 from seaid.symbolic.functions import (
     CIRCULAR,
     bottom_up,
@@ -46,6 +47,8 @@ def read_equations(
     motion: tuple[sp.Expr, ...],
     unknowns: tuple[sp.Symbol, ...],
     max_terms: int,
+    *,
+    progress: bool = False,
 ) -> tuple[Ring, list[Ratio]]:
     """Return the ring of the equations and each of them as a ratio of polynomials in it.
 
@@ -58,7 +61,7 @@ def read_equations(
     _add_relations(ring)
     memory: Memory = {}
     ratios = []
-    for number, equation in enumerate(equations, 1):
+    for number, equation in track(list(enumerate(equations, 1)), "equations read", progress):
         with located(f"equation {number}"):
             ratios.append(_read(ring, equation, memory))
     return ring, ratios

@@ -16,6 +16,7 @@ import sympy as sp
 from flint import fmpq, fmpq_mpoly
 
 from seaid.errors import SymbolicError
+from seaid.progress import track
 from seaid.symbolic.declarations import declared
 from seaid.symbolic.entries import (
     Entry,
@@ -73,6 +74,7 @@ def separate(
     unknowns: Iterable[sp.Symbol],
     *,
     max_terms: int = MAX_TERMS,
+    progress: bool = False,
 ) -> RegressorForm:
     """Bring equations of motion to the regressor form zeta = R theta of (9), by Algorithm 1.
 
@@ -82,7 +84,7 @@ def separate(
     become one lumped parameter a product, which comes after its first factor. Every other symbol
     is known and stays a symbol; a function of time that is not in `motion` is taken as an input
     where it stands without unknowns; a symbol t is time. An unknown that no equation holds keeps a
-    column of zeros.
+    column of zeros. `progress` shows the equations done, on stderr.
 
     The result does not depend on how an equation is written. A denominator with unknowns is
     cleared. Each row is then divided by one coefficient: that of its input, a signal which stands
@@ -97,9 +99,10 @@ def separate(
     unknown, for equations without any unknown and for equations of more than `max_terms` terms.
     """
     expressions, signals, symbols = declared(equations, motion, unknowns)
-    ring, ratios = read_equations(expressions, signals, symbols, max_terms)
+    ring, ratios = read_equations(expressions, signals, symbols, max_terms, progress=progress)
     rows = []
-    for number, (equation, expression) in enumerate(zip(ratios, expressions, strict=True), 1):
+    pairs = list(enumerate(zip(ratios, expressions, strict=True), 1))
+    for number, (equation, expression) in track(pairs, "equations grouped", progress):
         with located(f"equation {number}"):
             rows.append(normalised(ring, _grouped(ring, equation, expression, symbols)))
     _check_undeclared(ring, rows, symbols)

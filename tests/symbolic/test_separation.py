@@ -31,6 +31,19 @@ def same(left: RegressorForm, right: RegressorForm) -> bool:
     return all(bool(one == other) for one, other in pairs)
 
 
+def test_progress_is_shown_on_stderr_and_changes_nothing(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    asked = ([MOTOR, LOAD], SIGNALS, [F_v, F_C, k, J, m, r])
+    quiet = separate(*asked)
+    assert capsys.readouterr().err == ""
+    assert same(separate(*asked, progress=True), quiet)
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "equations read" in said.err
+    assert "equations grouped" in said.err
+
+
 def test_motor_side_becomes_equation_10() -> None:
     form = separate(MOTOR, motion=SIGNALS, unknowns=[F_v, F_C, k])
     assert form.zeta == sp.ImmutableMatrix([tau_M - I_M * speed.diff(t)])
