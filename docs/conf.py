@@ -40,6 +40,7 @@ python_maximum_signature_line_length = 88
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 autodoc_type_aliases = {name: f"seaid.{name}" for name in seaid.__all__}
+smartquotes = False
 nitpicky = True
 nitpick_ignore_regex = [
     ("py:class", r"(?!seaid\.[A-Z]).*"),  # types of other packages, and our own that are not public

@@ -1,8 +1,9 @@
 """Pages of Markdown whose code runs: their blocks in order, in a folder, with one namespace.
 
 A `python` block runs in this interpreter, an `sh` block in bash with the commands of this
-environment. A `text` block right behind one is what it prints; a line `...` there stands for any
-lines. A `toml` block whose first line names a file (`# arm.toml`) is written as that file.
+environment, and so do the lines behind `$` of a `console` block. A `text` block right behind one is
+what it prints; a line `...` there stands for any lines. A `toml` block whose first line names a
+file (`# arm.toml`) is written as that file.
 
 `python tests/pages.py docs/tutorial.md` runs a page and writes what it prints into its text blocks
 (but for those with a line `...`).
@@ -27,6 +28,8 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 SHARED = ("models", "scripts", "docs")
 """Folders of the project that a page may name."""
+
+SHELLS = ("sh", "console")
 
 _BLOCK = re.compile(r"^```([a-z]*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
@@ -74,15 +77,17 @@ def run_page(path: Path, folder: Path) -> Iterator[tuple[Block, str]]:
         where = f"{path.relative_to(ROOT)}:{block.line}"
         if block.language == "python":
             yield block, _python(block, where, names, folder)
-        elif block.language == "sh":
+        elif block.language in SHELLS:
             yield block, _shell(block, where, folder)
         elif block.language == "toml" and (name := re.match(r"# (\S+\.toml)\n", block.code)):
             (folder / name[1]).write_text(block.code, encoding="utf-8")
 
 
 def commands(block: Block) -> list[str]:
-    """Return the lines of an sh block, without comments; continued ones are one."""
+    """Return the commands of a shell's block, without comments; continued lines are one."""
     lines = block.code.replace("\\\n", " ").splitlines()
+    if block.language == "console":
+        lines = [line.removeprefix("$ ") for line in lines if line.startswith("$ ")]
     return [line for line in lines if line.strip() and not line.startswith("#")]
 
 
@@ -123,8 +128,14 @@ def _python(block: Block, where: str, names: dict[str, Any], folder: Path) -> st
     return printed.getvalue()
 
 
+def _ending(command: str) -> str:
+    """Return a command that ends by itself: a window is open for a moment, on any free port."""
+    endless = command.startswith("seaid view ") and "--seconds" not in command
+    return f"{command} --port 0 --seconds 0.1" if endless else command
+
+
 def _shell(block: Block, where: str, folder: Path) -> str:
-    lines = [line for line in commands(block) if is_run(line)]
+    lines = [_ending(line) for line in commands(block) if is_run(line)]
     environment = {
         **os.environ,
         "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",

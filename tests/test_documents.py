@@ -13,12 +13,23 @@ import seaid
 from seaid.drivetrain.drive_file import drives_from_mapping
 from seaid.logs.description_file import description_for
 from seaid.simulation import measure, simulate_motion
-from tests.pages import ROOT, Block, blocks, commands, is_run, pages, prepare, run_page, same
+from tests.pages import (
+    ROOT,
+    SHELLS,
+    Block,
+    blocks,
+    commands,
+    is_run,
+    pages,
+    prepare,
+    run_page,
+    same,
+)
 
-LEG_LOGS = ("run.csv", "other.csv", "cold.csv", "warm.csv")
-"""Logs of the TULip leg with its test mass, for pages that begin with a log."""
+LEG_FILES = ("run.csv", "other.csv", "cold.csv", "warm.csv", "plan.json")
+"""Logs of the TULip leg with its test mass and their plan, for pages that begin with a log."""
 
-MAKES_ITS_LOGS = ("README.md", "docs/first_result.md", "docs/tutorial.md")
+MAKES_ITS_FILES = ("README.md", "docs/first_result.md", "docs/tutorial.md")
 LINK = re.compile(r"(?<!`)!?\[[^\]]*\]\(([^)\s]+)\)")
 TITLE = re.compile(r"^#{1,4} (.+)$", re.MULTILINE)
 REFERENCE = re.compile(r"^\.\. auto\w+:: seaid\.(\S+)$", re.MULTILINE)
@@ -32,7 +43,7 @@ PAGES = {name_of(page): page for page in pages()}
 WITH_CODE = [
     name
     for name, page in PAGES.items()
-    if any(block.language in ("python", "sh") for block in blocks(page.read_text("utf-8")))
+    if any(block.language in ("python", *SHELLS) for block in blocks(page.read_text("utf-8")))
 ]
 ALL_BLOCKS = [
     (f"{name}:{block.line}", block)
@@ -41,15 +52,15 @@ ALL_BLOCKS = [
 ]
 
 
-def of_language(language: str) -> list[object]:
-    """Return the blocks of a language, as parameters of a test."""
-    chosen = [(name, block) for name, block in ALL_BLOCKS if block.language == language]
+def of_language(*languages: str) -> list[object]:
+    """Return the blocks of some languages, as parameters of a test."""
+    chosen = [(name, block) for name, block in ALL_BLOCKS if block.language in languages]
     return [pytest.param(block, id=name) for name, block in chosen]
 
 
 @pytest.fixture(scope="session")
-def leg_logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Return the logs of the leg by their names: one motion of 6 s, measured twice."""
+def leg_files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Return the files of the leg by their names: one motion of 6 s, measured twice."""
     folder = tmp_path_factory.mktemp("logs")
     leg = seaid.load_robot(
         ROOT / "models/tulip_leg.urdf",
@@ -59,32 +70,33 @@ def leg_logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     noise = seaid.Noise(torque_std_Nm=0.005, joint_resolution_rad=0.00038)
     with pytest.warns(seaid.SeaidWarning, match="ended early"):
         plan = seaid.design_excitation(leg, 6.0, starts=1, iterations=10)
+    plan.trajectory.save(folder / "plan.json")
     motion = simulate_motion(leg, plan.trajectory)
     for seed, names in enumerate((("run.csv", "cold.csv"), ("other.csv", "warm.csv"))):
         for name in names:
             seaid.write_log(measure(leg, motion, noise, seed), folder / name)
-    return {name: folder / name for name in LEG_LOGS}
+    return {name: folder / name for name in LEG_FILES}
 
 
 @pytest.mark.parametrize(
     "name",
     # They simulate the leg with its springs, some more than once, since they teach how.
-    [pytest.param(n, marks=pytest.mark.slow if n in MAKES_ITS_LOGS else ()) for n in WITH_CODE],
+    [pytest.param(n, marks=pytest.mark.slow if n in MAKES_ITS_FILES else ()) for n in WITH_CODE],
 )
 def test_code_of_a_page_runs_and_prints_what_the_page_says(
     name: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     text = PAGES[name].read_text("utf-8")
-    named = name not in MAKES_ITS_LOGS and any(log in text for log in LEG_LOGS)
-    logs = request.getfixturevalue("leg_logs") if named else {}
-    prepare(tmp_path, tuple(logs.values()))
+    named = name not in MAKES_ITS_FILES and any(file in text for file in LEG_FILES)
+    files = request.getfixturevalue("leg_files") if named else {}
+    prepare(tmp_path, tuple(files.values()))
     for block, printed in run_page(PAGES[name], tmp_path):
         if block.printed is not None:
             said = block.printed[2]
             assert same(said, printed), f"{name}:{block.line} prints\n{printed}\nand not\n{said}"
 
 
-@pytest.mark.parametrize("block", of_language("sh"))
+@pytest.mark.parametrize("block", of_language(*SHELLS))
 def test_commands_that_are_not_run_exist(block: Block) -> None:
     makefile = (ROOT / "Makefile").read_text("utf-8")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
