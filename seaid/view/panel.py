@@ -54,8 +54,7 @@ def put_panel(
     if playbacks:
         names = [one.name for one in playbacks]
         run = gui.add_dropdown("motion", names, initial_value=names[0])
-        end = playbacks[0].duration
-        time = gui.add_slider("time [s]", 0.0, end, 0.001, 0.0)
+        time = gui.add_slider("time [s]", 0.0, slider_end(playbacks[0]), 0.001, 0.0)
         play = gui.add_button("Play", icon="player-play")
         speed = gui.add_dropdown("speed", SPEEDS, initial_value="1x")
         if len(names) > 1:
@@ -73,6 +72,11 @@ def put_panel(
     with gui.add_folder("Show", expand_by_default=False):
         _choices(gui, picture, stage)
     return Panel(run, time, play, speed, compared, joints, table, notes)
+
+
+def slider_end(playback: Playback) -> float:
+    """Return the end of the slider of time for a motion [s], to the millisecond."""
+    return max(round(playback.duration, 3), 0.001)
 
 
 def said(picture: Picture, playback: Playback | None) -> str:

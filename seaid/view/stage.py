@@ -100,7 +100,7 @@ def set_the_view(server: Any, picture: Picture, postures: Array) -> None:
     front = across - (across @ up) * up
     front /= np.linalg.norm(front)
     side = np.cross(up, front)
-    away = 1.05 * radius / np.sin(_FIELD_OF_VIEW_RAD / 2)
+    away = 1.15 * radius / np.sin(_FIELD_OF_VIEW_RAD / 2)
     direction = 0.75 * front - 0.60 * side + 0.28 * up
     right = np.cross(up, direction) / np.linalg.norm(np.cross(up, direction))
     target = middle + _LEFT_OF_PANEL * radius * right

@@ -16,7 +16,7 @@ import numpy as np
 from seaid.arrays import Array
 from seaid.errors import SeaidError, unknown_name
 from seaid.view.colors import deflection_colors
-from seaid.view.panel import NOTHING, Panel, said
+from seaid.view.panel import NOTHING, Panel, said, slider_end
 from seaid.view.picture import Picture
 from seaid.view.playback import Playback
 from seaid.view.readout import table
@@ -84,10 +84,13 @@ class View:
         self.panel.compared.value = NOTHING if name is None else self._named(name).name
 
     def seek(self, time_s: float) -> None:
-        """Show the robot at a time [s] since the start of the motion, or at its nearest end."""
+        """Show the robot at a time [s] since the start of the motion, to the millisecond.
+
+        Before and after it, that is the nearest end. Raises SeaidError without a motion.
+        """
         if self.playback is None:
             raise SeaidError("there is no motion to seek in: give view_robot one")
-        self.panel.time.value = float(np.clip(time_s, 0.0, self.playback.duration))
+        self.panel.time.value = round(float(np.clip(time_s, 0.0, self.panel.time.max)), 3)
 
     def play(self) -> None:
         """Play on from the time shown, again and again. Raises SeaidError without a motion."""
@@ -143,8 +146,8 @@ class View:
         playback = self.playback
         with self._drawing:
             if playback is not None:
-                self.panel.time.max = playback.duration
-                self.panel.time.value = min(self.time, playback.duration)
+                self.panel.time.max = slider_end(playback)
+                self.panel.time.value = min(self.time, self.panel.time.max)
             self.panel.notes.content = said(self.picture, playback)
         self._draw()
 
@@ -173,13 +176,16 @@ class View:
 
     def _keep_time(self) -> None:
         """Let time go on while the motion plays, from its end to its start again."""
-        before = time.monotonic()
+        before, due = time.monotonic(), 0.0
         while not self._ended.wait(1.0 / _FRAMES_HZ):
             now = time.monotonic()
             step, before = now - before, now
-            if self._playing.is_set() and self.playback is not None:
-                speed = float(self.panel.speed.value.rstrip("x"))
-                self.panel.time.value = (self.time + step * speed) % self.playback.duration
+            if self._playing.is_set():
+                due += step * float(self.panel.speed.value.rstrip("x"))
+                shown = self.time + np.floor(due * 1e3) / 1e3  # the slider has milliseconds
+                due %= 1e-3
+                end = self.panel.time.max
+                self.panel.time.value = round(float(shown % end if shown > end else shown), 3)
 
 
 @contextlib.contextmanager
