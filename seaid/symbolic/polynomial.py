@@ -7,9 +7,10 @@ symbols and the unknown ones. Algebraic generators are reduced wherever they occ
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from functools import partial
+from typing import NamedTuple, TypeVar
 
 import sympy as sp
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
@@ -17,6 +18,8 @@ from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 from seaid.errors import SymbolicError
 
 Exponents = tuple[int, ...]
+
+Part = TypeVar("Part")
 
 MAX_TERMS = 500_000
 """Default limit on the terms of one polynomial, a few hundred megabytes."""
@@ -212,13 +215,19 @@ def power(ring: Ring, base: Ratio, exponent: int) -> Ratio:
         base, exponent = ratio(ring, base.denominator, base.numerator), -exponent
     if len(base.numerator) == 1 and base.denominator.is_one():
         return Ratio(reduced(ring, base.numerator**exponent), base.denominator)
-    result = from_polynomial(ring, ring.constant(1))
-    while exponent:
-        if exponent % 2:
-            result = product(ring, result, base)
-        exponent //= 2
-        if exponent:
-            base = product(ring, base, base)
+    one = from_polynomial(ring, ring.constant(1))
+    return by_doubling(partial(product, ring), base, exponent, one)
+
+
+def by_doubling(combine: Callable[[Part, Part], Part], part: Part, times: int, none: Part) -> Part:
+    """Return a part combined with itself `times` times, in steps that double; `none` for zero."""
+    result = none
+    while times:
+        if times % 2:
+            result = combine(result, part)
+        times //= 2
+        if times:
+            part = combine(part, part)
     return result
 
 

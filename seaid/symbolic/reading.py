@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import sympy as sp
 from flint import fmpq_mpoly
@@ -27,6 +28,7 @@ from seaid.symbolic.polynomial import (
     Ratio,
     Relation,
     Ring,
+    by_doubling,
     from_polynomial,
     multiply,
     power,
@@ -191,11 +193,4 @@ def _times(ring: Ring, step: Pair, times: int) -> Pair:
             f"found the sine or cosine of {times} times an angle; "
             f"up to {_MOST_TURNS} times are allowed; give the multiple as a signal of its own"
         )
-    result = (ring.constant(1), ring.constant(0))
-    while times:
-        if times % 2:
-            result = _turned(ring, result, step)
-        times //= 2
-        if times:
-            step = _turned(ring, step, step)
-    return result
+    return by_doubling(partial(_turned, ring), step, times, (ring.constant(1), ring.constant(0)))
