@@ -17,6 +17,8 @@ from seaid.robot import Robot
 RANK_TOLERANCE = 1e-8
 """Relative: a column is dependent if less than this part of it is new."""
 
+_FEWEST_STATES = 40
+
 _NOTHING = 1e-12
 """An entry that makes less than this part of a column is rounding."""
 
@@ -94,11 +96,13 @@ def random_states(
 ) -> tuple[Array, Array, Array]:
     """Return random q, v, a, enough for a rank decision with so many known torques (default n).
 
-    Positions over a full turn or a metre; three rows a parameter and more.
+    Positions over a full turn or a metre; three rows a parameter and more. Where all torques are
+    known each body has one of its own, and forty states tell its ten parameters in any robot.
     """
     rng = np.random.default_rng(seed)
     known = robot.n if torques is None else torques
-    shape = (max(40, -(-30 * robot.n // min(known, 6))), robot.n)
+    enough = 0 if known == robot.n else -(-30 * robot.n // min(known, 6))
+    shape = (max(_FEWEST_STATES, enough), robot.n)
     reach = np.where(robot.is_prismatic, 1.0, np.pi)
     return rng.uniform(-reach, reach, shape), rng.normal(0, 3, shape), rng.normal(0, 10, shape)
 
