@@ -122,8 +122,15 @@ def test_toml_is_drives_or_a_log_description(block: Block) -> None:
 
 
 @pytest.mark.parametrize("block", of_language("json"))
-def test_json_is_json(block: Block) -> None:
-    assert json.loads(block.code)
+def test_json_has_the_keys_of_parameters_json(block: Block, leg_files: dict[str, Path]) -> None:
+    leg = seaid.load_robot(ROOT / "models/tulip_leg.urdf", ROOT / "models/tulip_leg.toml")
+    found = seaid.identify(leg, seaid.read_log(leg_files["run.csv"], leg)).to_dict()
+    example = json.loads(block.code)
+    assert set(example) <= set(found)
+    assert set(example["load"][0]) == set(found["load"][0])
+    for drive in example["drivetrains"].values():
+        for value in drive.values():
+            assert set(value) == set(found["load"][0]) - {"expression"}
 
 
 def anchors(page: Path) -> set[str]:
