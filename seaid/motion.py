@@ -67,7 +67,7 @@ class Motion:
     @property
     def rate_hz(self) -> float:
         """Samples a second."""
-        return float((len(self.time) - 1) / (self.time[-1] - self.time[0]))
+        return _rate_hz(self.time)
 
 
 def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -> Motion:
@@ -83,7 +83,7 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
     """
     columns = _columns(robot, log)
     time, signals = _uniform(log, columns)
-    rate_hz = (len(time) - 1) / (time[-1] - time[0])
+    rate_hz = _rate_hz(time)
     joint, motor = signals["joint_position"], signals["motor_position"]
     _check_sides(robot, joint, motor)
     if cutoff_hz is None:
@@ -113,16 +113,25 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
         motor_voltage=signals.get("motor_voltage"),
         cutoff_hz=float(cutoff_hz),
         trim_s=1.0 / cutoff_hz,
-        processing=Processing(
-            logged_rate_hz=float((len(log.time) - 1) / (log.time[-1] - log.time[0])),
-            rate_hz=float(rate_hz),
-            resampled=time is not log.time,
-            position_low_pass_hz=float(POSITION_BAND * cutoff_hz),
-            pass_band=band,
-            trim_s=float(1.0 / cutoff_hz),
-            repairs=log.report,
-        ),
+        processing=_processing(log, time, band),
     )
+
+
+def _processing(log: Log, time: Array, band: PassBand) -> Processing:
+    """Return what was done to a log that is now at other times, or at its own."""
+    return Processing(
+        logged_rate_hz=_rate_hz(log.time),
+        rate_hz=_rate_hz(time),
+        resampled=time is not log.time,
+        position_low_pass_hz=float(POSITION_BAND * band.cutoff_hz),
+        pass_band=band,
+        trim_s=float(1.0 / band.cutoff_hz),
+        repairs=log.report,
+    )
+
+
+def _rate_hz(time: Array) -> float:
+    return float((len(time) - 1) / (time[-1] - time[0]))
 
 
 def _columns(robot: Robot, log: Log) -> list[int]:

@@ -22,9 +22,10 @@ from seaid.identification import Identification
 from seaid.log import Log
 from seaid.output_residuals import Layout, Run, layout_of, linearised, robot_at, run_of
 from seaid.progress import track
-from seaid.sides.found import with_estimate, with_flags
+from seaid.sides.found import joined, with_estimate, with_flags
 from seaid.sides.load_response import Answer
 from seaid.sides.method_limits import check_refinable
+from seaid.sides.sequential import split_load_side
 from seaid.transmission import coupled_names
 
 _SETTLED, _CLOSE = 1e-3, 0.05
@@ -179,12 +180,37 @@ def _moved(layout: Layout, run: Run, answer: Answer, change: Array, part: float,
 
 
 def _refined(layout: Layout, here: Point, worse: bool) -> Identification:
-    found, x, step = layout.found, here.x, here.step
+    """Return the identification with the values of a point."""
+    found, x = layout.found, here.x
+    actuators, load_side = _estimates(layout, here, worse)
+    load, beside = split_load_side(found.model, load_side)
+    refined = joined(actuators, beside)
+    drives = {joint: refined[joint] for joint in found.drivetrains}
+    robot = robot_at(layout, x)
+    known = {
+        joint: with_estimate(found.known.drivetrains[joint], drives[joint])
+        if joint in drives
+        else drive
+        for joint, drive in robot.drivetrains.items()
+    }
+    return replace(
+        found,
+        drivetrains=FrozenMapping(drives),
+        load=load,
+        load_side=load_side,
+        robot=robot.with_values(robot.parameters, known),
+        springs=FrozenMapping({joint: x[layout.spring(joint)] for joint in found.springs}),
+    )
+
+
+def _estimates(layout: Layout, here: Point, worse: bool) -> tuple[dict[str, Estimate], Estimate]:
+    """Return the estimates of elastic drives by joint, and of the load side, at a point."""
+    found, step = layout.found, here.step
     whole = Estimate(
         names=layout.names,
-        values=x,
+        values=here.x,
         covariance=step.covariance,
-        units=("",) * len(x),
+        units=("",) * len(here.x),
         residual_std=float("nan"),
         condition_number=step.condition_number,
     )
@@ -201,26 +227,4 @@ def _refined(layout: Layout, here: Point, worse: bool) -> Identification:
     }
     rest = step.stds[first + len(layout.drives) :]
     load_std = float(np.sqrt(np.mean((rest if rest.size else step.stds[:first]) ** 2)))
-    load_side = part(found.load_side, layout.load, load_std)
-    p = len(found.base.columns)
-    load = load_side.part(range(p), found.model.expressions)
-    for joint in dict.fromkeys(joint for joint, _, _ in found.model.drives):
-        mine = [i for i, (owner, _, _) in enumerate(found.model.drives) if owner == joint]
-        stiff = load_side.part([p + i for i in mine], [found.model.drives[i][1] for i in mine])
-        drives[joint] = with_flags(stiff, joint, None)
-    drives = {joint: drives[joint] for joint in found.drivetrains}
-    robot = robot_at(layout, x)
-    known = {
-        joint: with_estimate(found.known.drivetrains[joint], drives[joint])
-        if joint in drives
-        else drive
-        for joint, drive in robot.drivetrains.items()
-    }
-    return replace(
-        found,
-        drivetrains=FrozenMapping(drives),
-        load=load,
-        load_side=load_side,
-        robot=robot.with_values(robot.parameters, known),
-        springs=FrozenMapping({joint: x[layout.spring(joint)] for joint in found.springs}),
-    )
+    return drives, part(found.load_side, layout.load, load_std)
