@@ -14,18 +14,16 @@ import numpy as np
 from scipy import linalg
 
 from seaid.arrays import Array, finite
-from seaid.bodies.body_bounds import Boxes, Limit, MassBounds, body_limits, inside
+from seaid.bodies.body_bounds import Boxes, MassBounds, body_limits, inside
+from seaid.bodies.body_programme import body_programme
 from seaid.bodies.prior_bodies import prior_bodies
 from seaid.errors import IdentificationError
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.feasible import WEIGHTS, Possible, chosen, nearest, regularised
-from seaid.estimation.programme import Programme, least_spread, root_of
+from seaid.estimation.programme import Programme, least_spread
 from seaid.robot import Robot
 from seaid.sides.found import with_values
 from seaid.sides.load_model import LoadModel
-
-NON_NEGATIVE = ("viscous_friction", "coulomb_friction", "motor_inertia", "stiffness")
-"""Parameters of drives that cannot be negative."""
 
 _SHAPES = ("without mass", "a point mass", "a thin rod", "a flat plate")
 """What a body is whose pseudo-inertia has rank 0, 1, 2, 3."""
@@ -100,7 +98,7 @@ def possible_bodies(
     for body in robot.known_bodies:
         if body in {**masses, **boxes}:
             raise IdentificationError(f"'{body}' is a known body: it has no bounds")
-    programme, words = _programme(robot, model, known, bodies, limits, start)
+    programme, words = body_programme(robot, model, known, bodies, limits, start)
     bound = nearest(programme)
     found = _weighted(programme, weight, bound.chi_square)
     return PossibleBodies(
@@ -152,57 +150,6 @@ def _together(model: LoadModel, load_side: Estimate, drives: Mapping[str, Estima
         units=tuple(unit for one in parts for unit in one.units),
         white_standard_errors=None,
     )
-
-
-def _programme(
-    robot: Robot,
-    model: LoadModel,
-    known: Estimate,
-    bodies: Array,
-    limits: list[Limit],
-    start: Array,
-) -> tuple[Programme, list[str]]:
-    """Return the programme, and what it means in words that an inequality is active.
-
-    Unknowns: the standard parameters, what the base parameters absorb of stiff drives, the drives'
-    parameters.
-    """
-    m, absorbed = 10 * robot.n, len(model.absorbed)
-    base = [known.names.index(name) for name in model.expressions]
-    rows = [known.names.index(name) for name in model.names]
-    own = [row for row in range(len(known.names)) if row not in base]
-    columns = np.zeros((len(known.names), m + absorbed + len(own)))
-    columns[base, :m] = model.base.grouping
-    columns[rows, m : m + absorbed] = model.absorption
-    columns[own, range(m + absorbed, columns.shape[1])] = 1.0
-    pivots = np.empty(len(known.names), dtype=int)
-    pivots[base] = model.base.columns
-    pivots[own] = range(m + absorbed, columns.shape[1])
-
-    root = root_of(known.covariance, known.values)
-    largest = np.max(np.abs(model.absorption), axis=0, initial=0.0)
-    names = [f"{name} of {joint}" for joint, name, _ in model.absorbed]
-    names += [known.names[row] for row in own]
-    sizes = np.append(np.max(bodies[:, 4:]) / largest, np.linalg.norm(root, axis=1)[own])
-    values = np.append(np.zeros(absorbed), known.values[own])
-    signed = [name.split(" of ", 1)[0] in NON_NEGATIVE for name in names]
-    all_limits = [replace(one, row=np.pad(one.row, (0, len(names)))) for one in limits]
-    for place in np.flatnonzero(signed):
-        row = np.zeros(columns.shape[1])
-        row[m + place] = 1 / sizes[place]
-        parameter, joint = names[place].split(" of ", 1)
-        all_limits.append(Limit(row, 0.0, f"{parameter.replace('_', ' ')} of {joint} is zero"))
-    programme = Programme(
-        columns=columns,
-        pivots=tuple(map(int, pivots)),
-        estimate=known.values,
-        root=root,
-        prior=bodies,
-        limits=np.array([one.row for one in all_limits]).reshape(-1, columns.shape[1]),
-        bounds=np.array([one.bound for one in all_limits]),
-        start=np.append(start, np.where(signed, np.maximum(values, 0.1 * sizes), values)),
-    )
-    return programme, [one.words for one in all_limits]
 
 
 def _weighted(programme: Programme, weight: float | None, least: float) -> Possible:

@@ -205,7 +205,7 @@ def joint_zero_sensitivity(
     """Return `joint_regression` with `carried` (R, n): what a shifted zero of each joint does.
 
     It is minus the change of the residual, at the parameters `theta`, a unit of shift; see
-    `load_side.zero_sensitivity`.
+    `joint_zeros.zero_sensitivity`.
     """
     reference, changes = joint_regression(robot, motion, model, springs), []
     for index in range(robot.n):
