@@ -1,0 +1,105 @@
+"""What a user waits for: import, identification and report by command, the page in a browser.
+
+Needs the files of `make tulip` and Chromium. Medians of three.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from seaid.report.text import table
+
+MODELS = Path(__file__).resolve().parents[2] / "models"
+RUNS = 3
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+IMPORT = (
+    "import time; begin = time.perf_counter(); import seaid; print(time.perf_counter() - begin)"
+)
+
+
+def main(logs: Path) -> None:
+    """Print what was asked and what was measured."""
+    run, other = logs / "identification_log.csv", logs / "validation_log.csv"
+    for path in (run, other):
+        if not path.exists():
+            sys.exit(f"error: '{path}' is not there: run make tulip first, or name its --logs")
+    leg = ["--drives", str(MODELS / "tulip_leg.toml"), "--payload", "foot:2.0:0.15,0,0"]
+    urdf = str(MODELS / "tulip_leg.urdf")
+    with tempfile.TemporaryDirectory() as folder:
+        page = Path(folder) / "report.html"
+        identify = ["identify", urdf, str(run), *leg, "-o", str(Path(folder) / "found.json")]
+        report = ["report", urdf, "--from", str(run), "--validate", str(other), *leg]
+        report += ["-o", str(page)]
+        rows = [
+            ["import seaid", "1 s", seconds(median(imported))],
+            ["seaid --help", "", seconds(median(lambda: command(["--help"])))],
+            ["seaid identify (TULip log, 10 s)", "", seconds(median(lambda: command(identify)))],
+            [
+                "seaid identify, then seaid report",
+                "20 s",
+                seconds(median(lambda: command(identify) + command(report))),
+            ],
+            ["size of the report", "6 MB", f"{page.stat().st_size / 1e6:.2f} MB"],
+            ["report opened in Chromium", "2 s", seconds(median(lambda: opened(page)))],
+        ]
+    print(table("What a user waits for", ["", "asked, below", "measured"], rows))
+
+
+def median(measure: Callable[[], float]) -> float:
+    """Return the median of several measurements."""
+    return statistics.median(measure() for _ in range(RUNS))
+
+
+def seconds(value: float) -> str:
+    """Return a time in words."""
+    return f"{value:.2g} s"
+
+
+def imported() -> float:
+    """Return how long `import seaid` takes in a new process [s], by its own clock."""
+    done = subprocess.run([sys.executable, "-c", IMPORT], check=True, capture_output=True)
+    return float(done.stdout)
+
+
+def command(words: Sequence[str]) -> float:
+    """Return how long a command of `seaid` takes as a process [s]."""
+    begin = time.perf_counter()
+    subprocess.run(
+        [sys.executable, "-m", "seaid", *words, *(["--force"] if len(words) > 1 else [])],
+        check=True,
+        capture_output=True,
+    )
+    return time.perf_counter() - begin
+
+
+def opened(page: Path) -> float:
+    """Return how long Chromium takes to load a page [s]."""
+    from playwright.sync_api import sync_playwright
+
+    program = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if program is None:
+        sys.exit("error: there is no Chromium: make test-browser installs it")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        tab = browser.new_page()
+        begin = time.perf_counter()
+        tab.goto(page.as_uri(), wait_until="load")
+        took = time.perf_counter() - begin
+        browser.close()
+    return took
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "--logs", type=Path, default=Path("out/tulip_leg"), help="folder of make tulip"
+    )
+    main(parser.parse_args().logs)
