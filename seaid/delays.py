@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -194,6 +194,40 @@ def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Agreement]:
             yield _Agreement(joint, "joint_torque", against, force, nothing, columns, told)
 
 
+@dataclass(frozen=True, eq=False)
+class _Moved:
+    """A channel (R,) at `time` (R,) [s], and the rest and the columns that are moved under it."""
+
+    time: Array
+    channel: Array
+    spline: Callable[..., Array]
+
+    def fit(self, delay: float) -> tuple[Array, Array]:
+        """Return an orthonormal basis of the columns, moved, and what they leave."""
+        moved = self.spline(self.time - delay)
+        basis = _orthonormal(moved[:, 1:])
+        return basis, _left(basis, self.channel + moved[:, 0])
+
+    def cost(self, delay: float) -> float:
+        """Return the sum of squares that a delay leaves."""
+        return float(np.sum(self.fit(delay)[1] ** 2))
+
+    def standard_error(self, found: float) -> float | None:
+        """Return that of the best delay, None where the delay has no effect at all."""
+        basis, residual = self.fit(found)
+        moved, rates = self.spline(self.time - found), self.spline(self.time - found, 1)
+        theta = np.linalg.lstsq(moved[:, 1:], self.channel + moved[:, 0], rcond=_RANK)[0]
+        slope = _left(basis, rates[:, 1:] @ theta - rates[:, 0])
+        curvature = float(slope @ slope)
+        if curvature <= 0:
+            return None
+        scores = newey_west((slope * residual)[:, None], self.time, np.zeros(len(self.time)))
+        error = math.sqrt(float(scores[0, 0])) / curvature
+        # far from none, what is gained tells more than the curvature: noise has minima everywhere
+        gained = max(self.cost(0.0) - self.cost(found), 0.0) / float(scores[0, 0]) * curvature
+        return max(error, abs(found) / math.sqrt(gained)) if gained > 0 else math.inf
+
+
 def _fitted(motion: Motion, agreement: _Agreement, largest_s: float) -> Delay:
     """Return the delay that leaves least of an agreement in the pass band.
 
@@ -209,37 +243,17 @@ def _fitted(motion: Motion, agreement: _Agreement, largest_s: float) -> Delay:
     rows = rows[(time[rows] > time[0] + largest_s) & (time[rows] < time[-1] - largest_s)]
     sizes = np.linalg.norm(band[:, 2:], axis=0)
     model = np.column_stack([band[:, 1], band[:, 2:][:, sizes > 0] / sizes[sizes > 0]])
-    spline, channel = make_interp_spline(time, model, k=5), band[rows, 0]
-
-    def fit(delay: float) -> tuple[Array, Array]:
-        """Return an orthonormal basis of the columns, moved, and what they leave."""
-        moved = spline(time[rows] - delay)
-        basis = _orthonormal(moved[:, 1:])
-        return basis, _left(basis, channel + moved[:, 0])
-
-    def cost(delay: float) -> float:
-        return float(np.sum(fit(delay)[1] ** 2))
-
+    moved = _Moved(time[rows], band[rows, 0], make_interp_spline(time, model, k=5))
     trials = np.linspace(-largest_s, largest_s, _TRIALS)
-    best = int(np.argmin([cost(trial) for trial in trials]))
+    best = int(np.argmin([moved.cost(trial) for trial in trials]))
     unknown = Delay(agreement.joint, agreement.channel, agreement.against, 0.0, math.inf)
     if best in (0, _TRIALS - 1):
         return unknown
     ends = (trials[best - 1], trials[best + 1])
-    found = float(minimize_scalar(cost, bounds=ends, method="bounded", options={"xatol": 1e-7}).x)
-    basis, residual = fit(found)
-    moved, rates = spline(time[rows] - found), spline(time[rows] - found, 1)
-    theta = np.linalg.lstsq(moved[:, 1:], channel + moved[:, 0], rcond=_RANK)[0]
-    slope = _left(basis, rates[:, 1:] @ theta - rates[:, 0])
-    curvature = float(slope @ slope)
-    if curvature <= 0:
-        return unknown
-    scores = newey_west((slope * residual)[:, None], time[rows], np.zeros(len(rows)))
-    error = math.sqrt(float(scores[0, 0])) / curvature
-    # far from none, what is gained tells more than the curvature: noise has minima everywhere
-    gained = max(cost(0.0) - cost(found), 0.0) / float(scores[0, 0]) * curvature
-    error = max(error, abs(found) / math.sqrt(gained)) if gained > 0 else math.inf
-    return replace(unknown, delay_s=found, standard_error_s=error)
+    options = {"xatol": 1e-7}
+    found = float(minimize_scalar(moved.cost, bounds=ends, method="bounded", options=options).x)
+    error = moved.standard_error(found)
+    return unknown if error is None else replace(unknown, delay_s=found, standard_error_s=error)
 
 
 def _left(basis: Array, signal: Array) -> Array:
