@@ -97,8 +97,14 @@ def test_near_given_values_the_equation_is_exact_and_its_columns_are_its_slopes(
 
 
 def test_with_the_bent_parameters_given_the_rest_is_the_same_equation() -> None:
-    drive = EVERYTHING.with_values(VALUES)
+    bent = replace(
+        EVERYTHING, friction=("shifted_coulomb", "load", "stribeck"), spring=("linear", "dead_zone")
+    )
+    drive = bent.with_values(
+        {name: VALUES[name] for name in bent.parameter_names if name in VALUES}
+    )
     regressor = drive_regressor(motor_equation(drive), drive)
+    assert {"coulomb_shift", "stribeck_speed", "dead_zone"} <= set(regressor.non_linear)
     s = signals(1)
     zeta, R = regressor.evaluate(s)
     zeta_part, R_part = regressor.given(s, {name: VALUES[name] for name in regressor.non_linear})
