@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from seaid.errors import SeaidError
-from seaid.files import whole_file
+from seaid.files import plain, whole_file
 from seaid.identification import Identification
 from seaid.report.html_errors import error_rows, worst_rows
 from seaid.report.html_experiment import (
@@ -102,11 +101,9 @@ def _same(one: Validation, other: Validation) -> bool:
 
 
 def _checked(found: Identification, results: Validation | Iterable[Validation]) -> list[Validation]:
-    if isinstance(results, Validation):
-        return [results]
-    if not isinstance(results, Iterable) or isinstance(results, str | bytes):
+    if isinstance(results, str | bytes) or not isinstance(results, Validation | Iterable):
         raise SeaidError(_no_validation(results))
-    every = list(results)
+    every = [results] if isinstance(results, Validation) else list(results)
     for one in every:
         if not isinstance(one, Validation):
             raise SeaidError(_no_validation(one))
@@ -236,18 +233,10 @@ def _as_json(content: Any) -> Any:
     """Return JSON that is safe inside a <script>: no '<', '>' or '&' in it, no NaN."""
     from markupsafe import Markup
 
-    text = json.dumps(_plain(content), allow_nan=False, separators=(",", ":"))
+    text = json.dumps(plain(content), allow_nan=False, separators=(",", ":"))
     for sign in "<>&":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
     return Markup(text)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _asset(name: str) -> Any:

@@ -394,6 +394,7 @@ def test_validation_without_any_torque_is_a_page_too(tmp_path: Path) -> None:
         ([1], "results must be Validations (of seaid.validate), found int"),
         (None, "found NoneType; give []"),
         ([prediction(("other",), 200)], "a validation of the joints other, the identified robot"),
+        (prediction(("other",), 200), "a validation of the joints other, the identified robot"),
     ],
 )
 def test_results_that_are_none_are_refused(tmp_path: Path, results: Any, words: str) -> None:
