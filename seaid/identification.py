@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -72,7 +73,7 @@ class Identification:
     processing: tuple[Processing, ...] = ()
     motions: tuple[Motion, ...] = ()
 
-    @property
+    @cached_property
     def flags(self) -> tuple[str, ...]:
         """In words, what must not be trusted."""
         estimates = (*self.drivetrains.values(), self.load)

@@ -16,6 +16,9 @@ from seaid.arrays import Array
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 UNITS = ("kg",) + ("kg m",) * 3 + ("kg m^2",) * 6
 _FILE_DIGITS, _ROUNDING = 1e-3, 1e-9
+
+THIN = 1e-9
+"""Relative: a pseudo-inertia less negative than this is one of a body without thickness."""
 _UPPER = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 
@@ -64,6 +67,17 @@ def is_physical(parameters: Array, tolerance: float = 1e-12) -> bool:
     """Tell whether a body with these ten parameters can exist (no negative mass density)."""
     eigenvalues = np.linalg.eigvalsh(pseudo_inertia(parameters))
     return bool(eigenvalues[0] >= -tolerance * max(eigenvalues[-1], 1e-300))
+
+
+def impossible_body(link: str, parameters: Array) -> str | None:
+    """Say that a link would be no possible body, None where it would; thin bodies are possible."""
+    if is_physical(parameters, THIN):
+        return None
+    least = float(np.linalg.eigvalsh(pseudo_inertia(parameters))[0])
+    return (
+        f"link '{link}' would be no possible body (mass {parameters[0]:.4g} kg, least eigenvalue "
+        f"of its pseudo-inertia {least:.2g})"
+    )
 
 
 def impossibility(parameters: Array) -> str | None:

@@ -18,7 +18,7 @@ from seaid.drivetrain.model import IDEAL_DRIVE, Drive, SeriesElasticDrive, Stiff
 from seaid.errors import RobotError, SeaidWarning, unknown_name
 from seaid.inertia import parameter_names, to_pinocchio
 from seaid.transmission import check_transmission, transmission_matrix
-from seaid.urdf import UrdfJoint, UrdfTree, read_urdf
+from seaid.urdf import SNAP_RAD, UrdfJoint, UrdfTree, read_urdf
 
 __all__ = ["Payload", "Robot", "load_robot"]
 
@@ -139,7 +139,7 @@ def load_robot(
     payloads: Sequence[Payload] = (),
     known_bodies: Sequence[str] = (),
     gravity: Sequence[float] = (0.0, 0.0, -9.81),
-    snap_tolerance_rad: float = 2e-3,
+    snap_tolerance_rad: float = SNAP_RAD,
 ) -> Robot:
     """Load a URDF with its base fixed.
 

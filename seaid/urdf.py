@@ -22,6 +22,9 @@ from seaid.inertia import from_center_of_mass, in_parent_frame
 from seaid.rounded_angles import FLOAT_NOISE_RAD, snap
 from seaid.urdf_checks import check_elements
 
+SNAP_RAD = 2e-3
+"""How far an angle may be from the multiple of pi/2 that it means, if nothing else is asked."""
+
 
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
@@ -53,6 +56,13 @@ class UrdfTree:
         """Return the joints below a link, sorted by name (the order of Pinocchio's own reader)."""
         below = [joint for joint in self.joints.values() if joint.parent == link]
         return sorted(below, key=lambda joint: joint.name)
+
+
+def urdf_again(path: str | Path) -> UrdfTree:
+    """Read the URDF of a robot that was loaded before: its rounded angles were told then."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SeaidWarning)
+        return read_urdf(path, SNAP_RAD)
 
 
 def read_urdf(path: str | Path, snap_tolerance_rad: float) -> UrdfTree:

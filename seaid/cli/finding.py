@@ -27,6 +27,7 @@ from seaid.cli.options import (
     Rows,
     Sides,
     Urdf,
+    check_unseen,
     logs_of,
     names,
     robot_of,
@@ -148,12 +149,10 @@ def validate(
     seaid validate leg.urdf other.csv --from run.csv --drives leg.toml
     seaid validate arm.urdf c.csv --from a.csv --from b.csv -o parameters.json
     """
-    from seaid.errors import SeaidError
     from seaid.report.text import validation_table
     from seaid.validation import validate as validated
 
-    if log.resolve() in [path.resolve() for path in from_logs]:
-        raise SeaidError(f"'{log}' is identified from: validate on a log that it has not seen")
+    check_unseen([log], from_logs)
     to_be_written(output, force=force, read=(urdf, drives, description, log, *from_logs))
     robot = robot_of(urdf, drives, joints, payload, known_body)
     *known, unseen = logs_of([*from_logs, log], robot, description, repair)

@@ -46,17 +46,12 @@ def inspect(
     seaid inspect leg.urdf --drives leg.toml
     seaid inspect arm.urdf --joints shoulder,elbow --sensors motor_position,motor_torque
     """
-    import warnings
-
     from seaid.base import base_parameters
-    from seaid.errors import SeaidWarning
     from seaid.sensors import identifiability
-    from seaid.urdf import read_urdf
+    from seaid.urdf import urdf_again
 
     robot = robot_of(urdf, drives, joints, payload)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SeaidWarning)  # was said when the robot was loaded
-        tree = read_urdf(urdf, 2e-3)
+    tree = urdf_again(urdf)
     impossible = _impossible_links(tree)
     base = base_parameters(robot)
     choices = (tuple(names(sensors) or ()),) if sensors is not None else _CHOICES

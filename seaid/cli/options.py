@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -135,6 +136,16 @@ def logs_of(
 
     mending = Repairs() if repair else None
     return [read_log(path, robot, description=description, repair=mending) for path in paths]
+
+
+def check_unseen(unseen: Sequence[Path], from_logs: Sequence[Path]) -> None:
+    """Raise SeaidError for a log to validate on that is one of those identified from."""
+    from seaid.errors import SeaidError
+
+    known = {path.resolve() for path in from_logs}
+    for log in unseen:
+        if log.resolve() in known:
+            raise SeaidError(f"'{log}' is identified from: validate on a log that it has not seen")
 
 
 def ending(path: Path, *allowed: str) -> Path:

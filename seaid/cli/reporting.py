@@ -24,6 +24,7 @@ from seaid.cli.options import (
     Rows,
     Sides,
     Urdf,
+    check_unseen,
     ending,
     logs_of,
     robot_of,
@@ -68,16 +69,12 @@ def report(
     seaid report leg.urdf --from run.csv --validate other.csv --drives leg.toml -o report.html
     seaid report arm.urdf --from a.csv --from b.csv --validate c.csv --feasible
     """
-    from seaid.errors import SeaidError
     from seaid.report.html import write_report
     from seaid.validation import validate as validated
 
     ending(output, ".html", ".htm")
     unseen = validation or []
-    known = {path.resolve() for path in from_logs}
-    for log in unseen:
-        if log.resolve() in known:
-            raise SeaidError(f"'{log}' is identified from: validate on a log that it has not seen")
+    check_unseen(unseen, from_logs)
     to_be_written(output, force=force, read=(urdf, drives, description, *from_logs, *unseen))
     robot = robot_of(urdf, drives, joints, payload, known_body)
     logs = logs_of([*from_logs, *unseen], robot, description, repair)

@@ -10,14 +10,11 @@ import pinocchio as pin
 
 from seaid.arrays import Array
 from seaid.errors import RobotError
-from seaid.inertia import is_physical, pseudo_inertia
+from seaid.inertia import THIN, impossible_body, is_physical, pseudo_inertia
 from seaid.robot import Robot
 
 TINY = 1e-14
 """Mass [kg] and second moments [kg m^2] that stand for nothing: MuJoCo refuses less than 1e-15."""
-
-_ROUNDING = 1e-9
-"""Relative: a pseudo-inertia less negative than this is one of a body without thickness."""
 
 
 def add_bodies(robot: Robot, world: Any, notes: list[str], force: bool) -> dict[str, Any]:
@@ -90,7 +87,7 @@ def _add_inertial(body: Any, link: str, parameters: Array, notes: list[str], for
     center = parameters[1:4] / mass if mass > 0 else np.zeros(3)
     second = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(center, center)
     moments, axes = np.linalg.eigh(second)
-    if not is_physical(parameters, _ROUNDING):
+    if not is_physical(parameters, THIN):
         notes.append(
             f"link '{link}' is no possible body: its second moments at the centre of mass along "
             f"the principal axes, {', '.join(f'{moment:.3g}' for moment in moments)} kg m^2, are "
@@ -109,16 +106,13 @@ def _add_inertial(body: Any, link: str, parameters: Array, notes: list[str], for
 
 
 def _check_possible(link: str, parameters: Array, force: bool) -> None:
-    if is_physical(parameters, _ROUNDING) or (force and parameters[0] > 0):
+    problem = impossible_body(link, parameters)
+    if problem is None or (force and parameters[0] > 0):
         return
-    least = float(np.linalg.eigvalsh(pseudo_inertia(parameters))[0])
     advice = "identify with feasible=True, or write the nearest body with force=True"
     if parameters[0] <= 0:
         advice = "identify with feasible=True (force=True needs a mass of more than zero)"
-    raise RobotError(
-        f"link '{link}' would be no possible body (mass {parameters[0]:.4g} kg, least eigenvalue "
-        f"of its pseudo-inertia {least:.2g}): {advice}"
-    )
+    raise RobotError(f"{problem}: {advice}")
 
 
 def _quaternion(rotation: Array) -> Array:

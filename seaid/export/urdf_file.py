@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ import pinocchio as pin
 
 from seaid.arrays import Array
 from seaid.drivetrain.model import IDEAL_DRIVE, StiffDrive
-from seaid.errors import RobotError, SeaidWarning, unknown_name
+from seaid.errors import RobotError, unknown_name
 from seaid.export.drive_tables import write_drivetrains
 from seaid.export.xml_text import (
     Edit,
@@ -26,14 +25,9 @@ from seaid.export.xml_text import (
 )
 from seaid.files import whole_file
 from seaid.identification import Identification
-from seaid.inertia import in_parent_frame, is_physical, pseudo_inertia
+from seaid.inertia import THIN, impossible_body, in_parent_frame, is_physical
 from seaid.robot import Robot
-from seaid.urdf import UrdfTree, read_urdf
-
-_SNAP = 2e-3
-
-_ROUNDING = 1e-9
-"""Relative: a pseudo-inertia less negative than this is one of a body without thickness."""
+from seaid.urdf import UrdfTree, urdf_again
 
 
 @dataclass(frozen=True)
@@ -72,9 +66,7 @@ def write_urdf(
     source = Path(source)
     if path.resolve() == source.resolve():
         raise RobotError(f"'{path}' is the URDF that is taken: name another file to write")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SeaidWarning)  # rounded angles were told when it was loaded
-        tree = read_urdf(source, _SNAP)
+    tree = urdf_again(source)
     _check_links(source, tree, robot)
     notes: list[str] = []
     bodies = _bodies(robot, tree, notes, force)
@@ -125,7 +117,7 @@ def _bodies(robot: Robot, tree: UrdfTree, notes: list[str], force: bool) -> dict
         rest = lump - sum(
             (in_parent_frame(own, carried[link]) for link, own in fixed.items()), np.zeros(10)
         )
-        if fixed and not is_physical(rest, _ROUNDING) and is_physical(lump, _ROUNDING):
+        if fixed and not is_physical(rest, THIN) and is_physical(lump, THIN):
             notes.append(
                 f"link '{body}' has the inertia of all that is fixed to it "
                 f"({', '.join(fixed)}): without theirs it would be no possible body"
@@ -150,13 +142,9 @@ def _carried(tree: UrdfTree, joint: str, moving: tuple[str, ...]) -> dict[str, p
 
 
 def _check_possible(body: str, parameters: Array, force: bool, notes: list[str]) -> None:
-    if is_physical(parameters, _ROUNDING):
+    problem = impossible_body(body, parameters)
+    if problem is None:
         return
-    least = float(np.linalg.eigvalsh(pseudo_inertia(parameters))[0])
-    problem = (
-        f"link '{body}' would be no possible body (mass {parameters[0]:.4g} kg, least eigenvalue "
-        f"of its pseudo-inertia {least:.2g})"
-    )
     if not force:
         raise RobotError(f"{problem}: identify with feasible=True, or write it with force=True")
     if parameters[0] == 0:
@@ -229,7 +217,7 @@ def _note_left_out(robot: Robot, path: Path, source: Path, root: Element, notes:
 
 def _named(root: Element, tag: str, name: str) -> Element:
     found = root.find(tag, name)
-    assert found is not None  # read_urdf has found it
+    assert found is not None  # urdf_again has found it
     return found
 
 

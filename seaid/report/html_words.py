@@ -10,7 +10,7 @@ import numpy as np
 from seaid.arrays import Array
 from seaid.estimation.estimate import Estimate
 from seaid.identification import Identification
-from seaid.inertia import is_physical
+from seaid.inertia import THIN, is_physical
 from seaid.motion_rows import row_samples
 from seaid.report.html_errors import ErrorRow, error_rows
 from seaid.report.html_numbers import share, short
@@ -20,7 +20,6 @@ from seaid.sides.found import POORLY_IDENTIFIED
 
 _MUCH_LEFT_OUT = 0.5
 _BADLY_PREDICTED = 0.2
-_ROUNDING = 1e-9
 
 NOT_VALIDATED = (
     "Not validated on a motion it has not seen: how well it fits its own motion says little about "
@@ -111,7 +110,7 @@ def _of_bodies(found: Identification) -> Iterator[str]:
     wrong = [
         name
         for name, body in zip(found.robot.body_names, bodies, strict=True)
-        if not (np.all(np.isfinite(body)) and is_physical(body, _ROUNDING))
+        if not (np.all(np.isfinite(body)) and is_physical(body, THIN))
     ]
     if wrong and found.possible is None:
         yield (

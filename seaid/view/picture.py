@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,13 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from seaid.arrays import Array, finite, frozen
-from seaid.errors import RobotError, SeaidWarning
+from seaid.errors import RobotError
 from seaid.robot import Robot
-from seaid.urdf import UrdfTree, read_urdf
+from seaid.urdf import UrdfTree, urdf_again
 from seaid.view.shapes import Shape, shapes_of
-
-_SNAP_RAD = 2e-3
-"""As load_robot by itself reads angles; joints that move stand where the robot's model has them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,9 +149,7 @@ def picture_of(robot: Robot, *, package_dirs: str | Path | Sequence[str | Path] 
 def _tree_of(robot: Robot) -> UrdfTree:
     if robot.urdf is None:
         raise RobotError(f"'{robot.name}' has no URDF to show: make it by load_robot")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SeaidWarning)  # was said when the robot was loaded
-        tree = read_urdf(robot.urdf, _SNAP_RAD)
+    tree = urdf_again(robot.urdf)
     gone = [joint for joint in robot.joint_names if joint not in tree.joints]
     if gone:
         raise RobotError(
