@@ -1,12 +1,15 @@
 # Two commands: `make tulip` identifies the TULip leg, `make test` proves the code. Both make .venv.
+SHELL := bash
+.SHELLFLAGS := -eu -o pipefail -c
 PYTHON ?= python3
 VENV := .venv
 INSTALLED := $(VENV)/.installed
+INSTALLED_DEV := $(VENV)/.installed-dev
 RUN := $(VENV)/bin/python
 # Matrices here are small: a second BLAS thread only waits, and takes the core of another process.
-export OPENBLAS_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: tulip test test-browser lint docs wheel env clean
+.PHONY: tulip test test-rounding test-hebi test-browser lint docs wheel env dev clean
 
 tulip: env
 	$(RUN) scripts/identify_tulip_leg.py
@@ -14,9 +17,22 @@ tulip: env
 test: lint
 	$(RUN) -m pytest -n 2 --dist worksteal
 
+# What rests on rounding, on other processors: OpenBLAS has a kernel for each kind. SkylakeX is one with AVX-512.
+KERNELS ?= Prescott Haswell $(shell grep -qs avx512f /proc/cpuinfo && echo SkylakeX)
+test-rounding: dev
+	@for kernel in $(KERNELS); do \
+	  echo "Kernels of OpenBLAS: $$kernel"; \
+	  OPENBLAS_CORETYPE=$$kernel $(RUN) -m pytest -n 2 --dist worksteal -m rounding; \
+	done
+
+# HEBI's reader has no wheel: it is built from its sources, so it is no part of `make test`, which skips these tests.
+test-hebi: dev
+	$(RUN) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[hebi]'
+	$(RUN) -m pytest -m hebi
+
 # What is read in a browser, in headless Chromium; installed where it is not there.
 BROWSERS := chromium chromium-browser google-chrome google-chrome-stable
-test-browser: env
+test-browser: dev
 	@for name in $(BROWSERS); do command -v $$name >/dev/null && exit 0; done; \
 	if [ "$$(id -u)" != 0 ] || ! command -v apt-get >/dev/null; then \
 	  echo "make test-browser needs Chromium: install it (Debian: sudo apt-get install chromium), then repeat" >&2; exit 1; \
@@ -25,34 +41,50 @@ test-browser: env
 	apt-get update -qq && apt-get install -qq --yes --no-install-recommends chromium >/dev/null
 	$(RUN) -m pytest -m browser tests/browser
 
-lint: env
+lint: dev
+	$(RUN) -m deptry seaid
 	$(RUN) -m ruff check .
 	$(RUN) -m ruff format --check .
 	$(RUN) -m mypy
 
-docs: env
+docs: dev
 	$(RUN) -m sphinx --quiet --fail-on-warning --keep-going --nitpicky docs out/docs
 	@echo "The documents: out/docs/index.html"
 
 # What is published, built as anyone builds it, installed alone into an empty environment and used there.
 WHEEL := out/wheel
-wheel: env
+wheel: dev
 	rm -rf $(WHEEL)
-	PIP_CONSTRAINT=$(CURDIR)/constraints.txt $(RUN) -m build --outdir $(WHEEL) .
+	PIP_ONLY_BINARY=:all: PIP_CONSTRAINT=$(CURDIR)/constraints.txt $(RUN) -m build --outdir $(WHEEL) .
 	$(RUN) -m venv $(WHEEL)/venv
-	$(WHEEL)/venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt $(WHEEL)/*.whl
+	$(WHEEL)/venv/bin/python $(PIP) --quiet $(WHEEL)/*.whl
 	cp models/tulip_leg.urdf models/tulip_leg.toml $(WHEEL)
 	cd $(WHEEL) && venv/bin/python -c 'import seaid; print(seaid.__version__, seaid.__file__)'
 	cd $(WHEEL) && venv/bin/seaid inspect tulip_leg.urdf --drives tulip_leg.toml
 
 env: $(INSTALLED)
 
+dev: $(INSTALLED_DEV)
+
+# pip says nothing but which wheels it takes; what it wrote is kept, and shown where it fails.
+PIP := -m pip install --disable-pip-version-check --only-binary=:all: --constraint constraints.txt
+define install
+	@$(RUN) $(PIP) $(1) 2>&1 | tee $(VENV)/install.log \
+	  | sed -un -E 's/^ *(Downloading|Using cached) ([A-Za-z0-9_.]+)-[^ ]*\.whl \((.*)\)/  \2  \3/p; s/^Installing collected.*/  unpacking .../p' \
+	  || { grep -v '^WARNING' $(VENV)/install.log | tail -n 20 >&2; exit 1; }
+endef
+
 $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(v < (3, 11) and "seaid needs Python 3.11 or newer, found %d.%d; name one: make PYTHON=python3.12" % v)'
-	@echo "Installing into $(VENV), about two minutes ..."
+	@echo "Installing seaid and what it needs into $(VENV) (1 GB on disk, about a minute):"
 	@$(PYTHON) -m venv $(VENV)
-	@$(RUN) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt setuptools
-	@$(RUN) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --no-build-isolation --editable '.[dev]'
+	$(call install,setuptools)
+	$(call install,--no-build-isolation --editable .)
+	@touch $@
+
+$(INSTALLED_DEV): $(INSTALLED)
+	@echo "Installing what tests, documents and examples need as well (another 1 GB, about a minute):"
+	$(call install,--no-build-isolation --editable '.[dev]')
 	@touch $@
 
 clean:

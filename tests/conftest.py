@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from importlib.metadata import files
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,17 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "example_urdf" in metafunc.fixturenames:
         paths = example_urdfs()
         metafunc.parametrize("example_urdf", paths, ids=[path.stem for path in paths])
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip what reads .hebilog files where HEBI's reader is not installed."""
+    if find_spec("hebi") is None:
+        skip = pytest.mark.skip(
+            reason="reads a .hebilog, for which hebi-py is built: make test-hebi"
+        )
+        for item in items:
+            if item.get_closest_marker("hebi"):
+                item.add_marker(skip)
 
 
 @pytest.fixture(scope="session")

@@ -205,7 +205,9 @@ measured = pytest.mark.skipif(
             ("joint_position", "deflection", "joint_torque", "motor_current"),
         ),
         ("hebi_x5_unloaded/exampleLog.csv", "", 1, HEBI),
-        ("hebi_x5_unloaded/exampleLog.hebilog", "", 1, HEBI[:4]),
+        pytest.param(
+            "hebi_x5_unloaded/exampleLog.hebilog", "", 1, HEBI[:4], marks=pytest.mark.hebi
+        ),
         ("ur10_exciting/ur10_exciting_trajectory.csv", "", 6, STIFF),
         ("ur10_exciting/ur10_exciting_trajectory.db3", "", 6, STIFF),
         ("double_pendulum_a0/strong_torque", "*.csv", 2, STIFF),

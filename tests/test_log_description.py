@@ -413,7 +413,10 @@ measured = pytest.mark.skipif(
         ("hebi_arms/sample.csv", "hebi_csv_2_deflection", HEBI, HEBI_JOINTS[:2], 100),
         ("hebi_arms/virtual_spring.csv", "hebi_csv_2", HEBI, HEBI_JOINTS[:2], 94),
         ("hebi_x5_unloaded/exampleLog.csv", "hebi_csv_1", HEBI, HEBI_JOINTS[:1], 100),
-        ("hebi_x5_unloaded/exampleLog.hebilog", "hebilog_1", HEBI, HEBI_JOINTS[:1], 100),
+        pytest.param(
+            *("hebi_x5_unloaded/exampleLog.hebilog", "hebilog_1", HEBI, HEBI_JOINTS[:1], 100),
+            marks=pytest.mark.hebi,
+        ),
         ("ur10_exciting/ur10_exciting_trajectory.csv", "ur10_csv", STIFF, UR10, 125),
         ("ur10_exciting/ur10_exciting_trajectory.db3", "ur10_bag", STIFF, UR10, 125),
         ("double_pendulum_a0/strong_torque", "double_pendulum_strong", STIFF, 2, 500),
@@ -453,6 +456,7 @@ def test_bag_and_table_of_the_same_motion_agree(tmp_path: Path) -> None:
     np.testing.assert_allclose(logs[0].motor_torque, logs[1].motor_torque, atol=1e-6)
 
 
+@pytest.mark.hebi
 @measured
 def test_hebi_log_and_its_table_agree(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, HEBI, HEBI_JOINTS[:1])

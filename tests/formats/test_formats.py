@@ -80,22 +80,27 @@ def test_json_logs_cannot_be_read_in_pieces(arm: Robot, tmp_path: Path) -> None:
         open_long_log(path, arm)
 
 
-def test_what_is_no_file_of_its_ending_is_named(arm: Robot, tmp_path: Path) -> None:
-    for ending, words in (
+@pytest.mark.parametrize(
+    ("ending", "words"),
+    [
         (".parquet", "is not a Parquet file, or a damaged one"),
         (".h5", "is not an HDF5 file, or a damaged one"),
         (".json", "is not valid JSON, or cut off"),
         (".db3", "is not a ROS bag, or a damaged one"),
         (".mcap", "is not a ROS bag, or a damaged one"),
         (".bag", "is not a ROS bag, or a damaged one"),
-        (".hebilog", "is not a HEBI log, or a damaged one"),
-    ):
-        for content in (b"", b"junk", bytes(range(256)) * 20):
-            path = tmp_path / f"log{ending}"
-            path.write_bytes(content)
-            text = error_of(path, arm)
-            assert text.startswith(f"'{path}' ")
-            assert words in text
+        pytest.param(".hebilog", "is not a HEBI log, or a damaged one", marks=pytest.mark.hebi),
+    ],
+)
+@pytest.mark.parametrize("content", [b"", b"junk", bytes(range(256)) * 20])
+def test_what_is_no_file_of_its_ending_is_named(
+    arm: Robot, tmp_path: Path, ending: str, words: str, content: bytes
+) -> None:
+    path = tmp_path / f"log{ending}"
+    path.write_bytes(content)
+    text = error_of(path, arm)
+    assert text.startswith(f"'{path}' ")
+    assert words in text
 
 
 @pytest.mark.parametrize("name", ["log.npz", "log.parquet", "log.h5"])
