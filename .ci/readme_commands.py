@@ -1,4 +1,4 @@
-"""Print the shell commands of a page: its `sh` blocks, and the `$` lines of its `console` blocks."""
+"""Print the shell commands of a page: `sh` blocks, and the `$` lines of `console` blocks."""
 
 from __future__ import annotations
 

@@ -13,19 +13,18 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from importlib.metadata import files
 from pathlib import Path
 from typing import TypeVar
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import seaid
+from scripts.example_robots import example_urdfs
 from seaid.agreement import CrossCheck, cross_check
 from seaid.files import result_folder, whole_file
 from seaid.progress import track
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
-NOT_LOADABLE = ("ur3.urdf", "quadrotor_base.urdf", "iris_simple.urdf")
-"""Files of example-robot-data that are no robot: a xacro fragment, and two without any joint."""
-
 ROUNDED = ("kinova.urdf", "anymal-kinova.urdf", "so100.urdf", "so101.urdf")
 LEG = re.compile(r"hip|leg|thigh|haa|hfe", re.IGNORECASE)
 HEADER = (
@@ -58,13 +57,6 @@ Where the columns differ, and where the gap is small:
   4e9. The exact null vectors annul the numeric regressor to 2e-15 of the terms they add up; nothing
   is in doubt but the last digits of the coefficients (absolute difference 1e-9 at 4166).
 """.strip()
-
-
-def example_urdfs() -> list[Path]:
-    """Return the URDFs of example-robot-data that have joints, sorted."""
-    found = [Path(str(path.locate())) for path in files("example-robot-data") or []]
-    urdfs = [path for path in found if path.suffix == ".urdf" and path.name not in NOT_LOADABLE]
-    return sorted(path.resolve() for path in urdfs)
 
 
 def leg(robot: seaid.Robot) -> list[str] | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from importlib.metadata import files
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -12,22 +11,14 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+from scripts.example_robots import example_urdfs
 from seaid.errors import SeaidWarning
 from seaid.robot import Robot, load_robot
 
 MODELS = Path(__file__).parents[1] / "models"
-NOT_LOADABLE = ("ur3.urdf", "quadrotor_base.urdf", "iris_simple.urdf")
-"""Files of example-robot-data that are no robot: a xacro fragment, and two without any joint."""
 
 settings.register_profile("seaid", derandomize=True, deadline=None, max_examples=25, database=None)
 settings.load_profile("seaid")
-
-
-def example_urdfs() -> list[Path]:
-    """Return the URDFs of example-robot-data that have joints, sorted."""
-    found = [Path(str(path.locate())) for path in files("example-robot-data") or []]
-    urdfs = [path for path in found if path.suffix == ".urdf" and path.name not in NOT_LOADABLE]
-    return sorted(path.resolve() for path in urdfs)
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -19,6 +19,7 @@ import sympy as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
+from scripts.example_robots import example_urdfs
 from seaid.arrays import Array
 from seaid.base import base_parameters
 from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
@@ -57,7 +58,6 @@ from seaid.transmission import (
     torques_at_joints,
 )
 from seaid.validation import validate
-from tests.conftest import example_urdfs
 from tests.experiments import DATA, MODELS, drive_errors, true_value
 
 DRIVE = ("viscous_friction", "coulomb_friction", "stiffness")

@@ -7,10 +7,12 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
-from importlib.metadata import files
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
 import seaid
+from scripts.example_robots import example_urdfs
 from seaid.report.text import table
 from seaid.symbolic.grouping import Way
 
@@ -53,8 +55,7 @@ def main() -> None:
     """Time all figures of the exact path."""
     warnings.simplefilter("ignore", seaid.SeaidWarning)
     paths = {path.name: path for path in MODELS.glob("*.urdf")}
-    for file in files("example-robot-data") or []:
-        paths.setdefault(file.name, Path(str(file.locate())))
+    paths = {path.name: path for path in example_urdfs()} | paths
     rows = []
     for name, joints, figures in FIGURES:
         robot = seaid.load_robot(paths[name], joints=joints)

@@ -8,18 +8,21 @@ from __future__ import annotations
 import argparse
 import os
 import resource
+import sys
 import time
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
-from importlib.metadata import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from loky import get_reusable_executor
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
 import seaid
+from scripts.example_robots import example_urdf
 from seaid.excitation import CRITERIA, joint_limits, make_basis, motion_space, pivoted_base
 from seaid.excitation.ends import EndState
 from seaid.excitation.problem import (
@@ -53,17 +56,11 @@ COEFFICIENTS, SAMPLES = (8, 16, 32, 64), (256, 512, 1024, 2048)
 TURNS, MOST_RATIO = 7, 12.0
 
 
-def example(name: str) -> str:
-    """Return the path of a URDF of example-robot-data."""
-    paths = (str(path.locate()) for path in files("example-robot-data") or [] if path.name == name)
-    return next(paths)
-
-
 def load_robots() -> dict[str, tuple[seaid.Robot, seaid.Limits]]:
     """Return the three robots with their nominal values, and the limits of their motions."""
     leg = seaid.load_robot(MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml")
-    panda = seaid.load_robot(example("panda.urdf"), joints=PANDA_ARM)
-    ur10 = seaid.load_robot(example("ur10_robot.urdf"))
+    panda = seaid.load_robot(example_urdf("panda.urdf"), joints=PANDA_ARM)
+    ur10 = seaid.load_robot(example_urdf("ur10_robot.urdf"))
     return {LEG: (leg, LEG_LIMITS), PANDA: (panda, ARM_LIMITS), UR10: (ur10, ARM_LIMITS)}
 
 

@@ -31,7 +31,7 @@ from seaid.rigid_body import joint_torques, rigid_body_regressor
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from scripts.benchmarks.excitation import example
+from scripts.example_robots import example_urdf
 
 DURATION_S, RATE_HZ = 10.0, 1000
 ITERATIONS = (1, 2, 4, 8, 16, 32, 64, 150)
@@ -62,7 +62,7 @@ class Measure:
     """The one measure for both: condition number, and breaches as parts of the limits."""
 
     def __init__(self) -> None:
-        self.robot = seaid.load_robot(example("ur10_robot.urdf"))
+        self.robot = seaid.load_robot(example_urdf("ur10_robot.urdf"))
         self.base = pivoted_base(self.robot, None)
         self.limits = joint_limits(self.robot)
 
@@ -190,7 +190,7 @@ def peer_problem(waypoints: int) -> tuple[Any, Array]:
     import pinocchio as pin
 
     peer = importlib.import_module("figaroh.optimal.base_optimal_trajectory")
-    model = pin.buildModelFromUrdf(example("ur10_robot.urdf"))
+    model = pin.buildModelFromUrdf(str(example_urdf("ur10_robot.urdf")))
     robot = pin.RobotWrapper(model)
     robot.q0, robot.v0 = pin.neutral(model), np.zeros(model.nv)
     n, interval = model.nv, DURATION_S / (waypoints - 1)

@@ -17,13 +17,15 @@ import sys
 import tempfile
 import time
 import warnings
-from importlib.metadata import files
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
 import seaid
+from scripts.example_robots import example_urdf
 from seaid.arrays import Array
 from seaid.base import base_parameters
 from seaid.estimation.solve import ordinary
@@ -39,10 +41,7 @@ Answer = tuple[Array, dict[str, float]]
 
 def robot() -> seaid.Robot:
     """Return the UR10 with ideal drives: torques are known at the joints."""
-    path = next(
-        path for path in files("example-robot-data") or [] if path.name == "ur10_robot.urdf"
-    )
-    return seaid.load_robot(Path(str(path.locate())))
+    return seaid.load_robot(example_urdf("ur10_robot.urdf"))
 
 
 def data(arm: seaid.Robot) -> tuple[Array, Array, Array, Array]:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import statistics
+import sys
 import time
 import warnings
 from collections.abc import Callable
-from importlib.metadata import files
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
 import seaid
+from scripts.example_robots import example_urdf
 from seaid.arrays import Array
 from seaid.regression import rigid_body_regressor
 from seaid.report.text import table
@@ -51,11 +54,7 @@ def compare(robot: seaid.Robot) -> list[str]:
 def main() -> None:
     """Compare on a leg and on two arms."""
     warnings.simplefilter("ignore", seaid.SeaidWarning)
-    arms = [
-        Path(str(path.locate()))
-        for path in files("example-robot-data") or []
-        if path.name in ("ur10_robot.urdf", "xarm7.urdf")
-    ]
+    arms = [example_urdf(name) for name in ("ur10_robot.urdf", "xarm7.urdf")]
     paths = [MODELS / "tulip_leg.urdf", *arms]
     rows = [compare(seaid.load_robot(path)) for path in paths]
     header = ["robot", "bare calls [us]", "stacked [us]", "ratio"]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import warnings
 from functools import cache
-from importlib.metadata import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from scripts.example_robots import example_urdf
 from seaid.arrays import Array
 from seaid.robot import Payload, Robot, load_robot
 
@@ -19,10 +19,9 @@ TIAGO = ["torso_lift_joint", *(f"arm_{i}_joint" for i in range(1, 8))]
 
 
 def example_robot(name: str, **options: Any) -> Robot:
-    path = next(path for path in files("example-robot-data") or [] if path.name == name)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the files' rounded angles are another test's matter
-        return load_robot(str(path.locate()), **options)
+        return load_robot(example_urdf(name), **options)
 
 
 @cache
