@@ -4,7 +4,7 @@ A leg with known truth is simulated under an exciting motion, with encoders, tor
 encoder zeros and a known test mass on the foot; its log is identified with nothing but what is
 known beforehand (geometry, ratios, radii, rotor inertias, test mass); the result is validated on
 another motion. Both motions are shipped in `models/`, so that everybody gets the same log;
-`--plan-anew` searches for them again. `python scripts/identify_tulip_leg.py --help` for the options.
+`--plan-anew` searches for them again. `python scripts/identify_tulip_leg.py --help` tells the rest.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Identify every measured set, and put what was found beside what is known about it.
 
-The sets are not part of this project: `--data` is the folder with them. What they are, which robot,
-drives and log description belong to each, and what is known, is data: `scripts/real_data.toml`.
+The sets stand in `models/logs/`, with their sources and licences. Which robot, drives and log
+description belong to each, and what is known, is data: `scripts/real_data.toml`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from seaid.report.text import number
 
 ROOT = Path(__file__).resolve().parents[1]
 MODELS = ROOT / "models"
-DATA = ROOT.parent / "shared" / "data"
+DATA = MODELS / "logs"
 HEADER = ("set", "what", "found", "known", "off", "trial", "asked", "met")
 
 _SEEN = "the motion it was identified from"

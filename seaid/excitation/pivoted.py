@@ -12,6 +12,10 @@ from seaid.rigid_body import regressor_at_drives
 from seaid.robot import Robot
 
 _DRAWS = 16
+_LEFT = 1e-6
+"""How much less every column weighs in the pivoting than its left neighbour. Columns whose parts
+outside of those picked before are equally long occur in every robot; without it rounding, and so
+the processor, would choose between them."""
 
 
 def pivoted_base(robot: Robot, rows: Sequence[str] | None = None) -> BaseParameters:
@@ -19,9 +23,10 @@ def pivoted_base(robot: Robot, rows: Sequence[str] | None = None) -> BaseParamet
 
     The pivoting (Businger and Golub 1965) is repeated over 16 draws of states; the columns kept are
     those with the smallest condition number over all states drawn, for it differs by a factor of
-    two or three between draws. How many columns there are is the rank that `base_parameters` finds;
-    the groupings are its own, solved for these columns. The choice depends on the robot and on
-    `rows` alone. Raises ExcitationError where nothing is identifiable.
+    two or three between draws. Between equally good columns the left one is picked. How many there
+    are is the rank that `base_parameters` finds; the groupings are its own, solved for these
+    columns. The choice depends on the robot and on `rows` alone. Raises ExcitationError where
+    nothing is identifiable.
     """
     leftmost = base_parameters(robot, rows=rows)
     known = [robot.index(joint) for joint in robot.rows(rows)]
@@ -43,6 +48,7 @@ def _best_pivots(draws: list[Array], rank: int) -> list[int]:
     from scipy.linalg import qr
 
     R: Array = qr(np.concatenate(draws), mode="r")[0][: draws[0].shape[1]]
-    pivots = (qr(H, mode="r", pivoting=True)[1] for H in draws)
+    weights = 1.0 - _LEFT * np.arange(R.shape[1])
+    pivots = (qr(H * weights, mode="r", pivoting=True)[1] for H in draws)
     picked: list[list[int]] = [sorted(order[:rank].tolist()) for order in pivots]
     return min(picked, key=lambda columns: float(np.linalg.cond(R[:, columns])))
