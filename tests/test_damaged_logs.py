@@ -1,11 +1,10 @@
 """Clean simulated logs damaged as other people's are: mended, and identified as if nothing was.
 
-With measured logs of real robots where the folder with them is there.
+And measured logs of real robots, with the damage they have.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -26,11 +25,8 @@ from seaid.logs.mending import repaired
 from seaid.robot import Robot
 from seaid.simulation import measure
 from tests.experiments import ELASTIC, LEG_SENSORS, leg, leg_motion, true_value
+from tests.measured import LOGS
 
-DATA = Path(__file__).parents[2] / "shared" / "data"
-measured = pytest.mark.skipif(
-    not DATA.is_dir(), reason=f"measured logs are not part of the project: no folder {DATA}"
-)
 Damaged = tuple[Array, Array]
 Damage = Callable[[str, Array, Array, np.random.Generator], Damaged]
 
@@ -171,12 +167,12 @@ def test_unmended_clocks_would_have_been_seen() -> None:
 
 
 def table(path: Path) -> dict[str, Array]:
-    names = path.read_text().splitlines()[0].split(",")
-    return dict(zip(names, np.genfromtxt(path, delimiter=",", skip_header=1).T, strict=True))
+    with np.load(path) as columns:
+        return dict(columns)
 
 
 def hebi_channels(name: str) -> list[Channel]:
-    columns = table(DATA / "hebi_arms" / f"{name}.csv")
+    columns = table(LOGS / "hebi_arms" / f"{name}.npz")
     sensors = {
         "pos": "joint_position_rad",
         "mpos": "motor_position_rad",
@@ -190,7 +186,6 @@ def hebi_channels(name: str) -> list[Channel]:
     ]
 
 
-@measured
 @pytest.mark.parametrize(
     "name",
     [
@@ -211,9 +206,8 @@ def test_modules_with_clocks_of_their_own(name: str) -> None:
         assert np.max(values[channel.name]) < np.max(channel.values) + 0.1 * np.ptp(channel.values)
 
 
-@measured
 def test_clocks_of_modules_beside_the_receiver() -> None:
-    columns = table(DATA / "hebi_arms" / "ps4_repeat_waypoints.csv")
+    columns = table(LOGS / "hebi_arms" / "ps4_repeat_waypoints.npz")
     lines = [clock_line(columns[f"t_tx_{joint}"], columns["t_rx"]) for joint in range(3)]
     assert all(line.jitter_s < 0.01 for line in lines)
     beside = [clock_line(columns[f"t_tx_{one}"], columns["t_tx_0"]) for one in (1, 2)]
@@ -221,7 +215,6 @@ def test_clocks_of_modules_beside_the_receiver() -> None:
     assert all(abs(line.drift) < 1e-4 for line in beside)
 
 
-@measured
 def test_unpowered_modules_have_dead_motor_channels() -> None:
     channels = hebi_channels("sample")
     _, values, found = repaired(channels)
@@ -230,27 +223,24 @@ def test_unpowered_modules_have_dead_motor_channels() -> None:
     assert not np.any(values[dead[0]])
 
 
-@measured
 def test_torques_that_end_half_way_are_refused() -> None:
-    name = "design_A.0_20220812_sys_id_20220812-060143-PM_measured.csv"
-    columns = table(DATA / "double_pendulum_a0" / "strong_torque" / name)
+    name = "design_A.0_20220812_sys_id_20220812-060143-PM_measured.npz"
+    columns = table(LOGS / "double_pendulum_a0" / "strong_torque" / name)
     channels = [Channel("a.motor_torque_Nm", columns["time"], columns["tau1"])]
     with pytest.raises(LogError, match=r"'a.motor_torque_Nm' lacks 999 of 1998 samples"):
         repaired(channels)
 
 
-@measured
 def test_jittered_servo_logs_and_pendulums() -> None:
-    for path in sorted((DATA / "xl330_pendulum" / "raw").glob("*.json")):
-        entries = json.loads(path.read_text())["entries"]
-        time = np.array([one["timestamp"] for one in entries])
-        angle = np.array([one["position"] for one in entries])
+    for path in sorted((LOGS / "xl330_pendulum" / "raw").glob("*.npz")):
+        columns = table(path)
+        time, angle = columns["timestamp"], columns["position"]
         grid, values, found = repaired([Channel("a.joint_position_rad", time, angle)])
         assert {one.kind for one in found} <= {"irregular steps", "held values"}
         assert 180 < 1 / np.diff(grid)[0] < 290
         line = np.interp(grid, time, angle)
         assert np.max(np.abs(values["a.joint_position_rad"] - line)) < 0.02
-    for path in sorted((DATA / "double_pendulum_a0" / "weak_torque").glob("*.csv")):
+    for path in sorted((LOGS / "double_pendulum_a0" / "weak_torque").glob("*.npz")):
         columns = table(path)
         channels = [Channel("a.joint_position_rad", columns["time"], columns["pos_meas1"])]
         assert {one.kind for one in repaired(channels)[2]} == {"irregular steps"}

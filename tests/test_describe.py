@@ -12,8 +12,8 @@ from seaid.log import read_log
 from seaid.logs.column_words import meaning_of
 from seaid.logs.describe import Description, describe_log
 from seaid.robot import load_robot
+from tests.measured import LOGS
 
-DATA = Path(__file__).parents[2] / "shared" / "data"
 BODY = (
     '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
     "</inertial>"
@@ -183,23 +183,19 @@ def test_description_is_shown_as_a_table_with_its_doubts(tmp_path: Path) -> None
 
 HEBI = ("motor_position", "joint_position", "joint_torque", "motor_current", "motor_voltage")
 STIFF = ("joint_position", "motor_torque")
-measured = pytest.mark.skipif(
-    not DATA.is_dir(), reason=f"measured logs are not part of the project: no folder {DATA}"
-)
 
 
-@measured
 @pytest.mark.parametrize(
     ("folder", "ending", "joints", "quantities"),
     [
-        ("hebi_arms/capstone_repeat_waypoints.csv", "", 5, HEBI),
-        ("hebi_arms/grav_comp_bad.csv", "", 2, HEBI),
-        ("hebi_arms/ps4_repeat_waypoints.csv", "", 3, HEBI),
-        ("hebi_arms/ps5_robot_data.csv", "", 3, HEBI),
-        ("hebi_arms/star_trace.csv", "", 2, HEBI),
-        ("hebi_arms/virtual_spring.csv", "", 2, HEBI),
+        ("hebi_arms/capstone_repeat_waypoints.npz", "", 5, HEBI),
+        ("hebi_arms/grav_comp_bad.npz", "", 2, HEBI),
+        ("hebi_arms/ps4_repeat_waypoints.npz", "", 3, HEBI),
+        ("hebi_arms/ps5_robot_data.npz", "", 3, HEBI),
+        ("hebi_arms/star_trace.npz", "", 2, HEBI),
+        ("hebi_arms/virtual_spring.npz", "", 2, HEBI),
         (
-            "hebi_arms/sample.csv",
+            "hebi_arms/sample.npz",
             "",
             2,
             ("joint_position", "deflection", "joint_torque", "motor_current"),
@@ -208,17 +204,17 @@ measured = pytest.mark.skipif(
         pytest.param(
             "hebi_x5_unloaded/exampleLog.hebilog", "", 1, HEBI[:4], marks=pytest.mark.hebi
         ),
-        ("ur10_exciting/ur10_exciting_trajectory.csv", "", 6, STIFF),
+        ("ur10_exciting/ur10_exciting_trajectory.npz", "", 6, STIFF),
         ("ur10_exciting/ur10_exciting_trajectory.db3", "", 6, STIFF),
-        ("double_pendulum_a0/strong_torque", "*.csv", 2, STIFF),
-        ("double_pendulum_a0/weak_torque", "*.csv", 2, STIFF),
-        ("xl330_pendulum/raw", "*.json", 1, STIFF[:1]),
+        ("double_pendulum_a0/strong_torque", "*.npz", 2, STIFF),
+        ("double_pendulum_a0/weak_torque", "*.npz", 2, STIFF),
+        ("xl330_pendulum/raw", "*.npz", 1, STIFF[:1]),
     ],
 )
 def test_every_measured_set_is_described(
     folder: str, ending: str, joints: int, quantities: tuple[str, ...]
 ) -> None:
-    for path in sorted((DATA / folder).glob(ending))[:2] if ending else [DATA / folder]:
+    for path in sorted((LOGS / folder).glob(ending))[:2] if ending else [LOGS / folder]:
         found = describe_log(path)
         assert len(found.description.joints) == joints
         for sources in found.description.joints.values():
@@ -226,8 +222,7 @@ def test_every_measured_set_is_described(
         assert found.unsure
 
 
-@measured
 def test_deflection_of_the_unpowered_arm_has_the_sign_of_its_makers() -> None:
-    found = describe_log(DATA / "hebi_arms" / "sample.csv")
+    found = describe_log(LOGS / "hebi_arms" / "sample.npz")
     for sources in found.description.joints.values():
         assert sources["deflection"].sign == -1

@@ -1,6 +1,5 @@
 """Log descriptions: foreign columns, units, sides, clocks become our channels; mistakes named."""
 
-import json
 import warnings
 from pathlib import Path
 from typing import Any
@@ -17,9 +16,8 @@ from seaid.logs.description_file import description_for
 from seaid.logs.log_description import LogDescription
 from seaid.logs.repair import Repairs
 from seaid.robot import Robot, load_robot
+from tests.measured import LOGS
 
-MODELS = Path(__file__).parents[1] / "models" / "logs"
-DATA = Path(__file__).parents[2] / "shared" / "data"
 BODY = (
     '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
     "</inertial>"
@@ -397,27 +395,23 @@ UR10 = tuple(
     f"{one}_joint"
     for one in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 )
-measured = pytest.mark.skipif(
-    not DATA.is_dir(), reason=f"measured logs are not part of the project: no folder {DATA}"
-)
 
 
-@measured
 @pytest.mark.parametrize(
     ("log", "description", "drive", "joints", "rate_hz"),
     [
-        ("hebi_arms/capstone_repeat_waypoints.csv", "hebi_csv_5", HEBI, HEBI_JOINTS, 100),
-        ("hebi_arms/grav_comp_bad.csv", "hebi_csv_2", HEBI, HEBI_JOINTS[:2], 92),
-        ("hebi_arms/ps4_repeat_waypoints.csv", "hebi_csv_3_deflection", HEBI, HEBI_JOINTS[:3], 94),
-        ("hebi_arms/ps5_robot_data.csv", "hebi_csv_3", HEBI, HEBI_JOINTS[:3], 97),
-        ("hebi_arms/sample.csv", "hebi_csv_2_deflection", HEBI, HEBI_JOINTS[:2], 100),
-        ("hebi_arms/virtual_spring.csv", "hebi_csv_2", HEBI, HEBI_JOINTS[:2], 94),
+        ("hebi_arms/capstone_repeat_waypoints.npz", "hebi_csv_5", HEBI, HEBI_JOINTS, 100),
+        ("hebi_arms/grav_comp_bad.npz", "hebi_csv_2", HEBI, HEBI_JOINTS[:2], 92),
+        ("hebi_arms/ps4_repeat_waypoints.npz", "hebi_csv_3_deflection", HEBI, HEBI_JOINTS[:3], 94),
+        ("hebi_arms/ps5_robot_data.npz", "hebi_csv_3", HEBI, HEBI_JOINTS[:3], 97),
+        ("hebi_arms/sample.npz", "hebi_csv_2_deflection", HEBI, HEBI_JOINTS[:2], 100),
+        ("hebi_arms/virtual_spring.npz", "hebi_csv_2", HEBI, HEBI_JOINTS[:2], 94),
         ("hebi_x5_unloaded/exampleLog.csv", "hebi_csv_1", HEBI, HEBI_JOINTS[:1], 100),
         pytest.param(
             *("hebi_x5_unloaded/exampleLog.hebilog", "hebilog_1", HEBI, HEBI_JOINTS[:1], 100),
             marks=pytest.mark.hebi,
         ),
-        ("ur10_exciting/ur10_exciting_trajectory.csv", "ur10_csv", STIFF, UR10, 125),
+        ("ur10_exciting/ur10_exciting_trajectory.npz", "ur10_csv", STIFF, UR10, 125),
         ("ur10_exciting/ur10_exciting_trajectory.db3", "ur10_bag", STIFF, UR10, 125),
         ("double_pendulum_a0/strong_torque", "double_pendulum_strong", STIFF, 2, 500),
         ("double_pendulum_a0/weak_torque", "double_pendulum_weak", STIFF, 2, 500),
@@ -427,58 +421,52 @@ measured = pytest.mark.skipif(
 def test_every_measured_set_is_read_with_its_description(
     tmp_path: Path, log: str, description: str, drive: Table, joints: Any, rate_hz: float
 ) -> None:
-    path = DATA / log
+    path = LOGS / log
     path = sorted(path.iterdir())[0] if path.is_dir() else path
     joints = ("Joint1", "Joint2") if joints == 2 else joints
     robot = robot_of(tmp_path, drive, joints)
-    found = read_log(path, robot, description=MODELS / f"{description}.toml")
+    found = read_log(path, robot, description=LOGS / f"{description}.toml")
     steps = np.diff(found.time)
     assert 1 / np.median(steps) == pytest.approx(rate_hz, rel=0.01)
     assert set(found.columns()) >= {f"{joint}.joint_position_rad" for joint in joints}
 
 
-@measured
 def test_unpowered_motor_encoders_are_named(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, HEBI, HEBI_JOINTS[:2])
-    text = error_of(DATA / "hebi_arms" / "sample.csv", robot, MODELS / "hebi_csv_2.toml")
+    text = error_of(LOGS / "hebi_arms" / "sample.npz", robot, LOGS / "hebi_csv_2.toml")
     assert "'joint_0.motor_position_rad' is 0 all the time while the other side" in text
 
 
-@measured
 def test_bag_and_table_of_the_same_motion_agree(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, STIFF, UR10)
-    folder = DATA / "ur10_exciting"
+    folder = LOGS / "ur10_exciting"
     logs = [
-        read_log(folder / f"ur10_exciting_trajectory{end}", robot, description=MODELS / name)
-        for end, name in ((".csv", "ur10_csv.toml"), (".db3", "ur10_bag.toml"))
+        read_log(folder / f"ur10_exciting_trajectory{end}", robot, description=LOGS / name)
+        for end, name in ((".npz", "ur10_csv.toml"), (".db3", "ur10_bag.toml"))
     ]
     np.testing.assert_allclose(logs[0].joint_position, logs[1].joint_position, atol=1e-8)
     np.testing.assert_allclose(logs[0].motor_torque, logs[1].motor_torque, atol=1e-6)
 
 
 @pytest.mark.hebi
-@measured
 def test_hebi_log_and_its_table_agree(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, HEBI, HEBI_JOINTS[:1])
-    folder = DATA / "hebi_x5_unloaded"
-    table = read_log(folder / "exampleLog.csv", robot, description=MODELS / "hebi_csv_1.toml")
-    raw = read_log(folder / "exampleLog.hebilog", robot, description=MODELS / "hebilog_1.toml")
+    folder = LOGS / "hebi_x5_unloaded"
+    table = read_log(folder / "exampleLog.csv", robot, description=LOGS / "hebi_csv_1.toml")
+    raw = read_log(folder / "exampleLog.hebilog", robot, description=LOGS / "hebilog_1.toml")
     np.testing.assert_allclose(table.motor_position, raw.motor_position, atol=1e-3)
     torque, raw_torque = (log.sensors()["joint_torque"] for log in (table, raw))
     np.testing.assert_allclose(torque, raw_torque, atol=1e-6)
 
 
-@measured
 def test_computed_voltage_is_that_of_the_servo(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, STIFF, ("pendulum",))
-    path = sorted((DATA / "xl330_pendulum" / "raw").iterdir())[0]
-    content = json.loads(path.read_text())
-    log = read_log(path, robot, description=MODELS / "xl330.toml")
-    rows = content["entries"]
-    stamps = np.array([row["timestamp"] for row in rows])
-    goal = np.array([row["goal_position"] for row in rows])
-    position = np.array([row["position"] for row in rows])
-    gain = content["kp"] * 4096 / (2 * np.pi) / (256 * 885)
+    path = sorted((LOGS / "xl330_pendulum" / "raw").iterdir())[0]
+    log = read_log(path, robot, description=LOGS / "xl330.toml")
+    with np.load(path) as content:
+        stamps, goal = content["timestamp"], content["goal_position"]
+        position, kp = content["position"], content["kp"][0]
+    gain = kp * 4096 / (2 * np.pi) / (256 * 885)
     held = np.concatenate([goal[:1], goal[:-1]])
     before, after = (np.clip(gain * (one - position), -1, 1) for one in (held, goal))
     expected = np.interp(log.time, stamps, 3.7 * (before + after))

@@ -1,4 +1,4 @@
-"""Measured logs of real robots; skipped where the folder with them is missing."""
+"""Measured logs of real robots: every figure of the table, and what is shipped of them."""
 
 import importlib.util
 import sys
@@ -9,9 +9,9 @@ from types import ModuleType
 import pytest
 
 import seaid
+from tests.measured import LOGS
 
 ROOT = Path(__file__).parents[1]
-DATA = ROOT.parent / "shared" / "data"
 
 
 def script(name: str) -> ModuleType:
@@ -30,9 +30,6 @@ CASES = real_data.read_cases()
 SLOW = pytest.mark.slow  # friction that is searched for, or simulated sample by sample
 
 
-@pytest.mark.skipif(
-    not DATA.is_dir(), reason=f"measured logs are not part of the project: no folder {DATA}"
-)
 @pytest.mark.parametrize(
     "case",
     [
@@ -44,7 +41,7 @@ SLOW = pytest.mark.slow  # friction that is searched for, or simulated sample by
 def test_every_figure_of_a_measured_set_is_reached(case: ModuleType, tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", seaid.SeaidWarning)
-        rows = list(real_data.rows_of(case, DATA, tmp_path))
+        rows = list(real_data.rows_of(case, LOGS, tmp_path))
     asked = [row for row in rows if row.met is not None]
     assert asked
     assert [row.cells() for row in asked if not row.met] == []
