@@ -58,3 +58,14 @@ def test_every_case_has_its_files_and_something_asked() -> None:
 
 def test_names_of_cases_are_their_own() -> None:
     assert len({case.name for case in CASES}) == len(CASES)
+
+
+def test_shipped_logs_are_small_and_keep_their_licences() -> None:
+    files = [path for path in LOGS.rglob("*") if path.is_file()]
+    assert sum(path.stat().st_size for path in files) < 8e6
+    sets = {path.name for path in LOGS.iterdir() if path.is_dir()}
+    readme = (LOGS / "README.md").read_text(encoding="utf-8")
+    for name in sets:
+        assert "opyright" in (LOGS / name / "LICENSE.txt").read_text(encoding="utf-8")
+        assert f"## {name}" in readme
+    assert sets == {Path(case.logs).parts[0] for case in CASES} | {"hebi_x5_unloaded"}

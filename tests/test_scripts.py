@@ -2,13 +2,16 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from seaid import load_trajectory
+from tests.measured import LOGS
 
 ROOT = Path(__file__).parents[1]
 TULIP_FILES = (
@@ -88,18 +91,48 @@ def test_main_job_flags_the_unloaded_spring(tulip: tuple[Path, str]) -> None:
 def test_missing_measured_sets_are_one_line_each(tmp_path: Path) -> None:
     done = run("scripts/real_data.py", "--data", str(tmp_path), "--output", str(tmp_path / "out"))
     assert done.returncode == 0, done.stderr
-    assert "skipped: no xl330_pendulum/raw/*.json in " in done.stdout
+    assert "skipped: no xl330_pendulum/raw/*.npz in " in done.stdout
     assert "0 of 0 asked figures met" in done.stdout
 
 
 def test_broken_measured_log_is_a_line_of_the_table(tmp_path: Path) -> None:
     (tmp_path / "ur10_exciting").mkdir()
-    (tmp_path / "ur10_exciting" / "broken.csv").write_text("t_stamp,pos\n0,1\n1,x\n")
+    (tmp_path / "ur10_exciting" / "broken.npz").write_text("t_stamp,pos\n0,1\n1,x\n")
     done = run("scripts/real_data.py", "--data", str(tmp_path), "--output", str(tmp_path / "out"))
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr
     assert "| UR10 | refused | " in done.stdout
     assert "0 of 1 asked figures met" in done.stdout
+
+
+def test_measured_logs_without_their_originals_are_left_as_they_are(tmp_path: Path) -> None:
+    done = run("scripts/ship_measured_logs.py", "--originals", str(tmp_path / "none"))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("skipped: the originals are not here, no folder '")
+
+
+def test_shipped_log_that_is_not_its_original_is_found(tmp_path: Path) -> None:
+    (tmp_path / "hebi_x5_unloaded").mkdir()
+    for name in ("exampleLog.csv", "exampleLog.hebilog", "LICENSE.txt"):
+        shutil.copy(LOGS / "hebi_x5_unloaded" / name, tmp_path / "hebi_x5_unloaded")
+    (tmp_path / "ur10_exciting").mkdir()
+    shutil.copy(LOGS / "ur10_exciting" / "LICENSE.txt", tmp_path / "ur10_exciting")
+    bag = "ur10_exciting/ur10_exciting_trajectory.db3"
+    shutil.copy(LOGS / bag, tmp_path / bag)
+    with np.load(LOGS / "ur10_exciting" / "ur10_exciting_trajectory.npz") as table:
+        columns = np.column_stack(list(table.values()))
+        header = ",".join(table)
+    original = tmp_path / "ur10_exciting" / "ur10_exciting_trajectory.csv"
+    check = ("scripts/ship_measured_logs.py", "--check", "--originals", str(tmp_path))
+    np.savetxt(original, columns, fmt="%.17g", delimiter=",", header=header, comments="")
+    done = run(*check)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("6 files of ")
+    columns[7, 3] = np.nextafter(columns[7, 3], 1.0)
+    np.savetxt(original, columns, fmt="%.17g", delimiter=",", header=header, comments="")
+    done = run(*check)
+    assert done.returncode == 1
+    assert "ur10_exciting_trajectory.npz' does not hold what '" in done.stderr
 
 
 def test_plan_writes_every_file_and_says_where(tmp_path: Path) -> None:
