@@ -2,8 +2,12 @@
 
 A `python` block runs in this interpreter, an `sh` block in bash with the commands of this
 environment, and so do the lines behind `$` of a `console` block. A `text` block right behind one is
-what it prints; a line `...` there stands for any lines. A `toml` block whose first line names a
-file (`# arm.toml`) is written as that file.
+what it prints. There `...` stands for anything, as a line of its own for any lines. A `toml` block
+whose first line names a file (`# arm.toml`) is written as that file.
+
+Figures have to be right to the last digit shown, on every processor. Where they cannot be, since a
+search ends elsewhere after other rounding, the page says so to its readers, and the figures have to
+be right within that: a paragraph right behind the block, `*Within 5 % on any processor: ...*`.
 
 `python tests/pages.py docs/tutorial.md` runs a page and writes what it prints into its text blocks
 (but for those with a line `...`).
@@ -32,19 +36,23 @@ SHARED = ("models", "scripts", "docs")
 SHELLS = ("sh", "console")
 
 _BLOCK = re.compile(r"^```([a-z]*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-_NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
+_NUMBER = re.compile(r"[-+]?\d+(?:\.(\d+))?(?:e([-+]?\d+))?")
+_WITHIN = re.compile(r"\s*\*Within (\d+(?:\.\d+)?) % on any processor[^*]*\*")
 _NOT_RUN = re.compile(r"^(make|pip install|python -m pip install|git clone|cd|source|\.) ?")
-RELATIVE, ABSOLUTE = 0.1, 1e-9
 
 
 @dataclass(frozen=True)
 class Block:
-    """Code of a page: its language, text, line, and what it prints (start, end, text) or None."""
+    """Code of a page: its language, text, line, and what it prints (start, end, text) or None.
+
+    `within` [%] is how far figures may be off by what the page says, None: to the last digit.
+    """
 
     language: str
     code: str
     line: int
     printed: tuple[int, int, str] | None = None
+    within: float | None = None
 
 
 def pages() -> list[Path]:
@@ -56,10 +64,12 @@ def blocks(text: str) -> Iterator[Block]:
     """Return the blocks of a page, text blocks behind the code that prints them."""
     found = list(_BLOCK.finditer(text))
     for one, after in zip_longest(found, found[1:]):
-        printed = None
-        if after and after[1] == "text" and not text[one.end() : after.start()].strip():
-            printed = (after.start(2), after.end(2), after[2])
-        yield Block(one[1], one[2], text.count("\n", 0, one.start()) + 2, printed)
+        printed, end = None, one.end()
+        if after and after[1] == "text" and not text[end : after.start()].strip():
+            printed, end = (after.start(2), after.end(2), after[2]), after.end()
+        stated = _WITHIN.match(text, end)
+        within = float(stated[1]) if stated else None
+        yield Block(one[1], one[2], text.count("\n", 0, one.start()) + 2, printed, within)
 
 
 def prepare(folder: Path, files: tuple[Path, ...] = ()) -> None:
@@ -96,27 +106,71 @@ def is_run(command: str) -> bool:
     return _NOT_RUN.match(command) is None
 
 
-def same(said: str, printed: str) -> bool:
-    """Return whether a page says what was printed: words exactly, numbers to a few percent."""
-    pieces = re.split(r"^\.\.\.$", said, flags=re.MULTILINE)
-    if len(pieces) == 1:
-        return _alike(said, printed)
-    return all(_within(piece.strip("\n"), printed) for piece in pieces)
+def same(said: str, printed: str, within: float | None = None) -> bool:
+    """Return whether a page says what was printed: words exactly, numbers to the last digit.
+
+    Or within so many percent; `...` stands for anything. Pieces between lines `...` come one behind
+    the other.
+    """
+    lines, begin = printed.strip("\n").splitlines(), 0
+    pieces = re.split(r"^\.\.\.$", said.strip("\n"), flags=re.MULTILINE)
+    for number, piece in enumerate(pieces):
+        wanted = piece.strip("\n").splitlines()
+        end = len(lines) - len(wanted)
+        places = range(begin, end + 1) if number else range(1)
+        if number == len(pieces) - 1 and (wanted or number == 0):
+            places = range(end, end + 1) if end in places else range(0)
+        found = (at for at in places if _alike(wanted, lines[at : at + len(wanted)], within))
+        if (place := next(found, None)) is None:
+            return False
+        begin = place + len(wanted)
+    return True
 
 
-def _within(piece: str, printed: str) -> bool:
-    wanted, lines = piece.splitlines(), printed.splitlines()
-    places = range(len(lines) - len(wanted) + 1)
-    return any(_alike(piece, "\n".join(lines[at : at + len(wanted)])) for at in places)
-
-
-def _alike(wanted: str, printed: str) -> bool:
-    words = [re.sub("─+", "─", _NUMBER.sub("#", text)).split() for text in (wanted, printed)]
-    numbers = [[float(one) for one in _NUMBER.findall(text)] for text in (wanted, printed)]
-    return words[0] == words[1] and all(
-        abs(one - other) <= ABSOLUTE + RELATIVE * abs(one)
-        for one, other in zip(*numbers, strict=True)
+def _alike(wanted: list[str], lines: list[str], within: float | None) -> bool:
+    return len(wanted) == len(lines) and all(
+        _same_line(one, other, within) for one, other in zip(wanted, lines, strict=True)
     )
+
+
+def _same_line(wanted: str, line: str, within: float | None) -> bool:
+    begin, said = 0, list(_NUMBER.finditer(wanted.strip()))
+    pattern = ""
+    for number in said:
+        pattern += _pattern(wanted.strip()[begin : number.start()]) + f"({_NUMBER.pattern})"
+        begin = number.end()
+    found = re.fullmatch(pattern + _pattern(wanted.strip()[begin:]), line.strip())
+    if found is None:
+        return False
+    printed = (_NUMBER.fullmatch(one) for one in found.groups()[:: 1 + _NUMBER.groups])
+    return all(
+        other is not None and _same_number(one, other, within)
+        for one, other in zip(said, printed, strict=True)
+    )
+
+
+def _pattern(words: str) -> str:
+    """Return the pattern of words between numbers, spaces and lines of a table of any length."""
+    pattern = re.sub(r"(\\ )+", r"\\s+", re.escape(words))
+    return re.sub("─+", "─+", pattern).replace(re.escape("..."), ".*")
+
+
+def _same_number(said: re.Match[str], printed: re.Match[str], within: float | None) -> bool:
+    """Return whether a number is the one that was printed.
+
+    Whole numbers are counts: the same ones. Others may be off by one in the last digit of the one
+    with more digits, since a value at the edge of two roundings may fall to either side.
+    """
+    off = abs(float(said[0]) - float(printed[0]))
+    if within is not None:
+        return off <= within / 100 * abs(float(said[0]))
+    unit = min(_unit(said), _unit(printed))
+    return off <= 1.001 * unit if unit < 1 or "e" in said[0] + printed[0] else off == 0
+
+
+def _unit(number: re.Match[str]) -> float:
+    """Return what one in the last digit shown of a number is worth."""
+    return float(10.0 ** (int(number[2] or 0) - len(number[1] or "")))
 
 
 def _python(block: Block, where: str, names: dict[str, Any], folder: Path) -> str:
@@ -162,7 +216,7 @@ def write_what_is_printed(path: Path) -> None:
         prepare(Path(folder), tuple(Path(name).resolve() for name in sys.argv[2:]))
         for block, printed in run_page(path, Path(folder)):
             if block.printed is None or "..." in block.printed[2].splitlines():
-                if block.printed and not same(block.printed[2], printed):
+                if block.printed and not same(block.printed[2], printed, block.within):
                     print(f"line {block.line} prints:\n{printed}")
                 continue
             start, end, _ = block.printed
