@@ -12,7 +12,6 @@ import pytest
 import seaid
 from seaid.drivetrain.drive_file import drives_from_mapping
 from seaid.logs.description_file import description_for
-from seaid.simulation import measure, simulate_motion
 from tests.pages import (
     ROOT,
     SHELLS,
@@ -26,10 +25,14 @@ from tests.pages import (
     same,
 )
 
-LEG_FILES = ("run.csv", "other.csv", "cold.csv", "warm.csv", "plan.json")
-"""Logs of the TULip leg with its test mass and their plan, for pages that begin with a log."""
+LEG_LOGS = {
+    **{"run.csv": "run.csv", "other.csv": "other.csv"},
+    **{"cold.csv": "run.csv", "warm.csv": "other.csv"},
+}
+"""Logs that pages begin with, and which of those that docs/how_to/index.md makes they are."""
 
 MAKES_ITS_FILES = ("README.md", "docs/first_result.md", "docs/tutorial.md")
+MAKES_THE_LOGS = "docs/how_to/index.md"
 LINK = re.compile(r"(?<!`)!?\[[^\]]*\]\(([^)\s]+)\)")
 TITLE = re.compile(r"^#{1,4} (.+)$", re.MULTILINE)
 REFERENCE = re.compile(r"^\.\. auto\w+:: seaid\.(\S+)$", re.MULTILINE)
@@ -43,7 +46,8 @@ PAGES = {name_of(page): page for page in pages()}
 WITH_CODE = [
     name
     for name, page in PAGES.items()
-    if any(block.language in ("python", *SHELLS) for block in blocks(page.read_text("utf-8")))
+    if name != MAKES_THE_LOGS  # the fixture runs it
+    and any(block.language in ("python", *SHELLS) for block in blocks(page.read_text("utf-8")))
 ]
 ALL_BLOCKS = [
     (f"{name}:{block.line}", block)
@@ -60,22 +64,16 @@ def of_language(*languages: str) -> list[object]:
 
 @pytest.fixture(scope="session")
 def leg_files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Return the files of the leg by their names: one motion of 6 s, measured twice."""
+    """Return the files that pages begin with by their names: made as the how-to pages say."""
     folder = tmp_path_factory.mktemp("logs")
-    leg = seaid.load_robot(
-        ROOT / "models/tulip_leg.urdf",
-        drivetrains=ROOT / "models/tulip_leg.toml",
-        payloads=[seaid.Payload("foot", 2.0, (0.15, 0.0, 0.0))],
-    )
-    noise = seaid.Noise(torque_std_Nm=0.005, joint_resolution_rad=0.00038)
-    with pytest.warns(seaid.SeaidWarning, match="ended early"):
-        plan = seaid.design_excitation(leg, 6.0, starts=1, iterations=10)
-    plan.trajectory.save(folder / "plan.json")
-    motion = simulate_motion(leg, plan.trajectory)
-    for seed, names in enumerate((("run.csv", "cold.csv"), ("other.csv", "warm.csv"))):
-        for name in names:
-            seaid.write_log(measure(leg, motion, noise, seed), folder / name)
-    return {name: folder / name for name in LEG_FILES}
+    prepare(folder)
+    for _ in run_page(PAGES[MAKES_THE_LOGS], folder):
+        pass
+    for name, made in LEG_LOGS.items():
+        if name != made:
+            (folder / name).symlink_to(folder / made)
+    (folder / "plan.json").symlink_to(ROOT / "models/tulip_plan.json")
+    return {name: folder / name for name in (*LEG_LOGS, "plan.json")}
 
 
 @pytest.mark.parametrize(
@@ -87,7 +85,7 @@ def test_code_of_a_page_runs_and_prints_what_the_page_says(
     name: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     text = PAGES[name].read_text("utf-8")
-    named = name not in MAKES_ITS_FILES and any(file in text for file in LEG_FILES)
+    named = name not in MAKES_ITS_FILES and any(file in text for file in LEG_LOGS)
     files = request.getfixturevalue("leg_files") if named else {}
     prepare(tmp_path, tuple(files.values()))
     for block, printed in run_page(PAGES[name], tmp_path):
