@@ -1,4 +1,4 @@
-"""How the TULip figures scatter: one motion, many draws of torque noise and encoder zeros."""
+"""How the TULip figures scatter: the shipped motion, many draws of torque noise and zeros."""
 
 from __future__ import annotations
 
@@ -16,12 +16,11 @@ from seaid.simulation import measure, simulate_motion
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from scripts.identify_tulip_leg import (
-    DURATION_S,
     JOINT_ZERO_STD_RAD,
-    LIMITS,
     TEST_MASS,
     load_leg,
     sensors,
+    shipped_plan,
 )
 
 RUNS = 24
@@ -41,10 +40,7 @@ def main() -> None:
     """Print errors over the draws, and how far off in standard errors."""
     truth = load_leg((TEST_MASS,))
     known = truth.without_nominal()
-    plan = seaid.design_excitation(
-        known, DURATION_S, basis="polynomial", limits=LIMITS, seed=2, progress=True
-    )
-    motion = simulate_motion(truth, plan.trajectory, noise=sensors(0), progress=True)
+    motion = simulate_motion(truth, shipped_plan(), noise=sensors(0), progress=True)
     errors, scores, load_scores = [], [], []
     for run in track(range(RUNS), "identifying", True):
         log = measure(truth, motion, sensors(run), run)
