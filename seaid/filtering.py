@@ -11,6 +11,9 @@ from seaid.errors import LogError
 
 _ORDER = 4
 _ROUNDING = 1e-6
+_STILL = 1e-9
+"""Share of the largest speed below which a speed is rounding: of a quintic spline it is 1e-12."""
+
 _GAUSSIAN = 1.4826
 """Standard deviation of Gaussian noise over the median of its absolute values."""
 
@@ -71,7 +74,9 @@ def decimation(rate_hz: float, cutoff_hz: float) -> int:
 def spline_derivatives(time: Array, signals: Array) -> tuple[Array, Array, Array]:
     """Return value, first and second derivative (T, any) of an interpolating quintic spline.
 
-    Right up to the ends, where one-sided differences are not. NaN columns stay NaN.
+    Right up to the ends, where one-sided differences are not. NaN columns stay NaN. First
+    derivatives within rounding of zero are zero: what stands still has no direction, and `sign` of
+    it would be that of the processor's rounding.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -79,5 +84,7 @@ def spline_derivatives(time: Array, signals: Array) -> tuple[Array, Array, Array
     known = np.flatnonzero(np.isfinite(signals[0]))
     spline = make_interp_spline(time, signals[:, known], k=5)
     values[:, known] = signals[:, known]
-    first[:, known], second[:, known] = spline(time, 1), spline(time, 2)
+    slope, second[:, known] = spline(time, 1), spline(time, 2)
+    still = np.abs(slope) <= _STILL * np.max(np.abs(slope), axis=0)
+    first[:, known] = np.where(still, 0.0, slope)
     return values, first, second
