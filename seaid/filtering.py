@@ -11,8 +11,9 @@ from seaid.errors import LogError
 
 _ORDER = 4
 _ROUNDING = 1e-6
-_STILL = 1e-9
-"""Share of the largest speed below which a speed is rounding: of a quintic spline it is 1e-12."""
+_STILL = 1e-6
+"""Share of the largest speed below which nothing moves. The rounding of a quintic spline is 1e-12
+of it: far enough below for no sample to stand at the edge."""
 
 _GAUSSIAN = 1.4826
 """Standard deviation of Gaussian noise over the median of its absolute values."""
@@ -75,8 +76,8 @@ def spline_derivatives(time: Array, signals: Array) -> tuple[Array, Array, Array
     """Return value, first and second derivative (T, any) of an interpolating quintic spline.
 
     Right up to the ends, where one-sided differences are not. NaN columns stay NaN. First
-    derivatives within rounding of zero are zero: what stands still has no direction, and `sign` of
-    it would be that of the processor's rounding.
+    derivatives below a millionth of the largest are zero: what stands still has no direction, and
+    `sign` of it would be that of the processor's rounding.
     """
     from scipy.interpolate import make_interp_spline
 
