@@ -73,6 +73,41 @@ def test_main_job_reaches_the_figures(tulip: tuple[Path, str]) -> None:
             assert found["viscous_friction"] == pytest.approx(viscous, rel=viscous_within)
 
 
+RESULTS = {"F_v": "viscous_friction", "F_C": "coulomb_friction", "k": "stiffness"}
+
+
+@pytest.mark.slow
+def test_results_say_what_the_main_job_finds(tulip: tuple[Path, str]) -> None:
+    found = json.loads((tulip[0] / "parameters.json").read_text())
+    text = (ROOT / "docs/results.md").read_text(encoding="utf-8")
+    section = text[: text.index("How much of this is luck")]
+    lines = [line.strip("| ").split(" | ") for line in section.splitlines() if "_" in line[:12]]
+    drives = [cells for cells in lines if cells[1].split()[0] in RESULTS]
+    assert len(drives) == 9
+    for joint, name, value, error, true, off, _ in drives:
+        entry = found["drivetrains"][joint][RESULTS[name.split()[0]]]
+        relative = 100 * (entry["value"] / float(true) - 1)
+        assert shows(value, entry["value"])
+        assert shows(error, entry["standard_error"])
+        assert shows(off.removesuffix(" %"), relative)
+    errors = [cells for cells in lines if len(cells) == 6]
+    assert len(errors) == 5
+    for joint, *cells in errors:
+        actuator, load = (found["validation"][side][joint] for side in ("actuator", "load"))
+        kinds = ("relative_error", "moving_relative_error", "raw_relative_error")
+        values = [actuator[kind] for kind in kinds] + [load[kinds[0]], load[kinds[2]]]
+        for cell, share in zip(cells, values, strict=True):
+            assert (cell == "-") == (share is None)
+            assert cell == "-" or shows(cell.removesuffix(" %"), 100 * share)
+
+
+def shows(text: str, value: float) -> bool:
+    """Return whether a number is shown as it is, but for one in the last digit."""
+    mantissa, _, exponent = text.partition("e")
+    unit = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
+    return abs(float(text) - value) <= unit
+
+
 @pytest.mark.slow
 def test_main_job_predicts_the_unseen_motion(tulip: tuple[Path, str]) -> None:
     result = json.loads((tulip[0] / "parameters.json").read_text())
