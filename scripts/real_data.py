@@ -11,7 +11,7 @@ import tomllib
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from importlib.metadata import files
+from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 from typing import Any
 
@@ -102,8 +102,15 @@ class Row:
 
 
 def packaged(package: str, name: str) -> str:
-    """Return the path of a file that an installed package has."""
-    return next(str(path.locate()) for path in files(package) or [] if path.name == name)
+    """Return the path of a file that a package has. Raises RobotError where it is not installed."""
+    try:
+        found = files(package) or []
+    except PackageNotFoundError:
+        raise seaid.RobotError(
+            f"'{name}' is a robot of {package}, which is not installed: make dev, or pip install "
+            "'.[robots]'"
+        ) from None
+    return next(str(path.locate()) for path in found if path.name == name)
 
 
 def read_cases() -> list[Case]:

@@ -56,6 +56,11 @@ def test_every_case_has_its_files_and_something_asked() -> None:
         assert "/" in case.robot or (models / case.robot).is_file()
 
 
+def test_robot_of_a_package_that_is_not_installed_is_named() -> None:
+    with pytest.raises(seaid.RobotError, match=r"'ur10.urdf' is a robot of no-such-robots, which"):
+        real_data.packaged("no-such-robots", "ur10.urdf")
+
+
 def test_names_of_cases_are_their_own() -> None:
     assert len({case.name for case in CASES}) == len(CASES)
 
