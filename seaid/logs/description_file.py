@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from seaid.errors import LogError, unknown_name
+from seaid.errors import LogError, shortened, shown, unknown_name
 from seaid.logs.log_columns import UNIT_FACTORS
 from seaid.logs.log_description import QUANTITIES, Clock, LogDescription, Servo, Source
 from seaid.logs.repair import Repairs
+from seaid.text_files import MOST_TOML_BYTES, read_toml
 
 _UNITS = {
     "position": {*UNIT_FACTORS["rad"], *UNIT_FACTORS["m"], "counts"},
@@ -36,16 +36,16 @@ def description_for(path: Path, description: Described | None) -> LogDescription
     if isinstance(description, Mapping):
         return _described("description=", description)
     if description is not None:
-        return _described(f"'{description}'", _read(Path(description)))
+        return _described(f"'{description}'", read_toml(description, "the description", LogError))
     if not path.name:  # '.' or '/'
         return None
     beside = path.with_suffix(".toml")
     if beside == path or not beside.is_file():
         return None
     try:
-        content = _read(beside)
+        content = read_toml(beside, "the description", LogError)
     except LogError:
-        if "[joints" in beside.read_text(encoding="utf-8", errors="replace"):
+        if _names_joints(beside):
             raise
         return None
     joints = content.get("joints")
@@ -54,30 +54,31 @@ def description_for(path: Path, description: Described | None) -> LogDescription
     return _described(f"'{beside}'", content)
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _names_joints(path: Path) -> bool:
+    """Tell whether a damaged file was meant as a description."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as problem:
-        raise LogError(f"cannot read the description '{path}': {problem.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        raise LogError(f"the description '{path}' is not valid TOML: {problem}") from None
+        with path.open("rb") as file:
+            return b"[joints" in file.read(MOST_TOML_BYTES)
+    except OSError:
+        return True
 
 
 def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
     _check_keys(where, content, [one.name for one in fields(LogDescription)])
     joints = content.get("joints")
     if not isinstance(joints, Mapping) or not joints:
-        raise LogError(f"{where}: needs tables [joints.<joint>], one a joint, found {joints!r}")
+        raise LogError(f"{where}: needs tables [joints.<joint>], one a joint, found {shown(joints)}")
     column = content.get("where")
     if not isinstance(column, str | None):
-        raise LogError(f"{where}: 'where' must be the name of a column, found {column!r}")
+        raise LogError(f"{where}: 'where' must be the name of a column, found {shown(column)}")
     repair = content.get("repair", {})
     if not isinstance(repair, Repairs):
         _check_keys(f"{where} [repair]", repair, [one.name for one in fields(Repairs)])
         repair = Repairs(**repair)
     return LogDescription(
         joints={
-            joint: _joint(f"{where} [joints.{joint}]", table) for joint, table in joints.items()
+            joint: _joint(f"{where} [joints.{shortened(joint)}]", table)
+            for joint, table in joints.items()
         },
         time=_clock(f"{where} time", content.get("time")),
         where=column,
@@ -174,7 +175,7 @@ _TEXT_OR_NUMBER = ("times", "gain", "supply")
 
 def _check_keys(where: str, table: Any, allowed: list[str]) -> None:
     if not isinstance(table, Mapping):
-        raise LogError(f"{where}: must be a table, found {table!r}")
+        raise LogError(f"{where}: must be a table, found {shown(table)}")
     for key in table:
         if key in allowed:
             continue
@@ -191,9 +192,9 @@ def _check_values(where: str, table: Mapping[str, Any], kind: type) -> None:
             isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
         )
         if key in _TEXTS and not isinstance(value, str):
-            raise LogError(f"{where}: {key} must be a text, found {value!r}")
+            raise LogError(f"{where}: {key} must be a text, found {shown(value)}")
         if key not in _TEXTS and not (
             is_number or (key in _TEXT_OR_NUMBER and isinstance(value, str))
         ):
             more = " or the name of a column" if key in _TEXT_OR_NUMBER else ""
-            raise LogError(f"{where}: {key} must be a finite number{more}, found {value!r}")
+            raise LogError(f"{where}: {key} must be a finite number{more}, found {shown(value)}")

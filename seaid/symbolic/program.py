@@ -9,7 +9,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 from flint import fmpq
+
+from seaid.arrays import Array
 
 Value = Mapping[tuple[str, ...], fmpq]
 """A sum: {sorted names of the factors: coefficient}; {} is zero."""
@@ -104,6 +107,34 @@ def needed(program: Program, values: Iterable[Value]) -> set[str]:
             found.update(factor for factors in program.steps[text] for factor in factors)
     found.update(argument for text, (_, argument) in program.circular.items() if text in found)
     return found
+
+
+def evaluated(
+    program: Program, entries: Mapping[tuple[int, int], Value], motion: Mapping[str, Array]
+) -> dict[tuple[int, int], Array | float]:
+    """Return the values of entries along `motion` {name: (T,)}, bit by bit those of its text."""
+    used = needed(program, entries.values())
+    known: dict[str, Array | float] = dict(motion)
+    for text, (function, argument) in program.circular.items():
+        if text in used:
+            known[text] = _CIRCULAR[function](motion[argument])
+    for text, value in program.steps.items():
+        if text in used:
+            known[text] = _value_of(value, known)
+    return {place: _value_of(value, known) for place, value in entries.items()}
+
+
+_CIRCULAR: dict[str, Callable[[Array], Array]] = {"sin": np.sin, "cos": np.cos}
+
+
+def _value_of(value: Value, known: Mapping[str, Array | float]) -> Array | float:
+    total: Array | float = 0.0
+    for factors, x in value.items():
+        product: Array | float = int(x.p) / int(x.q)
+        for factor in factors:
+            product = product * known[factor]
+        total = total + product
+    return total
 
 
 def text_of(value: Value, number: Callable[[fmpq], str]) -> str:
