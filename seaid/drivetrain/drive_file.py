@@ -50,7 +50,7 @@ def _drive(where: str, table: Any) -> Drive:
     values = {key: value for key, value in table.items() if key in keys}
     others = {key: value for key, value in table.items() if key not in keys and key != "type"}
     needed = ("gear_ratio", "gear_ratio_rad_per_m") if kind is StiffDrive else ("gear_ratio",)
-    if not any(key in values for key in needed):
+    if all(values.get(key) is None for key in needed):
         _check_keys(where, others, keys, _every_key())
         raise RobotError(
             f"{where}: key '{needed[0]}' is missing; give the motor turns a turn behind the gear"
