@@ -16,7 +16,7 @@ from seaid.export.drive_tables import drive_table
 from seaid.files import plain
 from seaid.inertia import PARAMETERS
 from seaid.robot import Robot, check_kind
-from seaid.text_files import numbers, read_json
+from seaid.text_files import number, read_json
 from seaid.transmission import check_transmission
 
 if TYPE_CHECKING:
@@ -124,11 +124,11 @@ def _body(link: str, table: Any) -> list[float]:
     """Return the ten parameters of a body; without mass, Pinocchio has no first moments."""
     where = f"bodies.{shortened(link)}"
     _check_keys(where, table, PARAMETERS)
-    ten = [float(one) for one in numbers(where, list(table.values()), RobotError)]
-    values = dict(zip(table, ten, strict=True))
+    values = {name: number(f"{where}.{name}", one, RobotError) for name, one in table.items()}
     if values["m"] == 0 and any(values.values()):
-        raise RobotError(f"{where}: has no mass, but first moments or inertia; give 'm'")
-    largest = max(map(abs, ten))
+        raise RobotError(f"{where}: has no mass but other parameters, which no body has: identify with "
+            "feasible=True")
+    largest = max(map(abs, values.values()))
     if largest > _MOST:
         raise RobotError(f"{where}: {largest:g} is no mass, moment or inertia in SI units")
     return [values[name] for name in PARAMETERS]

@@ -74,9 +74,16 @@ def numbers(where: str, value: Any, error: type[SeaidError]) -> Any:
         one = stack.pop()
         if isinstance(one, list):
             stack += one
-        elif isinstance(one, bool) or not isinstance(one, int | float):
-            raise error(f"{where} must be numbers, found {shown(one)}")
+        else:
+            number(where, one, error)
     return value
+
+
+def number(where: str, value: Any, error: type[SeaidError]) -> float:
+    """Return a number of JSON or TOML. Raises `error` naming `where` for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise error(f"{where} must be a number, found {shown(value)}")
+    return float(value)
 
 
 def _read(

@@ -16,7 +16,7 @@ from seaid.errors import ExcitationError, shown, unknown_name
 from seaid.excitation.fourier import FourierBasis
 from seaid.excitation.joined import JoinedBasis
 from seaid.excitation.spline import SplineBasis
-from seaid.text_files import numbers
+from seaid.text_files import number, numbers
 
 BASES = ("bspline", "polynomial", "fourier")
 _QUINTIC = 5
@@ -98,7 +98,7 @@ def basis_from_dict(content: Any) -> Basis:
         degree = _whole("degree", content["degree"])
         return SplineBasis(degree, numbers("knots", content["knots"], ExcitationError))
     if content["type"] == "fourier":
-        duration = numbers("duration", content["duration"], ExcitationError)
+        duration = number("duration", content["duration"], ExcitationError)
         return FourierBasis(_whole("harmonics", content["harmonics"]), duration)
     if content["type"] == "joined":
         parts = content["parts"]

@@ -28,7 +28,7 @@ class FourierBasis:
             raise ExcitationError(
                 f"harmonics must be a whole number of at least 1, found {shown(self.harmonics)}"
             )
-        if not (np.ndim(self.duration) == 0 and 0 < self.duration < np.inf):
+        if not (np.isfinite(self.duration) and self.duration > 0):
             raise ExcitationError(
                 f"duration must be more than zero seconds, found {shown(self.duration)}"
             )

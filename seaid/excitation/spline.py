@@ -37,10 +37,10 @@ class SplineBasis:
                 f"the degree of a spline is at most {_MOST_DEGREE}, found {shown(self.degree)}"
             )
         count, end = self.degree + 1, len(knots) - self.degree - 1
-        clamped = end >= count and np.all(knots[:count] == 0) and np.all(knots[end:] == knots[-1])
+        clamped = count <= end and np.all(knots[:count] == 0) and np.all(knots[end:] == knots[-1])
         inside = knots[count:end]
-        ordered = np.all(np.isfinite(knots)) and np.all(np.diff(knots) >= 0) and knots[-1] > 0
-        if not (clamped and ordered and np.all((inside > 0) & (inside < knots[-1]))):
+        ordered = clamped and np.all(np.isfinite(knots)) and np.all(np.diff(knots) >= 0)
+        if not (ordered and knots[-1] > 0 and np.all((inside > 0) & (inside < knots[-1]))):
             raise ExcitationError(
                 f"knots of degree {self.degree} must be {count} zeros, then rising times, then "
                 f"{count} times the duration, found {shown(knots.tolist())}"

@@ -15,6 +15,8 @@ from fractions import Fraction
 from keyword import iskeyword
 
 import sympy as sp
+from sympy.functions.elementary.hyperbolic import HyperbolicFunction
+from sympy.functions.elementary.trigonometric import TrigonometricFunction
 
 from seaid.errors import SymbolicError, shortened, unknown_name
 
@@ -22,7 +24,7 @@ _MOST_LETTERS = 500
 _MOST_DIGITS = 40
 _MOST_POWER = 20
 _MOST_DEGREE = 60
-_MOST_TERMS = 200
+_MOST_TERMS = 100
 """Of the expression multiplied out."""
 
 _MOST_DEPTH = 60
@@ -31,6 +33,9 @@ _MOST_BITS = 4096
 
 _MOST_ARGUMENT = 700.0
 """Of a function of numbers alone: exp(700) is near the largest double."""
+
+_OF_SUMS = (TrigonometricFunction, HyperbolicFunction)
+"""Multiplied out by the sum of angles: the terms double with each term of the argument."""
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)(?![\w.])"
@@ -179,7 +184,10 @@ def _power(base: _Part, exponent: sp.Expr) -> _Part:
 
 def _called(function: Callable[..., sp.Expr], argument: _Part) -> _Part:
     if argument.number is None:
-        return _Part(function(argument.expression))
+        found = function(argument.expression)
+        terms = 2 ** (argument.terms - 1) if isinstance(found, _OF_SUMS) else 1
+        _check_size(terms, 1)
+        return _Part(found, terms)
     if abs(argument.number) > _MOST_ARGUMENT:
         raise SymbolicError(
             f"has a function of a number beyond {_MOST_ARGUMENT:g}: write its value"
