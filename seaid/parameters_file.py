@@ -51,6 +51,9 @@ _KEYS = (
 _MOST = 1e12
 """Of a body's parameters [kg, kg m, kg m^2]."""
 
+_FARTHEST_M = 1e9
+"""A first moment divided by a mass that is zero but for rounding is no centre of mass."""
+
 
 def content_of(found: Identification, validation: Validation | None = None) -> dict[str, Any]:
     """Return the content of `parameters.json`: plain data, null for what is not there."""
@@ -125,12 +128,14 @@ def _body(link: str, table: Any) -> list[float]:
     where = f"bodies.{shortened(link)}"
     _check_keys(where, table, PARAMETERS)
     values = {name: number(f"{where}.{name}", one, RobotError) for name, one in table.items()}
-    if values["m"] == 0 and any(values.values()):
-        raise RobotError(f"{where}: has no mass but other parameters, which no body has: identify with "
-            "feasible=True")
     largest = max(map(abs, values.values()))
     if largest > _MOST:
         raise RobotError(f"{where}: {largest:g} is no mass, moment or inertia in SI units")
+    if largest > _FARTHEST_M * abs(values["m"]):
+        raise RobotError(
+            f"{where}: its mass, {values['m']:g} kg, is none for its other parameters: no body has "
+            "them; identify with feasible=True"
+        )
     return [values[name] for name in PARAMETERS]
 
 

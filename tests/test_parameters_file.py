@@ -160,8 +160,7 @@ def changed(content: dict[str, Any], place: str, value: Any) -> dict[str, Any]:
 
 ROTARY = {"type": "series_elastic", "gear_ratio": 10.0, "stiffness_Nm_per_rad": 70.0}
 SLIDING, TURNING = (
-    next(joint for joint, one in zip(KNOWN.joint_names, KNOWN.is_prismatic, strict=True) if one == x)
-    for x in (True, False)
+    KNOWN.joint_names[KNOWN.is_prismatic.index(is_prismatic)] for is_prismatic in (True, False)
 )
 
 
@@ -175,9 +174,10 @@ SLIDING, TURNING = (
         (f"drives.{SLIDING}", ROTARY, f"joint '{SLIDING}' is prismatic: its elastic drive has"),
         (f"drives.{TURNING}", {"type": "stiff", "gear_ratio_rad_per_m": 3.0}, "found gear_ratio_"),
         (f"drives.{TURNING}", {"type": "stiff", "gear_ratio": None}, "gear_ratio"),
-        (f"drives.{TURNING}", {"type": "stiff", "gear_ratio": True}, "must be a number, found True"),
+        (f"drives.{TURNING}", {"type": "stiff", "gear_ratio": True}, "a number, found True"),
         (f"drives.{TURNING}.gear_ratio", 1e300, "from 1e-09 to 1e\\+09 in size"),
-        ("bodies.boom.m", 0.0, "bodies.boom: has no mass but other parameters"),
+        ("bodies.boom.m", 0.0, "bodies.boom: its mass, 0 kg, is none for its other parameters"),
+        ("bodies.boom.m", 5e-324, "bodies.boom: its mass, 4.94066e-324 kg, is none"),
         ("bodies.boom.m", None, "bodies.boom.m must be a number, found None"),
         ("bodies.boom.m", "1", "bodies.boom.m must be a number, found '1'"),
         ("bodies.boom.m", True, "bodies.boom.m must be a number, found True"),

@@ -37,7 +37,11 @@ def extra_terms(drive: Drive) -> list[sp.Expr]:
     return [_expression(text) for text in drive.extra_terms]
 
 
-_NAMES = {"pi": sp.pi, **STATES, **{str(symbol): symbol for symbol in (N, r_M, r_L, F_v, F_C, F_0, k, f_0, I_M)}}
+_NAMES = {
+    "pi": sp.pi,
+    **STATES,
+    **{str(symbol): symbol for symbol in (N, r_M, r_L, F_v, F_C, F_0, k, f_0, I_M)},
+}
 _TAKEN = {*PARAMETER_NAMES.values(), *map(str, PARAMETER_NAMES)}
 _FUNCTIONS = {
     "abs": sp.Abs,

@@ -53,12 +53,14 @@ class Box:
             where = f"{name} of keep-out box '{shortened(self.name)}'"
             value = finite(where, getattr(self, name), (3,), ExcitationError)
             if np.max(np.abs(value)) > _MOST_M:
-                raise ExcitationError(f"{where} must be at most {_MOST_M:g}, found {value.tolist()}")
+                raise ExcitationError(
+                    f"{where} must be at most {_MOST_M:g}, found {value.tolist()}"
+                )
             object.__setattr__(self, name, value)
         if np.min(self.size) <= 0:
             raise ExcitationError(
-                f"size of keep-out box '{shortened(self.name)}' must be more than zero in every direction, "
-                f"found {list(map(float, self.size))}"
+                f"size of keep-out box '{shortened(self.name)}' must be more than zero in every "
+                f"direction, found {list(map(float, self.size))}"
             )
 
     @property
@@ -159,10 +161,12 @@ def _disabled_by_srdf(srdf: str | Path | None) -> set[frozenset[str]]:
         return set()
     from lxml import etree
 
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
     try:
-        root = etree.parse(str(srdf)).getroot()
-    except (etree.XMLSyntaxError, OSError) as problem:
-        raise RobotError(f"SRDF '{srdf}' cannot be read: {problem}") from None
+        root = etree.parse(str(srdf), parser).getroot()
+    except (etree.XMLSyntaxError, OSError, ValueError) as problem:
+        reason = shortened(str(problem), 200)
+        raise RobotError(f"SRDF '{srdf}' cannot be read: {reason}") from None
     return {
         frozenset((pair.get("link1"), pair.get("link2")))
         for pair in root.iter("disable_collisions")

@@ -223,7 +223,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
         main = numbers("main_interval", content.get("main_interval", []), ExcitationError)
         if not isinstance(main, list):
             raise ExcitationError(f"main_interval must be a start and an end, found {main}")
-        return Trajectory(joints, basis, coefficients, prismatic, main)
+        return Trajectory(joints, basis, coefficients, prismatic, tuple(main))
     except KeyError as problem:
         raise ExcitationError(f"trajectory '{path}' is not complete: {problem!r}") from None
     except ExcitationError as problem:

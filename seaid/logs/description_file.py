@@ -67,7 +67,9 @@ def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
     _check_keys(where, content, [one.name for one in fields(LogDescription)])
     joints = content.get("joints")
     if not isinstance(joints, Mapping) or not joints:
-        raise LogError(f"{where}: needs tables [joints.<joint>], one a joint, found {shown(joints)}")
+        raise LogError(
+            f"{where}: needs tables [joints.<joint>], one a joint, found {shown(joints)}"
+        )
     column = content.get("where")
     if not isinstance(column, str | None):
         raise LogError(f"{where}: 'where' must be the name of a column, found {shown(column)}")

@@ -106,7 +106,5 @@ def _regression(table: Array, like: Regression | None) -> Regression:
     assert like is not None
     p = len(like.names)
     H, y, joint, time, run, carried = np.split(table, [p, p + 1, p + 2, p + 3, p + 4], axis=1)
-    columns = {"y": y, "joint": joint, "time": time, "run": run}
-    return replace(
-        like, H=H, carried=carried, **{name: one[:, 0] for name, one in columns.items()}
-    )
+    y, joint, time, run = (column[:, 0] for column in (y, joint, time, run))
+    return replace(like, H=H, y=y, joint=joint, time=time, run=run, carried=carried)

@@ -129,10 +129,10 @@ def _part(
             return _product(inner(node.left), _power(inner(node.right), sp.Integer(-1)))
         case ast.BinOp(op=ast.Pow()):
             return _power(inner(node.left), inner(node.right).expression)
-        case ast.Call(func=ast.Name(), args=[argument], keywords=[]):
-            if node.func.id not in functions:
-                raise SymbolicError(unknown_name("function", node.func.id, functions))
-            return _called(functions[node.func.id], inner(argument))
+        case ast.Call(func=ast.Name(id=called), args=[argument], keywords=[]):
+            if called not in functions:
+                raise SymbolicError(unknown_name("function", called, functions))
+            return _called(functions[called], inner(argument))
     raise SymbolicError("is not an expression")
 
 
