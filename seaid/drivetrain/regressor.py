@@ -199,4 +199,4 @@ def _unit(symbol: sp.Expr, column: sp.Expr, drive: Drive) -> str:
 def flat_names(expression: sp.Expr) -> sp.Expr:
     """Return an expression of signals with each as a plain symbol, as "theta_M_dot"."""
     flat = {signal: sp.Symbol(name) for signal, name in _ARGUMENTS.items()}
-    return expression.subs(flat)
+    return expression.xreplace(flat)

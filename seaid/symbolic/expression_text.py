@@ -25,7 +25,7 @@ _MOST_DIGITS = 40
 _MOST_POWER = 20
 _MOST_DEGREE = 60
 _MOST_TERMS = 100
-"""Of the expression multiplied out."""
+"""Of numerator and denominator each, multiplied out."""
 
 _MOST_DEPTH = 60
 _MOST_BITS = 4096
@@ -46,10 +46,14 @@ _TOKEN = re.compile(
 
 @dataclass(frozen=True)
 class _Part:
-    """An expression, the terms and degree it has multiplied out, its value if it is a number."""
+    """An expression and its value, if it is a number.
+
+    `above` and `below` are the terms that it has multiplied out as one fraction.
+    """
 
     expression: sp.Expr
-    terms: int = 1
+    above: int = 1
+    below: int = 1
     degree: int = 1
     number: float | None = None
 
@@ -145,18 +149,19 @@ def _sum(left: _Part, right: _Part) -> _Part:
     value = None
     if left.number is not None and right.number is not None:
         value = left.number + right.number
-    terms, degree = left.terms + right.terms, max(left.degree, right.degree)
-    _check_size(terms, degree)
-    return _bounded(_Part(left.expression + right.expression, terms, degree, value))
+    below = left.below * right.below
+    above = left.above * right.below + right.above * left.below
+    degree = max(left.degree, right.degree)
+    return _made(lambda: left.expression + right.expression, above, below, degree, value)
 
 
 def _product(left: _Part, right: _Part) -> _Part:
     value = None
     if left.number is not None and right.number is not None:
         value = left.number * right.number
-    terms, degree = left.terms * right.terms, left.degree + right.degree
-    _check_size(terms, degree)
-    return _bounded(_Part(left.expression * right.expression, terms, degree, value))
+    above, below = left.above * right.above, left.below * right.below
+    degree = left.degree + right.degree
+    return _made(lambda: left.expression * right.expression, above, below, degree, value)
 
 
 def _power(base: _Part, exponent: sp.Expr) -> _Part:
@@ -170,7 +175,6 @@ def _power(base: _Part, exponent: sp.Expr) -> _Part:
             f"has a power above {_MOST_POWER}; allowed are -{_MOST_POWER} to {_MOST_POWER}"
         )
     size = math.ceil(abs(exponent))
-    _check_size(math.comb(base.terms + size - 1, size), base.degree * size)
     if _bits(base.expression) * size > _MOST_BITS:
         raise SymbolicError("has a number of too many digits")
     value = None
@@ -178,22 +182,35 @@ def _power(base: _Part, exponent: sp.Expr) -> _Part:
         if base.expression == 0 and exponent < 0:
             raise SymbolicError("is not an expression: it divides by zero")
         value = _double(lambda: complex(base.number) ** float(exponent))  # type: ignore[arg-type]
-    terms = math.comb(base.terms + size - 1, size)
-    return _bounded(_Part(base.expression**exponent, terms, base.degree * size, value))
+    above, below = (math.comb(terms + size - 1, size) for terms in (base.above, base.below))
+    if exponent < 0:
+        above, below = below, above
+    return _made(lambda: base.expression**exponent, above, below, base.degree * size, value)
 
 
 def _called(function: Callable[..., sp.Expr], argument: _Part) -> _Part:
     if argument.number is None:
-        found = function(argument.expression)
-        terms = 2 ** (argument.terms - 1) if isinstance(found, _OF_SUMS) else 1
-        _check_size(terms, 1)
-        return _Part(found, terms)
+        doubles = isinstance(function, type) and issubclass(function, _OF_SUMS)
+        above = 2 ** (argument.above - 1) if doubles else 1
+        return _made(lambda: function(argument.expression), above, 1, 1, None)
     if abs(argument.number) > _MOST_ARGUMENT:
         raise SymbolicError(
             f"has a function of a number beyond {_MOST_ARGUMENT:g}: write its value"
         )
     found = function(argument.expression)
-    return _bounded(_Part(found, degree=0, number=_double(lambda: complex(found.evalf()))))
+    value = _double(lambda: complex(found.evalf()))
+    return _bounded(_Part(found, degree=0, number=value))
+
+
+def _made(
+    expression: Callable[[], sp.Expr], above: int, below: int, degree: int, value: float | None
+) -> _Part:
+    """Make a part, if it is not too large."""
+    if max(above, below) > _MOST_TERMS:
+        raise SymbolicError(f"has more than {_MOST_TERMS} terms, multiplied out")
+    if degree > _MOST_DEGREE:
+        raise SymbolicError(f"is of a degree above {_MOST_DEGREE}")
+    return _bounded(_Part(expression(), above, below, degree, value))
 
 
 def _bounded(part: _Part) -> _Part:
@@ -222,10 +239,3 @@ def _double(value: Callable[..., float | complex], *arguments: object) -> float:
     if abs(found.imag) > 1e-9 * abs(found):
         raise SymbolicError("is not an expression: a number in it is not real")
     return found.real
-
-
-def _check_size(terms: int, degree: int) -> None:
-    if terms > _MOST_TERMS:
-        raise SymbolicError(f"has more than {_MOST_TERMS} terms, multiplied out")
-    if degree > _MOST_DEGREE:
-        raise SymbolicError(f"is of a degree above {_MOST_DEGREE}")
