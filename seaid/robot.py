@@ -118,7 +118,9 @@ class Robot:
         return replace(self, model=model, parameters=parameters, drivetrains=drives)
 
     def with_drivetrains(self, drivetrains: Mapping[str, Drive]) -> Robot:
-        """Return the same robot with other drives at some joints."""
+        """Return the same robot with other drives at some joints. Raises RobotError for others."""
+        for joint in drivetrains:
+            self.index(joint)
         return self.with_values(self.parameters, {**self.drivetrains, **drivetrains})
 
     def without_nominal(self) -> Robot:

@@ -117,7 +117,8 @@ def _part(
         case ast.Constant(value=int() | float()) if not isinstance(node.value, bool):
             return _number(Fraction(text[node.col_offset : node.end_col_offset]))
         case ast.Name():
-            return _Part(symbol(node.id))
+            found = symbol(node.id)
+            return _Part(found, number=float(found) if found.is_number else None)
         case ast.UnaryOp(op=ast.UAdd()):
             return inner(node.operand)
         case ast.UnaryOp(op=ast.USub()):

@@ -18,7 +18,7 @@ from seaid.symbolic.exact_base import base_parameters
 from seaid.symbolic.geometry import exact_tree
 from seaid.symbolic.grouping import ExactBaseParameters
 from seaid.symbolic.newton_euler import Entries, regressor_program
-from seaid.symbolic.program import Program, Value, evaluated
+from seaid.symbolic.program import Numeric, Program, Value, numeric
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,17 +79,25 @@ class RigidBodyForm:
 
     def regressor(self, q: Array, v: Array, a: Array) -> Array:
         """Return Y (T, n, 10n) of q, v, a (T, n). Raises SeaidError for wrong shapes."""
-        return self._evaluated(self.entries, len(self.parameter_names), q, v, a)
+        return self._evaluated(self._numeric, len(self.parameter_names), q, v, a)
 
     def base_regressor(self, q: Array, v: Array, a: Array) -> Array:
         """Return the base columns (T, n, p) of `regressor`, computing no others."""
-        return self._evaluated(self.base_entries, self.base.rank, q, v, a)
+        return self._evaluated(self._numeric_base, self.base.rank, q, v, a)
 
     def _matrix(self, entries: Mapping[tuple[int, int], Value], width: int) -> sp.ImmutableMatrix:
         elements = {place: _to_sympy(value) for place, value in entries.items()}
         return sp.ImmutableMatrix(sp.SparseMatrix(len(self.joint_names), width, elements))
 
-    def _evaluated(self, entries: Entries, width: int, q: Array, v: Array, a: Array) -> Array:
+    @cached_property
+    def _numeric(self) -> Numeric:
+        return numeric(self.program, self.entries)
+
+    @cached_property
+    def _numeric_base(self) -> Numeric:
+        return numeric(self.program, self.base_entries)
+
+    def _evaluated(self, program: Numeric, width: int, q: Array, v: Array, a: Array) -> Array:
         n = len(self.joint_names)
         q, v, a = (frozen(x, value, (None, n)) for x, value in zip("qva", (q, v, a), strict=True))
         if not len(q) == len(v) == len(a):
@@ -102,7 +110,7 @@ class RigidBodyForm:
             for i in range(n)
         }
         Y = np.zeros((len(q), n, width))
-        for (i, j), values in evaluated(self.program, entries, motion).items():
+        for (i, j), values in program.evaluate(motion):
             Y[:, i, j] = values
         return Y
 
