@@ -37,6 +37,9 @@ class SeaidWarning(UserWarning):
     """Something was changed or left out; the result is still valid."""
 
 
+_MOST_OF_A_LIST = 1500
+
+
 def shown(value: object, most: int = 80) -> str:
     """Return a value of a user as it stands in a message: its repr, of at most so many letters."""
     try:
@@ -58,5 +61,6 @@ def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> str:
     names = list(allowed)
     name = shortened(str(name))
     near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-    hint = f"did you mean '{near[0]}'? " if near else ""
-    return f"no {kind} is named '{name}'; {hint}allowed: {', '.join(names) or 'none'}"
+    hint = f"did you mean '{shortened(near[0])}'? " if near else ""
+    listed = shortened(", ".join(names), _MOST_OF_A_LIST) or "none"
+    return f"no {kind} is named '{name}'; {hint}allowed: {listed}"

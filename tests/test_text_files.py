@@ -122,6 +122,7 @@ def test_what_a_message_shows_of_a_user_is_short_and_printable() -> None:
     text = unknown_name("joint", "kn\u202ee" + "x" * 10_000, ["knee"])
     assert text.isprintable()
     assert len(text) < 200
+    assert len(unknown_name("joint", "a", [f"column {i}" for i in range(1000)])) < 1600
 
 
 ODD = st.text(st.characters(codec="utf-8"), max_size=20)
