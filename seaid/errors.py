@@ -48,8 +48,13 @@ def shown(value: object, most: int = 80) -> str:
         return f"a {type(value).__name__} too long to show"
 
 
-def shortened(text: str, most: int = 80) -> str:
-    """Return a user's text as it stands in a message: cut off, what is no letter as its escape."""
+def shortened(text: object, most: int = 80) -> str:
+    """Return a user's text as it stands in a message: cut off, what is no letter as its escape.
+
+    What is no text is shown as `shown` does.
+    """
+    if not isinstance(text, str):
+        return shown(text, most)
     short = text if len(text) <= most else f"{text[: most - 2]} …"
     if short.isprintable():
         return short
@@ -59,7 +64,7 @@ def shortened(text: str, most: int = 80) -> str:
 def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> str:
     """Return the sentence for a name that is not among the allowed ones, with the nearest one."""
     names = list(allowed)
-    name = shortened(str(name))
+    name = shortened(name)
     near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     hint = f"did you mean '{shortened(near[0])}'? " if near else ""
     listed = shortened(", ".join(names), _MOST_OF_A_LIST) or "none"

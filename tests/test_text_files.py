@@ -148,3 +148,26 @@ def test_names_of_any_letters_come_back_from_a_description(
     back = description_for(path.with_suffix(".csv"), path)
     assert back is not None
     assert back.to_dict() == given_one.to_dict()
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        (
+            {"column": "q", "scale": 1e300},
+            "scale must be from 1e-30 to 1e+30 in size, found 1e+300",
+        ),
+        ({"column": "q", "scale": 10**5000}, "scale must be a finite number, found a int too long"),
+        ({"column": "q", "scale": True}, "scale must be a finite number, found True"),
+        ({"column": ["q"] * 999}, "column must be a text, found ['q', 'q'"),
+        ({3: "q"}, "no key is named '3'"),
+        ([], "must be a table, found []"),
+    ],
+)
+def test_a_description_of_wrong_types_is_told_in_words(
+    tmp_path: Path, source: object, words: str
+) -> None:
+    with pytest.raises(LogError) as caught:
+        description_for(tmp_path / "log.csv", {"joints": {"a": {"joint_position": source}}})
+    assert words in str(caught.value)
+    assert len(str(caught.value)) < 500

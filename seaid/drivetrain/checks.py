@@ -79,7 +79,7 @@ def check_terms(drive: Drive) -> None:
             f"extra_terms has {len(drive.extra_terms)} terms, allowed are {_MOST_EXTRA_TERMS}"
         )
     if not isinstance(drive.motor_input, str) or drive.motor_input not in MOTOR_INPUTS:
-        raise RobotError(unknown_name("motor input", str(drive.motor_input), MOTOR_INPUTS))
+        raise RobotError(unknown_name("motor input", shortened(drive.motor_input), MOTOR_INPUTS))
     coulomb = [term for term in drive.friction if term in COULOMB]
     if len(coulomb) > 1:
         raise RobotError(f"friction has one of {', '.join(COULOMB)}, found {', '.join(coulomb)}")
@@ -119,11 +119,11 @@ def check_values(drive: Drive) -> None:
         if not isinstance(given, Mapping):
             raise RobotError(f"{field} must be a table of numbers, found {shown(given)}")
         for name, value in given.items():
-            _check_number(f"{field} '{shortened(str(name))}'", value, "any number")
+            _check_number(f"{field} '{shortened(name)}'", value, "any number")
         object.__setattr__(drive, field, FrozenMapping(given))
     for name, value in drive.nominal.items():
         if name not in PARAMETERS:
-            raise RobotError(unknown_name("nominal parameter", str(name), list(PARAMETERS)))
+            raise RobotError(unknown_name("nominal parameter", shortened(name), list(PARAMETERS)))
         field_name = field_of(drive, name)
         if field_name is not None:
             raise RobotError(f"nominal has '{name}': give it as {field_name}")

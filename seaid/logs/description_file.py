@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -171,6 +171,9 @@ def _clock(where: str, value: Any) -> Clock | None:
         raise LogError(f"{where}: {problem}") from None
 
 
+_MOST = 1e30
+"""So that what is multiplied with or divided by a value stays a double."""
+
 _TEXTS = ("column", "unit", "side", "goal", "position")
 _TEXT_OR_NUMBER = ("times", "gain", "supply")
 
@@ -181,7 +184,8 @@ def _check_keys(where: str, table: Any, allowed: list[str]) -> None:
     for key in table:
         if key in allowed:
             continue
-        more = "; velocities are differentiated from positions" if "velocity" in key else ""
+        is_speed = isinstance(key, str) and "velocity" in key
+        more = "; velocities are differentiated from positions" if is_speed else ""
         raise LogError(f"{where}: {unknown_name('key', key, allowed)}{more}")
 
 
@@ -191,7 +195,9 @@ def _check_values(where: str, table: Mapping[str, Any], kind: type) -> None:
         if value is None or isinstance(value, Clock | Servo):
             continue
         is_number = (
-            isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+            isinstance(value, int | float)
+            and not isinstance(value, bool)
+            and abs(value) <= sys.float_info.max
         )
         if key in _TEXTS and not isinstance(value, str):
             raise LogError(f"{where}: {key} must be a text, found {shown(value)}")
@@ -200,3 +206,7 @@ def _check_values(where: str, table: Mapping[str, Any], kind: type) -> None:
         ):
             more = " or the name of a column" if key in _TEXT_OR_NUMBER else ""
             raise LogError(f"{where}: {key} must be a finite number{more}, found {shown(value)}")
+        if is_number and value != 0 and not 1 / _MOST <= abs(value) <= _MOST:
+            raise LogError(
+                f"{where}: {key} must be from {1 / _MOST:g} to {_MOST:g} in size, found {value:g}"
+            )
