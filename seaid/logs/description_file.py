@@ -174,6 +174,7 @@ def _clock(where: str, value: Any) -> Clock | None:
 _MOST = 1e30
 """So that what is multiplied with or divided by a value stays a double."""
 
+_DIVISORS = ("counts_per_turn", "counts_per_m", "wraps", "rate_hz")
 _TEXTS = ("column", "unit", "side", "goal", "position")
 _TEXT_OR_NUMBER = ("times", "gain", "supply")
 
@@ -206,7 +207,8 @@ def _check_values(where: str, table: Mapping[str, Any], kind: type) -> None:
         ):
             more = " or the name of a column" if key in _TEXT_OR_NUMBER else ""
             raise LogError(f"{where}: {key} must be a finite number{more}, found {shown(value)}")
-        if is_number and value != 0 and not 1 / _MOST <= abs(value) <= _MOST:
+        least = 1 / _MOST if key in _DIVISORS and value != 0 else 0.0
+        if is_number and not least <= abs(value) <= _MOST:
             raise LogError(
-                f"{where}: {key} must be from {1 / _MOST:g} to {_MOST:g} in size, found {value:g}"
+                f"{where}: {key} must be from {least:g} to {_MOST:g} in size, found {value:g}"
             )
