@@ -18,7 +18,7 @@ from seaid.drivetrain.model import IDEAL_DRIVE, Drive, SeriesElasticDrive, Stiff
 from seaid.errors import RobotError, SeaidWarning, unknown_name
 from seaid.inertia import parameter_names, to_pinocchio
 from seaid.transmission import check_transmission, transmission_matrix
-from seaid.urdf import SNAP_RAD, UrdfJoint, UrdfTree, read_urdf
+from seaid.urdf import SNAP_RAD, UrdfTree, read_urdf
 
 __all__ = ["Payload", "Robot", "load_robot"]
 
@@ -118,7 +118,9 @@ class Robot:
         return replace(self, model=model, parameters=parameters, drivetrains=drives)
 
     def with_drivetrains(self, drivetrains: Mapping[str, Drive]) -> Robot:
-        """Return the same robot with other drives at some joints."""
+        """Return the same robot with other drives at some joints. Raises RobotError for others."""
+        for joint in drivetrains:
+            self.index(joint)
         return self.with_values(self.parameters, {**self.drivetrains, **drivetrains})
 
     def without_nominal(self) -> Robot:
@@ -231,15 +233,18 @@ def _drives(
                 f"drivetrains for '{tree.name}': " + unknown_name("joint", name, tree.joints)
             )
     for name in moving:
-        _check_kind(tree.joints[name], given.get(name, IDEAL_DRIVE))
+        check_kind(name, tree.joints[name].type, given.get(name, IDEAL_DRIVE))
     drives = {name: given.get(name, IDEAL_DRIVE) for name in moving}
     check_transmission(moving, drives, [name for name in tree.joints if name not in moving])
     return drives
 
 
-def _check_kind(joint: UrdfJoint, drive: Drive) -> None:
-    """Refuse a drive for turning joints at a prismatic one and the reverse, and unread terms."""
-    turning = joint.type in TURNING
+def check_kind(joint: str, kind: str, drive: Drive) -> None:
+    """Refuse a drive for turning joints at a prismatic one and the reverse, and unread terms.
+
+    `kind` is the type of the joint in a URDF. Raises RobotError.
+    """
+    turning = kind in TURNING
     if drive is IDEAL_DRIVE:
         return
     if drive.extra_terms:
@@ -248,21 +253,21 @@ def _check_kind(joint: UrdfJoint, drive: Drive) -> None:
         try:
             extra_terms(drive)
         except RobotError as problem:
-            raise RobotError(f"joint '{joint.name}': {problem}") from None
+            raise RobotError(f"joint '{joint}': {problem}") from None
     if isinstance(drive, StiffDrive):
         wrong, right = ("gear_ratio_rad_per_m", "gear_ratio")
         wrong, right = (wrong, right) if turning else (right, wrong)
         if getattr(drive, wrong) is not None:
             raise RobotError(
-                f"joint '{joint.name}' is {joint.type}: its stiff drive has {right}, found {wrong}"
+                f"joint '{joint}' is {kind}: its stiff drive has {right}, found {wrong}"
             )
     elif turning and drive.is_linear_spring and drive.load_pulley_radius_m is None:
         raise RobotError(
-            f"joint '{joint.name}' turns: its linear spring needs load_pulley_radius_m "
+            f"joint '{joint}' turns: its linear spring needs load_pulley_radius_m "
             "(or no radii for a rotary spring)"
         )
     elif not turning and (not drive.is_linear_spring or drive.load_pulley_radius_m is not None):
         raise RobotError(
-            f"joint '{joint.name}' is prismatic: its elastic drive has motor_pulley_radius_m and "
+            f"joint '{joint}' is prismatic: its elastic drive has motor_pulley_radius_m and "
             "no load_pulley_radius_m"
         )

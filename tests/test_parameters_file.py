@@ -124,21 +124,80 @@ def test_what_is_no_such_file_is_told(tmp_path: Path) -> None:
     with pytest.raises(RobotError, match=r"cannot read parameters '.*other.json': No such file"):
         read_parameters(path, KNOWN)
     for text, words in (
-        ("{", "is no file of identified parameters (Expecting"),
-        ("[]", "is no file of identified parameters (list"),
-        ('{"joints": []}', "(key 'bodies'): give one that seaid identify or save has written"),
+        ("{", r"parameters '.*other.json' is not JSON: Expecting"),
+        ("[]", "is no file of identified parameters: 'format' is None, not 'seaid parameters 1'"),
+        ('{"joints": []}', "'format' is None.*: give one|; give one that seaid identify or save"),
+        ('{"format": 2}', "'format' is 2, not 'seaid parameters 1'"),
+        ('{"format": "seaid parameters 1"}', "other.json': key 'robot' is missing"),
+        ('{"format": 1, "format": 2}', "key 'format' stands twice in one object"),
+        ('{"m": NaN}', "NaN is no number of JSON; give a finite one, or null"),
+        ('{"m": 1e999}', "other.json': m must be a finite number"),
+        ('{"a": [0, 1' + 400 * "0" + "]}", r"a\[1\] must be a finite number"),
+        ('{"m": ' + 5000 * "9" + "}", "is not JSON: Exceeds the limit"),
+        ("[" * 40 + "]" * 40, "lies deeper than 32 tables or lists"),
+        ("[" * 200_000, "is not JSON: tables or lists lie too deep in each other"),
+        ('{"\\ud800": 1}', r"'\\\\ud800' is no text|half of a letter is missing"),
     ):
         path.write_text(text)
-        with pytest.raises(RobotError) as caught:
+        with pytest.raises(RobotError, match=words) as caught:
             read_parameters(path, KNOWN)
-        assert words in str(caught.value)
+        assert len(str(caught.value)) < 400 + len(str(path))
 
 
 def test_parameters_of_another_robot_are_told(tmp_path: Path) -> None:
     with pytest.raises(RobotError, match="is of another robot than 'tulip_leg': its joints are"):
         read_parameters(saved(tmp_path), leg())
-    changed = content(tmp_path)
-    changed["bodies"]["boom"]["m"] = None
-    (tmp_path / "changed.json").write_text(json.dumps(changed))
-    with pytest.raises(RobotError, match=r"changed.json': bodies"):
-        read_parameters(tmp_path / "changed.json", KNOWN)
+
+
+def changed(content: dict[str, Any], place: str, value: Any) -> dict[str, Any]:
+    """Return content with a value at `a.b.c`; without the key for `...`."""
+    key, _, rest = place.partition(".")
+    if rest:
+        return content | {key: changed(content[key], rest, value)}
+    rest_of = {name: one for name, one in content.items() if name != key}
+    return rest_of if value is ... else content | {key: value}
+
+
+ROTARY = {"type": "series_elastic", "gear_ratio": 10.0, "stiffness_Nm_per_rad": 70.0}
+SLIDING, TURNING = (
+    KNOWN.joint_names[KNOWN.is_prismatic.index(is_prismatic)] for is_prismatic in (True, False)
+)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "words"),
+    [
+        (f"drives.{TURNING}", ..., f"drives: key '{TURNING}' is missing"),
+        ("drives", ..., "key 'drives' is missing"),
+        ("drives", [], r"drives must be an object, found \[\]"),
+        ("drives.more", ROTARY, "drives: no key is named 'more'"),
+        (f"drives.{SLIDING}", ROTARY, f"joint '{SLIDING}' is prismatic: its elastic drive has"),
+        (f"drives.{TURNING}", {"type": "stiff", "gear_ratio_rad_per_m": 3.0}, "found gear_ratio_"),
+        (f"drives.{TURNING}", {"type": "stiff", "gear_ratio": None}, "gear_ratio"),
+        (f"drives.{TURNING}", {"type": "stiff", "gear_ratio": True}, "a number, found True"),
+        (f"drives.{TURNING}.gear_ratio", 1e300, "from 1e-09 to 1e\\+09 in size"),
+        ("bodies.boom.m", 0.0, "bodies.boom: its mass, 0 kg, is none for its other parameters"),
+        ("bodies.boom.m", 5e-324, "bodies.boom: its mass, 4.94066e-324 kg, is none"),
+        ("bodies.boom.m", None, "bodies.boom.m must be a number, found None"),
+        ("bodies.boom.m", "1", "bodies.boom.m must be a number, found '1'"),
+        ("bodies.boom.m", True, "bodies.boom.m must be a number, found True"),
+        ("bodies.boom.mx", 1e300, "bodies.boom: 1e\\+300 is no mass"),
+        ("bodies.boom.mx", ..., "bodies.boom: key 'mx' is missing"),
+        ("bodies.boom.mw", 1.0, "bodies.boom: no key is named 'mw'"),
+        ("bodies.boom", [1.0], r"bodies.boom must be an object, found \[1.0\]"),
+        ("bodies.boom", ..., "is of another robot"),
+        ("bodies", None, "bodies must be an object, found None"),
+        ("joints", None, "is of another robot"),
+        ("joints", list(KNOWN.joint_names)[::-1], "is of another robot"),
+        ("format", "seaid parameters 2", "'format' is 'seaid parameters 2'"),
+        ("model", 1, "no key is named 'model'"),
+    ],
+)
+def test_a_file_that_was_changed_is_refused(
+    tmp_path: Path, place: str, value: Any, words: str
+) -> None:
+    path = tmp_path / "changed.json"
+    path.write_text(json.dumps(changed(content(tmp_path), place, value)))
+    with pytest.raises(RobotError, match=words) as caught:
+        read_parameters(path, KNOWN)
+    assert "changed.json" in str(caught.value)

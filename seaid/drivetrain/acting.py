@@ -20,7 +20,7 @@ from seaid.drivetrain.equations import (
 from seaid.drivetrain.model import Drive, SeriesElasticDrive
 from seaid.drivetrain.regressor import flat_names
 from seaid.drivetrain.symbols import PARAMETER_NAMES, SYMBOLS, known_values, tau_L
-from seaid.drivetrain.values import is_dry, unit_of
+from seaid.drivetrain.values import check_divisors, is_dry, unit_of
 from seaid.errors import RobotError
 
 Acting = Callable[..., float]
@@ -106,7 +106,7 @@ def spring_curve(drive: SeriesElasticDrive) -> SpringCurve:
     force = _with_values(drive, spring_force(drive), needed=undamped)
     zero = {sp.Symbol(name): 0 for name in _STATE}
     turned = stretch * drive.ratio / drive.motor_radius
-    curve = sp.sympify(force).subs({**zero, sp.Symbol("theta_M"): turned})
+    curve = force.subs({**zero, sp.Symbol("theta_M"): turned})
     slope = curve.diff(stretch)
     return SpringCurve(_vectorised(stretch, curve), _vectorised(stretch, slope))
 
@@ -145,6 +145,7 @@ def _with_values(drive: Drive, expression: sp.Expr, needed: list[str] | None = N
     if "preload" not in getattr(drive, "spring", ()):
         values["deflection_offset"] = 0.0
     values.setdefault("deflection_zero", 0.0)
+    check_divisors(drive, values)
     if needed is not None and "damping" not in needed:
         values["spring_damping"] = 0.0
     for symbol in sorted(flat.free_symbols & set(PARAMETER_NAMES), key=str):
@@ -154,8 +155,7 @@ def _with_values(drive: Drive, expression: sp.Expr, needed: list[str] | None = N
                 f"'{key_of(name, unit_of(drive, name))}' is not given; a simulation needs a "
                 "nominal value"
             )
-    found = flat.subs({SYMBOLS[name]: value for name, value in values.items()})
-    return sp.sympify(found)
+    return flat.subs({SYMBOLS[name]: value for name, value in values.items()})
 
 
 def _function(expression: sp.Expr) -> Acting:

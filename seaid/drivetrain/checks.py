@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from numbers import Real
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from seaid.arrays import FrozenMapping
 from seaid.drivetrain.catalogue import COULOMB, MOTOR_INPUTS, PARAMETERS, PARAMETERS_OF
 from seaid.drivetrain.values import field_of
-from seaid.errors import RobotError, unknown_name
+from seaid.errors import RobotError, shortened, shown, unknown_name
 
 if TYPE_CHECKING:
     from seaid.drivetrain.model import Drive, SeriesElasticDrive
@@ -20,6 +21,11 @@ _MAY_BE_ZERO = (
     "viscous_friction_Nms_per_rad",
     "coulomb_friction_Nm",
 )
+_LENGTHS = ("gear_ratio", "motor_pulley_radius", "load_pulley_radius", "transmission")
+_LENGTH_SIZES, _SIZES = (1e-9, 1e9), (0.0, 1e30)
+"""So that products and powers in the equations stay doubles; no drive comes near."""
+
+_MOST_EXTRA_TERMS = 20
 _TERM_FIELDS = (*(name for name in PARAMETERS_OF if name != "motor_input"), "known", "extra_terms")
 _NO_NUMBERS = (*PARAMETERS_OF, "known", "extra_terms", "nominal", "transmission")
 
@@ -35,12 +41,22 @@ def check_numbers(drive: Drive) -> None:
 
 
 def _check_number(name: str, value: Any, least: str) -> None:
+    """Check a number. Raises RobotError for one that is none, or that no drive can have."""
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise RobotError(f"{name} must be a number, found {value!r}")
-    number = float(value)
+        raise RobotError(f"{name} must be a number, found {shown(value)}")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
     allowed = {"zero or more": number >= 0, "more than zero": number > 0}.get(least, True)
-    if not allowed or abs(number) == float("inf") or number != number:
-        raise RobotError(f"{name} must be {least} and finite, found {value}")
+    if not allowed or not math.isfinite(number):
+        raise RobotError(f"{name} must be {least} and finite, found {shown(value)}")
+    least_size, most = _LENGTH_SIZES if name.startswith(_LENGTHS) else _SIZES
+    if number and not least_size <= abs(number) <= most:
+        raise RobotError(
+            f"{name} must be from {least_size:g} to {most:g} in size, found {number:g}: check its "
+            "unit"
+        )
 
 
 def check_terms(drive: Drive) -> None:
@@ -50,16 +66,20 @@ def check_terms(drive: Drive) -> None:
             continue
         terms = getattr(drive, field)
         if not (isinstance(terms, list | tuple) and all(isinstance(term, str) for term in terms)):
-            raise RobotError(f"{field} must be a list of texts, found {terms!r}")
+            raise RobotError(f"{field} must be a list of texts, found {shown(terms)}")
         if len(set(terms)) < len(terms):
-            raise RobotError(f"{field} names a term twice: {', '.join(terms)}")
+            raise RobotError(f"{field} names a term twice: {shortened(', '.join(terms))}")
         object.__setattr__(drive, field, tuple(terms))
         for term in terms:
             if field in PARAMETERS_OF and term not in PARAMETERS_OF[field]:
                 what = f"{field.replace('_', ' ')} term"
                 raise RobotError(unknown_name(what, str(term), list(PARAMETERS_OF[field])))
-    if drive.motor_input not in MOTOR_INPUTS:
-        raise RobotError(unknown_name("motor input", str(drive.motor_input), MOTOR_INPUTS))
+    if len(drive.extra_terms) > _MOST_EXTRA_TERMS:
+        raise RobotError(
+            f"extra_terms has {len(drive.extra_terms)} terms, allowed are {_MOST_EXTRA_TERMS}"
+        )
+    if not isinstance(drive.motor_input, str) or drive.motor_input not in MOTOR_INPUTS:
+        raise RobotError(unknown_name("motor input", shortened(drive.motor_input), MOTOR_INPUTS))
     coulomb = [term for term in drive.friction if term in COULOMB]
     if len(coulomb) > 1:
         raise RobotError(f"friction has one of {', '.join(COULOMB)}, found {', '.join(coulomb)}")
@@ -97,13 +117,13 @@ def check_values(drive: Drive) -> None:
     for field in ("nominal", "transmission"):
         given = getattr(drive, field)
         if not isinstance(given, Mapping):
-            raise RobotError(f"{field} must be a table of numbers, found {given!r}")
+            raise RobotError(f"{field} must be a table of numbers, found {shown(given)}")
         for name, value in given.items():
-            _check_number(f"{field} '{name}'", value, "any number")
+            _check_number(f"{field} '{shortened(name)}'", value, "any number")
         object.__setattr__(drive, field, FrozenMapping(given))
     for name, value in drive.nominal.items():
         if name not in PARAMETERS:
-            raise RobotError(unknown_name("nominal parameter", str(name), list(PARAMETERS)))
+            raise RobotError(unknown_name("nominal parameter", shortened(name), list(PARAMETERS)))
         field_name = field_of(drive, name)
         if field_name is not None:
             raise RobotError(f"nominal has '{name}': give it as {field_name}")

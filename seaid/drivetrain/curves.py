@@ -16,6 +16,7 @@ from seaid.drivetrain.regressor import flat_names
 from seaid.drivetrain.smooth import WIDTH, real_symbol, slope_of, smoothed
 from seaid.drivetrain.symbols import PARAMETER_NAMES, N, tau_L, theta_M
 from seaid.drivetrain.symbols import t as time_symbol
+from seaid.drivetrain.values import check_divisors
 from seaid.errors import ExcitationError
 
 
@@ -92,6 +93,7 @@ def _curve(joint: str, drive: Drive, expression: sp.Expr, signals: tuple[str, st
     for name in _compiled(flat, signals)[1]:
         if name not in drive.values:
             raise no_value(joint, name)
+    check_divisors(drive, drive.values)
     return DriveCurve(flat, signals, FrozenMapping(drive.values))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
@@ -11,7 +10,8 @@ from typing import Any
 from seaid.drivetrain.catalogue import PARAMETERS, PARAMETERS_OF, key_of
 from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
 from seaid.drivetrain.values import unit_of
-from seaid.errors import RobotError, unknown_name
+from seaid.errors import RobotError, shortened, shown, unknown_name
+from seaid.text_files import read_toml
 
 _TYPES: dict[str, type[StiffDrive] | type[SeriesElasticDrive]] = {
     "stiff": StiffDrive,
@@ -22,14 +22,10 @@ _OF_SPRING = ("deflection_offset", "deflection_zero")
 
 def read_drivetrains(path: str | Path) -> dict[str, Drive]:
     """Read a drivetrain TOML, one table a joint. Raises RobotError naming joint and key."""
-    path = Path(path)
-    try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as problem:
-        raise RobotError(f"cannot read drivetrains '{path}': {problem.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        raise RobotError(f"drivetrains '{path}' is not valid TOML: {problem}") from None
-    return {joint: _drive(f"{path}: [{joint}]", table) for joint, table in tables.items()}
+    tables = read_toml(path, "drivetrains", RobotError)
+    return {
+        joint: _drive(f"{path}: [{shortened(joint)}]", table) for joint, table in tables.items()
+    }
 
 
 def drives_from_mapping(drivetrains: Mapping[str, Any]) -> dict[str, Drive]:
@@ -37,24 +33,26 @@ def drives_from_mapping(drivetrains: Mapping[str, Any]) -> dict[str, Drive]:
     return {
         joint: value
         if isinstance(value, StiffDrive | SeriesElasticDrive)
-        else _drive(f"drivetrain of '{joint}'", value)
+        else _drive(f"drivetrain of '{shortened(joint)}'", value)
         for joint, value in drivetrains.items()
     }
 
 
 def _drive(where: str, table: Any) -> Drive:
     if not isinstance(table, Mapping):
-        raise RobotError(f"{where} must be a table of a drive, found {table!r}")
+        raise RobotError(f"{where} must be a table of a drive, found {shown(table)}")
     if "type" not in table:
         raise RobotError(f"{where}: key 'type' is missing; allowed: {', '.join(_TYPES)}")
     if not isinstance(table["type"], str) or table["type"] not in _TYPES:
-        raise RobotError(f"{where}: " + unknown_name("drive type", str(table["type"]), _TYPES))
+        raise RobotError(
+            f"{where}: " + unknown_name("drive type", shortened(table["type"]), _TYPES)
+        )
     kind = _TYPES[table["type"]]
     keys = [field.name for field in fields(kind)]
     values = {key: value for key, value in table.items() if key in keys}
     others = {key: value for key, value in table.items() if key not in keys and key != "type"}
     needed = ("gear_ratio", "gear_ratio_rad_per_m") if kind is StiffDrive else ("gear_ratio",)
-    if not any(key in values for key in needed):
+    if all(values.get(key) is None for key in needed):
         _check_keys(where, others, keys, _every_key())
         raise RobotError(
             f"{where}: key '{needed[0]}' is missing; give the motor turns a turn behind the gear"
@@ -64,6 +62,9 @@ def _drive(where: str, table: Any) -> Drive:
         named = {key_of(name, unit_of(bare, name)): name for name in _possible(kind)}
         _check_keys(where, others, keys, named)
         more = {named[key]: value for key, value in others.items()}
+        twice = [name for name in more if name in bare.nominal]
+        if twice:
+            raise RobotError(f"found two values of '{twice[0]}': one in nominal, one by its key")
         return replace(bare, known=values.get("known", ()), nominal={**bare.nominal, **more})
     except RobotError as problem:
         text = str(problem)

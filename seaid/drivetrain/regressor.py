@@ -85,7 +85,7 @@ def drive_regressor(equation: DriveEquation, drive: Drive) -> DriveRegressor:
     Terms that are not linear in their unknowns are taken near the values of the drive. Raises
     SymbolicError where an extra term is not linear in its unknowns.
     """
-    bent = non_linear(equation)
+    bent = () if _hides_a_parameter(equation) else non_linear(equation)
     if bent and all(symbol in PARAMETER_NAMES for symbol in bent):
         row = tuple(_slope(equation.expression, symbol) for symbol in equation.unknowns)
         straight = {symbol: 0 for symbol in equation.unknowns if symbol not in bent}
@@ -102,6 +102,15 @@ def drive_regressor(equation: DriveEquation, drive: Drive) -> DriveRegressor:
         drive=drive,
         non_linear=tuple(PARAMETER_NAMES[symbol] for symbol in bent),
     )
+
+
+def _hides_a_parameter(equation: DriveEquation) -> bool:
+    """Tell whether a parameter of an extra term stands inside a function: Algorithm 1 says which.
+
+    Its slope is not even looked for, which sympy could take minutes to simplify.
+    """
+    own = set(equation.unknowns) - set(PARAMETER_NAMES)
+    return any(own & one.free_symbols for one in equation.expression.atoms(sp.Function))
 
 
 @cache
@@ -199,4 +208,4 @@ def _unit(symbol: sp.Expr, column: sp.Expr, drive: Drive) -> str:
 def flat_names(expression: sp.Expr) -> sp.Expr:
     """Return an expression of signals with each as a plain symbol, as "theta_M_dot"."""
     flat = {signal: sp.Symbol(name) for signal, name in _ARGUMENTS.items()}
-    return sp.sympify(expression).subs(flat)
+    return expression.xreplace(flat)

@@ -14,6 +14,7 @@ from seaid.drivetrain.equations import motor_equation
 from seaid.drivetrain.model import Drive
 from seaid.drivetrain.regressor import DriveRegressor, flat_names
 from seaid.drivetrain.symbols import PARAMETER_NAMES, SYMBOLS, K_t, K_u, N, known_values, r_L, r_M
+from seaid.drivetrain.values import check_divisors
 
 STATES = ("theta_M", "theta_M_dot", "theta_M_ddot", "theta_L", "theta_L_dot", "theta_L_ddot")
 SIGNALS = (*STATES, "tau_G")
@@ -71,6 +72,7 @@ def smooth_columns(regressor: DriveRegressor) -> SmoothColumns:
     values = {"deflection_zero": 0.0, "deflection_offset": 0.0, **regressor.drive.values}
     if "preload" not in getattr(regressor.drive, "spring", ("preload",)):
         values["deflection_offset"] = 0.0
+    check_divisors(regressor.drive, values)
     known = {str(SYMBOLS[name]): value for name, value in values.items()}
     known |= {str(symbol): value for symbol, value in known_values(regressor.drive).items()}
     return SmoothColumns(regressor.names, regressor.units, row, FrozenMapping(known))
@@ -91,7 +93,7 @@ def _with_input(entry: sp.Expr, drive: Drive) -> sp.Expr:
 def smoothed(expression: sp.Expr) -> sp.Expr:
     """Return a flat expression of real symbols in which the signs of speeds turn within `WIDTH`."""
     real = {symbol: real_symbol(str(symbol)) for symbol in expression.free_symbols}
-    return sp.sympify(expression).xreplace(real).replace(sp.sign, _turning)
+    return expression.xreplace(real).replace(sp.sign, _turning)
 
 
 def slope_of(expression: sp.Expr, name: str) -> sp.Expr:

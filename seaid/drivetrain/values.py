@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from seaid.arrays import FrozenMapping
 from seaid.drivetrain.catalogue import PARAMETERS, PARAMETERS_OF, key_of
+from seaid.errors import RobotError
 
 if TYPE_CHECKING:
     from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
@@ -61,6 +62,23 @@ def values_of(drive: Drive) -> Mapping[str, float]:
         if value is not None:
             values[name] = float(value)
     return FrozenMapping(values)
+
+
+_DIVISORS = ("coulomb_width", "stribeck_speed", "torque_constant", "voltage_constant")
+_LEAST_DIVISOR = 1e-12
+
+
+def check_divisors(drive: Drive, values: Mapping[str, float]) -> None:
+    """Raise RobotError for a zero by which an equation of the drive is divided.
+
+    An identification may find such a zero; nothing can be computed with it.
+    """
+    for name in _DIVISORS:
+        if name in drive.parameter_names and values.get(name, 1.0) < _LEAST_DIVISOR:
+            raise RobotError(
+                f"'{key_of(name, unit_of(drive, name))}' is {values[name]:g}, and the drive's "
+                "equation is divided by it: give a value above zero, or leave its term out"
+            )
 
 
 def with_values(drive: AnyDrive, values: Mapping[str, float]) -> AnyDrive:

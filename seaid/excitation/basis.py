@@ -12,10 +12,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.errors import ExcitationError, unknown_name
+from seaid.errors import ExcitationError, shortened, shown, unknown_name
 from seaid.excitation.fourier import FourierBasis
 from seaid.excitation.joined import JoinedBasis
 from seaid.excitation.spline import SplineBasis
+from seaid.text_files import number, numbers
 
 BASES = ("bspline", "polynomial", "fourier")
 _QUINTIC = 5
@@ -86,17 +87,30 @@ def make_basis(name: str, duration: float, coefficients: int) -> Basis:
     return SplineBasis(degree, np.concatenate([zeros, inside, zeros + duration]))
 
 
-def basis_from_dict(content: dict[str, Any]) -> Basis:
+def basis_from_dict(content: Any) -> Basis:
     """Return the basis that `to_dict` described.
 
     Raises ExcitationError for another type or bad values, KeyError for missing ones.
     """
+    if not isinstance(content, dict):
+        raise ExcitationError(f"a basis must be an object with a type, found {shown(content)}")
     if content["type"] == "spline":
-        return SplineBasis(content["degree"], content["knots"])
+        degree = _whole("degree", content["degree"])
+        return SplineBasis(degree, numbers("knots", content["knots"], ExcitationError))
     if content["type"] == "fourier":
-        return FourierBasis(content["harmonics"], content["duration"])
+        duration = number("duration", content["duration"], ExcitationError)
+        return FourierBasis(_whole("harmonics", content["harmonics"]), duration)
     if content["type"] == "joined":
-        return JoinedBasis(tuple(basis_from_dict(part) for part in content["parts"]))
+        parts = content["parts"]
+        if not isinstance(parts, list):
+            raise ExcitationError(f"parts must be a list of bases, found {shown(parts)}")
+        return JoinedBasis(tuple(basis_from_dict(part) for part in parts))
     raise ExcitationError(
-        unknown_name("basis type", str(content["type"]), ("spline", "fourier", "joined"))
+        unknown_name("basis type", shortened(content["type"]), ("spline", "fourier", "joined"))
     )
+
+
+def _whole(name: str, value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ExcitationError(f"{name} must be a whole number, found {shown(value)}")
+    return value

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.errors import ExcitationError
+from seaid.errors import ExcitationError, shown
 
 
 @dataclass(frozen=True)
@@ -26,10 +26,12 @@ class FourierBasis:
     def __post_init__(self) -> None:
         if not (self.harmonics >= 1 and self.harmonics == int(self.harmonics)):
             raise ExcitationError(
-                f"harmonics must be a whole number of at least 1, found {self.harmonics}"
+                f"harmonics must be a whole number of at least 1, found {shown(self.harmonics)}"
             )
         if not (np.isfinite(self.duration) and self.duration > 0):
-            raise ExcitationError(f"duration must be more than zero seconds, found {self.duration}")
+            raise ExcitationError(
+                f"duration must be more than zero seconds, found {shown(self.duration)}"
+            )
 
     @property
     def size(self) -> int:

@@ -13,7 +13,14 @@ import numpy as np
 import pinocchio as pin
 
 from seaid.arrays import Array, finite
-from seaid.errors import ExcitationError, RobotError, SeaidWarning, unknown_name
+from seaid.errors import (
+    ExcitationError,
+    RobotError,
+    SeaidWarning,
+    shortened,
+    shown,
+    unknown_name,
+)
 from seaid.excitation.collision_geometry import collision_geometry
 from seaid.excitation.scene import Pair, Scene, distances
 from seaid.robot import Robot
@@ -21,6 +28,9 @@ from seaid.robot import Robot
 _POSTURES = 500
 _NEARLY_ALWAYS = 0.95
 """The share of random postures that MoveIt's setup assistant takes for 'always in collision'."""
+
+
+_MOST_M = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,14 +47,20 @@ class Box:
     name: str = "box"
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise ExcitationError(f"the name of a keep-out box is a text, found {shown(self.name)}")
         for name in ("center", "size", "rotation_rpy"):
-            where = f"{name} of keep-out box '{self.name}'"
+            where = f"{name} of keep-out box '{shortened(self.name)}'"
             value = finite(where, getattr(self, name), (3,), ExcitationError)
+            if np.max(np.abs(value)) > _MOST_M:
+                raise ExcitationError(
+                    f"{where} must be at most {_MOST_M:g}, found {value.tolist()}"
+                )
             object.__setattr__(self, name, value)
         if np.min(self.size) <= 0:
             raise ExcitationError(
-                f"size of keep-out box '{self.name}' must be more than zero in every direction, "
-                f"found {list(map(float, self.size))}"
+                f"size of keep-out box '{shortened(self.name)}' must be more than zero in every "
+                f"direction, found {list(map(float, self.size))}"
             )
 
     @property
@@ -145,10 +161,12 @@ def _disabled_by_srdf(srdf: str | Path | None) -> set[frozenset[str]]:
         return set()
     from lxml import etree
 
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
     try:
-        root = etree.parse(str(srdf)).getroot()
-    except (etree.XMLSyntaxError, OSError) as problem:
-        raise RobotError(f"SRDF '{srdf}' cannot be read: {problem}") from None
+        root = etree.parse(str(srdf), parser).getroot()
+    except (etree.XMLSyntaxError, OSError, ValueError) as problem:
+        reason = shortened(str(problem), 200)
+        raise RobotError(f"SRDF '{srdf}' cannot be read: {reason}") from None
     return {
         frozenset((pair.get("link1"), pair.get("link2")))
         for pair in root.iter("disable_collisions")

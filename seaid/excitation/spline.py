@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from seaid.arrays import Array, frozen
-from seaid.errors import ExcitationError
+from seaid.errors import ExcitationError, shown
+
+_MOST_DEGREE = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,14 +32,18 @@ class SplineBasis:
             raise ExcitationError(
                 f"the degree of a spline is a whole number of at least 3, found {self.degree}"
             )
+        if self.degree > _MOST_DEGREE:
+            raise ExcitationError(
+                f"the degree of a spline is at most {_MOST_DEGREE}, found {shown(self.degree)}"
+            )
         count, end = self.degree + 1, len(knots) - self.degree - 1
-        clamped = end >= count and np.all(knots[:count] == 0) and np.all(knots[end:] == knots[-1])
+        clamped = count <= end and np.all(knots[:count] == 0) and np.all(knots[end:] == knots[-1])
         inside = knots[count:end]
-        ordered = np.all(np.isfinite(knots)) and np.all(np.diff(knots) >= 0) and knots[-1] > 0
-        if not (clamped and ordered and np.all((inside > 0) & (inside < knots[-1]))):
+        ordered = clamped and np.all(np.isfinite(knots)) and np.all(np.diff(knots) >= 0)
+        if not (ordered and knots[-1] > 0 and np.all((inside > 0) & (inside < knots[-1]))):
             raise ExcitationError(
                 f"knots of degree {self.degree} must be {count} zeros, then rising times, then "
-                f"{count} times the duration, found {knots.tolist()}"
+                f"{count} times the duration, found {shown(knots.tolist())}"
             )
         if np.unique(inside, return_counts=True)[1].max(initial=0) > self.degree - 2:
             raise ExcitationError(

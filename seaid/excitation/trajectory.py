@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from seaid.arrays import Array, finite, frozen
-from seaid.errors import ExcitationError, unknown_name
+from seaid.errors import ExcitationError, shown, unknown_name
 from seaid.excitation.basis import Basis, basis_from_dict
 from seaid.excitation.joint_trajectory import as_yaml, joint_trajectory_message, message_times
 from seaid.excitation.spline import SplineBasis, bernstein_from_powers
 from seaid.files import whole_file, write_csv
+from seaid.text_files import numbers, read_json
 
 _FORMAT = "seaid trajectory 1"
 _TURNING = ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
@@ -45,7 +46,7 @@ class Trajectory:
         object.__setattr__(self, "prismatic_joints", tuple(self.prismatic_joints))
         if not self.joint_names or len(set(self.joint_names)) < len(self.joint_names):
             raise ExcitationError(
-                f"a trajectory needs joint names, each once, found {list(self.joint_names)}"
+                f"a trajectory needs joint names, each once, found {shown(list(self.joint_names))}"
             )
         for joint in self.prismatic_joints:
             if joint not in self.joint_names:
@@ -56,6 +57,7 @@ class Trajectory:
             joint = self.joint_names[int(np.argwhere(~np.isfinite(values))[0, 1])]
             raise ExcitationError(f"coefficients of joint '{joint}' are not all finite")
         object.__setattr__(self, "coefficients", values)
+        _check_sizes(self.duration, values)
         interval = self.main_interval or (0.0, self.duration)
         begin, end = finite("main_interval", interval, (2,), ExcitationError).tolist()
         if not 0 <= begin < end <= self.duration:
@@ -160,6 +162,25 @@ class Trajectory:
             temporary.write_text(text, encoding="utf-8")
 
 
+_DURATIONS_S = (1e-6, 1e7)
+_MOST_COEFFICIENT = 1e9
+
+
+def _check_sizes(duration: float, coefficients: Array) -> None:
+    """Refuse what no motion has, and whose accelerations no double would hold."""
+    if not _DURATIONS_S[0] <= duration <= _DURATIONS_S[1]:
+        raise ExcitationError(
+            f"a trajectory lasts from {_DURATIONS_S[0]:g} to {_DURATIONS_S[1]:g} s, found "
+            f"{duration:g} s"
+        )
+    largest = float(np.max(np.abs(coefficients), initial=0.0))
+    if largest > _MOST_COEFFICIENT:
+        raise ExcitationError(
+            f"coefficients must be at most {_MOST_COEFFICIENT:g} rad or m in size, found "
+            f"{largest:g}"
+        )
+
+
 def polynomial_trajectory(
     joint_names: Sequence[str],
     duration: float,
@@ -189,22 +210,27 @@ def load_trajectory(path: str | Path) -> Trajectory:
 
     Raises ExcitationError for a file that is missing, not JSON or not a trajectory.
     """
-    path = Path(path)
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as problem:
-        raise ExcitationError(f"cannot read trajectory '{path}': {problem.strerror}") from None
-    except ValueError as problem:
-        raise ExcitationError(f"trajectory '{path}' is not JSON: {problem}") from None
+    content = read_json(path, "trajectory", ExcitationError)
     found = content.get("format") if isinstance(content, dict) else None
     if found != _FORMAT:
-        raise ExcitationError(f"'{path}' is no trajectory: 'format' is {found!r}, not {_FORMAT!r}")
+        raise ExcitationError(
+            f"'{path}' is no trajectory: 'format' is {shown(found)}, not {_FORMAT!r}"
+        )
     try:
         basis = basis_from_dict(content["basis"])
-        joints, prismatic = tuple(content["joints"]), tuple(content["prismatic_joints"])
-        main = content.get("main_interval", ())
-        return Trajectory(joints, basis, content["coefficients"], prismatic, main)
-    except (KeyError, TypeError) as problem:
+        joints, prismatic = (_names(key, content[key]) for key in ("joints", "prismatic_joints"))
+        coefficients = numbers("coefficients", content["coefficients"], ExcitationError)
+        main = numbers("main_interval", content.get("main_interval", []), ExcitationError)
+        if not isinstance(main, list):
+            raise ExcitationError(f"main_interval must be a start and an end, found {main}")
+        return Trajectory(joints, basis, coefficients, prismatic, tuple(main))
+    except KeyError as problem:
         raise ExcitationError(f"trajectory '{path}' is not complete: {problem!r}") from None
     except ExcitationError as problem:
         raise ExcitationError(f"trajectory '{path}': {problem}") from None
+
+
+def _names(key: str, value: Any) -> tuple[str, ...]:
+    if not (isinstance(value, list) and all(isinstance(one, str) for one in value)):
+        raise ExcitationError(f"{key} must be a list of names, found {shown(value)}")
+    return tuple(value)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.errors import LogError
+from seaid.errors import LogError, shortened
 from seaid.formats.opening import open_table
 from seaid.formats.table import Block, Table
 from seaid.logs.column_guesses import Look, quantities_of
@@ -38,7 +38,7 @@ class Description:
 
     def to_toml(self) -> str:
         """Return the TOML of the description, with what is unsure as comments on top."""
-        comments = "".join(f"# unsure: {one}\n" for one in self.unsure)
+        comments = "".join(f"# unsure: {shortened(one, 500)}\n" for one in self.unsure)
         return comments + self.description.to_toml()
 
     def __str__(self) -> str:

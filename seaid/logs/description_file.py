@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
-import tomllib
+import sys
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from seaid.errors import LogError, unknown_name
+from seaid.errors import LogError, shortened, shown, unknown_name
 from seaid.logs.log_columns import UNIT_FACTORS
 from seaid.logs.log_description import QUANTITIES, Clock, LogDescription, Servo, Source
 from seaid.logs.repair import Repairs
+from seaid.text_files import MOST_TOML_BYTES, read_toml
 
 _UNITS = {
     "position": {*UNIT_FACTORS["rad"], *UNIT_FACTORS["m"], "counts"},
@@ -36,16 +36,16 @@ def description_for(path: Path, description: Described | None) -> LogDescription
     if isinstance(description, Mapping):
         return _described("description=", description)
     if description is not None:
-        return _described(f"'{description}'", _read(Path(description)))
+        return _described(f"'{description}'", read_toml(description, "the description", LogError))
     if not path.name:  # '.' or '/'
         return None
     beside = path.with_suffix(".toml")
     if beside == path or not beside.is_file():
         return None
     try:
-        content = _read(beside)
+        content = read_toml(beside, "the description", LogError)
     except LogError:
-        if "[joints" in beside.read_text(encoding="utf-8", errors="replace"):
+        if _names_joints(beside):
             raise
         return None
     joints = content.get("joints")
@@ -54,30 +54,33 @@ def description_for(path: Path, description: Described | None) -> LogDescription
     return _described(f"'{beside}'", content)
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _names_joints(path: Path) -> bool:
+    """Tell whether a damaged file was meant as a description."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as problem:
-        raise LogError(f"cannot read the description '{path}': {problem.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        raise LogError(f"the description '{path}' is not valid TOML: {problem}") from None
+        with path.open("rb") as file:
+            return b"[joints" in file.read(MOST_TOML_BYTES)
+    except OSError:
+        return True
 
 
 def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
     _check_keys(where, content, [one.name for one in fields(LogDescription)])
     joints = content.get("joints")
     if not isinstance(joints, Mapping) or not joints:
-        raise LogError(f"{where}: needs tables [joints.<joint>], one a joint, found {joints!r}")
+        raise LogError(
+            f"{where}: needs tables [joints.<joint>], one a joint, found {shown(joints)}"
+        )
     column = content.get("where")
     if not isinstance(column, str | None):
-        raise LogError(f"{where}: 'where' must be the name of a column, found {column!r}")
+        raise LogError(f"{where}: 'where' must be the name of a column, found {shown(column)}")
     repair = content.get("repair", {})
     if not isinstance(repair, Repairs):
         _check_keys(f"{where} [repair]", repair, [one.name for one in fields(Repairs)])
         repair = Repairs(**repair)
     return LogDescription(
         joints={
-            joint: _joint(f"{where} [joints.{joint}]", table) for joint, table in joints.items()
+            joint: _joint(f"{where} [joints.{shortened(joint)}]", table)
+            for joint, table in joints.items()
         },
         time=_clock(f"{where} time", content.get("time")),
         where=column,
@@ -168,17 +171,22 @@ def _clock(where: str, value: Any) -> Clock | None:
         raise LogError(f"{where}: {problem}") from None
 
 
+_MOST = 1e30
+"""So that what is multiplied with or divided by a value stays a double."""
+
+_DIVISORS = ("counts_per_turn", "counts_per_m", "wraps", "rate_hz")
 _TEXTS = ("column", "unit", "side", "goal", "position")
 _TEXT_OR_NUMBER = ("times", "gain", "supply")
 
 
 def _check_keys(where: str, table: Any, allowed: list[str]) -> None:
     if not isinstance(table, Mapping):
-        raise LogError(f"{where}: must be a table, found {table!r}")
+        raise LogError(f"{where}: must be a table, found {shown(table)}")
     for key in table:
         if key in allowed:
             continue
-        more = "; velocities are differentiated from positions" if "velocity" in key else ""
+        is_speed = isinstance(key, str) and "velocity" in key
+        more = "; velocities are differentiated from positions" if is_speed else ""
         raise LogError(f"{where}: {unknown_name('key', key, allowed)}{more}")
 
 
@@ -188,12 +196,19 @@ def _check_values(where: str, table: Mapping[str, Any], kind: type) -> None:
         if value is None or isinstance(value, Clock | Servo):
             continue
         is_number = (
-            isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+            isinstance(value, int | float)
+            and not isinstance(value, bool)
+            and abs(value) <= sys.float_info.max
         )
         if key in _TEXTS and not isinstance(value, str):
-            raise LogError(f"{where}: {key} must be a text, found {value!r}")
+            raise LogError(f"{where}: {key} must be a text, found {shown(value)}")
         if key not in _TEXTS and not (
             is_number or (key in _TEXT_OR_NUMBER and isinstance(value, str))
         ):
             more = " or the name of a column" if key in _TEXT_OR_NUMBER else ""
-            raise LogError(f"{where}: {key} must be a finite number{more}, found {value!r}")
+            raise LogError(f"{where}: {key} must be a finite number{more}, found {shown(value)}")
+        least = 1 / _MOST if key in _DIVISORS and value != 0 else 0.0
+        if is_number and not least <= abs(value) <= _MOST:
+            raise LogError(
+                f"{where}: {key} must be from {least:g} to {_MOST:g} in size, found {value:g}"
+            )

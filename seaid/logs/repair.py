@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
-from seaid.errors import LogError
+from seaid.errors import LogError, shown
 
 
 @dataclass(frozen=True)
@@ -38,11 +38,10 @@ class Repairs:
             if value is None and optional:
                 continue
             largest = math.inf if optional else 1.0
-            if not (isinstance(value, int | float) and 0 <= value <= largest) or (
-                optional and not 0 < value < math.inf
-            ):
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not (is_number and 0 <= value <= largest) or (optional and not 0 < value < math.inf):
                 allowed = "a finite number above 0, or None" if optional else "a share from 0 to 1"
-                raise LogError(f"Repairs.{field.name} must be {allowed}, found {value!r}")
+                raise LogError(f"Repairs.{field.name} must be {allowed}, found {shown(value)}")
 
 
 @dataclass(frozen=True)

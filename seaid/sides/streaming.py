@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-import pickle
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import IO
 
 import numpy as np
@@ -69,9 +68,10 @@ def stream_estimate(
 
 @dataclass
 class _Span:
-    """How many regressions of a log wait in the file, and from when to when their rows are."""
+    """How many regressions of a log wait in the file, one of them, and when their rows are."""
 
     regressions: int = 0
+    like: Regression | None = None
     start_s: float = math.inf
     end_s: float = -math.inf
 
@@ -80,7 +80,9 @@ def _kept(spool: IO[bytes], parts: Iterable[Regression], span: _Span) -> Iterato
     """Yield regressions and put those that have rows into the file, too."""
     for rows in parts:
         if len(rows.y):
-            pickle.dump(rows, spool)
+            table = np.column_stack([rows.H, rows.y, rows.joint, rows.time, rows.run, rows.carried])
+            np.save(spool, table, allow_pickle=False)
+            span.like = rows
             span.regressions += 1
             span.start_s = min(span.start_s, float(np.min(rows.time)))
             span.end_s = max(span.end_s, float(np.max(rows.time)))
@@ -93,7 +95,16 @@ def _scores(
     """Yield the scores (T, p) of the regressions of a log by instant, one after the other."""
     done = 0
     for _ in range(span.regressions):
-        rows = pickle.load(spool)
+        rows = _regression(np.load(spool, allow_pickle=False), span.like)
         summed = at_slots(rows.H, factors(rows), slots(rows.time, span.start_s, step_s) - done)
         done += len(summed)
         yield summed
+
+
+def _regression(table: Array, like: Regression | None) -> Regression:
+    """Return the regression whose columns wait in the file; `like` is one of the same log."""
+    assert like is not None
+    p = len(like.names)
+    H, y, joint, time, run, carried = np.split(table, [p, p + 1, p + 2, p + 3, p + 4], axis=1)
+    y, joint, time, run = (column[:, 0] for column in (y, joint, time, run))
+    return replace(like, H=H, y=y, joint=joint, time=time, run=run, carried=carried)

@@ -5,11 +5,14 @@ Common subexpressions have one name each. Coefficients are rationals until text 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 from flint import fmpq
+
+from seaid.arrays import Array
 
 Value = Mapping[tuple[str, ...], fmpq]
 """A sum: {sorted names of the factors: coefficient}; {} is zero."""
@@ -104,6 +107,58 @@ def needed(program: Program, values: Iterable[Value]) -> set[str]:
             found.update(factor for factors in program.steps[text] for factor in factors)
     found.update(argument for text, (_, argument) in program.circular.items() if text in found)
     return found
+
+
+_Terms = tuple[tuple[float, tuple[str, ...]], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Numeric:
+    """What entries {place: value} need of a program, with doubles as coefficients."""
+
+    circular: tuple[tuple[str, str, str], ...]
+    steps: tuple[tuple[str, _Terms], ...]
+    entries: tuple[tuple[tuple[int, int], _Terms], ...]
+
+    def evaluate(self, motion: Mapping[str, Array]) -> Iterator[tuple[tuple[int, int], Any]]:
+        """Yield places and their values (T,) along `motion` {name: (T,)}.
+
+        Bit by bit those of the program's text.
+        """
+        known: dict[str, Any] = dict(motion)
+        for text, function, argument in self.circular:
+            known[text] = _CIRCULAR[function](motion[argument])
+        for text, terms in self.steps:
+            known[text] = _sum_of(terms, known)
+        for place, terms in self.entries:
+            yield place, _sum_of(terms, known)
+
+
+def numeric(program: Program, entries: Mapping[tuple[int, int], Value]) -> Numeric:
+    """Return what the entries need of a program, for numbers."""
+    used = needed(program, entries.values())
+    return Numeric(
+        tuple((text, *call) for text, call in program.circular.items() if text in used),
+        tuple((text, _terms(value)) for text, value in program.steps.items() if text in used),
+        tuple((place, _terms(value)) for place, value in entries.items()),
+    )
+
+
+_CIRCULAR: dict[str, Callable[[Array], Array]] = {"sin": np.sin, "cos": np.cos}
+
+
+def _terms(value: Value) -> _Terms:
+    return tuple((int(x.p) / int(x.q), factors) for factors, x in value.items())
+
+
+def _sum_of(terms: _Terms, known: Mapping[str, Any]) -> Any:
+    total: Any = 0.0
+    for x, factors in terms:
+        product: Any = x
+        for factor in factors:
+            product = product * known[factor]
+        total = total + product
+    return total
 
 
 def text_of(value: Value, number: Callable[[fmpq], str]) -> str:

@@ -131,7 +131,7 @@ def _read_function(ring: Ring, function: sp.Expr, memory: Memory) -> Ratio:
         sign = from_polynomial(ring, turned * ring.generator(sp.sign(argument)))
         if isinstance(function, sp.sign):
             return sign
-        return product(ring, sign, _read(ring, function.args[0], memory))
+        return product(ring, sign, _read(ring, sp.expand(function.args[0]), memory))
     if function.is_Pow and function.exp.is_Rational:
         bases = root_bases(function.base)
         units = {base: ring.units["root", base] for base in bases}

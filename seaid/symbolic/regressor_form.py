@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+import numpy as np
 import sympy as sp
 from flint import fmpq
 
@@ -17,8 +18,7 @@ from seaid.symbolic.exact_base import base_parameters
 from seaid.symbolic.geometry import exact_tree
 from seaid.symbolic.grouping import ExactBaseParameters
 from seaid.symbolic.newton_euler import Entries, regressor_program
-from seaid.symbolic.program import Program, Value
-from seaid.symbolic.source import numpy_source
+from seaid.symbolic.program import Numeric, Program, Value, numeric
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,30 +79,40 @@ class RigidBodyForm:
 
     def regressor(self, q: Array, v: Array, a: Array) -> Array:
         """Return Y (T, n, 10n) of q, v, a (T, n). Raises SeaidError for wrong shapes."""
-        return self._evaluated("regressor", q, v, a)
+        return self._evaluated(self._numeric, len(self.parameter_names), q, v, a)
 
     def base_regressor(self, q: Array, v: Array, a: Array) -> Array:
         """Return the base columns (T, n, p) of `regressor`, computing no others."""
-        return self._evaluated("base_regressor", q, v, a)
+        return self._evaluated(self._numeric_base, self.base.rank, q, v, a)
 
     def _matrix(self, entries: Mapping[tuple[int, int], Value], width: int) -> sp.ImmutableMatrix:
         elements = {place: _to_sympy(value) for place, value in entries.items()}
         return sp.ImmutableMatrix(sp.SparseMatrix(len(self.joint_names), width, elements))
 
     @cached_property
-    def _functions(self) -> dict[str, Callable[..., Array]]:
-        functions: dict[str, Any] = {}
-        exec(compile(numpy_source(self), f"<regressor of {self.robot_name}>", "exec"), functions)
-        return functions
+    def _numeric(self) -> Numeric:
+        return numeric(self.program, self.entries)
 
-    def _evaluated(self, title: str, q: Array, v: Array, a: Array) -> Array:
+    @cached_property
+    def _numeric_base(self) -> Numeric:
+        return numeric(self.program, self.base_entries)
+
+    def _evaluated(self, program: Numeric, width: int, q: Array, v: Array, a: Array) -> Array:
         n = len(self.joint_names)
         q, v, a = (frozen(x, value, (None, n)) for x, value in zip("qva", (q, v, a), strict=True))
         if not len(q) == len(v) == len(a):
             raise SymbolicError(
                 f"q, v and a must have as many rows, found {len(q)}, {len(v)}, {len(a)}"
             )
-        return self._functions[title](q, v, a)
+        motion = {
+            f"{x}{i}": value[:, i]
+            for x, value in zip("qva", (q, v, a), strict=True)
+            for i in range(n)
+        }
+        Y = np.zeros((len(q), n, width))
+        for (i, j), values in program.evaluate(motion):
+            Y[:, i, j] = values
+        return Y
 
 
 def rigid_body(robot: Robot) -> RigidBodyForm:

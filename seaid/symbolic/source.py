@@ -87,7 +87,21 @@ def _about(form: RigidBodyForm) -> str:
         f"{len(form.parameter_names)} standard and {form.base.rank} base parameters. SI units; "
         "inertias about the joint frame; without friction and rotor inertia."
     )
-    return fill(text.replace("\\", "/").replace('"', "'").replace("*/", "* /"), 96)
+    return fill(_as_comment(text), 96)
+
+
+_MOST_OF_A_NAME = 60
+
+
+def _as_comment(text: str) -> str:
+    """Return a text with names of a user in it so that no comment of C or Python ends with it.
+
+    Neither by `*/` or quotes, nor by what a compiler joins first: a backslash, or the trigraph for
+    one, before the end of a line. What is no letter could also hide text from who reads the file.
+    """
+    shown = "".join(one if one.isprintable() else "_" for one in text)
+    plain = shown.translate({ord("\\"): "_", ord("?"): "_", ord('"'): "'"})
+    return re.sub(r"(?<=\*)(?=/)|(?<=/)(?=\*)", " ", plain)
 
 
 def _numpy_function(title: str, form: RigidBodyForm, entries: _Entries, width: int) -> list[str]:
@@ -113,10 +127,10 @@ def _numpy_function(title: str, form: RigidBodyForm, entries: _Entries, width: i
 
 def c_source(form: RigidBodyForm) -> str:
     """Return the text of `export_c`."""
-    prefix = re.sub(r"\W", "_", form.robot_name) or "robot"
+    prefix = re.sub(r"\W", "_", form.robot_name, flags=re.ASCII)[:_MOST_OF_A_NAME] or "robot"
     prefix = f"robot_{prefix}" if prefix[0].isdigit() else prefix
-    names = "\n".join(f"   {i}: {text}" for i, text in enumerate(form.base.expressions)).replace(
-        "*/", "* /"
+    names = "\n".join(
+        f"   {i}: {_as_comment(text)}" for i, text in enumerate(form.base.expressions)
     )
     return "\n".join(
         [

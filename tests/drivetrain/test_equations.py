@@ -1,6 +1,7 @@
 """The drive's equations, and the regressor derived from them by Algorithm 1."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import sympy as sp
 
 from seaid.arrays import Array
+from seaid.drivetrain.drive_file import read_drivetrains
 from seaid.drivetrain.equations import motor_equation, spring_equation
 from seaid.drivetrain.extra_terms import extra_torque
 from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
@@ -259,6 +261,9 @@ def test_any_other_name_is_a_parameter_even_one_that_sympy_knows(name: str) -> N
         ("c/0", "is not an expression"),
         ("c*theta_M.diff", r"is not an expression: it may have names, numbers and \+ - \* /"),
         ("__import__('os')", "is not an expression: it may have names"),
+        ("\U0001d41eval", "is not an expression: it may have names"),
+        ("9**9**9", r"has a power above 20"),
+        ("abs*theta_M'", "the name 'abs' is that of a function; choose another"),
         ("c*thetaM_dot", r"no state is named 'thetaM_dot'; did you mean 'theta_M_dot'\? allowed:"),
         ("c*tau_L", "no state is named 'tau_L'"),
         ("c*t", "no state is named 't'; allowed: theta_M, theta_M_dot"),
@@ -285,6 +290,31 @@ def test_extra_terms_with_numbers_are_a_torque_for_the_simulation() -> None:
     torque = extra_torque(replace(LINEAR, extra_terms=("2e-6*theta_M'**3", "0.1*sin(theta_L)")))
     assert torque(0.3, 20.0, 0.7, 0.0) == pytest.approx(2e-6 * 8000 + 0.1 * np.sin(0.7), rel=1e-14)
     assert extra_torque(LINEAR)(1.0, 2.0, 3.0, 4.0) == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("exp(theta_M'**3)", "have no value at theta_M = 1, theta_M_dot = 20, .*: math range"),
+        ("1/theta_L", "have no value at .*theta_L = 0, .*: "),
+        ("sqrt(-theta_M)", "have no value at .*: "),
+        ("(-theta_M)**(1/3)", "have no value at .*: "),
+    ],
+)
+def test_extra_terms_without_a_value_at_a_state_say_where(text: str, words: str) -> None:
+    torque = extra_torque(replace(LINEAR, extra_terms=(text,)))
+    with pytest.raises(RobotError, match=words):
+        torque(1.0, 20.0, 0.0, 0.0)
+
+
+def test_a_name_that_python_would_normalise_to_eval_runs_nothing(tmp_path: Path) -> None:
+    trace, path = tmp_path / "ran", tmp_path / "drives.toml"
+    term = f"\U0001d41eval(open('{trace}', 'w'))"
+    path.write_text(f'[a]\ntype = "stiff"\ngear_ratio = 2\nextra_terms = ["{term}"]\n')
+    (drive,) = read_drivetrains(path).values()
+    with pytest.raises(RobotError, match="is not an expression"):
+        motor_equation(drive)
+    assert not trace.exists()
 
 
 def test_extra_terms_without_numbers_have_no_value_to_simulate() -> None:

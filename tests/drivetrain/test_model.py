@@ -165,13 +165,27 @@ def test_file_that_is_no_toml_is_named(tmp_path: Path) -> None:
         (f'{STIFF}friction = ["coulomb", "coulomb"]\n', "names a term twice: coulomb, coulomb"),
         (f'{ELASTIC}friction = ["offset"]\n', "constant column is the deflection offset"),
         (f"{STIFF}extra_terms = [1]\n", "extra_terms must be a list of texts, found [1]"),
+        (f"{STIFF}coulomb_friction_Nm = 1e300\n", "from 0 to 1e+30 in size, found 1e+300"),
+        (f"{STIFF}coulomb_friction_Nm = nan\n", "must be a finite number"),
+        (f"{STIFF}transmission = {{knee = 1e-20}}\n", "'knee' must be from 1e-09 to 1e+09 in size"),
+        (f"{STIFF}motor_input = ['torque']\n", "no motor input is named"),
+        (f"{STIFF}extra_terms = {[f'c{i}' for i in range(21)]}\n", "21 terms, allowed are 20"),
+        (f"{STIFF}friction = {['x' * 5000]}\n", "no friction term is named 'xxx"),
+        (f"{STIFF}friction = [['coulomb']]\n", "friction must be a list of texts"),
+        (
+            f"{STIFF}friction = ['offset']\nfriction_offset_Nm = 1\nnominal = "
+            "{friction_offset = 2}\n",
+            "found two values of 'friction_offset': one in nominal, one by its key",
+        ),
         (f'{STIFF}extra_terms = "c"\n', "extra_terms must be a list of texts, found 'c'"),
     ],
 )
 def test_wrong_table_names_file_joint_and_key(tmp_path: Path, text: str, words: str) -> None:
     error = read_error(tmp_path, text)
-    assert error.startswith(f"{tmp_path / 'drives.toml'}: [knee]")
+    assert str(tmp_path / "drives.toml") in error
+    assert "knee" in error
     assert words in error
+    assert len(error) < 1500 + len(str(tmp_path))
 
 
 POSITIVE = (

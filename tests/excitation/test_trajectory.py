@@ -145,6 +145,9 @@ def change(content: dict[str, Any], **changes: Any) -> str:
     return json.dumps({key: value for key, value in (content | changes).items() if value != "drop"})
 
 
+FOURIER = {"type": "fourier", "harmonics": 1, "duration": 2.0}
+
+
 def test_broken_files_say_what_is_wrong(tmp_path: Path) -> None:
     path = tmp_path / "motion.json"
     with pytest.raises(ExcitationError, match="cannot read trajectory"):
@@ -161,10 +164,26 @@ def test_broken_files_say_what_is_wrong(tmp_path: Path) -> None:
         (change(content, format="other 2"), "is no trajectory: 'format' is 'other 2'"),
         (change(content, basis="drop"), "is not complete"),
         (change(content, basis={"type": "spline", "degree": 5}), "is not complete: KeyError"),
-        (change(content, basis={"type": "spline", "degree": 5, "knots": "x"}), "must be numbers"),
-        (change(content, basis={"type": "spline", "degree": "5", "knots": [0]}), "not complete"),
+        (change(content, basis={"type": "spline", "degree": 5, "knots": "x"}), "must be a number"),
+        (change(content, basis={"type": "spline", "degree": "5", "knots": [0]}), "a whole number"),
         (change(content, basis={"type": "wavelet"}), "no basis type is named 'wavelet'"),
         (change(content, coefficients=[[0.0]]), "coefficients must have shape"),
+        (change(content, coefficients=[["0.0"]]), "coefficients must be a number, found '0.0'"),
+        (change(content, coefficients=[[True]]), "coefficients must be a number, found True"),
+        (change(content, joints="ab"), "joints must be a list of names, found 'ab'"),
+        (change(content, joints=[["a"], 2]), "joints must be a list of names"),
+        (change(content, prismatic_joints=None), "prismatic_joints must be a list of names"),
+        (change(content, main_interval=0), "main_interval must be a start and an end, found 0"),
+        (change(content, basis=[1]), "a basis must be an object with a type"),
+        (change(content, basis={"type": "joined", "parts": "x"}), "parts must be a list of bases"),
+        (change(content, basis=FOURIER | {"harmonics": True}), "harmonics must be a whole number"),
+        (
+            change(content, basis=FOURIER | {"duration": 1e300}, coefficients=[[0, 0]] * 3),
+            "lasts from 1e-06 to 1e[+]07 s",
+        ),
+        (change(content, basis=FOURIER, coefficients=[[0, 1e300]] * 3), "at most 1e[+]09 rad or m"),
+        (change(content, basis={"type": "spline", "degree": 3, "knots": []}), "must be 4 zeros"),
+        (change(content, basis={"type": "spline", "degree": 10**9, "knots": [0]}), "at most 100"),
     ):
         path.write_text(text)
         with pytest.raises(ExcitationError, match=words):

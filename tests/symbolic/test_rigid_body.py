@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import ctypes
 import re
 import shutil
@@ -249,3 +250,41 @@ def test_ideal_drive_has_the_joint_torque(write_chain: Callable[..., Path]) -> N
     model = complete_model(load_robot(write_chain({"a": f"continuous {Y_AXIS}"})))
     assert str(model.inputs[0]) == "tau_a(t)"
     assert model.equations[0].diff(model.inputs[0]) == -1
+
+
+ODD_NAMES = [
+    "x*\\&#10;/ int evil(void) { return 1; } /*",
+    "x*/ int evil(void) { return 1; } /*",
+    "x*??/&#10;/ int evil(void); /*",
+    "x**//**/&quot;&quot;&quot;&#10;evil = 1&#10;&quot;&quot;&quot;",
+    "x\\",
+    "x&#x202E;*/",
+    "\u00e4\u00df \u4e2d",
+]
+
+
+@pytest.mark.parametrize("name", ODD_NAMES)
+def test_no_name_of_a_user_leaves_its_comment(
+    name: str, write_urdf: Callable[[str], Path], tmp_path: Path
+) -> None:
+    urdf = write_urdf(
+        f'<link name="base"/><link name="{name}"/><joint name="{name}" type="continuous">'
+        f'<parent link="base"/><child link="{name}"/>{Y_AXIS}</joint>'
+    )
+    urdf.write_text(urdf.read_text().replace('robot name="test"', f'robot name="{name}"'))
+    form = rigid_body(load_robot(urdf))
+    export_c(form, tmp_path / "out.c")
+    export_numpy(form, tmp_path / "out.py")
+    text = (tmp_path / "out.c").read_text("utf-8")
+    about, code = text[: text.index("*/")], text[text.index("*/") + 2 :]
+    assert "/*" not in about[2:]
+    assert "\\" not in text
+    assert code.lstrip().startswith("#include <math.h>")
+    assert re.fullmatch(r"[\x20-\x7e\n]*", code)
+    tree = ast.parse((tmp_path / "out.py").read_text("utf-8"))
+    assert {type(one).__name__ for one in tree.body} <= {"Expr", "Import", "Assign", "FunctionDef"}
+    assigned = [one.targets[0] for one in tree.body if isinstance(one, ast.Assign)]
+    assert "evil" not in {one.id for one in assigned if isinstance(one, ast.Name)}
+    if shutil.which("cc"):
+        flags = ["-std=c99", "-Wall", "-Werror", "-fsyntax-only"]
+        subprocess.run(["cc", *flags, str(tmp_path / "out.c")], check=True)

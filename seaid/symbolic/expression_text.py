@@ -1,0 +1,242 @@
+"""Text of a user as an expression, read through its syntax tree; nothing in it is evaluated.
+
+What is allowed is listed: ASCII names, numbers, + - * / and powers, and the functions that are
+given. What is large is refused before it is made, so that no text takes long.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from keyword import iskeyword
+
+import sympy as sp
+from sympy.functions.elementary.hyperbolic import HyperbolicFunction
+from sympy.functions.elementary.trigonometric import TrigonometricFunction
+
+from seaid.errors import SymbolicError, shortened, unknown_name
+
+_MOST_LETTERS = 500
+_MOST_DIGITS = 40
+_MOST_POWER = 20
+_MOST_DEGREE = 60
+_MOST_TERMS = 100
+"""Of numerator and denominator each, multiplied out."""
+
+_MOST_DEPTH = 60
+_MOST_BITS = 4096
+"""Of numerator and denominator of a number together."""
+
+_MOST_ARGUMENT = 700.0
+"""Of a function of numbers alone: exp(700) is near the largest double."""
+
+_OF_SUMS = (TrigonometricFunction, HyperbolicFunction)
+"""Multiplied out by the sum of angles: the terms double with each term of the argument."""
+
+_TOKEN = re.compile(
+    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)(?![\w.])"
+    r"|(?P<name>[A-Za-z]\w*)|[-+*/()])",
+    re.ASCII,
+)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """An expression and its value, if it is a number.
+
+    `above` and `below` are the terms that it has multiplied out as one fraction.
+    """
+
+    expression: sp.Expr
+    above: int = 1
+    below: int = 1
+    degree: int = 1
+    number: float | None = None
+
+
+def expression_of(
+    text: str, symbol: Callable[[str], sp.Expr], functions: Mapping[str, Callable[..., sp.Expr]]
+) -> sp.Expr:
+    """Return a text such as "c*sin(2*x)**2" or "0.1*x^3" as an expression.
+
+    Decimals become exact rationals. `symbol` gives what a name stands for, `functions` those of one
+    argument that may be called. Raises SymbolicError for all other text, and for what has no finite
+    real value or would be too large.
+    """
+    if len(text) > _MOST_LETTERS:
+        raise SymbolicError(f"is longer than {_MOST_LETTERS} letters")
+    plain = text.replace("^", "**").strip(" \t")
+    _check_tokens(plain, functions)
+    try:
+        tree = ast.parse(plain, mode="eval")
+    except (SyntaxError, ValueError, MemoryError, RecursionError):  # of too many brackets
+        raise SymbolicError("is not an expression") from None
+    found = _part(tree.body, plain, symbol, functions, 0).expression
+    if not isinstance(found, sp.Expr) or found.has(sp.zoo, sp.oo, sp.nan, sp.I):
+        raise SymbolicError(f"is not an expression but {shortened(str(found))}")
+    return found
+
+
+def _check_tokens(text: str, functions: Mapping[str, object]) -> None:
+    """Refuse letters and words that no expression has, before Python's parser sees them."""
+    place = 0
+    while place < len(text):
+        token = _TOKEN.match(text, place)
+        if token is None:
+            raise SymbolicError(
+                "is not an expression: it may have names, numbers and + - * / ^ ( )"
+            )
+        place = token.end()
+        name = token["name"]
+        if name is not None and iskeyword(name):
+            raise SymbolicError(f"the name '{name}' is taken; choose another")
+        if name in functions and not text[place:].lstrip().startswith("("):
+            raise SymbolicError(f"the name '{name}' is that of a function; choose another")
+        if sum(map(str.isdigit, token["number"] or "")) > _MOST_DIGITS:
+            raise SymbolicError(f"has a number of more than {_MOST_DIGITS} digits")
+
+
+def _part(
+    node: ast.expr,
+    text: str,
+    symbol: Callable[[str], sp.Expr],
+    functions: Mapping[str, Callable[..., sp.Expr]],
+    depth: int,
+) -> _Part:
+    if depth > _MOST_DEPTH:
+        raise SymbolicError(f"has more than {_MOST_DEPTH} operations within each other")
+
+    def inner(one: ast.expr) -> _Part:
+        return _part(one, text, symbol, functions, depth + 1)
+
+    match node:
+        case ast.Constant(value=int() | float()) if not isinstance(node.value, bool):
+            return _number(Fraction(text[node.col_offset : node.end_col_offset]))
+        case ast.Name():
+            found = symbol(node.id)
+            return _Part(found, number=float(found) if found.is_number else None)
+        case ast.UnaryOp(op=ast.UAdd()):
+            return inner(node.operand)
+        case ast.UnaryOp(op=ast.USub()):
+            return _product(_number(Fraction(-1)), inner(node.operand))
+        case ast.BinOp(op=ast.Add()):
+            return _sum(inner(node.left), inner(node.right))
+        case ast.BinOp(op=ast.Sub()):
+            minus = _product(_number(Fraction(-1)), inner(node.right))
+            return _sum(inner(node.left), minus)
+        case ast.BinOp(op=ast.Mult()):
+            return _product(inner(node.left), inner(node.right))
+        case ast.BinOp(op=ast.Div()):
+            return _product(inner(node.left), _power(inner(node.right), sp.Integer(-1)))
+        case ast.BinOp(op=ast.Pow()):
+            return _power(inner(node.left), inner(node.right).expression)
+        case ast.Call(func=ast.Name(id=called), args=[argument], keywords=[]):
+            if called not in functions:
+                raise SymbolicError(unknown_name("function", called, functions))
+            return _called(functions[called], inner(argument))
+    raise SymbolicError("is not an expression")
+
+
+def _number(value: Fraction) -> _Part:
+    number = sp.Rational(value.numerator, value.denominator)
+    return _bounded(_Part(number, degree=0, number=_double(float, value)))
+
+
+def _sum(left: _Part, right: _Part) -> _Part:
+    value = None
+    if left.number is not None and right.number is not None:
+        value = left.number + right.number
+    below = left.below * right.below
+    above = left.above * right.below + right.above * left.below
+    degree = max(left.degree, right.degree)
+    return _made(lambda: left.expression + right.expression, above, below, degree, value)
+
+
+def _product(left: _Part, right: _Part) -> _Part:
+    value = None
+    if left.number is not None and right.number is not None:
+        value = left.number * right.number
+    above, below = left.above * right.above, left.below * right.below
+    degree = left.degree + right.degree
+    return _made(lambda: left.expression * right.expression, above, below, degree, value)
+
+
+def _power(base: _Part, exponent: sp.Expr) -> _Part:
+    if not isinstance(exponent, sp.Rational) or exponent.q > _MOST_POWER:
+        raise SymbolicError(
+            f"has a power that is no plain number; allowed are numbers from -{_MOST_POWER} to "
+            f"{_MOST_POWER}, and exp()"
+        )
+    if abs(exponent) > _MOST_POWER:
+        raise SymbolicError(
+            f"has a power above {_MOST_POWER}; allowed are -{_MOST_POWER} to {_MOST_POWER}"
+        )
+    size = math.ceil(abs(exponent))
+    if _bits(base.expression) * size > _MOST_BITS:
+        raise SymbolicError("has a number of too many digits")
+    value = None
+    if base.number is not None:
+        if base.expression == 0 and exponent < 0:
+            raise SymbolicError("is not an expression: it divides by zero")
+        value = _double(lambda: complex(base.number) ** float(exponent))  # type: ignore[arg-type]
+    above, below = (math.comb(terms + size - 1, size) for terms in (base.above, base.below))
+    if exponent < 0:
+        above, below = below, above
+    return _made(lambda: base.expression**exponent, above, below, base.degree * size, value)
+
+
+def _called(function: Callable[..., sp.Expr], argument: _Part) -> _Part:
+    if argument.number is None:
+        doubles = isinstance(function, type) and issubclass(function, _OF_SUMS)
+        above = 2 ** (argument.above - 1) if doubles else 1
+        return _made(lambda: function(argument.expression), above, 1, 1, None)
+    if abs(argument.number) > _MOST_ARGUMENT:
+        raise SymbolicError(
+            f"has a function of a number beyond {_MOST_ARGUMENT:g}: write its value"
+        )
+    found = function(argument.expression)
+    value = _double(lambda: complex(found.evalf()))
+    return _bounded(_Part(found, degree=0, number=value))
+
+
+def _made(
+    expression: Callable[[], sp.Expr], above: int, below: int, degree: int, value: float | None
+) -> _Part:
+    """Make a part, if it is not too large."""
+    if max(above, below) > _MOST_TERMS:
+        raise SymbolicError(f"has more than {_MOST_TERMS} terms, multiplied out")
+    if degree > _MOST_DEGREE:
+        raise SymbolicError(f"is of a degree above {_MOST_DEGREE}")
+    return _bounded(_Part(expression(), above, below, degree, value))
+
+
+def _bounded(part: _Part) -> _Part:
+    """Return a part whose number, if it is one, is finite and of few digits."""
+    if part.number is not None:
+        lost = part.number == 0 and part.expression != 0
+        if not math.isfinite(part.number) or lost:
+            raise SymbolicError("has a number that no double can hold")
+        if _bits(part.expression) > _MOST_BITS:
+            raise SymbolicError("has a number of too many digits")
+    return part
+
+
+def _bits(expression: sp.Expr) -> int:
+    if not isinstance(expression, sp.Rational):
+        return 0
+    return int(expression.p).bit_length() + int(expression.q).bit_length()
+
+
+def _double(value: Callable[..., float | complex], *arguments: object) -> float:
+    """Return a real, finite value. Raises SymbolicError where there is none."""
+    try:
+        found = complex(value(*arguments))
+    except (ArithmeticError, TypeError, ValueError):
+        raise SymbolicError("is not an expression: a number in it has no finite value") from None
+    if abs(found.imag) > 1e-9 * abs(found):
+        raise SymbolicError("is not an expression: a number in it is not real")
+    return found.real
