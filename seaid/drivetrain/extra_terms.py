@@ -89,11 +89,11 @@ def extra_torque(drive: Drive) -> Callable[[float, float, float, float], float]:
     Raises RobotError where they have unknown parameters, so that they have no value; the function
     raises it where they have none at a state.
     """
-    flat = {state: sp.Symbol(name) for name, state in reversed(STATES.items())}
-    expression = sum(extra_terms(drive), sp.Integer(0)).subs(flat)
+    flat = {state: sp.Symbol(name, real=True) for name, state in STATES.items()}
+    expression = sum(extra_terms(drive), sp.Integer(0)).xreplace(flat)
     known = known_values(drive)
     states = ("theta_M", "theta_M_dot", "theta_L", "theta_L_dot")
-    arguments = [*map(sp.Symbol, states), *known]
+    arguments = [*(flat[STATES[name]] for name in states), *known]
     unknown = expression.free_symbols - set(arguments)
     if unknown:
         raise RobotError(

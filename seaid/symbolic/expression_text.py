@@ -211,7 +211,10 @@ def _made(
         raise SymbolicError(f"has more than {_MOST_TERMS} terms, multiplied out")
     if degree > _MOST_DEGREE:
         raise SymbolicError(f"is of a degree above {_MOST_DEGREE}")
-    return _bounded(_Part(expression(), above, below, degree, value))
+    found = expression()
+    if value is None and found.is_number:  # as of x - x
+        value = _double(lambda: complex(found.evalf()))
+    return _bounded(_Part(found, above, below, degree, value))
 
 
 def _bounded(part: _Part) -> _Part:

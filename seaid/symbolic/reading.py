@@ -38,6 +38,9 @@ from seaid.symbolic.polynomial import (
     total,
 )
 
+_MOST_POWER = 10**9
+"""Of an exponential or a root: exponents of flint's polynomials are machine words."""
+
 _MOST_TURNS = 1000
 """The sine of n q is a polynomial of n terms with numbers of n digits in sin q and cos q."""
 
@@ -145,6 +148,11 @@ def _read_function(ring: Ring, function: sp.Expr, memory: Memory) -> Ratio:
 def _powers(ring: Ring, factors: list[tuple[sp.Expr, sp.Rational]]) -> Ratio:
     result = from_polynomial(ring, ring.constant(1))
     for generator, exponent in factors:
+        if abs(exponent) > _MOST_POWER:
+            raise SymbolicError(
+                f"found {generator} to the power {exponent}; up to {_MOST_POWER} are allowed; give "
+                "it as a signal of its own"
+            )
         base = from_polynomial(ring, ring.generator(generator))
         result = product(ring, result, power(ring, base, int(exponent)))
     return result

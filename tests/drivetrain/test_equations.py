@@ -307,6 +307,19 @@ def test_extra_terms_without_a_value_at_a_state_say_where(text: str, words: str)
         torque(1.0, 20.0, 0.0, 0.0)
 
 
+def test_the_size_of_an_exponential_has_a_value_too() -> None:
+    torque = extra_torque(replace(LINEAR, extra_terms=("0.1*abs(exp(theta_M'*theta_L'))",)))
+    assert torque(0.0, 2.0, 0.0, 0.5) == pytest.approx(0.1 * np.e, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    "text", ["c*exp(-1e20*theta_M)/(1+exp(-1e20*theta_M))", "c*cos(1e9*theta_M)"]
+)
+def test_multiples_that_no_polynomial_has_are_refused(text: str) -> None:
+    with pytest.raises(SymbolicError, match="give .* as a signal of its own"):
+        motor_regressor(replace(LINEAR, extra_terms=(text,)))
+
+
 def test_a_name_that_python_would_normalise_to_eval_runs_nothing(tmp_path: Path) -> None:
     trace, path = tmp_path / "ran", tmp_path / "drives.toml"
     term = f"\U0001d41eval(open('{trace}', 'w'))"
