@@ -316,7 +316,7 @@ def test_the_size_of_an_exponential_has_a_value_too() -> None:
     "text", ["c*exp(-1e20*theta_M)/(1+exp(-1e20*theta_M))", "c*cos(1e9*theta_M)"]
 )
 def test_multiples_that_no_polynomial_has_are_refused(text: str) -> None:
-    with pytest.raises(SymbolicError, match="give .* as a signal of its own"):
+    with pytest.raises(SymbolicError, match=r"give .* as a signal of its own"):
         motor_regressor(replace(LINEAR, extra_terms=(text,)))
 
 
