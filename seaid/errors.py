@@ -7,10 +7,20 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from itertools import islice
+
+LONGEST_MESSAGE = 2000
+"""Characters of an error message: longer ones lose their middle."""
+
+_LISTED, _LONGEST_NAME, _COMPARED = 20, 100, 1000
+"""Names in a message, characters of each, and names that a misspelled one is compared with."""
 
 
 class SeaidError(Exception):
-    """Base of all errors that seaid raises on purpose."""
+    """Base of all errors that seaid raises on purpose; their messages have a bounded length."""
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(shortened(message, LONGEST_MESSAGE))
 
 
 class RobotError(SeaidError):
@@ -37,35 +47,28 @@ class SeaidWarning(UserWarning):
     """Something was changed or left out; the result is still valid."""
 
 
-_MOST_OF_A_LIST = 1500
+def shortened(text: object, most: int = _LONGEST_NAME) -> str:
+    """Return a text with at most `most` characters: a longer one loses its middle."""
+    text = str(text)
+    if len(text) <= most:
+        return text
+    half = max((most - 5) // 2, 1)
+    return f"{text[:half]} ... {text[-half:]}"
 
 
-def shown(value: object, most: int = 80) -> str:
-    """Return a value of a user as it stands in a message: its repr, of at most so many letters."""
-    try:
-        return shortened(repr(value), most)
-    except (ValueError, RecursionError):  # an integer of thousands of digits, or endless lists
-        return f"a {type(value).__name__} too long to show"
-
-
-def shortened(text: object, most: int = 80) -> str:
-    """Return a user's text as it stands in a message: cut off, what is no letter as its escape.
-
-    What is no text is shown as `shown` does.
-    """
-    if not isinstance(text, str):
-        return shown(text, most)
-    short = text if len(text) <= most else f"{text[: most - 2]} …"
-    if short.isprintable():
-        return short
-    return "".join(one if one.isprintable() else repr(one)[1:-1] for one in short)
+def listed(names: Iterable[object], most: int = _LISTED) -> str:
+    """Return names as "a, b, c and 97 more": at most `most` of them, long ones shortened."""
+    found = list(names)
+    shown = ", ".join(shortened(name) for name in found[:most])
+    more = len(found) - most
+    return f"{shown} and {more:,} more" if more > 0 else shown
 
 
 def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> str:
     """Return the sentence for a name that is not among the allowed ones, with the nearest one."""
     names = list(allowed)
     name = shortened(name)
-    near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-    hint = f"did you mean '{shortened(near[0])}'? " if near else ""
-    listed = shortened(", ".join(names), _MOST_OF_A_LIST) or "none"
-    return f"no {kind} is named '{name}'; {hint}allowed: {listed}"
+    comparable = (one for one in names if len(one) <= _LONGEST_NAME)
+    near = difflib.get_close_matches(name, islice(comparable, _COMPARED), n=1, cutoff=0.5)
+    hint = f"did you mean '{near[0]}'? " if near else ""
+    return f"no {kind} is named '{name}'; {hint}allowed: {listed(names) or 'none'}"

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-import coal
 import numpy as np
 import pinocchio as pin
 
 from seaid.arrays import Array
-from seaid.errors import RobotError
+from seaid.errors import RobotError, listed, shortened
+from seaid.excitation.collision_meshes import Mesh, hulls
 from seaid.mesh_files import find_mesh, search_folders
 from seaid.robot import Robot
 from seaid.urdf import read_urdf
@@ -36,13 +35,14 @@ def collision_geometry(
             f"'{urdf}' is not the file of robot '{robot.name}': it has no joint "
             f"{', '.join(strangers)}"
         )
-    text = _with_mesh_paths(Path(urdf), search_folders(Path(urdf), package_dirs))
+    text, meshes = _without_meshes(Path(urdf), search_folders(Path(urdf), package_dirs))
     try:
         full = pin.buildModelFromXML(text)
         shapes = pin.buildGeomFromUrdfString(full, text, pin.GeometryType.COLLISION)
     except (ValueError, RuntimeError) as problem:
         raise RobotError(f"collision geometry of '{urdf}' cannot be read: {problem}") from None
     _check_same_tree(str(urdf), full, robot)
+    convex = dict(zip(meshes, hulls(urdf, list(meshes.values())), strict=True))
     data = full.createData()
     pin.forwardKinematics(full, data, pin.neutral(full))
     placed, links = pin.GeometryModel(), []
@@ -51,8 +51,9 @@ def collision_geometry(
         moving = _moving(full, shape.parentJoint, robot)
         joint = robot.model.getJointId(full.names[moving])
         placement = data.oMi[moving].actInv(data.oMi[shape.parentJoint] * shape.placement)
-        convex = _convex(shape.geometry, links[-1], shape.meshPath)
-        placed.addGeometryObject(pin.GeometryObject(shape.name, joint, placement, convex))
+        geometry = convex.get(shape.name, shape.geometry)
+        geometry.computeLocalAABB()
+        placed.addGeometryObject(pin.GeometryObject(shape.name, joint, placement, geometry))
     return placed, tuple(links)
 
 
@@ -79,53 +80,51 @@ def _check_same_tree(where: str, full: pin.Model, robot: Robot) -> None:
             )
 
 
-def _convex(geometry: Any, link: str, mesh: str) -> Any:
-    """Return the geometry, or its hull if it is a mesh, with its bounding sphere."""
-    if isinstance(geometry, coal.BVHModelBase):
-        geometry = _hull(geometry, link, mesh)
-    geometry.computeLocalAABB()
-    return geometry
+def _without_meshes(urdf: Path, folders: Sequence[Path]) -> tuple[str, dict[str, Mesh]]:
+    """Return the text of the file with a ball in the place of every collision mesh, and those.
 
-
-def _hull(geometry: Any, link: str, mesh: str) -> Any:
-    from scipy.spatial import ConvexHull, QhullError
-
-    corners = np.array(geometry.vertices())
-    try:
-        corners = corners[ConvexHull(corners).vertices]  # coal's own ends the process on flat ones
-    except QhullError:
-        raise RobotError(
-            f"link '{link}': collision mesh '{mesh}' is flat, its convex hull has no volume; use a "
-            "box or another mesh"
-        ) from None
-    points = coal.StdVec_Vec3s()
-    points.extend(list(corners))
-    try:
-        return coal.Convex.convexHull(points, True, "Qt")
-    except RuntimeError:  # coal takes 255 neighbours of a corner: joggled, it has fewer
-        return coal.Convex.convexHull(points, True, "QJ")
-
-
-def _with_mesh_paths(urdf: Path, folders: Sequence[Path]) -> str:
-    """Return the text of the file with every collision mesh at its full path."""
+    They are named as Pinocchio names its objects: link, and number of the link's collision element.
+    """
     from lxml import etree
 
     root = etree.parse(str(urdf), etree.XMLParser(remove_comments=True)).getroot()
     if not root.get("name"):
         root.set("name", urdf.stem)
-    meshes = [mesh for box in root.iter("collision") for mesh in box.iter("mesh")]
-    where = {str(mesh.get("filename")): None for mesh in meshes}
-    found: Mapping[str, Path | None] = {name: find_mesh(name, folders) for name in where}
+    named = {
+        f"{link.get('name')}_{place}": (str(link.get("name")), mesh)
+        for link in root.iter("link")
+        for place, box in enumerate(link.iterfind("collision"))
+        for mesh in box.iterfind("geometry/mesh")
+    }
+    where = dict.fromkeys(str(mesh.get("filename")) for _, mesh in named.values())
+    found = {name: find_mesh(name, folders) for name in where}
     missing = [name for name, path in found.items() if path is None]
     if missing:
         raise RobotError(
-            f"'{urdf}': {len(missing)} collision meshes not found: {', '.join(missing)}; searched "
+            f"'{urdf}': {len(missing)} collision meshes not found: {listed(missing)}; searched "
             "in package_dirs, the folder of the file and those above it; give the folders that "
             "hold the packages by package_dirs=[...]"
         )
-    for mesh in meshes:
-        mesh.set("filename", str(found[mesh.get("filename")]))
-    return str(etree.tostring(root, encoding="unicode"))
+    meshes = {}
+    for name, (link, mesh) in named.items():
+        path = found[str(mesh.get("filename"))]
+        if path is not None:
+            meshes[name] = Mesh(link, path, _scale(urdf, link, mesh.get("scale") or "1 1 1"))
+        mesh.getparent().replace(mesh, etree.Element("sphere", radius="1"))
+    return str(etree.tostring(root, encoding="unicode")), meshes
+
+
+def _scale(urdf: Path, link: str, text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(one) for one in text.split())
+    except ValueError:
+        x = y = z = 0.0
+    if not np.all(np.isfinite([x, y, z])) or 0.0 in (x, y, z):
+        raise RobotError(
+            f"'{urdf}', link '{link}': the scale of a mesh must be three numbers that are not "
+            f"zero, found '{shortened(text)}'"
+        )
+    return x, y, z
 
 
 def bounding_spheres(geometry: pin.GeometryModel) -> tuple[Array, Array]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -91,8 +92,21 @@ def optional(module: str, extra: str, path: Path) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError:
-        package = module.split(".")[0]
-        raise LogError(
-            f"'{path}': '{path.suffix}' logs need the package {package}, which is not installed; "
-            f"get it with pip install 'seaid[{extra}]'"
-        ) from None
+        raise _not_installed(module, extra, path) from None
+
+
+def check_installed(module: str, extra: str, path: Path) -> None:
+    """Check that an optional package is there, without loading it. Raises as `optional` does."""
+    try:
+        found = find_spec(module)
+    except ImportError:
+        found = None
+    if found is None:
+        raise _not_installed(module, extra, path)
+
+
+def _not_installed(module: str, extra: str, path: Path) -> LogError:
+    return LogError(
+        f"'{path}': '{path.suffix}' logs need the package {module.split('.')[0]}, which is not "
+        f"installed; get it with pip install 'seaid[{extra}]'"
+    )
