@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from seaid.errors import shortened
+from seaid import errors
+from seaid.errors import SeaidError, reason_of
 from seaid.memory import free_memory
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -32,7 +33,6 @@ _MOST_MEMORY, _MEMORY_SHARE, _LEAST_MEMORY = 3e9, 0.5, 5e8
 _WALL_FACTOR = 4.0
 """Wall time over processor time after which a child counts as hanging."""
 
-_LONGEST_REASON = 300
 _START = (
     "import json, sys; sys.path[:] = json.load(open(sys.argv[1] + '/call.json'))['path']; "
     "from seaid.child_process import serve; serve(sys.argv[1])"
@@ -43,7 +43,7 @@ _folder: Path | None = None
 
 
 class ChildError(Exception):
-    """The reason, in words, why a child did not answer."""
+    """A child that did not answer, and the reason, in words."""
 
 
 def run_in_child(
@@ -53,8 +53,8 @@ def run_in_child(
 
     `arguments` by name, as JSON knows them. `seconds` is processor time: a child may take four
     times as long on the wall. Memory is limited to half of what is free, 3 GB at most, where the
-    system can do so. Raises ChildError with a reason in words for whatever goes wrong: an exception
-    of the function, a crash, a limit that was reached.
+    system can do so. Raises the function's own SeaidError, and ChildError with a reason in words
+    for whatever else goes wrong: another exception, a crash, a limit that was reached.
     """
     memory = max(min(_MOST_MEMORY, _MEMORY_SHARE * free_memory()), _LEAST_MEMORY)
     call = {
@@ -108,10 +108,10 @@ def _started(folder: Path, seconds: float) -> str:
 
 
 def _answer(folder: Path, died: str) -> Answer:
-    """Return what a child left in its folder. Raises ChildError with how it died."""
+    """Return what a child left in its folder. Raises its error, or ChildError with how it died."""
     with suppress(OSError, ValueError):
-        reason = json.loads((folder / "reason.json").read_text(encoding="utf-8"))
-        raise ChildError(str(reason))
+        kind, reason = json.loads((folder / "reason.json").read_text(encoding="utf-8"))
+        raise getattr(errors, kind, ChildError)(reason)
     if died:
         with suppress(OSError):
             died += f" at {(folder / 'doing').read_text(encoding='utf-8')}"
@@ -134,18 +134,17 @@ def serve(folder: str) -> None:
         module, name = call["function"]
         facts, arrays = getattr(importlib.import_module(module), name)(**call["arguments"])
         numbered = {str(place): values for place, values in enumerate(arrays.values())}
-        np.savez(_folder / "arrays.npz", **numbered)  # type: ignore[arg-type]
+        np.savez(_folder / "arrays.npz", **numbered)
         (_folder / "facts.json").write_text(json.dumps([facts, list(arrays)]), encoding="utf-8")
+    except SeaidError as problem:
+        _say(type(problem).__name__, str(problem))
     except Exception as problem:  # libraries on damaged files let whatever they meet through
-        (_folder / "reason.json").write_text(json.dumps(reason_of(problem)), encoding="utf-8")
+        _say("", reason_of(problem))
 
 
-def reason_of(problem: BaseException) -> str:
-    """Return what an exception of a library says, in one line of bounded length."""
-    if isinstance(problem, MemoryError):
-        return "it asks for more memory than there is"
-    lines = str(problem).strip().splitlines()
-    return shortened(lines[0] if lines else type(problem).__name__, _LONGEST_REASON)
+def _say(kind: str, reason: str) -> None:
+    if _folder is not None:
+        (_folder / "reason.json").write_text(json.dumps([kind, reason]), encoding="utf-8")
 
 
 def _limit(seconds: float, memory: int) -> None:

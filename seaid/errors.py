@@ -12,8 +12,9 @@ from itertools import islice
 LONGEST_MESSAGE = 2000
 """Characters of an error message: longer ones lose their middle."""
 
-_LISTED, _LONGEST_NAME, _COMPARED = 20, 100, 1000
-"""Names in a message, characters of each, and names that a misspelled one is compared with."""
+_LISTED, _LONGEST_NAME, _COMPARED, _LONGEST_REASON = 20, 100, 1000, 300
+"""Names in a message, characters of each, names that a misspelled one is compared with, and
+characters of what a library says."""
 
 
 class SeaidError(Exception):
@@ -54,6 +55,15 @@ def shortened(text: object, most: int = _LONGEST_NAME) -> str:
         return text
     half = max((most - 5) // 2, 1)
     return f"{text[:half]} ... {text[-half:]}"
+
+
+def reason_of(problem: BaseException) -> str:
+    """Return what an exception of a library says, in one line of bounded length."""
+    if isinstance(problem, MemoryError):
+        return "it asks for more memory than there is"
+    text = problem.strerror if isinstance(problem, OSError) and problem.strerror else str(problem)
+    lines = text.strip().splitlines()
+    return shortened(lines[0] if lines else type(problem).__name__, _LONGEST_REASON)
 
 
 def listed(names: Iterable[object], most: int = _LISTED) -> str:

@@ -7,11 +7,12 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.errors import LogError
+from seaid.errors import LogError, shortened
 from seaid.filtering import decimation
 from seaid.formats.opening import open_table
 from seaid.formats.table import Block, Blocks
@@ -27,6 +28,8 @@ from seaid.robot import Robot
 
 CHUNK_SAMPLES = 16_000
 """Samples that are looked at together, beside the overlap."""
+
+_MOST_SAMPLES = 1_000_000_000
 
 _FORGOTTEN = 6.0
 """Periods of the cutoff after which the filters have forgotten an end to 1e-11."""
@@ -147,7 +150,9 @@ def iterate_log(
     Memory holds one part of `chunk_samples`. Each part is checked as `read_log` checks a log;
     besides, all must have the same sensors. Raises LogError.
     """
-    if not 0 <= overlap_samples <= chunk_samples:
+    _check_count("chunk_samples", chunk_samples, MINIMUM_SAMPLES)
+    _check_count("overlap_samples", overlap_samples, 0)
+    if overlap_samples > chunk_samples:
         raise LogError(
             f"overlap_samples must be between 0 and chunk_samples, {chunk_samples}, found "
             f"{overlap_samples}"
@@ -176,6 +181,16 @@ def iterate_log(
         end = before + own
         end_s = float(log.time[end]) if end < len(log.time) else math.inf
         yield LogPart(log, float(log.time[before]), end_s)
+
+
+def _check_count(name: str, value: object, least: int) -> None:
+    """Check a number of samples. Raises LogError."""
+    is_count = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not (is_count and least <= int(cast(int, value)) <= _MOST_SAMPLES):
+        raise LogError(
+            f"{name} must be a whole number from {least} to {_MOST_SAMPLES:,}, found "
+            f"{shortened(repr(value))}"
+        )
 
 
 def _overlapping(blocks: Blocks, overlap: int) -> Iterator[tuple[Block, int, int]]:

@@ -1,35 +1,10 @@
-"""How much memory is free, and whether what a file declares fits into it, asked before reading."""
+"""How much memory is free."""
 
 from __future__ import annotations
 
 import os
 from contextlib import suppress
 from pathlib import Path
-
-from seaid.errors import SeaidError
-
-MEMORY_SHARE = 0.25
-"""Largest part of the free memory that data read as a whole may take: what follows copies it."""
-
-MOST_BYTES = 1e9
-"""Most bytes that are read as a whole, however much memory is free."""
-
-
-def check_memory(
-    where: str, size: float, advice: str, error: type[SeaidError] = SeaidError
-) -> None:
-    """Check that `size` bytes of data may be read into memory. Raises `error` with the advice."""
-    free = free_memory()
-    if size > MOST_BYTES:
-        limit = f"more than the {MOST_BYTES / 1e9:.3g} GB that are read as a whole"
-    elif size > MEMORY_SHARE * free:
-        limit = (
-            f"too much to be read as a whole into the {max(free, 0.0) / 1e9:.3g} GB of memory "
-            "that are free"
-        )
-    else:
-        return
-    raise error(f"{where} has {size / 1e9:.3g} GB, {limit}; {advice}")
 
 
 def free_memory() -> float:

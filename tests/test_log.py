@@ -324,7 +324,7 @@ def test_npz_that_is_no_archive_is_named(arm: Robot, tmp_path: Path, content: by
     path = tmp_path / "log.npz"
     path.write_bytes(content)
     words = f"'{path}' is not a NumPy archive (.npz), or a damaged one"
-    assert read_error(path, arm) == words
+    assert read_error(path, arm).startswith(words)
 
 
 def test_npz_that_is_damaged_inside_is_named(arm: Robot, tmp_path: Path) -> None:
@@ -342,8 +342,8 @@ def test_npz_that_is_damaged_inside_is_named(arm: Robot, tmp_path: Path) -> None
         (np.zeros((60, 2)), "must be a row of numbers, found float64 of shape (60, 2)"),
         (np.array("text"), "must be a row of numbers, found <U4 of shape ()"),
         (np.zeros(60, dtype=complex), "must be a row of numbers, found complex128"),
-        (np.array([{}], dtype=object), "cannot be read: Object arrays cannot be loaded"),
-        (np.zeros(7), "columns are not equally long: {'time_s': 60, "),
+        (np.array([{}], dtype=object), "must be a row of numbers, found object"),
+        (np.zeros(7), "columns are not equally long: 'time_s' 60, "),
     ],
 )
 def test_npz_with_a_bad_column_is_named(

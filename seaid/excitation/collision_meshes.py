@@ -11,8 +11,8 @@ import coal
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.child_process import Answer, ChildError, doing, reason_of, run_in_child
-from seaid.errors import RobotError
+from seaid.child_process import Answer, ChildError, doing, run_in_child
+from seaid.errors import RobotError, reason_of
 
 _SECONDS, _BYTES_PER_SECOND = 15.0, 1e6
 """Processor time that a child may take: at least, and the slowest rate of reading."""
@@ -60,7 +60,7 @@ def hull_corners(meshes: Sequence[tuple[str, str, Sequence[float]]]) -> Answer:
         try:
             vertices = np.array(loader.load(path, np.array(scale, dtype=float)).vertices())
         except Exception as problem:  # a reader of fifty formats
-            raise ValueError(f"{where}: {reason_of(problem)}") from None
+            raise RobotError(f"{where} cannot be read: {reason_of(problem)}") from None
         option, corners[str(place)] = _corners(where, vertices)
         options.append(option)
     return options, corners
@@ -70,11 +70,15 @@ def _corners(where: str, vertices: Array) -> tuple[str, Array]:
     from scipy.spatial import ConvexHull, QhullError
 
     if not len(vertices) or not np.all(np.abs(vertices) < _MOST_SIZE_M):
-        raise ValueError(f"{where} has no corners, or some that are beyond {_MOST_SIZE_M:g} m")
+        raise RobotError(f"{where} has no corners, or some that are beyond {_MOST_SIZE_M:g} m")
     try:
-        corners = vertices[ConvexHull(vertices).vertices]  # coal's own ends the process on flat ones
+        corners = vertices[
+            ConvexHull(vertices).vertices
+        ]  # coal's own ends the process on flat ones
     except (QhullError, ValueError):
-        raise ValueError(f"{where} is flat, its convex hull has no volume") from None
+        raise RobotError(
+            f"{where} is flat, its convex hull has no volume; use a box or another mesh"
+        ) from None
     try:
         coal.Convex.convexHull(_points(corners), True, "Qt")
     except RuntimeError:  # coal takes 255 neighbours of a corner: joggled, it has fewer

@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import csv
-import os
-from contextlib import suppress
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
 from itertools import islice
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.errors import LogError
+from seaid.errors import LogError, listed, shortened
+from seaid.formats.limits import check_memory
 from seaid.formats.table import Block, Blocks, Table
 
-MEMORY_SHARE = 0.25
-"""Largest part of the free memory that a CSV file read as a whole may have as its size."""
+LONGEST_LINE = 1_000_000
+"""Characters of a line of a CSV file: those of the most columns with 100 characters each."""
+
+_LINES, _TEXT = 50_000, 50_000_000
+"""Lines, and characters in them, that are text in memory at a time."""
 
 
 def open_csv(path: Path) -> Table:
@@ -24,61 +32,92 @@ def open_csv(path: Path) -> Table:
     A header behind # or % may be delimited by spaces, as NumPy and MATLAB write it. Raises LogError
     for what is no such file, and where it is too large to be loaded as a whole.
     """
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            names, delimiter = _header(path, file.readline().rstrip("\r\n"))
-    except OSError as problem:
-        raise LogError(f"cannot read '{path}': {problem.strerror}") from None
-    except UnicodeDecodeError as problem:
-        raise LogError(f"'{path}' is not a text file in UTF-8: {problem}") from None
+    with _opened(path) as file:
+        names, delimiter = _header(path, next(_lines(path, file), ""))
 
     def load(wanted: list[str]) -> Block:
-        _check_size(path)
-        return next(blocks(wanted, 0))
+        check_memory(path, path.stat().st_size)
+        return next(blocks(wanted, sys.maxsize))
 
     def blocks(wanted: list[str], size: int) -> Blocks:
-        try:
-            with path.open(encoding="utf-8-sig") as file:
-                file.readline()
-                lines, line = list(islice(file, size or None)), 2
-                while lines or line == 2:
-                    yield _columns(path, names, lines, delimiter, wanted, line)
-                    line += len(lines)
-                    lines = list(islice(file, size or None))
-        except UnicodeDecodeError as problem:
-            raise LogError(f"'{path}' is not a text file in UTF-8: {problem}") from None
+        with _opened(path) as file:
+            lines, line = _lines(path, file), 2
+            next(lines, "")
+            while parts := _parts(path, names, lines, delimiter, wanted, line, size):
+                line += sum(count for count, _ in parts)
+                found = [part for _, part in parts if part]
+                if found:
+                    yield {name: np.concatenate([one[name] for one in found]) for name in wanted}
 
     return Table(names, load, blocks)
 
 
-def free_memory() -> float:
-    """Return the bytes of memory that a program may still take; infinite where nobody says."""
-    with suppress(OSError, ValueError, IndexError):
-        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
-        return 1024.0 * next(int(line.split()[1]) for line in lines if "MemAvailable" in line)
-    with suppress(ValueError, OSError, AttributeError):
-        return float(os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    return float("inf")
-
-
-def _check_size(path: Path) -> None:
-    size, free = path.stat().st_size, free_memory()
-    if size > MEMORY_SHARE * free:
+@contextmanager
+def _opened(path: Path) -> Iterator[TextIO]:
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            yield file
+    except UnicodeDecodeError as problem:
         raise LogError(
-            f"'{path}' has {size / 1e9:.3g} GB, too much to be read as a whole into the "
-            f"{free / 1e9:.3g} GB of memory that are free; read it in pieces with "
-            "seaid.open_long_log, or write it as Parquet with the columns needed"
-        )
+            f"'{path}' is not a text file in UTF-8 ({problem.reason} at byte {problem.start}); "
+            "save it as CSV in UTF-8"
+        ) from None
+
+
+def _lines(path: Path, file: TextIO) -> Iterator[str]:
+    for number, line in enumerate(iter(partial(file.readline, LONGEST_LINE), ""), 1):
+        if len(line) == LONGEST_LINE:
+            raise LogError(
+                f"'{path}' is not a table: line {number} has more than {LONGEST_LINE:,} characters"
+            )
+        yield line
+
+
+def _parts(
+    path: Path,
+    names: list[str],
+    lines: Iterator[str],
+    delimiter: str,
+    wanted: list[str],
+    first: int,
+    most: int,
+) -> list[tuple[int, Block]]:
+    """Return the next lines, `most` of them, in parts: how many lines, and their columns."""
+    parts: list[tuple[int, Block]] = []
+    count = 0
+    while some := _some(lines, min(most - count, _LINES)):
+        parts.append((len(some), _columns(path, names, some, delimiter, wanted, first + count)))
+        count += len(some)
+        check_memory(path, 8.0 * count * len(wanted), pieces=most < sys.maxsize)
+    if first == 2 and not any(part for _, part in parts):
+        raise LogError(f"'{path}' has column names but no samples")
+    return parts
+
+
+def _some(lines: Iterator[str], most: int) -> list[str]:
+    """Return the next lines, not more than memory holds at ease."""
+    found: list[str] = []
+    size = 0
+    for line in islice(lines, most):
+        found.append(line)
+        size += len(line)
+        if size > _TEXT:
+            break
+    return found
 
 
 def _header(path: Path, header: str) -> tuple[list[str], str]:
     """Return the column names in the first line of a file, and its delimiter."""
+    header = header.rstrip("\r\n")
+    if "\0" in header:
+        raise LogError(f"'{path}' is not a text file in UTF-8 (it has zero bytes); save it as such")
     is_comment = header[:1] in "#%"
     header = header.lstrip("#% ") if is_comment else header
     delimiter = max(",;\t", key=header.count)
     if is_comment and delimiter not in header:
         delimiter, header = " ", " ".join(header.split())
-    names = [name.strip() for name in next(csv.reader([header], delimiter=delimiter), [])]
+    cells = next(_cells(path, [header], delimiter, 1), (1, []))[1]
+    names = [name.strip() for name in cells]
     if not any(names):
         raise LogError(f"'{path}' is empty; a log starts with a line of column names")
     return names, delimiter
@@ -89,14 +128,16 @@ def _columns(
 ) -> Block:
     """Return the wanted columns of lines of samples, the first of which is line `first`.
 
-    Only lines with more than numbers in the wanted columns take the slow way.
+    Nothing if all are blank. Only lines with more than numbers in the wanted columns take the slow
+    way.
     """
     if not any(line.strip() for line in lines):
-        raise LogError(f"'{path}' has column names but no samples")
-    twice = sorted({name for name in wanted if names.count(name) > 1})
+        return {}
+    counts, place_of = Counter(names), {name: place for place, name in enumerate(names)}
+    twice = sorted({name for name in wanted if counts[name] > 1})
     if twice:
-        raise LogError(f"'{path}': column named twice: {', '.join(twice)}")
-    places = [names.index(name) for name in wanted]
+        raise LogError(f"'{path}': column named twice: {listed(twice)}")
+    places = [place_of[name] for name in wanted]
     if delimiter == " ":
         lines = [" ".join(line.split()) for line in lines]
     if all(line.count(delimiter) == len(names) - 1 for line in lines):
@@ -113,7 +154,7 @@ def _slowly(
     path: Path, names: list[str], lines: list[str], delimiter: str, places: list[int], first: int
 ) -> Block:
     rows = []
-    for line, cells in enumerate(csv.reader(lines, delimiter=delimiter), first):
+    for line, cells in _cells(path, lines, delimiter, first):
         if not cells:
             continue
         if len(cells) != len(names):
@@ -126,6 +167,16 @@ def _slowly(
     return {names[place]: values[:, column] for column, place in enumerate(places)}
 
 
+def _cells(
+    path: Path, lines: list[str], delimiter: str, first: int
+) -> Iterator[tuple[int, list[str]]]:
+    """Yield the cells of lines, each with the number of its line."""
+    try:
+        yield from enumerate(csv.reader(lines, delimiter=delimiter), first)
+    except csv.Error as problem:
+        raise LogError(f"'{path}' is not a table: {problem}") from None
+
+
 def _number(path: Path, line: int, column: str, cell: str) -> float:
     """Return the number in a cell; an empty one is NaN, true and false are 1 and 0."""
     try:
@@ -134,5 +185,8 @@ def _number(path: Path, line: int, column: str, cell: str) -> float:
         pass
     truth = {"true": 1.0, "false": 0.0}.get(cell.strip().lower())
     if truth is None:
-        raise LogError(f"'{path}', line {line}: column '{column}' has '{cell}', which is no number")
+        raise LogError(
+            f"'{path}', line {line}: column '{shortened(column)}' has '{shortened(cell)}', which "
+            "is no number"
+        )
     return truth

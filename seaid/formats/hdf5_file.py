@@ -2,81 +2,139 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 from seaid.arrays import Array
-from seaid.errors import LogError
+from seaid.errors import LogError, shortened
 from seaid.files import whole_file
+from seaid.formats.limits import check_columns, check_memory
 from seaid.formats.table import (
     Block,
     Blocks,
     Table,
-    check_lengths,
+    as_floats,
+    check_same,
+    column_error,
+    damaged,
+    is_number,
+    no_numbers,
     optional,
     part_of,
-    samples,
     with_parts,
 )
 
-_DAMAGE = (OSError, ValueError, RuntimeError, KeyError)
+_KIND = "an HDF5 file"
 
 
 def open_hdf5(path: Path) -> Table:
     """Return the data sets of an HDF5 file as columns, by their path in it: "elbow/position".
 
     Columns of a set of two dimensions are "name[0]", "name[1]", ..., those of a table "name/field".
-    Raises LogError for what is no such file, and where h5py is not installed.
+    Raises LogError for what is no such file, and where h5py is not installed. Sets whose samples
+    are in other files (external storage, virtual sets) are refused; links to others not followed.
     """
     h5py = optional("h5py", "hdf5", path)
     names: list[str] = []
 
     def visit(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset):
-            fields = item.dtype.names or ()
-            names.extend(
-                [f"{name}/{one}" for one in fields] if fields else with_parts(name, item.shape)
-            )
+            names.extend(_columns_of(name, item))
+            check_columns(path, len(names))
 
-    try:
-        with h5py.File(path, "r") as file:
-            file.visititems(visit)
-    except _DAMAGE as problem:
-        raise LogError(f"'{path}' is not an HDF5 file, or a damaged one: {problem}") from None
+    with damaged(path, _KIND), h5py.File(path, "r") as file:
+        file.visititems(visit)
 
     def load(wanted: list[str]) -> Block:
-        with h5py.File(path, "r") as file:
-            return {name: _samples(path, file, name, slice(None)) for name in wanted}
+        with damaged(path, _KIND), h5py.File(path, "r") as file:
+            columns = {name: _Column(path, file, name) for name in wanted}
+            check_memory(path, sum(one.size(one.length) for one in columns.values()))
+            return {name: one.read(slice(None)) for name, one in columns.items()}
 
     def blocks(wanted: list[str], size: int) -> Blocks:
-        with h5py.File(path, "r") as file:
-            total = max(len(_samples(path, file, name, slice(None))) for name in wanted[:1])
+        with damaged(path, _KIND), h5py.File(path, "r") as file:
+            columns = {name: _Column(path, file, name) for name in wanted}
+            check_same(path, {name: one.length for name, one in columns.items()})
+            total = columns[wanted[0]].length
+            check_memory(
+                path, sum(one.size(min(size, total)) for one in columns.values()), pieces=True
+            )
             for start in range(0, max(total, 1), size):
-                rows = slice(start, start + size)
-                block = {name: _samples(path, file, name, rows) for name in wanted}
-                check_lengths(path, block)
-                yield block
+                yield {name: one.read(slice(start, start + size)) for name, one in columns.items()}
 
     return Table(names, load, blocks)
 
 
 def write_hdf5(path: Path, data: Mapping[str, Array]) -> None:
-    """Write columns, whole or not at all. Raises LogError where h5py is not installed."""
+    """Write columns, whole or not at all. Raises LogError where h5py is not installed.
+
+    The file is made in memory: h5py ends the process where a disk is full.
+    """
     h5py = optional("h5py", "hdf5", path)
-    with whole_file(path) as temporary, h5py.File(temporary, "w") as file:
+    content = BytesIO()
+    with h5py.File(content, "w") as file:
         for name, values in data.items():
             file.create_dataset(name, data=values)
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content.getvalue())
 
 
-def _samples(path: Path, file: Any, name: str, rows: slice) -> Array:
+def _columns_of(name: str, data: Any) -> list[str]:
+    """Return the columns of a data set; one of a type or shape unknown here has its name."""
     try:
-        if name in file:
-            return samples(path, name, file[name][rows])
-        base, index = part_of(name)
-        if index is not None:
-            return samples(path, name, file[base][rows, index])
-        base, _, field = name.rpartition("/")
-        return samples(path, name, file[base][rows][field])
-    except _DAMAGE as problem:
-        raise LogError(f"'{path}': column '{name}' cannot be read: {problem}") from None
+        fields, shape = data.dtype.names, data.shape
+    except (TypeError, ValueError, RuntimeError, OSError):
+        return [name]
+    return [f"{name}/{one}" for one in fields] if fields else with_parts(name, shape)
+
+
+class _Column:
+    """A column of an open file: a data set, a column of one, or a field of a table."""
+
+    def __init__(self, path: Path, file: Any, name: str) -> None:
+        self.path, self.name = path, name
+        try:
+            self._find(file)
+        except LogError:
+            raise
+        except Exception as problem:  # h5py lets errors of half the library through
+            raise column_error(path, name, problem) from None
+
+    def _find(self, file: Any) -> None:
+        self.index: int | None = None
+        self.field: str | None = None
+        base = self.name
+        if base not in file:
+            base, self.index = part_of(base)
+        if self.index is None and base not in file:
+            base, _, self.field = self.name.rpartition("/")
+        self.data = file[base]
+        if self.data.is_virtual or self.data.external:
+            raise LogError(
+                f"'{self.path}': the samples of column '{shortened(self.name)}' are not in this "
+                "file but in others, which are not read; copy them into it"
+            )
+        kind, shape = self.data.dtype, self.data.shape
+        if self.field is not None:
+            kind = kind[self.field]
+        flat = 1 if self.index is None else 2
+        if shape is None or len(shape) != flat or kind.shape or not is_number(kind):
+            raise no_numbers(self.path, self.name, kind, shape)
+        self.length, self.width = int(shape[0]), max(kind.itemsize, 8)
+
+    def size(self, rows: int) -> float:
+        """Return the most bytes that reading this many samples takes at once."""
+        chunk = math.prod(self.data.chunks or (1,)) * self.data.dtype.itemsize
+        return float(max(rows * self.width, chunk))
+
+    def read(self, rows: slice) -> Array:
+        """Return samples as numbers."""
+        try:
+            if self.field is not None:
+                return as_floats(self.data.fields(self.field)[rows])
+            return as_floats(self.data[rows] if self.index is None else self.data[rows, self.index])
+        except Exception as problem:  # h5py lets errors of half the library through
+            raise column_error(self.path, self.name, problem) from None

@@ -2,30 +2,61 @@
 
 from __future__ import annotations
 
+import math
+import warnings
 import zipfile
-import zlib
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.errors import LogError
-from seaid.formats.table import Block, Blocks, Table, check_lengths, part_of, samples, with_parts
+from seaid.errors import LogError, shortened
+from seaid.formats.limits import check_columns, check_memory
+from seaid.formats.table import (
+    Block,
+    Blocks,
+    Table,
+    as_floats,
+    check_same,
+    column_error,
+    damaged,
+    is_number,
+    no_numbers,
+    part_of,
+    with_parts,
+)
 
-_DAMAGE = (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error)
-Kind = tuple[np.dtype[Any], tuple[int, ...]]
+_KIND = "a NumPy archive (.npz)"
+_COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""What NumPy writes; readers of others take memory without limit."""
+
+
+@dataclass(frozen=True)
+class _Header:
+    """What the start of an array's file says of its numbers."""
+
+    kind: np.dtype[Any]
+    shape: tuple[int, ...]
+    by_columns: bool
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape) * self.kind.itemsize
 
 
 def open_npz(path: Path) -> Table:
     """Return the columns of a NumPy archive. Raises LogError for what is none."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            arrays = [name.removesuffix(".npy") for name in archive.namelist()]
-            names = [part for name in arrays for part in _parts(archive, name)]
-    except (OSError, zipfile.BadZipFile, NotImplementedError):
-        raise LogError(f"'{path}' is not a NumPy archive (.npz), or a damaged one") from None
+    names: list[str] = []
+    with damaged(path, _KIND), zipfile.ZipFile(path) as archive:
+        arrays = [name.removesuffix(".npy") for name in archive.namelist()]
+        check_columns(path, len(arrays))
+        for name in arrays:
+            names += _parts(path, archive, name)
+            check_columns(path, len(names))
     return Table(
         names,
         lambda wanted: _load(path, wanted),
@@ -33,80 +64,107 @@ def open_npz(path: Path) -> Table:
     )
 
 
-def _parts(archive: zipfile.ZipFile, name: str) -> list[str]:
+def _parts(path: Path, archive: zipfile.ZipFile, name: str) -> list[str]:
     """Return the columns of an array; a damaged one is named when it is wanted."""
     try:
-        with archive.open(f"{name}.npy") as file:
-            return with_parts(name, _kind(file)[1])
-    except (*_DAMAGE, KeyError):
+        with _member(path, archive, name) as (_, header):
+            return with_parts(name, header.shape)
+    except LogError:
         return [name]
 
 
 def _load(path: Path, wanted: list[str]) -> Block:
-    found: Block = {}
-    with np.load(path) as archive:
+    with damaged(path, _KIND), zipfile.ZipFile(path) as archive:
+        arrays = set(archive.namelist())
+        parts: dict[str, list[tuple[str, int | None]]] = {}
         for name in wanted:
-            base, index = (name, None) if name in archive.files else part_of(name)
-            try:
-                values = archive[base]
-            except _DAMAGE as problem:
-                raise LogError(f"'{path}': column '{name}' cannot be read: {problem}") from None
-            found[name] = samples(path, name, values if index is None else values[:, index])
-    return found
+            base, index = (name, None) if f"{name}.npy" in arrays else part_of(name)
+            parts.setdefault(base, []).append((name, index))
+        found: Block = {}
+        for base, places in parts.items():
+            values = _array(path, archive, base)
+            for name, index in places:
+                if values.ndim != (1 if index is None else 2):
+                    raise no_numbers(path, name, values.dtype, values.shape)
+                column = values if index is None else values[:, index]
+                found[name] = as_floats(column)
+            check_memory(path, 8.0 * sum(len(one) for one in found.values()))
+    return {name: found[name] for name in wanted}
+
+
+def _array(path: Path, archive: zipfile.ZipFile, name: str) -> Any:
+    """Return an array of one or two dimensions, as its file has it."""
+    with _member(path, archive, name) as (file, header):
+        if not is_number(header.kind) or len(header.shape) not in (1, 2):
+            raise no_numbers(path, name, header.kind, header.shape)
+        check_memory(path, max(header.size, 8.0 * math.prod(header.shape)))
+        values = np.frombuffer(_exactly(file, header.size), dtype=header.kind)
+        return values.reshape(header.shape, order="F" if header.by_columns else "C")
 
 
 def _blocks(path: Path, wanted: list[str], size: int) -> Blocks:
-    with zipfile.ZipFile(path) as archive, ExitStack() as stack:
-        files = {name: stack.enter_context(_member(path, archive, name)) for name in wanted}
-        kinds = {name: _row(path, name, file) for name, file in files.items()}
-        check_lengths(path, {name: np.empty(length) for name, (_, length) in kinds.items()})
-        total = kinds[wanted[0]][1]
+    with damaged(path, _KIND), zipfile.ZipFile(path) as archive, ExitStack() as stack:
+        files: dict[str, tuple[IO[bytes], _Header]] = {}
+        for name in wanted:
+            if f"{name}.npy" not in archive.namelist():
+                raise LogError(
+                    f"'{path}': '{shortened(name)}' is a column of an array; in pieces only whole "
+                    "arrays can be read, one a column"
+                )
+            file, header = stack.enter_context(_member(path, archive, name))
+            if not is_number(header.kind) or len(header.shape) != 1:
+                raise no_numbers(path, name, header.kind, header.shape)
+            files[name] = (file, header)
+        check_same(path, {name: header.shape[0] for name, (_, header) in files.items()})
+        total = files[wanted[0]][1].shape[0]
+        check_memory(path, 8.0 * min(size, total) * len(wanted), pieces=True)
         for start in range(0, max(total, 1), size):
             count = min(size, total - start)
-            yield {
-                name: _block(path, name, file, kinds[name][0], count)
-                for name, file in files.items()
-            }
+            yield {name: _some(path, name, *files[name], count) for name in wanted}
 
 
-def _member(path: Path, archive: zipfile.ZipFile, name: str) -> IO[bytes]:
+def _some(path: Path, name: str, file: IO[bytes], header: _Header, count: int) -> Array:
+    with _column(path, name):
+        data = _exactly(file, count * header.kind.itemsize)
+        return as_floats(np.frombuffer(data, dtype=header.kind))
+
+
+@contextmanager
+def _member(path: Path, archive: zipfile.ZipFile, name: str) -> Iterator[tuple[IO[bytes], _Header]]:
+    """Give the file of an array, opened at its numbers, and what its header says."""
+    with _column(path, name):
+        if archive.getinfo(f"{name}.npy").compress_type not in _COMPRESSIONS:
+            raise ValueError("it is compressed in a way that NumPy does not write")
+        with archive.open(f"{name}.npy") as file:
+            yield file, _header(file)
+
+
+@contextmanager
+def _column(path: Path, name: str) -> Iterator[None]:
+    """Say which column cannot be read; zipfile and NumPy let their parsers' errors through."""
     try:
-        return archive.open(f"{name}.npy")
-    except KeyError:
-        raise LogError(
-            f"'{path}': '{name}' is a column of an array; in pieces only whole arrays can be read, "
-            "one a column"
-        ) from None
+        yield
+    except LogError:
+        raise
+    except Exception as problem:  # zlib, tokenize, struct and encryption among them
+        raise column_error(path, name, problem) from None
 
 
-def _kind(file: IO[bytes]) -> Kind:
-    """Return type and shape of an array in its file, and leave the file at its numbers."""
+def _header(file: IO[bytes]) -> _Header:
     version = np.lib.format.read_magic(file)
     reader = np.lib.format.read_array_header_1_0
     if version != (1, 0):
         reader = np.lib.format.read_array_header_2_0
-    shape, _, kind = reader(file)
-    return kind, shape
+    with warnings.catch_warnings():  # of headers that Python 2 wrote
+        warnings.simplefilter("ignore")
+        shape, by_columns, kind = reader(file)
+    if any(length < 0 for length in shape):
+        raise ValueError(f"its shape is {shape}")
+    return _Header(kind, shape, by_columns)
 
 
-def _row(path: Path, name: str, file: IO[bytes]) -> tuple[np.dtype[Any], int]:
-    """Return type and length of a column."""
-    try:
-        kind, shape = _kind(file)
-    except _DAMAGE as problem:
-        raise LogError(f"'{path}': column '{name}' cannot be read: {problem}") from None
-    if kind.kind not in "biuf" or len(shape) != 1:
-        raise LogError(
-            f"'{path}': column '{name}' must be a row of numbers, found {kind} of shape {shape}"
-        )
-    return kind, int(shape[0])
-
-
-def _block(path: Path, name: str, file: IO[bytes], kind: np.dtype[Any], count: int) -> Array:
-    try:
-        values = np.frombuffer(file.read(count * kind.itemsize), dtype=kind)
-    except _DAMAGE as problem:
-        raise LogError(f"'{path}': column '{name}' cannot be read: {problem}") from None
-    if len(values) < count:
-        raise LogError(f"'{path}': column '{name}' cannot be read: it ends too early")
-    return values.astype(np.float64)
+def _exactly(file: IO[bytes], count: int) -> bytes:
+    data = file.read(count)
+    if len(data) < count:
+        raise ValueError("it ends too early")
+    return data

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import stat
 from collections.abc import Callable
 from pathlib import Path
 
-from seaid.errors import LogError
+from seaid.errors import LogError, reason_of, shortened
 from seaid.formats.csv_file import open_csv
 from seaid.formats.hdf5_file import open_hdf5
 from seaid.formats.hebi_log import open_hebilog
 from seaid.formats.json_file import open_json
+from seaid.formats.limits import check_names
 from seaid.formats.npz_file import open_npz
 from seaid.formats.parquet_file import open_parquet
 from seaid.formats.ros_bag import open_bag
@@ -32,10 +34,32 @@ READERS: dict[str, Callable[[Path], Table]] = {
 
 def open_table(path: Path) -> Table:
     """Return the columns of a log file. Raises LogError for one that cannot be read."""
-    if path.is_dir():
-        return open_bag(path)
-    if path.suffix.lower() not in READERS:
-        raise LogError(f"'{path}': cannot read '{path.suffix}' logs; allowed: {', '.join(READERS)}")
-    if not path.is_file():
+    reader = _reader(path)
+    try:
+        table = reader(path)
+    except OSError as problem:
+        raise LogError(f"cannot read '{path}': {reason_of(problem)}") from None
+    check_names(path, table.names)
+    return table
+
+
+def _reader(path: Path) -> Callable[[Path], Table]:
+    """Return the reader of what is at a path, a file or a folder and nothing else."""
+    try:
+        mode = path.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        mode = None
+    except (OSError, ValueError) as problem:
+        raise LogError(f"cannot read '{shortened(path, 300)}': {reason_of(problem)}") from None
+    if mode is not None and stat.S_ISDIR(mode):
+        return open_bag
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise LogError(
+            f"'{path}': cannot read '{shortened(path.suffix)}' logs; allowed: {', '.join(READERS)}"
+        )
+    if mode is None:
         raise LogError(f"no log file at '{path}' (working folder {Path.cwd()})")
-    return READERS[path.suffix.lower()](path)
+    if not stat.S_ISREG(mode):
+        raise LogError(f"'{path}' is a pipe, a socket or a device; a log must be a file or folder")
+    return reader

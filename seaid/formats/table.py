@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from seaid.arrays import Array
-from seaid.errors import LogError, unknown_name
+from seaid.errors import LogError, listed, reason_of, shortened, unknown_name
+from seaid.formats.limits import MOST_COLUMNS
 
 Block = dict[str, Array]
 Blocks = Iterator[Block]
@@ -54,35 +57,75 @@ def _topics(table: Table) -> list[str]:
     return sorted(one for one in found if one.startswith("/"))
 
 
+@contextmanager
+def damaged(path: Path, kind: str) -> Iterator[None]:
+    """Turn what a library says of a file that is damaged, or no `kind`, into a LogError."""
+    try:
+        yield
+    except LogError:
+        raise
+    except Exception as problem:  # parsers of untrusted bytes let whatever they meet through
+        raise LogError(f"'{path}' is not {kind}, or a damaged one: {reason_of(problem)}") from None
+
+
+def is_number(kind: np.dtype[Any]) -> bool:
+    """Tell whether an array's type is one of real numbers or truth values."""
+    return kind.kind in "biuf"
+
+
+def no_numbers(path: Path, name: str, kind: object, shape: object) -> LogError:
+    """Return the error for a column that is no row of numbers."""
+    return LogError(
+        f"'{path}': column '{shortened(name)}' must be a row of numbers, found "
+        f"{shortened(kind)} of shape {shape}"
+    )
+
+
 def samples(path: Path, name: str, values: Any) -> Array:
     """Return a column as numbers. Raises LogError where it is not a row of numbers."""
     values = np.asarray(values)
-    if values.dtype.kind not in "biuf" or values.ndim != 1:
-        raise LogError(
-            f"'{path}': column '{name}' must be a row of numbers, found {values.dtype} "
-            f"of shape {values.shape}"
-        )
-    numbers: Array = values.astype(np.float64)
+    if not is_number(values.dtype) or values.ndim != 1:
+        raise no_numbers(path, name, values.dtype, values.shape)
+    return as_floats(values)
+
+
+def as_floats(values: NDArray[Any]) -> Array:
+    """Return numbers as float64; what is too large for it is infinite."""
+    with np.errstate(all="ignore"):
+        numbers: Array = values.astype(np.float64)
     return numbers
+
+
+def column_error(path: Path, name: str, problem: Exception) -> LogError:
+    """Return the error for a column whose data are damaged."""
+    return LogError(f"'{path}': column '{shortened(name)}' cannot be read: {reason_of(problem)}")
 
 
 def check_lengths(path: Path, block: Mapping[str, Array]) -> None:
     """Check that columns are equally long. Raises LogError."""
-    lengths = {name: len(values) for name, values in block.items()}
+    check_same(path, {name: len(values) for name, values in block.items()})
+
+
+def check_same(path: Path, lengths: Mapping[str, int]) -> None:
+    """Check that lengths of columns are the same. Raises LogError."""
     if len(set(lengths.values())) > 1:
-        raise LogError(f"'{path}': columns are not equally long: {lengths}")
+        found = listed(f"'{shortened(name)}' {length}" for name, length in lengths.items())
+        raise LogError(f"'{path}': columns are not equally long: {found}")
 
 
-def with_parts(name: str, shape: Sequence[int]) -> list[str]:
-    """Return the column name, and for an array of two dimensions "name[0]", "name[1]", ..."""
-    parts = range(shape[1]) if len(shape) == 2 else ()
-    return [name, *(f"{name}[{index}]" for index in parts)]
+def with_parts(name: str, shape: Sequence[int] | None) -> list[str]:
+    """Return the column name, and for an array of two dimensions "name[0]", "name[1]", ...
+
+    An array with more columns than a log may have is no set of channels: it has no parts.
+    """
+    many = shape is not None and len(shape) == 2 and shape[1] <= MOST_COLUMNS
+    return [name, *(f"{name}[{index}]" for index in range(shape[1] if shape and many else 0))]
 
 
 def part_of(name: str) -> tuple[str, int | None]:
     """Return the array of a column, and which of its columns: "q[2]" is ("q", 2)."""
     base, bracket, index = name.rpartition("[")
-    if bracket and index.endswith("]") and index[:-1].isdigit():
+    if bracket and index.endswith("]") and index[:-1].isdecimal() and index.isascii():
         return base, int(index[:-1])
     return name, None
 

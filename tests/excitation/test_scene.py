@@ -319,7 +319,7 @@ def test_a_flat_mesh_has_no_hull(write_urdf: Write, tmp_path: Path) -> None:
 def test_a_mesh_that_is_none_is_said(write_urdf: Write, tmp_path: Path) -> None:
     (tmp_path / "part.obj").write_text("nothing")
     path = write_urdf(mesh_arm("part.obj"))
-    with pytest.raises(RobotError, match=r"collision geometry of '.*' cannot be read"):
+    with pytest.raises(RobotError, match=r"link 'lower': collision mesh '.*' cannot be read"):
         load_scene(path, load_robot(path))
 
 

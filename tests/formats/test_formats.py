@@ -12,10 +12,11 @@ import pyarrow as arrow
 import pyarrow.parquet as parquet
 import pytest
 
-import seaid.formats.csv_file as csv_file
+import seaid.formats.limits as limits
 from seaid.arrays import Array
 from seaid.errors import LogError
 from seaid.formats.opening import open_table
+from seaid.memory import free_memory
 from seaid.log import Log, read_log, write_log
 from seaid.long_log import iterate_log, open_long_log
 from seaid.robot import Robot, load_robot
@@ -177,14 +178,14 @@ def test_csv_too_large_for_the_memory_is_sent_to_the_long_way(
     write_log(one_log(), path)
     with path.open("r+b") as file:
         file.truncate(2 * 10**9)  # sparse: takes no room on the disk
-    monkeypatch.setattr(csv_file, "free_memory", lambda: 7.9e9)
+    monkeypatch.setattr(limits, "free_memory", lambda: 7.9e9)
     text = error_of(path, arm)
     assert "has 2 GB, too much to be read as a whole into the 7.9 GB of memory" in text
     assert "read it in pieces with seaid.open_long_log" in text
 
 
 def test_free_memory_is_what_the_machine_says() -> None:
-    assert 1e6 < csv_file.free_memory() < 1e14
+    assert 1e6 < free_memory() < 1e14
 
 
 # Arrays of two dimensions, nested data

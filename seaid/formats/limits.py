@@ -1,0 +1,77 @@
+"""What a log may declare: columns, and bytes of samples, checked before they are read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from seaid.errors import LogError, shortened
+from seaid.memory import free_memory
+
+MOST_COLUMNS = 10_000
+"""Columns of a log; more are an image, a cloud of points, or a damaged file."""
+
+LONGEST_NAME = 1_000
+"""Characters in the name of a column."""
+
+MEMORY_SHARE = 0.25
+"""Largest part of the free memory that samples read at once may take: what follows copies them."""
+
+MOST_BYTES, MOST_GROWTH = 1e9, 20.0
+"""A file may declare this many bytes of samples, or this many times its own size if that is more:
+what is beyond was never measured."""
+
+
+def check_memory(path: Path, size: float, pieces: bool = False) -> None:
+    """Check the bytes of the samples that are to be read at once, before they are.
+
+    Raises LogError with what to do, which for `pieces` is another than for a file as a whole.
+    """
+    free, own = max(free_memory(), 0.0), size_of(path)
+    if size <= MEMORY_SHARE * free and size <= max(MOST_BYTES, MOST_GROWTH * own):
+        return
+    advice = (
+        "read fewer samples at a time with a smaller chunk_samples="
+        if pieces
+        else "read it in pieces with seaid.open_long_log, or write it as Parquet with the columns "
+        "needed"
+    )
+    if size > MEMORY_SHARE * free:
+        raise LogError(
+            f"'{path}' has {size / 1e9:.3g} GB, too much to be read as a whole into the "
+            f"{free / 1e9:.3g} GB of memory that are free; {advice}"
+        )
+    raise LogError(
+        f"'{path}' of {own / 1e9:.3g} GB declares {size / 1e9:.3g} GB of samples, more than "
+        f"{MOST_GROWTH:g} times its size and than {MOST_BYTES / 1e9:g} GB: it is damaged, or "
+        f"padded with samples that are all the same; {advice}"
+    )
+
+
+def check_columns(path: Path, count: int) -> None:
+    """Check the number of columns of a log. Raises LogError."""
+    if count > MOST_COLUMNS:
+        raise LogError(
+            f"'{path}' has {count:,} columns or more, allowed are {MOST_COLUMNS:,}; write the "
+            "columns needed to a file of their own"
+        )
+
+
+def check_names(path: Path, names: Sequence[str]) -> None:
+    """Check number, length and characters of the names of columns. Raises LogError."""
+    check_columns(path, len(names))
+    for name in names:
+        if len(name) > LONGEST_NAME:
+            raise LogError(
+                f"'{path}': the name of a column has {len(name):,} characters, allowed are "
+                f"{LONGEST_NAME:,}: '{shortened(name)}'"
+            )
+        if not name.isascii() and name != name.encode("utf-8", "replace").decode("utf-8"):
+            raise LogError(f"'{path}': the name of a column is no text in Unicode: {name!a}")
+
+
+def size_of(path: Path) -> float:
+    """Return the bytes of a file, or of the files in a folder."""
+    if path.is_dir():
+        return float(sum(one.stat().st_size for one in path.iterdir() if one.is_file()))
+    return float(path.stat().st_size)
