@@ -10,8 +10,8 @@ import pinocchio as pin
 
 from seaid.arrays import Array
 from seaid.errors import RobotError, listed, shortened
-from seaid.excitation.collision_meshes import Mesh, hulls
 from seaid.mesh_files import find_mesh, search_folders
+from seaid.mesh_hulls import Mesh, hulls
 from seaid.robot import Robot
 from seaid.urdf import read_urdf
 

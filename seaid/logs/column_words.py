@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from dataclasses import dataclass
 
 _QUANTITIES = {
@@ -35,7 +36,10 @@ _UNITS = {
     **{"nm": "Nm", "mnm": "mNm", "n": "N", "a": "A", "ma": "mA", "v": "V", "mv": "mV", "mm": "mm"},
     **{"s": "s", "ms": "ms", "us": "us", "ns": "ns", "nsec": "ns", "usec": "us", "msec": "ms"},
 }
-_SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+_SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+|[^\W\d_]+")
+_GREEK = {"θ": "theta", "φ": "phi", "ω": "omega", "τ": "tau", "μ": "u"}
+_DOTS = ((re.compile("[qθφ]\N{COMBINING DOT ABOVE}"), "velocity"),)
+_DOTS += ((re.compile("[qθφ]\N{COMBINING DIAERESIS}"), "acceleration"),)
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,7 @@ def meaning_of(name: str) -> Meaning:
         head, label = bracket[1], bracket[2]
     if head.startswith("/"):  # a topic: the field counts
         head = head.rsplit("/", 1)[1]
-    words = [word for one in _SPLIT.findall(head) for word in _split(one.lower())]
+    words = [word for one in _SPLIT.findall(_in_latin(head)) for word in _split(one.lower())]
     found = [_WORDS[word] for word in words if word in _WORDS]
     quantity = next((kind for kind in _ORDER if kind in found), found[0] if found else "")
     unit = next((_UNITS[word] for word in words[-1:] if word in _UNITS), None)
@@ -72,7 +76,7 @@ def meaning_of(name: str) -> Meaning:
     known = {*_WORDS, *_MOTOR, *_COMMANDED, *_DERIVED, *_FILLER}
     rest = [
         word
-        for word, following in zip(words, [*words[1:], ""], strict=True)
+        for word, following in zip(words, [*words[1:], ""], strict=False)
         if word not in known
         and (word not in _UNITS or word.isdigit())
         and not (word in _JOINT and following in _WORDS)
@@ -82,6 +86,18 @@ def meaning_of(name: str) -> Meaning:
     tag = label or "_".join(word for word in _named(rest))
     is_raw = not (_COMMANDED | _DERIVED) & set(words)
     return Meaning(quantity, side, tag, unit, is_raw)
+
+
+def _in_latin(name: str) -> str:
+    """Return a name with Greek letters as the words for them, without accents: θ is theta."""
+    if name.isascii():
+        return name
+    text = unicodedata.normalize("NFKD", name)
+    for dotted, word in _DOTS:
+        text = dotted.sub(f" {word} ", text)
+    for letter, word in _GREEK.items():
+        text = text.replace(letter, f" {word} " if len(word) > 1 else word)
+    return "".join(one for one in text if not unicodedata.combining(one))
 
 
 def _is_at_joint(words: list[str]) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -11,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.errors import LogError, shortened
+from seaid.errors import LogError, listed
 from seaid.formats.opening import open_table
 from seaid.formats.table import Block, Table
 from seaid.logs.column_guesses import Look, quantities_of
@@ -73,7 +74,7 @@ def describe_log(path: str | Path, robot: Robot | None = None) -> Description:
     if not tags:
         raise LogError(
             f"'{path}': no column looks like the position of a joint; columns are "
-            f"{', '.join(table.names)}"
+            f"{listed(table.names)}"
         )
     names = _joint_names(tags, robot, look)
     joints = {}
@@ -103,7 +104,8 @@ def _all_samples(table: Table, look: Look) -> Block:
     def some(names: list[str]) -> Block:
         return next(table.blocks(names, LOOKED_AT)) if table.blocks else table.load(names)
 
-    unique = [name for name in table.names if list(table.names).count(name) == 1]
+    counts = Counter(table.names)
+    unique = [name for name, count in counts.items() if count == 1]
     try:
         return some(unique)
     except LogError:
@@ -179,13 +181,17 @@ def _joints(look: Look) -> list[str]:
         for name, meaning in look.meanings.items()
         if meaning.quantity == "position" and meaning.is_raw and name in look.data
     )
-    return sorted(tags, key=int) if all(tag.isdigit() for tag in tags) else list(tags)
+    return sorted(tags, key=int) if all(_is_number(tag) for tag in tags) else list(tags)
+
+
+def _is_number(tag: str) -> bool:
+    return tag.isascii() and tag.isdecimal()
 
 
 def _joint_names(tags: Sequence[str], robot: Robot | None, look: Look) -> dict[str, str]:
     """Return {label: joint name}: the robot's, by name or by order."""
     if robot is None:
-        return {tag: f"joint_{tag}" if tag.isdigit() else tag or "joint" for tag in tags}
+        return {tag: f"joint_{tag}" if _is_number(tag) else tag or "joint" for tag in tags}
     near = {tag: get_close_matches(tag, robot.joint_names, 1, 0.7) for tag in tags if tag}
     if len({one[0] for one in near.values() if one}) == len(tags):
         return {tag: one[0] for tag, one in near.items()}
