@@ -21,7 +21,7 @@ class SeaidError(Exception):
     """Base of all errors that seaid raises on purpose; their messages have a bounded length."""
 
     def __init__(self, message: str = "") -> None:
-        super().__init__(shortened(message, LONGEST_MESSAGE))
+        super().__init__(visible(shortened(message, LONGEST_MESSAGE)))
 
 
 class RobotError(SeaidError):
@@ -46,6 +46,19 @@ class IdentificationError(SeaidError):
 
 class SeaidWarning(UserWarning):
     """Something was changed or left out; the result is still valid."""
+
+
+def visible(text: str) -> str:
+    """Return a text with control characters as escapes: names of files and columns may have some.
+
+    Line breaks stay.
+    """
+    if text.replace("\n", "").isprintable():
+        return text
+    return "".join(
+        one if one.isprintable() or one == "\n" else one.encode("unicode_escape").decode("ascii")
+        for one in text
+    )
 
 
 def shortened(text: object, most: int = _LONGEST_NAME) -> str:

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.errors import LogError, SeaidWarning
-from seaid.formats.opening import open_table
+from seaid.errors import LogError, SeaidWarning, shortened
+from seaid.formats.opening import log_path, open_table
 from seaid.formats.table import check_lengths
 from seaid.logs.channels import Channel
 from seaid.logs.described import both_sides, channels_of
@@ -49,7 +49,9 @@ def read_log(
     others within those of `repair` or not at all. Raises LogError naming file and column, with the
     nearest name; warns of positions far beyond the robot's limits, as degrees are.
     """
-    path = Path(path)
+    path = log_path(path)
+    if not isinstance(repair, Repairs | None):
+        raise LogError(f"repair must be seaid.Repairs(...), found {shortened(repr(repair))}")
     described = description_for(path, None if columns else description)
     if columns and description is not None:
         raise LogError("give columns= or description=, not both: a description names the columns")

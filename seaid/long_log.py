@@ -14,7 +14,7 @@ import numpy as np
 from seaid.arrays import Array
 from seaid.errors import LogError, shortened
 from seaid.filtering import decimation
-from seaid.formats.opening import open_table
+from seaid.formats.opening import log_path, open_table
 from seaid.formats.table import Block, Blocks
 from seaid.log import Log
 from seaid.logs.log_columns import Column, wanted_columns
@@ -113,7 +113,7 @@ def open_long_log(
     LogError as `read_log` does, where a sensor is not there all the time, and where time steps
     differ.
     """
-    path, columns = Path(path), dict(columns or {})
+    path, columns = log_path(path), columns or {}
     first = next(iterate_log(path, robot, columns=columns, chunk_samples=chunk_samples)).log
     processing = None
     if cutoff_hz is None:
@@ -157,7 +157,7 @@ def iterate_log(
             f"overlap_samples must be between 0 and chunk_samples, {chunk_samples}, found "
             f"{overlap_samples}"
         )
-    path = Path(path)
+    path = log_path(path)
     table = open_table(path)
     if table.blocks is None:
         raise LogError(

@@ -40,7 +40,9 @@ def open_hdf5(path: Path) -> Table:
     h5py = optional("h5py", "hdf5", path)
     names: list[str] = []
 
-    def visit(name: str, item: Any) -> None:
+    def visit(name: str | bytes, item: Any) -> None:
+        if isinstance(name, bytes):  # not in UTF-8: told, but not found again
+            name = name.decode("utf-8", "replace")
         if isinstance(item, h5py.Dataset):
             names.extend(_columns_of(name, item))
             check_columns(path, len(names))

@@ -16,7 +16,6 @@ from seaid.errors import LogError, reason_of
 from seaid.formats.limits import check_columns, check_memory
 from seaid.formats.table import Block, Table, no_numbers
 
-
 _GROWTH = 10.0
 """Bytes in memory for a byte of JSON."""
 

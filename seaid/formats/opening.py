@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import stat
 from collections.abc import Callable
 from pathlib import Path
@@ -30,6 +31,13 @@ READERS: dict[str, Callable[[Path], Table]] = {
     ".hebilog": open_hebilog,
 }
 """Readers by the ending of the file; a folder is a ROS bag."""
+
+
+def log_path(path: str | Path) -> Path:
+    """Return the path of a log as a Path. Raises LogError for what is none."""
+    if not isinstance(path, str | os.PathLike):
+        raise LogError(f"the path of a log must be a text or a Path, found {shortened(repr(path))}")
+    return Path(path)
 
 
 def open_table(path: Path) -> Table:

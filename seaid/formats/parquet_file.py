@@ -14,7 +14,6 @@ from seaid.files import whole_file
 from seaid.formats.limits import check_columns, check_memory
 from seaid.formats.table import Block, Blocks, Table, damaged, no_numbers, optional, samples
 
-
 _KIND = "a Parquet file"
 
 
@@ -41,6 +40,8 @@ def open_parquet(path: Path) -> Table:
             _check_kinds(path, file, wanted)
             rows = min(size, file.metadata.num_rows)
             check_memory(path, 8.0 * rows * len(wanted), pieces=True)
+            if not rows:
+                yield {name: np.zeros(0) for name in wanted}
             for batch in file.iter_batches(size, columns=wanted):
                 yield {name: _samples(path, name, batch[name], starts) for name in wanted}
 

@@ -9,6 +9,9 @@ import numpy as np
 from seaid.arrays import Array, frozen
 from seaid.errors import LogError
 
+LARGEST = 1e30
+"""Numbers beyond are no measured ones, in whatever unit, and arithmetic on them overflows."""
+
 
 def is_position(name: str) -> bool:
     """Tell whether a column name of our logs is that of a position."""
@@ -35,5 +38,12 @@ class Channel:
         object.__setattr__(self, "time", time)
         values = frozen(f"'{self.name}'", self.values, (len(time),), LogError)
         object.__setattr__(self, "values", values)
+        for what, samples in (("time", time), ("value", values)):
+            beyond = np.flatnonzero(np.abs(np.nan_to_num(samples, posinf=0, neginf=0)) > LARGEST)
+            if len(beyond):
+                raise LogError(
+                    f"'{self.name}' has a {what} of {samples[beyond[0]]:g} in sample {beyond[0]}, "
+                    f"allowed are up to {LARGEST:g}: no sensor measures that; leave the sample out"
+                )
         if self.period is not None and not (np.isfinite(self.period) and self.period > 0):
             raise LogError(f"the period of '{self.name}' must be above zero, found {self.period}")

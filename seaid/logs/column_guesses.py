@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from seaid.arrays import Array
+from seaid.errors import listed, visible
 from seaid.formats.table import Block
 from seaid.logs.column_words import Meaning
 from seaid.robot import Robot
@@ -18,6 +19,9 @@ _SAME = 0.99
 
 _STIFF = 0.999
 """Squared correlation from which the slope of two positions is a gear ratio."""
+
+_LISTED = 100
+"""Columns named in a doubt."""
 
 Sources = dict[str, dict[str, Any]]
 """Arguments of the Source of each quantity of a joint."""
@@ -46,7 +50,8 @@ class Look:
 
     def unsure(self) -> tuple[str, ...]:
         """Return the doubts as sentences."""
-        return tuple(f"{', '.join(about)}: {text}" for text, about in self.doubts.items())
+        sentences = (f"{listed(about, _LISTED)}: {text}" for text, about in self.doubts.items())
+        return tuple(visible(one).replace("\n", "\\n") for one in sentences)
 
 
 def quantities_of(look: Look, tag: str, joint: str, robot: Robot | None) -> Sources:

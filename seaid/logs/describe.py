@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.errors import LogError, listed
-from seaid.formats.opening import open_table
+from seaid.errors import LogError, listed, visible
+from seaid.formats.opening import log_path, open_table
 from seaid.formats.table import Block, Table
+from seaid.logs.channels import LARGEST
 from seaid.logs.column_guesses import Look, quantities_of
 from seaid.logs.column_words import Meaning, meaning_of
 from seaid.logs.log_description import Clock, LogDescription, Source
@@ -24,6 +25,9 @@ _TOLD = ("position", "torque", "deflection", "current", "voltage")
 
 LOOKED_AT = 20_000
 """Samples from the start of a file that are looked at, where it can be read in pieces."""
+
+_SHOWN = 100
+"""Columns that are not used and shown."""
 
 _STEPS_S = {"s": 5e-5, "ms": 5e-2, "us": 50.0, "ns": 5e4}
 """Smallest step that a clock in this unit shows at 20 kHz; the largest is a thousand times that."""
@@ -52,10 +56,11 @@ class Description:
                 unit = source.unit or "SI"
                 unit += f", at the {source.side}" if source.side else ""
                 rows.append((joint, name, column, unit, (clock and clock.column) or "of the file"))
+        rows = [tuple(visible(cell).replace("\n", "\\n") for cell in row) for row in rows]
         widths = [max(len(row[place]) for row in rows) for place in range(5)]
         lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
         lines += [f"unsure: {one}" for one in self.unsure]
-        return "\n".join([*lines, f"not used: {', '.join(self.unused) or 'none'}"])
+        return "\n".join([*lines, f"not used: {listed(self.unused, _SHOWN) or 'none'}"])
 
 
 def describe_log(path: str | Path, robot: Robot | None = None) -> Description:
@@ -65,7 +70,7 @@ def describe_log(path: str | Path, robot: Robot | None = None) -> Description:
     (`print(...)`), above all at what is unsure, save `to_toml()` beside the log, and correct it by
     hand. Raises LogError where the file cannot be read or no column looks like a position.
     """
-    path = Path(path)
+    path = log_path(path)
     table = open_table(path)
     look = Look({}, {name: meaning_of(name) for name in table.names})
     look.data |= _alive(_all_samples(table, look), look)
@@ -125,7 +130,9 @@ def _alive(data: Block, look: Look) -> Block:
     for name, values in data.items():
         finite = values[np.isfinite(values)]
         meaning = look.meanings[name]
-        if len(finite) and (np.ptp(finite) > 0 or meaning.quantity == "voltage"):
+        if np.any(np.abs(finite) > LARGEST):
+            look.doubt(name, f"has values beyond {LARGEST:g}: no sensor, left out")
+        elif len(finite) and (np.ptp(finite) > 0 or meaning.quantity == "voltage"):
             found[name] = values
         elif meaning.quantity in _TOLD and meaning.is_raw:
             what = f"{finite[0]:.6g} all the time" if len(finite) else "without a number"

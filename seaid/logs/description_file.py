@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import sys
+import tomllib
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from seaid.errors import LogError, shortened, shown, unknown_name
+from seaid.errors import LogError, shortened, unknown_name
 from seaid.logs.log_columns import UNIT_FACTORS
 from seaid.logs.log_description import QUANTITIES, Clock, LogDescription, Servo, Source
 from seaid.logs.repair import Repairs
@@ -35,6 +37,11 @@ def description_for(path: Path, description: Described | None) -> LogDescription
         return _described("description=", description.to_dict())
     if isinstance(description, Mapping):
         return _described("description=", description)
+    if not isinstance(description, str | os.PathLike | None):
+        raise LogError(
+            "description= must be a LogDescription, a mapping or the path of a TOML file, found "
+            f"{shortened(repr(description))}"
+        )
     if description is not None:
         return _described(f"'{description}'", read_toml(description, "the description", LogError))
     if not path.name:  # '.' or '/'
@@ -198,7 +205,7 @@ def _check_values(where: str, table: Mapping[str, Any], kind: type) -> None:
         is_number = (
             isinstance(value, int | float)
             and not isinstance(value, bool)
-            and abs(value) <= sys.float_info.max
+            and abs(value) <= sys.float_info.max  # an integer may be larger
         )
         if key in _TEXTS and not isinstance(value, str):
             raise LogError(f"{where}: {key} must be a text, found {shown(value)}")

@@ -50,6 +50,8 @@ def held_dropouts(values: Array, fewest: int = 2) -> BoolArray:
     slower than its log, and holds every value as long.
     """
     found = np.zeros(len(values), dtype=bool)
+    if not len(values):
+        return found
     starts = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0]))
     lengths = np.diff(np.concatenate([starts, [len(values)]]))
     changes = np.diff(values[starts])

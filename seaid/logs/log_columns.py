@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
 
-from seaid.errors import LogError, unknown_name
+from seaid.errors import LogError, listed, shortened, unknown_name
 from seaid.formats.table import Table
 from seaid.robot import Robot
 
@@ -54,6 +55,11 @@ def wanted_columns(
     path: Path, table: Table, robot: Robot, columns: Mapping[str, Column]
 ) -> dict[str, tuple[str, float]]:
     """Return {our column: (column of the file, factor to our unit)} of all that the file has."""
+    if not isinstance(columns, Mapping):
+        raise LogError(
+            "columns= must be a mapping {our column: column of the file}, found "
+            f"{shortened(repr(columns))}"
+        )
     allowed = ["time_s"]
     for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True):
         allowed += column_names(joint, is_prismatic)
@@ -71,24 +77,34 @@ def wanted_columns(
     if len(wanted) == 1:
         raise LogError(
             f"'{path}' has no column of this robot; expected names as '{allowed[1]}' (or map "
-            f"foreign ones with columns=), found: {', '.join(table.names)}"
+            f"foreign ones with columns=), found: {listed(table.names)}"
         )
     return wanted
+
+
+_COMPARED = 1_000
+"""Names of a file that are compared with missing ones."""
 
 
 def near_names(missing: list[str], picked: Iterable[str], file_names: Sequence[str]) -> str:
     """Return a hint for columns of the file whose names are nearly those of missing ones."""
     free = [name for name in file_names if name not in picked]
-    pairs = [(name, near) for name in missing for near in get_close_matches(name, free, 1, 0.9)]
+    pairs = [
+        (name, near)
+        for name in missing
+        for near in get_close_matches(name, free[:_COMPARED], 1, 0.9)
+    ]
     return "".join(f"; '{near}' in the file is near '{name}'" for name, near in pairs)
 
 
 def _foreign(name: str, column: Column) -> tuple[str, float]:
     if isinstance(column, str):
         return column, 1.0
-    if not (isinstance(column, tuple | list) and len(column) == 2):
+    is_pair = isinstance(column, tuple | list) and len(column) == 2 and isinstance(column[0], str)
+    if not (is_pair and isinstance(column[1], str | Real)):
         raise LogError(
-            f"columns= '{name}' must be a column name or (name, unit or factor), found {column!r}"
+            f"columns= '{name}' must be a column name or (name, unit or factor), found "
+            f"{shortened(repr(column))}"
         )
     foreign, factor = column
     if isinstance(factor, str):

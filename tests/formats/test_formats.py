@@ -16,9 +16,9 @@ import seaid.formats.limits as limits
 from seaid.arrays import Array
 from seaid.errors import LogError
 from seaid.formats.opening import open_table
-from seaid.memory import free_memory
 from seaid.log import Log, read_log, write_log
 from seaid.long_log import iterate_log, open_long_log
+from seaid.memory import free_memory
 from seaid.robot import Robot, load_robot
 
 BODY = (
