@@ -38,8 +38,11 @@ _UNITS = {
 }
 _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+|[^\W\d_]+")
 _GREEK = {"θ": "theta", "φ": "phi", "ω": "omega", "τ": "tau", "μ": "u"}
-_DOTS = ((re.compile("[qθφ]\N{COMBINING DOT ABOVE}"), "velocity"),)
-_DOTS += ((re.compile("[qθφ]\N{COMBINING DIAERESIS}"), "acceleration"),)
+_DOTS = (
+    (re.compile("[qθφ]\N{COMBINING DOT ABOVE}"), "velocity"),
+    (re.compile("[qθφ]\N{COMBINING DIAERESIS}"), "acceleration"),
+)
+"""Letters with the dots of a derivative, and the words for them."""
 
 
 @dataclass(frozen=True)

@@ -56,9 +56,9 @@ class Description:
                 unit = source.unit or "SI"
                 unit += f", at the {source.side}" if source.side else ""
                 rows.append((joint, name, column, unit, (clock and clock.column) or "of the file"))
-        rows = [tuple(visible(cell).replace("\n", "\\n") for cell in row) for row in rows]
-        widths = [max(len(row[place]) for row in rows) for place in range(5)]
-        lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+        cells = [[visible(cell).replace("\n", "\\n") for cell in row] for row in rows]
+        widths = [max(len(row[place]) for row in cells) for place in range(5)]
+        lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in cells]
         lines += [f"unsure: {one}" for one in self.unsure]
         return "\n".join([*lines, f"not used: {listed(self.unused, _SHOWN) or 'none'}"])
 

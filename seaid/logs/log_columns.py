@@ -88,12 +88,8 @@ _COMPARED = 1_000
 
 def near_names(missing: list[str], picked: Iterable[str], file_names: Sequence[str]) -> str:
     """Return a hint for columns of the file whose names are nearly those of missing ones."""
-    free = [name for name in file_names if name not in picked]
-    pairs = [
-        (name, near)
-        for name in missing
-        for near in get_close_matches(name, free[:_COMPARED], 1, 0.9)
-    ]
+    free = [name for name in file_names if name not in picked][:_COMPARED]
+    pairs = [(name, near) for name in missing for near in get_close_matches(name, free, 1, 0.9)]
     return "".join(f"; '{near}' in the file is near '{name}'" for name, near in pairs)
 
 
