@@ -116,6 +116,7 @@ def _parts(geometry: Any, folders: Sequence[Path]) -> Iterator[tuple[Any, Color 
 def _loaded(named: Any, folders: Sequence[Path]) -> Iterator[tuple[Any, Color | None]]:
     import trimesh
 
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # a damaged file makes a note
     path = find_mesh(named.filename, folders)
     if path is None:
         raise _NoMeshError(f"mesh '{named.filename}' is not found")
