@@ -7,7 +7,8 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
 from typing import TextIO
@@ -26,6 +27,29 @@ _LINES, _TEXT = 50_000, 50_000_000
 """Lines, and characters in them, that are text in memory at a time."""
 
 
+@dataclass(frozen=True)
+class _Header:
+    """What the first line of a file says: the names of its columns, and the delimiter."""
+
+    path: Path
+    names: list[str]
+    delimiter: str
+
+    @cached_property
+    def places(self) -> dict[str, int]:
+        """The place of each column."""
+        return {name: place for place, name in enumerate(self.names)}
+
+    def places_of(self, wanted: list[str]) -> list[int]:
+        """Return the places of columns. Raises LogError for one that is named twice."""
+        if len(self.places) < len(self.names):
+            counts = Counter(self.names)
+            twice = sorted(name for name in wanted if counts[name] > 1)
+            if twice:
+                raise LogError(f"'{self.path}': column named twice: {listed(twice)}")
+        return [self.places[name] for name in wanted]
+
+
 def open_csv(path: Path) -> Table:
     """Return the columns of a CSV file; delimited by commas, semicolons or tabs.
 
@@ -33,7 +57,7 @@ def open_csv(path: Path) -> Table:
     for what is no such file, and where it is too large to be loaded as a whole.
     """
     with _opened(path) as file:
-        names, delimiter = _header(path, next(_lines(path, file), ""))
+        header = _header(path, next(_lines(path, file), ""))
 
     def load(wanted: list[str]) -> Block:
         check_memory(path, path.stat().st_size)
@@ -43,13 +67,13 @@ def open_csv(path: Path) -> Table:
         with _opened(path) as file:
             lines, line = _lines(path, file), 2
             next(lines, "")
-            while parts := _parts(path, names, lines, delimiter, wanted, line, size):
+            while parts := _parts(header, lines, wanted, line, size):
                 line += sum(count for count, _ in parts)
                 found = [part for _, part in parts if part]
                 if found:
                     yield {name: np.concatenate([one[name] for one in found]) for name in wanted}
 
-    return Table(names, load, blocks)
+    return Table(header.names, load, blocks)
 
 
 @contextmanager
@@ -74,23 +98,17 @@ def _lines(path: Path, file: TextIO) -> Iterator[str]:
 
 
 def _parts(
-    path: Path,
-    names: list[str],
-    lines: Iterator[str],
-    delimiter: str,
-    wanted: list[str],
-    first: int,
-    most: int,
+    header: _Header, lines: Iterator[str], wanted: list[str], first: int, most: int
 ) -> list[tuple[int, Block]]:
     """Return the next lines, `most` of them, in parts: how many lines, and their columns."""
     parts: list[tuple[int, Block]] = []
     count = 0
     while some := _some(lines, min(most - count, _LINES)):
-        parts.append((len(some), _columns(path, names, some, delimiter, wanted, first + count)))
+        parts.append((len(some), _columns(header, some, wanted, first + count)))
         count += len(some)
-        check_memory(path, 8.0 * count * len(wanted), pieces=most < sys.maxsize)
+        check_memory(header.path, 8.0 * count * len(wanted), pieces=most < sys.maxsize)
     if first == 2 and not any(part for _, part in parts):
-        raise LogError(f"'{path}' has column names but no samples")
+        raise LogError(f"'{header.path}' has column names but no samples")
     return parts
 
 
@@ -106,8 +124,8 @@ def _some(lines: Iterator[str], most: int) -> list[str]:
     return found
 
 
-def _header(path: Path, header: str) -> tuple[list[str], str]:
-    """Return the column names in the first line of a file, and its delimiter."""
+def _header(path: Path, header: str) -> _Header:
+    """Return what the first line of a file says."""
     header = header.rstrip("\r\n")
     if "\0" in header:
         raise LogError(f"'{path}' is not a text file in UTF-8 (it has zero bytes); save it as such")
@@ -120,12 +138,10 @@ def _header(path: Path, header: str) -> tuple[list[str], str]:
     names = [name.strip() for name in cells]
     if not any(names):
         raise LogError(f"'{path}' is empty; a log starts with a line of column names")
-    return names, delimiter
+    return _Header(path, names, delimiter)
 
 
-def _columns(
-    path: Path, names: list[str], lines: list[str], delimiter: str, wanted: list[str], first: int
-) -> Block:
+def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -> Block:
     """Return the wanted columns of lines of samples, the first of which is line `first`.
 
     Nothing if all are blank. Only lines with more than numbers in the wanted columns take the slow
@@ -133,28 +149,22 @@ def _columns(
     """
     if not any(line.strip() for line in lines):
         return {}
-    counts, place_of = Counter(names), {name: place for place, name in enumerate(names)}
-    twice = sorted({name for name in wanted if counts[name] > 1})
-    if twice:
-        raise LogError(f"'{path}': column named twice: {listed(twice)}")
-    places = [place_of[name] for name in wanted]
+    places, delimiter = header.places_of(wanted), header.delimiter
     if delimiter == " ":
         lines = [" ".join(line.split()) for line in lines]
-    if all(line.count(delimiter) == len(names) - 1 for line in lines):
+    if all(line.count(delimiter) == len(header.names) - 1 for line in lines):
         with suppress(ValueError):
             values = np.loadtxt(
                 lines, delimiter=delimiter, usecols=places, ndmin=2, comments=None, quotechar='"'
             )
             if len(values) == len(lines):
                 return dict(zip(wanted, values.T.copy(), strict=True))
-    return _slowly(path, names, lines, delimiter, places, first)
+    return _slowly(header, lines, places, first)
 
 
-def _slowly(
-    path: Path, names: list[str], lines: list[str], delimiter: str, places: list[int], first: int
-) -> Block:
-    rows = []
-    for line, cells in _cells(path, lines, delimiter, first):
+def _slowly(header: _Header, lines: list[str], places: list[int], first: int) -> Block:
+    path, names, rows = header.path, header.names, []
+    for line, cells in _cells(path, lines, header.delimiter, first):
         if not cells:
             continue
         if len(cells) != len(names):

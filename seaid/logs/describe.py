@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.errors import LogError, listed, visible
+from seaid.errors import LogError, listed, shortened, visible
 from seaid.formats.opening import log_path, open_table
 from seaid.formats.table import Block, Table
 from seaid.logs.channels import LARGEST
@@ -113,13 +113,15 @@ def _all_samples(table: Table, look: Look) -> Block:
     unique = [name for name, count in counts.items() if count == 1]
     try:
         return some(unique)
-    except LogError:
-        pass
+    except LogError as problem:
+        whole = str(problem)
     found: Block = {}
     for name in unique:
         try:
             found |= some([name])
-        except LogError:
+        except LogError as problem:
+            if str(problem) == whole and f"'{shortened(name)}'" not in whole:
+                raise  # it is the file, not this column
             look.doubt(name, "no column of numbers: left out")
     return found
 
