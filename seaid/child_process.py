@@ -30,7 +30,7 @@ Answer = tuple[Any, Arrays]
 """What a function in a child gives back: facts that JSON knows, and arrays of numbers by name."""
 
 _MOST_MEMORY, _MEMORY_SHARE, _LEAST_MEMORY = 3e9, 0.5, 5e8
-_WALL_FACTOR = 4.0
+_WALL_FACTOR = 6.0
 """Wall time over processor time after which a child counts as hanging."""
 
 _START = (
@@ -51,7 +51,7 @@ def run_in_child(
 ) -> Answer:
     """Call a function of a module in a child process; return the facts and arrays of its answer.
 
-    `arguments` by name, as JSON knows them. `seconds` is processor time: a child may take four
+    `arguments` by name, as JSON knows them. `seconds` is processor time: a child may take six
     times as long on the wall. Memory is limited to half of what is free, 3 GB at most, where the
     system can do so. Raises the function's own SeaidError, and ChildError with a reason in words
     for whatever else goes wrong: another exception, a crash, a limit that was reached.
