@@ -12,7 +12,7 @@ import numpy as np
 
 from seaid.arrays import Array
 from seaid.child_process import Answer, ChildError, doing, run_in_child
-from seaid.errors import RobotError, reason_of
+from seaid.errors import RobotError, reason_of, shortened
 
 _SECONDS, _BYTES_PER_SECOND = 15.0, 1e6
 """Processor time that a child may take: at least, and the slowest rate of reading."""
@@ -60,7 +60,7 @@ def hull_corners(meshes: Sequence[tuple[str, str, Sequence[float]]]) -> Answer:
         try:
             vertices = np.array(loader.load(path, np.array(scale, dtype=float)).vertices())
         except Exception as problem:  # a reader of fifty formats
-            raise RobotError(f"{where} cannot be read: {reason_of(problem)}") from None
+            raise RobotError(f"{where} cannot be read: {_reason(problem)}") from None
         option, corners[str(place)] = _corners(where, vertices)
         options.append(option)
     return options, corners
@@ -85,6 +85,13 @@ def _corners(where: str, vertices: Array) -> tuple[str, Array]:
         coal.Convex.convexHull(_points(corners), True, "QJ")
         return "QJ", corners
     return "Qt", corners
+
+
+def _reason(problem: Exception) -> str:
+    """Return what coal's message says beside where in coal it was written."""
+    _, found, message = str(problem).partition("message: ")
+    said = message.splitlines()[1:2] if found else []
+    return shortened(said[0], 300) if said else reason_of(problem)
 
 
 def _points(corners: Array) -> Any:

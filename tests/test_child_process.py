@@ -71,7 +71,7 @@ def test_what_goes_wrong_is_said(
 
 
 def test_own_errors_pass_as_they_are() -> None:
-    with pytest.raises(LogError, match="^column 'a' is empty$"):
+    with pytest.raises(LogError, match=r"^column 'a' is empty$"):
         run_in_child(failing, {"kind": "own"}, seconds=20)
 
 

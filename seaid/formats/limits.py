@@ -27,8 +27,9 @@ def check_memory(path: Path, size: float, pieces: bool = False) -> None:
 
     Raises LogError with what to do, which for `pieces` is another than for a file as a whole.
     """
-    free, own = max(free_memory(), 0.0), size_of(path)
-    if size <= MEMORY_SHARE * free and size <= max(MOST_BYTES, MOST_GROWTH * own):
+    own, free = size_of(path), max(free_memory(), 0.0)
+    allowed = max(MOST_BYTES, MOST_GROWTH * own)
+    if size <= min(MEMORY_SHARE * free, allowed):
         return
     advice = (
         "read fewer samples at a time with a smaller chunk_samples="
@@ -36,15 +37,15 @@ def check_memory(path: Path, size: float, pieces: bool = False) -> None:
         else "read it in pieces with seaid.open_long_log, or write it as Parquet with the columns "
         "needed"
     )
-    if size > MEMORY_SHARE * free:
+    if size > allowed:
         raise LogError(
-            f"'{path}' has {size / 1e9:.3g} GB, too much to be read as a whole into the "
-            f"{free / 1e9:.3g} GB of memory that are free; {advice}"
+            f"'{path}' of {own / 1e9:.3g} GB declares {size / 1e9:.3g} GB of samples, more than "
+            f"{MOST_GROWTH:g} times its size and than {MOST_BYTES / 1e9:g} GB: it is damaged, or "
+            f"padded with samples that are all the same; {advice}"
         )
     raise LogError(
-        f"'{path}' of {own / 1e9:.3g} GB declares {size / 1e9:.3g} GB of samples, more than "
-        f"{MOST_GROWTH:g} times its size and than {MOST_BYTES / 1e9:g} GB: it is damaged, or "
-        f"padded with samples that are all the same; {advice}"
+        f"'{path}' has {size / 1e9:.3g} GB, too much to be read as a whole into the "
+        f"{free / 1e9:.3g} GB of memory that are free; {advice}"
     )
 
 

@@ -323,6 +323,47 @@ def test_a_mesh_that_is_none_is_said(write_urdf: Write, tmp_path: Path) -> None:
         load_scene(path, load_robot(path))
 
 
+PLY = (
+    "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+    "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    "0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 {corner}\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("a.ply", PLY.format(corner=99999999), "the process that read it crashed"),
+        (
+            "a.off",
+            f"OFF\n4000000000 1 0\n{TETRAHEDRON}",
+            "'.*a.off' cannot be read: std::bad_alloc",
+        ),
+        ("a.obj", "v 0 0 1e300\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 2 3 4\n", "beyond 1e"),
+        ("a.stl", "", "'.*a.stl' cannot be read"),
+    ],
+)
+def test_a_damaged_mesh_does_not_end_the_process(
+    write_urdf: Write, tmp_path: Path, name: str, content: str, words: str
+) -> None:
+    (tmp_path / name).write_text(content)
+    path = write_urdf(mesh_arm(name))
+    with pytest.raises(RobotError, match=words) as caught:
+        load_scene(path, load_robot(path))
+    assert f"link 'lower': collision mesh '{tmp_path / name}'" in str(caught.value)
+
+
+def test_a_mesh_has_three_scales(write_urdf: Write, tmp_path: Path) -> None:
+    (tmp_path / "part.obj").write_text(TETRAHEDRON)
+    for scale in ("1 1", "1 0 1", "1 1 inf"):
+        path = write_urdf(mesh_arm("part.obj").replace("<mesh ", f'<mesh scale="{scale}" '))
+        with pytest.raises(RobotError, match=f"three numbers that are not zero, found '{scale}'"):
+            load_scene(path, load_robot(path))
+    path = write_urdf(mesh_arm("part.obj").replace("<mesh ", '<mesh scale="2 2 -2" '))
+    found = distances(load_scene(path, load_robot(path)), np.array([[0.3, 0.0]]))
+    assert found[0, 0] < 0.8
+
+
 def test_ur10_has_the_pairs_one_expects_and_exact_gradients(
     example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
 ) -> None:
