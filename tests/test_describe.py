@@ -1,5 +1,7 @@
 """describe_log: synthetic foreign logs described as they were made, and all measured sets."""
 
+import json
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +58,19 @@ def plain(found: Description) -> dict[str, Any]:
         ("/drives/motor.angle[2]", "position", "motor", "2", None),
         ("input_volts", "voltage", "", "input", None),
         ("timestamp_ms", "time", "", "", "ms"),
+        ("θ_m1", "position", "motor", "1", None),
+        ("τ_knee", "torque", "", "knee", None),
+        ("\N{MATHEMATICAL ITALIC SMALL THETA}2", "position", "", "2", None),
+        ("θ\N{COMBINING DOT ABOVE}", "velocity", "", "", None),
+        ("q\N{COMBINING DIAERESIS}_1", "acceleration", "", "1", None),
+        ("ω", "velocity", "", "", None),
+        ("t_\N{MICRO SIGN}s", "time", "", "", "us"),
+        ("pos_Hüfte", "position", "", "hufte", None),
+        ("pos_肩", "position", "", "肩", None),
+        ("位置", "", "", "位置", None),
+        ("²", "", "", "2", None),
+        ("", "", "", "", None),
+        ("🤖", "", "", "", None),
     ],
 )
 def test_name_of_a_column_is_read(
@@ -123,6 +138,48 @@ def test_dead_channels_and_words_are_left_out_and_named(tmp_path: Path) -> None:
     assert "mpos_0: 0 all the time: a dead sensor, left out" in found.unsure
     assert "cur_0: without a number: a dead sensor, left out" in found.unsure
     assert "state: no column of numbers: left out" in found.unsure
+
+
+def test_names_without_a_latin_letter_are_read_or_left_unused(tmp_path: Path) -> None:
+    data = {"t": TIME, "θ": wave(0.5), "τ": wave(1.0), "位置": wave(2.0), "": wave(3.0)}
+    found = guess(tmp_path, **data)
+    assert set(plain(found)["joint"]) == {"joint_position", "motor_torque"}
+    assert found.unused == ("位置", "")
+    assert tomllib.loads(found.to_toml())["joints"]["joint"]["joint_position"] == "θ"
+    with pytest.raises(LogError, match="no column looks like the position of a joint"):
+        guess(tmp_path, 位置=wave(1.0), 力=wave(2.0))
+
+
+@pytest.mark.parametrize("label", ["²", "٣", "1", "a"])
+def test_a_label_of_a_joint_may_look_like_a_number(tmp_path: Path, label: str) -> None:
+    data = {"t": TIME, f"q[{label}]": wave(0.5), "q[7]": wave(1.0)}
+    assert len(plain(guess(tmp_path, **data))) == 2
+
+
+def test_names_with_line_breaks_and_quotes_make_a_toml_that_reads(tmp_path: Path) -> None:
+    name = 'q_1"\\\n\x7f\x1b[2J]'
+    path = tmp_path / "log.json"
+    data = {"t": TIME.tolist(), name: wave(0.5).tolist(), "x\ny": wave(1.0).tolist()}
+    path.write_text(json.dumps(data))
+    found = describe_log(path)
+    (joint,) = tomllib.loads(found.to_toml())["joints"].values()
+    assert joint["joint_position"] == name
+    assert all(
+        line.startswith("# unsure") for line in found.to_toml().splitlines() if "rad" in line
+    )
+    for line in str(found).splitlines():
+        assert line.isprintable()
+
+
+def test_ten_thousand_columns_are_described_shortly(tmp_path: Path) -> None:
+    path = tmp_path / "log.npz"
+    np.savez(path, t=TIME, q=wave(0.5), x=np.tile(wave(1.0)[:, None], (1, 9_000)))
+    assert len(str(describe_log(path))) < 5_000
+
+
+def test_absurd_samples_are_no_sensors(tmp_path: Path) -> None:
+    found = guess(tmp_path, t=TIME, q=wave(0.5), q_2=wave(0.5, 1e308), tau=wave(1.0, 1e155))
+    assert "q_2, tau: has values beyond 1e+30: no sensor, left out" in found.unsure
 
 
 def test_two_positions_without_sides_are_told_by_how_far_they_move(tmp_path: Path) -> None:

@@ -3,7 +3,16 @@
 import pytest
 
 from seaid import errors
-from seaid.errors import SeaidError, SeaidWarning, unknown_name
+from seaid.errors import (
+    LogError,
+    SeaidError,
+    SeaidWarning,
+    listed,
+    reason_of,
+    shortened,
+    unknown_name,
+    visible,
+)
 
 KINDS = ("RobotError", "LogError", "ExcitationError", "SymbolicError", "IdentificationError")
 
@@ -31,3 +40,30 @@ def test_unknown_name_offers_nothing_where_nothing_is_near() -> None:
 
 def test_unknown_name_says_none_where_nothing_exists() -> None:
     assert unknown_name("joint", "a", iter(())) == "no joint is named 'a'; allowed: none"
+
+
+def test_messages_are_bounded_and_without_control_characters() -> None:
+    text = str(LogError(f"'a\x1b[31m\x00': {'x' * 10**6} and the end"))
+    assert len(text) < 2_100
+    assert text.startswith("'a\\x1b[31m\\x00': xxx")
+    assert text.endswith("and the end")
+    assert str(LogError("two\nlines")) == "two\nlines"
+    assert visible("é\t肩") == "é\\t肩"
+
+
+def test_long_lists_and_names_are_shortened() -> None:
+    assert listed(["a", "b"]) == "a, b"
+    assert listed(range(100_000), 3) == "0, 1, 2 and 99,997 more"
+    assert shortened("x" * 1_000, 25) == "xxxxxxxxxx ... xxxxxxxxxx"
+    names = [f"column_{k}" for k in range(100_000)]
+    text = unknown_name("column", "x" * 100_000, names)
+    assert len(text) < 700
+    assert text.endswith("and 99,980 more")
+
+
+def test_what_a_library_says_is_one_line() -> None:
+    assert reason_of(ValueError("first\nsecond")) == "first"
+    assert reason_of(ValueError()) == "ValueError"
+    assert reason_of(FileNotFoundError(2, "No such file", "/x")) == "No such file"
+    assert reason_of(MemoryError()) == "it asks for more memory than there is"
+    assert len(reason_of(ValueError("x" * 10_000))) <= 300

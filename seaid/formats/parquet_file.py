@@ -40,10 +40,11 @@ def open_parquet(path: Path) -> Table:
             _check_kinds(path, file, wanted)
             rows = min(size, file.metadata.num_rows)
             check_memory(path, 8.0 * rows * len(wanted), pieces=True)
-            if not rows:
-                yield {name: np.zeros(0) for name in wanted}
+            batch = None
             for batch in file.iter_batches(size, columns=wanted):
                 yield {name: _samples(path, name, batch[name], starts) for name in wanted}
+            if batch is None:
+                yield {name: np.zeros(0) for name in wanted}
 
     return Table(names, load, blocks)
 
