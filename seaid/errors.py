@@ -20,8 +20,12 @@ characters of what a library says."""
 class SeaidError(Exception):
     """Base of all errors that seaid raises on purpose; their messages have a bounded length."""
 
-    def __init__(self, message: str = "") -> None:
-        super().__init__(visible(shortened(message, LONGEST_MESSAGE)))
+    def __init__(self, message: object = "") -> None:
+        message = str(message)
+        if len(message) > LONGEST_MESSAGE:
+            half = LONGEST_MESSAGE // 2
+            message = f"{message[:half]} ... {message[-half:]}"
+        super().__init__(visible(message))
 
 
 class RobotError(SeaidError):
@@ -61,13 +65,19 @@ def visible(text: str) -> str:
     )
 
 
+def shown(value: object, most: int = 80) -> str:
+    """Return a value of a user as it stands in a message: its repr, of at most so many letters."""
+    try:
+        return shortened(repr(value), most)
+    except (ValueError, RecursionError):  # an integer of thousands of digits, or endless lists
+        return f"a {type(value).__name__} too long to show"
+
+
 def shortened(text: object, most: int = _LONGEST_NAME) -> str:
-    """Return a text with at most `most` characters: a longer one loses its middle."""
+    """Return a user's text as it stands in a message: cut off, what is no letter as its escape."""
     text = str(text)
-    if len(text) <= most:
-        return text
-    half = max((most - 5) // 2, 1)
-    return f"{text[:half]} ... {text[-half:]}"
+    short = text if len(text) <= most else f"{text[: most - 2]} …"
+    return visible(short).replace("\n", "\\n")
 
 
 def reason_of(problem: BaseException) -> str:

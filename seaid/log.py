@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.errors import LogError, SeaidWarning, shortened
+from seaid.errors import LogError, SeaidWarning, shown
 from seaid.formats.opening import log_path, open_table
 from seaid.formats.table import check_lengths
 from seaid.logs.channels import Channel
@@ -51,7 +51,7 @@ def read_log(
     """
     path = log_path(path)
     if not isinstance(repair, Repairs | None):
-        raise LogError(f"repair must be seaid.Repairs(...), found {shortened(repr(repair))}")
+        raise LogError(f"repair must be seaid.Repairs(...), found {shown(repair)}")
     described = description_for(path, None if columns else description)
     if columns and description is not None:
         raise LogError("give columns= or description=, not both: a description names the columns")

@@ -12,7 +12,7 @@ from typing import cast
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.errors import LogError, shortened
+from seaid.errors import LogError, shown
 from seaid.filtering import decimation
 from seaid.formats.opening import log_path, open_table
 from seaid.formats.table import Block, Blocks
@@ -188,8 +188,7 @@ def _check_count(name: str, value: object, least: int) -> None:
     is_count = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not (is_count and least <= int(cast(int, value)) <= _MOST_SAMPLES):
         raise LogError(
-            f"{name} must be a whole number from {least} to {_MOST_SAMPLES:,}, found "
-            f"{shortened(repr(value))}"
+            f"{name} must be a whole number from {least} to {_MOST_SAMPLES:,}, found {shown(value)}"
         )
 
 

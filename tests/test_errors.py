@@ -10,6 +10,7 @@ from seaid.errors import (
     listed,
     reason_of,
     shortened,
+    shown,
     unknown_name,
     visible,
 )
@@ -54,7 +55,9 @@ def test_messages_are_bounded_and_without_control_characters() -> None:
 def test_long_lists_and_names_are_shortened() -> None:
     assert listed(["a", "b"]) == "a, b"
     assert listed(range(100_000), 3) == "0, 1, 2 and 99,997 more"
-    assert shortened("x" * 1_000, 25) == "xxxxxxxxxx ... xxxxxxxxxx"
+    assert shortened("x" * 1_000, 10) == "xxxxxxxx …"
+    assert shown("a\n" * 1_000, 10) == "'a\\na\\na …"
+    assert shown(10**5_000) == "a int too long to show"
     names = [f"column_{k}" for k in range(100_000)]
     text = unknown_name("column", "x" * 100_000, names)
     assert len(text) < 700

@@ -7,7 +7,7 @@ import stat
 from collections.abc import Callable
 from pathlib import Path
 
-from seaid.errors import LogError, reason_of, shortened
+from seaid.errors import LogError, reason_of, shortened, shown
 from seaid.formats.csv_file import open_csv
 from seaid.formats.hdf5_file import open_hdf5
 from seaid.formats.hebi_log import open_hebilog
@@ -36,7 +36,7 @@ READERS: dict[str, Callable[[Path], Table]] = {
 def log_path(path: str | Path) -> Path:
     """Return the path of a log as a Path. Raises LogError for what is none."""
     if not isinstance(path, str | os.PathLike):
-        raise LogError(f"the path of a log must be a text or a Path, found {shortened(repr(path))}")
+        raise LogError(f"the path of a log must be a text or a Path, found {shown(path)}")
     return Path(path)
 
 

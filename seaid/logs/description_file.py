@@ -10,7 +10,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from seaid.errors import LogError, shortened, unknown_name
+from seaid.errors import LogError, shown, unknown_name
 from seaid.logs.log_columns import UNIT_FACTORS
 from seaid.logs.log_description import QUANTITIES, Clock, LogDescription, Servo, Source
 from seaid.logs.repair import Repairs
@@ -40,7 +40,7 @@ def description_for(path: Path, description: Described | None) -> LogDescription
     if not isinstance(description, str | os.PathLike | None):
         raise LogError(
             "description= must be a LogDescription, a mapping or the path of a TOML file, found "
-            f"{shortened(repr(description))}"
+            f"{shown(description)}"
         )
     if description is not None:
         return _described(f"'{description}'", read_toml(description, "the description", LogError))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from seaid.errors import LogError, listed, shortened, unknown_name
+from seaid.errors import LogError, listed, shown, unknown_name
 from seaid.formats.table import Table
 from seaid.robot import Robot
 
@@ -57,8 +57,7 @@ def wanted_columns(
     """Return {our column: (column of the file, factor to our unit)} of all that the file has."""
     if not isinstance(columns, Mapping):
         raise LogError(
-            "columns= must be a mapping {our column: column of the file}, found "
-            f"{shortened(repr(columns))}"
+            f"columns= must be a mapping {{our column: column of the file}}, found {shown(columns)}"
         )
     allowed = ["time_s"]
     for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True):
@@ -100,7 +99,7 @@ def _foreign(name: str, column: Column) -> tuple[str, float]:
     if not (is_pair and isinstance(column[1], str | Real)):
         raise LogError(
             f"columns= '{name}' must be a column name or (name, unit or factor), found "
-            f"{shortened(repr(column))}"
+            f"{shown(column)}"
         )
     foreign, factor = column
     if isinstance(factor, str):

@@ -23,6 +23,7 @@ import pytest
 
 import seaid.formats.hebi_log as hebi_log
 import seaid.formats.limits as limits
+import seaid.formats.ros_bag as ros_bag
 from seaid.child_process import Answer
 from seaid.errors import LogError, SeaidError
 from seaid.formats.opening import open_table
@@ -505,6 +506,21 @@ def test_a_crash_of_hebis_reader_is_a_log_error(
     assert text.startswith(f"'{path}' is not a HEBI log, or a damaged one: HEBI's reader: ")
     assert text.endswith("the process that read it crashed (SIGABRT)")
     assert os.listdir(tmp_path) == ["log.hebilog"]
+
+
+def greedy(path: str) -> Answer:
+    return None, {"a": np.ones(10**12)}
+
+
+def test_a_bag_that_asks_for_all_memory_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("rosbags")
+    monkeypatch.setattr(ros_bag, "bag_columns", greedy)
+    path = tmp_path / "log.mcap"
+    path.write_bytes(b"compressed")
+    text = "is not a ROS bag, or a damaged one: it asks for more memory than there is"
+    assert error_of(path) == f"'{path}' {text}"
 
 
 # All of them
