@@ -56,9 +56,11 @@ def run_in_child(
     system can do so. Raises the function's own SeaidError, and ChildError with a reason in words
     for whatever else goes wrong: another exception, a crash, a limit that was reached.
     """
+    if not sys.executable:
+        raise ChildError("a child process cannot be run: nobody knows where Python is")
     memory = max(min(_MOST_MEMORY, _MEMORY_SHARE * free_memory()), _LEAST_MEMORY)
     call = {
-        "path": sys.path,
+        "path": [one for one in sys.path if isinstance(one, str)],
         "function": [function.__module__, function.__qualname__],
         "arguments": dict(arguments),
         "seconds": seconds,
@@ -99,7 +101,7 @@ def _started(folder: Path, seconds: float) -> str:
         return f"the process that read it found no end in {_WALL_FACTOR * seconds:.3g} s"
     if code == 0:
         return ""
-    out_of_time = {-getattr(signal, one, 0) for one in ("SIGXCPU", "SIGALRM", "SIGKILL")}
+    out_of_time = {-getattr(signal, one, 0) for one in ("SIGXCPU", "SIGALRM")}
     if code in out_of_time:
         return f"the process that read it found no end in {seconds:.3g} s"
     with suppress(ValueError):

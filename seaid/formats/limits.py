@@ -44,8 +44,8 @@ def check_memory(path: Path, size: float, pieces: bool = False) -> None:
             f"padded with samples that are all the same; {advice}"
         )
     raise LogError(
-        f"'{path}' has {size / 1e9:.3g} GB, too much to be read as a whole into the "
-        f"{free / 1e9:.3g} GB of memory that are free; {advice}"
+        f"'{path}' takes {size / 1e9:.3g} GB of memory, too much for the {free / 1e9:.3g} GB that "
+        f"are free; {advice}"
     )
 
 

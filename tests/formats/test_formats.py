@@ -180,7 +180,7 @@ def test_csv_too_large_for_the_memory_is_sent_to_the_long_way(
         file.truncate(2 * 10**9)  # sparse: takes no room on the disk
     monkeypatch.setattr(limits, "free_memory", lambda: 7.9e9)
     text = error_of(path, arm)
-    assert "has 2 GB, too much to be read as a whole into the 7.9 GB of memory" in text
+    assert "takes 2 GB of memory, too much for the 7.9 GB that are free" in text
     assert "read it in pieces with seaid.open_long_log" in text
 
 

@@ -38,6 +38,9 @@ BODY = (
 )
 
 
+MEASURED = Path(__file__).parents[3] / "shared" / "data" / "hebi_arms" / "virtual_spring.hebilog"
+
+
 @pytest.fixture
 def arm(tmp_path: Path) -> Robot:
     path = tmp_path / "arm.urdf"
@@ -494,6 +497,20 @@ def test_a_hebi_log_that_is_cut_off_is_said_to_be(tmp_path: Path) -> None:
     assert "after 0 samples of modules there is no record at byte 36" in error_of(path)
 
 
+@pytest.mark.skipif(
+    not MEASURED.is_file(), reason=f"measured logs are not part of the project: no file {MEASURED}"
+)
+def test_a_measured_hebi_log_is_read_whole_and_said_to_be_cut_off(tmp_path: Path) -> None:
+    pytest.importorskip("hebi")
+    table = open_table(MEASURED)
+    assert len(table.names) == 36
+    assert len(table.load(["motor_position[1]", "time[0]"])["time[0]"]) == 5_337
+    path, whole = tmp_path / "log.hebilog", MEASURED.read_bytes()
+    for cut in np.random.default_rng(0).integers(100, len(whole), 20):
+        path.write_bytes(whole[:cut])
+        assert "is cut off: its last record" in error_of(path)
+
+
 def test_a_crash_of_hebis_reader_is_a_log_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -535,7 +552,7 @@ def test_what_fits_depends_on_the_memory_and_on_the_file(
     with pytest.raises(LogError, match="declares 2 GB of samples, more than 20 times its size"):
         limits.check_memory(path, 2e9)
     monkeypatch.setattr(limits, "free_memory", lambda: 1e8)
-    with pytest.raises(LogError, match=r"has 0\.1 GB, too much .* into the 0\.1 GB of memory"):
+    with pytest.raises(LogError, match=r"takes 0\.1 GB of memory, too much for the 0\.1 GB"):
         limits.check_memory(path, 1e8)
 
 
