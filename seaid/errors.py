@@ -12,9 +12,12 @@ from itertools import islice
 LONGEST_MESSAGE = 2000
 """Characters of an error message: longer ones lose their middle."""
 
-_LISTED, _LONGEST_NAME, _COMPARED, _LONGEST_REASON = 20, 100, 1000, 300
-"""Names in a message, characters of each, names that a misspelled one is compared with, and
-characters of what a library says."""
+_LISTED, _ALLOWED, _LONGEST_NAME, _COMPARED = 20, 60, 100, 1000
+"""Names in a message, of what is allowed; the names that a misspelled one is compared with: how
+long, and how many."""
+
+_LONGEST_REASON = 300
+"""Characters of what a library says."""
 
 
 class SeaidError(Exception):
@@ -73,9 +76,13 @@ def shown(value: object, most: int = 80) -> str:
         return f"a {type(value).__name__} too long to show"
 
 
-def shortened(text: object, most: int = _LONGEST_NAME) -> str:
-    """Return a user's text as it stands in a message: cut off, what is no letter as its escape."""
-    text = str(text)
+def shortened(text: object, most: int = 80) -> str:
+    """Return a user's text as it stands in a message: cut off, what is no letter as its escape.
+
+    What is no text is shown as `shown` does.
+    """
+    if not isinstance(text, str):
+        return shown(text, most)
     short = text if len(text) <= most else f"{text[: most - 2]} …"
     return visible(short).replace("\n", "\\n")
 
@@ -92,9 +99,9 @@ def reason_of(problem: BaseException) -> str:
 def listed(names: Iterable[object], most: int = _LISTED) -> str:
     """Return names as "a, b, c and 97 more": at most `most` of them, long ones shortened."""
     found = list(names)
-    shown = ", ".join(shortened(name) for name in found[:most])
+    first = ", ".join(shortened(str(name)) for name in found[:most])
     more = len(found) - most
-    return f"{shown} and {more:,} more" if more > 0 else shown
+    return f"{first} and {more:,} more" if more > 0 else first
 
 
 def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> str:
@@ -104,4 +111,4 @@ def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> str:
     comparable = (one for one in names if len(one) <= _LONGEST_NAME)
     near = difflib.get_close_matches(name, islice(comparable, _COMPARED), n=1, cutoff=0.5)
     hint = f"did you mean '{near[0]}'? " if near else ""
-    return f"no {kind} is named '{name}'; {hint}allowed: {listed(names) or 'none'}"
+    return f"no {kind} is named '{name}'; {hint}allowed: {listed(names, _ALLOWED) or 'none'}"

@@ -38,10 +38,10 @@ SYMPIFY = {"symbolic/declarations.py"}
 PARSE = {"symbolic/expression_text.py"}
 """`ast.parse` makes a tree and runs nothing."""
 
-IMPORT_MODULE = {"__init__.py", "symbolic/__init__.py", "formats/table.py"}
-"""Names of seaid's own modules, and of readers listed in `formats`; none comes from a file."""
+IMPORT_MODULE = {"__init__.py", "symbolic/__init__.py", "formats/table.py", "child_process.py"}
+"""Names of seaid's own modules, and of readers listed in `formats`; none comes from a user's file."""
 
-LOAD = {"estimation/information.py", "formats/npz_file.py", "sides/streaming.py"}
+LOAD = {"estimation/information.py", "child_process.py", "sides/streaming.py"}
 """`np.load` refuses objects unless `allow_pickle` is given, which occurs as False only."""
 
 

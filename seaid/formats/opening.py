@@ -58,7 +58,7 @@ def _reader(path: Path) -> Callable[[Path], Table]:
     except (FileNotFoundError, NotADirectoryError):
         mode = None
     except (OSError, ValueError) as problem:
-        raise LogError(f"cannot read '{shortened(path, 300)}': {reason_of(problem)}") from None
+        raise LogError(f"cannot read '{shortened(str(path), 300)}': {reason_of(problem)}") from None
     if mode is not None and stat.S_ISDIR(mode):
         return open_bag
     reader = READERS.get(path.suffix.lower())

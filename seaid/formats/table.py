@@ -77,7 +77,7 @@ def no_numbers(path: Path, name: str, kind: object, shape: object) -> LogError:
     """Return the error for a column that is no row of numbers."""
     return LogError(
         f"'{path}': column '{shortened(name)}' must be a row of numbers, found "
-        f"{shortened(kind)} of shape {shape}"
+        f"{shortened(str(kind))} of shape {shape}"
     )
 
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 import sys
-import tomllib
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from seaid.errors import LogError, shown, unknown_name
+from seaid.errors import LogError, shortened, shown, unknown_name
 from seaid.logs.log_columns import UNIT_FACTORS
 from seaid.logs.log_description import QUANTITIES, Clock, LogDescription, Servo, Source
 from seaid.logs.repair import Repairs

@@ -158,14 +158,14 @@ def _key(name: str) -> str:
     return name if bare else _text(name)
 
 
-def _text(value: str) -> str:
-    """Return a text as TOML: JSON's, but for the one control character that JSON allows."""
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
 def _toml(value: Any) -> str:
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{key} = {_toml(one)}" for key, one in value.items()) + " }"
     if isinstance(value, str):
         return _text(value)
-    return repr(float(value) if isinstance(value, float) else value)
+    return repr(float(value) if isinstance(value, float) else value)  # NumPy's repr is no number
+
+
+def _text(value: str) -> str:
+    """Return a text as TOML has it: as in JSON, but without a raw delete character."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
