@@ -39,7 +39,7 @@ PARSE = {"symbolic/expression_text.py"}
 """`ast.parse` makes a tree and runs nothing."""
 
 IMPORT_MODULE = {"__init__.py", "symbolic/__init__.py", "formats/table.py", "child_process.py"}
-"""Names of seaid's own modules, and of readers listed in `formats`; none comes from a user's file."""
+"""Names of seaid's own modules, and of readers listed in `formats`; none is of a file."""
 
 LOAD = {"estimation/information.py", "child_process.py", "sides/streaming.py"}
 """`np.load` refuses objects unless `allow_pickle` is given, which occurs as False only."""
