@@ -19,6 +19,15 @@ _FILE_DIGITS, _ROUNDING = 1e-3, 1e-9
 
 THIN = 1e-9
 """Relative: a pseudo-inertia less negative than this is one of a body without thickness."""
+LARGEST_M, LARGEST_KG, LARGEST_KG_M2 = 1e4, 1e9, 1e15
+"""Of what a description of a robot may say, as centre of mass, mass and inertia.
+
+Seen from another frame an inertia grows by the mass times its distance squared: beyond 10 km that
+sum keeps no digit of what the body itself has, and beyond 1e154 m it is no number any more.
+"""
+SMALLEST_KG = 1e-30
+"""Of a mass that is not zero: what divides by less loses its digits."""
+
 _UPPER = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 

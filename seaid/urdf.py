@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -18,9 +19,11 @@ import pinocchio as pin
 
 from seaid.arrays import Array
 from seaid.errors import RobotError, SeaidWarning
+from seaid.files import working_folder
 from seaid.inertia import from_center_of_mass, in_parent_frame
 from seaid.rounded_angles import FLOAT_NOISE_RAD, snap
 from seaid.urdf_checks import check_elements
+from seaid.urdf_xml import LARGEST_BYTES, parse_urdf
 
 SNAP_RAD = 2e-3
 """How far an angle may be from the multiple of pi/2 that it means, if nothing else is asked."""
@@ -54,8 +57,14 @@ class UrdfTree:
 
     def children(self, link: str) -> list[UrdfJoint]:
         """Return the joints below a link, sorted by name (the order of Pinocchio's own reader)."""
-        below = [joint for joint in self.joints.values() if joint.parent == link]
-        return sorted(below, key=lambda joint: joint.name)
+        return self._below.get(link, [])
+
+    @cached_property
+    def _below(self) -> dict[str, list[UrdfJoint]]:
+        below: dict[str, list[UrdfJoint]] = {}
+        for joint in sorted(self.joints.values(), key=lambda joint: joint.name):
+            below.setdefault(joint.parent, []).append(joint)
+        return below
 
 
 def urdf_again(path: str | Path) -> UrdfTree:
@@ -77,16 +86,39 @@ def read_urdf(path: str | Path, snap_tolerance_rad: float) -> UrdfTree:
         raise RobotError(
             f"snap_tolerance_rad must be between 0 and pi/4, found {snap_tolerance_rad}"
         )
-    root = _parse_xml(path)
+    return urdf_of(path, urdf_text(path), snap_tolerance_rad)
+
+
+def urdf_text(path: Path) -> bytes:
+    """Return the bytes of a URDF file. Raises RobotError where it is missing or too large."""
+    try:
+        if not path.is_file():
+            raise RobotError(f"no URDF file at '{path}' ({working_folder()})")
+        size = path.stat().st_size
+        if size > LARGEST_BYTES:
+            raise RobotError(
+                f"URDF '{path}' is too large: {size:,} bytes, allowed are {LARGEST_BYTES:,}"
+            )
+        return path.read_bytes()
+    except OSError as problem:
+        raise RobotError(
+            f"no URDF file at '{path}' ({working_folder()}): {problem.strerror}"
+        ) from None
+
+
+def urdf_of(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
+    """Return the tree of a URDF's text; `path` names it. See `read_urdf`."""
+    root = parse_urdf(path, text)
     check_elements(path, root)
-    snapped = [text for joint in root.iter("joint") for text in snap(joint, snap_tolerance_rad)]
+    joints_as_written = root.findall("joint")
+    snapped = [text for joint in joints_as_written for text in snap(joint, snap_tolerance_rad)]
     if snapped:
         shown = ", ".join(dict.fromkeys(snapped))
         warnings.warn(
             f"'{path.name}': {len(snapped)} rounded angles in joint origins taken as the multiples "
             f"of pi/2 they mean ({shown}); snap_tolerance_rad=0 leaves them as written",
             SeaidWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
     robot = _parse_robot(path, root)
     links = {link.name: _link_parameters(path, link) for link in robot.links}
@@ -95,20 +127,6 @@ def read_urdf(path: str | Path, snap_tolerance_rad: float) -> UrdfTree:
     return UrdfTree(
         robot.name or path.stem, _root_link(path, links, joints.values()), joints, links
     )
-
-
-def _parse_xml(path: Path) -> Any:
-    from lxml import etree
-
-    if not path.is_file():
-        raise RobotError(f"no URDF file at '{path}' (working folder {Path.cwd()})")
-    try:
-        root = etree.parse(str(path), etree.XMLParser(remove_comments=True)).getroot()
-    except (etree.XMLSyntaxError, OSError) as problem:
-        raise RobotError(f"URDF '{path}' is not well-formed XML: {problem}") from None
-    if root.tag != "robot":
-        raise RobotError(f"'{path}' is not a URDF: its root tag is <{root.tag}>, not <robot>")
-    return root
 
 
 def _parse_robot(path: Path, root: Any) -> Any:
@@ -166,12 +184,13 @@ def _placement(origin: Any) -> pin.SE3:
 
 def _axis(path: Path, joint: Any, noise: float) -> Array:
     axis = np.array([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, dtype=float)
-    length = float(np.linalg.norm(axis))
     if joint.type == "fixed":
         return np.array([1.0, 0.0, 0.0])
-    if not np.isfinite(length) or length == 0.0:
+    largest = float(np.max(np.abs(axis)))
+    if largest == 0.0:
         raise RobotError(f"URDF '{path}': joint '{joint.name}' has no axis, found {axis.tolist()}")
-    axis = axis / length
+    axis = axis / largest  # before the norm, whose squares may overflow
+    axis = axis / np.linalg.norm(axis)
     axis[np.abs(axis) < noise] = 0.0
     return np.array(axis / np.linalg.norm(axis))
 
@@ -208,11 +227,15 @@ def _root_link(path: Path, links: dict[str, Array], joints: Iterable[UrdfJoint])
     return roots[0]
 
 
-def _check_reachable(path: Path, root: str, links: Iterable[str], parents: dict[str, str]) -> None:
+def _check_reachable(
+    path: Path, root: str, links: Iterable[str], parents: Mapping[str, str]
+) -> None:
+    reached = {root}
     for link in links:
-        seen, current = {link}, link
-        while current != root:
-            current = parents[current]
-            if current in seen:
+        way: dict[str, None] = {}
+        while link not in reached:
+            if link in way:
                 raise RobotError(f"URDF '{path}' is not a tree: loop through link '{link}'")
-            seen.add(current)
+            way[link] = None
+            link = parents[link]
+        reached.update(way)

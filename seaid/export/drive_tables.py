@@ -10,7 +10,7 @@ from typing import Any
 from seaid.drivetrain.catalogue import key_of
 from seaid.drivetrain.model import IDEAL_DRIVE, Drive, SeriesElasticDrive
 from seaid.drivetrain.values import unit_of
-from seaid.files import whole_file
+from seaid.files import write_whole
 
 
 def write_drivetrains(drives: Mapping[str, Drive], path: str | Path) -> None:
@@ -22,8 +22,7 @@ def write_drivetrains(drives: Mapping[str, Drive], path: str | Path) -> None:
     import tomli_w
 
     tables = {joint: drive_table(drive) for joint, drive in drives.items() if drive != IDEAL_DRIVE}
-    with whole_file(path) as temporary:
-        temporary.write_text(tomli_w.dumps(tables), encoding="utf-8")
+    write_whole(path, tomli_w.dumps(tables))
 
 
 def drive_table(drive: Drive) -> dict[str, Any]:

@@ -177,14 +177,16 @@ def test_a_full_disk_leaves_both_old_files(tmp_path: Path, monkeypatch: pytest.M
     robot = fixed_robot(tmp_path)
     for name in ("out.urdf", "out.toml"):
         (tmp_path / name).write_text("old")
-    for part in ("write_bytes", "write_text"):  # of the URDF, and of the drives after it
+    write = Path.write_bytes
+    for full_at in (".urdf", ".toml"):  # of the URDF, and of the drives after it
 
-        def full(path: Path, *_: object, **__: object) -> None:
-            path.touch()
-            raise OSError(28, "No space left on device")
+        def full(path: Path, content: bytes, full_at: str = full_at) -> int:
+            if path.suffix == full_at:
+                raise OSError(28, "No space left on device")
+            return write(path, content)
 
         with monkeypatch.context() as patched:
-            patched.setattr(Path, part, full)
+            patched.setattr(Path, "write_bytes", full)
             with pytest.raises(SeaidError, match=r"out\.\w+': No space left on device; make room"):
                 write_urdf(robot, tmp_path / "out.urdf")
         assert [(tmp_path / f"out.{end}").read_text() for end in ("urdf", "toml")] == ["old"] * 2
