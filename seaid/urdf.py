@@ -67,10 +67,15 @@ class UrdfTree:
         return below
 
 
-def urdf_again(path: str | Path) -> UrdfTree:
-    """Read the URDF of a robot that was loaded before: its rounded angles were told then."""
+def urdf_again(path: str | Path, text: bytes | None = None) -> UrdfTree:
+    """Read the URDF of a robot that was loaded before: its rounded angles were told then.
+
+    `text` is its content where it has been read already.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SeaidWarning)
+        if text is not None:
+            return _urdf_of(Path(path), text, SNAP_RAD)
         return read_urdf(path, SNAP_RAD)
 
 
@@ -86,7 +91,7 @@ def read_urdf(path: str | Path, snap_tolerance_rad: float) -> UrdfTree:
         raise RobotError(
             f"snap_tolerance_rad must be between 0 and pi/4, found {snap_tolerance_rad}"
         )
-    return urdf_of(path, urdf_text(path), snap_tolerance_rad)
+    return _urdf_of(path, urdf_text(path), snap_tolerance_rad)
 
 
 def urdf_text(path: Path) -> bytes:
@@ -106,7 +111,7 @@ def urdf_text(path: Path) -> bytes:
         ) from None
 
 
-def urdf_of(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
+def _urdf_of(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
     """Return the tree of a URDF's text; `path` names it. See `read_urdf`."""
     root = parse_urdf(path, text)
     check_elements(path, root)
@@ -138,7 +143,7 @@ def _parse_robot(path: Path, root: Any) -> Any:
 
     logging.getLogger("yourdfpy.urdf").setLevel(logging.ERROR)
     if not root.get("name"):
-        root.set("name", path.stem)
+        root.set("name", "".join(one if one.isprintable() else "?" for one in path.stem))
     try:
         urdf = URDF.load(BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False)
     except Exception as problem:  # yourdfpy lets whatever its parsing raises through

@@ -48,6 +48,7 @@ _ONCE = {
 
 def check_elements(path: Path, root: Any) -> None:
     """Refuse what yourdfpy would trip over, fill in or pass over: names, types, ends, numbers."""
+    _check_length(path, "robot", root.get("name") or "")
     joints, links = root.findall("joint"), root.findall("link")
     _check_names(path, "link", links)
     _check_names(path, "joint", joints)
@@ -77,12 +78,17 @@ def _check_names(path: Path, tag: str, elements: list[Any]) -> None:
         raise RobotError(f"URDF '{path}': a <{tag}> has no name")
     repeated = [name for name, count in names.items() if count > 1]
     if repeated:
-        raise RobotError(f"URDF '{path}': {tag} name used twice: {', '.join(sorted(repeated))}")
-    longest = max(names, key=len, default="")
-    if len(longest) > _LONGEST_NAME:
         raise RobotError(
-            f"URDF '{path}': the name of a {tag} has {len(longest):,} letters, allowed are "
-            f"{_LONGEST_NAME:,}: '{longest[:40]}...'"
+            f"URDF '{path}': {tag} name used twice: {_short(', '.join(sorted(repeated)))}"
+        )
+    _check_length(path, tag, max(names, key=len, default=""))
+
+
+def _check_length(path: Path, tag: str, name: str) -> None:
+    if len(name) > _LONGEST_NAME:
+        raise RobotError(
+            f"URDF '{path}': the name of a {tag} has {len(name):,} letters, allowed are "
+            f"{_LONGEST_NAME:,}: '{_short(name)}'"
         )
 
 
