@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from operator import index
 from typing import Any, TypeVar
 
 import numpy as np
@@ -75,6 +76,17 @@ def finite(
         found = array.tolist() if array.size <= 10 else f"{bad} of {array.size} that are not"
         raise error(f"{name} must be finite, found {found}")
     return array
+
+
+def seed_of(seed: Any, error: type[SeaidError] = SeaidError) -> int:
+    """Return a seed of random numbers. Raises `error` for what is no whole number from zero on."""
+    try:
+        found = index(seed)
+    except TypeError:
+        found = -1
+    if isinstance(seed, bool) or found < 0:
+        raise error(f"seed must be a whole number, zero or more, found {seed!r}")
+    return found
 
 
 def _text(shape: tuple[int | None, ...]) -> str:

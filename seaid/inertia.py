@@ -89,6 +89,19 @@ def impossible_body(link: str, parameters: Array) -> str | None:
     )
 
 
+def absurdity(parameters: Array) -> str | None:
+    """Say which of ten parameters is beyond what a description of a robot may say, None if none."""
+    mass, first = float(parameters[0]), float(np.max(np.abs(parameters[1:4])))
+    if abs(mass) > LARGEST_KG:
+        return f"a mass of {mass:.4g} kg (at most {LARGEST_KG:g} kg)"
+    if first > LARGEST_M * max(abs(mass), SMALLEST_KG):
+        return f"its centre of mass further than {LARGEST_M:g} m away"
+    inertia = float(np.max(np.abs(parameters[4:])))
+    if inertia > LARGEST_KG_M2:
+        return f"an inertia of {inertia:.4g} kg m^2 (at most {LARGEST_KG_M2:g} kg m^2)"
+    return None
+
+
 def impossibility(parameters: Array) -> str | None:
     """Say why no body has these ten parameters, None where one can: in numbers of its centre.
 

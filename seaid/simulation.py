@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seaid.arrays import Array, frozen
+from seaid.arrays import Array, frozen, seed_of
 from seaid.errors import SeaidError
 from seaid.excitation.trajectory import Trajectory
 from seaid.forward.balance import accelerations, drive_states, gear_torques
@@ -73,7 +73,7 @@ def simulate(
 
 def measure(robot: Robot, motion: Motion, noise: Noise, seed: int = 0) -> Log:
     """Return what the sensors say of a true motion: zeros, steps, white torque noise."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed_of(seed))
     noise_torque = rng.normal(size=motion.motor_torque.shape) * _spread(
         robot, "torque_std_Nm", noise.torque_std_Nm
     )

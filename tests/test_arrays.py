@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from seaid.arrays import finite, frozen
-from seaid.errors import LogError, SeaidError
+from seaid.arrays import finite, frozen, seed_of
+from seaid.errors import LogError, RobotError, SeaidError
 
 
 def test_result_is_a_read_only_copy_in_float64() -> None:
@@ -36,3 +36,13 @@ def test_wrong_shape_names_the_array_and_both_shapes(shape: tuple[int | None, ..
 def test_what_is_no_number_is_refused_by_name(value: object) -> None:
     with pytest.raises(SeaidError, match=r"^com must "):
         frozen("com", value, (3,))
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "1", None, True])
+def test_a_seed_that_is_none_is_refused(seed: object) -> None:
+    with pytest.raises(RobotError, match="seed must be a whole number, zero or more, found"):
+        seed_of(seed, RobotError)
+
+
+def test_seeds_may_be_large_and_of_numpy() -> None:
+    assert [seed_of(seed) for seed in (0, 10**40, np.int32(3))] == [0, 10**40, 3]

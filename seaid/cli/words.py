@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import sys
 import warnings
@@ -97,9 +98,10 @@ def to_be_written(*paths: Path | None, force: bool, read: tuple[Path | None, ...
         target = real_path(path)
         if target in sources:
             raise SeaidError(f"'{path}' is read by this command: name another file for the results")
-        if target.is_dir():
+        if os.path.isdir(target):
             raise SeaidError(f"'{path}' is a folder: name a file in it")
-        if is_replaced(path) and not force:
+        replaced = is_replaced(path)
+        if replaced and not force:
             raise SeaidError(f"'{path}' is there already: name another file, or add --force")
-        if not path.exists() or is_replaced(path):  # a device or a pipe takes no file beside it
+        if replaced or not path.exists():  # a device or a pipe takes no file beside it
             result_folder(target.parent)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from seaid.drivetrain.catalogue import key_of
-from seaid.drivetrain.model import IDEAL_DRIVE, Drive, SeriesElasticDrive
+from seaid.drivetrain.model import IDEAL_DRIVE, Drive, SeriesElasticDrive, StiffDrive
 from seaid.drivetrain.values import unit_of
 from seaid.files import write_whole
 
@@ -35,6 +35,8 @@ def drive_table(drive: Drive) -> dict[str, Any]:
         if value is None or value == default or field.name == "nominal":
             continue
         table[field.name] = _plain(value)
+    if isinstance(drive, StiffDrive) and not {"gear_ratio", "gear_ratio_rad_per_m"} & set(table):
+        table["gear_ratio"] = 1.0  # what it has where none is given
     nominal = {key_of(name, unit_of(drive, name)): value for name, value in drive.nominal.items()}
     transmission = table.pop("transmission", None)
     table |= {key: float(value) for key, value in nominal.items()}

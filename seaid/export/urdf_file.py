@@ -25,7 +25,14 @@ from seaid.export.xml_text import (
 )
 from seaid.files import real_path, whole_file
 from seaid.identification import Identification
-from seaid.inertia import SMALLEST_KG, THIN, impossible_body, in_parent_frame, is_physical
+from seaid.inertia import (
+    SMALLEST_KG,
+    THIN,
+    absurdity,
+    impossible_body,
+    in_parent_frame,
+    is_physical,
+)
 from seaid.robot import Robot
 from seaid.urdf import UrdfTree, urdf_again, urdf_text
 
@@ -161,6 +168,9 @@ def _carried(tree: UrdfTree, joint: str, moving: frozenset[str]) -> dict[str, pi
 
 
 def _check_possible(body: str, parameters: Array, force: bool, notes: list[str]) -> None:
+    absurd = absurdity(parameters) if np.any(parameters) else None
+    if absurd is not None and not _is_massless(parameters):
+        raise RobotError(f"link '{body}' would have {absurd}, which no URDF may say")
     problem = impossible_body(body, parameters)
     if problem is not None and not force:
         raise RobotError(f"{problem}: identify with feasible=True, or write it with force=True")
