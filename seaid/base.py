@@ -87,8 +87,8 @@ def _check_memory(robot: Robot, samples: int) -> None:
     if needed > _MOST_BYTES:
         raise ExcitationError(
             f"'{robot.name}' has {robot.n} joints that move: the regressor over {samples} samples "
-            f"takes {needed / 1e9:.3g} GB, allowed are {_MOST_BYTES / 1e9:.3g} GB; let fewer joints "
-            "move with joints=, or give a shorter motion"
+            f"takes {needed / 1e9:.3g} GB, allowed are {_MOST_BYTES / 1e9:.3g} GB; let fewer "
+            "joints move with joints=, or give a shorter motion"
         )
 
 

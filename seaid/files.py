@@ -83,6 +83,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     with _refusals(path):
         there = _status(path)
         if there is None or _is_plain(there):
+            path.parent.mkdir(parents=True, exist_ok=True)  # also where it is 'new/../'
             place = _replacing(Path(os.path.realpath(path)), there)
         else:
             place = _sending(path, there)

@@ -131,6 +131,11 @@ def test_a_link_stays_and_its_target_is_written(tmp_path: Path) -> None:
     assert os.listdir(target.parent) == ["target.json"]
 
 
+def test_a_folder_on_the_way_is_made_though_the_path_leaves_it(tmp_path: Path) -> None:
+    write_whole(tmp_path / "new" / ".." / "out.json", "text")
+    assert (tmp_path / "new" / ".." / "out.json").read_text() == "text"
+
+
 def test_links_in_a_circle_are_said(tmp_path: Path) -> None:
     (tmp_path / "a").symlink_to("b")
     (tmp_path / "b").symlink_to("a")
@@ -275,26 +280,26 @@ def test_what_no_path_can_be_is_said(path: str) -> None:
 # All of seaid
 
 
-def sources() -> Iterator[tuple[str, ast.Call]]:
+def calls() -> Iterator[tuple[str, ast.Call]]:
     package = Path(seaid.__file__).parent
     for path in package.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call):
-                yield str(path.relative_to(package)), node
+                yield path.relative_to(package).as_posix(), node
+
+
+def writes(call: ast.Call) -> bool:
+    """Tell whether a call writes a file: Path.write_text(...), open(..., "w")."""
+    name = ast.unparse(call.func).rpartition(".")[2]
+    values = [*call.args, *(word.value for word in call.keywords)]
+    modes = [one.value for one in values if isinstance(one, ast.Constant)]
+    opened = name == "open" and any(mode in ("w", "wb", "a", "ab", "x", "xb") for mode in modes)
+    return opened or name in ("write_text", "write_bytes", "tofile")
 
 
 def test_files_are_written_in_one_place() -> None:
-    """Elsewhere only what `whole_file` gave is written to."""
-    writing = ("write_text", "write_bytes", "tofile", "to_file", "replace_file", "symlink_to")
-    found = {
-        path
-        for path, call in sources()
-        if (isinstance(call.func, ast.Attribute) and call.func.attr in writing)
-        or any(
-            isinstance(one, ast.Constant) and one.value in ("w", "wb", "a", "ab", "x", "xb", "w+b")
-            for one in [*call.args, *(word.value for word in call.keywords)]
-            if isinstance(call.func, ast.Attribute | ast.Name) and "open" in ast.unparse(call.func)
-        )
-    }
-    with_whole_file = {path for path, call in sources() if ast.unparse(call.func) == "whole_file"}
-    assert found <= with_whole_file
+    """Elsewhere only what `whole_file` gave is written to, and what closed streams say."""
+    found = {path for path, call in calls() if writes(call)}
+    whole = {path for path, call in calls() if ast.unparse(call.func) == "whole_file"}
+    assert "files.py" in found
+    assert found - whole == {"cli/streams.py"}
