@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
+from numbers import Real
 from operator import index
 from typing import Any, TypeVar
 
@@ -15,6 +17,9 @@ Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IndexArray = NDArray[np.intp]
 Value = TypeVar("Value")
+
+MOST_SAMPLES = 10_000_000
+"""Of a motion that is written or simulated."""
 
 
 class FrozenMapping(Mapping[str, Value]):
@@ -87,6 +92,23 @@ def seed_of(seed: Any, error: type[SeaidError] = SeaidError) -> int:
     if isinstance(seed, bool) or found < 0:
         raise error(f"seed must be a whole number, zero or more, found {seed!r}")
     return found
+
+
+def check_rate(
+    rate_hz: Any, duration: float, least: float = 0.0, error: type[SeaidError] = SeaidError
+) -> None:
+    """Raise `error` for a rate [1/s] that is not more than `least`, or with too many samples."""
+    if isinstance(rate_hz, bool) or not isinstance(rate_hz, Real):
+        raise error(f"rate_hz must be a number, found {rate_hz!r}")
+    rate = float(rate_hz)
+    if not least < rate < math.inf:
+        bound = f"{least:g}" if 0 < rate <= least else "zero"
+        raise error(f"rate_hz must be more than {bound}, found {rate_hz}")
+    if duration * rate > MOST_SAMPLES:
+        raise error(
+            f"rate_hz of {rate:g} makes more than {MOST_SAMPLES:,} samples of {duration:.4g} s, "
+            f"which is not allowed: give at most {MOST_SAMPLES / duration:.4g}"
+        )
 
 
 def _text(shape: tuple[int | None, ...]) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seaid.arrays import Array, frozen, seed_of
+from seaid.arrays import Array, check_rate, frozen, seed_of
 from seaid.errors import SeaidError
 from seaid.excitation.trajectory import Trajectory
 from seaid.forward.balance import accelerations, drive_states, gear_torques
@@ -33,6 +33,8 @@ SETTLE_S = 1.0
 """The controller holds the start of the trajectory so long before the log begins."""
 
 _LONGEST_STEP_S = 5e-4
+_LEAST_RATE_HZ = 0.1
+"""A controller that is slower holds nothing, and takes endless steps between its ticks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +107,7 @@ def simulate_motion(
     a tick is the one that acts then; it is there whatever the motor is logged by. `gear_torque` is
     there where friction of stiff drives depends on it.
     """
-    if not (math.isfinite(rate_hz) and rate_hz > 0):
-        raise SeaidError(f"rate_hz must be more than zero, found {rate_hz}")
+    check_rate(rate_hz, trajectory.duration, _LEAST_RATE_HZ)
     _check_joints(robot, trajectory)
     for joint in robot.joint_names:
         input_gain(robot, joint)  # a missing constant is told before anything moves

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from seaid.arrays import Array, finite, frozen
+from seaid.arrays import Array, check_rate, finite, frozen
 from seaid.errors import ExcitationError, shown, unknown_name
 from seaid.excitation.basis import Basis, basis_from_dict
 from seaid.excitation.joint_trajectory import as_yaml, joint_trajectory_message, message_times
@@ -127,8 +127,7 @@ class Trajectory:
         of a prismatic one `_m`, `_m_s`, `_m_s2`. Raises ExcitationError for a rate that is not more
         than zero, SeaidError where the file cannot be written.
         """
-        if not (np.isfinite(rate_hz) and rate_hz > 0):
-            raise ExcitationError(f"rate_hz must be more than zero, found {rate_hz}")
+        check_rate(rate_hz, self.duration, error=ExcitationError)
         time = np.arange(int(np.floor(self.duration * rate_hz + 1e-6)) + 1) / rate_hz
         states = np.stack(self.sample(np.minimum(time, self.duration)), axis=2)
         header = ["time_s"]
