@@ -20,9 +20,10 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.errors import SeaidError
+from seaid.errors import SeaidError, shortened
 
-_LONGEST_SUFFIX = 16
+_LONGEST_SUFFIX, _SHOWN = 16, 500
+"""Letters: of an ending that a temporary file keeps, and of a path in a message."""
 
 
 def result_folder(path: str | Path) -> Path:
@@ -47,7 +48,9 @@ def real_path(path: str | Path) -> Path:
         return Path(os.path.realpath(path))
     except (OSError, ValueError) as problem:
         reason = problem.strerror if isinstance(problem, OSError) else problem
-        raise SeaidError(f"cannot look up '{path}' ({working_folder()}): {reason}") from None
+        raise SeaidError(
+            f"cannot look up '{shortened(str(path))}' ({working_folder()}): {reason}"
+        ) from None
 
 
 def working_folder() -> str:
@@ -210,4 +213,6 @@ def _refusals(path: Path) -> Iterator[None]:
         advice = "name a folder you may write to"
         if problem.errno in (errno.ENOSPC, errno.EDQUOT):
             advice = "make room, or name a folder on another disk"
-        raise SeaidError(f"cannot write '{path}': {reason}; {advice}") from None
+        raise SeaidError(
+            f"cannot write '{shortened(str(path), _SHOWN)}': {reason}; {advice}"
+        ) from None

@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from seaid.arrays import Array
-from seaid.errors import RobotError, SeaidWarning
+from seaid.errors import RobotError, SeaidWarning, shortened
 from seaid.files import working_folder
 from seaid.inertia import from_center_of_mass, in_parent_frame
 from seaid.rounded_angles import FLOAT_NOISE_RAD, snap
@@ -96,9 +96,10 @@ def read_urdf(path: str | Path, snap_tolerance_rad: float) -> UrdfTree:
 
 def urdf_text(path: Path) -> bytes:
     """Return the bytes of a URDF file. Raises RobotError where it is missing or too large."""
+    missing = f"no URDF file at '{shortened(str(path), 500)}' ({working_folder()})"
     try:
         if not path.is_file():
-            raise RobotError(f"no URDF file at '{path}' ({working_folder()})")
+            raise RobotError(missing)
         size = path.stat().st_size
         if size > LARGEST_BYTES:
             raise RobotError(
@@ -106,9 +107,7 @@ def urdf_text(path: Path) -> bytes:
             )
         return path.read_bytes()
     except OSError as problem:
-        raise RobotError(
-            f"no URDF file at '{path}' ({working_folder()}): {problem.strerror}"
-        ) from None
+        raise RobotError(f"{missing}: {problem.strerror}") from None
 
 
 def _urdf_of(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
@@ -227,7 +226,8 @@ def _root_link(path: Path, links: dict[str, Array], joints: Iterable[UrdfJoint])
         parents[joint.child] = joint.parent
     roots = [link for link in links if link not in parents]
     if len(roots) != 1:
-        raise RobotError(f"URDF '{path}' is not one tree: links without parent: {roots or 'none'}")
+        found = shortened(roots, 500) if roots else "none"
+        raise RobotError(f"URDF '{path}' is not one tree: links without parent: {found}")
     _check_reachable(path, roots[0], links, parents)
     return roots[0]
 

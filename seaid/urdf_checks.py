@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from seaid.errors import RobotError, unknown_name
+from seaid.errors import RobotError, shortened, unknown_name
 from seaid.inertia import LARGEST_KG, LARGEST_KG_M2, LARGEST_M, SMALLEST_KG
 
 _TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
@@ -79,7 +79,7 @@ def _check_names(path: Path, tag: str, elements: list[Any]) -> None:
     repeated = [name for name, count in names.items() if count > 1]
     if repeated:
         raise RobotError(
-            f"URDF '{path}': {tag} name used twice: {_short(', '.join(sorted(repeated)))}"
+            f"URDF '{path}': {tag} name used twice: {shortened(', '.join(sorted(repeated)))}"
         )
     _check_length(path, tag, max(names, key=len, default=""))
 
@@ -88,7 +88,7 @@ def _check_length(path: Path, tag: str, name: str) -> None:
     if len(name) > _LONGEST_NAME:
         raise RobotError(
             f"URDF '{path}': the name of a {tag} has {len(name):,} letters, allowed are "
-            f"{_LONGEST_NAME:,}: '{_short(name)}'"
+            f"{_LONGEST_NAME:,}: '{shortened(name)}'"
         )
 
 
@@ -122,22 +122,18 @@ def _check_number(where: str, tag: str, name: str, text: str, wanted: _Numbers) 
     if len(found) != wanted.many or not (endless or all(map(math.isfinite, found))):
         raise RobotError(
             f"{where}: {name} of <{tag}> must be {wanted.many} finite number"
-            f"{'s' if wanted.many > 1 else ''}, found '{_short(text)}'"
+            f"{'s' if wanted.many > 1 else ''}, found '{shortened(text)}'"
         )
     if any(abs(number) > wanted.largest for number in found):
         raise RobotError(
-            f"{where}: {name} of <{tag}> is beyond what a robot can have, found '{_short(text)}': "
-            f"allowed are -{wanted.largest:g} to {wanted.largest:g} {wanted.unit}"
+            f"{where}: {name} of <{tag}> is beyond what a robot can have, found "
+            f"'{shortened(text)}': allowed are -{wanted.largest:g} to {wanted.largest:g} {wanted.unit}"
         )
     if tag == "mass" and 0 < abs(found[0]) < SMALLEST_KG:
         raise RobotError(
-            f"{where}: its mass is too small to count with, found '{_short(text)}': allowed are 0 "
-            f"and {SMALLEST_KG:g} to {LARGEST_KG:g} kg"
+            f"{where}: its mass is too small to count with, found '{shortened(text)}': allowed "
+            f"are 0 and {SMALLEST_KG:g} to {LARGEST_KG:g} kg"
         )
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def _check_limit(where: str, limit: Any) -> None:
@@ -148,4 +144,4 @@ def _check_limit(where: str, limit: Any) -> None:
         raise RobotError(f"{where}: its lower limit {lower} is above its upper limit {upper}")
     for name in ("velocity", "effort"):
         if float(limit.get(name, 0.0)) < 0:
-            raise RobotError(f"{where}: its {name} limit is negative, {_short(limit.get(name))}")
+            raise RobotError(f"{where}: its {name} limit is negative, {shortened(limit.get(name))}")
