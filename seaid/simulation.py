@@ -32,7 +32,7 @@ from seaid.transmission import torques_at_joints
 SETTLE_S = 1.0
 """The controller holds the start of the trajectory so long before the log begins."""
 
-_LONGEST_STEP_S = 5e-4
+_LONGEST_STEP_S, _LARGEST_NOISE = 5e-4, 1e9
 _LEAST_RATE_HZ = 0.1
 """A controller that is slower holds nothing, and takes endless steps between its ticks."""
 
@@ -226,4 +226,10 @@ def _reading(robot: Robot, noise: Noise, side: str, position: Array) -> Array:
 
 def _spread(robot: Robot, name: str, value: float | tuple[float, ...]) -> Array:
     values = np.full(robot.n, value) if np.ndim(value) == 0 else value
-    return frozen(f"Noise.{name}", values, (robot.n,))
+    spread = frozen(f"Noise.{name}", values, (robot.n,))
+    if not np.all(np.abs(spread) <= _LARGEST_NOISE):
+        raise SeaidError(
+            f"Noise.{name} must be from -{_LARGEST_NOISE:g} to {_LARGEST_NOISE:g}, found "
+            f"{spread.tolist()}"
+        )
+    return spread

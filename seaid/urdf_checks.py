@@ -125,9 +125,10 @@ def _check_number(where: str, tag: str, name: str, text: str, wanted: _Numbers) 
             f"{'s' if wanted.many > 1 else ''}, found '{shortened(text)}'"
         )
     if any(abs(number) > wanted.largest for number in found):
+        allowed = f"-{wanted.largest:g} to {wanted.largest:g} {wanted.unit}"
         raise RobotError(
             f"{where}: {name} of <{tag}> is beyond what a robot can have, found "
-            f"'{shortened(text)}': allowed are -{wanted.largest:g} to {wanted.largest:g} {wanted.unit}"
+            f"'{shortened(text)}': allowed are {allowed}"
         )
     if tag == "mass" and 0 < abs(found[0]) < SMALLEST_KG:
         raise RobotError(
