@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import seaid
 from scripts.example_robots import example_urdfs
 from seaid.agreement import CrossCheck, cross_check
-from seaid.files import result_folder, whole_file
+from seaid.files import result_folder, write_whole
 from seaid.progress import track
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
@@ -151,8 +151,7 @@ def main(output: Path, only: str) -> None:
         parts.append(markdown(HEADER, [cells for _, cells in rounded]))
     parts.append(CAUSES)
     path = output / "cross_check.md"
-    with whole_file(path) as temporary:
-        temporary.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    write_whole(path, "\n\n".join(parts) + "\n")
     print(summary)
     for check, cells in checked:
         if not check.agree:

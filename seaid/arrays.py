@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
+from numbers import Real
+from operator import index
 from typing import Any, TypeVar
 
 import numpy as np
@@ -14,6 +17,9 @@ Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IndexArray = NDArray[np.intp]
 Value = TypeVar("Value")
+
+MOST_SAMPLES = 10_000_000
+"""Of a motion that is written or simulated."""
 
 
 class FrozenMapping(Mapping[str, Value]):
@@ -75,6 +81,34 @@ def finite(
         found = array.tolist() if array.size <= 10 else f"{bad} of {array.size} that are not"
         raise error(f"{name} must be finite, found {found}")
     return array
+
+
+def seed_of(seed: Any, error: type[SeaidError] = SeaidError) -> int:
+    """Return a seed of random numbers. Raises `error` for what is no whole number from zero on."""
+    try:
+        found = index(seed)
+    except TypeError:
+        found = -1
+    if isinstance(seed, bool) or found < 0:
+        raise error(f"seed must be a whole number, zero or more, found {seed!r}")
+    return found
+
+
+def check_rate(
+    rate_hz: Any, duration: float, least: float = 0.0, error: type[SeaidError] = SeaidError
+) -> None:
+    """Raise `error` for a rate [1/s] that is not more than `least`, or with too many samples."""
+    if isinstance(rate_hz, bool) or not isinstance(rate_hz, Real):
+        raise error(f"rate_hz must be a number, found {rate_hz!r}")
+    rate = float(rate_hz)
+    if not least < rate < math.inf:
+        bound = f"{least:g}" if 0 < rate <= least else "zero"
+        raise error(f"rate_hz must be more than {bound}, found {rate_hz}")
+    if duration * rate > MOST_SAMPLES:
+        raise error(
+            f"rate_hz of {rate:g} makes more than {MOST_SAMPLES:,} samples of {duration:.4g} s, "
+            f"which is not allowed: give at most {MOST_SAMPLES / duration:.4g}"
+        )
 
 
 def _text(shape: tuple[int | None, ...]) -> str:

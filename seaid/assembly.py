@@ -15,7 +15,14 @@ import pinocchio as pin
 
 from seaid.arrays import Array, finite
 from seaid.errors import RobotError, unknown_name
-from seaid.inertia import from_center_of_mass, in_parent_frame
+from seaid.inertia import (
+    LARGEST_KG,
+    LARGEST_KG_M2,
+    LARGEST_M,
+    SMALLEST_KG,
+    from_center_of_mass,
+    in_parent_frame,
+)
 from seaid.urdf import UrdfJoint, UrdfTree
 
 TURNING = ("revolute", "continuous")
@@ -41,8 +48,11 @@ class Payload:
             raise RobotError(
                 f"payload on '{self.link}' must have a mass of more than zero, found {self.mass}"
             )
-        finite(f"com {where}", self.com, (3,), RobotError)
+        com = finite(f"com {where}", self.com, (3,), RobotError)
         inertia = finite(f"inertia {where}", self.inertia, (3, 3), RobotError)
+        _check_size(f"mass {where}", self.mass, LARGEST_KG, "kg", SMALLEST_KG)
+        _check_size(f"com {where}", float(np.max(np.abs(com))), LARGEST_M, "m")
+        _check_size(f"inertia {where}", float(np.max(np.abs(inertia))), LARGEST_KG_M2, "kg m^2")
         scale = float(np.max(np.abs(inertia)))
         symmetric = np.allclose(inertia, inertia.T, rtol=0, atol=1e-9 * scale)
         if not symmetric or np.linalg.eigvalsh(inertia)[0] < -1e-9 * scale:
@@ -55,6 +65,14 @@ class Payload:
     def parameters(self) -> Array:
         """The ten inertial parameters in the link's frame."""
         return from_center_of_mass(self.mass, np.array(self.com), np.array(self.inertia))
+
+
+def _check_size(what: str, found: float, most: float, unit: str, least: float = 0.0) -> None:
+    if not least <= found <= most:
+        raise RobotError(
+            f"{what} is beyond what a robot can have, found {found:g}: allowed are {least:g} to "
+            f"{most:g} {unit}"
+        )
 
 
 def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ...]:
@@ -120,14 +138,15 @@ def assemble(
     model.gravity.linear = np.array(gravity)
     order: list[int] = []
     own, loads = np.zeros((len(moving), 10)), np.zeros((len(moving), 10))
+    places = {name: place for place, name in enumerate(moving)}
     frames = {tree.root: (0, pin.SE3.Identity())}
     for name in _depth_first(tree):
         joint = tree.joints[name]
         parent, placement = frames[joint.parent]
         placement = placement * joint.placement
-        if name in moving:
+        if name in places:
             parent = _add_joint(model, parent, placement, joint)
-            order.append(moving.index(name))
+            order.append(places[name])
             placement = pin.SE3.Identity()
         frames[joint.child] = (parent, placement)
         if parent:

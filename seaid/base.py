@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from seaid.arrays import Array, BoolArray, frozen
+from seaid.arrays import Array, BoolArray, frozen, seed_of
 from seaid.errors import ExcitationError
 from seaid.motion import Motion
 from seaid.rigid_body import regressor_at_drives
@@ -18,6 +18,9 @@ RANK_TOLERANCE = 1e-8
 """Relative: a column is dependent if less than this part of it is new."""
 
 _FEWEST_STATES = 40
+
+_MOST_BYTES = 16e9
+"""Of a regressor, which is held twice while it is reduced."""
 
 _NOTHING = 1e-12
 """An entry that makes less than this part of a column is rounding."""
@@ -66,6 +69,7 @@ def base_parameters(
     if not known:
         raise ExcitationError("rows= names no joint: give those whose torque is known")
     states = random_states(robot, seed, len(known)) if motion is None else motion.joint_states
+    _check_memory(robot, len(states[0]))
     Y = regressor_at_drives(robot, *states)
     H = Y[:, known].reshape(-1, Y.shape[2])
     columns, grouping, gap = left_to_right(H, negligible(H) | robot.is_known)
@@ -75,6 +79,17 @@ def base_parameters(
             f"{', '.join(torques)}"
         )
     return base_of_columns(robot, columns, grouping, gap)
+
+
+def _check_memory(robot: Robot, samples: int) -> None:
+    """Raise ExcitationError where the regressor of a robot with very many joints is too large."""
+    needed = 8 * 10 * samples * robot.n**2
+    if needed > _MOST_BYTES:
+        raise ExcitationError(
+            f"'{robot.name}' has {robot.n} joints that move: the regressor over {samples} samples "
+            f"takes {needed / 1e9:.3g} GB, allowed are {_MOST_BYTES / 1e9:.3g} GB; let fewer "
+            "joints move with joints=, or give a shorter motion"
+        )
 
 
 def base_of_columns(
@@ -99,7 +114,7 @@ def random_states(
     Positions over a full turn or a metre; three rows a parameter and more. Where all torques are
     known each body has one of its own, and forty states tell its ten parameters in any robot.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed_of(seed))
     known = robot.n if torques is None else torques
     enough = 0 if known == robot.n else -(-30 * robot.n // min(known, 6))
     shape = (max(_FEWEST_STATES, enough), robot.n)

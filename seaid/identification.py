@@ -26,6 +26,7 @@ from seaid.processing import Processing
 from seaid.robot import Robot
 from seaid.sides.found import with_estimate
 from seaid.sides.instrumental_sides import instrumental_sides
+from seaid.sides.joint_zeros import check_zero_std
 from seaid.sides.load_model import LoadModel, load_model
 from seaid.sides.records import Record, Source, processing_of, records_of, sources_of
 from seaid.sides.sequential import Sides, known_torques, sequential_sides
@@ -138,6 +139,7 @@ def identify(
         raise IdentificationError("sides=: " + unknown_name("sides", sides, SIDES))
     if estimator == INSTRUMENTAL and sides != "sequential":
         raise IdentificationError(f'estimator="iv" needs sides="sequential", found "{sides}"')
+    check_zero_std(joint_zero_std)
     solver = estimator_named("wls" if estimator == INSTRUMENTAL else estimator)
     sources = sources_of(logs)
     records = records_of(robot, sources, cutoff_hz, executor, progress)

@@ -19,6 +19,15 @@ _FILE_DIGITS, _ROUNDING = 1e-3, 1e-9
 
 THIN = 1e-9
 """Relative: a pseudo-inertia less negative than this is one of a body without thickness."""
+LARGEST_M, LARGEST_KG, LARGEST_KG_M2 = 1e4, 1e9, 1e15
+"""Of what a description of a robot may say, as centre of mass, mass and inertia.
+
+Seen from another frame an inertia grows by the mass times its distance squared: beyond 10 km that
+sum keeps no digit of what the body itself has, and beyond 1e154 m it is no number any more.
+"""
+SMALLEST_KG = 1e-30
+"""Of a mass that is not zero: what divides by less loses its digits."""
+
 _UPPER = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 
@@ -78,6 +87,19 @@ def impossible_body(link: str, parameters: Array) -> str | None:
         f"link '{link}' would be no possible body (mass {parameters[0]:.4g} kg, least eigenvalue "
         f"of its pseudo-inertia {least:.2g})"
     )
+
+
+def absurdity(parameters: Array) -> str | None:
+    """Say which of ten parameters is beyond what a description of a robot may say, None if none."""
+    mass, first = float(parameters[0]), float(np.max(np.abs(parameters[1:4])))
+    if abs(mass) > LARGEST_KG:
+        return f"a mass of {mass:.4g} kg (at most {LARGEST_KG:g} kg)"
+    if first > LARGEST_M * max(abs(mass), SMALLEST_KG):
+        return f"its centre of mass further than {LARGEST_M:g} m away"
+    inertia = float(np.max(np.abs(parameters[4:])))
+    if inertia > LARGEST_KG_M2:
+        return f"an inertia of {inertia:.4g} kg m^2 (at most {LARGEST_KG_M2:g} kg m^2)"
+    return None
 
 
 def impossibility(parameters: Array) -> str | None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from seaid.errors import RobotError
+from seaid.files import real_path
 
 
 def search_folders(urdf: Path, package_dirs: str | Path | Sequence[str | Path]) -> list[Path]:
@@ -14,11 +15,11 @@ def search_folders(urdf: Path, package_dirs: str | Path | Sequence[str | Path]) 
     Raises RobotError for a folder that is not there.
     """
     several = [package_dirs] if isinstance(package_dirs, str | Path) else package_dirs
-    given = [Path(folder).resolve() for folder in several]
+    given = [real_path(folder) for folder in several]
     for folder in given:
         if not folder.is_dir():
             raise RobotError(f"package_dirs: there is no folder '{folder}'")
-    return [*given, *urdf.resolve().parents]
+    return [*given, *real_path(urdf).parents]
 
 
 def find_mesh(name: str, folders: Sequence[Path]) -> Path | None:

@@ -23,6 +23,7 @@ from seaid.log import Log
 from seaid.output_residuals import Layout, Run, layout_of, linearised, robot_at, run_of
 from seaid.progress import track
 from seaid.sides.found import joined, with_estimate, with_flags
+from seaid.sides.joint_zeros import check_zero_std
 from seaid.sides.load_response import Answer
 from seaid.sides.method_limits import check_refinable
 from seaid.sides.sequential import split_load_side
@@ -69,10 +70,7 @@ def refine(
     logs = [logs] if isinstance(logs, Log) else list(logs)
     if not logs:
         raise IdentificationError("refine needs a log, found none")
-    if not (np.isfinite(joint_zero_std) and joint_zero_std >= 0):
-        raise IdentificationError(
-            f"joint_zero_std must be zero or more and finite, found {joint_zero_std}"
-        )
+    check_zero_std(joint_zero_std)
     _check_start(found)
     layout = layout_of(found, joint_zero_std)
     runs = [run_of(layout, log) for log in logs]

@@ -235,7 +235,7 @@ def _drives(
     for name in moving:
         check_kind(name, tree.joints[name].type, given.get(name, IDEAL_DRIVE))
     drives = {name: given.get(name, IDEAL_DRIVE) for name in moving}
-    check_transmission(moving, drives, [name for name in tree.joints if name not in moving])
+    check_transmission(moving, drives, tree.joints.keys() - set(moving))
     return drives
 
 

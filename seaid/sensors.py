@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seaid.arrays import FrozenMapping
+from seaid.arrays import FrozenMapping, seed_of
 from seaid.base import BaseParameters
 from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.errors import RobotError, unknown_name
@@ -98,6 +98,7 @@ def identifiability(
     from seaid.symbolic.sensing.rank import decided
     from seaid.symbolic.sensing.words import words_of
 
+    seed = seed_of(seed)
     sensed = _sensed(robot, sensors)
     _check_conditions(robot, conditions)
     exact = ResidueNumbers(robot, np.random.default_rng(seed))

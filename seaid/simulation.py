@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seaid.arrays import Array, frozen
+from seaid.arrays import Array, check_rate, frozen, seed_of
 from seaid.errors import SeaidError
 from seaid.excitation.trajectory import Trajectory
 from seaid.forward.balance import accelerations, drive_states, gear_torques
@@ -32,7 +32,9 @@ from seaid.transmission import torques_at_joints
 SETTLE_S = 1.0
 """The controller holds the start of the trajectory so long before the log begins."""
 
-_LONGEST_STEP_S = 5e-4
+_LONGEST_STEP_S, _LARGEST_NOISE = 5e-4, 1e9
+_LEAST_RATE_HZ = 0.1
+"""A controller that is slower holds nothing, and takes endless steps between its ticks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +75,7 @@ def simulate(
 
 def measure(robot: Robot, motion: Motion, noise: Noise, seed: int = 0) -> Log:
     """Return what the sensors say of a true motion: zeros, steps, white torque noise."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed_of(seed))
     noise_torque = rng.normal(size=motion.motor_torque.shape) * _spread(
         robot, "torque_std_Nm", noise.torque_std_Nm
     )
@@ -105,8 +107,7 @@ def simulate_motion(
     a tick is the one that acts then; it is there whatever the motor is logged by. `gear_torque` is
     there where friction of stiff drives depends on it.
     """
-    if not (math.isfinite(rate_hz) and rate_hz > 0):
-        raise SeaidError(f"rate_hz must be more than zero, found {rate_hz}")
+    check_rate(rate_hz, trajectory.duration, _LEAST_RATE_HZ)
     _check_joints(robot, trajectory)
     for joint in robot.joint_names:
         input_gain(robot, joint)  # a missing constant is told before anything moves
@@ -225,4 +226,10 @@ def _reading(robot: Robot, noise: Noise, side: str, position: Array) -> Array:
 
 def _spread(robot: Robot, name: str, value: float | tuple[float, ...]) -> Array:
     values = np.full(robot.n, value) if np.ndim(value) == 0 else value
-    return frozen(f"Noise.{name}", values, (robot.n,))
+    spread = frozen(f"Noise.{name}", values, (robot.n,))
+    if not np.all(np.abs(spread) <= _LARGEST_NOISE):
+        raise SeaidError(
+            f"Noise.{name} must be from -{_LARGEST_NOISE:g} to {_LARGEST_NOISE:g}, found "
+            f"{spread.tolist()}"
+        )
+    return spread

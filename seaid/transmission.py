@@ -51,6 +51,8 @@ def check_transmission(
                 )
             if name not in joints:
                 raise RobotError(f"{where}names another: " + unknown_name("joint", name, joints))
+    if not any(drives[joint].transmission for joint in joints):
+        return
     matrix = transmission_matrix(joints, drives)
     for group in coupled_groups(matrix):
         block = matrix[np.ix_(group, group)]

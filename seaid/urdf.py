@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -17,10 +18,12 @@ import numpy as np
 import pinocchio as pin
 
 from seaid.arrays import Array
-from seaid.errors import RobotError, SeaidWarning
+from seaid.errors import RobotError, SeaidWarning, shortened
+from seaid.files import working_folder
 from seaid.inertia import from_center_of_mass, in_parent_frame
 from seaid.rounded_angles import FLOAT_NOISE_RAD, snap
 from seaid.urdf_checks import check_elements
+from seaid.urdf_xml import LARGEST_BYTES, parse_urdf
 
 SNAP_RAD = 2e-3
 """How far an angle may be from the multiple of pi/2 that it means, if nothing else is asked."""
@@ -54,14 +57,25 @@ class UrdfTree:
 
     def children(self, link: str) -> list[UrdfJoint]:
         """Return the joints below a link, sorted by name (the order of Pinocchio's own reader)."""
-        below = [joint for joint in self.joints.values() if joint.parent == link]
-        return sorted(below, key=lambda joint: joint.name)
+        return self._below.get(link, [])
+
+    @cached_property
+    def _below(self) -> dict[str, list[UrdfJoint]]:
+        below: dict[str, list[UrdfJoint]] = {}
+        for joint in sorted(self.joints.values(), key=lambda joint: joint.name):
+            below.setdefault(joint.parent, []).append(joint)
+        return below
 
 
-def urdf_again(path: str | Path) -> UrdfTree:
-    """Read the URDF of a robot that was loaded before: its rounded angles were told then."""
+def urdf_again(path: str | Path, text: bytes | None = None) -> UrdfTree:
+    """Read the URDF of a robot that was loaded before: its rounded angles were told then.
+
+    `text` is its content where it has been read already.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SeaidWarning)
+        if text is not None:
+            return _urdf_of(Path(path), text, SNAP_RAD)
         return read_urdf(path, SNAP_RAD)
 
 
@@ -77,16 +91,38 @@ def read_urdf(path: str | Path, snap_tolerance_rad: float) -> UrdfTree:
         raise RobotError(
             f"snap_tolerance_rad must be between 0 and pi/4, found {snap_tolerance_rad}"
         )
-    root = _parse_xml(path)
+    return _urdf_of(path, urdf_text(path), snap_tolerance_rad)
+
+
+def urdf_text(path: Path) -> bytes:
+    """Return the bytes of a URDF file. Raises RobotError where it is missing or too large."""
+    missing = f"no URDF file at '{shortened(str(path), 500)}' ({working_folder()})"
+    try:
+        if not path.is_file():
+            raise RobotError(missing)
+        size = path.stat().st_size
+        if size > LARGEST_BYTES:
+            raise RobotError(
+                f"URDF '{path}' is too large: {size:,} bytes, allowed are {LARGEST_BYTES:,}"
+            )
+        return path.read_bytes()
+    except OSError as problem:
+        raise RobotError(f"{missing}: {problem.strerror}") from None
+
+
+def _urdf_of(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
+    """Return the tree of a URDF's text; `path` names it. See `read_urdf`."""
+    root = parse_urdf(path, text)
     check_elements(path, root)
-    snapped = [text for joint in root.iter("joint") for text in snap(joint, snap_tolerance_rad)]
+    joints_as_written = root.findall("joint")
+    snapped = [text for joint in joints_as_written for text in snap(joint, snap_tolerance_rad)]
     if snapped:
         shown = ", ".join(dict.fromkeys(snapped))
         warnings.warn(
             f"'{path.name}': {len(snapped)} rounded angles in joint origins taken as the multiples "
             f"of pi/2 they mean ({shown}); snap_tolerance_rad=0 leaves them as written",
             SeaidWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
     robot = _parse_robot(path, root)
     links = {link.name: _link_parameters(path, link) for link in robot.links}
@@ -95,20 +131,6 @@ def read_urdf(path: str | Path, snap_tolerance_rad: float) -> UrdfTree:
     return UrdfTree(
         robot.name or path.stem, _root_link(path, links, joints.values()), joints, links
     )
-
-
-def _parse_xml(path: Path) -> Any:
-    from lxml import etree
-
-    if not path.is_file():
-        raise RobotError(f"no URDF file at '{path}' (working folder {Path.cwd()})")
-    try:
-        root = etree.parse(str(path), etree.XMLParser(remove_comments=True)).getroot()
-    except (etree.XMLSyntaxError, OSError) as problem:
-        raise RobotError(f"URDF '{path}' is not well-formed XML: {problem}") from None
-    if root.tag != "robot":
-        raise RobotError(f"'{path}' is not a URDF: its root tag is <{root.tag}>, not <robot>")
-    return root
 
 
 def _parse_robot(path: Path, root: Any) -> Any:
@@ -120,7 +142,7 @@ def _parse_robot(path: Path, root: Any) -> Any:
 
     logging.getLogger("yourdfpy.urdf").setLevel(logging.ERROR)
     if not root.get("name"):
-        root.set("name", path.stem)
+        root.set("name", "".join(one if one.isprintable() else "?" for one in path.stem))
     try:
         urdf = URDF.load(BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False)
     except Exception as problem:  # yourdfpy lets whatever its parsing raises through
@@ -166,12 +188,13 @@ def _placement(origin: Any) -> pin.SE3:
 
 def _axis(path: Path, joint: Any, noise: float) -> Array:
     axis = np.array([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, dtype=float)
-    length = float(np.linalg.norm(axis))
     if joint.type == "fixed":
         return np.array([1.0, 0.0, 0.0])
-    if not np.isfinite(length) or length == 0.0:
+    largest = float(np.max(np.abs(axis)))
+    if largest == 0.0:
         raise RobotError(f"URDF '{path}': joint '{joint.name}' has no axis, found {axis.tolist()}")
-    axis = axis / length
+    axis = axis / largest  # before the norm, whose squares may overflow
+    axis = axis / np.linalg.norm(axis)
     axis[np.abs(axis) < noise] = 0.0
     return np.array(axis / np.linalg.norm(axis))
 
@@ -203,16 +226,21 @@ def _root_link(path: Path, links: dict[str, Array], joints: Iterable[UrdfJoint])
         parents[joint.child] = joint.parent
     roots = [link for link in links if link not in parents]
     if len(roots) != 1:
-        raise RobotError(f"URDF '{path}' is not one tree: links without parent: {roots or 'none'}")
+        found = shortened(roots, 500) if roots else "none"
+        raise RobotError(f"URDF '{path}' is not one tree: links without parent: {found}")
     _check_reachable(path, roots[0], links, parents)
     return roots[0]
 
 
-def _check_reachable(path: Path, root: str, links: Iterable[str], parents: dict[str, str]) -> None:
+def _check_reachable(
+    path: Path, root: str, links: Iterable[str], parents: Mapping[str, str]
+) -> None:
+    reached = {root}
     for link in links:
-        seen, current = {link}, link
-        while current != root:
-            current = parents[current]
-            if current in seen:
+        way: dict[str, None] = {}
+        while link not in reached:
+            if link in way:
                 raise RobotError(f"URDF '{path}' is not a tree: loop through link '{link}'")
-            seen.add(current)
+            way[link] = None
+            link = parents[link]
+        reached.update(way)

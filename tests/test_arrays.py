@@ -1,10 +1,12 @@
 """frozen: float64, shape-checked, read-only copies."""
 
+import math
+
 import numpy as np
 import pytest
 
-from seaid.arrays import finite, frozen
-from seaid.errors import LogError, SeaidError
+from seaid.arrays import check_rate, finite, frozen, seed_of
+from seaid.errors import LogError, RobotError, SeaidError
 
 
 def test_result_is_a_read_only_copy_in_float64() -> None:
@@ -36,3 +38,32 @@ def test_wrong_shape_names_the_array_and_both_shapes(shape: tuple[int | None, ..
 def test_what_is_no_number_is_refused_by_name(value: object) -> None:
     with pytest.raises(SeaidError, match=r"^com must "):
         frozen("com", value, (3,))
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "1", None, True])
+def test_a_seed_that_is_none_is_refused(seed: object) -> None:
+    with pytest.raises(RobotError, match="seed must be a whole number, zero or more, found"):
+        seed_of(seed, RobotError)
+
+
+def test_seeds_may_be_large_and_of_numpy() -> None:
+    assert [seed_of(seed) for seed in (0, 10**40, np.int32(3))] == [0, 10**40, 3]
+
+
+@pytest.mark.parametrize(
+    ("rate", "words"),
+    [
+        (math.nan, "rate_hz must be more than zero, found nan"),
+        (math.inf, "rate_hz must be more than zero, found inf"),
+        (0, "rate_hz must be more than zero, found 0"),
+        (True, "rate_hz must be a number, found True"),
+        ("10", "rate_hz must be a number, found '10'"),
+        (1e15, r"rate_hz of 1e\+15 makes more than 10,000,000 samples of 4 s.*at most 2.5e\+06"),
+    ],
+)
+def test_a_rate_that_is_none_is_refused(rate: object, words: str) -> None:
+    with pytest.raises(SeaidError, match=words):
+        check_rate(rate, 4.0)
+    check_rate(2.5e6, 4.0)
+    with pytest.raises(RobotError, match=r"rate_hz must be more than 0\.1, found 1e-320"):
+        check_rate(1e-320, 4.0, 0.1, RobotError)

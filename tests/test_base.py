@@ -243,3 +243,12 @@ def _motion(robot: Robot, time: Array, q: Array, v: Array, a: Array) -> Motion:
         joint_torque=nothing,
         cutoff_hz=np.inf,
     )
+
+
+def test_a_regressor_larger_than_memory_is_refused_before_it_is_made(
+    tulip_leg: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("seaid.base._MOST_BYTES", 79e3)
+    words = "has 5 joints that move: the regressor over 40 samples takes 8e-05 GB, allowed"
+    with pytest.raises(ExcitationError, match=words):
+        base_parameters(tulip_leg)

@@ -334,7 +334,7 @@ def test_a_folder_that_cannot_be_written_is_told_before_the_work(arm: Path, tmp_
     (tmp_path / "file").write_text("no folder")
     output = tmp_path / "file" / "parameters.json"
     message = refused("identify", *robot_and_drives(arm), "no_log.csv", "-o", output)
-    assert f"cannot write '{output.parent}'" in message
+    assert f"cannot write '{output}': Not a directory" in message
     assert "name a folder you may write to" in message
     assert "is a folder" in refused("describe", arm / "run.csv", "-o", tmp_path)
 

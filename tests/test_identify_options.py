@@ -230,3 +230,9 @@ def test_a_dead_channel_is_named(field: str, joint: str, words: str, sides: str)
     values[:, KNOWN.index(joint)] = 0.4
     with pytest.raises(LogError, match=f"{words}, while its .* moves: a dead channel"):
         identify(KNOWN, replace(log(), **{field: values}), sides=sides)
+
+
+@pytest.mark.parametrize("std", [-0.1, float("nan"), float("inf"), 1e200])
+def test_a_standard_deviation_of_zeros_that_is_none_is_refused(std: float) -> None:
+    with pytest.raises(IdentificationError, match="joint_zero_std must be from 0 to 1000 rad or m"):
+        identify(KNOWN, log(), joint_zero_std=std)

@@ -248,7 +248,7 @@ def test_joint_zeros_are_estimated_where_they_are_uncertain() -> None:
 def test_no_log_and_a_wrong_zero_are_said() -> None:
     with pytest.raises(IdentificationError, match="refine needs a log, found none"):
         refine(found(), [])
-    with pytest.raises(IdentificationError, match=r"zero or more and finite, found -0\.1"):
+    with pytest.raises(IdentificationError, match=r"from 0 to 1000 rad or m, found -0\.1"):
         refine(found(), log(), joint_zero_std=-0.1)
 
 

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -201,6 +202,20 @@ def test_payload_of_impossible_shape_is_refused() -> None:
         Payload("foot", 1.0, inertia=((1.0, 0.5, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
     with pytest.raises(RobotError, match="without negative principal moments"):
         Payload("foot", 1.0, inertia=((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+
+
+@pytest.mark.parametrize(
+    ("payload", "words"),
+    [
+        ((1e10, (0.0, 0.0, 0.0)), r"mass .*, found 1e\+10: allowed are 1e-30 to 1e\+09 kg"),
+        ((1e-320, (0.0, 0.0, 0.0)), "mass of the payload on 'foot' is beyond what"),
+        ((1.0, (0.0, -1e200, 0.0)), r"com .*, found 1e\+200: allowed are 0 to 10000 m"),
+        ((1.0, (0.0, 0.0, 0.0), ((1e300, 0, 0), (0, 1e300, 0), (0, 0, 1e300))), "inertia of"),
+    ],
+)
+def test_payload_of_absurd_size_is_refused(payload: tuple[Any, ...], words: str) -> None:
+    with pytest.raises(RobotError, match=words):
+        Payload("foot", *payload)
 
 
 def test_payload_on_a_link_that_is_not_there_or_does_not_move_is_refused(tulip_urdf: Path) -> None:

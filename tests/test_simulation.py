@@ -333,6 +333,12 @@ def test_trajectory_of_other_joints_is_refused() -> None:
         simulate(leg(), short(arm()))
 
 
+@pytest.mark.parametrize("std", [1e308, np.nan, -np.inf])
+def test_absurd_noise_is_refused(std: float) -> None:
+    with pytest.raises(SeaidError, match=r"Noise\.torque_std_Nm must be from -1e\+09 to 1e\+09"):
+        measure(leg(), leg_motion(), Noise(torque_std_Nm=std))
+
+
 def test_noise_of_wrong_length_is_refused() -> None:
     with pytest.raises(SeaidError, match=r"Noise.torque_std_Nm must have shape \(5\)"):
         measure(leg(), leg_motion(TEST_MASS), Noise(torque_std_Nm=(0.1, 0.2)))

@@ -183,6 +183,149 @@ def test_axis_is_x_where_none_is_given_and_of_unit_length_always(write_chain: Ch
     assert joints["b"].axis.tolist() == pytest.approx([0.0, 0.6, 0.8], abs=1e-15)
 
 
+# Sizes that no robot has
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "words"),
+    [
+        (
+            "<mass",
+            '<origin xyz="0 1e200 0"/><mass',
+            "link 'arm': xyz of <origin> is beyond what a robot can have, found '0 1e200 0': "
+            "allowed are -10000 to 10000 m",
+        ),
+        ("<parent", '<origin xyz="-2e4 0 0"/><parent', "found '-2e4 0 0': allowed are -10000 to"),
+        ("<parent", '<origin rpy="1e5 0 0"/><parent', "allowed are -10000 to 10000 rad"),
+        ('value="1"', 'value="1e10"', "found '1e10': allowed are -1e+09 to 1e+09 kg"),
+        ('value="1"', 'value="1e-320"', "its mass is too small to count with, found '1e-320'"),
+        ('value="1"', f'value="{"1" * 400}"', f"found '{'1' * 78} …'"),
+        ('ixx="1"', 'ixx="1e16"', "found '1e16': allowed are -1e+15 to 1e+15 kg m^2"),
+    ],
+)
+def test_absurd_size_is_refused_with_what_is_allowed(
+    write_urdf: Write, good: str, bad: str, words: str
+) -> None:
+    assert words in load_error(write_urdf(ARM.replace(good, bad, 1)))
+
+
+def test_the_largest_sizes_stay_finite_in_every_frame(write_urdf: Write) -> None:
+    body = BODY.replace('value="1"', 'value="1e9"').replace('ixx="1"', 'ixx="1e15"')
+    far = '<origin xyz="1e4 1e4 1e4"/>'
+    tip = (
+        f'<link name="tip">{body.replace("<mass", far + "<mass")}</link><joint name="f" '
+        f'type="fixed">{far}<parent link="arm"/><child link="tip"/></joint>'
+    )
+    robot = load_robot(write_urdf(ARM + tip))
+    assert np.all(np.isfinite(robot.parameters))
+    assert robot.parameters[0] == pytest.approx(1e9)
+
+
+@pytest.mark.parametrize("axis", ["1e308 1e308 0", "1e-320 1e-320 0", "1e-200 1e-200 0"])
+def test_axis_of_any_length_is_a_direction(write_chain: Chain, axis: str) -> None:
+    path = write_chain({"elbow": f'revolute <axis xyz="{axis}"/>'})
+    found = read_urdf(path, 0.0).joints["elbow"].axis
+    np.testing.assert_allclose(found, [math.sqrt(0.5), math.sqrt(0.5), 0.0], rtol=1e-12)
+
+
+# Elements of which there is one
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (ARM.replace(BODY, BODY * 2), "link 'arm' has 2 elements <inertial>: leave the one that"),
+        (
+            ARM.replace("<mass", '<mass value="2"/><mass'),
+            "link 'arm' has 2 elements <mass> in its <inertial>",
+        ),
+        (ARM.replace("<mass", "<origin/><origin/><mass"), "2 elements <origin> in its <inertial>"),
+        *(
+            (
+                ARM.replace("</joint>", f"{element * 3}</joint>"),
+                f"joint 'elbow' has 3 elements <{t}>",
+            )
+            for t, element in {
+                "axis": '<axis xyz="1 0 0"/>',
+                "origin": "<origin/>",
+                "limit": "<limit/>",
+                "mimic": '<mimic joint="elbow"/>',
+                "dynamics": "<dynamics/>",
+            }.items()
+        ),
+        (
+            ARM.replace("<child", '<parent link="arm"/><child'),
+            "joint 'elbow' has 2 elements <parent>",
+        ),
+        (ARM.replace("<child", '<child link="base"/><child'), "elements <child>: leave the one"),
+    ],
+)
+def test_second_element_is_refused(write_urdf: Write, text: str, words: str) -> None:
+    assert words in load_error(write_urdf(text))
+
+
+# Files too large
+
+
+def test_too_many_joints_are_refused_while_they_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "big.urdf"
+    path.write_text("<robot>" + "<joint/>" * 1_000_000)  # the end is never looked for
+    assert load_error(path) == f"URDF '{path}' has more than the 5,000 joints that are allowed"
+    path.write_text("<robot>" + "<link/>" * 10_000)
+    assert load_error(path) == f"URDF '{path}' has more than the 5,001 links that are allowed"
+    monkeypatch.setattr("seaid.urdf_xml.MOST_ELEMENTS", 1000)
+    path.write_text("<robot>" + "<a/>" * 10_000)
+    assert load_error(path) == f"URDF '{path}' has more than the 1,000 elements that are allowed"
+
+
+def test_giant_file_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "giant.urdf"
+    with path.open("wb") as file:
+        file.truncate(10**12)  # a hole on the disk
+    words = f"URDF '{path}' is too large: 1,000,000,000,000 bytes, allowed are 64,000,000"
+    assert load_error(path) == words
+
+
+def test_long_names_are_refused(tmp_path: Path) -> None:
+    path, long = tmp_path / "a.urdf", "n" * 1001
+    for text in (ARM.replace("arm", long), ARM.replace("elbow", long)):
+        path.write_text(f"<robot>{text}</robot>")
+        assert "has 1,001 letters, allowed are 1,000: 'nnn" in load_error(path)
+    path.write_text(f'<robot name="{long}">{ARM}</robot>')
+    assert "the name of a robot has 1,001 letters" in load_error(path)
+
+
+def test_deep_nesting_and_entities_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.urdf"
+    path.write_text("<robot>" + "<link name='a'>" * 5000)
+    assert "depth" in load_error(path)
+    entities = "".join(f'<!ENTITY e{n} "{f"&e{n - 1};" * 10}">' for n in range(1, 10))
+    path.write_text(f'<!DOCTYPE r [<!ENTITY e0 "aaaaaaaaaa">{entities}]><robot name="&e9;"/>')
+    assert "is not well-formed XML" in load_error(path)
+    (tmp_path / "secret").write_text("secret")
+    path.write_text(
+        f'<!DOCTYPE r [<!ENTITY s SYSTEM "file://{tmp_path}/secret">]><robot name="x">&s;</robot>'
+    )
+    assert "secret" not in load_error(path).replace(str(tmp_path), "")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "iso-8859-1"])
+def test_encodings_are_read(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "a.urdf"
+    head = "" if encoding == "utf-8-sig" else f'<?xml version="1.0" encoding="{encoding}"?>'
+    path.write_bytes(f"{head}<robot>{ARM.replace('elbow', 'é')}</robot>".encode(encoding))
+    assert load_robot(path).joint_names == ("é",)
+
+
+@pytest.mark.parametrize("name", ["\udcff.urdf", "a\nb\x01.urdf"])
+def test_robot_without_name_in_a_file_with_an_odd_one(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_text(f"<robot>{ARM}</robot>")
+    assert load_robot(path).name.isprintable()
+
+
 # Rounded angles
 
 SNAPPED = {

@@ -217,7 +217,7 @@ def describe(
     seaid describe run.csv
     seaid describe run.csv --urdf arm.urdf --drives arm.toml -o run.toml
     """
-    from seaid.files import whole_file
+    from seaid.files import write_whole
     from seaid.logs.describe import describe_log
 
     to_be_written(output, force=force, read=(log, urdf, drives))
@@ -228,8 +228,7 @@ def describe(
         "unsure": guess.unsure,
         "unused": guess.unused,
     }
-    say(str(guess) if output is not None else guess.to_toml().rstrip(), content, as_json)
     if output is not None:
-        with whole_file(output) as temporary:
-            temporary.write_text(guess.to_toml(), encoding="utf-8")
+        write_whole(output, guess.to_toml())
+    say(str(guess) if output is not None else guess.to_toml().rstrip(), content, as_json)
     say_results(as_json, output)

@@ -141,10 +141,11 @@ def logs_of(
 def check_unseen(unseen: Sequence[Path], from_logs: Sequence[Path]) -> None:
     """Raise SeaidError for a log to validate on that is one of those identified from."""
     from seaid.errors import SeaidError
+    from seaid.files import real_path
 
-    known = {path.resolve() for path in from_logs}
+    known = {real_path(path) for path in from_logs}
     for log in unseen:
-        if log.resolve() in known:
+        if real_path(log) in known:
             raise SeaidError(f"'{log}' is identified from: validate on a log that it has not seen")
 
 

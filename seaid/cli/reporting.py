@@ -119,8 +119,9 @@ def _file_text(path: Path) -> str:
     """Return a file's name with size and SHA-256, of a folder (a bag) its name alone."""
     import hashlib
 
-    if not path.is_file():
+    try:
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        return f"{path.name}, {path.stat().st_size} bytes, SHA-256 {digest[:_DIGEST]}…"
+    except OSError:  # a folder, or gone since it was read
         return str(path)
-    with path.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-    return f"{path.name}, {path.stat().st_size} bytes, SHA-256 {digest[:_DIGEST]}…"

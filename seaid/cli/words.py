@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import sys
 import warnings
@@ -88,16 +89,19 @@ def to_be_written(*paths: Path | None, force: bool, read: tuple[Path | None, ...
     Raises SeaidError for a file that is there already (unless `force`), one of those that are
     `read`, a folder, and where nothing can be written.
     """
-    from seaid.files import result_folder
+    from seaid.files import is_replaced, real_path, result_folder
 
-    sources = {path.resolve() for path in read if path is not None}
+    sources = {real_path(path) for path in read if path is not None}
     for path in paths:
         if path is None:
             continue
-        if path.resolve() in sources:
+        target = real_path(path)
+        if target in sources:
             raise SeaidError(f"'{path}' is read by this command: name another file for the results")
-        if path.is_dir():
+        if os.path.isdir(target):
             raise SeaidError(f"'{path}' is a folder: name a file in it")
-        if path.exists() and not force:
+        replaced = is_replaced(path)
+        if replaced and not force:
             raise SeaidError(f"'{path}' is there already: name another file, or add --force")
-        result_folder(path.parent)
+        if replaced or not path.exists():  # a device or a pipe takes no file beside it
+            result_folder(target.parent)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import reduce
+from io import BytesIO
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -13,7 +14,7 @@ from scipy import linalg
 
 from seaid.arrays import Array, frozen
 from seaid.errors import IdentificationError
-from seaid.files import whole_file
+from seaid.files import working_folder, write_whole
 from seaid.regression import Regression
 
 _BLOCK = 1024
@@ -87,16 +88,17 @@ class Information:
 
     def save(self, path: str | Path) -> None:
         """Write an NPZ file, whole or not at all, for `load_information`."""
-        with whole_file(path) as temporary, temporary.open("wb") as file:
-            fields = {name: np.asarray(value) for name, value in vars(self).items()}
-            np.savez(file, **fields)  # type: ignore[arg-type]
+        fields = {name: np.asarray(value) for name, value in vars(self).items()}
+        content = BytesIO()
+        np.savez(content, **fields)  # type: ignore[arg-type]
+        write_whole(path, content.getvalue())
 
 
 def load_information(path: str | Path) -> Information:
     """Read what `Information.save` wrote. Raises IdentificationError for any other file."""
     path = Path(path)
     if not path.is_file():
-        raise IdentificationError(f"no information file at '{path}' (folder {Path.cwd()})")
+        raise IdentificationError(f"no information file at '{path}' ({working_folder()})")
     try:
         with np.load(path) as archive:
             return Information(

@@ -20,6 +20,7 @@ from seaid.text_files import number, numbers
 
 BASES = ("bspline", "polynomial", "fourier")
 _QUINTIC = 5
+_SHORTEST_S, _LONGEST_S = 1e-3, 1e6
 _LEAST = {"bspline": 6, "polynomial": 4, "fourier": 3}
 """The least number of coefficients a joint; given ends may need more."""
 
@@ -69,6 +70,10 @@ def make_basis(name: str, duration: float, coefficients: int) -> Basis:
         raise ExcitationError(unknown_name("basis", name, BASES))
     if not (np.isfinite(duration) and duration > 0):
         raise ExcitationError(f"duration must be more than zero seconds, found {duration}")
+    if not _SHORTEST_S <= duration <= _LONGEST_S:
+        raise ExcitationError(
+            f"duration must be from {_SHORTEST_S:g} to {_LONGEST_S:g} s, found {duration:g}"
+        )
     if coefficients != int(coefficients) or coefficients < _LEAST[name]:
         raise ExcitationError(
             f"a {name} needs at least {_LEAST[name]} coefficients a joint, a whole number, "

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from seaid.arrays import Array
+from seaid.arrays import Array, seed_of
 from seaid.base import BaseParameters
 from seaid.errors import ExcitationError, SeaidWarning
 from seaid.excitation.basis import make_basis
@@ -116,6 +116,7 @@ def design_excitation(
     for name, count in (("starts", starts), ("iterations", iterations)):
         if count < 1:
             raise ExcitationError(f"{name} must be at least 1, found {count}")
+    seed = seed_of(seed, ExcitationError)
     count = _coefficients(robot, basis, duration) if coefficients is None else coefficients
     function = make_basis(basis, duration, count)
     bounds = joint_limits(robot, limits)

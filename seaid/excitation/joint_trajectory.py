@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-from seaid.arrays import Array
+from seaid.arrays import Array, check_rate
 from seaid.errors import ExcitationError
 
 _NANO = 10**9
@@ -18,8 +18,7 @@ def message_times(duration: float, rate_hz: float) -> list[int]:
 
     Raises ExcitationError for a rate that is not more than zero.
     """
-    if not 0 < rate_hz < float("inf"):
-        raise ExcitationError(f"rate_hz must be more than zero, found {rate_hz}")
+    check_rate(rate_hz, duration, error=ExcitationError)
     rate, end = Fraction(rate_hz), round(Fraction(duration) * _NANO)
     times = [round(k * _NANO / rate) for k in range(int(Fraction(duration) * rate) + 1)]
     # what rounding of the duration leaves over is no point of its own

@@ -17,6 +17,9 @@ from seaid.robot import Robot
 DEFAULT_ACCELERATION = 10.0
 """rad/s^2 or m/s^2."""
 
+_SMALLEST, _LARGEST = 1e-9, 1e9
+"""Of limits in their units: what is beyond is no limit of a robot, and its square no number."""
+
 _DENSITY, _GROUP = 16, 20
 _DENSITIES = (_DENSITY, 4 * _DENSITY)
 
@@ -176,6 +179,12 @@ def limit_values(
                 f"joint '{joint}' of '{robot.name}': {name} limit is {found}; give it by "
                 f"Limits({name}=...), one number for all joints, one a joint or {{'{joint}': ...}}"
             )
+        if np.isfinite(value) and abs(value) > _LARGEST:
+            raise ExcitationError(
+                f"joint '{joint}': {name} limit is beyond what a motion can have, found "
+                f"{value:.6g}: allowed are -{_LARGEST:g} to {_LARGEST:g}; give another by "
+                f"Limits({name}={{'{joint}': ...}})"
+            )
     return values
 
 
@@ -185,9 +194,10 @@ def positive_values(
     """Return `limit_values` that are more than zero. Raises ExcitationError for others."""
     values = limit_values(robot, name, given, default, unlimited=unlimited)
     for joint, value in zip(robot.joint_names, values, strict=True):
-        if value <= 0:
+        if value < _SMALLEST:
+            least = "zero" if value <= 0 else f"{_SMALLEST:g}"
             raise ExcitationError(
-                f"joint '{joint}': {name} limit must be more than zero, found {value:.6g}; "
+                f"joint '{joint}': {name} limit must be more than {least}, found {value:.6g}; "
                 f"give another by Limits({name}={{'{joint}': ...}})"
             )
     return values

@@ -8,8 +8,7 @@ kinks of the plain one; which motion is the best is judged by the plain one.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
-from contextlib import suppress
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,11 +23,11 @@ from seaid.excitation.problem import (
     value_and_gradient,
     value_of,
 )
-from seaid.excitation.workers import workers
+from seaid.excitation.workers import run_all
 from seaid.progress import Report, best_so_far
 
 _STALL_ITERATIONS, _STALL, _STILL_FALLING = 25, 2e-3, 5e-2
-_PATIENCE_SECONDS, _HOPELESS = 5.0, 100.0
+_HOPELESS = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,28 +139,13 @@ def _map_starts(
     report: Report,
 ) -> list[Outcome]:
     """Optimise from every start, by the executor; an interrupted outcome comes last."""
-    with workers(executor, len(begins)) as pool:
-        futures = [pool.submit(optimise, problem, x, iterations) for x in begins]
-        outcomes: list[Outcome] = []
-        try:
-            for number, future in enumerate(futures, 1):
-                outcomes.append(future.result())
-                report(outcomes[-1].value, number * iterations)
-        except KeyboardInterrupt:
-            outcomes += _finished(futures[len(outcomes) :])
-            outcomes.append(Outcome(np.inf, begins[0], interrupted=True))
-    return outcomes
-
-
-def _finished(futures: Sequence[Future[Outcome]]) -> list[Outcome]:
-    """Return what the workers, interrupted as well, still hand in."""
-    found = []
-    for future in futures:
-        future.cancel()
-    for future in futures:
-        with suppress(CancelledError, TimeoutError, BrokenExecutor, KeyboardInterrupt):
-            found.append(future.result(timeout=_PATIENCE_SECONDS))
-    return found
+    outcomes, interrupted = run_all(
+        optimise,
+        [(problem, x, iterations) for x in begins],
+        executor,
+        lambda number, outcome: report(outcome.value, number * iterations),
+    )
+    return [*outcomes, Outcome(np.inf, begins[0], interrupted=True)] if interrupted else outcomes
 
 
 def _after(report: Report, done: int) -> Report:

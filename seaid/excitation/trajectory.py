@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from seaid.arrays import Array, finite, frozen
+from seaid.arrays import Array, check_rate, finite, frozen
 from seaid.errors import ExcitationError, shown, unknown_name
 from seaid.excitation.basis import Basis, basis_from_dict
 from seaid.excitation.joint_trajectory import as_yaml, joint_trajectory_message, message_times
 from seaid.excitation.spline import SplineBasis, bernstein_from_powers
-from seaid.files import whole_file, write_csv
+from seaid.files import write_csv, write_whole
 from seaid.text_files import numbers, read_json
 
 _FORMAT = "seaid trajectory 1"
@@ -118,8 +118,7 @@ class Trajectory:
             "basis": self.basis.to_dict(),
             "coefficients": self.coefficients.tolist(),
         }
-        with whole_file(path) as temporary:
-            temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        write_whole(path, json.dumps(content, indent=1) + "\n")
 
     def save_set_points(self, path: str | Path, rate_hz: float = 1000.0) -> None:
         """Write the set-points as CSV at a rate [1/s], the end included.
@@ -128,8 +127,7 @@ class Trajectory:
         of a prismatic one `_m`, `_m_s`, `_m_s2`. Raises ExcitationError for a rate that is not more
         than zero, SeaidError where the file cannot be written.
         """
-        if not (np.isfinite(rate_hz) and rate_hz > 0):
-            raise ExcitationError(f"rate_hz must be more than zero, found {rate_hz}")
+        check_rate(rate_hz, self.duration, error=ExcitationError)
         time = np.arange(int(np.floor(self.duration * rate_hz + 1e-6)) + 1) / rate_hz
         states = np.stack(self.sample(np.minimum(time, self.duration)), axis=2)
         header = ["time_s"]
@@ -157,9 +155,7 @@ class Trajectory:
         there is no `--yaml-file`, once the robot stands at the first point. Raises ExcitationError
         for a rate that is not more than zero, SeaidError where the file cannot be written.
         """
-        text = as_yaml(self.joint_trajectory(rate_hz))
-        with whole_file(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_whole(path, as_yaml(self.joint_trajectory(rate_hz)))
 
 
 _DURATIONS_S = (1e-6, 1e7)

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from seaid.drivetrain.catalogue import key_of
-from seaid.drivetrain.model import IDEAL_DRIVE, Drive, SeriesElasticDrive
+from seaid.drivetrain.model import IDEAL_DRIVE, Drive, SeriesElasticDrive, StiffDrive
 from seaid.drivetrain.values import unit_of
-from seaid.files import whole_file
+from seaid.files import write_whole
 
 
 def write_drivetrains(drives: Mapping[str, Drive], path: str | Path) -> None:
@@ -22,8 +22,7 @@ def write_drivetrains(drives: Mapping[str, Drive], path: str | Path) -> None:
     import tomli_w
 
     tables = {joint: drive_table(drive) for joint, drive in drives.items() if drive != IDEAL_DRIVE}
-    with whole_file(path) as temporary:
-        temporary.write_text(tomli_w.dumps(tables), encoding="utf-8")
+    write_whole(path, tomli_w.dumps(tables))
 
 
 def drive_table(drive: Drive) -> dict[str, Any]:
@@ -36,6 +35,8 @@ def drive_table(drive: Drive) -> dict[str, Any]:
         if value is None or value == default or field.name == "nominal":
             continue
         table[field.name] = _plain(value)
+    if isinstance(drive, StiffDrive) and not {"gear_ratio", "gear_ratio_rad_per_m"} & set(table):
+        table["gear_ratio"] = 1.0  # what it has where none is given
     nominal = {key_of(name, unit_of(drive, name)): value for name, value in drive.nominal.items()}
     transmission = table.pop("transmission", None)
     table |= {key: float(value) for key, value in nominal.items()}

@@ -12,7 +12,7 @@ from seaid.errors import RobotError
 from seaid.export.mjcf_bodies import add_bodies
 from seaid.export.mjcf_drives import add_drives
 from seaid.export.mjcf_step import step_s
-from seaid.files import whole_file
+from seaid.files import write_whole
 from seaid.identification import Identification
 from seaid.robot import Robot
 
@@ -69,8 +69,7 @@ def write_mjcf(
         notes.append("the payload that was known is part of the bodies it is fixed to")
     root.insert(0, etree.Comment(_comment(notes)))
     etree.indent(root)
-    with whole_file(path) as temporary:
-        etree.ElementTree(root).write(str(temporary), encoding="utf-8", xml_declaration=True)
+    write_whole(path, etree.tostring(root, encoding="utf-8", xml_declaration=True))
     return WrittenMjcf(path, tuple(notes))
 
 

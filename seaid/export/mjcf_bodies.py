@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from seaid.arrays import Array
 from seaid.errors import RobotError
-from seaid.inertia import THIN, impossible_body, is_physical, pseudo_inertia
+from seaid.inertia import THIN, absurdity, impossible_body, is_physical, pseudo_inertia
 from seaid.robot import Robot
 
 TINY = 1e-14
@@ -106,6 +106,9 @@ def _add_inertial(body: Any, link: str, parameters: Array, notes: list[str], for
 
 
 def _check_possible(link: str, parameters: Array, force: bool) -> None:
+    absurd = absurdity(parameters)
+    if absurd is not None and parameters[0] > 0:
+        raise RobotError(f"link '{link}' would have {absurd}, which no model may say")
     problem = impossible_body(link, parameters)
     if problem is None or (force and parameters[0] > 0):
         return

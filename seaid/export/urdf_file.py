@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,11 +23,21 @@ from seaid.export.xml_text import (
     with_content,
     without,
 )
-from seaid.files import whole_file
+from seaid.files import real_path, whole_file
 from seaid.identification import Identification
-from seaid.inertia import THIN, impossible_body, in_parent_frame, is_physical
+from seaid.inertia import (
+    SMALLEST_KG,
+    THIN,
+    absurdity,
+    impossible_body,
+    in_parent_frame,
+    is_physical,
+)
 from seaid.robot import Robot
-from seaid.urdf import UrdfTree, urdf_again
+from seaid.urdf import UrdfTree, urdf_again, urdf_text
+
+_ROUNDING = 1e-13
+"""Relative: what is left of a body after its parts are taken away, if less, is rounding."""
 
 
 @dataclass(frozen=True)
@@ -64,19 +74,24 @@ def write_urdf(
     if source is None:
         raise RobotError(f"'{robot.name}' was not loaded from a file: name its URDF with source=")
     source = Path(source)
-    if path.resolve() == source.resolve():
-        raise RobotError(f"'{path}' is the URDF that is taken: name another file to write")
-    tree = urdf_again(source)
-    _check_links(source, tree, robot)
-    notes: list[str] = []
-    bodies = _bodies(robot, tree, notes, force)
-    text, root = _text_of(source)
-    edits = [edit for link in bodies for edit in _inertial_edits(text, root, link, bodies[link])]
-    edits += [edit for joint in robot.joint_names for edit in _dynamics(text, root, robot, joint)]
-    _note_left_out(robot, path, source, root, notes)
+    if not path.name or path.suffix.lower() == ".toml":
+        raise RobotError(f"'{path}' is no name for a URDF: name a file that ends in .urdf")
     drives = None
     if any(drive != IDEAL_DRIVE for drive in robot.drivetrains.values()):
         drives = path.with_suffix(".toml")
+    for written in (path, drives):
+        if written is not None and real_path(written) == real_path(source):
+            raise RobotError(f"'{written}' is the URDF that is taken: name another file to write")
+    text = urdf_text(source)  # read once: the file may change meanwhile
+    tree = urdf_again(source, text)
+    _check_links(source, tree, robot)
+    notes: list[str] = []
+    bodies = _bodies(robot, tree, notes, force)
+    root = _places(source, text)
+    links = root.named("link")
+    edits = [edit for link in bodies for edit in _inertial_edits(text, links[link], bodies[link])]
+    edits += _dynamics(text, root, robot)
+    _note_left_out(robot, path, source, root, notes)
     with whole_file(path) as temporary:
         temporary.write_bytes(edited(text, edits))
         if drives is not None:
@@ -84,13 +99,12 @@ def write_urdf(
     return WrittenUrdf(path, drives, tuple(notes))
 
 
-def _text_of(source: Path) -> tuple[bytes, Element]:
-    """Return a URDF's text, and where its elements are."""
+def _places(source: Path, text: bytes) -> Element:
+    """Return where the elements of a URDF's text are."""
     try:
-        text = source.read_bytes()
-        return text, read_places(text)
-    except (ValueError, OSError) as problem:
-        raise RobotError(f"cannot read URDF '{source}': {problem}") from None
+        return read_places(text)
+    except ValueError as problem:
+        raise RobotError(f"cannot write into the text of URDF '{source}': {problem}") from None
 
 
 def _check_links(source: Path, tree: UrdfTree, robot: Robot) -> None:
@@ -109,15 +123,15 @@ def _bodies(robot: Robot, tree: UrdfTree, notes: list[str], force: bool) -> dict
     if not np.all(np.isfinite(robot.parameters)):
         raise RobotError(f"'{robot.name}' has no inertial parameters to write")
     changed: dict[str, Array] = {}
+    moving = frozenset(robot.joint_names)
     for joint, body, lump in zip(
         robot.joint_names, robot.body_names, robot.parameters.reshape(-1, 10), strict=True
     ):
-        carried = _carried(tree, joint, robot.joint_names)
+        carried = _carried(tree, joint, moving)
         fixed = {link: tree.links[link] for link in carried if np.any(tree.links[link])}
-        rest = lump - sum(
-            (in_parent_frame(own, carried[link]) for link, own in fixed.items()), np.zeros(10)
-        )
-        if fixed and not is_physical(rest, THIN) and is_physical(lump, THIN):
+        rest = _rest(lump, [in_parent_frame(own, carried[link]) for link, own in fixed.items()])
+        alone = is_physical(rest, THIN) and not _is_massless(rest)
+        if fixed and not alone and is_physical(lump, THIN):
             notes.append(
                 f"link '{body}' has the inertia of all that is fixed to it "
                 f"({', '.join(fixed)}): without theirs it would be no possible body"
@@ -128,7 +142,19 @@ def _bodies(robot: Robot, tree: UrdfTree, notes: list[str], force: bool) -> dict
     return changed
 
 
-def _carried(tree: UrdfTree, joint: str, moving: tuple[str, ...]) -> dict[str, pin.SE3]:
+def _rest(lump: Array, parts: Sequence[Array]) -> Array:
+    """Return what a body has without some parts of it; all zero where only rounding is left."""
+    rest = lump - sum(parts, np.zeros(10))
+    kinds = (slice(0, 1), slice(1, 4), slice(4, 10))
+    sizes = [max(float(np.max(np.abs(one[kind]))) for one in (lump, *parts)) for kind in kinds]
+    left = any(
+        np.max(np.abs(rest[kind])) > _ROUNDING * size
+        for kind, size in zip(kinds, sizes, strict=True)
+    )
+    return rest if left or not parts else np.zeros(10)
+
+
+def _carried(tree: UrdfTree, joint: str, moving: frozenset[str]) -> dict[str, pin.SE3]:
     """Return {link: placement in the body's frame} of the links fixed to what a joint moves."""
     found: dict[str, pin.SE3] = {}
     stack = [(tree.joints[joint].child, pin.SE3.Identity())]
@@ -142,19 +168,28 @@ def _carried(tree: UrdfTree, joint: str, moving: tuple[str, ...]) -> dict[str, p
 
 
 def _check_possible(body: str, parameters: Array, force: bool, notes: list[str]) -> None:
+    absurd = absurdity(parameters) if np.any(parameters) else None
+    if absurd is not None and not _is_massless(parameters):
+        raise RobotError(f"link '{body}' would have {absurd}, which no URDF may say")
     problem = impossible_body(body, parameters)
-    if problem is None:
-        return
-    if not force:
+    if problem is not None and not force:
         raise RobotError(f"{problem}: identify with feasible=True, or write it with force=True")
-    if parameters[0] == 0:
-        raise RobotError(f"{problem}: a URDF cannot say an inertia without a mass")
-    notes.append(problem)
+    if _is_massless(parameters):
+        raise RobotError(
+            f"link '{body}' would have inertia without a mass ({parameters[0]:.4g} kg), which a "
+            "URDF cannot say: identify with feasible=True"
+        )
+    if problem is not None:
+        notes.append(problem)
 
 
-def _inertial_edits(text: bytes, root: Element, link: str, parameters: Array) -> list[Edit]:
+def _is_massless(parameters: Array) -> bool:
+    """Tell whether there is inertia without a mass."""
+    return bool(abs(parameters[0]) < SMALLEST_KG and np.any(parameters))
+
+
+def _inertial_edits(text: bytes, element: Element, parameters: Array) -> list[Edit]:
     """Return what writes ten parameters, in the link's frame, as a link's mass and inertia."""
-    element = _named(root, "link", link)
     inertial = element.find("inertial")
     if not np.any(parameters):
         return [] if inertial is None else [without(text, inertial)]
@@ -175,31 +210,38 @@ def _inertial_edits(text: bytes, root: Element, link: str, parameters: Array) ->
     return with_children(text, inertial, children)
 
 
-def _dynamics(text: bytes, root: Element, robot: Robot, joint: str) -> list[Edit]:
-    """Return what writes damping and friction of a stiff drive as they are at its own joint."""
-    drive = robot.drivetrains[joint]
-    if not isinstance(drive, StiffDrive) or drive == IDEAL_DRIVE or _is_coupled(robot, joint):
-        return []
-    viscous, coulomb = (drive.values.get(f"{kind}_friction") for kind in ("viscous", "coulomb"))
-    seen = {}
-    if viscous is not None:
-        seen["damping"] = _numbers([drive.ratio**2 * viscous])
-    if coulomb is not None:
-        seen["friction"] = _numbers([drive.ratio * coulomb])
-    return with_children(text, _named(root, "joint", joint), {"dynamics": seen}) if seen else []
+def _dynamics(text: bytes, root: Element, robot: Robot) -> list[Edit]:
+    """Return what writes damping and friction of stiff drives as they are at their own joints."""
+    joints, coupled = root.named("joint"), _coupled(robot)
+    edits: list[Edit] = []
+    for joint, drive in robot.drivetrains.items():
+        if not isinstance(drive, StiffDrive) or drive == IDEAL_DRIVE or joint in coupled:
+            continue
+        viscous, coulomb = (drive.values.get(f"{kind}_friction") for kind in ("viscous", "coulomb"))
+        seen = {}
+        if viscous is not None:
+            seen["damping"] = _numbers([drive.ratio**2 * viscous])
+        if coulomb is not None:
+            seen["friction"] = _numbers([drive.ratio * coulomb])
+        if seen:
+            edits += with_children(text, joints[joint], {"dynamics": seen})
+    return edits
 
 
-def _is_coupled(robot: Robot, joint: str) -> bool:
-    turned = robot.transmission[robot.index(joint)]
-    return bool(turned[robot.index(joint)] != 1 or np.count_nonzero(turned) != 1)
+def _coupled(robot: Robot) -> set[str]:
+    """Return the joints whose drive turns others, or its own with another factor than 1."""
+    matrix = robot.transmission
+    plain = (matrix == np.eye(robot.n)).all(axis=1)
+    return {joint for joint, is_plain in zip(robot.joint_names, plain, strict=True) if not is_plain}
 
 
 def _note_left_out(robot: Robot, path: Path, source: Path, root: Element, notes: list[str]) -> None:
     """Say what of the robot a URDF cannot have, and which files it names are no longer found."""
     if np.any(robot.payload_parameters):
         notes.append("the payload that was known is not in the file: give it with payloads=")
+    coupled = _coupled(robot)
     for joint, drive in robot.drivetrains.items():
-        if isinstance(drive, StiffDrive) and drive != IDEAL_DRIVE and _is_coupled(robot, joint):
+        if isinstance(drive, StiffDrive) and drive != IDEAL_DRIVE and joint in coupled:
             notes.append(
                 f"joint '{joint}': its drive moves other joints, and <dynamics> cannot say its "
                 "friction: the file of the drives does"
@@ -207,18 +249,13 @@ def _note_left_out(robot: Robot, path: Path, source: Path, root: Element, notes:
     shapes = (one for one in root.all() if one.tag in ("mesh", "texture"))
     named = (one.attributes.get("filename", "") for one in shapes)
     beside = [name for name in named if name and "://" not in name and not Path(name).is_absolute()]
-    if beside and path.resolve().parent != source.resolve().parent:
+    folder = real_path(source).parent
+    if beside and real_path(path).parent != folder:
         more = len(set(beside)) - 1
         notes.append(
             f"'{beside[0]}'{f' and {more} other files' if more else ''} that it names are looked "
-            f"for beside it: write it into '{source.resolve().parent}', or copy them"
+            f"for beside it: write it into '{folder}', or copy them"
         )
-
-
-def _named(root: Element, tag: str, name: str) -> Element:
-    found = root.find(tag, name)
-    assert found is not None  # urdf_again has found it
-    return found
 
 
 def _numbers(values: Iterable[float]) -> str:

@@ -28,10 +28,14 @@ class Element:
     end: int
     children: list[Element]
 
-    def find(self, tag: str, name: str | None = None) -> Element | None:
-        """Return the first child of a tag (with a name), None if there is none."""
-        named = (one for one in self.children if name in (None, one.attributes.get("name")))
-        return next((one for one in named if one.tag == tag), None)
+    def find(self, tag: str) -> Element | None:
+        """Return the first child of a tag, None if there is none."""
+        return next((one for one in self.children if one.tag == tag), None)
+
+    def named(self, tag: str) -> dict[str, Element]:
+        """Return {name: child} of all children of a tag that have a name."""
+        found = (one for one in self.children if one.tag == tag)
+        return {one.attributes["name"]: one for one in found if "name" in one.attributes}
 
     def all(self) -> Iterable[Element]:
         """Yield the element and all inside it."""
@@ -43,10 +47,12 @@ class Element:
 def read_places(text: bytes) -> Element:
     """Return the root element of an XML text and all inside it.
 
+    A tag in a namespace begins with that and a space, so it is none of those without.
     Raises ValueError for what is not well-formed, or not in an encoding that has ASCII in it.
     """
-    parser, top, waiting = expat.ParserCreate(), Element("", {}, 0, 0, 0, []), list[Element]()
-    waiting.append(top)
+    parser = expat.ParserCreate(namespace_separator=" ")
+    top = Element("", {}, 0, 0, 0, [])
+    waiting = [top]
 
     def begin(tag: str, attributes: Mapping[str, str]) -> None:
         at = parser.CurrentByteIndex
@@ -72,7 +78,7 @@ def read_places(text: bytes) -> Element:
 
 def is_empty(text: bytes, element: Element) -> bool:
     """Tell whether an element is one tag, <a/>."""
-    return text[: element.inside].endswith(b"/>")
+    return text.endswith(b"/>", element.start, element.inside)
 
 
 def with_children(
@@ -100,8 +106,7 @@ def new_element(tag: str, children: Mapping[str, Mapping[str, str]]) -> bytes:
 
 def with_content(text: bytes, parent: Element, elements: Iterable[bytes]) -> Edit:
     """Return the edit that puts elements first into another one, indented as what follows."""
-    before = re.search(rb"\r?\n[ \t]*\Z", text[: parent.start])
-    outer = before.group() if before is not None else b""
+    outer = _indent(text, parent.start)
     if not is_empty(text, parent):
         follows = re.compile(rb"\r?\n[ \t]*(?=<(?!/))").match(text, parent.inside)
         indent = follows.group() if follows is not None else outer and outer + b"  "
@@ -114,14 +119,27 @@ def with_content(text: bytes, parent: Element, elements: Iterable[bytes]) -> Edi
 
 def without(text: bytes, element: Element) -> Edit:
     """Return the edit that takes an element away, with the space before it."""
-    return len(text[: element.start].rstrip()), element.end, b""
+    start = element.start
+    while start and text[start - 1 : start].isspace():
+        start -= 1
+    return start, element.end, b""
 
 
 def edited(text: bytes, edits: Iterable[Edit]) -> bytes:
     """Return a text with edits made, which do not overlap."""
-    for start, end, new in sorted(edits, reverse=True):
-        text = text[:start] + new + text[end:]
-    return text
+    parts, done = [], 0
+    for start, end, new in sorted(edits):
+        parts += [text[done:start], new]
+        done = end
+    return b"".join([*parts, text[done:]])
+
+
+def _indent(text: bytes, start: int) -> bytes:
+    """Return the end of line and the spaces before a place, nothing if something else is there."""
+    line = text.rfind(b"\n", 0, start)
+    if line < 0 or text[line + 1 : start].strip(b" \t"):
+        return b""
+    return text[line - (text[line - 1 : line] == b"\r") : start]
 
 
 def _tag(tag: str, attributes: Mapping[str, str]) -> bytes:

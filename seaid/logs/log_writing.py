@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
 from seaid.arrays import Array
 from seaid.errors import LogError
-from seaid.files import whole_file, write_csv
+from seaid.files import write_csv, write_whole
 from seaid.formats.hdf5_file import write_hdf5
 from seaid.formats.parquet_file import write_parquet
 from seaid.logs.log_data import Log
@@ -30,8 +31,9 @@ def write_log(log: Log, path: str | Path) -> None:
 
 
 def _write_npz(path: Path, data: Mapping[str, Array]) -> None:
-    with whole_file(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **data)  # type: ignore[arg-type]
+    content = BytesIO()
+    np.savez_compressed(content, **data)  # type: ignore[arg-type]
+    write_whole(path, content.getvalue())
 
 
 _WRITERS: dict[str, Callable[[Path, Mapping[str, Array]], None]] = {

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from seaid.errors import SeaidError
-from seaid.files import whole_file
+from seaid.files import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -97,9 +98,15 @@ def _torques(
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
-    """Write a figure as PNG, whole. Raises SeaidError where it cannot be written."""
+    """Write a figure as PNG, whole.
+
+    Raises SeaidError for another ending and where it cannot be written.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+    if Path(path).suffix.lower() != ".png":
+        raise SeaidError(f"a figure is a PNG image: '{path}' must end in .png")
     FigureCanvasAgg(figure)
-    with whole_file(path) as temporary:
-        figure.savefig(temporary, dpi=130)
+    content = BytesIO()
+    figure.savefig(content, format="png", dpi=130)
+    write_whole(path, content.getvalue())

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from seaid.errors import SeaidError
-from seaid.files import plain, whole_file
+from seaid.files import plain, write_whole
 from seaid.identification import Identification
 from seaid.report.html_errors import error_rows, worst_rows
 from seaid.report.html_experiment import (
@@ -69,8 +69,7 @@ def write_report(
         raise SeaidError(f"a report needs an Identification, found {type(found).__name__}")
     runs = runs_of(found, _checked(found, results))
     page = _page(found, runs, _checked_facts(facts or {}))
-    with whole_file(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+    write_whole(path, page)
 
 
 def runs_of(found: Identification, results: Sequence[Validation]) -> list[Run]:

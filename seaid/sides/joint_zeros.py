@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from seaid.arrays import Array
+from seaid.errors import IdentificationError
 from seaid.motion import Motion
 from seaid.regression import Regression
 from seaid.robot import Robot
@@ -16,6 +17,18 @@ from seaid.sides.load_side import load_regression
 
 ZERO_STEP = 1e-4
 """Shift [rad or m] of an encoder's zero for a difference quotient."""
+
+
+_LARGEST_STD = 1e3
+"""Of a zero [rad or m]: beyond it nothing is known of it, and its square may be no number."""
+
+
+def check_zero_std(joint_zero_std: float) -> None:
+    """Raise IdentificationError for a standard deviation of encoder zeros that is none."""
+    if not 0 <= joint_zero_std <= _LARGEST_STD:
+        raise IdentificationError(
+            f"joint_zero_std must be from 0 to {_LARGEST_STD:g} rad or m, found {joint_zero_std}"
+        )
 
 
 def zero_sensitivity(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from flint import fmpq
 
-from seaid.files import whole_file
+from seaid.files import write_whole
 from seaid.symbolic.geometry import number
 from seaid.symbolic.program import Program, Value, needed, text_of
 
@@ -26,8 +26,7 @@ def export_numpy(form: RigidBodyForm, path: str | Path) -> None:
     It has `regressor(q, v, a)`, `base_regressor(q, v, a)` over (T, n) arrays, the names of joints
     and parameters, and the grouping matrix. Raises SeaidError where it cannot be written.
     """
-    with whole_file(path) as temporary:
-        temporary.write_text(numpy_source(form), encoding="utf-8")
+    write_whole(path, numpy_source(form))
 
 
 def export_c(form: RigidBodyForm, path: str | Path) -> None:
@@ -36,8 +35,7 @@ def export_c(form: RigidBodyForm, path: str | Path) -> None:
     It has `<robot>_regressor(q, v, a, Y)` and `<robot>_base_regressor(q, v, a, Y)` with row-major
     Y. Raises SeaidError where it cannot be written.
     """
-    with whole_file(path) as temporary:
-        temporary.write_text(c_source(form), encoding="utf-8")
+    write_whole(path, c_source(form))
 
 
 def numpy_source(form: RigidBodyForm) -> str:

@@ -19,7 +19,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from seaid.errors import ExcitationError
 from seaid.excitation import Excitation, design_excitation
+from seaid.excitation.workers import run_all
 from seaid.robot import Robot
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -103,3 +105,88 @@ def test_ctrl_c_ends_the_search_of_a_plain_script(tmp_path: Path) -> None:
     assert np.isfinite(float(kappa))
     assert kept == "True"
     assert "ended early: interrupted" in errors
+
+
+# Processes that die
+
+
+def killed(path: str, times: int, value: int) -> int:
+    """Kill the process that runs this, as often as asked; then return a value."""
+    count = Path(path).stat().st_size
+    if value == 1 and count < times:
+        with Path(path).open("a") as file:
+            file.write("x")
+        os.kill(os.getpid(), signal.SIGKILL)
+    return value
+
+
+def never(number: int, value: int) -> None:
+    """Take what is told of the tasks that are done."""
+
+
+def test_a_killed_process_is_replaced_once(tmp_path: Path) -> None:
+    path = tmp_path / "deaths"
+    path.touch()
+    tasks = [(str(path), 1, value) for value in range(3)]
+    assert run_all(killed, tasks, None, never) == ([0, 1, 2], False)
+    assert path.read_text() == "x"
+
+
+def test_processes_that_are_killed_again_are_said(tmp_path: Path) -> None:
+    path = tmp_path / "deaths"
+    path.touch()
+    tasks = [(str(path), 9, value) for value in range(2)]
+    with pytest.raises(ExcitationError, match=r"was ended from outside \(killed, or out of memory"):
+        run_all(killed, tasks, None, never)
+    assert path.read_text() == "xx"
+    assert run_all(killed, [(str(path), 0, 1)], None, never) == ([1], False)
+
+
+def test_an_executor_of_the_user_that_breaks_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "deaths"
+    path.touch()
+    with spawned() as executor, pytest.raises(ExcitationError, match="BrokenProcessPool"):
+        run_all(killed, [(str(path), 1, 1)], executor, never)
+    assert path.read_text() == "x"
+
+
+SLEEPING = """
+import os, sys, time
+from seaid.excitation.workers import run_all
+def sleep(seconds):
+    time.sleep(seconds)
+    return os.getpid()
+found, _ = run_all(sleep, [(0.2,), (0.2,)], None, lambda number, pid: None)
+print(*sorted(set(found)), flush=True)
+if sys.argv[1] == "busy":
+    run_all(sleep, [(100.0,), (100.0,)], None, lambda number, pid: None)
+time.sleep(100.0)
+"""
+
+
+@pytest.mark.parametrize(("what", "end"), [("busy", signal.SIGTERM), ("idle", signal.SIGKILL)])
+def test_processes_end_with_the_one_that_began_them(what: str, end: int) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", SLEEPING, what],
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        cwd=Path(__file__).parents[2],
+    ) as process:
+        assert process.stdout is not None
+        pids = [int(word) for word in process.stdout.readline().split()]
+        os.kill(process.pid, end)
+    assert pids
+    until = time.monotonic() + 20
+    while any(map(is_running, pids)) and time.monotonic() < until:
+        time.sleep(0.1)
+    assert not any(map(is_running, pids))
+
+
+def is_running(pid: int) -> bool:
+    """Tell whether a process is there and no zombie."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"

@@ -570,3 +570,19 @@ def test_unwritable_folder_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(SeaidError, match="cannot write"):
         write_mjcf(arm(), tmp_path / "file" / "out.xml")
+
+
+def test_a_full_disk_is_told_and_the_old_file_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, content: bytes) -> int:
+        raise OSError(28, "No space left on device")
+
+    (tmp_path / "leg.xml").write_text("old")
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(SeaidError, match=r"leg\.xml': No space left on device; make room"):
+        write_mjcf(leg(), tmp_path / "leg.xml")
+    with pytest.raises(SeaidError, match="'/dev/full': No space left on device"):
+        monkeypatch.undo()
+        write_mjcf(leg(), "/dev/full")
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("leg.xml", "old")]

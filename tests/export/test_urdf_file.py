@@ -15,6 +15,7 @@ from seaid.drivetrain.drive_file import read_drivetrains
 from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
 from seaid.errors import RobotError, SeaidError
 from seaid.export.drive_tables import write_drivetrains
+from seaid.export.mjcf import write_mjcf
 from seaid.export.urdf_file import write_urdf
 from seaid.inertia import from_center_of_mass
 from seaid.robot import Payload, Robot, load_robot
@@ -177,14 +178,16 @@ def test_a_full_disk_leaves_both_old_files(tmp_path: Path, monkeypatch: pytest.M
     robot = fixed_robot(tmp_path)
     for name in ("out.urdf", "out.toml"):
         (tmp_path / name).write_text("old")
-    for part in ("write_bytes", "write_text"):  # of the URDF, and of the drives after it
+    write = Path.write_bytes
+    for full_at in (".urdf", ".toml"):  # of the URDF, and of the drives after it
 
-        def full(path: Path, *_: object, **__: object) -> None:
-            path.touch()
-            raise OSError(28, "No space left on device")
+        def full(path: Path, content: bytes, full_at: str = full_at) -> int:
+            if path.suffix == full_at:
+                raise OSError(28, "No space left on device")
+            return write(path, content)
 
         with monkeypatch.context() as patched:
-            patched.setattr(Path, part, full)
+            patched.setattr(Path, "write_bytes", full)
             with pytest.raises(SeaidError, match=r"out\.\w+': No space left on device; make room"):
                 write_urdf(robot, tmp_path / "out.urdf")
         assert [(tmp_path / f"out.{end}").read_text() for end in ("urdf", "toml")] == ["old"] * 2
@@ -275,3 +278,96 @@ def test_drives_with_every_kind_of_field_survive(tmp_path: Path) -> None:
     }
     write_drivetrains(drives, tmp_path / "drives.toml")
     assert read_drivetrains(tmp_path / "drives.toml") == drives
+
+
+# Odd robots, odd paths
+
+
+def test_a_link_that_has_only_what_is_fixed_to_it_gets_nothing_but_rounding(tmp_path: Path) -> None:
+    """2.7 + 0.2 - 2.7 - 0.2 is no zero: what is left must not be written as a body."""
+    robot = fixed_robot(tmp_path)
+    inertial = re.search(r"<inertial>.*?</inertial>", FIXED, re.DOTALL)
+    assert inertial is not None
+    (tmp_path / "leg.urdf").write_text(FIXED.replace(inertial.group(), "", 1))
+    lump = load_robot(tmp_path / "leg.urdf").parameters
+    jitter = 1 + 1e-15 * np.random.default_rng(0).uniform(-1, 1, 10)
+    written = write_urdf(robot.with_values(lump * jitter, robot.drivetrains), tmp_path / "o.urdf")
+    assert written.urdf.read_text().count("<inertial>") == 1
+    np.testing.assert_allclose(load_robot(written.urdf).parameters, lump, rtol=1e-12, atol=1e-15)
+
+
+def test_a_mass_on_the_wrong_side_is_moved_to_the_link_that_moves(tmp_path: Path) -> None:
+    """The camera has the mass, the thigh an inertia alone: a URDF cannot say that rest."""
+    text = FIXED.replace('<mass value="3"/>', "").replace('xyz="0 0 -0.2"', 'xyz="0 0 0"')
+    (tmp_path / "leg.urdf").write_text(text)
+    robot = load_robot(tmp_path / "leg.urdf")
+    written = write_urdf(robot, tmp_path / "out.urdf")
+    assert "has the inertia of all that is fixed to it (camera)" in written.notes[0]
+    again = load_robot(written.urdf)
+    np.testing.assert_allclose(again.parameters, robot.parameters, rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "words"),
+    [
+        (0, 1e10, r"'thigh' would have a mass of 1e\+10 kg \(at most 1e\+09 kg\)"),
+        (1, 1e6, "'thigh' would have its centre of mass further than 10000 m away"),
+        (4, 1e16, r"'thigh' would have an inertia of 1e\+16 kg m\^2"),
+        (0, 1e300, "'thigh' would have a mass"),
+    ],
+)
+def test_absurd_bodies_are_refused_even_by_force(
+    tmp_path: Path, place: int, value: float, words: str
+) -> None:
+    robot = fixed_robot(tmp_path)
+    parameters = robot.parameters.copy()
+    parameters[place] = value
+    absurd = robot.with_values(parameters, robot.drivetrains)
+    for write in (write_urdf, write_mjcf):
+        with pytest.raises(RobotError, match=words):
+            write(absurd, tmp_path / "out.urdf", force=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["leg.urdf"]
+
+
+def test_elements_of_other_namespaces_are_left_alone(tmp_path: Path) -> None:
+    other = '<link xmlns="urn:other" name="thigh"><inertial><mass value="9"/></inertial></link>'
+    (tmp_path / "leg.urdf").write_text(
+        FIXED.replace('<link name="base"/>', other + '<link name="base"/>')
+    )
+    robot = changed(load_robot(tmp_path / "leg.urdf"))
+    written = write_urdf(robot, tmp_path / "out.urdf")
+    assert other in written.urdf.read_text()
+    np.testing.assert_allclose(load_robot(written.urdf).parameters, robot.parameters, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["out.toml", "", "OUT.TOML"])
+def test_a_path_that_is_no_urdf_is_refused(tmp_path: Path, name: str) -> None:
+    robot = fixed_robot(tmp_path)
+    with pytest.raises(RobotError, match=r"is no name for a URDF: name a file that ends in \.urdf"):
+        write_urdf(robot, tmp_path / name if name else "")
+
+
+def test_drives_are_not_written_over_the_file_that_is_taken(tmp_path: Path) -> None:
+    robot = fixed_robot(tmp_path)
+    (tmp_path / "leg.urdf").rename(tmp_path / "leg.toml")
+    with pytest.raises(RobotError, match=r"leg\.toml' is the URDF that is taken"):
+        write_urdf(robot, tmp_path / "leg.urdf", source=tmp_path / "leg.toml")
+    assert (tmp_path / "leg.toml").read_text() == FIXED
+
+
+@pytest.mark.parametrize("harm", ["gone", "cut", "folder"])
+def test_a_source_that_is_gone_or_damaged_meanwhile_is_said(tmp_path: Path, harm: str) -> None:
+    robot, path = fixed_robot(tmp_path), tmp_path / "leg.urdf"
+    path.unlink()
+    if harm == "cut":
+        path.write_text(FIXED[:700])
+    if harm == "folder":
+        path.mkdir()
+    with pytest.raises(RobotError, match=r"leg\.urdf'"):
+        write_urdf(robot, tmp_path / "out.urdf")
+    assert not (tmp_path / "out.urdf").exists()
+
+
+def test_a_stiff_drive_without_a_ratio_is_written_with_the_one_it_has(tmp_path: Path) -> None:
+    write_drivetrains({"hip": StiffDrive(motor_inertia_kg_m2=1e-4)}, tmp_path / "d.toml")
+    assert read_drivetrains(tmp_path / "d.toml")["hip"].ratio == 1.0

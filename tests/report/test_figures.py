@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import matplotlib.figure
 import numpy as np
@@ -30,9 +32,9 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[matplotlib.figure.Figure]:
     figures: list[matplotlib.figure.Figure] = []
     save = matplotlib.figure.Figure.savefig
 
-    def note(figure: matplotlib.figure.Figure, path: Path, *, dpi: int) -> None:
+    def note(figure: matplotlib.figure.Figure, file: BytesIO, **options: Any) -> None:
         figures.append(figure)
-        save(figure, path, dpi=dpi)
+        save(figure, file, **options)
 
     monkeypatch.setattr(matplotlib.figure.Figure, "savefig", note)
     return figures
