@@ -442,7 +442,8 @@ def examples() -> list[str]:
     """Return all commands in helps and in the README, without their comments."""
     helps = [done(command, "--help").out for command in (*COMMANDS, *FROM_LOGS)]
     texts = [done("--help").out, *helps, (ROOT / "README.md").read_text(encoding="utf-8")]
-    lines = [line.strip() for text in texts for line in text.splitlines()]
+    whole = [re.sub(r"\s*\\\n\s*", " ", text) for text in texts]
+    lines = [line.strip() for text in whole for line in text.splitlines()]
     return [line.partition("  ")[0] for line in lines if re.match(r"seaid [a-z]+ [\w/]+\.", line)]
 
 
