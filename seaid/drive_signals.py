@@ -18,6 +18,10 @@ from seaid.transmission import at_drives, torques_at_drives
 INPUTS = {"torque": "tau_M", "current": "i_M", "voltage": "u_M"}
 """The signal that a drive's equation has as the motor's input."""
 
+_STILL = 1e-5
+"""Speed below which nothing moves [rad/s or m/s]: an encoder of 2^14 steps makes one in 40 s. The
+rounding of speeds, about 1e-10, is far enough below for no sample to stand at the edge."""
+
 
 def motor_regressor(robot: Robot, joint: str) -> DriveRegressor:
     """Return the regressor derived from the motor equation (7) of a joint."""
@@ -55,17 +59,19 @@ def _spring_regressor(drive: SeriesElasticDrive) -> DriveRegressor:
 def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
     """Return the signals of a drive's equations by name, each (T,); no load torque yet.
 
-    theta_L is what the drive turns: the joint, or the sum of joints of its transmission.
+    theta_L is what the drive turns: the joint, or the sum of joints of its transmission. A speed
+    that is nothing but rounding is zero: what stands still has no direction, and the sign that
+    friction has of it would be the processor's.
     """
     position, velocity, acceleration = (
         at_drives(robot.transmission, state)[:, index] for state in motion.joint_states
     )
     return {
         "theta_M": motion.motor_position[:, index],
-        "theta_M_dot": motion.motor_velocity[:, index],
+        "theta_M_dot": _moving(motion.motor_velocity[:, index]),
         "theta_M_ddot": motion.motor_acceleration[:, index],
         "theta_L": position,
-        "theta_L_dot": velocity,
+        "theta_L_dot": _moving(velocity),
         "theta_L_ddot": acceleration,
         "tau_M": motion.motor_torque[:, index],
         "tau_L": np.zeros(len(motion.time)),
@@ -73,6 +79,10 @@ def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
         "u_M": _channel(motion.motor_voltage, motion, index),
         "tau_G": _channel(motion.gear_torque, motion, index),
     }
+
+
+def _moving(speed: Array) -> Array:
+    return np.where(np.abs(speed) < _STILL, 0.0, speed)
 
 
 def _channel(samples: Array | None, motion: Motion, index: int) -> Array:

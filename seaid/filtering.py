@@ -11,10 +11,6 @@ from seaid.errors import LogError
 
 _ORDER = 4
 _ROUNDING = 1e-6
-_STILL = 1e-6
-"""Share of the largest speed below which nothing moves. The rounding of a quintic spline is 1e-12
-of it: far enough below for no sample to stand at the edge."""
-
 _GAUSSIAN = 1.4826
 """Standard deviation of Gaussian noise over the median of its absolute values."""
 
@@ -75,9 +71,7 @@ def decimation(rate_hz: float, cutoff_hz: float) -> int:
 def spline_derivatives(time: Array, signals: Array) -> tuple[Array, Array, Array]:
     """Return value, first and second derivative (T, any) of an interpolating quintic spline.
 
-    Right up to the ends, where one-sided differences are not. NaN columns stay NaN. First
-    derivatives below a millionth of the largest are zero: what stands still has no direction, and
-    `sign` of it would be that of the processor's rounding.
+    Right up to the ends, where one-sided differences are not. NaN columns stay NaN.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -85,7 +79,5 @@ def spline_derivatives(time: Array, signals: Array) -> tuple[Array, Array, Array
     known = np.flatnonzero(np.isfinite(signals[0]))
     spline = make_interp_spline(time, signals[:, known], k=5)
     values[:, known] = signals[:, known]
-    slope, second[:, known] = spline(time, 1), spline(time, 2)
-    still = np.abs(slope) <= _STILL * np.max(np.abs(slope), axis=0)
-    first[:, known] = np.where(still, 0.0, slope)
+    first[:, known], second[:, known] = spline(time, 1), spline(time, 2)
     return values, first, second

@@ -10,7 +10,7 @@ import pytest
 
 from seaid.arrays import Array
 from seaid.base import base_parameters
-from seaid.drive_signals import motor_regressor, spring_regressor
+from seaid.drive_signals import motor_regressor, signals, spring_regressor
 from seaid.errors import LogError
 from seaid.filtering import low_pass
 from seaid.motion import Motion
@@ -51,6 +51,20 @@ def true_springs(robot: Robot) -> dict[str, Array]:
 @pytest.fixture(scope="module")
 def model() -> LoadModel:
     return load_model(LEG, base_parameters(LEG), LEG.joint_names)
+
+
+def test_what_stands_still_has_no_direction(motion: Motion) -> None:
+    """The rounding of a motor at rest has a sign of the processor's; friction must not have it."""
+    rest = np.random.default_rng(0).normal(0.0, 1e-10, (len(motion.time), LEG.n))
+    still = replace(motion, motor_velocity=rest, joint_velocity=rest)
+    for joint in LEG.joint_names:
+        by_name = signals(LEG, still, LEG.index(joint))
+        assert not np.any(by_name["theta_M_dot"])
+        assert not np.any(by_name["theta_L_dot"])
+        moving = signals(LEG, motion, LEG.index(joint))["theta_M_dot"]
+        assert np.array_equal(moving, motion.motor_velocity[:, LEG.index(joint)])
+    regressor, _, columns = actuator_columns(LEG, still, "knee_pitch")
+    assert not np.any(columns[:, regressor.names.index("coulomb_friction")])
 
 
 def test_truth_times_the_actuator_regressor_is_the_motor_torque(motion: Motion) -> None:
