@@ -17,6 +17,7 @@ from seaid.filtering import decimation
 from seaid.formats.opening import log_path, open_table
 from seaid.formats.table import Block, Blocks
 from seaid.log import Log
+from seaid.logs.holes import holes
 from seaid.logs.log_columns import Column, wanted_columns
 from seaid.logs.log_data import MINIMUM_SAMPLES
 from seaid.logs.log_from_columns import log_of
@@ -84,12 +85,7 @@ class LongLog:
     def motions(self) -> Iterator[tuple[Motion, LogPart]]:
         """Yield the reconstructed motion of each part, overlap included."""
         for part in self.parts():
-            if not is_regular(part.log.time):
-                raise LogError(
-                    f"'{self.path}': the time steps around {part.start_s:.6g} s are not equal; a "
-                    "log that is read in pieces must be sampled evenly: resample it, or use "
-                    "read_log"
-                )
+            _check_even(self.path, part)
             motion = reconstruct_motion(self.robot, part.log, self.cutoff_hz)
             yield replace(motion, fastest=self.fastest), part
 
@@ -236,6 +232,20 @@ def _own_rows(rows: Regression, motion: Motion, part: LogPart) -> Regression:
             name: getattr(rows, name)[kept]
             for name in ("H", "y", "joint", "time", "run", "carried")
         },
+    )
+
+
+def _check_even(path: Path, part: LogPart) -> None:
+    """Refuse time steps that differ, by the first hole if there is one."""
+    if is_regular(part.log.time):
+        return
+    found = holes(part.log.time)
+    what = f"the time steps around {part.start_s:.6g} s are not equal"
+    if found:
+        what = f"the log has a hole of {found[0]}"
+    raise LogError(
+        f"'{path}': {what}; a log that is read in pieces must be sampled evenly: resample it, cut "
+        "it there, or use read_log"
     )
 
 

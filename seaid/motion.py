@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.errors import LogError
 from seaid.filtering import low_pass, spline_derivatives
 from seaid.log import Log
+from seaid.logs.clocks import typical_step
+from seaid.logs.holes import check_whole, holes, stretches
 from seaid.logs.resampling import interpolated
 from seaid.pass_band import PassBand, propose_pass_band
 from seaid.processing import Processing
@@ -78,19 +80,60 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
     a regression filters regressor and torque alike. `cutoff_hz` None: proposed from the spectra,
     see `seaid.pass_band`; `Motion.processing` tells what was done, and why. The side of a stiff
     drive that has no encoder is computed from the other; joints that drives move together from all
-    of their motors. Raises LogError where the log does not fit the robot or is too short for the
-    cutoff.
+    of their motors. Raises LogError where the log does not fit the robot, is too short for the
+    cutoff or has a hole in time (see `reconstruct_motions`).
     """
-    columns = _columns(robot, log)
-    time, signals = _uniform(log, columns)
+    check_whole(log)
+    return _motion(robot, log, None if cutoff_hz is None else _given(cutoff_hz))
+
+
+def reconstruct_motions(
+    robot: Robot, log: Log, cutoff_hz: float | None = None
+) -> tuple[Motion, ...]:
+    """Return the motion of each stretch of a log between its holes in time, in one pass band.
+
+    As `reconstruct_motion` otherwise: a log without a hole has one motion. `cutoff_hz` None:
+    proposed from the longest stretch. Stretches shorter than ten periods of the cutoff are
+    excluded; the repairs of the first motion's `processing` say so. Raises LogError where the holes
+    take more than half of the log.
+    """
+    if not holes(log.time):
+        return (reconstruct_motion(robot, log, cutoff_hz),)
+    if cutoff_hz is None:
+        longest = max(stretches(log), key=lambda part: float(part.time[-1] - part.time[0]))
+        band = _proposed(robot, *_sampled(robot, longest))
+    else:
+        band = _given(cutoff_hz)
+        check_cutoff(cutoff_hz, 1.0 / typical_step(log.time))
+    parts = stretches(log, FEWEST_PERIODS / band.cutoff_hz)
+    motions = [_motion(robot, part, band) for part in parts]
+    fastest = np.max([np.max(np.abs(one.motor_velocity), axis=0) for one in motions], axis=0)
+    return tuple(replace(one, fastest=fastest) for one in motions)
+
+
+def _given(cutoff_hz: float) -> PassBand:
+    return PassBand(cutoff_hz, "as it was given")
+
+
+def _sampled(robot: Robot, log: Log) -> tuple[Array, dict[str, Array]]:
+    """Return time and {sensor: samples} on a uniform grid, with all positions that are needed."""
+    time, signals = _uniform(log, _columns(robot, log))
+    _check_sides(robot, signals["joint_position"], signals["motor_position"])
+    return time, signals
+
+
+def _proposed(robot: Robot, time: Array, signals: dict[str, Array]) -> PassBand:
+    joint, motor = signals["joint_position"], signals["motor_position"]
+    return propose_pass_band(joint, motor, _rate_hz(time), robot.joint_names)
+
+
+def _motion(robot: Robot, log: Log, band: PassBand | None) -> Motion:
+    """Return the motion of a log without a hole; `band` None: proposed from the spectra."""
+    time, signals = _sampled(robot, log)
     rate_hz = _rate_hz(time)
     joint, motor = signals["joint_position"], signals["motor_position"]
-    _check_sides(robot, joint, motor)
-    if cutoff_hz is None:
-        band = propose_pass_band(joint, motor, rate_hz, robot.joint_names)
-        cutoff_hz = band.cutoff_hz
-    else:
-        band = PassBand(cutoff_hz, "as it was given")
+    band = _proposed(robot, time, signals) if band is None else band
+    cutoff_hz = band.cutoff_hz
     check_cutoff(cutoff_hz, rate_hz)
     _check_duration(cutoff_hz, float(time[-1] - time[0]))
     measured = low_pass(np.hstack([joint, motor]), rate_hz, POSITION_BAND * cutoff_hz)

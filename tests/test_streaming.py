@@ -227,8 +227,12 @@ def test_time_must_be_regular(tmp_path: Path) -> None:
     time = log().time.copy()
     time[4000:] += 0.5
     write_log(replace(log(), time=time), tmp_path / "log.npz")
-    with pytest.raises(LogError, match=r"time steps around .* are not equal; a log that is read"):
+    with pytest.raises(LogError, match=r"hole of 0\.501 s at t = 3\.999 s; a log that is read"):
         opened(tmp_path / "log.npz")
+    time = log().time + np.where(np.arange(len(log().time)) % 2, 2e-4, 0.0)
+    write_log(replace(log(), time=time), tmp_path / "uneven.npz")
+    with pytest.raises(LogError, match=r"time steps around .* are not equal; a log that is read"):
+        opened(tmp_path / "uneven.npz")
 
 
 def test_overlap_longer_than_a_piece(npz: Path) -> None:
