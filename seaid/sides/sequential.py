@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from scipy import linalg
@@ -16,7 +16,7 @@ from seaid.estimation.estimate import Estimate
 from seaid.estimation.estimators import Estimator
 from seaid.estimation.information import Information, information_of
 from seaid.estimation.model_checks import ModelChecks, model_checks
-from seaid.estimation.solve import estimate_of, settled_weights
+from seaid.estimation.solve import estimate_of, estimate_of_rows, settled_weights
 from seaid.long_log import LongLog
 from seaid.motion import Motion
 from seaid.progress import track
@@ -72,24 +72,32 @@ class Regressions:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """An estimate, the information behind it, and the rows if they were kept in memory."""
+    """An estimate, the information behind it, and the rows if they were kept in memory.
+
+    `settled` are the equations' weights (E,) if the estimate was weighted by those that settle.
+    """
 
     estimate: Estimate
     information: Information
     rows: Regression | None
     carried: Array | None
+    settled: Array | None = None
+
+    @cached_property
+    def weights(self) -> Array:
+        """The weights (E,) of the equations that settle, whatever the estimator weighs by."""
+        return settled_weights(self.information) if self.settled is None else self.settled
 
     @property
     def white_covariance(self) -> Array:
         """The covariance (p, p) if the noise of every equation were white."""
-        weights = settled_weights(self.information)
-        return estimate_of(self.information, weights, None, self.carried).covariance
+        return estimate_of(self.information, self.weights, None, self.carried).covariance
 
     def checks(self, joints: Sequence[str], optional: Sequence[str]) -> ModelChecks:
         """Return what speaks for and against the model; `joints` are those of the robot."""
         found = {} if self.rows is None else whiteness(self.rows, self.estimate.values)
         named = {joints[index % len(joints)]: one for index, one in found.items()}
-        return model_checks(self.information, self.estimate, optional, named)
+        return model_checks(self.information, self.estimate, optional, named, self.weights)
 
 
 def fitted(
@@ -99,13 +107,23 @@ def fitted(
     carried: Array | None,
     executor: Executor | None,
 ) -> Fit:
-    """Return the fit of the rows of all records: in memory, or streamed where all are long logs."""
+    """Return the fit of the rows of all records: in memory, or streamed where all are long logs.
+
+    The weights of the equations are settled once, and handed on with the fit.
+    """
     long_logs = [record for record in records if isinstance(record, LongLog)]
     if len(long_logs) == len(records) and executor is None and estimator.weigh is not None:
         estimate, information = stream_estimate(long_logs, regress, estimator.weigh, carried)
         check_scale(information)
         return Fit(estimate, information, None, carried)
     rows = rows_of(records, regress, executor)
+    if estimator.weigh is not None:
+        information = information_of(rows)
+        check_scale(information)
+        weights = estimator.weigh(information)
+        estimate = estimate_of_rows(rows, information, weights, carried)
+        settled = weights if estimator.weigh is settled_weights else None
+        return Fit(estimate, information, rows, carried, settled)
     if any(name.split(" of ")[0] in CONSTANTS for name in rows.names):
         check_scale(information_of(rows))
     estimate = estimator.solve(rows, carried)
