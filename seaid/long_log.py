@@ -91,8 +91,14 @@ class LongLog:
 
     def regressions(self, regress: Regress) -> Iterator[Regression]:
         """Yield the rows of each part: together those of `regress` for the whole log."""
+        for _, rows in self.all_regressions({"": regress}):
+            yield rows
+
+    def all_regressions(self, equations: Mapping[str, Regress]) -> Iterator[tuple[str, Regression]]:
+        """Yield name and rows of each of several equations, part by part: the log is read once."""
         for motion, part in self.motions():
-            yield _own_rows(regress(motion), motion, part)
+            for name, regress in equations.items():
+                yield name, _own_rows(regress(motion), motion, part)
 
 
 def open_long_log(

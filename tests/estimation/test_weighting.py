@@ -1,4 +1,4 @@
-"""Weights of equations by cheap turns: the residuals are those of the whole solution, every turn."""
+"""Weights of equations by cheap turns: their residuals are those of the whole solution."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def information(seed: int, badly: float = 1.0) -> Information:
             units=("",) * 6,
             H=H,
             y=H @ rng.normal(size=6) / np.logspace(0, 6, 6).sum() + noise,
-            joint=joint,
+            joint=joint.astype(float),
             time=np.tile(np.arange(40) * 0.1, 4),
             run=np.zeros(160),
             left_out=0,
