@@ -186,6 +186,16 @@ def test_a_hole_is_excluded_and_said(hole: tuple[float, float], described: bool)
     )
 
 
+def test_a_refinement_leaves_the_hole_out() -> None:
+    kept = (clean().time <= 3.0) | (clean().time >= 3.3)
+    sensors: dict[str, Any] = {field: one[kept] for field, one in clean().sensors().items()}
+    log = replace(clean(), time=clean().time[kept], **sensors)
+    refined = seaid.refine(seaid.identify(leg().without_nominal(), log), log)
+    for joint in ELASTIC:
+        stiffness = refined.drivetrains[joint].value("stiffness")
+        assert stiffness == pytest.approx(true_value(leg(), joint, "stiffness"), rel=0.03)
+
+
 def test_a_log_that_is_mostly_a_hole_is_refused() -> None:
     kept = (clean().time <= 0.5) | (clean().time >= 5.5)
     sensors: dict[str, Any] = {field: one[kept] for field, one in clean().sensors().items()}

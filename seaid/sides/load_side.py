@@ -44,7 +44,7 @@ def load_columns(
     flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # no copy: so the regressor lies in memory
     places = np.add.outer(known, robot.n * np.array(model.base.columns, dtype=np.intp))
     base = np.take(flat, places.ravel(), axis=1).reshape(len(Y), *places.shape)
-    H = np.concatenate([base, columns[:, :, wanted]], axis=2)
+    H = np.concatenate([base, columns[:, :, wanted]], axis=2) if wanted else base
     torque, carried = _load_targets(robot, motion, model.rows, springs)
     payload = np.zeros_like(torque)
     if np.any(robot.known_parameters):
