@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -51,7 +52,7 @@ def torque(robot: Robot) -> Array:
 
 def log_of(angle: Array, time: Array = TIME, **sensors: Array) -> Log:
     nothing = np.full((len(time), 1), np.nan)
-    columns = {name: values[:, None] for name, values in sensors.items()}
+    columns: dict[str, Any] = {name: values[:, None] for name, values in sensors.items()}
     return Log(
         time=time,
         joint_names=("hinge",),
