@@ -154,7 +154,7 @@ def identify(
     in_memory = [part for log in logs_in_memory for part in stretches(log)]
     if len(logs_in_memory) == len(sources):
         check_excitation(robot, in_memory)
-    check_channels(in_memory)
+    check_channels(logs_in_memory)
     used = known_torques(robot, records) if rows is None else robot.rows(rows)
     given = robot
     robot, records = straightened_robot(robot, records, used)

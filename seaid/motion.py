@@ -12,7 +12,7 @@ from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.errors import LogError
 from seaid.filtering import low_pass, spline_derivatives
 from seaid.log import Log
-from seaid.logs.clocks import typical_step
+from seaid.logs.clocks import longest_bridge, typical_step
 from seaid.logs.holes import check_whole, holes, stretches
 from seaid.logs.resampling import interpolated
 from seaid.pass_band import PassBand, propose_pass_band
@@ -25,6 +25,9 @@ POSITION_BAND = 5.0
 
 FEWEST_PERIODS = 10.0
 """Periods of the cutoff that a log must hold for the filters to have an inside."""
+
+SHORTEST_STRETCH = 4.0
+"""Periods of the cutoff that a stretch between two holes of a log must hold: half are inside."""
 
 _REGULAR = 1e-3
 """Time steps that differ by more than this part are resampled."""
@@ -84,7 +87,9 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
     cutoff or has a hole in time (see `reconstruct_motions`).
     """
     check_whole(log)
-    return _motion(robot, log, None if cutoff_hz is None else _given(cutoff_hz))
+    motion = _motion(robot, log, None if cutoff_hz is None else _given(cutoff_hz))
+    _check_duration(motion.cutoff_hz, float(motion.time[-1] - motion.time[0]))
+    return motion
 
 
 def reconstruct_motions(
@@ -93,19 +98,22 @@ def reconstruct_motions(
     """Return the motion of each stretch of a log between its holes in time, in one pass band.
 
     As `reconstruct_motion` otherwise: a log without a hole has one motion. `cutoff_hz` None:
-    proposed from the longest stretch. Stretches shorter than ten periods of the cutoff are
-    excluded; the repairs of the first motion's `processing` say so. Raises LogError where the holes
-    take more than half of the log.
+    the narrower of those proposed from the longest stretch, which may be short, and from the whole
+    log with straight lines over its holes, whose bends look fast. Stretches shorter than four
+    periods of the cutoff are excluded; the repairs of the first motion's `processing` say so.
+    Raises LogError where that, with the holes, is more than half of the log.
     """
     if not holes(log.time):
         return (reconstruct_motion(robot, log, cutoff_hz),)
+    longest = max(stretches(log), key=lambda part: float(part.time[-1] - part.time[0]))
     if cutoff_hz is None:
-        longest = max(stretches(log), key=lambda part: float(part.time[-1] - part.time[0]))
-        band = _proposed(robot, *_sampled(robot, longest))
+        bands = [_proposed(robot, *_sampled(robot, one)) for one in (log, longest)]
+        band = min(bands, key=lambda one: one.cutoff_hz)
     else:
         band = _given(cutoff_hz)
         check_cutoff(cutoff_hz, 1.0 / typical_step(log.time))
-    parts = stretches(log, FEWEST_PERIODS / band.cutoff_hz)
+    parts = stretches(log, SHORTEST_STRETCH / band.cutoff_hz)
+    _check_duration(band.cutoff_hz, sum(float(part.time[-1] - part.time[0]) for part in parts))
     motions = [_motion(robot, part, band) for part in parts]
     fastest = np.max([np.max(np.abs(one.motor_velocity), axis=0) for one in motions], axis=0)
     return tuple(replace(one, fastest=fastest) for one in motions)
@@ -135,7 +143,6 @@ def _motion(robot: Robot, log: Log, band: PassBand | None) -> Motion:
     band = _proposed(robot, time, signals) if band is None else band
     cutoff_hz = band.cutoff_hz
     check_cutoff(cutoff_hz, rate_hz)
-    _check_duration(cutoff_hz, float(time[-1] - time[0]))
     measured = low_pass(np.hstack([joint, motor]), rate_hz, POSITION_BAND * cutoff_hz)
     position, velocity, acceleration = (
         _both_sides(robot, signal) for signal in spline_derivatives(time, measured)
@@ -199,7 +206,8 @@ def _uniform(log: Log, columns: list[int]) -> tuple[Array, dict[str, Array]]:
     signals = {field: values[:, columns] for field, values in log.sensors().items()}
     if is_regular(log.time):
         return log.time, signals
-    step = float(np.mean(np.diff(log.time)))
+    steps = np.diff(log.time)
+    step = float(np.mean(steps[steps <= longest_bridge(log.time)]))
     count = math.floor((log.time[-1] - log.time[0]) / step + 1e-9) + 1
     time = np.minimum(log.time[0] + step * np.arange(count), log.time[-1])
     found = {field: np.full((count, len(columns)), np.nan) for field in signals}

@@ -21,7 +21,7 @@ from seaid.estimation.gauss_newton import Step, gauss_newton_step
 from seaid.identification import Identification
 from seaid.log import Log
 from seaid.logs.holes import stretches
-from seaid.motion import FEWEST_PERIODS
+from seaid.motion import SHORTEST_STRETCH
 from seaid.output_residuals import Layout, Run, layout_of, linearised, robot_at, run_of
 from seaid.progress import track
 from seaid.sides.found import joined, with_estimate, with_flags
@@ -75,7 +75,7 @@ def refine(
     check_zero_std(joint_zero_std)
     _check_start(found)
     layout = layout_of(found, joint_zero_std)
-    shortest_s = FEWEST_PERIODS / found.cutoff_hz
+    shortest_s = SHORTEST_STRETCH / found.cutoff_hz
     runs = [run_of(layout, part) for log in logs for part in stretches(log, shortest_s)]
     start = here = _simulated(layout, _point(layout, runs, layout.start))
     for _ in track(range(iterations), "refining", progress):

@@ -14,7 +14,7 @@ import numpy as np
 from seaid.errors import IdentificationError
 from seaid.log import Log
 from seaid.long_log import LongLog, Regress, open_long_log
-from seaid.motion import FEWEST_PERIODS, Motion, reconstruct_motions
+from seaid.motion import FEWEST_PERIODS, SHORTEST_STRETCH, Motion, reconstruct_motions
 from seaid.pass_band import PassBand
 from seaid.processing import Processing
 from seaid.progress import track
@@ -57,8 +57,9 @@ def records_of(
     """
     groups = _mapped(partial(_records, robot, cutoff_hz), sources, executor, progress)
     allowed = [
-        1.001 * FEWEST_PERIODS / max(_duration(record) for record in group)
+        1.001 * max(FEWEST_PERIODS / sum(lengths), SHORTEST_STRETCH / max(lengths))
         for group in groups
+        for lengths in [[_duration(record) for record in group]]
         if cutoff_hz is None and isinstance(group[0], Motion)
     ]
     common = max([min(group[0].cutoff_hz for group in groups), *allowed])
