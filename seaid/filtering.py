@@ -72,12 +72,15 @@ def decimation(rate_hz: float, cutoff_hz: float) -> int:
     return max(1, int(rate_hz / (ROWS_PER_PERIOD * cutoff_hz) * (1 + _ROUNDING)))
 
 
-def spline_derivatives(time: Array, signals: Array) -> tuple[Array, Array, Array]:
+def spline_derivatives(
+    time: Array, signals: Array, largest: Array | None = None
+) -> tuple[Array, Array, Array]:
     """Return value, first and second derivative (T, any) of an interpolating quintic spline.
 
     Right up to the ends, where one-sided differences are not. NaN columns stay NaN. First
     derivatives below a millionth of the largest are zero: what stands still has no direction, and
-    `sign` of it would be that of the processor's rounding.
+    `sign` of it would be that of the processor's rounding. `largest` (any,) are the largest first
+    derivatives of the whole where the signals are a part of it.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -86,6 +89,7 @@ def spline_derivatives(time: Array, signals: Array) -> tuple[Array, Array, Array
     spline = make_interp_spline(time, signals[:, known], k=5)
     values[:, known] = signals[:, known]
     slope, second[:, known] = spline(time, 1), spline(time, 2)
-    still = np.abs(slope) <= _STILL * np.max(np.abs(slope), axis=0)
+    fastest = np.max(np.abs(slope), axis=0) if largest is None else largest[known]
+    still = np.abs(slope) <= _STILL * fastest
     first[:, known] = np.where(still, 0.0, slope)
     return values, first, second

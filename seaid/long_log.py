@@ -57,9 +57,9 @@ class LogPart:
 class LongLog:
     """A log file that is read piece by piece, each time anew, with what all pieces must share.
 
-    `cutoff_hz` is the pass band, `step_s` the time between rows of a regression, `fastest` (n,) the
-    largest motor speeds [rad/s]: friction is unknown below a part of them. `processing` is what was
-    done to the first piece.
+    `cutoff_hz` is the pass band, `step_s` the time between rows of a regression, `fastest`
+    (2n,) the largest speeds of joints and motors: friction is unknown below a part of them.
+    `processing` is what was done to the first piece.
     """
 
     path: Path
@@ -86,8 +86,8 @@ class LongLog:
         """Yield the reconstructed motion of each part, overlap included."""
         for part in self.parts():
             _check_even(self.path, part)
-            motion = reconstruct_motion(self.robot, part.log, self.cutoff_hz)
-            yield replace(motion, fastest=self.fastest), part
+            motion = reconstruct_motion(self.robot, part.log, self.cutoff_hz, fastest=self.fastest)
+            yield motion, part
 
     def regressions(self, regress: Regress) -> Iterator[Regression]:
         """Yield the rows of each part: together those of `regress` for the whole log."""
@@ -256,9 +256,10 @@ def _check_even(path: Path, part: LogPart) -> None:
 
 
 def _fastest(long_log: LongLog) -> Array:
-    """Return the largest motor speed (n,) of the whole log."""
-    fastest = np.zeros(long_log.robot.n)
+    """Return the largest speeds (2n,) of joints and motors in the whole log."""
+    fastest = np.zeros(2 * long_log.robot.n)
     for motion, part in long_log.motions():
         own = (motion.time >= part.start_s) & (motion.time < part.end_s)
-        fastest = np.maximum(fastest, np.max(np.abs(motion.motor_velocity[own]), axis=0))
+        speeds = np.hstack([motion.joint_velocity[own], motion.motor_velocity[own]])
+        fastest = np.maximum(fastest, np.max(np.abs(speeds), axis=0))
     return fastest

@@ -75,7 +75,9 @@ class Motion:
         return _rate_hz(self.time)
 
 
-def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -> Motion:
+def reconstruct_motion(
+    robot: Robot, log: Log, cutoff_hz: float | None = None, *, fastest: Array | None = None
+) -> Motion:
     """Return the motion of a log: resampled if need be, filtered, differentiated.
 
     Positions pass a zero-phase low pass at five times `cutoff_hz`, the pass band of the
@@ -83,11 +85,12 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
     a regression filters regressor and torque alike. `cutoff_hz` None: proposed from the spectra,
     see `seaid.pass_band`; `Motion.processing` tells what was done, and why. The side of a stiff
     drive that has no encoder is computed from the other; joints that drives move together from all
-    of their motors. Raises LogError where the log does not fit the robot, is too short for the
-    cutoff or has a hole in time (see `reconstruct_motions`).
+    of their motors. `fastest` (2n,) are the largest speeds of joints and motors in the whole log
+    where this is a part of it. Raises LogError where the log does not fit the robot, is too short
+    for the cutoff or has a hole in time (see `reconstruct_motions`).
     """
     check_whole(log)
-    motion = _motion(robot, log, None if cutoff_hz is None else _given(cutoff_hz))
+    motion = _motion(robot, log, None if cutoff_hz is None else _given(cutoff_hz), fastest)
     _check_duration(motion.cutoff_hz, float(motion.time[-1] - motion.time[0]))
     return motion
 
@@ -135,7 +138,7 @@ def _proposed(robot: Robot, time: Array, signals: dict[str, Array]) -> PassBand:
     return propose_pass_band(joint, motor, _rate_hz(time), robot.joint_names)
 
 
-def _motion(robot: Robot, log: Log, band: PassBand | None) -> Motion:
+def _motion(robot: Robot, log: Log, band: PassBand | None, fastest: Array | None = None) -> Motion:
     """Return the motion of a log without a hole; `band` None: proposed from the spectra."""
     time, signals = _sampled(robot, log)
     rate_hz = _rate_hz(time)
@@ -145,7 +148,7 @@ def _motion(robot: Robot, log: Log, band: PassBand | None) -> Motion:
     check_cutoff(cutoff_hz, rate_hz)
     measured = low_pass(np.hstack([joint, motor]), rate_hz, POSITION_BAND * cutoff_hz)
     position, velocity, acceleration = (
-        _both_sides(robot, signal) for signal in spline_derivatives(time, measured)
+        _both_sides(robot, signal) for signal in spline_derivatives(time, measured, fastest)
     )
     n = robot.n
     return Motion(
@@ -163,6 +166,7 @@ def _motion(robot: Robot, log: Log, band: PassBand | None) -> Motion:
         motor_voltage=signals.get("motor_voltage"),
         cutoff_hz=float(cutoff_hz),
         trim_s=1.0 / cutoff_hz,
+        fastest=None if fastest is None else fastest[n:],
         processing=_processing(log, time, band),
     )
 

@@ -131,9 +131,9 @@ def test_a_file_is_read_once_for_all_equations(npz: Path, monkeypatch: pytest.Mo
     """Two actuator sides and the load side: one reading, after that for the largest speeds."""
     long_log, reconstructed = opened(npz, 3000), []
 
-    def counted(*arguments: Any) -> Motion:
+    def counted(*arguments: Any, **options: Any) -> Motion:
         reconstructed.append(arguments)
-        return reconstruct_motion(*arguments)
+        return reconstruct_motion(*arguments, **options)
 
     monkeypatch.setattr(long_log_module, "reconstruct_motion", counted)
     pieces = len(list(long_log.motions()))
@@ -169,7 +169,8 @@ def test_logs_are_stacked(npz: Path, tmp_path: Path) -> None:
 
 def test_fastest_speed_is_that_of_the_whole_log(npz: Path) -> None:
     fastest = opened(npz).fastest
-    assert fastest == pytest.approx(np.max(np.abs(motion().motor_velocity), axis=0), rel=1e-9)
+    speeds = np.hstack([motion().joint_velocity, motion().motor_velocity])
+    assert fastest == pytest.approx(np.max(np.abs(speeds), axis=0), rel=1e-9)
 
 
 def test_cutoff_is_proposed_from_the_first_piece(npz: Path) -> None:
