@@ -90,9 +90,7 @@ def reconstruct_motion(
     for the cutoff or has a hole in time (see `reconstruct_motions`).
     """
     check_whole(log)
-    motion = _motion(robot, log, None if cutoff_hz is None else _given(cutoff_hz), fastest)
-    _check_duration(motion.cutoff_hz, float(motion.time[-1] - motion.time[0]))
-    return motion
+    return _motion(robot, log, None if cutoff_hz is None else _given(cutoff_hz), fastest)
 
 
 def reconstruct_motions(
@@ -115,9 +113,9 @@ def reconstruct_motions(
     else:
         band = _given(cutoff_hz)
         check_cutoff(cutoff_hz, 1.0 / typical_step(log.time))
-    parts = stretches(log, SHORTEST_STRETCH / band.cutoff_hz)
+    parts = stretches(log, 1.001 * SHORTEST_STRETCH / band.cutoff_hz)
     _check_duration(band.cutoff_hz, sum(float(part.time[-1] - part.time[0]) for part in parts))
-    motions = [_motion(robot, part, band) for part in parts]
+    motions = [_motion(robot, part, band, fewest=SHORTEST_STRETCH) for part in parts]
     fastest = np.max([np.max(np.abs(one.motor_velocity), axis=0) for one in motions], axis=0)
     return tuple(replace(one, fastest=fastest) for one in motions)
 
@@ -138,7 +136,13 @@ def _proposed(robot: Robot, time: Array, signals: dict[str, Array]) -> PassBand:
     return propose_pass_band(joint, motor, _rate_hz(time), robot.joint_names)
 
 
-def _motion(robot: Robot, log: Log, band: PassBand | None, fastest: Array | None = None) -> Motion:
+def _motion(
+    robot: Robot,
+    log: Log,
+    band: PassBand | None,
+    fastest: Array | None = None,
+    fewest: float = FEWEST_PERIODS,
+) -> Motion:
     """Return the motion of a log without a hole; `band` None: proposed from the spectra."""
     time, signals = _sampled(robot, log)
     rate_hz = _rate_hz(time)
@@ -146,6 +150,7 @@ def _motion(robot: Robot, log: Log, band: PassBand | None, fastest: Array | None
     band = _proposed(robot, time, signals) if band is None else band
     cutoff_hz = band.cutoff_hz
     check_cutoff(cutoff_hz, rate_hz)
+    _check_duration(cutoff_hz, float(time[-1] - time[0]), fewest)
     measured = low_pass(np.hstack([joint, motor]), rate_hz, POSITION_BAND * cutoff_hz)
     position, velocity, acceleration = (
         _both_sides(robot, signal) for signal in spline_derivatives(time, measured, fastest)
@@ -272,9 +277,9 @@ def check_cutoff(cutoff_hz: float, rate_hz: float) -> None:
         )
 
 
-def _check_duration(cutoff_hz: float, duration_s: float) -> None:
-    if duration_s * cutoff_hz < FEWEST_PERIODS:
+def _check_duration(cutoff_hz: float, duration_s: float, fewest: float = FEWEST_PERIODS) -> None:
+    if duration_s * cutoff_hz < fewest:
         raise LogError(
-            f"the log is too short: {duration_s:.3g} s hold fewer than ten periods of the cutoff, "
-            f"{cutoff_hz:.3g} Hz; record more, or set cutoff_hz higher"
+            f"the log is too short: {duration_s:.3g} s hold fewer than {fewest:g} periods of the "
+            f"cutoff, {cutoff_hz:.3g} Hz; record more, or set cutoff_hz higher"
         )

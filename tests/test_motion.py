@@ -159,7 +159,7 @@ def test_a_hole_that_takes_most_of_the_log_is_refused_with_its_place() -> None:
 
 
 def test_log_too_short_for_the_cutoff_says_what_to_do() -> None:
-    with pytest.raises(LogError, match=r"too short: 0.999 s hold fewer than ten periods .* 4 Hz"):
+    with pytest.raises(LogError, match=r"too short: 0.999 s hold fewer than 10 periods .* 4 Hz"):
         reconstruct_motion(arm(), log().between(0.0, 1.0), 4.0)
 
 
