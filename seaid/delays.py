@@ -18,7 +18,7 @@ from seaid.log import Log
 from seaid.logs.log_columns import column_names
 from seaid.logs.repair import Repair
 from seaid.logs.resampling import interpolated
-from seaid.motion import Motion, reconstruct_motion
+from seaid.motion import Motion, reconstruct_motions
 from seaid.motion_rows import in_band, row_samples, standstill
 from seaid.regression import actuator_columns
 from seaid.rigid_body import regressor_at_drives
@@ -87,22 +87,26 @@ def estimate_delays(
     the one at which least is left of that linear model in the pass band (variable projection, Golub
     and Pereyra 1973), within +-`largest_s`. `cutoff_hz` None: twice that of an identification,
     since what is fast tells delays. What the model lacks is not told from a delay: a viscous
-    friction on the load side of an elastic joint looks like a late motor position. Raises LogError
-    for a log that does not fit the robot.
+    friction on the load side of an elastic joint looks like a late motor position. A log with holes
+    in time is asked by its longest stretch. Raises LogError for a log that does not fit the robot.
     """
-    motion = reconstruct_motion(robot, log, cutoff_hz)
+    motion = _longest_motion(robot, log, cutoff_hz)
     if cutoff_hz is None:
         wider = min(_WIDER * motion.cutoff_hz, motion.rate_hz / 8)
-        motion = reconstruct_motion(robot, log, wider)
+        motion = _longest_motion(robot, log, wider)
     if not 0 < largest_s < (motion.time[-1] - motion.time[0]) / 10:
         raise LogError(
             f"largest_s must be above 0 and below a tenth of the log, found {largest_s:g} s"
         )
     positions = [_fitted(motion, one, largest_s) for one in _of_positions(robot, motion)]
     if any(delay.is_significant for delay in positions):
-        motion = reconstruct_motion(robot, correct_delays(log, positions), motion.cutoff_hz)
+        motion = _longest_motion(robot, correct_delays(log, positions), motion.cutoff_hz)
     torques = [_fitted(motion, one, largest_s) for one in _of_torques(robot, motion)]
     return tuple(positions + torques)
+
+
+def _longest_motion(robot: Robot, log: Log, cutoff_hz: float | None) -> Motion:
+    return max(reconstruct_motions(robot, log, cutoff_hz), key=lambda motion: len(motion.time))
 
 
 def correct_delays(log: Log, delays: Sequence[Delay]) -> Log:

@@ -81,6 +81,17 @@ def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
     }
 
 
+def fed_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
+    """Return `signals` with the torque of a motor without one that the sensor at its load saw.
+
+    That is for stiff drives: their gear hands it on, less its friction.
+    """
+    found, drive = signals(robot, motion, index), robot.drivetrains[robot.joint_names[index]]
+    if np.all(np.isnan(found["tau_M"])) and drive.motor_input == "torque":
+        found["tau_M"] = sensed_torque(robot, motion, index) / drive.ratio
+    return found
+
+
 def _moving(speed: Array) -> Array:
     return np.where(np.abs(speed) < _STILL, 0.0, speed)
 

@@ -21,6 +21,7 @@ from seaid.estimation.model_checks import ModelChecks
 from seaid.excited import check_channels, check_excitation
 from seaid.files import write_json
 from seaid.log import Log
+from seaid.logs.holes import HOLES, stretches
 from seaid.motion import Motion
 from seaid.processing import Processing
 from seaid.robot import Robot
@@ -78,7 +79,13 @@ class Identification:
     def flags(self) -> tuple[str, ...]:
         """In words, what must not be trusted."""
         estimates = (*self.drivetrains.values(), self.load)
-        return tuple(flag for one in estimates for flag in one.flags) + sign_flags(self)
+        flags = tuple(flag for one in estimates for flag in one.flags) + sign_flags(self)
+        return flags + tuple(
+            str(repair)
+            for processing in self.processing
+            for repair in processing.repairs
+            if repair.kind == HOLES
+        )
 
     def summary(self) -> str:
         """Return one table that a human reads."""
@@ -143,10 +150,11 @@ def identify(
     solver = estimator_named("wls" if estimator == INSTRUMENTAL else estimator)
     sources = sources_of(logs)
     records = records_of(robot, sources, cutoff_hz, executor, progress)
-    in_memory = [source for source in sources if isinstance(source, Log)]
-    if len(in_memory) == len(sources):
+    logs_in_memory = [source for source in sources if isinstance(source, Log)]
+    in_memory = [part for log in logs_in_memory for part in stretches(log)]
+    if len(logs_in_memory) == len(sources):
         check_excitation(robot, in_memory)
-    check_channels(in_memory)
+    check_channels(logs_in_memory)
     used = known_torques(robot, records) if rows is None else robot.rows(rows)
     given = robot
     robot, records = straightened_robot(robot, records, used)

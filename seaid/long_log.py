@@ -17,6 +17,7 @@ from seaid.filtering import decimation
 from seaid.formats.opening import log_path, open_table
 from seaid.formats.table import Block, Blocks
 from seaid.log import Log
+from seaid.logs.holes import holes
 from seaid.logs.log_columns import Column, wanted_columns
 from seaid.logs.log_data import MINIMUM_SAMPLES
 from seaid.logs.log_from_columns import log_of
@@ -84,19 +85,20 @@ class LongLog:
     def motions(self) -> Iterator[tuple[Motion, LogPart]]:
         """Yield the reconstructed motion of each part, overlap included."""
         for part in self.parts():
-            if not is_regular(part.log.time):
-                raise LogError(
-                    f"'{self.path}': the time steps around {part.start_s:.6g} s are not equal; a "
-                    "log that is read in pieces must be sampled evenly: resample it, or use "
-                    "read_log"
-                )
+            _check_even(self.path, part)
             motion = reconstruct_motion(self.robot, part.log, self.cutoff_hz)
             yield replace(motion, fastest=self.fastest), part
 
     def regressions(self, regress: Regress) -> Iterator[Regression]:
         """Yield the rows of each part: together those of `regress` for the whole log."""
+        for _, rows in self.all_regressions({"": regress}):
+            yield rows
+
+    def all_regressions(self, equations: Mapping[str, Regress]) -> Iterator[tuple[str, Regression]]:
+        """Yield name and rows of each of several equations, part by part: the log is read once."""
         for motion, part in self.motions():
-            yield _own_rows(regress(motion), motion, part)
+            for name, regress in equations.items():
+                yield name, _own_rows(regress(motion), motion, part)
 
 
 def open_long_log(
@@ -236,6 +238,20 @@ def _own_rows(rows: Regression, motion: Motion, part: LogPart) -> Regression:
             name: getattr(rows, name)[kept]
             for name in ("H", "y", "joint", "time", "run", "carried")
         },
+    )
+
+
+def _check_even(path: Path, part: LogPart) -> None:
+    """Refuse time steps that differ, by the first hole if there is one."""
+    if is_regular(part.log.time):
+        return
+    found = holes(part.log.time)
+    what = f"the time steps around {part.start_s:.6g} s are not equal"
+    if found:
+        what = f"the log has a hole of {found[0]}"
+    raise LogError(
+        f"'{path}': {what}; a log that is read in pieces must be sampled evenly: resample it, cut "
+        "it there, or use read_log"
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.errors import LogError
 from seaid.filtering import low_pass, spline_derivatives
 from seaid.log import Log
+from seaid.logs.clocks import longest_bridge, typical_step
+from seaid.logs.holes import check_whole, holes, stretches
 from seaid.logs.resampling import interpolated
 from seaid.pass_band import PassBand, propose_pass_band
 from seaid.processing import Processing
@@ -23,6 +25,9 @@ POSITION_BAND = 5.0
 
 FEWEST_PERIODS = 10.0
 """Periods of the cutoff that a log must hold for the filters to have an inside."""
+
+SHORTEST_STRETCH = 4.0
+"""Periods of the cutoff that a stretch between two holes of a log must hold: half are inside."""
 
 _REGULAR = 1e-3
 """Time steps that differ by more than this part are resampled."""
@@ -78,21 +83,70 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
     a regression filters regressor and torque alike. `cutoff_hz` None: proposed from the spectra,
     see `seaid.pass_band`; `Motion.processing` tells what was done, and why. The side of a stiff
     drive that has no encoder is computed from the other; joints that drives move together from all
-    of their motors. Raises LogError where the log does not fit the robot or is too short for the
-    cutoff.
+    of their motors. Raises LogError where the log does not fit the robot, is too short for the
+    cutoff or has a hole in time (see `reconstruct_motions`).
     """
-    columns = _columns(robot, log)
-    time, signals = _uniform(log, columns)
+    check_whole(log)
+    return _motion(robot, log, None if cutoff_hz is None else _given(cutoff_hz))
+
+
+def reconstruct_motions(
+    robot: Robot, log: Log, cutoff_hz: float | None = None
+) -> tuple[Motion, ...]:
+    """Return the motion of each stretch of a log between its holes in time, in one pass band.
+
+    As `reconstruct_motion` otherwise: a log without a hole has one motion. `cutoff_hz` None:
+    the narrower of those proposed from the longest stretch, which may be short, and from the whole
+    log with straight lines over its holes, whose bends look fast. Stretches shorter than four
+    periods of the cutoff are excluded; the repairs of the first motion's `processing` say so.
+    Raises LogError where that, with the holes, is more than half of the log.
+    """
+    if not holes(log.time):
+        return (reconstruct_motion(robot, log, cutoff_hz),)
+    longest = max(stretches(log), key=lambda part: float(part.time[-1] - part.time[0]))
+    if cutoff_hz is None:
+        bands = [_proposed(robot, *_sampled(robot, one)) for one in (log, longest)]
+        band = min(bands, key=lambda one: one.cutoff_hz)
+    else:
+        band = _given(cutoff_hz)
+        check_cutoff(cutoff_hz, 1.0 / typical_step(log.time))
+    parts = stretches(log, 1.001 * SHORTEST_STRETCH / band.cutoff_hz)
+    _check_duration(band.cutoff_hz, sum(float(part.time[-1] - part.time[0]) for part in parts))
+    motions = [_motion(robot, part, band, fewest=SHORTEST_STRETCH) for part in parts]
+    fastest = np.max([np.max(np.abs(one.motor_velocity), axis=0) for one in motions], axis=0)
+    return tuple(replace(one, fastest=fastest) for one in motions)
+
+
+def _given(cutoff_hz: float) -> PassBand:
+    return PassBand(cutoff_hz, "as it was given")
+
+
+def _sampled(robot: Robot, log: Log) -> tuple[Array, dict[str, Array]]:
+    """Return time and {sensor: samples} on a uniform grid, with all positions that are needed."""
+    time, signals = _uniform(log, _columns(robot, log))
+    _check_sides(robot, signals["joint_position"], signals["motor_position"])
+    return time, signals
+
+
+def _proposed(robot: Robot, time: Array, signals: dict[str, Array]) -> PassBand:
+    joint, motor = signals["joint_position"], signals["motor_position"]
+    return propose_pass_band(joint, motor, _rate_hz(time), robot.joint_names)
+
+
+def _motion(
+    robot: Robot,
+    log: Log,
+    band: PassBand | None,
+    fewest: float = FEWEST_PERIODS,
+) -> Motion:
+    """Return the motion of a log without a hole; `band` None: proposed from the spectra."""
+    time, signals = _sampled(robot, log)
     rate_hz = _rate_hz(time)
     joint, motor = signals["joint_position"], signals["motor_position"]
-    _check_sides(robot, joint, motor)
-    if cutoff_hz is None:
-        band = propose_pass_band(joint, motor, rate_hz, robot.joint_names)
-        cutoff_hz = band.cutoff_hz
-    else:
-        band = PassBand(cutoff_hz, "as it was given")
+    band = _proposed(robot, time, signals) if band is None else band
+    cutoff_hz = band.cutoff_hz
     check_cutoff(cutoff_hz, rate_hz)
-    _check_duration(cutoff_hz, float(time[-1] - time[0]))
+    _check_duration(cutoff_hz, float(time[-1] - time[0]), fewest)
     measured = low_pass(np.hstack([joint, motor]), rate_hz, POSITION_BAND * cutoff_hz)
     position, velocity, acceleration = (
         _both_sides(robot, signal) for signal in spline_derivatives(time, measured)
@@ -156,7 +210,8 @@ def _uniform(log: Log, columns: list[int]) -> tuple[Array, dict[str, Array]]:
     signals = {field: values[:, columns] for field, values in log.sensors().items()}
     if is_regular(log.time):
         return log.time, signals
-    step = float(np.mean(np.diff(log.time)))
+    steps = np.diff(log.time)
+    step = float(np.mean(steps[steps <= longest_bridge(log.time)]))
     count = math.floor((log.time[-1] - log.time[0]) / step + 1e-9) + 1
     time = np.minimum(log.time[0] + step * np.arange(count), log.time[-1])
     found = {field: np.full((count, len(columns)), np.nan) for field in signals}
@@ -217,9 +272,9 @@ def check_cutoff(cutoff_hz: float, rate_hz: float) -> None:
         )
 
 
-def _check_duration(cutoff_hz: float, duration_s: float) -> None:
-    if duration_s * cutoff_hz < FEWEST_PERIODS:
+def _check_duration(cutoff_hz: float, duration_s: float, fewest: float = FEWEST_PERIODS) -> None:
+    if duration_s * cutoff_hz < fewest:
         raise LogError(
-            f"the log is too short: {duration_s:.3g} s hold fewer than ten periods of the cutoff, "
-            f"{cutoff_hz:.3g} Hz; record more, or set cutoff_hz higher"
+            f"the log is too short: {duration_s:.3g} s hold fewer than {fewest:g} periods of the "
+            f"cutoff, {cutoff_hz:.3g} Hz; record more, or set cutoff_hz higher"
         )

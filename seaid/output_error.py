@@ -20,6 +20,8 @@ from seaid.estimation.estimate import Estimate
 from seaid.estimation.gauss_newton import Step, gauss_newton_step
 from seaid.identification import Identification
 from seaid.log import Log
+from seaid.logs.holes import stretches
+from seaid.motion import SHORTEST_STRETCH
 from seaid.output_residuals import Layout, Run, layout_of, linearised, robot_at, run_of
 from seaid.progress import track
 from seaid.sides.found import joined, with_estimate, with_flags
@@ -73,7 +75,8 @@ def refine(
     check_zero_std(joint_zero_std)
     _check_start(found)
     layout = layout_of(found, joint_zero_std)
-    runs = [run_of(layout, log) for log in logs]
+    shortest_s = SHORTEST_STRETCH / found.cutoff_hz
+    runs = [run_of(layout, part) for log in logs for part in stretches(log, shortest_s)]
     start = here = _simulated(layout, _point(layout, runs, layout.start))
     for _ in track(range(iterations), "refining", progress):
         here, better = _improved(layout, here)

@@ -103,7 +103,9 @@ def layout_of(found: Identification, joint_zero_std: float) -> Layout:
 
 
 def run_of(layout: Layout, log: Log) -> Run:
-    """Return a log as it enters the refinement: in its wider pass band, cut to whole windows."""
+    """Return a log without a hole as it enters the refinement: in its wider pass band, cut to
+    whole windows.
+    """
     known = layout.found.known
     rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
     band = min(WIDER * layout.found.cutoff_hz, rate_hz / 8)

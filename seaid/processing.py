@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from seaid.logs.holes import HOLES
 from seaid.logs.repair import Repair
 from seaid.pass_band import PassBand
+
+
+def has_holes(processing: Sequence[Processing]) -> bool:
+    """Tell whether a log has holes in time, so that it was taken stretch by stretch."""
+    return any(repair.kind == HOLES for one in processing for repair in one.repairs)
 
 
 @dataclass(frozen=True)

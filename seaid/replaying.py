@@ -18,6 +18,7 @@ from seaid.filtering import spline_derivatives
 from seaid.forward.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, plant_of
 from seaid.forward.stepping import advance
 from seaid.log import Log
+from seaid.logs.holes import check_whole
 from seaid.robot import Robot
 from seaid.transmission import at_drives
 
@@ -40,9 +41,10 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
     Its motors get the inputs that were logged (torque, current or voltage, as the drives say),
     or those of `command`, as a position servo whose gains are known: then the model's own position
     is fed back. Joint position and motor position are the model's, motor torque what its motors
-    give. Raises LogError where an input or the first state is not in the log, RobotError where the
-    robot has no value for a parameter.
+    give. Raises LogError where an input or the first state is not in the log or the log has a
+    hole in time, RobotError where the robot has no value for a parameter.
     """
+    check_whole(log)
     plant, order = plant_of(robot), list(robot.model_order)
     given = _logged(robot, log) if command is None else command
     gains = np.array([_gain(robot, joint) for joint in robot.joint_names])

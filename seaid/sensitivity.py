@@ -101,6 +101,9 @@ def cutoff_sensitivity(
         except SeaidError as problem:
             refused[cutoff] = str(problem)
             continue
+        if _names(found) != (names, units):
+            refused[cutoff] = "other parameters are told in this band than in the proposed one"
+            continue
         values[place], errors[place] = _estimates(found)
     return CutoffSensitivity(
         cutoffs_hz=np.array(cutoffs),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from seaid.arrays import Array, BoolArray
 from seaid.drive_signals import INPUTS, signals
 from seaid.identification import Identification
 from seaid.log import Log
-from seaid.motion import Motion, reconstruct_motion
+from seaid.motion import Motion, reconstruct_motions
 from seaid.motion_rows import in_band, standstill
 from seaid.regression import actuator_columns
 from seaid.robot import Robot
@@ -73,23 +73,37 @@ class Validation:
 def validate(found: Identification, log: Log) -> Validation:
     """Predict the torques of another log and compare, in the pass band of the identification.
 
-    All instants count, those near standstill too. Raises LogError where the log does not fit.
+    All instants count, those near standstill too; what is left out around holes in time does not.
+    Raises LogError where the log does not fit.
     """
-    return compared(found, reconstruct_motion(found.robot, log, found.cutoff_hz))
+    return _compared(found, reconstruct_motions(found.robot, log, found.cutoff_hz))
 
 
 def compared(found: Identification, motion: Motion) -> Validation:
     """Compare torques of a motion; with one of `found.motions`, how well the model fits its own."""
+    return _compared(found, [motion])
+
+
+def _compared(found: Identification, motions: Sequence[Motion]) -> Validation:
+    """Compare torques of the motions of a log, of which there are several where it has holes."""
     robot = found.robot
     if under_load(found.known, found.model.rows):
         theta = found.load_side.values
-        motion = with_gear_torque(found.known, motion, found.model, found.springs, theta)
+        motions = [
+            with_gear_torque(found.known, one, found.model, found.springs, theta) for one in motions
+        ]
+    actuator = [
+        _traces(one, *_actuator(found, one), _still(robot, one, _motor_stands)) for one in motions
+    ]
+    load = [
+        _traces(one, *_load(found, one), _still(robot, one, unknown_friction)) for one in motions
+    ]
     return Validation(
         joints=robot.joint_names,
-        time=motion.time,
-        cutoff_hz=motion.cutoff_hz,
-        actuator=_fit(motion, *_actuator(found, motion), _still(robot, motion, _motor_stands)),
-        load=_fit(motion, *_load(found, motion), _still(robot, motion, unknown_friction)),
+        time=np.concatenate([one.time for one in motions]),
+        cutoff_hz=motions[0].cutoff_hz,
+        actuator=_fit(actuator),
+        load=_fit(load),
     )
 
 
@@ -151,15 +165,41 @@ def _load(found: Identification, motion: Motion) -> tuple[Array, Array]:
     return measured, computed
 
 
-def _fit(motion: Motion, measured: Array, computed: Array, still: BoolArray) -> Fit:
-    """Compare torques (T, n); `still` (T, n) tells where friction is unknown."""
+@dataclass(frozen=True, eq=False)
+class _Traces:
+    """Torques (T, n) as measured and computed, and in the pass band; which samples (T,) count.
+
+    `still` (T, n) tells where friction is unknown.
+    """
+
+    measured: Array
+    computed: Array
+    smooth_measured: Array
+    smooth_computed: Array
+    still: BoolArray
+    inside: BoolArray
+
+
+def _traces(motion: Motion, measured: Array, computed: Array, still: BoolArray) -> _Traces:
+    """Return the torques of a motion as they are compared; filters swing in at both ends."""
     samples = np.arange(len(measured))
     trim = round(motion.trim_s * motion.rate_hz)
-    outside = (samples < trim) | (samples >= len(samples) - trim)
+    inside = (samples >= trim) & (samples < len(samples) - trim)
     smooth_measured, smooth_computed = _smooth(motion, measured), _smooth(motion, computed)
-    smooth_measured[outside] = smooth_computed[outside] = np.nan
-    signal, error = smooth_measured[~outside], (smooth_measured - smooth_computed)[~outside]
-    moving = ~still[~outside]
+    smooth_measured[~inside] = smooth_computed[~inside] = np.nan
+    return _Traces(measured, computed, smooth_measured, smooth_computed, still, inside)
+
+
+def _fit(parts: Sequence[_Traces]) -> Fit:
+    """Compare torques, those of all parts as one."""
+    joined = {
+        field.name: np.concatenate([getattr(one, field.name) for one in parts])
+        for field in fields(_Traces)
+    }
+    measured, computed, inside = joined["measured"], joined["computed"], joined["inside"]
+    smooth_measured, smooth_computed = joined["smooth_measured"], joined["smooth_computed"]
+    signal, error = smooth_measured[inside], (smooth_measured - smooth_computed)[inside]
+    moving = ~joined["still"][inside]
     with np.errstate(divide="ignore", invalid="ignore"):
         return Fit(
             measured=smooth_measured,
@@ -167,7 +207,7 @@ def _fit(motion: Motion, measured: Array, computed: Array, still: BoolArray) -> 
             rms_error=np.sqrt(np.mean(error**2, axis=0)),
             relative_error=_ratio(error, signal),
             r_squared=1 - _ratio(error, signal - signal.mean(axis=0)) ** 2,
-            raw_relative_error=_ratio((measured - computed)[~outside], measured[~outside]),
+            raw_relative_error=_ratio((measured - computed)[inside], measured[inside]),
             moving_relative_error=_ratio(error * moving, signal * moving),
         )
 

@@ -19,7 +19,7 @@ from seaid.arrays import Array
 from seaid.errors import LogError
 from seaid.log import Log
 from seaid.logs.channels import Channel
-from seaid.logs.clocks import clock_line
+from seaid.logs.clocks import clock_line, longest_bridge
 from seaid.logs.log_columns import column_names
 from seaid.logs.mending import repaired
 from seaid.robot import Robot
@@ -154,6 +154,57 @@ def test_a_damaged_log_is_mended_and_its_estimate_holds(damage: Damage) -> None:
     assert np.sqrt(np.mean(off**2)) < 2.0
 
 
+@pytest.mark.parametrize("described", [False, True])
+@pytest.mark.parametrize("hole", [(3.0, 3.15), (3.0, 3.3), (2.5, 3.5)])
+def test_a_hole_is_excluded_and_said(hole: tuple[float, float], described: bool) -> None:
+    """Bridged, holes of 0.3 and of 1 s put a stiffness 30 and 20 standard errors off."""
+    robot, (start, end) = leg().without_nominal(), hole
+    kept = (clean().time <= start) | (clean().time >= end)
+    if described:
+        channels = [Channel(name, clean().time, one) for name, one in clean().columns().items()]
+        log = log_of(
+            robot, [replace(c, time=c.time[kept], values=c.values[kept]) for c in channels]
+        )
+    else:
+        sensors: dict[str, Any] = {field: one[kept] for field, one in clean().sensors().items()}
+        log = replace(clean(), time=clean().time[kept], **sensors)
+    found = seaid.identify(robot, log)
+    assert sum("holes in time, 1 found, the first at t = " in flag for flag in found.flags) == 1
+    for joint in ELASTIC:
+        drive = found.drivetrains[joint]
+        for name in ("viscous_friction", "coulomb_friction", "stiffness"):
+            place = drive.names.index(name)
+            error = drive.values[place] - true_value(leg(), joint, name)
+            assert abs(error) < 3.0 * drive.standard_errors[place], f"{name} of {joint}"
+    truth = found.base.project(leg().parameters)
+    off = (found.load.values - truth)[: len(truth)] / found.load.standard_errors
+    assert np.sqrt(np.mean(off**2)) < 2.0
+    validation = seaid.validate(found, log)
+    assert len(validation.time) == len(log.time)
+    assert np.nanmax(validation.load.relative_error) < 1.5 * np.nanmax(
+        seaid.validate(found, clean()).load.relative_error
+    )
+
+
+def test_a_refinement_leaves_the_hole_out() -> None:
+    kept = (clean().time <= 3.0) | (clean().time >= 3.3)
+    sensors: dict[str, Any] = {field: one[kept] for field, one in clean().sensors().items()}
+    log = replace(clean(), time=clean().time[kept], **sensors)
+    refined = seaid.refine(seaid.identify(leg().without_nominal(), log), log)
+    for joint in ELASTIC:
+        stiffness = refined.drivetrains[joint].value("stiffness")
+        assert stiffness == pytest.approx(true_value(leg(), joint, "stiffness"), rel=0.03)
+
+
+def test_a_log_that_is_mostly_a_hole_is_refused() -> None:
+    kept = (clean().time <= 0.5) | (clean().time >= 5.5)
+    sensors: dict[str, Any] = {field: one[kept] for field, one in clean().sensors().items()}
+    log = replace(clean(), time=clean().time[kept], **sensors)
+    for use in (seaid.identify, seaid.reconstruct_motion, seaid.replay):
+        with pytest.raises(LogError, match=r"holes in time .* of 5 s at t = 0\.5 s"):
+            use(leg(), log)
+
+
 def test_unmended_clocks_would_have_been_seen() -> None:
     """A clock that was set back by five samples, left so, gives no such estimate."""
     robot = leg().without_nominal()
@@ -199,7 +250,10 @@ def test_modules_with_clocks_of_their_own(name: str) -> None:
     kinds = {one.kind for one in found}
     assert {"irregular steps", "gaps"} <= kinds
     assert not kinds & {"wraps", "sudden zeros", "constant channel", "clock jumps"}
-    assert np.ptp(np.diff(time)) < 1e-9
+    steps = np.diff(time)
+    inside = steps <= longest_bridge(time)  # the others are holes
+    assert np.ptp(steps[inside]) < 1e-9
+    assert np.sum(~inside) < 30
     for channel in channels:
         assert np.all(np.isfinite(values[channel.name]))
         assert np.min(values[channel.name]) > np.min(channel.values) - 0.1 * np.ptp(channel.values)

@@ -10,7 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from seaid.arrays import Array
 from seaid.errors import ExcitationError, IdentificationError, LogError, RobotError
+from seaid.estimation.information import Information
+from seaid.estimation.weighting import Orthonormal, orthonormal
 from seaid.identification import Identification, identify
 from seaid.log import Log
 from seaid.rigid_body import joint_torques
@@ -53,6 +56,18 @@ def standing(joint: str) -> Log:
         changed("motor_position", joint, 0.3),
         joint_position=changed("joint_position", joint, 0.1).joint_position,
     )
+
+
+def test_weights_are_settled_once_a_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    settled: list[int] = []
+
+    def counted(information: Information, theta: Array) -> Orthonormal:
+        settled.append(len(theta))
+        return orthonormal(information, theta)
+
+    monkeypatch.setattr("seaid.estimation.solve.orthonormal", counted)
+    identify(KNOWN, log())
+    assert len(settled) == len(ELASTIC) + 1
 
 
 def test_result_has_what_the_design_says() -> None:
@@ -222,7 +237,7 @@ def test_cutoff_out_of_range(cutoff_hz: float) -> None:
 
 
 def test_log_too_short_for_the_cutoff() -> None:
-    with pytest.raises(LogError, match=r"too short: 0.199 s hold fewer than ten periods"):
+    with pytest.raises(LogError, match=r"too short: 0.199 s hold fewer than 10 periods"):
         identify(KNOWN, log().between(2.0, 2.2))
 
 

@@ -16,7 +16,7 @@ from seaid.errors import LogError, SeaidError
 from seaid.formats.opening import READERS
 from seaid.log import Log, read_log, write_log
 from seaid.logs.log_columns import column_names
-from seaid.logs.log_data import MINIMUM_SAMPLES
+from seaid.logs.log_data import LARGEST, MINIMUM_SAMPLES
 from seaid.robot import Robot, load_robot
 
 TIME = np.arange(60) / 100
@@ -102,7 +102,7 @@ def test_log_is_the_same_to_the_last_bit_after_writing_and_reading(
     assert os.listdir(tmp_path) == [name]
 
 
-@given(arrays(np.float64, MINIMUM_SAMPLES, elements=st.floats(-1e300, 1e300)))
+@given(arrays(np.float64, MINIMUM_SAMPLES, elements=st.floats(-LARGEST, LARGEST)))
 def test_any_number_survives_csv(tmp_path_factory: pytest.TempPathFactory, column: Array) -> None:
     folder = tmp_path_factory.mktemp("log")
     values = column[:, None]

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from seaid.errors import LogError
 from seaid.log import Log
 from seaid.logs.repair import Repair
-from seaid.motion import reconstruct_motion
+from seaid.motion import reconstruct_motion, reconstruct_motions
 from seaid.simulation import measure
 from tests.experiments import ARM_SENSORS, arm, arm_motion, leg, perfect_log
 
@@ -113,8 +113,53 @@ def test_cutoff_out_of_range_says_the_range(cutoff_hz: float) -> None:
         reconstruct_motion(arm(), log(), cutoff_hz)
 
 
+def with_holes(source: Log, *holes: tuple[float, float]) -> Log:
+    """Return a log without the samples inside (start_s, end_s)."""
+    kept = np.ones(len(source.time), dtype=bool)
+    for start, end in holes:
+        kept &= (source.time <= start) | (source.time >= end)
+    parts: dict[str, Any] = {name: one[kept] for name, one in source.sensors().items()}
+    return replace(source, time=source.time[kept], **parts)
+
+
+def test_a_log_with_holes_is_taken_stretch_by_stretch() -> None:
+    holed = with_holes(log(), (2.0, 2.6), (5.0, 5.6))
+    first, second = reconstruct_motions(arm(), holed, 8.0)
+    assert (first.time[0], first.time[-1]) == pytest.approx((0.0, 2.0))
+    assert (second.time[0], second.time[-1]) == pytest.approx((2.6, 5.0))  # the last is too short
+    alone = reconstruct_motion(arm(), log().between(0.0, 2.0005), 8.0)
+    assert np.array_equal(first.joint_acceleration, alone.joint_acceleration)
+    speeds = np.abs(np.concatenate([first.motor_velocity, second.motor_velocity]))
+    for motion in (first, second):
+        assert motion.fastest == pytest.approx(np.max(speeds, axis=0))
+    (repair,) = first.processing.repairs if first.processing else ()
+    assert (repair.kind, repair.count, repair.time_s) == ("holes in time", 2, 2.0)
+    assert "0.6 s at t = 2 s" in repair.action
+    assert "1 stretches between them are too short" in repair.action
+    assert second.processing
+    assert not second.processing.repairs
+
+
+def test_few_missing_samples_are_no_hole() -> None:
+    (motion,) = reconstruct_motions(arm(), with_holes(log(), (2.0, 2.02), (3.0, 3.09)), 8.0)
+    assert motion.processing
+    assert motion.processing.resampled
+    assert not motion.processing.repairs
+    assert np.ptp(np.diff(motion.time)) < 1e-9
+
+
+def test_a_hole_that_takes_most_of_the_log_is_refused_with_its_place() -> None:
+    words = r"1 found, the longest of 5 s at t = 0.5 s\): .* are 83% of 6 s, allowed 50%; .*between"
+    with pytest.raises(LogError, match=words):
+        reconstruct_motions(arm(), with_holes(log(), (0.5, 5.5)))
+    with pytest.raises(LogError, match=r"holes in time \(1 found, the first of 1 s at t = 2 s\)"):
+        reconstruct_motion(arm(), with_holes(log(), (2.0, 3.0)))
+    with pytest.raises(LogError, match="cutoff_hz must be between 0 and half"):
+        reconstruct_motions(arm(), with_holes(log(), (2.0, 3.0)), 0.0)
+
+
 def test_log_too_short_for_the_cutoff_says_what_to_do() -> None:
-    with pytest.raises(LogError, match=r"too short: 0.999 s hold fewer than ten periods .* 4 Hz"):
+    with pytest.raises(LogError, match=r"too short: 0.999 s hold fewer than 10 periods .* 4 Hz"):
         reconstruct_motion(arm(), log().between(0.0, 1.0), 4.0)
 
 

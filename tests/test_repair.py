@@ -14,6 +14,7 @@ from seaid.errors import LogError
 from seaid.logs.channels import Channel
 from seaid.logs.mending import repaired
 from seaid.logs.repair import Repair, Repairs
+from seaid.logs.resampling import interpolated
 
 RATE = 500.0
 ENCODER = 2 * np.pi / 2**14
@@ -171,7 +172,7 @@ def test_a_gap_after_which_the_robot_is_back_is_no_jump_of_the_clock() -> None:
 def test_gaps_are_bridged(places: set[int], length: int) -> None:
     time = regular()
     keep = np.ones(len(time), dtype=bool)
-    for place in places:
+    for place in {100 * round(place / 100) for place in places}:  # none runs into another
         keep[place : place + length] = False
     grid, values, found = repaired(pair(time[keep]))
     assert kinds(found)["gaps"] <= len(places)
@@ -185,17 +186,48 @@ def test_gaps_beyond_the_limits_are_refused() -> None:
     keep[1500:1800] = False
     with pytest.raises(LogError, match=r"gap of 0\.602 s at t = 2\.998 s, allowed 0\.1 s"):
         repaired(pair(time[keep]), Repairs(longest_gap_s=0.1))
-    with pytest.raises(LogError, match=r"knee.motor_torque_Nm' has a gap .* allowed 0\.5 s"):
-        repaired([Channel(TORQUE, time[keep], torque(time[keep]))])
-    long = regular(30.0)[np.r_[0:1500, 1800:15000]]
-    with pytest.raises(LogError, match=r"gap of 0\.602 s .* is what bridging .*most_gap_error"):
-        repaired([Channel(POSITION, long, angle(3 * long))])
+    few = keep.copy()
+    few[500:545] = few[2500:2545] = False
+    with pytest.raises(LogError, match=r"gap of 0\.092 s .* is what bridging .*most_gap_error"):
+        repaired([Channel(POSITION, time[few], angle(20 * time[few]))])
     with pytest.raises(LogError, match="too short to tell what bridging"):
-        short = time[1400:1900][keep[1400:1900]]
+        short = time[400:580][few[400:580]]
         repaired([Channel(POSITION, short, angle(short))], Repairs(most_missing=0.9))
     keep[1000:3000] = False
     with pytest.raises(LogError, match=r"1 gaps with 50\.0% of the time .*most_missing"):
         repaired(pair(time[keep]), Repairs(longest_gap_s=10.0))
+
+
+def test_a_hole_of_one_channel_is_a_hole_of_the_log() -> None:
+    time = regular()
+    keep = np.ones(len(time), dtype=bool)
+    keep[1500:1800] = False
+    channels = [
+        Channel(POSITION, time, angle(time)),
+        Channel(TORQUE, time[keep], torque(time[keep])),
+    ]
+    grid, values, found = repaired(channels)
+    assert kinds(found) == {"gaps": 1}
+    assert "1 above 0.1 s excluded" in found[0].action
+    steps = np.diff(grid)
+    place = int(np.argmax(steps))
+    assert steps[place] == pytest.approx(0.602)
+    assert grid[place] == pytest.approx(time[1499])
+    assert np.ptp(np.delete(steps, place)) < 1e-12
+    assert np.max(np.abs(values[TORQUE] - torque(grid))) < 1e-9
+    bridged = repaired(channels, Repairs(longest_gap_s=1.0))[0]
+    assert np.ptp(np.diff(bridged)) < 1e-12
+
+
+def test_a_torque_over_a_gap_does_not_follow_its_noise() -> None:
+    time = regular()
+    keep = np.ones(len(time), dtype=bool)
+    keep[1500:1540] = False
+    noise = np.random.default_rng(0).normal(0, 1.0, len(time))
+    values = interpolated(time[keep], noise[keep], time, smooth=False)
+    assert values[keep] == pytest.approx(noise[keep])
+    ends = sorted(noise[[1499, 1540]])
+    assert ends[0] <= np.min(values[~keep]) <= np.max(values[~keep]) <= ends[1]
 
 
 def test_late_samples_go_back_into_place() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from seaid.errors import IdentificationError
-from seaid.identification import identify
+from seaid.identification import Identification, identify
 from seaid.log import Log
 from seaid.sensitivity import CutoffSensitivity, cutoff_sensitivity
 from seaid.simulation import measure
@@ -28,6 +28,19 @@ def log(steps: int = 2**17) -> Log:
 @cache
 def scanned(steps: int = 2**17) -> CutoffSensitivity:
     return cutoff_sensitivity(KNOWN, log(steps), [3.0, 6.0, 300.0, 700.0])
+
+
+def test_a_band_that_tells_other_parameters_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = identify(KNOWN, log())
+    fewer = replace(plain, drivetrains=dict(list(plain.drivetrains.items())[1:]))
+
+    def identified(*_: object, cutoff_hz: float | None = None) -> Identification:
+        return plain if cutoff_hz is None else fewer
+
+    monkeypatch.setattr("seaid.sensitivity.identify", identified)
+    result = cutoff_sensitivity(KNOWN, log(), [6.0])
+    assert "other parameters are told" in result.refused[6.0]
+    assert np.all(np.isnan(result.values[result.cutoffs_hz == 6.0]))
 
 
 def test_rows_are_those_of_identify_and_the_proposed_band_is_among_them() -> None:

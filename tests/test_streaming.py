@@ -6,15 +6,18 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+import seaid.long_log as long_log_module
 from seaid.arrays import Array
 from seaid.base import base_parameters
 from seaid.errors import IdentificationError, LogError
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.solve import equal_weights, ordinary, settled_weights, weighted
+from seaid.identification import identify
 from seaid.log import Log, read_log, write_log
 from seaid.long_log import LongLog, iterate_log, open_long_log
 from seaid.motion import Motion, reconstruct_motion
@@ -124,6 +127,35 @@ def test_load_side_with_springs_from_the_first_part(npz: Path) -> None:
     assert_same(stream_estimate([opened(npz)], regress, settled_weights, carried)[0], expected)
 
 
+def test_a_file_is_read_once_for_all_equations(npz: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two actuator sides and the load side: one reading, after that for the largest speeds."""
+    long_log, reconstructed = opened(npz, 3000), []
+
+    def counted(*arguments: Any) -> Motion:
+        reconstructed.append(arguments)
+        return reconstruct_motion(*arguments)
+
+    monkeypatch.setattr(long_log_module, "reconstruct_motion", counted)
+    pieces = len(list(long_log.motions()))
+    reconstructed.clear()
+    found = identify(ROBOT, long_log)
+    first_pieces = 3  # asked which torques there are
+    assert len(reconstructed) <= pieces + first_pieces
+    whole = identify(ROBOT, log(), cutoff_hz=CUTOFF_HZ)
+    assert_same(found.load, whole.load)
+    for joint in ROBOT.elastic_joints:
+        assert_same(found.drivetrains[joint], whole.drivetrains[joint])
+
+
+def test_no_room_for_rows_is_said(npz: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("seaid.sides.streaming.np.save", full)
+    with pytest.raises(LogError, match=r"cannot be kept .*No space left on device.* set TMPDIR"):
+        stream_estimate([opened(npz)], actuator)
+
+
 def test_logs_are_stacked(npz: Path, tmp_path: Path) -> None:
     write_log(log(1), tmp_path / "other.npz")
     logs = [opened(npz), opened(tmp_path / "other.npz")]
@@ -227,8 +259,12 @@ def test_time_must_be_regular(tmp_path: Path) -> None:
     time = log().time.copy()
     time[4000:] += 0.5
     write_log(replace(log(), time=time), tmp_path / "log.npz")
-    with pytest.raises(LogError, match=r"time steps around .* are not equal; a log that is read"):
+    with pytest.raises(LogError, match=r"hole of 0\.501 s at t = 3\.999 s; a log that is read"):
         opened(tmp_path / "log.npz")
+    time = log().time + np.where(np.arange(len(log().time)) % 2, 2e-4, 0.0)
+    write_log(replace(log(), time=time), tmp_path / "uneven.npz")
+    with pytest.raises(LogError, match=r"time steps around .* are not equal; a log that is read"):
+        opened(tmp_path / "uneven.npz")
 
 
 def test_overlap_longer_than_a_piece(npz: Path) -> None:

@@ -1,7 +1,8 @@
 """A million samples of an arm with seven joints, from file to estimate: time, memory, agreement.
 
 Each part runs in a process of its own, so that its peak memory is its own. Set
-OPENBLAS_NUM_THREADS=1 for one core.
+OPENBLAS_NUM_THREADS=1 for one core. With "identify" as the last argument seaid.identify works on
+the same arm with a spring in every joint: seven actuator sides and the load side, streamed only.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from seaid.sides.load_side import load_regression
 from seaid.sides.streaming import stream_estimate
 
 CUTOFF_HZ, RATE_HZ, BLOCK = 8.0, 1000.0, 50_000
+RATIO, ROTOR_KG_M2, STIFFNESS_NM_PER_RAD = 100.0, 1e-4, 2e3
 
 
 def robot() -> seaid.Robot:
@@ -41,6 +43,29 @@ def robot() -> seaid.Robot:
     drive = seaid.StiffDrive(friction=("viscous", "coulomb"))
     arm = seaid.load_robot(Path(str(path.locate())))
     return arm.with_values(arm.parameters, dict.fromkeys(arm.joint_names, drive))
+
+
+def elastic_robot() -> seaid.Robot:
+    """Return the same arm with a rotary spring behind the gear of every joint."""
+    drive = seaid.SeriesElasticDrive(gear_ratio=RATIO, motor_inertia_kg_m2=ROTOR_KG_M2)
+    return robot().with_drivetrains(dict.fromkeys(robot().joint_names, drive))
+
+
+def write_elastic_log(path: Path, samples: int) -> None:
+    """Write the log of the motion of `write_log` as the arm with springs has it."""
+    write_log(path, samples)
+    with np.load(path) as archive:
+        columns = dict(archive)
+    for joint in robot().joint_names:
+        torque = columns.pop(f"{joint}.motor_torque_Nm")  # that on the load, with noise
+        smooth = np.convolve(torque, np.ones(51) / 51, mode="same")
+        angle = RATIO * (columns[f"{joint}.joint_position_rad"] + smooth / STIFFNESS_NM_PER_RAD)
+        speed = np.gradient(angle, 1 / RATE_HZ)
+        friction = 1e-4 * speed + 0.02 * np.sign(speed)
+        rotor = ROTOR_KG_M2 * np.gradient(speed, 1 / RATE_HZ)
+        columns[f"{joint}.motor_position_rad"] = angle
+        columns[f"{joint}.motor_torque_Nm"] = torque / RATIO + friction + rotor
+    np.savez(path, **columns)
 
 
 def write_log(path: Path, samples: int) -> None:
@@ -78,6 +103,8 @@ def _log(arm: seaid.Robot, at: Array, position: Array, torque: Array) -> seaid.L
 
 def estimate(path: Path, way: str) -> dict[str, object]:
     """Return the ordinary estimate, seconds and peak memory [MB] in memory or streamed."""
+    if way == "identify":
+        return _identified(path)
     arm = robot()
     model = load_model(arm, base_parameters(arm), arm.joint_names)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
@@ -98,6 +125,22 @@ def estimate(path: Path, way: str) -> dict[str, object]:
         "peak_MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         "values": found.values.tolist(),
         "errors": found.standard_errors.tolist(),
+    }
+
+
+def _identified(path: Path) -> dict[str, object]:
+    """Return values, seconds and peak memory [MB] of seaid.identify on the arm with springs."""
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    wall, core = time.perf_counter(), time.process_time()
+    found = seaid.identify(elastic_robot(), path, cutoff_hz=CUTOFF_HZ)
+    estimates = [*found.drivetrains.values(), found.load]
+    return {
+        "wall_s": time.perf_counter() - wall,
+        "core_s": time.process_time() - core,
+        "before_MB": before,
+        "peak_MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "values": np.concatenate([one.values for one in estimates]).tolist(),
+        "errors": np.concatenate([one.standard_errors for one in estimates]).tolist(),
     }
 
 
@@ -128,15 +171,18 @@ def rows_to_estimate() -> list[list[str]]:
 
 
 def main() -> None:
-    """Print the table; `long_log.py [samples] [.npz or .csv]`."""
+    """Print the table; `long_log.py [samples] [.npz or .csv] [identify]`."""
     warnings.simplefilter("ignore", seaid.SeaidWarning)
     samples = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
     ending = sys.argv[2] if len(sys.argv) > 2 else ".npz"
+    springs = sys.argv[3:] == ["identify"]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"log{ending}"
-        subprocess.run([sys.executable, __file__, "write", path, str(samples)], check=True)
+        subprocess.run(
+            [sys.executable, __file__, "write", path, str(samples), *sys.argv[3:]], check=True
+        )
         found = {}
-        for way in ("streamed", "in memory"):
+        for way in ("identify",) if springs else ("streamed", "in memory"):
             command = [sys.executable, __file__, "estimate", str(path), way]
             found[way] = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
     cells = [
@@ -145,6 +191,8 @@ def main() -> None:
     ]
     header = ["way", "wall [s]", "core [s]", "memory before [MB]", "peak [MB]"]
     print(table(f"{samples} samples, 7 joints, {ending}", header, cells))
+    if springs:
+        return
     streamed, memory = found.values()
     errors = np.array(memory["errors"])
     apart = np.abs(np.array(streamed["values"]) - memory["values"])
@@ -159,7 +207,8 @@ def main() -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["write"]:
-        write_log(Path(sys.argv[2]), int(sys.argv[3]))
+        writing = write_elastic_log if sys.argv[4:] else write_log
+        writing(Path(sys.argv[2]), int(sys.argv[3]))
     elif sys.argv[1:2] == ["estimate"]:
         warnings.simplefilter("ignore", seaid.SeaidWarning)
         print(json.dumps(estimate(Path(sys.argv[2]), sys.argv[3])))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 import sympy as sp
@@ -46,7 +46,7 @@ class DriveRegressor:
     drive: Drive
     non_linear: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def signals(self) -> set[str]:
         """Names of the signals that are in the equation."""
         found = [flat_names(entry).free_symbols for entry in (self.zeta, *self.row)]

@@ -56,14 +56,18 @@ class Whiteness:
 
 
 def poorly_told(
-    information: Information, weights: Array | None = None, share: float = POORLY_TOLD
+    information: Information,
+    weights: Array | None = None,
+    share: float = POORLY_TOLD,
+    factor: Array | None = None,
 ) -> list[str]:
     """Return a sentence for each combination of which rows tell less than `share`, worst first.
 
     Columns count with unit norm, and the best combination as 1: 'the data tell 3.1e-04 of the
     combination A - 0.97 B'.
     """
-    found = directions(information.weighted_factor(weights), information.names)
+    factor = information.weighted_factor(weights) if factor is None else factor
+    found = directions(factor, information.names)
     return [
         f"the data tell {found.shares[place]:.1e} of the combination {found.text(int(place))}"
         for place in np.flatnonzero(found.shares < share)[::-1]
@@ -87,12 +91,13 @@ def term_test(
     weights: Array,
     terms: Sequence[str],
     independent: float | None = None,
+    factor: Array | None = None,
 ) -> TermTest:
     """Return whether a group of `terms` is worth having, from the information alone.
 
-    `weights` (E,) of the equations are held; `independent` rows (default: all of them, right for
-    white noise) see `independent_rows`. Raises IdentificationError for unknown terms and for no
-    more independent rows than parameters.
+    `weights` (E,) of the equations are held, `factor` is the weighted factor if it is at hand.
+    `independent` rows (default: all of them, right for white noise) see `independent_rows`. Raises
+    IdentificationError for unknown terms and for no more independent rows than parameters.
     """
     for term in terms:
         if term not in information.names:
@@ -105,9 +110,11 @@ def term_test(
             f"a test needs terms and more independent rows than parameters, found {q} terms, "
             f"{rows:.1f} rows and {p} parameters"
         )
-    R = information.weighted_factor(weights)
+    R = information.weighted_factor(weights) if factor is None else factor
     kept = [place for place, name in enumerate((*information.names, "")) if name not in terms]
-    full, fewer = R[-1, -1] ** 2, triangle(R[:, kept])[-1, -1] ** 2
+    first = min(place for place, name in enumerate(information.names) if name in terms)
+    below = [place for place in kept if place >= first]  # what is above stays triangular
+    full, fewer = R[-1, -1] ** 2, triangle(R[first:, below])[-1, -1] ** 2
     growth = float(fewer / full) if full > 0 else float("inf")
     F = (rows - p) / q * (growth - 1)
     return TermTest(

@@ -55,6 +55,11 @@ class Information:
         """Return the information of both. Raises IdentificationError for other columns."""
         return combined([self, other])
 
+    @property
+    def filled_factors(self) -> Array:
+        """The factors (E, m, p+1) without the zeros below as many rows as an equation has."""
+        return self.factors[:, : max(self.counts, default=0)]
+
     def weighted_factor(self, weights: Array | None = None) -> Array:
         """Return R (p+1, p+1) of all rows, those of each equation times its weight (E,).
 
@@ -62,7 +67,8 @@ class Information:
         x = (theta, -1) that of the residual. Without `weights` all rows count alike.
         """
         weights = np.ones(len(self.equations)) if weights is None else weights
-        return triangle((weights[:, None, None] * self.factors).reshape(-1, len(self.names) + 1))
+        filled = self.filled_factors
+        return triangle((weights[:, None, None] * filled).reshape(-1, len(self.names) + 1))
 
     def residual_norms(self, theta: Array) -> Array:
         """Return the norm (E,) of each equation's residual y - H theta."""

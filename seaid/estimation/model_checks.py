@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from seaid.arrays import Array
 from seaid.estimation.checks import (
     TermTest,
     Whiteness,
@@ -14,7 +15,6 @@ from seaid.estimation.checks import (
 )
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.information import Information
-from seaid.estimation.solve import settled_weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,15 +37,19 @@ def model_checks(
     estimate: Estimate,
     optional: Sequence[str],
     whiteness: Mapping[str, Whiteness],
+    weights: Array,
 ) -> ModelChecks:
-    """Return the checks of an estimate, from its information; `optional` terms are tested."""
-    weights = settled_weights(information)
+    """Return the checks of an estimate, from its information; `optional` terms are tested.
+
+    `weights` (E,) of the equations are those that `settled_weights` gives.
+    """
+    factor = information.weighted_factor(weights)
     independent = independent_rows(information, estimate)
     return ModelChecks(
         condition_number=estimate.condition_number,
-        poorly_told=tuple(poorly_told(information, weights)),
+        poorly_told=tuple(poorly_told(information, weights, factor=factor)),
         terms=tuple(
-            term_test(information, weights, [name], independent)
+            term_test(information, weights, [name], independent, factor)
             for name in optional
             if independent > len(information.names)
         ),

@@ -12,6 +12,7 @@ from seaid.estimation.covariance import LongRun, long_run_of
 from seaid.estimation.directions import Directions, directions, first_term, telling_joints
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.information import Information, information_of
+from seaid.estimation.weighting import orthonormal
 from seaid.regression import Regression
 
 _LOST = 1e-7
@@ -44,7 +45,7 @@ def ordinary(rows: Regression, carried: Array | None = None) -> Estimate:
     ExcitationError where the data leave a combination of parameters open.
     """
     information = information_of(rows)
-    return _with_scores(rows, information, equal_weights(information), carried)
+    return estimate_of_rows(rows, information, equal_weights(information), carried)
 
 
 def weighted(rows: Regression, carried: Array | None = None) -> Estimate:
@@ -53,7 +54,7 @@ def weighted(rows: Regression, carried: Array | None = None) -> Estimate:
     Iterated until the weights settle (Gautier 1997; Swevers et al. 1997). Otherwise as `ordinary`.
     """
     information = information_of(rows)
-    return _with_scores(rows, information, settled_weights(information), carried)
+    return estimate_of_rows(rows, information, settled_weights(information), carried)
 
 
 def equal_weights(information: Information) -> Array:
@@ -67,10 +68,15 @@ def settled_weights(information: Information) -> Array:
     Relative to the equation with the largest residual. Raises as `ordinary` does.
     """
     weights = equal_weights(information)
+    theta = solve(information, weights).values
+    equations = orthonormal(information, theta)
+    norms: Array | None = information.residual_norms(theta)
     root_counts = np.sqrt(np.maximum(information.counts, 1))
     target = np.linalg.norm(information.factors[:, :, -1]) / np.sqrt(max(information.count, 1))
     for _ in range(_MOST_REWEIGHTINGS):
-        std = information.residual_norms(solve(information, weights).values) / root_counts
+        if norms is None:
+            norms = information.residual_norms(solve(information, weights).values)
+        std = norms / root_counts
         largest = float(np.max(std))
         if largest <= _ROUNDING * target:
             break
@@ -79,6 +85,7 @@ def settled_weights(information: Information) -> Array:
         weights = new
         if settled:
             break
+        norms = equations.residual_norms(weights)
     else:
         raise IdentificationError(
             f"the weights of the joints do not settle in {_MOST_REWEIGHTINGS} turns: a joint has "
@@ -175,9 +182,10 @@ def _freedom(independent: float, p: int) -> float:
     return independent / max(independent - p, 1.0)
 
 
-def _with_scores(
+def estimate_of_rows(
     rows: Regression, information: Information, weights: Array, carried: Array | None
 ) -> Estimate:
+    """Return the estimate with weights (E,) of the equations from rows and their information."""
     theta = solve(information, weights).values
     factors = score_factors(rows, information, weights, theta)
     scores = long_run_of(rows.H, factors, rows.time, rows.run)

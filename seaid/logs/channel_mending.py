@@ -7,13 +7,11 @@ import numpy as np
 from seaid.arrays import Array, BoolArray
 from seaid.errors import LogError
 from seaid.logs.channels import Channel, is_position
-from seaid.logs.clocks import MendedClock, longest_step
+from seaid.logs.clocks import MendedClock, longest_bridge, longest_step
 from seaid.logs.dropouts import SLOWER, held_dropouts, is_constant, saturated, zero_dropouts
 from seaid.logs.repair import Repair, Repairs
 from seaid.logs.resampling import FEWEST, gap_error
 from seaid.logs.wrapping import unwrapped, wrap_period
-
-_TORQUE_GAP_S = 0.5
 
 
 def mended_channel(
@@ -106,23 +104,33 @@ def _check_saturation(
 
 
 def _check_gap(channel: Channel, time: Array, values: Array, limits: Repairs) -> None:
-    """Refuse a channel with a gap that cannot be bridged."""
+    """Refuse a channel with a gap that cannot be bridged; holes are excluded, see `bridged_s`."""
     steps = np.diff(time)
-    place = int(np.argmax(steps))
-    gap, usual = float(steps[place]), longest_step(time)
-    text = f"'{channel.name}' has a gap of {gap:.3g} s at t = {time[place]:.6g} s"
     hint = "take the parts before and after it as two logs"
-    given = limits.longest_gap_s
-    longest = max(_TORQUE_GAP_S if given is None else given, usual)
-    if gap > longest and not (given is None and is_position(channel.name)):
-        raise LogError(f"{text}, allowed {longest:.3g} s (Repairs.longest_gap_s): {hint}")
-    if given is not None or gap <= usual or not is_position(channel.name):
+    given, longest, usual = limits.longest_gap_s, bridged_s(time, limits), longest_step(time)
+    if given is not None and np.max(steps) > longest:
+        place = int(np.argmax(steps))
+        raise LogError(
+            f"'{channel.name}' has a gap of {steps[place]:.3g} s at t = {time[place]:.6g} s, "
+            f"allowed {longest:.3g} s (Repairs.longest_gap_s): {hint}"
+        )
+    bridged = np.where(steps <= longest, steps, 0.0)
+    place = int(np.argmax(bridged))
+    if given is not None or bridged[place] <= usual or not is_position(channel.name):
         return
-    error = gap_error(time, values, usual)
+    error = gap_error(time, values, usual, longest)
     if error is None or error > limits.most_gap_error:
         known = "the log is too short to tell what" if error is None else f"{error:.1%} is what"
         raise LogError(
-            f"{text}: {known} bridging such gaps adds to the channel (error over standard "
+            f"'{channel.name}' has a gap of {bridged[place]:.3g} s at t = {time[place]:.6g} s: "
+            f"{known} bridging such gaps adds to the channel (error over standard "
             f"deviation, from known stretches), allowed {limits.most_gap_error:.1%} "
             f"(Repairs.most_gap_error; longest_gap_s sets a length instead): {hint}"
         )
+
+
+def bridged_s(time: Array, limits: Repairs) -> float:
+    """Return the longest step [s] of a channel's stamps (T,) that is bridged."""
+    if limits.longest_gap_s is None:
+        return longest_bridge(time)
+    return max(limits.longest_gap_s, longest_step(time))

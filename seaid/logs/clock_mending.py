@@ -16,6 +16,7 @@ from seaid.logs.clocks import (
     clock_line,
     irregular_steps,
     is_paired,
+    longest_bridge,
     longest_step,
     mended_clock,
     typical_step,
@@ -155,7 +156,10 @@ def _note_steps(name: str, time: Array, limits: Repairs, found: list[Repair]) ->
     if not len(gaps):
         return
     lost = float(np.sum(steps[gaps]) / (time[-1] - time[0]))
-    action = f"of up to {np.max(steps):.3g} s, bridged: {lost:.1%} of the time"
+    longest = limits.longest_gap_s or longest_bridge(time)
+    over = int(np.sum(steps > longest))
+    done = f"bridged, {over} above {longest:.3g} s excluded" if over else "bridged"
+    action = f"of up to {np.max(steps):.3g} s, {done}: {lost:.1%} of the time"
     found.append(Repair(name, "gaps", len(gaps), float(time[gaps[0]]), action))
     if lost > limits.most_missing:
         raise LogError(

@@ -14,6 +14,9 @@ from seaid.logs.repair import Repair
 
 MINIMUM_SAMPLES = 50
 
+LARGEST = 1e15
+"""In SI units no sensor says more; powers of what is beyond soon leave the floating-point range."""
+
 
 @dataclass(frozen=True, eq=False)
 class Log:
@@ -22,7 +25,7 @@ class Log:
     Motor side in rad and N m. Joint side in rad and N m, at prismatic joints m and N. Motor current
     [A] or voltage [V] where the torque constant is not known. `report`: what was found in the file
     and mended. Raises LogError for wrong shapes, too few samples, time that does not grow, single
-    NaN.
+    NaN, absurdly large values.
     """
 
     time: Array
@@ -82,6 +85,11 @@ def _check_time(time: Array) -> None:
     if not np.all(np.isfinite(time)):
         row = int(np.flatnonzero(~np.isfinite(time))[0])
         raise LogError(f"time_s has a value that is not finite in sample {row}")
+    if np.max(np.abs(time)) > LARGEST:
+        raise LogError(
+            f"time_s goes from {time[0]:.4g} to {time[-1]:.4g} s, allowed is up to {LARGEST:.0e}: "
+            "is it in another unit?"
+        )
     steps = np.diff(time)
     for word, bad in (("goes backwards", steps < 0), ("repeats", steps == 0)):
         if np.any(bad):
@@ -101,4 +109,11 @@ def _check_column(name: str, column: Array, time: Array) -> None:
             f"column '{name}' has {int(bad.sum())} values that are not finite, the first in sample "
             f"{row} (t = {time[row]:.6g} s); repair them, or leave the whole column NaN if there "
             "is no such sensor; read_log mends single places with repair=seaid.Repairs()"
+        )
+    largest = int(np.argmax(np.abs(column)))
+    if abs(column[largest]) > LARGEST:
+        raise LogError(
+            f"column '{name}' has {column[largest]:.4g} in sample {largest} (t = "
+            f"{time[largest]:.6g} s), allowed is up to {LARGEST:.0e}: no sensor says that; take "
+            "these samples out"
         )

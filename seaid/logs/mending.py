@@ -12,12 +12,12 @@ import numpy as np
 
 from seaid.arrays import Array
 from seaid.errors import LogError
-from seaid.logs.channel_mending import mended_channel
+from seaid.logs.channel_mending import bridged_s, mended_channel
 from seaid.logs.channels import Channel, is_position
 from seaid.logs.clock_mending import clock_lines, clocks_of, mended_group
 from seaid.logs.clocks import irregular_steps, typical_step
 from seaid.logs.repair import Repair, Repairs
-from seaid.logs.resampling import FEWEST, resampled
+from seaid.logs.resampling import FEWEST, in_gap, resampled
 
 
 def repaired(
@@ -25,7 +25,8 @@ def repaired(
 ) -> tuple[Array, dict[str, Array], tuple[Repair, ...]]:
     """Return a uniform time grid (T,) [s], {channel: samples (T,)}, and what was found and done.
 
-    The grid is on the clock of the first channel and covers the time that all channels share.
+    The grid is on the clock of the first channel and covers the time that all channels share; what
+    lies in a hole of any channel, a gap too long to be bridged, is not on it.
     Channels without any number are all NaN. Where nothing is wrong with a log of one regular clock,
     it comes out as it went in. Raises LogError, naming channel and place, beyond the limits.
     """
@@ -69,7 +70,7 @@ def _changed(channels: Sequence[Channel], usable: dict[str, tuple[Array, Array]]
 def _on_grid(
     usable: dict[str, tuple[Array, Array]], limits: Repairs, found: list[Repair]
 ) -> tuple[Array, dict[str, Array]]:
-    """Return the channels on a uniform grid over the time that they share."""
+    """Return the channels on a uniform grid over the time that they share, without their holes."""
     late = max(usable, key=lambda name: usable[name][0][0])
     early = min(usable, key=lambda name: usable[name][0][-1])
     start, end = float(usable[late][0][0]), float(usable[early][0][-1])
@@ -85,7 +86,11 @@ def _on_grid(
     rate_hz = limits.rate_hz or max(rates.values())
     grid = start + np.arange(math.floor((end - start) * rate_hz + 1e-6) + 1) / rate_hz
     grid = np.minimum(grid, end)
-    return grid, {
+    sampled = {
         name: resampled(time, values, grid, rate_hz, rates[name], smooth=is_position(name))
         for name, (time, values) in usable.items()
     }
+    in_hole = np.zeros(len(grid), dtype=bool)
+    for time, _ in usable.values():
+        in_hole |= in_gap(time, grid, bridged_s(time, limits))
+    return grid[~in_hole], {name: values[~in_hole] for name, values in sampled.items()}

@@ -14,10 +14,10 @@ class Repairs:
 
     `rate_hz`: of the common time grid (None: the mean rate of the fastest channel, so that nothing
     is lost; where a lower one is asked for, channels pass a low pass first). `longest_gap_s`: that
-    is bridged in any channel; None: in a position as long as bridges over such gaps, tried where
-    the samples are known, add an error of at most `most_gap_error` of its standard deviation, and
-    half a second in a torque, current or voltage. `most_missing`: share of a channel's
-    samples that are no numbers, sudden zeros or held, and of the time that lies in gaps.
+    is bridged in any channel; None: 0.1 s or five usual steps, in a position as long as such
+    bridges, tried where the samples are known, add an error of at most `most_gap_error` of its
+    standard deviation; the time of longer ones, the holes, is excluded. `most_missing`: share of a
+    channel's samples that are no numbers, sudden zeros or held, and of the time that lies in gaps.
     `most_disordered`: share of stamps that are late, repeated with other values, or not finite.
     `most_saturated`: share of a torque's, current's or voltage's samples stuck at its extreme.
     `largest_drift`: of one clock against another, s/s. Raises LogError for what cannot be meant.

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from seaid.arrays import Array
+from seaid.arrays import Array, BoolArray
 from seaid.filtering import low_pass
 
 FEWEST = 4
@@ -23,16 +23,32 @@ def interpolated(time: Array, values: Array, wanted: Array, *, smooth: bool) -> 
 
     `smooth` (positions): a cubic spline, whose error falls with the fourth power of the step, where
     straight lines cut off every bend and bias whatever is differentiated afterwards. Otherwise
-    (torques, which jump and are noisy): Akima's local cubic, modified, which does not ring.
+    (torques, which jump and are noisy): Akima's local cubic, modified, which does not ring. Over a
+    gap a torque takes a straight line, since a slope there would be that of the noise at its ends,
+    and so does a position over a hole.
     Samples closer than 0.3 of the usual step are merged before: between them, noise is no slope.
     """
     from scipy.interpolate import Akima1DInterpolator, CubicSpline
 
+    from seaid.logs.clocks import longest_bridge, longest_step
+
     origin = time[0]
     time, values = _merged(time - origin, values)
     if smooth:
-        return np.asarray(CubicSpline(time, values)(wanted - origin))
-    return np.asarray(Akima1DInterpolator(time, values, method="makima")(wanted - origin))
+        found, longest = CubicSpline(time, values)(wanted - origin), longest_bridge(time)
+    else:
+        akima = Akima1DInterpolator(time, values, method="makima")
+        found, longest = akima(wanted - origin), longest_step(time)
+    straight = in_gap(time, wanted - origin, longest)
+    found[straight] = np.interp(wanted[straight] - origin, time, values)
+    return np.asarray(found)
+
+
+def in_gap(time: Array, wanted: Array, longest_s: float) -> BoolArray:
+    """Tell which of the times `wanted` (W,) lie inside a step of `time` (T,) above `longest_s`."""
+    after = np.clip(np.searchsorted(time, wanted), 1, len(time) - 1)
+    inside = (wanted > time[after - 1]) & (wanted < time[after])
+    return np.asarray(inside & (time[after] - time[after - 1] > longest_s))
 
 
 def _merged(time: Array, values: Array) -> tuple[Array, Array]:
@@ -67,16 +83,19 @@ def resampled(
     return low_pass(dense[:, None], rate_hz * finer, 0.4 * rate_hz)[::finer, 0]
 
 
-def gap_error(time: Array, values: Array, longest_bridge_s: float) -> float | None:
+def gap_error(
+    time: Array, values: Array, longest_step_s: float, longest_bridge_s: float
+) -> float | None:
     """Return what bridges over the gaps of a position (T,) add to it: error over deviation.
 
-    Gaps are steps above `longest_bridge_s`. Stretches of their lengths are taken out where the
-    samples are known, and interpolated; the root mean square difference there, less what noise
-    explains, is that of the gaps, whose share of the time then tells that of the whole channel,
-    over its standard deviation. None where there is too little between the gaps to tell.
+    Gaps are steps above `longest_step_s`; those above `longest_bridge_s` are holes and not bridged.
+    Stretches of the gaps' lengths are taken out where the samples are known, and interpolated; the
+    root mean square difference there, less what noise explains, is that of the gaps, whose share of
+    the time then tells that of the whole channel, over its standard deviation. None where there is
+    too little between the gaps to tell.
     """
     steps, spread = np.diff(time), float(np.std(values))
-    gaps = np.sort(steps[steps > longest_bridge_s])[::-1]
+    gaps = np.sort(steps[(steps > longest_step_s) & (steps <= longest_bridge_s)])[::-1]
     if not len(gaps) or spread == 0:
         return 0.0
     duration = float(time[-1] - time[0])

@@ -16,7 +16,7 @@ from seaid.export.drive_tables import drive_table
 from seaid.identification import Identification
 from seaid.motion import Motion
 from seaid.motion_rows import row_samples
-from seaid.processing import Processing
+from seaid.processing import Processing, has_holes
 from seaid.report.html_numbers import seconds, short
 from seaid.robot import Robot
 from seaid.transmission import at_drives
@@ -52,11 +52,12 @@ class Reached:
 def log_facts(found: Identification) -> list[LogFacts]:
     """Return what is known of every log that was identified from."""
     several = len(found.processing) > 1
+    kind = "Stretch" if has_holes(found.processing) else "Log"
     logs = []
     for place, processing in enumerate(found.processing):
         motion = found.motions[place] if len(found.motions) == len(found.processing) else None
         facts = [*_measured(found.known, motion), *_processed(processing)]
-        name = f"Log {place + 1}" if several else "The log"
+        name = f"{kind} {place + 1}" if several else "The log"
         logs.append(LogFacts(name, tuple(facts), tuple(str(one) for one in processing.repairs)))
     return logs
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from seaid.processing import has_holes
 from seaid.sides.found import nominal_values
 
 if TYPE_CHECKING:
@@ -84,7 +85,8 @@ def identification_table(found: Identification) -> str:
 def _processing_text(found: Identification) -> list[str]:
     """Say in one line what was done to the first log, and how many others there are."""
     others = len(found.processing) - 1
-    more = f" (first of {others + 1} logs)" if others > 0 else ""
+    kind = "stretches" if has_holes(found.processing) else "logs"
+    more = f" (first of {others + 1} {kind})" if others > 0 else ""
     return [f"processing{more}: {one}" for one in found.processing[:1]]
 
 

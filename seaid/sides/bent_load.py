@@ -11,7 +11,7 @@ from scipy import linalg
 
 from seaid.arrays import Array, IndexArray
 from seaid.base import base_parameters
-from seaid.drive_signals import motor_regressor, signals
+from seaid.drive_signals import fed_signals, motor_regressor
 from seaid.drivetrain.catalogue import PARAMETERS
 from seaid.drivetrain.model import Drive
 from seaid.drivetrain.regressor import DriveRegressor
@@ -221,7 +221,7 @@ def _search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadFit) -
     rest = [place for place, name in enumerate(rows.names) if name not in own]
     H = of_row[:, None] * rows.H[:, rest]
     norms = np.linalg.norm(H, axis=0)
-    by_motion = [signals(robot, motion, index) for motion in motions]
+    by_motion = [fed_signals(robot, motion, index) for motion in motions]
     return _Search(
         regressor=regressor,
         linear=tuple(n for n in regressor.linear if f"{n} of {joint}" in rows.names),

@@ -10,6 +10,7 @@ import numpy as np
 from seaid.arrays import Array, BoolArray
 from seaid.drive_signals import (
     INPUTS,
+    fed_signals,
     motor_regressor,
     sensed_torque,
     signals,
@@ -43,7 +44,7 @@ def load_columns(
     flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # no copy: so the regressor lies in memory
     places = np.add.outer(known, robot.n * np.array(model.base.columns, dtype=np.intp))
     base = np.take(flat, places.ravel(), axis=1).reshape(len(Y), *places.shape)
-    H = np.concatenate([base, columns[:, :, wanted]], axis=2)
+    H = np.concatenate([base, columns[:, :, wanted]], axis=2) if wanted else base
     torque, carried = _load_targets(robot, motion, model.rows, springs)
     payload = np.zeros_like(torque)
     if np.any(robot.known_parameters):
@@ -105,20 +106,17 @@ def _load_targets(
     start = 0
     for row, joint in enumerate(rows):
         index, drive = robot.index(joint), robot.drivetrains[joint]
-        by_name = signals(robot, motion, index)
-        measured = sensed_torque(robot, motion, index)
         if isinstance(drive, SeriesElasticDrive):
             if joint not in springs:
-                targets[:, row] = measured
+                targets[:, row] = sensed_torque(robot, motion, index)
                 continue
-            zeta, R = spring_regressor(robot, joint).evaluate(by_name)
+            zeta, R = spring_regressor(robot, joint).evaluate(signals(robot, motion, index))
             R = drive.load_radius * R
             targets[:, row] = R @ springs[joint] - drive.load_radius * zeta  # (4b)
             carried[:, row, start : start + R.shape[1]] = R
             start += R.shape[1]
         else:
-            if np.all(np.isnan(by_name["tau_M"])) and drive.motor_input == "torque":
-                by_name["tau_M"] = measured / drive.ratio
+            by_name = fed_signals(robot, motion, index)
             targets[:, row] = drive.ratio * motor_regressor(robot, joint).evaluate(by_name)[0]
             targets[np.isnan(by_name[INPUTS[drive.motor_input]]), row] = np.nan
     missing = [joint for row, joint in enumerate(rows) if np.any(np.isnan(targets[:, row]))]

@@ -14,7 +14,7 @@ import numpy as np
 from seaid.errors import IdentificationError
 from seaid.log import Log
 from seaid.long_log import LongLog, Regress, open_long_log
-from seaid.motion import FEWEST_PERIODS, Motion, reconstruct_motion
+from seaid.motion import FEWEST_PERIODS, SHORTEST_STRETCH, Motion, reconstruct_motions
 from seaid.pass_band import PassBand
 from seaid.processing import Processing
 from seaid.progress import track
@@ -52,21 +52,27 @@ def records_of(
 ) -> list[Record]:
     """Return the motions of all logs in one pass band: the given one, or the narrowest proposed.
 
-    Not narrower, though, than the shortest log allows. The executor reconstructs them, one a task.
+    Not narrower, though, than the shortest log allows. A log with holes in time has one motion for
+    each stretch between them. The executor reconstructs them, one log a task.
     """
-    records = _mapped(partial(_record, robot, cutoff_hz), sources, executor, progress)
+    groups = _mapped(partial(_records, robot, cutoff_hz), sources, executor, progress)
     allowed = [
-        1.001 * FEWEST_PERIODS / (record.time[-1] - record.time[0])
-        for record in records
-        if isinstance(record, Motion) and cutoff_hz is None
+        1.001 * max(FEWEST_PERIODS / sum(lengths), SHORTEST_STRETCH / max(lengths))
+        for group in groups
+        for lengths in [[_duration(record) for record in group]]
+        if cutoff_hz is None and isinstance(group[0], Motion)
     ]
-    common = max([min(record.cutoff_hz for record in records), *allowed])
-    others = [place for place, one in enumerate(records) if one.cutoff_hz != common]
+    common = max([min(group[0].cutoff_hz for group in groups), *allowed])
+    others = [place for place, group in enumerate(groups) if group[0].cutoff_hz != common]
     again = [sources[place] for place in others]
-    redone = _mapped(partial(_record, robot, common), again, executor, progress)
-    for place, record in zip(others, redone, strict=True):
-        records[place] = _in_common(record)
-    return records
+    redone = _mapped(partial(_records, robot, common), again, executor, progress)
+    for place, group in zip(others, redone, strict=True):
+        groups[place] = [_in_common(record) for record in group]
+    return [record for group in groups for record in group]
+
+
+def _duration(record: Record) -> float:
+    return float(record.time[-1] - record.time[0]) if isinstance(record, Motion) else np.inf
 
 
 def _in_common(record: Record) -> Record:
@@ -93,20 +99,23 @@ def rows_of(
     return stacked(_map(partial(_rows, regress), records, executor))
 
 
-def _record(robot: Robot, cutoff_hz: float | None, source: Source) -> Record:
+def _records(robot: Robot, cutoff_hz: float | None, source: Source) -> list[Record]:
+    """Return a log file read in pieces, or the motions between the holes of a log in memory."""
     if isinstance(source, Log):
-        return reconstruct_motion(robot, source, cutoff_hz)
+        return list(reconstruct_motions(robot, source, cutoff_hz))
     if isinstance(source, LongLog):
         if cutoff_hz in (None, source.cutoff_hz):
-            return source
-        return open_long_log(
-            source.path,
-            robot,
-            columns=source.columns,
-            cutoff_hz=cutoff_hz,
-            chunk_samples=source.chunk_samples,
-        )
-    return open_long_log(source, robot, cutoff_hz=cutoff_hz)
+            return [source]
+        return [
+            open_long_log(
+                source.path,
+                robot,
+                columns=source.columns,
+                cutoff_hz=cutoff_hz,
+                chunk_samples=source.chunk_samples,
+            )
+        ]
+    return [open_long_log(source, robot, cutoff_hz=cutoff_hz)]
 
 
 def _rows(regress: Regress, record: Record) -> Regression:

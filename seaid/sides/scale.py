@@ -30,7 +30,7 @@ def check_scale(information: Information) -> None:
         for place, name in enumerate(information.names)
         if name.split(" of ", 1)[0] in CONSTANTS
     }
-    if not places:
+    if not places or not information.count:  # without any row `solve` says so
         return
     R, p = information.weighted_factor(), len(information.names)
     norms = np.linalg.norm(R[:, :p], axis=0)

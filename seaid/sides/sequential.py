@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from scipy import linalg
 
 from seaid.arrays import Array
+from seaid.drive_signals import spring_regressor
 from seaid.estimation.checks import whiteness
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.estimators import Estimator
 from seaid.estimation.information import Information, information_of
 from seaid.estimation.model_checks import ModelChecks, model_checks
-from seaid.estimation.solve import estimate_of, settled_weights
+from seaid.estimation.solve import estimate_of, estimate_of_rows, settled_weights
 from seaid.long_log import LongLog
 from seaid.motion import Motion
 from seaid.progress import track
@@ -29,8 +30,11 @@ from seaid.sides.load_side import load_regression
 from seaid.sides.records import Record, first_motion, rows_of
 from seaid.sides.scale import CONSTANTS, check_scale
 from seaid.sides.spring_torque import both_noisy, noise_ratio, springs_torque_alone
-from seaid.sides.streaming import stream_estimate
+from seaid.sides.streaming import Change, StoredRows, stored_estimate, stored_rows, unchanged
 from seaid.transmission import group_of
+
+_LOAD = ""
+"""Names the load side among equations that are named by their joint."""
 
 _NEEDED = ("stiffness", "deflection_offset", "deflection_zero")
 
@@ -72,24 +76,32 @@ class Regressions:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """An estimate, the information behind it, and the rows if they were kept in memory."""
+    """An estimate, the information behind it, and the rows if they were kept in memory.
+
+    `settled` are the equations' weights (E,) if the estimate was weighted by those that settle.
+    """
 
     estimate: Estimate
     information: Information
     rows: Regression | None
     carried: Array | None
+    settled: Array | None = None
+
+    @cached_property
+    def weights(self) -> Array:
+        """The weights (E,) of the equations that settle, whatever the estimator weighs by."""
+        return settled_weights(self.information) if self.settled is None else self.settled
 
     @property
     def white_covariance(self) -> Array:
         """The covariance (p, p) if the noise of every equation were white."""
-        weights = settled_weights(self.information)
-        return estimate_of(self.information, weights, None, self.carried).covariance
+        return estimate_of(self.information, self.weights, None, self.carried).covariance
 
     def checks(self, joints: Sequence[str], optional: Sequence[str]) -> ModelChecks:
         """Return what speaks for and against the model; `joints` are those of the robot."""
         found = {} if self.rows is None else whiteness(self.rows, self.estimate.values)
         named = {joints[index % len(joints)]: one for index, one in found.items()}
-        return model_checks(self.information, self.estimate, optional, named)
+        return model_checks(self.information, self.estimate, optional, named, self.weights)
 
 
 def fitted(
@@ -99,18 +111,46 @@ def fitted(
     carried: Array | None,
     executor: Executor | None,
 ) -> Fit:
-    """Return the fit of the rows of all records: in memory, or streamed where all are long logs."""
-    long_logs = [record for record in records if isinstance(record, LongLog)]
-    if len(long_logs) == len(records) and executor is None and estimator.weigh is not None:
-        estimate, information = stream_estimate(long_logs, regress, estimator.weigh, carried)
-        check_scale(information)
-        return Fit(estimate, information, None, carried)
+    """Return the fit of the rows of all records: in memory, or streamed where all are long logs.
+
+    The weights of the equations are settled once, and handed on with the fit.
+    """
+    long_logs = _streamed(records, estimator, executor)
+    if long_logs:
+        with stored_rows(long_logs, {"": regress}) as stored:
+            return _fitted_to(stored[""], estimator, carried)
     rows = rows_of(records, regress, executor)
+    if estimator.weigh is not None:
+        information = information_of(rows)
+        check_scale(information)
+        weights = estimator.weigh(information)
+        estimate = estimate_of_rows(rows, information, weights, carried)
+        settled = weights if estimator.weigh is settled_weights else None
+        return Fit(estimate, information, rows, carried, settled)
     if any(name.split(" of ")[0] in CONSTANTS for name in rows.names):
         check_scale(information_of(rows))
     estimate = estimator.solve(rows, carried)
     seen = estimator.seen(rows, estimate)
     return Fit(estimate, information_of(seen), seen, carried)
+
+
+def _streamed(
+    records: Sequence[Record], estimator: Estimator, executor: Executor | None
+) -> list[LongLog]:
+    """Return the long logs if the records are nothing else and can be streamed, otherwise none."""
+    long_logs = [record for record in records if isinstance(record, LongLog)]
+    streamed = len(long_logs) == len(records) and executor is None and estimator.weigh is not None
+    return long_logs if streamed else []
+
+
+def _fitted_to(
+    stored: StoredRows, estimator: Estimator, carried: Array | None, change: Change = unchanged
+) -> Fit:
+    """Return the fit of stored rows."""
+    weigh = estimator.weigh or settled_weights
+    estimate, information = stored_estimate(stored, weigh, carried, change)
+    check_scale(information)
+    return Fit(estimate, information, None, carried)
 
 
 def sequential_sides(
@@ -129,22 +169,35 @@ def sequential_sides(
     ones.
     """
     drives, checks, left_out = {}, {}, {}
-    for joint in track(robot.elastic_joints, "actuator side", progress):
-        regress = partial(_of_actuator, robot, regressions, joint)
-        fit = fitted(records, regress, estimator, None, executor)
-        if fit.rows is not None and estimator.weigh and springs_torque_alone(robot, records, joint):
-            noisy = both_noisy(fit.rows, noise_ratio(robot, records, joint))
-            fit = replace(fit, estimate=noisy)
-        drives[joint] = with_flags(fit.estimate, joint, fit.information)
-        optional = [name for name in fit.estimate.names if name not in _NEEDED]
-        checks[joint] = fit.checks(robot.joint_names, optional)
-        left_out[joint] = fit.information.left_out
-    sprung_joints = sprung(robot, records, model)
-    springs = {joint: spring_of(robot, drives[joint], joint) for joint in sprung_joints}
-    for _ in track([0], "load side", progress):
-        load = _load_side(
-            robot, records, model, springs, estimator, joint_zero_std, executor, regressions
-        )
+    joints = sprung(robot, records, model)
+    equations = {
+        joint: partial(_of_actuator, robot, regressions, joint) for joint in robot.elastic_joints
+    }
+    long_logs = _streamed(records, estimator, executor)
+    unloaded = partial(_of_load, robot, regressions, model, _without_torque(robot, joints))
+    with stored_rows(long_logs, {**equations, _LOAD: unloaded} if long_logs else {}) as stored:
+        for joint, regress in track(list(equations.items()), "actuator side", progress):
+            if stored:
+                fit = _fitted_to(stored[joint], estimator, None)
+            else:
+                fit = fitted(records, regress, estimator, None, executor)
+                if (
+                    estimator.weigh
+                    and springs_torque_alone(robot, records, joint)
+                    and fit.rows is not None
+                ):
+                    noisy = both_noisy(fit.rows, noise_ratio(robot, records, joint))
+                    fit = replace(fit, estimate=noisy)
+            drives[joint] = with_flags(fit.estimate, joint, fit.information)
+            optional = [name for name in fit.estimate.names if name not in _NEEDED]
+            checks[joint] = fit.checks(robot.joint_names, optional)
+            left_out[joint] = fit.information.left_out
+        springs = {joint: spring_of(robot, drives[joint], joint) for joint in joints}
+        for _ in track([0], "load side", progress):
+            load = _load_side(
+                *(robot, records, model, springs, estimator),
+                *(joint_zero_std, executor, regressions, stored.get(_LOAD)),
+            )
     base, beside = split_load_side(model, load.estimate)
     found = joined(drives, beside)
     return Sides(
@@ -198,18 +251,39 @@ def _load_side(
     joint_zero_std: float,
     executor: Executor | None,
     regressions: Regressions,
+    stored: StoredRows | None,
 ) -> Fit:
-    """Fit (8), with the uncertainty of springs and zeros."""
+    """Fit (8), with the uncertainty of springs and zeros; of `stored` rows without the springs."""
     values = {joint: spring.values for joint, spring in springs.items()}
     covariances = [spring.covariance for spring in springs.values()]
     regress: Callable[[Motion], Regression]
     regress = partial(_of_load, robot, regressions, model, values)
+    sprung_rows = partial(_with_torque, values)
     if joint_zero_std > 0:
-        theta = fitted(records, regress, estimator, None, executor).estimate.values
+        theta = (
+            _fitted_to(stored, estimator, None, sprung_rows)
+            if stored
+            else fitted(records, regress, estimator, None, executor)
+        ).estimate.values
+        stored = None
         regress = partial(_with_zeros, robot, regressions, model, values, theta)
         covariances.append(joint_zero_std**2 * np.eye(robot.n))
     carried = linalg.block_diag(*covariances) if covariances else None
+    if stored:
+        return _fitted_to(stored, estimator, carried, sprung_rows)
     return fitted(records, regress, estimator, carried, executor)
+
+
+def _without_torque(robot: Robot, joints: Sequence[str]) -> dict[str, Array]:
+    """Return springs {joint: stiffness and offset} that have no force, for rows before a fit."""
+    return {joint: np.zeros(len(spring_regressor(robot, joint).names)) for joint in joints}
+
+
+def _with_torque(springs: Mapping[str, Array], rows: Regression) -> Regression:
+    """Return rows of the load side made without the springs' force as they are with it, by (4b)."""
+    if not springs:
+        return rows
+    return replace(rows, y=rows.y + rows.carried @ np.concatenate(list(springs.values())))
 
 
 def _of_actuator(robot: Robot, regressions: Regressions, joint: str, motion: Motion) -> Regression:

@@ -1,16 +1,23 @@
-"""Estimates from logs that do not fit into memory: rows piece by piece, information, estimate."""
+"""Estimates from logs that do not fit into memory: rows piece by piece, information, estimate.
+
+Each piece of a log is read and reconstructed once for all equations asked for; their rows, a small
+part of the log, wait for the parameters in temporary files, since the covariance needs residuals.
+"""
 
 from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from itertools import groupby
 from typing import IO
 
 import numpy as np
 
 from seaid.arrays import Array
+from seaid.errors import LogError
 from seaid.estimation.covariance import at_slots, long_run, slots
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.information import Information, combined, information_of
@@ -19,6 +26,14 @@ from seaid.long_log import LongLog, Regress
 from seaid.regression import Regression
 
 Weigh = Callable[[Information], Array]
+Change = Callable[[Regression], Regression]
+
+_ARRAYS = ("H", "y", "joint", "time", "run", "carried")
+
+
+def unchanged(rows: Regression) -> Regression:
+    """Return rows as they are."""
+    return rows
 
 
 def stream_information(logs: Sequence[LongLog], regress: Regress) -> Information:
@@ -40,71 +55,115 @@ def stream_estimate(
     """Return estimate and information of long logs; the covariance is that of all rows in memory.
 
     `weigh` gives the weights of the equations (`settled_weights` or `equal_weights`), `carried` as
-    in `ordinary`. Each log is read once; its rows wait for the parameters in a temporary file,
-    because the covariance needs their residuals. Raises as `stream_information` and `ordinary` do.
+    in `ordinary`. Each log is read once. Raises as `stream_information` and `ordinary` do.
     """
-    with tempfile.TemporaryFile() as spool:
-        spans = [_Span() for _ in logs]
-        information = combined(
-            information_of(rows)
-            for log, span in zip(logs, spans, strict=True)
-            for rows in _kept(spool, log.regressions(regress), span)
+    with stored_rows(logs, {"": regress}) as stored:
+        return stored_estimate(stored[""], weigh, carried)
+
+
+@dataclass(eq=False)
+class StoredRows:
+    """Rows of one equation of several long logs, in a file, piece by piece.
+
+    `parts` are the regressions without their rows, each with the number of its log; `spans` {log:
+    first and last instant [s]} of its rows, `steps_s` (logs,) the times between them.
+    """
+
+    file: IO[bytes]
+    steps_s: tuple[float, ...]
+    parts: list[tuple[int, Regression]] = field(default_factory=list)
+    spans: dict[int, tuple[float, float]] = field(default_factory=dict)
+
+    def add(self, log: int, rows: Regression) -> None:
+        """Put the next piece of a log into the file."""
+        for name in _ARRAYS:
+            np.save(self.file, getattr(rows, name), allow_pickle=False)
+        self.parts.append(
+            (log, replace(rows, **{name: getattr(rows, name)[:0] for name in _ARRAYS}))
         )
-        weights = weigh(information)
-        theta = solve(information, weights).values
-        spool.seek(0)
-        told = [
-            (span, log.step_s) for log, span in zip(logs, spans, strict=True) if span.regressions
-        ]
-        scores = (
-            _scores(
-                spool, span, step_s, lambda rows: score_factors(rows, information, weights, theta)
-            )
-            for span, step_s in told
-        )
-        instants = sum(round((span.end_s - span.start_s) / step_s) + 1 for span, step_s in told)
-        return estimate_of(information, weights, long_run(scores, instants), carried), information
-
-
-@dataclass
-class _Span:
-    """How many regressions of a log wait in the file, one of them, and when their rows are."""
-
-    regressions: int = 0
-    like: Regression | None = None
-    start_s: float = math.inf
-    end_s: float = -math.inf
-
-
-def _kept(spool: IO[bytes], parts: Iterable[Regression], span: _Span) -> Iterator[Regression]:
-    """Yield regressions and put those that have rows into the file, too."""
-    for rows in parts:
         if len(rows.y):
-            table = np.column_stack([rows.H, rows.y, rows.joint, rows.time, rows.run, rows.carried])
-            np.save(spool, table, allow_pickle=False)
-            span.like = rows
-            span.regressions += 1
-            span.start_s = min(span.start_s, float(np.min(rows.time)))
-            span.end_s = max(span.end_s, float(np.max(rows.time)))
-        yield rows
+            start, end = self.spans.get(log, (math.inf, -math.inf))
+            times = float(np.min(rows.time)), float(np.max(rows.time))
+            self.spans[log] = min(start, times[0]), max(end, times[1])
+
+    def pieces(self, change: Change) -> Iterator[tuple[int, Regression]]:
+        """Yield the number of the log and the rows of every piece, as `change` makes them."""
+        self.file.seek(0)
+        for log, part in self.parts:
+            arrays = {name: np.load(self.file, allow_pickle=False) for name in _ARRAYS}
+            yield log, change(replace(part, **arrays))
+
+
+@contextmanager
+def stored_rows(
+    logs: Sequence[LongLog], equations: Mapping[str, Regress]
+) -> Iterator[dict[str, StoredRows]]:
+    """Give the rows of several equations {name: what makes them of a motion}, each log read once.
+
+    Raises LogError where the temporary folder has no room for them.
+    """
+    steps = tuple(log.step_s for log in logs)
+    with ExitStack() as files:
+        with _room_needed():
+            stored = {
+                name: StoredRows(files.enter_context(tempfile.TemporaryFile()), steps)
+                for name in equations
+            }
+        for number, log in enumerate(logs):
+            for name, rows in log.all_regressions(equations):
+                with _room_needed():
+                    stored[name].add(number, rows)
+        yield stored
+
+
+@contextmanager
+def _room_needed() -> Iterator[None]:
+    try:
+        yield
+    except OSError as problem:
+        raise LogError(
+            f"the rows of a long log cannot be kept in a temporary file ({problem}): make room in "
+            "the folder for them, or set TMPDIR to another one"
+        ) from None
+
+
+def stored_estimate(
+    stored: StoredRows,
+    weigh: Weigh,
+    carried: Array | None = None,
+    change: Change = unchanged,
+) -> tuple[Estimate, Information]:
+    """Return estimate and information of stored rows, as `stream_estimate`.
+
+    `change` makes the rows out of those that were stored, with the same instants.
+    """
+    information = combined(information_of(rows) for _, rows in stored.pieces(change))
+    weights = weigh(information)
+    theta = solve(information, weights).values
+
+    def factors(rows: Regression) -> Array:
+        return score_factors(rows, information, weights, theta)
+
+    pieces = ((log, rows) for log, rows in stored.pieces(change) if len(rows.y))
+    scores = (
+        _scores((rows for _, rows in mine), stored.spans[log][0], stored.steps_s[log], factors)
+        for log, mine in groupby(pieces, key=lambda piece: piece[0])
+    )
+    instants = sum(
+        round((end - start) / stored.steps_s[log]) + 1 for log, (start, end) in stored.spans.items()
+    )
+    return estimate_of(information, weights, long_run(scores, instants), carried), information
 
 
 def _scores(
-    spool: IO[bytes], span: _Span, step_s: float, factors: Callable[[Regression], Array]
+    pieces: Iterable[Regression],
+    start_s: float,
+    step_s: float,
+    factors: Callable[[Regression], Array],
 ) -> Iterator[Array]:
     """Yield the scores (T, p) of the regressions of a log by instant, one after the other."""
     done = 0
-    for _ in range(span.regressions):
-        rows = _regression(np.load(spool, allow_pickle=False), span.like)
-        summed = at_slots(rows.H, factors(rows), slots(rows.time, span.start_s, step_s) - done)
+    for rows in pieces:
+        summed = at_slots(rows.H, factors(rows), slots(rows.time, start_s, step_s) - done)
         done += len(summed)
         yield summed
-
-
-def _regression(table: Array, like: Regression | None) -> Regression:
-    """Return the regression whose columns wait in the file; `like` is one of the same log."""
-    assert like is not None
-    p = len(like.names)
-    H, y, joint, time, run, carried = np.split(table, [p, p + 1, p + 2, p + 3, p + 4], axis=1)
-    y, joint, time, run = (column[:, 0] for column in (y, joint, time, run))
-    return replace(like, H=H, y=y, joint=joint, time=time, run=run, carried=carried)

@@ -1,0 +1,63 @@
+"""Weights of equations by cheap turns: their residuals are those of the whole solution."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from seaid.arrays import Array
+from seaid.estimation.information import Information, information_of
+from seaid.estimation.solve import equal_weights, settled_weights, solve
+from seaid.estimation.weighting import orthonormal
+from seaid.regression import Regression
+
+
+def information(seed: int, badly: float = 1.0) -> Information:
+    """Return what four equations of 40 rows tell of six columns; the noise of each is its own."""
+    rng = np.random.default_rng(seed)
+    joint = np.repeat(np.arange(4), 40)
+    H = rng.normal(size=(160, 6)) * np.logspace(0, 6, 6)
+    H[:, 5] = 1e6 * H[:, 0] + badly * rng.normal(size=160)
+    noise = np.array([0.1, 1.0, 10.0, 300.0])[joint] * rng.normal(size=160)
+    return information_of(
+        Regression(
+            names=tuple("abcdef"),
+            units=("",) * 6,
+            H=H,
+            y=H @ rng.normal(size=6) / np.logspace(0, 6, 6).sum() + noise,
+            joint=joint.astype(float),
+            time=np.tile(np.arange(40) * 0.1, 4),
+            run=np.zeros(160),
+            left_out=0,
+            carried=np.empty((160, 0)),
+        )
+    )
+
+
+def weights_one_by_one(found: Information) -> Array:
+    weights = equal_weights(found)
+    for _ in range(1000):
+        std = found.residual_norms(solve(found, weights).values) / np.sqrt(found.counts)
+        new = np.max(std) / std
+        if np.allclose(new, weights, rtol=1e-6):
+            return new
+        weights = new
+    raise AssertionError("not settled")
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("badly", [1e6, 1.0])
+def test_residuals_are_those_of_the_whole_solution(seed: int, badly: float) -> None:
+    found = information(seed, badly)
+    cheap = orthonormal(found, solve(found, equal_weights(found)).values)
+    assert np.sum(cheap.products, axis=0) == pytest.approx(np.eye(6), abs=1e-8)
+    weights = np.random.default_rng(seed).uniform(1, 1000, 4)
+    norms = cheap.residual_norms(weights)
+    assert norms == pytest.approx(found.residual_norms(solve(found, weights).values), rel=1e-8)
+    assert cheap.residual_norms(np.array([1.0, 1.0, 1.0, 1e5])) is None
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_weights_settle_where_they_did(seed: int) -> None:
+    found = information(seed)
+    assert settled_weights(found) == pytest.approx(weights_one_by_one(found), rel=1e-8)
