@@ -11,6 +11,7 @@ folder, each with its files and what was said. Targets and mutators stand in `te
 from __future__ import annotations
 
 import argparse
+import faulthandler
 import multiprocessing
 import os
 import queue
@@ -34,7 +35,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from seaid.files import result_folder
 from seaid.progress import track
 from tests.fuzz import seeds
-from tests.fuzz.targets import TARGETS, Outcome, run_case
+from tests.fuzz.targets import TARGETS, LawError, Outcome, run_case
 
 MEMORY_BYTES = 4 * 10**9
 SECONDS = 20.0
@@ -71,6 +72,7 @@ def work(pipe: Connection, folder: Path) -> None:
     said = os.open(folder / "said.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND)
     for stream in (1, 2):  # readers in C++ write there
         os.dup2(said, stream)
+    faulthandler.enable()
     seeds.make_all()
     in_use = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (in_use + MEMORY_BYTES,) * 2)
@@ -82,8 +84,10 @@ def work(pipe: Connection, folder: Path) -> None:
         shutil.rmtree(folder / "case", ignore_errors=True)
         (folder / "case").mkdir()
         start = time.perf_counter()
+        faulthandler.dump_traceback_later(SECONDS - 1.0)  # what took so long
         outcome = run_case(name, seed, folder / "case")
         seconds = time.perf_counter() - start
+        faulthandler.cancel_dump_traceback_later()
         if outcome.problem is not None:
             traceback.print_exception(outcome.problem)
         pipe.send(Result(outcome.kind, cause_of(outcome), seconds))
@@ -96,7 +100,8 @@ def cause_of(outcome: Outcome) -> str:
     frames = traceback.extract_tb(outcome.problem.__traceback__ if outcome.problem else None)
     own = [one for one in frames if "/seaid/" in one.filename] or frames
     place = f" at {Path(own[-1].filename).name}:{own[-1].lineno}" if own else ""
-    return f"{type(outcome.problem).__name__}{place}"
+    what = f" ({outcome.problem})" if isinstance(outcome.problem, LawError) else ""
+    return f"{type(outcome.problem).__name__}{what}{place}"
 
 
 class Child:

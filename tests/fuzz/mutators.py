@@ -159,7 +159,7 @@ def _inserted(rng: Random, text: str) -> str:
 _number = _replaced(r"-?\d+(\.\d*)?([eE][-+]?\d+)?", NUMBERS)
 _word = _replaced(r"[A-Za-z_]{2,}", NAMES)
 TEXTS: tuple[Way[str], ...] = (_number, _number, _word, _lines, _inserted)
-_CODINGS = ("utf-8",) * 12 + ("utf-16", "latin-1", "utf-8-sig")
+_CODINGS = ("utf-8",) * 40 + ("utf-16", "latin-1", "utf-8-sig")
 
 
 def damaged_text(rng: Random, text: str) -> bytes:
@@ -191,15 +191,16 @@ def damaged_tree(rng: Random, tree: Any, more: tuple[Any, ...] = ()) -> Any:
         if not (places := _places(tree)):
             return tree
         place, key = rng.choice(places)
-        other, other_key = rng.choice(places)
-        way = rng.randrange(9)
+        alike = [one for one in places if type(one[0][one[1]]) is type(place[key])]
+        other, other_key = rng.choice(rng.choice((places, alike, alike)))
+        way = rng.randrange(10)
         if way == 0:
             del place[key]
         elif way == 1 and isinstance(place, dict):
             place[rng.choice((*NAMES, str(other_key)))] = place.pop(key)
-        elif way == 2:
+        elif way in (2, 3):
             place[key] = copy.deepcopy(other[other_key])
-        elif way == 3:
+        elif way == 4:
             place[key] = rng.choice(([place[key]], [place[key]] * 3, {"a": place[key]}))
         elif way >= 6 and isinstance(place[key], float):
             place[key] *= rng.choice((-1.0, 0.0, 1e-300, 1e-9, 1e-3, 0.3, 3.0, 1e3, 1e9, 1e150))

@@ -50,6 +50,7 @@ DRIVES: dict[str, Any] = {
         "spring": ["linear", "cubic", "damping"],
         "joint_friction": ["viscous"],
         "stribeck_speed_rad_per_s": 4.0,
+        "load_friction": 0.05,
         "extra_terms": ["c*theta_M_dot**3"],
     },
     "telescope": {

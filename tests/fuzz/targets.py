@@ -88,7 +88,7 @@ def run_case(name: str, seed: int, folder: Path) -> Outcome:
         except SeaidError as problem:
             if len(str(problem)) <= LONGEST_MESSAGE:
                 return Outcome("refused", problem)
-            return Outcome("exception", LawError(f"a message of {len(str(problem))} characters"))
+            return Outcome("exception", LawError("a message too long").with_traceback(problem.__traceback__))
         except MemoryError as problem:
             return Outcome("memory", problem)
         except (Exception, SystemExit) as problem:  # whatever is not ours is what is looked for
@@ -127,7 +127,8 @@ def drives(rng: Random, folder: Path) -> Check:
         again = read_drivetrains(folder / "again.toml")
         law(all(robot.drivetrains[one] == drive for one, drive in again.items()), "drives differ")
         for joint in robot.elastic_joints:
-            actuator_regression(robot, seeds.motion(), joint)
+            with suppress(SeaidError):
+                actuator_regression(robot, seeds.motion(), joint)
 
     return check
 
@@ -144,21 +145,21 @@ def parameters(rng: Random, folder: Path) -> Check:
 
 
 def _export(robot: Robot, folder: Path) -> None:
-    """Write a robot as URDF and MJCF, and read both again."""
+    """Write a robot as URDF and MJCF; what was written without force must be the same again."""
     law(bool(np.all(np.isfinite(robot.parameters))), "parameters are not finite")
-    try:
-        written = seaid.write_urdf(robot, folder / "out" / "robot.urdf", force=True)
-    except RobotError:
-        pass
-    else:
-        again = seaid.load_robot(written.urdf, written.drivetrains)
-        law(again.joint_names == robot.joint_names, "joints of the written URDF differ")
-        size = np.max(np.abs(robot.parameters))
-        same = np.allclose(again.parameters, robot.parameters, rtol=1e-9, atol=1e-9 * size)
-        law(same, "parameters of the written URDF differ")
-        law(again.drivetrains == robot.drivetrains, "drives of the written URDF differ")
     with suppress(RobotError):
-        etree.parse(seaid.write_mjcf(robot, folder / "out" / "robot.xml").path)
+        seaid.write_urdf(robot, folder / "forced" / "robot.urdf", force=True)
+        seaid.write_mjcf(robot, folder / "forced" / "robot.xml", force=True)
+    written = seaid.write_urdf(robot, folder / "out" / "robot.urdf")
+    try:
+        again = seaid.load_robot(written.urdf, written.drivetrains, joints=robot.joint_names)
+    except SeaidError as problem:
+        raise LawError("the written URDF does not load") from problem
+    size = float(np.max(np.abs(robot.parameters)))
+    same = np.allclose(again.parameters, robot.parameters, rtol=1e-9, atol=1e-9 * size)
+    law(same, "parameters of the written URDF differ")
+    law(again.drivetrains == robot.drivetrains, "drives of the written URDF differ")
+    etree.parse(seaid.write_mjcf(robot, folder / "out" / "robot.xml").path)
 
 
 # Scenes
@@ -170,7 +171,8 @@ def scene(rng: Random, folder: Path) -> Check:
     (folder / "part.stl").write_bytes(seeds.mesh("stl"))
     (folder / "robot.urdf").write_bytes(damaged_xml(rng, text))
     (folder / "robot.srdf").write_bytes(damaged_xml(rng, seeds.SRDF))
-    box = damaged_tree(rng, {"center": [1.0, 0.0, 0.0], "size": [0.1, 0.1, 0.1], "name": "box"})
+    place, size, turn, name = [1.0, 0.0, 0.0], [0.1, 0.1, 0.1], [0.0, 0.3, 0.0], rng.choice(NAMES)
+    box = [*damaged_tree(rng, [place, size, turn]), name][:4]
     pairs = damaged_tree(rng, [["ground", "lower"]])
     return lambda: _scene(
         folder,
@@ -194,7 +196,7 @@ def mesh(rng: Random, folder: Path) -> Check:
 def _scene(folder: Path, srdf: Path | None, box: Any, pairs: Any) -> None:
     path = folder / "robot.urdf"
     robot = seaid.load_robot(path)
-    keep_out = [] if box is None else [seaid.Box(**{"center": (), "size": (), **box})]
+    keep_out = [] if box is None else [seaid.Box(*box)]
     found = seaid.load_scene(path, robot, keep_out=keep_out, disabled_pairs=pairs, srdf=srdf)
     law(len(found.pairs) > 0, "nothing is watched")
 
@@ -403,7 +405,8 @@ def _read_every_way(path: Path, robot: Robot, description: Any) -> None:
             way()
         except SeaidError as problem:
             refusals.append(problem)
-            law(len(str(problem)) <= LONGEST_MESSAGE, f"a message of {len(str(problem))} characters")
+            if len(str(problem)) > LONGEST_MESSAGE:
+                raise
     if len(refusals) == len(ways):
         raise refusals[-1]
 
@@ -431,18 +434,23 @@ def identify(rng: Random, folder: Path) -> Check:
     columns = {"time_s": seeds.log().time, **seeds.log().columns()}
     columns = damaged_samples(rng, columns)
     mended = rng.random() < 0.3
-    options = {
-        "sides": rng.choice(("sequential", "sequential", "joint")),
-        "estimator": rng.choice(("ols", "wls", "wls", "huber", "tukey", "iv")),
-        "feasible": rng.random() < 0.3,
-        "cutoff_hz": rng.choice((None, None, None, 5.0, 1e-3, 1e9, 124.9, float("nan"), -1.0)),
-        "joint_zero_std": rng.choice((0.0, 0.0, 1e-3, 1e200, float("nan"), -1.0)),
-        "rows": rng.choice((None, None, None, ("wrist",), (), ("rail", "rail"), ("θ",))),
-    }
+    options: dict[str, Any] = {"feasible": rng.random() < 0.3}
+    options["sides"] = rng.choice(("sequential", "sequential", "joint"))
+    ways = ("ols", "wls", "huber", "tukey", *(("iv",) if options["sides"] == "sequential" else ()))
+    options["estimator"] = rng.choice(ways)
+    if rng.random() < 0.3:
+        odd = {
+            "cutoff_hz": (5.0, 40.0, 1e-3, 1e9, 124.9, float("nan"), -1.0),
+            "joint_zero_std": (1e-3, 1e200, float("nan"), -1.0),
+            "rows": (("wrist",), ("telescope", "rail"), (), ("rail", "rail"), ("θ",)),
+            "estimator": ("", "IV"),
+        }
+        key = rng.choice(list(odd))
+        options[key] = rng.choice(odd[key])
 
     def check() -> None:
         log = _log_of(robot, columns, mended)
-        found = seaid.identify(robot.without_nominal(), log, **options)  # type: ignore[arg-type]
+        found = seaid.identify(robot.without_nominal(), log, **options)
         for one in (found.load, *found.drivetrains.values()):
             law(bool(np.all(np.isfinite(one.values))), "estimates are not finite")
             law(not np.any(one.standard_errors < 0), "a standard error is negative")
@@ -450,7 +458,8 @@ def identify(rng: Random, folder: Path) -> Check:
         found.save(folder / "parameters.json")
         again = seaid.read_parameters(folder / "parameters.json", robot)
         law(np.array_equal(again.parameters, found.robot.parameters), "parameters read otherwise")
-        _export(found.robot, folder)
+        with suppress(RobotError):  # bodies as estimated need not be possible
+            _export(found.robot, folder)
 
     return check
 
