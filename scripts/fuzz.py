@@ -23,7 +23,7 @@ import tempfile
 import time
 import traceback
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -64,6 +64,10 @@ class Result:
     kind: str
     cause: str
     seconds: float
+
+
+_TOO_LONG = Result("time", "", SECONDS)
+Work = Callable[[Connection, Path], None]
 
 
 def work(pipe: Connection, folder: Path) -> None:
@@ -107,8 +111,8 @@ def cause_of(outcome: Outcome) -> str:
 class Child:
     """A child process that runs one case after another; another takes its place when it ends."""
 
-    def __init__(self, folder: Path, output: Path) -> None:
-        self.folder, self.output = folder, output
+    def __init__(self, folder: Path, output: Path, work: Work = work, seconds: float = SECONDS):
+        self.folder, self.output, self.work, self.seconds = folder, output, work, seconds
         self.folder.mkdir(parents=True)
         self.kept: Counter[tuple[str, str]] = Counter()
         self.start()
@@ -117,7 +121,7 @@ class Child:
         """Start the process, and wait until it is ready."""
         self.pipe, theirs = multiprocessing.Pipe()
         spawn = multiprocessing.get_context("spawn")
-        self.process = spawn.Process(target=work, args=(theirs, self.folder))
+        self.process = spawn.Process(target=self.work, args=(theirs, self.folder))
         self.process.start()
         theirs.close()
         if not self.pipe.poll(_START_SECONDS):
@@ -138,7 +142,7 @@ class Child:
         self.pipe.send(case)
         result = None
         with suppress(EOFError, ConnectionResetError):
-            result = self.pipe.recv() if self.pipe.poll(SECONDS) else Result("time", "", SECONDS)
+            result = self.pipe.recv() if self.pipe.poll(self.seconds) else _TOO_LONG
         ended = result is None or result.kind == "time"
         if ended:
             code = self.end()

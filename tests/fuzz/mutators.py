@@ -21,7 +21,20 @@ Columns = dict[str, Any]
 
 NUMBERS = (
     *("0", "-0.0", "-1", "1", "3", "1e-320", "1e-12", "1e12", "1e155", "-1e200", "1e308", "1e309"),
-    *("nan", "NaN", "inf", "-Infinity", "9" * 400, "9" * 5000, "0x10", "1_0", "١", "1,5", "", "true"),
+    *(
+        "nan",
+        "NaN",
+        "inf",
+        "-Infinity",
+        "9" * 400,
+        "9" * 5000,
+        "0x10",
+        "1_0",
+        "١",
+        "1,5",
+        "",
+        "true",
+    ),
 )
 NAMES = (
     *("", " ", ".", "..", "a.b", "a[0]", "a[-1]", "q[99999999999999999999]", "time_s", "type"),
@@ -42,7 +55,21 @@ VALUES: tuple[Any, ...] = (
     *(True, False, None, "", [], {}, [[]], [0.0] * 3, [1e308, -1e308], ["a", 1, None], {"a": {}}),
     *(2**63, -(2**63) - 1, 2**31, "0", "1.0", "linear", "viscous", [[1, 2], [3]], {"": 0}),
 )
-INTEGERS = (0, 1, 2, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 2**31 - 1, 2**31, 2**32 - 1, 2**63, 2**64 - 1)
+INTEGERS = (
+    0,
+    1,
+    2,
+    0x7F,
+    0x80,
+    0xFF,
+    0x7FFF,
+    0xFFFF,
+    2**31 - 1,
+    2**31,
+    2**32 - 1,
+    2**63,
+    2**64 - 1,
+)
 
 
 def damaged(rng: Random, value: T, ways: tuple[Way[T], ...]) -> T:
@@ -152,7 +179,19 @@ def _lines(rng: Random, text: str) -> str:
 
 def _inserted(rng: Random, text: str) -> str:
     place = rng.randrange(len(text) + 1)
-    marks = ("[" * 3000, "{" * 3000, '{"a":' * 3000, '"', "'", "\x00", "\n", ",", "=", "]", "\ufeff")
+    marks = (
+        "[" * 3000,
+        "{" * 3000,
+        '{"a":' * 3000,
+        '"',
+        "'",
+        "\x00",
+        "\n",
+        ",",
+        "=",
+        "]",
+        "\ufeff",
+    )
     return text[:place] + rng.choice((*marks, *NUMBERS)) + text[place:]
 
 
@@ -180,7 +219,9 @@ def encoded(rng: Random, text: str) -> bytes:
 
 def _places(tree: Any) -> list[tuple[Any, Any]]:
     """Return all (mapping, key) and (list, index) of a tree."""
-    own = list(tree) if isinstance(tree, dict) else range(len(tree) if isinstance(tree, list) else 0)
+    own = (
+        list(tree) if isinstance(tree, dict) else range(len(tree) if isinstance(tree, list) else 0)
+    )
     return [pair for key in own for pair in ((tree, key), *_places(tree[key]))]
 
 
@@ -274,7 +315,12 @@ def _other_type(rng: Random, values: Any) -> Any:
 def _other_shape(rng: Random, values: Any) -> Any:
     count = len(values)
     shapes = [values[:0], values[:1], values[: count // 2], np.repeat(values, 2), values[::-1]]
-    shapes += [values[:, None], np.stack([values] * 3, axis=1), np.array(1.0), values[None, :, None]]
+    shapes += [
+        values[:, None],
+        np.stack([values] * 3, axis=1),
+        np.array(1.0),
+        values[None, :, None],
+    ]
     return rng.choice(shapes)
 
 

@@ -88,7 +88,9 @@ def run_case(name: str, seed: int, folder: Path) -> Outcome:
         except SeaidError as problem:
             if len(str(problem)) <= LONGEST_MESSAGE:
                 return Outcome("refused", problem)
-            return Outcome("exception", LawError("a message too long").with_traceback(problem.__traceback__))
+            return Outcome(
+                "exception", LawError("a message too long").with_traceback(problem.__traceback__)
+            )
         except MemoryError as problem:
             return Outcome("memory", problem)
         except (Exception, SystemExit) as problem:  # whatever is not ours is what is looked for
@@ -307,7 +309,9 @@ def parquet_log(rng: Random, folder: Path) -> Check:
             key = name.encode("utf-8", "replace").decode()
             found[key] = arrow.array(np.ravel(np.asarray(values))[:count])
     file = io.BytesIO()
-    parquet.write_table(arrow.table(found), file, compression=rng.choice(("none", "snappy", "zstd")))
+    parquet.write_table(
+        arrow.table(found), file, compression=rng.choice(("none", "snappy", "zstd"))
+    )
     content = file.getvalue()
     content = damaged_bytes(rng, content) if rng.random() < 0.7 else content
     return _log_check(rng, folder, "log.parquet", content)
@@ -344,7 +348,9 @@ def _damage_entry(rng: Random, path: Path) -> None:
         else:
             (data,) = connection.execute("SELECT data FROM messages WHERE id = 7").fetchone()
             rows = rng.choice(("id = 7", "id > 5", "id = 1", "1"))
-            connection.execute(f"UPDATE messages SET data = ? WHERE {rows}", (damaged_bytes(rng, data),))
+            connection.execute(
+                f"UPDATE messages SET data = ? WHERE {rows}", (damaged_bytes(rng, data),)
+            )
     connection.close()
 
 
@@ -499,7 +505,18 @@ def command(rng: Random, folder: Path) -> Check:
     for name, content in files.items():
         (folder / name).write_bytes(content)
     words = rng.choice(_COMMANDS).split()
-    odd = ["", "/dev/null", "/dev/full", "/", ".", "no/such", "\udcff.npz", "--json", "--force", "-o"]
+    odd = [
+        "",
+        "/dev/null",
+        "/dev/full",
+        "/",
+        ".",
+        "no/such",
+        "\udcff.npz",
+        "--json",
+        "--force",
+        "-o",
+    ]
     pool = [*files, *odd, *NAMES[:-1], *NUMBERS, "rail=1", "wrist=nan", "tool:1:0,0,0", "tool:-1:x"]
     for _ in range(rng.randint(0, 3)):
         place = rng.randrange(len(words) + 1)
@@ -541,7 +558,9 @@ def _toml(rng: Random, tree: Any) -> bytes:
     def plain(one: Any) -> Any:
         if isinstance(one, dict):
             return {str(key): plain(value) for key, value in one.items()}
-        return [plain(each) for each in one] if isinstance(one, list) else "" if one is None else one
+        return (
+            [plain(each) for each in one] if isinstance(one, list) else "" if one is None else one
+        )
 
     return encoded(rng, tomli_w.dumps(plain(tree if isinstance(tree, dict) else {"a": tree})))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import random
 import resource
 import signal
 import subprocess
@@ -125,7 +124,9 @@ def test_names_that_no_file_has_are_refused(tmp_path: Path, reader: str, name: s
 def bomb_entities(path: Path) -> None:
     lines = ['<!ENTITY a0 "ha">']
     lines += [f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 12)]
-    path.write_text(f'<!DOCTYPE robot [{"".join(lines)}]><robot name="&a11;"><link name="b"/></robot>')
+    path.write_text(
+        f'<!DOCTYPE robot [{"".join(lines)}]><robot name="&a11;"><link name="b"/></robot>'
+    )
 
 
 def bomb_external(path: Path) -> None:
@@ -278,21 +279,33 @@ def test_targets_that_are_no_place_are_refused(
         refused(lambda name=name: all_writers[ending](tmp_path / f"{name}{ending}"))  # type: ignore[misc]
 
 
+WRITE_FOR_EVER = """
+import sys
+from pathlib import Path
+import numpy as np
+import seaid
+folder, robot = Path(sys.argv[1]), seaid.load_robot(sys.argv[2], sys.argv[3])
+samples = np.random.default_rng(0).normal(size=(3000, 4))
+log = seaid.Log(np.arange(3000) / 100, robot.joint_names, *[samples] * 3)
+print("ready", flush=True)
+while True:
+    for name in ("out.csv", "out.npz", "out.parquet", "out.h5"):
+        seaid.write_log(log, folder / name)
+    seaid.write_urdf(robot, folder / "out.urdf")
+    seaid.write_mjcf(robot, folder / "out.xml")
+"""
+
+
 def test_a_killed_process_leaves_whole_files(tmp_path: Path) -> None:
-    code = (
-        "import sys; from pathlib import Path; from tests.fuzz.test_attacks import writers\n"
-        "folder, made = Path(sys.argv[1]), writers()\n"
-        "print('ready', flush=True)\n"
-        "while True: [made[e](folder / f'out{e}') for e in made if e != '.html']\n"
-    )
-    rng, whole = random.Random(1), {}
-    for _ in range(2):
+    whole: dict[str, int] = {}
+    arguments = [str(tmp_path), str(seeds.ARM_URDF), str(seeds.ARM_DRIVES)]
+    for delay_s in (0.4, 0.03, 0.15):
         process = subprocess.Popen(
-            [sys.executable, "-W", "ignore", "-c", code, str(tmp_path)], stdout=subprocess.PIPE
+            [sys.executable, "-c", WRITE_FOR_EVER, *arguments], stdout=subprocess.PIPE
         )
         assert process.stdout is not None
         assert process.stdout.readline() == b"ready\n"
-        time.sleep(rng.uniform(0.05, 0.4))
+        time.sleep(delay_s)
         process.kill()
         process.communicate()
         for path in tmp_path.glob("out*"):
