@@ -27,15 +27,15 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
+from importlib.util import find_spec
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from seaid.files import result_folder
-from seaid.progress import track
-from tests.fuzz import seeds
-from tests.fuzz.targets import TARGETS, LawError, Outcome, run_case
+if TYPE_CHECKING:
+    from tests.fuzz.targets import Outcome
 
 MEMORY_BYTES = 4 * 10**9
 SECONDS = 20.0
@@ -77,6 +77,9 @@ def work(pipe: Connection, folder: Path) -> None:
     for stream in (1, 2):  # readers in C++ write there
         os.dup2(said, stream)
     faulthandler.enable()
+    from tests.fuzz import seeds
+    from tests.fuzz.targets import run_case
+
     seeds.make_all()
     in_use = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (in_use + MEMORY_BYTES,) * 2)
@@ -104,8 +107,8 @@ def cause_of(outcome: Outcome) -> str:
     frames = traceback.extract_tb(outcome.problem.__traceback__ if outcome.problem else None)
     own = [one for one in frames if "/seaid/" in one.filename] or frames
     place = f" at {Path(own[-1].filename).name}:{own[-1].lineno}" if own else ""
-    what = f" ({outcome.problem})" if isinstance(outcome.problem, LawError) else ""
-    return f"{type(outcome.problem).__name__}{what}{place}"
+    name = type(outcome.problem).__name__
+    return f"{name}{f' ({outcome.problem})' if name == 'LawError' else ''}{place}"
 
 
 class Child:
@@ -130,6 +133,7 @@ class Child:
 
     def end(self) -> int | None:
         """End the process with all that it has started; return the code it had ended with."""
+        self.pipe.close()
         self.process.join(1.0)
         code = self.process.exitcode
         with suppress(ProcessLookupError, PermissionError):
@@ -140,32 +144,33 @@ class Child:
     def run(self, case: Case) -> Result:
         """Run a case, watched, and keep its files if it is a finding."""
         self.pipe.send(case)
-        result = None
-        with suppress(EOFError, ConnectionResetError):
-            result = self.pipe.recv() if self.pipe.poll(self.seconds) else _TOO_LONG
-        ended = result is None or result.kind == "time"
-        if ended:
-            code = self.end()
-            result = result or Result("crash", f"ended with {code}", 0.0)
-        self.kept[case[0], result.cause] += 1
-        if result.kind in FINDINGS and self.kept[case[0], result.cause] <= KEPT:
+        try:
+            found: Result = self.pipe.recv() if self.pipe.poll(self.seconds) else _TOO_LONG
+        except (EOFError, ConnectionResetError):
+            found = Result("crash", f"ended with {self.end()}", 0.0)
+        self.kept[case[0], found.cause] += 1
+        if found.kind in FINDINGS and self.kept[case[0], found.cause] <= KEPT:
             there = self.output / f"{case[0]}-{case[1]}"
             shutil.rmtree(there, ignore_errors=True)
             shutil.copytree(self.folder / "case", there, symlinks=True)
             shutil.copy(self.folder / "said.txt", there)
-        if ended:
+        if found.kind == "time":
+            self.end()
+        if found.kind in ("crash", "time"):
             self.start()
-        return result
+        return found
 
 
 def run_all(cases: Sequence[Case], workers: int, output: Path) -> list[Result]:
     """Run cases in so many child processes, and return how each ended."""
+    from seaid.progress import track
+
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(workers) as pool:
         places = [Path(folder) / f"{index}" for index in range(workers)]
         children = list(pool.map(lambda place: Child(place, output), places))
         idle: queue.Queue[Child] = queue.Queue()
-        for child in children:
-            idle.put(child)
+        for one in children:
+            idle.put(one)
 
         def run(case: Case) -> Result:
             child = idle.get()
@@ -176,12 +181,11 @@ def run_all(cases: Sequence[Case], workers: int, output: Path) -> list[Result]:
 
         try:
             pending = [pool.submit(run, case) for case in cases]
-            return [one.result() for one in track(pending, "fuzzing", sys.stderr.isatty())]
+            return [done.result() for done in track(pending, "fuzzing", sys.stderr.isatty())]
         finally:
             pool.shutdown(cancel_futures=True)
-            for child in children:
-                child.pipe.close()
-                child.end()
+            for one in children:
+                one.end()
 
 
 def cases_of(targets: Sequence[str], count: int, first: int) -> list[Case]:
@@ -207,7 +211,7 @@ def report(cases: Sequence[Case], results: Sequence[Result]) -> str:
             causes[name, result.kind, result.cause].append(seed)
     lines = ["| target | cases | " + " | ".join(KINDS.values()) + " | slowest [s] |"]
     lines.append("|---|" + "---:|" * (len(KINDS) + 2))
-    for name in [*(one for one in TARGETS if one in ended), "all"]:
+    for name in [*(one for one in ended if one != "all"), "all"]:
         numbers = [ended[name].total(), *(ended[name][kind] for kind in KINDS)]
         cells = [name, *(f"{one:,}" for one in numbers), f"{slowest[name]:.1f}"]
         lines.append("| " + " | ".join(cells) + " |")
@@ -220,6 +224,10 @@ def report(cases: Sequence[Case], results: Sequence[Result]) -> str:
 
 def main() -> None:
     """Run the cases asked for; exit code 1 where there are findings."""
+    from seaid.files import result_folder
+    from tests.fuzz.targets import TARGETS
+
+    able = [name for name in TARGETS if name != "hebilog" or find_spec("hebi") is not None]
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--target", action="append", choices=TARGETS, help="may be repeated")
     parser.add_argument("--cases", type=int, default=2000, help="in all (default: 2000)")
@@ -228,7 +236,7 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=Path("out/fuzz"), help="for findings")
     given = parser.parse_args()
     output = result_folder(given.output)
-    cases = cases_of(given.target or list(TARGETS), given.cases, given.seed)
+    cases = cases_of(given.target or able, given.cases, given.seed)
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     begin = time.monotonic()
     results = run_all(cases, min(given.workers, len(cases)), output)

@@ -1,4 +1,4 @@
-"""Targets: what untrusted content enters seaid by, each with the law that holds for what it takes.
+"""Targets: where untrusted content enters seaid, each with the law that holds for what it takes.
 
 A target is a function of a random generator and an empty folder. It writes a damaged case into the
 folder and returns what is to be done with it, which ends well, in a SeaidError, or is a finding.
@@ -10,11 +10,10 @@ import csv
 import io
 import json
 import sqlite3
-import tomllib
 import warnings
 import zipfile
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
@@ -30,7 +29,7 @@ from typer.testing import CliRunner
 
 import seaid
 from seaid.drivetrain.drive_file import read_drivetrains
-from seaid.errors import LogError, RobotError, SeaidError
+from seaid.errors import RobotError, SeaidError
 from seaid.logs.channels import Channel
 from seaid.logs.description_file import description_for
 from seaid.logs.log_columns import column_names
@@ -51,6 +50,7 @@ from tests.fuzz.mutators import (
     damaged_tree,
     damaged_xml,
     encoded,
+    words,
 )
 
 Check = Callable[[], None]
@@ -60,7 +60,7 @@ LONGEST_MESSAGE = 4000
 
 
 class LawError(Exception):
-    """Something was taken that breaks the law of its target."""
+    """Something was taken, or said, that breaks a law."""
 
 
 def law(holds: bool, text: str) -> None:
@@ -71,7 +71,7 @@ def law(holds: bool, text: str) -> None:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a case ended: accepted, refused, exception or memory; the problem, if there was one."""
+    """How a case ended, "accepted", "refused", "exception" or "memory", and by which exception."""
 
     kind: str
     problem: BaseException | None = None
@@ -88,12 +88,11 @@ def run_case(name: str, seed: int, folder: Path) -> Outcome:
         except SeaidError as problem:
             if len(str(problem)) <= LONGEST_MESSAGE:
                 return Outcome("refused", problem)
-            return Outcome(
-                "exception", LawError("a message too long").with_traceback(problem.__traceback__)
-            )
+            long = LawError("a message too long").with_traceback(problem.__traceback__)
+            return Outcome("exception", long)
         except MemoryError as problem:
             return Outcome("memory", problem)
-        except (Exception, SystemExit) as problem:  # whatever is not ours is what is looked for
+        except (Exception, SystemExit) as problem:  # all that is not ours is what is looked for
             return Outcome("exception", problem)
     return Outcome("accepted")
 
@@ -117,11 +116,7 @@ def urdf(rng: Random, folder: Path) -> Check:
 
 def drives(rng: Random, folder: Path) -> Check:
     """A drive TOML, written again, and the regressor of its drives."""
-    if rng.random() < 0.4:
-        content = damaged_text(rng, tomli_w.dumps(seeds.DRIVES))
-    else:
-        content = _toml(rng, damaged_tree(rng, seeds.DRIVES, EXPRESSIONS))
-    (folder / "drives.toml").write_bytes(content)
+    (folder / "drives.toml").write_bytes(_toml(rng, seeds.DRIVES))
 
     def check() -> None:
         robot = seaid.load_robot(seeds.ARM_URDF, folder / "drives.toml")
@@ -138,12 +133,8 @@ def drives(rng: Random, folder: Path) -> Check:
 def parameters(rng: Random, folder: Path) -> Check:
     """A parameters.json and the export of its robot."""
     (folder / "parameters.json").write_bytes(_json(rng, seeds.parameters_text()))
-
-    def check() -> None:
-        robot = seaid.read_parameters(folder / "parameters.json", seeds.robot())
-        _export(robot, folder)
-
-    return check
+    read = seaid.read_parameters
+    return lambda: _export(read(folder / "parameters.json", seeds.robot()), folder)
 
 
 def _export(robot: Robot, folder: Path) -> None:
@@ -164,24 +155,21 @@ def _export(robot: Robot, folder: Path) -> None:
     etree.parse(seaid.write_mjcf(robot, folder / "out" / "robot.xml").path)
 
 
-# Scenes
+# Scenes and plans
 
 
 def scene(rng: Random, folder: Path) -> Check:
     """A URDF with collision geometry, an SRDF and a box to keep out of."""
-    text = seeds.COLLISION_URDF.replace("MESH", "stl")
     (folder / "part.stl").write_bytes(seeds.mesh("stl"))
-    (folder / "robot.urdf").write_bytes(damaged_xml(rng, text))
+    (folder / "robot.urdf").write_bytes(damaged_xml(rng, seeds.TWO_URDF.replace("MESH", "stl")))
     (folder / "robot.srdf").write_bytes(damaged_xml(rng, seeds.SRDF))
-    place, size, turn, name = [1.0, 0.0, 0.0], [0.1, 0.1, 0.1], [0.0, 0.3, 0.0], rng.choice(NAMES)
-    box = [*damaged_tree(rng, [place, size, turn]), name][:4]
+    place, size, turn = [1.0, 0.0, 0.0], [0.1, 0.1, 0.1], [0.0, 0.3, 0.0]
+    box = [*damaged_tree(rng, [place, size, turn]), rng.choice(NAMES)][:4]
     pairs = damaged_tree(rng, [["ground", "lower"]])
-    return lambda: _scene(
-        folder,
-        rng.choice((None, folder / "robot.srdf")),
-        rng.choice((None, None, box)),
-        rng.choice(((), (), pairs)),
-    )
+    srdf = rng.choice((None, folder / "robot.srdf"))
+    boxes: Any = rng.choice(((), (), [box]))
+    options = {"srdf": srdf, "disabled_pairs": rng.choice(((), (), pairs))}
+    return lambda: _scene(folder, boxes, **options)
 
 
 def mesh(rng: Random, folder: Path) -> Check:
@@ -191,25 +179,20 @@ def mesh(rng: Random, folder: Path) -> Check:
     is_text = content.isascii() and rng.random() < 0.6
     content = damaged_text(rng, content.decode()) if is_text else damaged_bytes(rng, content)
     (folder / f"part.{ending}").write_bytes(content)
-    (folder / "robot.urdf").write_text(seeds.COLLISION_URDF.replace("MESH", ending))
-    return lambda: _scene(folder, None, None, ())
+    (folder / "robot.urdf").write_text(seeds.TWO_URDF.replace("MESH", ending))
+    return lambda: _scene(folder, [])
 
 
-def _scene(folder: Path, srdf: Path | None, box: Any, pairs: Any) -> None:
+def _scene(folder: Path, boxes: Any, **options: Any) -> None:
     path = folder / "robot.urdf"
     robot = seaid.load_robot(path)
-    keep_out = [] if box is None else [seaid.Box(*box)]
-    found = seaid.load_scene(path, robot, keep_out=keep_out, disabled_pairs=pairs, srdf=srdf)
+    found = seaid.load_scene(path, robot, keep_out=[seaid.Box(*one) for one in boxes], **options)
     law(len(found.pairs) > 0, "nothing is watched")
-
-
-# Plans
 
 
 def trajectory(rng: Random, folder: Path) -> Check:
     """A trajectory file, sampled and written again."""
-    text = rng.choice(seeds.trajectory_texts())
-    (folder / "plan.json").write_bytes(_json(rng, text))
+    (folder / "plan.json").write_bytes(_json(rng, rng.choice(seeds.trajectory_texts())))
 
     def check() -> None:
         plan = seaid.load_trajectory(folder / "plan.json")
@@ -227,148 +210,10 @@ def trajectory(rng: Random, folder: Path) -> Check:
 # Logs
 
 
-def _columns_for(rng: Random) -> tuple[bool, Columns]:
-    """Return whether columns have foreign names, and the columns damaged or not."""
-    foreign = rng.random() < 0.5
-    good = dict(seeds.foreign_columns() if foreign else seeds.columns())
-    return foreign, damaged_columns(rng, good)
-
-
-def csv_log(rng: Random, folder: Path) -> Check:
-    """A CSV file: of damaged columns, or damaged as a text."""
-    foreign, columns = _columns_for(rng)
-    if rng.random() < 0.5:
-        columns = dict(seeds.foreign_columns() if foreign else seeds.columns())
-    file, delimiter = io.StringIO(), rng.choice(",,;\t")
-    rows = [[str(one) for one in np.ravel(values)[:400]] for values in columns.values()]
-    writer = csv.writer(file, delimiter=delimiter, lineterminator="\n", escapechar="\\")
-    writer.writerow(columns)
-    writer.writerows(zip(*rows, strict=False))
-    text = file.getvalue()
-    content = damaged_text(rng, text) if rng.random() < 0.6 else encoded(rng, text)
-    return _log_check(rng, folder, "log.csv", content)
-
-
-def npz_log(rng: Random, folder: Path) -> Check:
-    """An NPZ file: of damaged columns, with damaged members, or damaged as bytes."""
-    _, columns = _columns_for(rng)
-    way, file = rng.randrange(3), io.BytesIO()
-    with warnings.catch_warnings(), zipfile.ZipFile(file, "w") as archive:
-        warnings.simplefilter("ignore")  # of a name that is there twice
-        for name, values in columns.items():
-            member = io.BytesIO()
-            np.lib.format.write_array(member, np.asarray(values), allow_pickle=True)
-            content = member.getvalue()
-            if way == 1 and rng.random() < 0.3:
-                content = damaged_bytes(rng, content[:128]) + content[128:]
-            packing = rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))
-            short = name.encode("utf-8", "replace").decode()[:60_000]
-            archive.writestr(zipfile.ZipInfo(f"{short}.npy"), content, packing)
-    content = file.getvalue()
-    return _log_check(rng, folder, "log.npz", damaged_bytes(rng, content) if way == 2 else content)
-
-
-def json_log(rng: Random, folder: Path) -> Check:
-    """A JSON file: of damaged columns, as records or lists, or damaged as a tree or text."""
-    _, columns = _columns_for(rng)
-    lists = {name: np.atleast_1d(values)[:60].tolist() for name, values in columns.items()}
-    tree: Any = lists
-    if rng.random() < 0.5:
-        rows = zip(*lists.values(), strict=False)
-        tree = {"kp": 3, "entries": [dict(zip(lists, row, strict=True)) for row in rows]}
-    if rng.random() < 0.5:
-        tree = damaged_tree(rng, tree)
-    text = json.dumps(tree, default=str)
-    content = damaged_text(rng, text) if rng.random() < 0.5 else encoded(rng, text)
-    return _log_check(rng, folder, "log.json", content)
-
-
-def hdf5_log(rng: Random, folder: Path) -> Check:
-    """An HDF5 file: of damaged columns, or damaged as bytes."""
-    _, columns = _columns_for(rng)
-    options = rng.choice(({}, {}, {"chunks": True}, {"chunks": True, "compression": "gzip"}))
-    file = io.BytesIO()
-    with h5py.File(file, "w") as archive:
-        for name, values in columns.items():
-            values = np.asarray(values)
-            values = values.astype("S") if values.dtype.kind in "UOMm" else values
-            with suppress(ValueError, TypeError):  # names and shapes that HDF5 cannot have
-                archive.create_dataset(name, data=values, **(options if values.size else {}))
-    content = file.getvalue()
-    content = damaged_bytes(rng, content) if rng.random() < 0.7 else content
-    return _log_check(rng, folder, rng.choice(("log.h5", "log.hdf5")), content)
-
-
-def parquet_log(rng: Random, folder: Path) -> Check:
-    """A Parquet file: of damaged columns, or damaged as bytes."""
-    _, columns = _columns_for(rng)
-    count = min(np.asarray(values).size for values in columns.values())
-    found = {}
-    for name, values in columns.items():
-        with suppress(arrow.ArrowException, TypeError, ValueError):  # kinds that it cannot have
-            key = name.encode("utf-8", "replace").decode()
-            found[key] = arrow.array(np.ravel(np.asarray(values))[:count])
-    file = io.BytesIO()
-    parquet.write_table(
-        arrow.table(found), file, compression=rng.choice(("none", "snappy", "zstd"))
-    )
-    content = file.getvalue()
-    content = damaged_bytes(rng, content) if rng.random() < 0.7 else content
-    return _log_check(rng, folder, "log.parquet", content)
-
-
-def bag_log(rng: Random, folder: Path) -> Check:
-    """A ROS bag of any kind: one of its files damaged, or one entry of its data base."""
-    files = rng.choice(seeds.bags())
-    target = rng.choice(sorted(files))
-    for name, content in files.items():
-        path = folder / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_bytes(content)
-        if name != target:
-            continue
-        if name.endswith(".yaml"):
-            path.write_bytes(damaged_text(rng, content.decode()))
-        elif name.endswith(".db3") and rng.random() < 0.6:
-            _damage_entry(rng, path)
-        else:
-            path.write_bytes(damaged_bytes(rng, content))
-    storage = next(name for name in sorted(files) if not name.endswith(".yaml"))
-    path = rng.choice((folder / storage, (folder / storage).parent))
-    return lambda: _read_every_way(path, seeds.small_robot("shoulder", "elbow"), None)
-
-
-def _damage_entry(rng: Random, path: Path) -> None:
-    connection = sqlite3.connect(path)
-    with connection:
-        if rng.random() < 0.5:
-            column = rng.choice(("name", "type", "serialization_format", "offered_qos_profiles"))
-            value = rng.choice((*NAMES, "std_msgs/msg/String")).encode("utf-8", "replace").decode()
-            connection.execute(f"UPDATE topics SET {column} = ?", (value,))
-        else:
-            (data,) = connection.execute("SELECT data FROM messages WHERE id = 7").fetchone()
-            rows = rng.choice(("id = 7", "id > 5", "id = 1", "1"))
-            connection.execute(
-                f"UPDATE messages SET data = ? WHERE {rows}", (damaged_bytes(rng, data),)
-            )
-    connection.close()
-
-
-def hebi_log(rng: Random, folder: Path) -> Check:
-    """A HEBI log damaged as bytes."""
-    path = folder / "log.hebilog"
-    path.write_bytes(damaged_bytes(rng, seeds.hebi_log()))
-    return lambda: _read_every_way(path, seeds.small_robot("shoulder"), None)
-
-
 def description(rng: Random, folder: Path) -> Check:
     """A log description beside a log that it fits."""
-    if rng.random() < 0.4:
-        content = damaged_text(rng, tomli_w.dumps(seeds.DESCRIPTION))
-    else:
-        content = _toml(rng, damaged_tree(rng, seeds.DESCRIPTION))
-    (folder / "log.toml").write_bytes(content)
-    np.savez(folder / "log.npz", **seeds.foreign_columns())  # type: ignore[arg-type]
+    (folder / "log.toml").write_bytes(_toml(rng, seeds.DESCRIPTION))
+    (folder / "log.npz").write_bytes(_npz(rng, seeds.foreign_columns(), 0.0))
 
     def check() -> None:
         path = folder / "log.npz"
@@ -378,10 +223,131 @@ def description(rng: Random, folder: Path) -> Check:
     return check
 
 
-def _log_check(rng: Random, folder: Path, name: str, content: bytes) -> Check:
-    path = folder / name
+def csv_log(rng: Random, folder: Path) -> Check:
+    """A CSV file."""
+    columns = _columns(rng)
+    file, delimiter = io.StringIO(), rng.choice(",,;\t")
+    writer = csv.writer(file, delimiter=delimiter, lineterminator="\n", escapechar="\\")
+    writer.writerow(columns)
+    writer.writerows(zip(*(np.ravel(values)[:400] for values in columns.values()), strict=False))
+    change = rng.choice((damaged_text, encoded))
+    return _log_check(rng, folder / "log.csv", change(rng, file.getvalue()))
+
+
+def npz_log(rng: Random, folder: Path) -> Check:
+    """An NPZ file: with damaged members, or damaged as bytes."""
+    content = _npz(rng, _columns(rng), rng.choice((0.0, 0.0, 0.3)))
+    return _log_check(rng, folder / "log.npz", _maybe_damaged(rng, content, 0.3))
+
+
+def json_log(rng: Random, folder: Path) -> Check:
+    """A JSON file, as records or lists: damaged as a tree or as a text."""
+    lists = {name: np.atleast_1d(values)[:60].tolist() for name, values in _columns(rng).items()}
+    rows = [dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=False)]
+    tree: Any = rng.choice((lists, {"kp": 3, "entries": rows}))
+    tree = damaged_tree(rng, tree) if rng.random() < 0.5 else tree
+    change = rng.choice((damaged_text, encoded))
+    return _log_check(rng, folder / "log.json", change(rng, json.dumps(tree, default=str)))
+
+
+def hdf5_log(rng: Random, folder: Path) -> Check:
+    """An HDF5 file."""
+    file, packed = io.BytesIO(), rng.choice(({}, {"chunks": True, "compression": "gzip"}))
+    with h5py.File(file, "w") as archive:
+        for name, values in _columns(rng).items():
+            values = np.asarray(values)
+            values = values.astype("S") if values.dtype.kind in "UOMm" else values
+            with suppress(ValueError, TypeError):  # names and shapes that HDF5 cannot have
+                archive.create_dataset(name, data=values, **(packed if values.size else {}))
+    content = _maybe_damaged(rng, file.getvalue(), 0.7)
+    return _log_check(rng, folder / "log.h5", content)
+
+
+def parquet_log(rng: Random, folder: Path) -> Check:
+    """A Parquet file."""
+    columns, found, file = _columns(rng), {}, io.BytesIO()
+    count = min(np.asarray(values).size for values in columns.values())
+    for name, values in columns.items():
+        with suppress(arrow.ArrowException, TypeError, ValueError):  # kinds that it cannot have
+            found[_utf8(name)] = arrow.array(np.ravel(np.asarray(values))[:count])
+    packing = rng.choice(("none", "snappy", "zstd"))
+    parquet.write_table(arrow.table(found), file, compression=packing)
+    content = _maybe_damaged(rng, file.getvalue(), 0.7)
+    return _log_check(rng, folder / "log.parquet", content)
+
+
+def bag_log(rng: Random, folder: Path) -> Check:
+    """A ROS bag of any kind: one of its files damaged, or one entry of its data base."""
+    files = rng.choice(seeds.bags())
+    for name, content in files.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(content)
+    name = rng.choice(list(files))
+    if name.endswith(".yaml"):
+        (folder / name).write_bytes(damaged_text(rng, files[name].decode()))
+    elif name.endswith(".db3") and rng.random() < 0.6:
+        _damage_entry(rng, folder / name)
+    else:
+        (folder / name).write_bytes(damaged_bytes(rng, files[name]))
+    storage = next(folder / one for one in files if not one.endswith(".yaml"))
+    path = rng.choice((storage, storage.parent))
+    return lambda: _read_every_way(path, seeds.small_robot("shoulder", "elbow"), None)
+
+
+def _damage_entry(rng: Random, path: Path) -> None:
+    with closing(sqlite3.connect(path)) as connection, connection:
+        if rng.random() < 0.5:
+            column = rng.choice(("name", "type", "serialization_format", "offered_qos_profiles"))
+            value = _utf8(rng.choice((*NAMES, "std_msgs/msg/String")))
+            connection.execute(f"UPDATE topics SET {column} = ?", (value,))
+        else:
+            (data,) = connection.execute("SELECT data FROM messages WHERE id = 7").fetchone()
+            rows = rng.choice(("id = 7", "id > 5", "id = 1", "1"))
+            new = damaged_bytes(rng, data)
+            connection.execute(f"UPDATE messages SET data = ? WHERE {rows}", (new,))
+
+
+def hebi_log(rng: Random, folder: Path) -> Check:
+    """A HEBI log."""
+    path = folder / "log.hebilog"
+    path.write_bytes(damaged_bytes(rng, seeds.hebi_log()))
+    return lambda: _read_every_way(path, seeds.small_robot("shoulder"), None)
+
+
+def _columns(rng: Random) -> Columns:
+    """Return columns with our names or others, three of four times damaged."""
+    columns: Columns = dict(rng.choice((seeds.columns, seeds.foreign_columns))())
+    return damaged_columns(rng, columns) if rng.random() < 0.75 else columns
+
+
+def _npz(rng: Random, columns: Columns, share: float) -> bytes:
+    """Return columns as NPZ, a share of the arrays with damaged headers."""
+    file = io.BytesIO()
+    with warnings.catch_warnings(), zipfile.ZipFile(file, "w") as archive:
+        warnings.simplefilter("ignore")  # of a name that is there twice
+        for name, values in columns.items():
+            member = io.BytesIO()
+            np.lib.format.write_array(member, np.asarray(values), allow_pickle=True)
+            content = member.getvalue()
+            if rng.random() < share:
+                content = damaged_bytes(rng, content[:128]) + content[128:]
+            packing = rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))
+            entry = zipfile.ZipInfo(f"{_utf8(name)[:60_000]}.npy")
+            archive.writestr(entry, content, packing)
+    return file.getvalue()
+
+
+def _maybe_damaged(rng: Random, content: bytes, share: float) -> bytes:
+    return damaged_bytes(rng, content) if rng.random() < share else content
+
+
+def _utf8(name: str) -> str:
+    return name.encode("utf-8", "replace").decode()
+
+
+def _log_check(rng: Random, path: Path, content: bytes) -> Check:
     path.write_bytes(content)
-    described = rng.choice((None, seeds.DESCRIPTION))
+    described = rng.choice((None, seeds.tree_of(seeds.DESCRIPTION)))
     return lambda: _read_every_way(path, seeds.robot(), described)
 
 
@@ -394,18 +360,17 @@ def _read_every_way(path: Path, robot: Robot, description: Any) -> None:
         _check_log(seaid.read_log(path, robot, description=guess.description))
 
     def in_pieces() -> None:
-        long_log = seaid.open_long_log(path, robot, chunk_samples=150)
-        for part in long_log.parts():
+        for part in seaid.open_long_log(path, robot, chunk_samples=150).parts():
             _check_log(part.log)
 
-    ways: list[Check] = [
+    refusals = []
+    ways: list[Callable[[], object]] = [
         lambda: _check_log(seaid.read_log(path, robot, description=description)),
         lambda: _check_log(seaid.read_log(path, robot, repair=Repairs())),
-        lambda: seaid.describe_log(path) and None,
+        lambda: seaid.describe_log(path),
         as_described,
         in_pieces,
     ]
-    refusals = []
     for way in ways:
         try:
             way()
@@ -424,39 +389,33 @@ def _check_log(log: seaid.Log) -> None:
 
 def _check_description(found: Any, folder: Path) -> None:
     """Check that a description says the same when it is read again."""
-    if found is None:
-        return
     (folder / "again.toml").write_text(found.to_toml(), encoding="utf-8")
     again = description_for(folder / "x.csv", folder / "again.toml")
     law(again is not None and again.to_dict() == found.to_dict(), "description reads otherwise")
 
 
-# Identification
+# Identification and command line
 
 
 def identify(rng: Random, folder: Path) -> Check:
-    """A damaged log in memory, identified with any options and exported."""
-    robot = seeds.robot()
-    columns = {"time_s": seeds.log().time, **seeds.log().columns()}
-    columns = damaged_samples(rng, columns)
-    mended = rng.random() < 0.3
+    """A damaged log in memory, repaired or not, identified with any options and exported."""
+    robot, repair = seeds.robot(), rng.random() < 0.3
+    columns = damaged_samples(rng, {"time_s": seeds.log().time, **seeds.log().columns()})
     options: dict[str, Any] = {"feasible": rng.random() < 0.3}
     options["sides"] = rng.choice(("sequential", "sequential", "joint"))
     ways = ("ols", "wls", "huber", "tukey", *(("iv",) if options["sides"] == "sequential" else ()))
     options["estimator"] = rng.choice(ways)
-    if rng.random() < 0.3:
-        odd = {
-            "cutoff_hz": (5.0, 40.0, 1e-3, 1e9, 124.9, float("nan"), -1.0),
-            "joint_zero_std": (1e-3, 1e200, float("nan"), -1.0),
-            "rows": (("wrist",), ("telescope", "rail"), (), ("rail", "rail"), ("θ",)),
-            "estimator": ("", "IV"),
-        }
-        key = rng.choice(list(odd))
-        options[key] = rng.choice(odd[key])
+    odd = {
+        "cutoff_hz": (5.0, 40.0, 1e-3, 1e9, 124.9, float("nan"), -1.0),
+        "joint_zero_std": (1e-3, 1e200, float("nan"), -1.0),
+        "rows": (("wrist",), ("telescope", "rail"), (), ("rail", "rail"), ("θ",)),
+        "estimator": ("", "IV"),
+    }
+    key = rng.choice(list(odd))
+    options |= {key: rng.choice(odd[key])} if rng.random() < 0.3 else {}
 
     def check() -> None:
-        log = _log_of(robot, columns, mended)
-        found = seaid.identify(robot.without_nominal(), log, **options)
+        found = seaid.identify(robot.without_nominal(), _log_of(robot, columns, repair), **options)
         for one in (found.load, *found.drivetrains.values()):
             law(bool(np.all(np.isfinite(one.values))), "estimates are not finite")
             law(not np.any(one.standard_errors < 0), "a standard error is negative")
@@ -470,71 +429,21 @@ def identify(rng: Random, folder: Path) -> Check:
     return check
 
 
-def _log_of(robot: Robot, columns: Columns, mended: bool) -> seaid.Log:
+def _log_of(robot: Robot, columns: Columns, repair: bool) -> seaid.Log:
+    """Return the log of columns with our names."""
     report: Any = ()
-    time = columns.pop("time_s")
-    if mended:
+    time, columns = columns["time_s"], {**columns}
+    del columns["time_s"]
+    if repair:
         channels = [Channel(name, time, values) for name, values in columns.items()]
         time, columns, report = repaired(channels)
-    fields: dict[str, Any] = {
-        field: np.full((len(time), robot.n), np.nan)
-        for field in ("motor_position", "joint_position", "motor_torque")
-    }
+    fields: dict[str, Any] = {}
     for index, joint in enumerate(robot.joint_names):
         for name, field in column_names(joint, robot.is_prismatic[index]).items():
-            if name in columns:
-                fields[field][:, index] = columns[name]
-    return seaid.Log(
-        time, robot.joint_names, is_prismatic=robot.is_prismatic, report=report, **fields
-    )
-
-
-# Command line
-
-
-def command(rng: Random, folder: Path) -> Check:
-    """A command line with other words in it."""
-    files = {
-        "arm.urdf": seeds.ARM_URDF.read_bytes(),
-        "arm.toml": seeds.ARM_DRIVES.read_bytes(),
-        "parameters.json": seeds.parameters_text().encode(),
-        "plan.json": seeds.trajectory_texts()[0].encode(),
-        "run.npz": seeds.log_file("run.npz"),
-        "other.npz": seeds.log_file("other.npz"),
-    }
-    for name, content in files.items():
-        (folder / name).write_bytes(content)
-    words = rng.choice(_COMMANDS).split()
-    odd = [
-        "",
-        "/dev/null",
-        "/dev/full",
-        "/",
-        ".",
-        "no/such",
-        "\udcff.npz",
-        "--json",
-        "--force",
-        "-o",
-    ]
-    pool = [*files, *odd, *NAMES[:-1], *NUMBERS, "rail=1", "wrist=nan", "tool:1:0,0,0", "tool:-1:x"]
-    for _ in range(rng.randint(0, 3)):
-        place = rng.randrange(len(words) + 1)
-        words[place : place + rng.choice((0, 1, 1))] = rng.choice(([rng.choice(pool)], []))
-    arguments = [str(folder / word) if word in files or word in _NEW else word for word in words]
-
-    def check() -> None:
-        said = CliRunner().invoke(seeds.app(), arguments)
-        if said.exception is not None and not isinstance(said.exception, SystemExit):
-            raise said.exception
-        law(said.exit_code in (0, 1, 2), f"exit code {said.exit_code}")
-        lines = said.stderr.splitlines()
-        if said.exit_code == 1:
-            law(lines[-1:] != [] and lines[-1].startswith("error: "), "no line that says why")
-        if said.exit_code:
-            raise LogError(lines[-1] if lines else "wrong usage")
-
-    return check
+            empty = fields.setdefault(field, np.full((len(time), robot.n), np.nan))
+            empty[:, index] = columns.get(name, np.nan)
+    kinds = robot.is_prismatic
+    return seaid.Log(time, robot.joint_names, is_prismatic=kinds, report=report, **fields)
 
 
 _NEW = ("new.json", "new.urdf", "new.xml", "new.toml", "new.npz", "new.html")
@@ -544,28 +453,65 @@ _COMMANDS = (
     "crosscheck arm.urdf --drives arm.toml",
     "describe run.npz --urdf arm.urdf -o new.toml",
     "identify arm.urdf run.npz --drives arm.toml --payload tool:1.0:0,0,0.1 -o new.json",
-    "identify arm.urdf run.npz --drives arm.toml --sides joint --estimator wls --repair -o new.json",
+    "identify arm.urdf run.npz --drives arm.toml --sides joint --repair -o new.json",
     "validate arm.urdf other.npz --from run.npz --drives arm.toml -o new.json",
     "export arm.urdf --parameters parameters.json --drives arm.toml -o new.urdf",
     "export arm.urdf --from run.npz --drives arm.toml --cutoff-hz 8 -o new.xml",
     "report arm.urdf --from run.npz --validate other.npz --drives arm.toml -o new.html",
 )
+_ODD = (
+    *words("/dev/null /dev/full / . no/such --json --force -o rail=1 wrist=nan tool:1:0,0,0"),
+    *("", "\udcff.npz", *NAMES[:-1], *NUMBERS),
+)
 
 
-def _toml(rng: Random, tree: Any) -> bytes:
-    """Return a tree as TOML, which has no null."""
+def command(rng: Random, folder: Path) -> Check:
+    """A command line with other words in it."""
+    files = {
+        "arm.urdf": seeds.ARM_URDF.read_bytes(),
+        "arm.toml": seeds.ARM_DRIVES.read_bytes(),
+        "parameters.json": seeds.parameters_text().encode(),
+        "run.npz": seeds.log_file("run.npz"),
+        "other.npz": seeds.log_file("other.npz"),
+    }
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    asked = rng.choice(_COMMANDS).split()
+    for _ in range(rng.randint(0, 3)):
+        place = rng.randrange(len(asked) + 1)
+        asked[place : place + rng.choice((0, 1, 1))] = rng.choice(([rng.choice(_ODD)], []))
+    paths = {name: str(folder / name) for name in (*files, *_NEW)}
+
+    def check() -> None:
+        said = CliRunner().invoke(seeds.COMMANDS, [paths.get(word, word) for word in asked])
+        if said.exception is not None and not isinstance(said.exception, SystemExit):
+            raise said.exception
+        law(said.exit_code in (0, 1, 2), f"exit code {said.exit_code}")
+        last = (said.stderr.splitlines() or [""])[-1]
+        law(said.exit_code != 1 or last.startswith("error: "), "no line that says why")
+        if said.exit_code:
+            raise SeaidError(last)
+
+    return check
+
+
+def _toml(rng: Random, text: str) -> bytes:
+    """Return a text in TOML damaged, as a text or as a tree; TOML has no null."""
+    if rng.random() < 0.4:
+        return damaged_text(rng, text)
 
     def plain(one: Any) -> Any:
         if isinstance(one, dict):
             return {str(key): plain(value) for key, value in one.items()}
-        return (
-            [plain(each) for each in one] if isinstance(one, list) else "" if one is None else one
-        )
+        if isinstance(one, list):
+            return [plain(each) for each in one]
+        return "" if one is None else one
 
-    return encoded(rng, tomli_w.dumps(plain(tree if isinstance(tree, dict) else {"a": tree})))
+    return encoded(rng, tomli_w.dumps(plain(damaged_tree(rng, seeds.tree_of(text), EXPRESSIONS))))
 
 
 def _json(rng: Random, text: str) -> bytes:
+    """Return a text in JSON damaged, as a text or as a tree."""
     if rng.random() < 0.4:
         return damaged_text(rng, text)
     return encoded(rng, json.dumps(damaged_tree(rng, json.loads(text), EXPRESSIONS)))

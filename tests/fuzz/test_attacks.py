@@ -88,19 +88,15 @@ def refused(use: Callable[[], Any]) -> str:
 # Paths that are no files
 
 
-def make_fifo(path: Path) -> None:
-    os.mkfifo(path)
-
-
-PLACES: dict[str, Callable[[Path], None]] = {
+PLACES: dict[str, Use] = {
     "nothing": lambda path: None,
     "folder": Path.mkdir,
-    "fifo": make_fifo,
+    "fifo": os.mkfifo,
     "endless": lambda path: path.symlink_to("/dev/zero"),
     "loop": lambda path: path.symlink_to(path),
     "dangling": lambda path: path.symlink_to(path.with_name("nowhere")),
     "empty": Path.touch,
-    "zeros": lambda path: path.write_bytes(bytes(5000)) and None,
+    "zeros": lambda path: path.write_bytes(bytes(5000)),
 }
 
 
@@ -243,7 +239,7 @@ def writers() -> dict[str, Use]:
         ".urdf": lambda path: seaid.write_urdf(robot, path),
         ".xml": lambda path: seaid.write_mjcf(robot, path),
         ".toml": lambda path: seaid.write_drivetrains(robot.drivetrains, path),
-        ".html": lambda path: seaid.write_report(found, log, path),
+        ".html": lambda path: seaid.write_report(found, (), path),
     }
 
 
