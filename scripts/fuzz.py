@@ -48,7 +48,7 @@ KINDS = {
     "memory": "over 4 GB",
 }
 FINDINGS = ("exception", "crash", "time", "memory")
-SHARES = {"mesh": 0.2, "hebilog": 0.2, "command": 0.3, "identify": 0.6}
+SHARES = {"mesh": 0.2, "bag": 0.2, "hebilog": 0.2, "command": 0.3, "identify": 0.6}
 """Cases of the slow targets, where the others have one."""
 KEPT = 3
 """Cases of one cause whose files are kept."""

@@ -77,8 +77,9 @@ def _flip(rng: Random, data: bytes) -> bytes:
 
 def _integer(rng: Random, data: bytes) -> bytes:
     size, start = rng.choice((1, 2, 4, 8)), rng.randrange(len(data) + 1)
-    value = (rng.choice(INTEGERS) % 256**size).to_bytes(size, rng.choice(("little", "big")))
-    return data[:start] + value + data[start + size :]
+    value = rng.choice(INTEGERS) & ((1 << 8 * size) - 1)
+    content = value.to_bytes(size, "little" if rng.random() < 0.5 else "big")
+    return data[:start] + content + data[start + size :]
 
 
 def _stretch(rng: Random, data: bytes) -> bytes:

@@ -291,7 +291,7 @@ def bag_log(rng: Random, folder: Path) -> Check:
         (folder / name).write_bytes(damaged_bytes(rng, files[name]))
     storage = next(folder / one for one in files if not one.endswith(".yaml"))
     path = rng.choice((storage, storage.parent))
-    return lambda: _read_every_way(path, seeds.small_robot("shoulder", "elbow"), None)
+    return lambda: _read_as_described(path, seeds.small_robot("shoulder", "elbow"))
 
 
 def _damage_entry(rng: Random, path: Path) -> None:
@@ -311,7 +311,7 @@ def hebi_log(rng: Random, folder: Path) -> Check:
     """A HEBI log."""
     path = folder / "log.hebilog"
     path.write_bytes(damaged_bytes(rng, seeds.hebi_log()))
-    return lambda: _read_every_way(path, seeds.small_robot("shoulder"), None)
+    return lambda: _read_as_described(path, seeds.small_robot("shoulder"))
 
 
 def _columns(rng: Random) -> Columns:
@@ -354,11 +354,6 @@ def _log_check(rng: Random, path: Path, content: bytes) -> Check:
 def _read_every_way(path: Path, robot: Robot, description: Any) -> None:
     """Read a log in all ways there are; raise the last refusal where none takes it."""
 
-    def as_described() -> None:
-        guess = seaid.describe_log(path, robot)
-        _check_description(guess.description, path.parent)
-        _check_log(seaid.read_log(path, robot, description=guess.description))
-
     def in_pieces() -> None:
         for part in seaid.open_long_log(path, robot, chunk_samples=150).parts():
             _check_log(part.log)
@@ -368,7 +363,7 @@ def _read_every_way(path: Path, robot: Robot, description: Any) -> None:
         lambda: _check_log(seaid.read_log(path, robot, description=description)),
         lambda: _check_log(seaid.read_log(path, robot, repair=Repairs())),
         lambda: seaid.describe_log(path),
-        as_described,
+        lambda: _read_as_described(path, robot),
         in_pieces,
     ]
     for way in ways:
@@ -380,6 +375,13 @@ def _read_every_way(path: Path, robot: Robot, description: Any) -> None:
                 raise
     if len(refusals) == len(ways):
         raise refusals[-1]
+
+
+def _read_as_described(path: Path, robot: Robot) -> None:
+    """Read a log by the description that is guessed for it."""
+    guess = seaid.describe_log(path, robot)
+    _check_description(guess.description, path.parent)
+    _check_log(seaid.read_log(path, robot, description=guess.description))
 
 
 def _check_log(log: seaid.Log) -> None:
