@@ -12,6 +12,7 @@ import time
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,10 @@ Use = Callable[[Path], Any]
 MEMORY_BYTES = 2 * 10**9
 SECONDS = 10.0
 ENDINGS = (".csv", ".npz", ".json", ".parquet", ".h5", ".db3", ".mcap", ".bag", ".hebilog")
+
+
+class TookTooLong(BaseException):
+    """Not one of the exceptions that a reader may take for a fault of the file."""
 
 
 def read_as(ending: str) -> Use:
@@ -65,7 +70,7 @@ def limited() -> Iterator[None]:
     """Let nothing take 2 GB more than now, or more than ten seconds."""
 
     def too_long(*_: object) -> None:
-        raise KeyboardInterrupt(f"took more than {SECONDS} s")  # which nothing takes for a fault
+        raise TookTooLong(f"more than {SECONDS} s")
 
     in_use = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     signal.signal(signal.SIGALRM, too_long)
@@ -81,7 +86,7 @@ def refused(use: Callable[[], Any]) -> str:
     """Return the words of a refusal, which comes within the limits."""
     with limited(), pytest.raises(SeaidError) as caught:
         use()
-    assert len(str(caught.value)) < 4000
+    assert len(str(caught.value)) < 10_000
     return str(caught.value)
 
 
@@ -100,8 +105,11 @@ PLACES: dict[str, Use] = {
 }
 
 
-@pytest.mark.parametrize("place", PLACES)
-@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize(
+    ("reader", "place"),
+    # an empty TOML says that all drives are ideal
+    [pair for pair in product(READERS, PLACES) if pair != ("drives", "empty")],
+)
 def test_what_is_no_file_is_refused(tmp_path: Path, reader: str, place: str) -> None:
     path = tmp_path / "x"
     PLACES[place](path.with_name(f"x{reader}") if reader in ENDINGS else path)
