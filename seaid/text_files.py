@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
+import stat
 import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -95,6 +97,9 @@ def _read(
     parse: Callable[[str], Any],
 ) -> Any:
     try:
+        mode = os.stat(path).st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # a pipe would be waited for
+            raise error(f"{what} '{path}' is a pipe, a socket or a device; it must be a file")
         with open(path, "rb") as file:
             data = file.read(most_bytes + 1)
     except OSError as problem:

@@ -10,7 +10,9 @@ import pytest
 
 from seaid.arrays import Array
 from seaid.errors import LogError
+from seaid.formats.table import Table
 from seaid.log import read_log
+from seaid.logs import describe
 from seaid.logs.column_words import meaning_of
 from seaid.logs.describe import Description, describe_log
 from seaid.robot import load_robot
@@ -283,3 +285,47 @@ def test_deflection_of_the_unpowered_arm_has_the_sign_of_its_makers() -> None:
     found = describe_log(LOGS / "hebi_arms" / "sample.npz")
     for sources in found.description.joints.values():
         assert sources["deflection"].sign == -1
+
+
+def counted(names: list[str], texts: set[str]) -> tuple[Table, list[int]]:
+    """Return a table that refuses texts, and the number of columns of each read."""
+    reads: list[int] = []
+
+    def load(wanted: list[str]) -> Columns:
+        reads.append(len(wanted))
+        if texts.intersection(wanted):
+            raise LogError(f"column '{texts.intersection(wanted).pop()}' is a text")
+        return dict.fromkeys(wanted, TIME)
+
+    return Table(names, load), reads
+
+
+def test_a_text_among_many_columns_is_found_in_few_reads(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ["t", "pos_0", "note", *(f"pos_{index}" for index in range(1, 2000))]
+    table, reads = counted(names, {"note"})
+    monkeypatch.setattr(describe, "open_table", lambda path: table)
+    found = describe_log("log.npz")
+    assert len(reads) <= 2 * np.log2(len(names)) + 3
+    assert len(found.description.joints) == 2000
+    assert "note: no column of numbers: left out" in found.unsure
+
+
+def test_many_texts_among_many_columns_are_not_looked_for_for_ever(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    names = ["t", *(f"pos_{index}" for index in range(8000))]
+    table, reads = counted(names, set(names[2::2]))
+    monkeypatch.setattr(describe, "open_table", lambda path: table)
+    found = describe_log("log.npz")
+    assert len(reads) < 1000
+    assert "joint_0" in found.description.joints
+    assert "pos_7999" in found.unused
+
+
+def test_columns_of_arrays_are_described(tmp_path: Path) -> None:
+    sides = np.column_stack([wave(0.5), wave(0.7)])
+    for order in ("C", "F"):
+        found = guess(tmp_path, t=TIME, q=np.array(sides, order=order), tau=np.flip(sides))
+        sources = found.description.joints
+        assert sources["joint_1"]["joint_position"].column == "q[1]"
+        assert sources["joint_1"]["motor_torque"].column == "tau[1]"

@@ -136,7 +136,7 @@ def whiteness(rows: Regression, theta: Array) -> dict[int, Whiteness]:
         count = int(np.sum(mine))
         runs = by_instant(np.ones((count, 1)), residual[mine], rows.time[mine], rows.run[mine])
         lagged = [
-            sum(float(np.sum(run[lag:] * run[: len(run) - lag])) for run in runs)
+            sum(float(np.sum(run[lag:] * run[: max(len(run) - lag, 0)])) for run in runs)
             for lag in range(_WHITENESS_LAGS + 1)
         ]
         r = np.array(lagged[1:]) / lagged[0] if lagged[0] > 0 else np.zeros(_WHITENESS_LAGS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -143,9 +143,12 @@ def _not_neighbours(model: pin.Model, first: int, second: int) -> bool:
 def _checked(pairs: Iterable[Pair], names: Sequence[str]) -> set[frozenset[str]]:
     known = dict.fromkeys(names)
     found = set()
-    for pair in pairs:
-        if isinstance(pair, str) or len(pair) != 2:
-            raise ExcitationError(f"disabled_pairs must be pairs of link names, found {pair!r}")
+    for pair in pairs if isinstance(pairs, Iterable) else [pairs]:
+        is_pair = not isinstance(pair, str) and isinstance(pair, Collection) and len(pair) == 2
+        if not is_pair or not all(isinstance(name, str) for name in pair):
+            raise ExcitationError(
+                f"disabled_pairs must be pairs of link names, found {shown(pair)}"
+            )
         for name in pair:
             if name not in known:
                 raise ExcitationError(

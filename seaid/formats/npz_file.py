@@ -13,8 +13,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from seaid.arrays import Array
-from seaid.errors import LogError, shortened
+from seaid.errors import LogError
 from seaid.formats.limits import check_columns, check_memory
 from seaid.formats.table import (
     Block,
@@ -73,21 +72,31 @@ def _parts(path: Path, archive: zipfile.ZipFile, name: str) -> list[str]:
         return [name]
 
 
+def _places(archive: zipfile.ZipFile, wanted: list[str]) -> dict[str, list[tuple[str, int | None]]]:
+    """Return the columns wanted of each array: their names, and their places in the array."""
+    arrays = set(archive.namelist())
+    found: dict[str, list[tuple[str, int | None]]] = {}
+    for name in wanted:
+        base, index = (name, None) if f"{name}.npy" in arrays else part_of(name)
+        found.setdefault(base, []).append((name, index))
+    return found
+
+
+def _picked(path: Path, values: Any, places: list[tuple[str, int | None]]) -> Block:
+    """Return the columns of an array of one or two dimensions."""
+    found: Block = {}
+    for name, index in places:
+        if values.ndim != (1 if index is None else 2):
+            raise no_numbers(path, name, values.dtype, values.shape)
+        found[name] = as_floats(values if index is None else values[:, index])
+    return found
+
+
 def _load(path: Path, wanted: list[str]) -> Block:
     with damaged(path, _KIND), zipfile.ZipFile(path) as archive:
-        arrays = set(archive.namelist())
-        parts: dict[str, list[tuple[str, int | None]]] = {}
-        for name in wanted:
-            base, index = (name, None) if f"{name}.npy" in arrays else part_of(name)
-            parts.setdefault(base, []).append((name, index))
         found: Block = {}
-        for base, places in parts.items():
-            values = _array(path, archive, base)
-            for name, index in places:
-                if values.ndim != (1 if index is None else 2):
-                    raise no_numbers(path, name, values.dtype, values.shape)
-                column = values if index is None else values[:, index]
-                found[name] = as_floats(column)
+        for base, places in _places(archive, wanted).items():
+            found |= _picked(path, _array(path, archive, base), places)
             check_memory(path, 8.0 * sum(len(one) for one in found.values()))
     return {name: found[name] for name in wanted}
 
@@ -104,29 +113,38 @@ def _array(path: Path, archive: zipfile.ZipFile, name: str) -> Any:
 
 def _blocks(path: Path, wanted: list[str], size: int) -> Blocks:
     with damaged(path, _KIND), zipfile.ZipFile(path) as archive, ExitStack() as stack:
+        places = _places(archive, wanted)
         files: dict[str, tuple[IO[bytes], _Header]] = {}
-        for name in wanted:
-            if f"{name}.npy" not in archive.namelist():
-                raise LogError(
-                    f"'{path}': '{shortened(name)}' is a column of an array; in pieces only whole "
-                    "arrays can be read, one a column"
-                )
-            file, header = stack.enter_context(_member(path, archive, name))
-            if not is_number(header.kind) or len(header.shape) != 1:
-                raise no_numbers(path, name, header.kind, header.shape)
-            files[name] = (file, header)
-        check_same(path, {name: header.shape[0] for name, (_, header) in files.items()})
-        total = files[wanted[0]][1].shape[0]
-        check_memory(path, 8.0 * min(size, total) * len(wanted), pieces=True)
+        whole: dict[str, Any] = {}
+        for base in places:
+            file, header = stack.enter_context(_member(path, archive, base))
+            if not is_number(header.kind) or len(header.shape) not in (1, 2):
+                raise no_numbers(path, places[base][0][0], header.kind, header.shape)
+            if header.by_columns:  # no piece of it has all columns of some rows
+                whole[base] = _array(path, archive, base)
+            files[base] = (file, header)
+        check_same(path, {base: header.shape[0] for base, (_, header) in files.items()})
+        total = min(header.shape[0] for _, header in files.values())
+        widths = sum(math.prod(header.shape[1:]) for _, header in files.values())
+        check_memory(path, 8.0 * min(size, total) * widths, pieces=True)
         for start in range(0, max(total, 1), size):
             count = min(size, total - start)
-            yield {name: _some(path, name, *files[name], count) for name in wanted}
+            block: Block = {}
+            for base, (file, header) in files.items():
+                if base in whole:
+                    rows = whole[base][start : start + count]
+                else:
+                    rows = _rows(path, base, file, header, count)
+                block |= _picked(path, rows, places[base])
+            yield {name: block[name] for name in wanted}
 
 
-def _some(path: Path, name: str, file: IO[bytes], header: _Header, count: int) -> Array:
+def _rows(path: Path, name: str, file: IO[bytes], header: _Header, count: int) -> Any:
+    """Return the next rows of an array."""
     with _column(path, name):
-        data = _exactly(file, count * header.kind.itemsize)
-        return as_floats(np.frombuffer(data, dtype=header.kind))
+        width = math.prod(header.shape[1:])
+        data = _exactly(file, count * width * header.kind.itemsize)
+        return np.frombuffer(data, dtype=header.kind).reshape(count, *header.shape[1:])
 
 
 @contextmanager

@@ -61,11 +61,12 @@ def _check_kinds(path: Path, file: Any, wanted: Sequence[str]) -> None:
     """Check that columns are numbers, truth values or instants, before they are read."""
     types = optional("pyarrow", "parquet", path).types
     numbers = ("integer", "floating", "boolean", "timestamp", "date", "decimal", "null")
+    schema = file.schema_arrow  # made anew each time it is asked for
     for name in wanted:
-        places = file.schema_arrow.get_all_field_indices(name)
+        places = schema.get_all_field_indices(name)
         if len(places) != 1:
             raise LogError(f"'{path}': column '{shortened(name)}' is there {len(places)} times")
-        kind = file.schema_arrow.field(places[0]).type
+        kind = schema.field(places[0]).type
         inner = kind.value_type if types.is_dictionary(kind) else kind
         if not any(getattr(types, f"is_{one}")(inner) for one in numbers):
             raise no_numbers(path, name, kind, (file.metadata.num_rows,))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -37,12 +38,16 @@ class Look:
 
     def having(self, quantity: str, joint: str) -> list[str]:
         """Return the columns with a quantity of a joint, without commanded and derived ones."""
-        return [
-            name
-            for name, meaning in self.meanings.items()
-            if (meaning.quantity, meaning.joint, meaning.is_raw) == (quantity, joint, True)
-            and name in self.data
-        ]
+        return [name for name in self._raw.get((quantity, joint), ()) if name in self.data]
+
+    @cached_property
+    def _raw(self) -> dict[tuple[str, str], list[str]]:
+        """The columns by quantity and joint."""
+        found: dict[tuple[str, str], list[str]] = {}
+        for name, meaning in self.meanings.items():
+            if meaning.is_raw:
+                found.setdefault((meaning.quantity, meaning.joint), []).append(name)
+        return found
 
     def doubt(self, about: str, text: str) -> None:
         """Note a doubt; those with the same text become one sentence."""

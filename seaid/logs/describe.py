@@ -26,6 +26,10 @@ _TOLD = ("position", "torque", "deflection", "current", "voltage")
 LOOKED_AT = 20_000
 """Samples from the start of a file that are looked at, where it can be read in pieces."""
 
+_MOST_LISTED = 2_000_000
+"""Columns that refused reads list anew in all, ten seconds of an NPZ file's; then no more halves
+are tried."""
+
 _SHOWN = 100
 """Columns that are not used and shown."""
 
@@ -104,25 +108,32 @@ def describe_log(path: str | Path, robot: Robot | None = None) -> Description:
 
 
 def _all_samples(table: Table, look: Look) -> Block:
-    """Return all columns that are numbers, of long files the beginning."""
+    """Return all columns that are numbers, of long files the beginning.
 
-    def some(names: list[str]) -> Block:
-        return next(table.blocks(names, LOOKED_AT)) if table.blocks else table.load(names)
-
+    Where they cannot be read together, the two halves are tried, down to the columns to blame.
+    """
     counts = Counter(table.names)
     unique = [name for name, count in counts.items() if count == 1]
-    try:
-        return some(unique)
-    except LogError as problem:
-        whole = str(problem)
     found: Block = {}
-    for name in unique:
+    waiting, whole, refused = [unique], "", 0
+    while waiting:
+        names = waiting.pop()
         try:
-            found |= some([name])
+            found |= next(table.blocks(names, LOOKED_AT)) if table.blocks else table.load(names)
         except LogError as problem:
-            if str(problem) == whole and f"'{shortened(name)}'" not in whole:
+            whole, refused = whole or str(problem), refused + 1
+            if len(names) > 1 and refused * len(counts) < _MOST_LISTED:
+                half = len(names) // 2
+                waiting += [names[half:], names[:half]]
+                continue
+            if (
+                len(names) == 1
+                and str(problem) == whole
+                and f"'{shortened(names[0])}'" not in whole
+            ):
                 raise  # it is the file, not this column
-            look.doubt(name, "no column of numbers: left out")
+            for name in names:
+                look.doubt(name, "no column of numbers: left out")
     return found
 
 

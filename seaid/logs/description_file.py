@@ -46,7 +46,7 @@ def description_for(path: Path, description: Described | None) -> LogDescription
     if not path.name:  # '.' or '/'
         return None
     beside = path.with_suffix(".toml")
-    if beside == path or not beside.is_file():
+    if beside == path or not os.path.isfile(beside):  # False for names that no file can have
         return None
     try:
         content = read_toml(beside, "the description", LogError)

@@ -132,6 +132,14 @@ def test_rows_left_out_do_not_look_correlated() -> None:
     assert found.p_value > 0.001
 
 
+def test_runs_shorter_than_the_lags_are_taken_as_they_are() -> None:
+    rows = rows_of(np.ones((60, 1)), np.random.default_rng(4).normal(size=60))
+    short = replace(rows, run=np.repeat(np.arange(30), 2))
+    products = rows.y[:-1:2] * rows.y[1::2]
+    found = whiteness(short, np.zeros(1))[0]
+    assert found.first == pytest.approx(np.sum(products) / np.sum(rows.y**2))
+
+
 def test_residual_of_nothing_is_white() -> None:
     rows = rows_of(np.ones((50, 1)), np.zeros(50))
     found = whiteness(rows, np.zeros(1))[0]

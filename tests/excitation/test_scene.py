@@ -471,6 +471,12 @@ FAR = Box((0, 0, 9), (1, 1, 1), name="far")
         ({"clearance_m": np.nan}, "clearance_m must be zero or more, found nan"),
         ({"disabled_pairs": [("grund", "lower")]}, "disabled_pairs: no link with .* mean 'ground'"),
         ({"disabled_pairs": ["lower"]}, "disabled_pairs must be pairs of link names, found 'low"),
+        (
+            {"disabled_pairs": [(["a"], "lower")]},
+            r"pairs of link names, found \(\['a'\], 'lower'\)",
+        ),
+        ({"disabled_pairs": [1.0]}, r"disabled_pairs must be pairs of link names, found 1\.0"),
+        ({"disabled_pairs": 7}, "disabled_pairs must be pairs of link names, found 7"),
         ({"keep_out": [AROUND_ALL]}, r"no posture .*'upper'.*'cell'.*disabled_pairs=\[\('upper'"),
         ({"keep_out": [FAR, FAR]}, "keep-out box 'far' has the name of another box"),
         ({"keep_out": [Box((0, 0, 9), (1, 1, 1), name="lower")]}, "'lower' has the name of"),

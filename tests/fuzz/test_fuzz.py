@@ -1,0 +1,110 @@
+"""A short run of the fuzzer: fixed cases of each target; `scripts/fuzz.py` runs many more."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import traceback
+from contextlib import suppress
+from pathlib import Path
+from random import Random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import seaid
+from scripts.fuzz import Child, cases_of, report
+from seaid.errors import LogError, RobotError
+from seaid.logs.description_file import description_for
+from seaid.logs.log_description import Clock, LogDescription, Source
+from tests.fuzz import seeds
+from tests.fuzz.targets import TARGETS, run_case
+from tests.fuzz.unruly import work
+
+CASES = {"mesh": 6, "hebilog": 6, "command": 6, "identify": 20}
+"""Cases of the slow targets; of the others 40."""
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_damaged_content_is_taken_or_refused_in_our_words(name: str, tmp_path: Path) -> None:
+    if name == "hebilog":
+        pytest.importorskip("hebi", reason="HEBI's reader is not installed")
+    kinds = set()
+    for seed in range(CASES.get(name, 40)):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        outcome = run_case(name, seed, folder)
+        said = "".join(traceback.format_exception(outcome.problem)) if outcome.problem else ""
+        assert outcome.kind in ("accepted", "refused"), f"{name} {seed}: {said}"
+        kinds.add(outcome.kind)
+    assert kinds == {"accepted", "refused"}  # else the mutators do too much, or nothing
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_a_case_is_its_target_and_seed(name: str, tmp_path: Path) -> None:
+    folders = [tmp_path / one for one in ("a", "b")]
+    for folder in folders:
+        folder.mkdir()
+        TARGETS[name](Random(f"{name} 3"), folder)
+    one, two = (seeds.files_in(folder) for folder in folders)
+    assert one == two
+
+
+def test_children_that_end_or_hang_are_counted_kept_and_replaced(tmp_path: Path) -> None:
+    child = Child(tmp_path / "child", tmp_path, work, 0.5)
+    cases = [(name, seed) for seed, name in enumerate(("good", "crash", "good", "time", "good"))]
+    results = [child.run(case) for case in cases]
+    child.end()
+    assert [one.kind for one in results] == ["accepted", "crash", "accepted", "time", "accepted"]
+    assert results[1].cause == "ended with -6"
+    assert (tmp_path / "crash-1" / "said.txt").read_text() == "crash"
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["child", "crash-1", "time-3"]
+    text = report(cases, results)
+    assert "| all | 5 | 3 | 0 | 0 | 1 | 1 | 0 | " in text
+    assert "crash: crash ended with -6: 1 cases, first seeds 1" in text
+
+
+def test_cases_are_spread_over_targets_in_turns() -> None:
+    cases = cases_of(["npz", "mesh"], 60, 7)
+    assert len(set(cases)) == 60
+    assert cases[:2] == [("mesh", 7), ("npz", 7)]
+    assert cases[-1] == ("npz", 56)
+
+
+# Names and expressions of any letters
+
+names = st.text(st.characters(exclude_categories=["Cs"]), max_size=30)
+
+
+@given(st.lists(names, min_size=1, max_size=6, unique=True))
+def test_columns_of_any_names_are_described_or_refused(found: list[str]) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "log.json"
+        path.write_text(json.dumps({name: [0.0, 0.1, 0.3] for name in found}))
+        with suppress(LogError):
+            seaid.describe_log(path)
+
+
+@given(names, names)
+def test_descriptions_with_any_names_are_read_as_written(joint: str, column: str) -> None:
+    source = {"motor_position": Source(column), "motor_torque": Source(f"{column}2", sign=-1)}
+    description = LogDescription({joint: source}, Clock(column))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "log.toml"
+        path.write_text(description.to_toml(), encoding="utf-8")
+        again = description_for(path.with_suffix(".csv"), path)
+    assert again is not None
+    assert again.to_dict() == description.to_dict()
+
+
+letters = st.sampled_from(
+    [*"ctqdx01.+-*/^(), _'\"[]{}", "theta_M_dot", "sin", "𝐞val", "**", "9**9"]
+)
+
+
+@given(st.lists(letters, max_size=12).map("".join))
+def test_extra_terms_of_any_letters_are_taken_or_refused(text: str) -> None:
+    drive = {"type": "stiff", "gear_ratio": 50.0, "extra_terms": [text]}
+    with suppress(RobotError):
+        seaid.load_robot(seeds.ARM_URDF, {"wrist": drive})
