@@ -35,6 +35,9 @@ _SETTLED = 1e-9
 _ROUNDING = 1e-11
 """The same as a part of chi-square: far from the estimate no more can be resolved."""
 
+_STALLED = 1e-2
+"""Decrement of the merit in units of the weight that is enough where it falls no more."""
+
 _MOST_STEPS = 200
 _MOST_CUTS = 50
 _TO_THE_BOUNDARY = 0.9
@@ -133,21 +136,22 @@ def minimum(programme: Programme, weight: float) -> Minimum:
     A weight below 1e-9 of chi-square counts as that. Raises IdentificationError where rounding
     leaves no way on, and for numbers too large to be squared.
     """
-    point, used = _start(programme, weight), np.inf
+    point, used, before = _start(programme, weight), np.inf, np.inf
     for _ in range(_MOST_STEPS):
         resolved = RESOLVED * point.chi_square
         used = max(weight, min(used, resolved))
         final = used, max(BARRIER, resolved)
         system = _system(programme, point)
         step, decrement = _direction(programme, used, point, system, final)
-        if decrement <= used:  # Newton's method ends it, with no regard for the way here
-            moved, _ = _moved(programme, point, step)
-            if decrement < _SETTLED * used + _ROUNDING * point.chi_square:
-                freedom = 2 * float(np.sum(system.variances()[: point.p]))
-                return Minimum(moved or point, used, freedom)
-        else:
-            step = _corrected(programme, used, point, system, final)
-            moved, _ = _moved(programme, point, step)
+        last = all(gap <= 2 * target for gap, target in zip(point.gaps, final, strict=True))
+        if not (last and decrement <= used):
+            step = _corrected(programme, used, point, system, final, step)
+        moved, _ = _moved(programme, point, step)
+        settled = _SETTLED * used + _ROUNDING * point.chi_square
+        if last and (decrement < settled or 0.1 * before < decrement < _STALLED * used):
+            freedom = 2 * float(np.sum(system.variances()[: point.p]))
+            return Minimum(moved or point, used, freedom)
+        before = decrement if last else np.inf
         if moved is None:
             break
         point = moved
@@ -240,15 +244,14 @@ def _corrected(
     point: Point,
     system: _System,
     final: tuple[float, float],
+    ahead: _Step,
 ) -> _Step:
-    """Return Mehrotra's step: as central as the way straight to the boundary is short."""
-    ahead, _ = _direction(programme, weight, point, system, (0.0, 0.0))
+    """Return Mehrotra's step: as central as the way straight `ahead` to the end is short."""
     centring = max((1 - _length(point, ahead)) ** 3, _LEAST_CENTRING)
-    bodies, limits = (centring * gap for gap in point.gaps)
-    targets = max(final[0], bodies), max(final[1], limits)
-    return _direction(
-        programme, weight, point, system, targets, ahead if targets != final else None
-    )[0]
+    bodies, limits = (
+        max(target, centring * gap) for target, gap in zip(final, point.gaps, strict=True)
+    )
+    return _direction(programme, weight, point, system, (bodies, limits), ahead)[0]
 
 
 def _moved(programme: Programme, point: Point, step: _Step) -> tuple[Point | None, float]:
