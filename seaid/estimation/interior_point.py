@@ -42,6 +42,10 @@ _MOST_STEPS = 200
 _MOST_CUTS = 50
 _TO_THE_BOUNDARY = 0.9
 _LEAST_CENTRING = 1e-4
+_LONG = 0.3
+
+_APART = 1e4
+"""How far a complementary product may be from their mean; further it is of no use to the next."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,17 +219,18 @@ def _direction(
     system: _System,
     targets: tuple[float, float],
     ahead: _Step | None = None,
+    part: float = 1.0,
 ) -> tuple[_Step, float]:
     """Return the step to complementary products `targets`, and the decrement of the merit.
 
-    `ahead` is a step whose second order is made good for.
+    `ahead` is a step whose second order is made good for, in part.
     """
     blocks, matrix = programme.cones[1], programme.slack[1]
     (root, _), (half, other) = point.roots, point.halves
     turned, product = np.zeros_like(point.Q), np.zeros_like(point.slack)
     if ahead is not None:
-        turned = ahead.Z @ ahead.Q @ point.inverse
-        product = ahead.slack * ahead.multipliers
+        turned = part * ahead.Z @ ahead.Q @ point.inverse
+        product = part * ahead.slack * ahead.multipliers
     upper = root.transpose(0, 2, 1)
     pull = (weight * upper - targets[0] * half + upper @ turned) @ other.transpose(0, 2, 1)
     push = (product - targets[1]) / np.sqrt(point.multipliers * point.slack)
@@ -246,12 +251,25 @@ def _corrected(
     final: tuple[float, float],
     ahead: _Step,
 ) -> _Step:
-    """Return Mehrotra's step: as central as the way straight `ahead` to the end is short."""
-    centring = max((1 - _length(point, ahead)) ** 3, _LEAST_CENTRING)
+    """Return Mehrotra's step: as central as the way straight `ahead` to the end is short.
+
+    What the second order is worth is seen: of it whole, in part and not at all the one is taken
+    that leaves the longest way, if the first is not long enough.
+    """
+    reach = _length(point, ahead)
+    centring = max((1 - reach) ** 3, _LEAST_CENTRING)
     bodies, limits = (
         max(target, centring * gap) for target, gap in zip(final, point.gaps, strict=True)
     )
-    return _direction(programme, weight, point, system, (bodies, limits), ahead)[0]
+    best, longest = ahead, 0.0
+    for part in (1.0, reach, 0.0):
+        step, _ = _direction(programme, weight, point, system, (bodies, limits), ahead, part)
+        length = _length(point, step)
+        if length > longest:
+            best, longest = step, length
+        if longest > _LONG:
+            break
+    return best
 
 
 def _moved(programme: Programme, point: Point, step: _Step) -> tuple[Point | None, float]:
@@ -260,14 +278,27 @@ def _moved(programme: Programme, point: Point, step: _Step) -> tuple[Point | Non
     for _ in range(_MOST_CUTS):
         x = point.x + length * step.x
         Q, slack = _inside(programme, x)
-        Z = point.Z + length * step.Z
-        multipliers = point.multipliers + length * step.multipliers
-        roots = _root(Q), _root(Z)
-        inside = min(np.min(slack, initial=1.0), np.min(multipliers, initial=1.0)) > 0
-        if inside and roots[0] is not None and roots[1] is not None:
-            return Point(x, Q, slack, Z, multipliers, (roots[0], roots[1]), point.p), length
+        root = _root(Q)
+        if root is not None and np.min(slack, initial=1.0) > 0:
+            Z = point.Z + length * step.Z
+            multipliers = point.multipliers + length * step.multipliers
+            return _balanced(x, Q, slack, Z, multipliers, root, point.p), length
         length *= 0.5
     return None, 0.0
+
+
+def _balanced(
+    x: Array, Q: Array, slack: Array, Z: Array, multipliers: Array, root: Array, p: int
+) -> Point:
+    """Return a point whose complementary products are not too far from their mean."""
+    products, vectors = np.linalg.eigh(root.transpose(0, 2, 1) @ Z @ root)
+    near = np.mean(products)
+    products = np.clip(products, near / _APART, near * _APART)
+    half = np.linalg.inv(root).transpose(0, 2, 1)
+    dual = half @ vectors * np.sqrt(products)[:, None, :]
+    near = float(slack @ multipliers) / max(len(slack), 1)
+    multipliers = np.clip(multipliers, near / _APART / slack, near * _APART / slack)
+    return Point(x, Q, slack, dual @ dual.transpose(0, 2, 1), multipliers, (root, dual), p)
 
 
 def _root(matrices: Array) -> Array | None:
