@@ -1,15 +1,21 @@
-"""Random semidefinite programmes of robots, and their optimum by another solver.
+"""Random semidefinite programmes of robots, what seaid makes of them, and Clarabel beside it.
 
 Everything about a programme follows from its number: the robot, what is known of its bodies, the
 estimate and its covariance, the bounds. They are what users can bring about, and beyond: standard
 errors from 1e-6 to 1000 times a value, combinations known up to 1e5 times better than others,
 payloads that are not on the robot, bounds that leave a single mass or contradict the data.
+
+`outcome` solves one, and compares the least chi-square with Clarabel's. Results are appended to a
+file for each kernel of OpenBLAS (OPENBLAS_CORETYPE), so that a run goes on where it ended.
 """
 
 from __future__ import annotations
 
+import json
+import os
+import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import files
 from pathlib import Path
@@ -25,9 +31,17 @@ from seaid.bodies.body_bounds import body_limits, inside
 from seaid.bodies.body_programme import body_programme
 from seaid.bodies.prior_bodies import prior_bodies
 from seaid.drivetrain.model import StiffDrive
+from seaid.errors import SeaidError
 from seaid.estimation.estimate import Estimate
+from seaid.estimation.feasible import Possible, chosen, nearest, regularised
+from seaid.estimation.interior_point import BARRIER
 from seaid.estimation.programme import Programme, least_spread
-from seaid.inertia import from_center_of_mass, from_pseudo_inertia, pseudo_inertia
+from seaid.inertia import (
+    from_center_of_mass,
+    from_pseudo_inertia,
+    is_physical,
+    pseudo_inertia,
+)
 from seaid.sides.load_model import LoadModel, load_model
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
@@ -57,7 +71,9 @@ class Case:
 def robot_named(name: str) -> seaid.Robot:
     """Return one of `ROBOTS`."""
     if name in ("UR10", "Panda"):
-        examples = {path.name: Path(str(path.locate())) for path in files("example-robot-data") or []}
+        examples = {
+            path.name: Path(str(path.locate())) for path in files("example-robot-data") or []
+        }
         if name == "UR10":
             return seaid.load_robot(examples["ur10_robot.urdf"])
         arm = [f"panda_joint{number}" for number in range(1, 8)]
@@ -86,7 +102,6 @@ def random_case(number: int) -> Case:
     variance = float(10 ** rng.uniform(-12, 6))
     robot, model = robot_named(name), model_of(name)
     estimate, white = _estimate(robot, model, error, variance, rng)
-    estimate.covariance.shape  # noqa: B018
     known = estimate
     if rng.random() < 0.3:
         spread = least_spread(known.covariance, white)
@@ -120,7 +135,9 @@ def _estimate(
     off = size * half @ rng.normal(size=p)
     white = half * 10 ** rng.uniform(-1, 1, p)
     covariances = half @ half.T, white @ white.T + 1e-12 * np.diag(np.diag(half @ half.T))
-    return Estimate(model.names, values + off, covariances[0], model.units, 1.0, 1.0), covariances[1]
+    return Estimate(model.names, values + off, covariances[0], model.units, 1.0, 1.0), covariances[
+        1
+    ]
 
 
 def _prior(robot: seaid.Robot, prior: str, rng: np.random.Generator) -> Array:
@@ -215,17 +232,19 @@ def cone_optimum(programme: Programme, weight: float) -> ConeOptimum:
         return ConeOptimum(str(solution.status), np.nan, np.inf)
     start, part = programme.coordinates(programme.start), 0.0
     for decade in range(-14, 1):
-        if _is_inside(programme, x + part * (start - x)):
+        if _is_inside(programme, (1 - part) * x + part * start):
             break
         part = 10.0**decade
-    inside = objective(programme, x + part * (start - x), weight)
+    inside = objective(programme, (1 - part) * x + part * start, weight)
     return ConeOptimum(str(solution.status), objective(programme, x, weight), inside)
 
 
 def _is_inside(programme: Programme, x: Array) -> bool:
     (first, blocks), (offset, matrix) = programme.cones, programme.slack
     bodies = first + np.tensordot(x, blocks, (0, 1))
-    return bool(np.min(np.linalg.eigvalsh(bodies)) >= 0 and np.min(offset + matrix @ x, initial=0) >= 0)
+    return bool(
+        np.min(np.linalg.eigvalsh(bodies)) >= 0 and np.min(offset + matrix @ x, initial=0) >= 0
+    )
 
 
 def objective(programme: Programme, x: Array, weight: float) -> float:
@@ -234,3 +253,127 @@ def objective(programme: Programme, x: Array, weight: float) -> float:
     u = x[: len(programme.estimate)]
     trace = np.einsum("nii->", first) + x @ np.einsum("nfii->f", blocks)
     return float(u @ u + weight * trace)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a programme: "solved", or the kind of exception and its words.
+
+    `apart` is by how much the objective of `nearest` is above Clarabel's, beyond what weight and
+    barrier explain and relative to 1 + Clarabel's: `worse` against its point made feasible, in all
+    programmes; `apart` where it ends well (else None).
+    """
+
+    number: int
+    robot: str
+    prior: str
+    error: str
+    bounds: str
+    variance: float
+    result: str
+    words: str
+    chi_square: float
+    seconds: float
+    clarabel: str
+    worse: float
+    apart: float | None
+
+
+def outcome(number: int, choose_every: int = 10) -> Outcome:
+    """Solve a programme: nearest, with a random weight, and every tenth with that of the data."""
+    case = random_case(number)
+    programme = case.programme
+    weight = float(10 ** np.random.default_rng([number, 1]).uniform(-6, 4))
+    result, words, chi_square, worse, apart = "solved", "", np.nan, 0.0, None
+    begin = time.process_time()
+    status = ""
+    try:
+        found = nearest(programme)
+        others = [regularised(programme, weight)]
+        if number % choose_every == 0:
+            others.append(chosen(programme, found.chi_square))
+        seconds = time.process_time() - begin
+        if not all(_is_possible(programme, one) for one in (found, *others)):
+            result = "impossible"
+        chi_square = found.chi_square
+        theirs = cone_optimum(programme, found.weight)
+        x = np.concatenate([found.distance, found.unknowns[list(programme.free)]])
+        mine = objective(programme, x, found.weight)
+        barrier = max(BARRIER, found.weight) if len(programme.bounds) else 0.0
+        gap = 4 * len(programme.prior) * found.weight + barrier * len(programme.bounds)
+        status = theirs.status
+        worse = max(0.0, mine - theirs.feasible - gap) / (1 + abs(theirs.feasible))
+        if theirs.ends_well:
+            apart = max(0.0, abs(mine - theirs.objective) - gap) / (1 + abs(theirs.objective))
+    except SeaidError as problem:
+        result, words, seconds = "refused", str(problem), time.process_time() - begin
+    except Exception as problem:  # what this looks for: an exception that is not ours
+        result, words = type(problem).__name__, str(problem)
+        seconds = time.process_time() - begin
+    kind = (case.robot, case.prior, case.error, case.bounds, case.variance)
+    return Outcome(number, *kind, result, words, chi_square, seconds, status, worse, apart)
+
+
+def _is_possible(programme: Programme, found: Possible) -> bool:
+    """Tell whether bodies are possible and bounds kept, but for the rounding of their sums."""
+    offset, matrix = programme.span
+    x = np.concatenate([found.distance, found.unknowns[list(programme.free)]])
+    sums = np.abs(offset) + np.abs(matrix) @ np.abs(x)
+    slack = programme.limits @ found.unknowns - programme.bounds
+    rounding = 1e-14 * (np.abs(programme.limits) @ sums + np.abs(programme.bounds))
+    bodies = found.unknowns[: programme.prior.size].reshape(-1, 10)
+    return all(is_physical(body, 1e-14) for body in bodies) and bool(np.all(slack >= -rounding))
+
+
+def kernel() -> str:
+    """Return the name of the kernel of OpenBLAS that was asked for."""
+    return os.environ.get("OPENBLAS_CORETYPE", "default")
+
+
+def run(count: int, folder: Path) -> None:
+    """Append the outcomes of programmes 0 to count - 1 that are not in the folder yet."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"programmes_{kernel()}.jsonl"
+    done = {one.number for one in read(path)}
+    with path.open("a") as file:
+        for number in range(count):
+            if number not in done:
+                file.write(json.dumps(asdict(outcome(number))) + "\n")
+                file.flush()
+
+
+def read(path: Path) -> list[Outcome]:
+    """Return the outcomes in a file, none for one that is not there."""
+    if not path.exists():
+        return []
+    return [Outcome(**json.loads(line)) for line in path.read_text().splitlines()]
+
+
+def summary(name: str, outcomes: Sequence[Outcome]) -> list[str]:
+    """Return the row of the table for a kernel."""
+    solved = [one for one in outcomes if one.result == "solved"]
+    refused = sum(one.result == "refused" for one in outcomes)
+    apart = [one.apart for one in solved if one.apart is not None]
+    return [
+        name,
+        f"{len(outcomes)}",
+        f"{len(solved)}",
+        f"{refused}",
+        f"{len(outcomes) - len(solved) - refused}",
+        f"{len(apart)}",
+        f"{max(apart, default=np.nan):.1g}",
+        f"{max((one.worse for one in solved), default=np.nan):.1g}",
+        f"{np.median([one.seconds for one in outcomes]):.3f}",
+        f"{max(one.seconds for one in outcomes):.2f}",
+    ]
+
+
+HEADER = [
+    "kernel",
+    "programmes",
+    "solved",
+    "refused by us",
+    "other exception",
+    "Clarabel ends well",
+]
+HEADER += ["largest difference", "largest excess", "median [s]", "longest [s]"]

@@ -38,6 +38,13 @@ _ROUNDING = 1e-11
 _STALLED = 1e-2
 """Decrement of the merit in units of the weight that is enough where it falls no more."""
 
+_STUCK, _LATE = 1e-3, 10
+"""Length of a step, and number of last steps, by which rounding stops it: then twice the weight is
+a small decrement."""
+
+_BESIDE = 1e-8
+"""Barrier of an inequality beside the weight: with less its slack is lost in rounding."""
+
 _MOST_STEPS = 200
 _MOST_CUTS = 50
 _TO_THE_BOUNDARY = 0.9
@@ -137,33 +144,52 @@ class _System:
 def minimum(programme: Programme, weight: float) -> Minimum:
     """Return where chi-square + weight times the divergence from the prior is least.
 
-    A weight below 1e-9 of chi-square counts as that. Raises IdentificationError where rounding
-    leaves no way on, and for numbers too large to be squared.
+    A weight below 1e-9 of chi-square counts as that; where rounding leaves no way there, one below
+    1e-7 and then 1e-5 does. Raises IdentificationError where none leads to an end, and for numbers
+    too large to be squared.
     """
-    point, used, before = _start(programme, weight), np.inf, np.inf
+    start = _start(programme, weight)
+    for resolved in (RESOLVED, 1e2 * RESOLVED, 1e4 * RESOLVED):
+        found = _search(programme, weight, start, resolved)
+        if found is not None:
+            return found
+    raise IdentificationError(
+        f"the possible bodies nearest to the prior with weight {weight:.3g} were not found: the "
+        f"search started {np.sqrt(start.chi_square):.3g} standard errors from the estimate and did "
+        "not end. Check payloads, known bodies and bounds against the data, and give bounds that "
+        "are wider"
+    )
+
+
+def _search(programme: Programme, weight: float, point: Point, resolved: float) -> Minimum | None:
+    """Return the minimum, None where it is not found in so many steps.
+
+    Neither weight nor barrier falls below the part `resolved` of chi-square.
+    """
+    used, before, late = np.inf, np.inf, 0
     for _ in range(_MOST_STEPS):
-        resolved = RESOLVED * point.chi_square
-        used = max(weight, min(used, resolved))
-        final = used, max(BARRIER, resolved)
+        least = resolved * point.chi_square
+        used = max(weight, min(used, least))
+        final = used, max(BARRIER, least, _BESIDE * used)
         system = _system(programme, point)
         step, decrement = _direction(programme, used, point, system, final)
         last = all(gap <= 2 * target for gap, target in zip(point.gaps, final, strict=True))
         if not (last and decrement <= used):
             step = _corrected(programme, used, point, system, final, step)
-        moved, _ = _moved(programme, point, step)
-        settled = _SETTLED * used + _ROUNDING * point.chi_square
-        if last and (decrement < settled or 0.1 * before < decrement < _STALLED * used):
+        moved, length = _moved(programme, point, step)
+        late += last
+        enough = _SETTLED * used + _ROUNDING * point.chi_square
+        if length < _STUCK or late > _LATE:
+            enough = max(enough, 2 * used)
+        elif decrement > 0.1 * before:
+            enough = max(enough, _STALLED * used)
+        if last and decrement < enough:
             freedom = 2 * float(np.sum(system.variances()[: point.p]))
             return Minimum(moved or point, used, freedom)
-        before = decrement if last else np.inf
         if moved is None:
             break
-        point = moved
-    raise IdentificationError(
-        f"the possible bodies nearest to the prior with weight {weight:.3g} were not found: the "
-        f"search ended {np.sqrt(point.chi_square):.3g} standard errors from the estimate. Check "
-        "payloads, known bodies and bounds against the data, and give bounds that are wider"
-    )
+        point, before = moved, decrement if last else np.inf
+    return None
 
 
 def _start(programme: Programme, weight: float) -> Point:
@@ -279,6 +305,8 @@ def _moved(programme: Programme, point: Point, step: _Step) -> tuple[Point | Non
         x = point.x + length * step.x
         Q, slack = _inside(programme, x)
         root = _root(Q)
+        ahead = point.slack + length * step.slack  # exact where the slack of x is all rounding
+        slack = np.where(slack > 0.5 * ahead, slack, ahead)
         if root is not None and np.min(slack, initial=1.0) > 0:
             Z = point.Z + length * step.Z
             multipliers = point.multipliers + length * step.multipliers
