@@ -173,7 +173,8 @@ def _bounds(
     Mapping[str, tuple[float, float]], Mapping[str, tuple[Sequence[float], Sequence[float]]]
 ]:
     """Return bounds of masses and boxes of centres of some bodies."""
-    masses, boxes = {}, {}
+    masses: dict[str, tuple[float, float]] = {}
+    boxes: dict[str, tuple[list[float], list[float]]] = {}
     if bounds == "none":
         return masses, boxes
     for name, body in zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True):

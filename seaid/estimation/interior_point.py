@@ -78,7 +78,8 @@ class Point:
     @cached_property
     def halves(self) -> tuple[Array, Array]:
         """Inverses of the triangular factors."""
-        return np.linalg.inv(self.roots[0]), np.linalg.inv(self.roots[1])
+        first, second = (np.asarray(np.linalg.inv(root)) for root in self.roots)
+        return first, second
 
     @cached_property
     def inverse(self) -> Array:
@@ -196,7 +197,8 @@ def _start(programme: Programme, weight: float) -> Point:
     """Return the point of the programme's start, with multipliers that balance its merit."""
     with np.errstate(over="ignore", invalid="ignore"):
         x = programme.coordinates(programme.start)
-        Q, slack = _inside(programme, x)
+        Q = _inside(programme, x)[0]
+        slack = programme.limits @ programme.start - programme.bounds
         u = x[: len(programme.estimate)]
         gap = max(weight, float(u @ u + weight * np.einsum("nii->", Q)) / (4 * len(Q)))
     root = _root(Q) if np.isfinite(gap) else None
