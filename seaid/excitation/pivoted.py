@@ -6,12 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from seaid.arrays import Array
+from seaid.arrays import Array, BoolArray
 from seaid.base import BaseParameters, base_of_columns, base_parameters, random_states
 from seaid.rigid_body import regressor_at_drives
 from seaid.robot import Robot
 
 _DRAWS = 16
+
+_ALIKE = 1e-6
+"""Relative difference of norms and of condition numbers that does not decide: rounding of a norm is
+below 1e-12, and what differs by a millionth is as good."""
 
 
 def pivoted_base(robot: Robot, rows: Sequence[str] | None = None) -> BaseParameters:
@@ -39,10 +43,32 @@ def _random_rows(robot: Robot, known: list[int], seed: int) -> Array:
 
 
 def _best_pivots(draws: list[Array], rank: int) -> list[int]:
-    """Return the columns of the one pivoting whose pick is best conditioned over all draws."""
-    from scipy.linalg import qr
+    """Return the columns of the one pivoting whose pick is best conditioned over all draws.
 
-    R: Array = qr(np.concatenate(draws), mode="r")[0][: draws[0].shape[1]]
-    pivots = (qr(H, mode="r", pivoting=True)[1] for H in draws)
-    picked: list[list[int]] = [sorted(order[:rank].tolist()) for order in pivots]
-    return min(picked, key=lambda columns: float(np.linalg.cond(R[:, columns])))
+    Of two that are equal but for rounding it is the first, whatever kernel adds the numbers.
+    """
+    factors = [np.linalg.qr(H, mode="r") for H in draws]
+    R = np.linalg.qr(np.concatenate(factors), mode="r")
+    picked = [_pivots(factor, rank) for factor in factors]
+    condition = [float(np.linalg.cond(R[:, columns])) for columns in picked]
+    return picked[_first_of(np.array(condition) <= (1 + _ALIKE) * min(condition))]
+
+
+def _pivots(factor: Array, rank: int) -> list[int]:
+    """Return the columns that pivoting picks, sorted: each time the one with most left, the first
+    of those that are alike. Robots have exact ties: a link turns about an axis of its own symmetry.
+    """
+    left, columns = factor.copy(), []
+    for _ in range(rank):
+        norms = np.linalg.norm(left, axis=0)
+        norms[columns] = 0.0
+        column = _first_of(norms >= (1 - _ALIKE) * np.max(norms))
+        columns.append(column)
+        unit = left[:, column] / np.linalg.norm(left[:, column])
+        for _ in range(2):  # twice: what rounding left of the direction goes too
+            left -= np.outer(unit, unit @ left)
+    return sorted(columns)
+
+
+def _first_of(chosen: BoolArray) -> int:
+    return int(np.flatnonzero(chosen)[0])
