@@ -2,10 +2,18 @@
 
 The estimate is the truth with noise of a torque sensor, at random states; the robot file the search
 starts from has every body stretched, moved and heavier or lighter by about a tenth.
+
+With `--programmes 10000` random programmes are solved and compared with Clarabel instead, see
+`scripts.benchmarks.random_programmes`; `OPENBLAS_CORETYPE=Prescott` and others choose the kernel,
+and the table has a row for each that was run:
+
+    OPENBLAS_CORETYPE=Prescott python -m scripts.benchmarks.feasible --programmes 10000
 """
 
 from __future__ import annotations
 
+import argparse
+import sys
 import time
 import warnings
 from importlib.metadata import files
@@ -18,12 +26,17 @@ from seaid.arrays import Array
 from seaid.base import base_parameters, random_states
 from seaid.bodies.possible_bodies import PossibleBodies, possible_bodies
 from seaid.estimation.estimate import Estimate
-from seaid.inertia import from_pseudo_inertia, is_physical, pseudo_inertia
+from seaid.inertia import is_physical
 from seaid.report.text import percent, table
 from seaid.rigid_body import rigid_body_regressor
 from seaid.sides.load_model import LoadModel, load_model
 
-MODELS = Path(__file__).resolve().parents[2] / "models"
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))  # run as a file: the other script beside this one
+
+from scripts.benchmarks.random_programmes import HEADER, distorted, read, run, summary  # noqa: E402
+
+MODELS = ROOT / "models"
 NOISE = 0.05
 """Standard deviation of the torque, relative to its root mean square."""
 
@@ -59,23 +72,10 @@ def estimated(robot: seaid.Robot, seed: int) -> tuple[LoadModel, Estimate, Array
     return model, estimate, unseen
 
 
-def distorted(robot: seaid.Robot, seed: int) -> Array:
-    """Return standard parameters as a robot file has them: possible, and wrong by a tenth."""
-    rng = np.random.default_rng(seed)
-    bodies = []
-    for body in robot.parameters.reshape(-1, 10):
-        change = np.eye(4)
-        change[:3, :3] += 0.1 * rng.normal(size=(3, 3))
-        change[:3, 3] = 0.01 * rng.normal(size=3)
-        pseudo = change @ pseudo_inertia(body) @ change.T
-        bodies.append(from_pseudo_inertia(pseudo * np.exp(0.1 * rng.normal())))
-    return np.concatenate(bodies)
-
-
 def row(robot: seaid.Robot) -> list[str]:
     """Return a row of the table."""
     model, estimate, unseen = estimated(robot, 0)
-    truth, prior = model.base.project(robot.parameters), distorted(robot, 1)
+    truth, prior = model.base.project(robot.parameters), distorted(robot, np.random.default_rng(1))
     possible_bodies(robot, model, estimate, weight=0.0)  # imports
     seconds, results = [], []
     for weight in (0.0, None):
@@ -106,18 +106,29 @@ def physical(found: PossibleBodies) -> bool:
     return all(is_physical(body, 0.0) for body in found.parameters.reshape(-1, 10))
 
 
-def main() -> None:
-    """Print the table."""
-    warnings.simplefilter("ignore", seaid.SeaidWarning)
+def robots_table() -> str:
+    """Return the table of four robots."""
     header = ["robot", "p", "weight 0 [s]", "weight chosen [s]", "least chi2", "chi2", "weight"]
     header += ["freedom", "file", "estimate", "weight 0", "chosen"]
-    rows = [row(robot) for robot in robots()]
-    print(
-        table(
-            "Possible bodies; the last four are errors of the torque at unseen states", header, rows
-        )
-    )
+    title = "Possible bodies; the last four are errors of the torque at unseen states"
+    return table(title, header, [row(robot) for robot in robots()])
+
+
+def programmes_table(folder: Path) -> str:
+    """Return the table of random programmes, a row for each kernel."""
+    found = {path.stem.split("_")[1]: read(path) for path in sorted(folder.glob("programmes_*"))}
+    rows = [summary(name, outcomes) for name, outcomes in found.items()]
+    return table("Random programmes; differences relative to 1 + objective", HEADER, rows)
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--programmes", type=int, help="so many random ones, instead of robots")
+    parser.add_argument("--output", type=Path, default=Path("out/feasible"), help="result folder")
+    arguments = parser.parse_args()
+    warnings.simplefilter("ignore", seaid.SeaidWarning)
+    if arguments.programmes is None:
+        print(robots_table())
+    else:
+        run(arguments.programmes, arguments.output)
+        print(programmes_table(arguments.output))

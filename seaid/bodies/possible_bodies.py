@@ -15,7 +15,7 @@ from scipy import linalg
 
 from seaid.arrays import Array, finite
 from seaid.bodies.body_bounds import Boxes, MassBounds, body_limits, inside
-from seaid.bodies.body_programme import body_programme
+from seaid.bodies.body_programme import NON_NEGATIVE, body_programme
 from seaid.bodies.prior_bodies import prior_bodies
 from seaid.errors import IdentificationError
 from seaid.estimation.estimate import Estimate
@@ -175,12 +175,17 @@ def _robot(robot: Robot, model: LoadModel, known: Estimate, found: Possible) -> 
     drives = dict(robot.drivetrains)
     for joint, drive in drives.items():
         own = {
-            full.removesuffix(f" of {joint}"): value
+            (name := full.removesuffix(f" of {joint}")): _rounded(name, value)
             for full, value in names.items()
             if full.endswith(f" of {joint}") and full not in model.expressions
         }
         drives[joint] = with_values(drive, own)
     return robot.with_values(_bodies(robot, found), drives)
+
+
+def _rounded(name: str, value: float) -> float:
+    """Return the value of a drive's parameter, one that rounding made negative as zero."""
+    return max(value, 0.0) if name in NON_NEGATIVE else value
 
 
 def _errors(programme: Programme) -> Array:

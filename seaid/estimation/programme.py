@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 
-from seaid.arrays import Array, frozen
+from seaid.arrays import Array, finite
+from seaid.errors import IdentificationError
 from seaid.inertia import pseudo_inertia
 
 
@@ -43,7 +44,8 @@ class Programme:
             "start": (f,),
         }
         for name, shape in shapes.items():
-            object.__setattr__(self, name, frozen(name, getattr(self, name), shape))
+            value = finite(name, getattr(self, name), shape, IdentificationError)
+            object.__setattr__(self, name, value)
 
     @cached_property
     def free(self) -> tuple[int, ...]:

@@ -17,6 +17,9 @@ _LEFT = 1e-6
 outside of those picked before are equally long occur in every robot; without it rounding, and so
 the processor, would choose between them."""
 
+_ALIKE = 1e-6
+"""Relative difference of condition numbers that does not decide."""
+
 
 def pivoted_base(robot: Robot, rows: Sequence[str] | None = None) -> BaseParameters:
     """Return the base parameters whose columns QR with column pivoting picks at random states.
@@ -44,11 +47,15 @@ def _random_rows(robot: Robot, known: list[int], seed: int) -> Array:
 
 
 def _best_pivots(draws: list[Array], rank: int) -> list[int]:
-    """Return the columns of the one pivoting whose pick is best conditioned over all draws."""
+    """Return the columns of the one pivoting whose pick is best conditioned over all draws.
+
+    Of two that are equal but for rounding it is the first.
+    """
     from scipy.linalg import qr
 
     R: Array = qr(np.concatenate(draws), mode="r")[0][: draws[0].shape[1]]
     weights = 1.0 - _LEFT * np.arange(R.shape[1])
     pivots = (qr(H * weights, mode="r", pivoting=True)[1] for H in draws)
     picked: list[list[int]] = [sorted(order[:rank].tolist()) for order in pivots]
-    return min(picked, key=lambda columns: float(np.linalg.cond(R[:, columns])))
+    condition = np.array([np.linalg.cond(R[:, columns]) for columns in picked])
+    return picked[int(np.argmax(condition <= (1 + _ALIKE) * np.min(condition)))]

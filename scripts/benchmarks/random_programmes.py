@@ -1,0 +1,380 @@
+"""Random semidefinite programmes of robots, what seaid makes of them, and Clarabel beside it.
+
+Everything about a programme follows from its number: the robot, what is known of its bodies, the
+estimate and its covariance, the bounds. They are what users can bring about, and beyond: standard
+errors from 1e-6 to 1000 times a value, combinations known up to 1e5 times better than others,
+payloads that are not on the robot, bounds that leave a single mass or contradict the data.
+
+`outcome` solves one, and compares the least chi-square with Clarabel's. Results are appended to a
+file for each kernel of OpenBLAS (OPENBLAS_CORETYPE), so that a run goes on where it ended.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib.metadata import files
+from pathlib import Path
+
+import clarabel
+import numpy as np
+from scipy import sparse
+
+import seaid
+from seaid.arrays import Array
+from seaid.base import base_parameters
+from seaid.bodies.body_bounds import body_limits, inside
+from seaid.bodies.body_programme import body_programme
+from seaid.bodies.prior_bodies import prior_bodies
+from seaid.drivetrain.model import StiffDrive
+from seaid.errors import SeaidError
+from seaid.estimation.estimate import Estimate
+from seaid.estimation.feasible import Possible, chosen, nearest, regularised
+from seaid.estimation.interior_point import BARRIER
+from seaid.estimation.programme import Programme, least_spread
+from seaid.inertia import (
+    from_center_of_mass,
+    from_pseudo_inertia,
+    is_physical,
+    pseudo_inertia,
+)
+from seaid.sides.load_model import LoadModel, load_model
+
+MODELS = Path(__file__).resolve().parents[2] / "models"
+ROBOTS = ("leg", "stiff leg", "stiff knee", "arm", "UR10", "Panda")
+BOUNDS = ("none", "none", "tight", "given", "contradictory")
+ERRORS = ("noise", "noise", "wrong", "payload", "missing payload")
+AGREEMENT = 1e-6
+"""Part of the objective to which Clarabel ends: its tolerances are 1e-8 of each of many parts."""
+
+PRIORS = ("file", "distorted", "none", "degenerate")
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A programme and in words what kind it is of."""
+
+    number: int
+    robot: str
+    prior: str
+    error: str
+    bounds: str
+    variance: float
+    programme: Programme
+
+
+@cache
+def robot_named(name: str) -> seaid.Robot:
+    """Return one of `ROBOTS`."""
+    if name in ("UR10", "Panda"):
+        examples = {
+            path.name: Path(str(path.locate())) for path in files("example-robot-data") or []
+        }
+        if name == "UR10":
+            return seaid.load_robot(examples["ur10_robot.urdf"])
+        arm = [f"panda_joint{number}" for number in range(1, 8)]
+        return seaid.load_robot(examples["panda.urdf"], joints=arm)
+    urdf = MODELS / ("philips_arm.urdf" if name == "arm" else "tulip_leg.urdf")
+    if name == "leg":
+        return seaid.load_robot(urdf, drivetrains=MODELS / "tulip_leg.toml")
+    joints = ["knee_pitch", "ankle_pitch"] if name == "stiff knee" else None
+    robot = seaid.load_robot(urdf, joints=joints)
+    drive = StiffDrive(gear_ratio=50.0)
+    return seaid.load_robot(urdf, dict.fromkeys(robot.joint_names, drive), joints=joints)
+
+
+@cache
+def model_of(name: str) -> LoadModel:
+    """Return what the load side of one of `ROBOTS` can tell."""
+    robot = robot_named(name)
+    return load_model(robot, base_parameters(robot), robot.joint_names)
+
+
+def random_case(number: int) -> Case:
+    """Return the programme with this number."""
+    rng = np.random.default_rng(number)
+    name, prior = str(rng.choice(ROBOTS)), str(rng.choice(PRIORS))
+    error, bounds = str(rng.choice(ERRORS)), str(rng.choice(BOUNDS))
+    variance = float(10 ** rng.uniform(-12, 6))
+    robot, model = robot_named(name), model_of(name)
+    estimate, white = _estimate(robot, model, error, variance, rng)
+    known = estimate
+    if rng.random() < 0.3:
+        spread = least_spread(known.covariance, white)
+        known = Estimate(known.names, known.values, spread, known.units, 1.0, 1.0)
+    bodies, _ = prior_bodies(robot, _prior(robot, prior, rng))
+    masses, boxes = _bounds(robot, bounds, rng)
+    limits = body_limits(robot, bodies, masses, boxes)
+    start = inside(robot, bodies, masses, boxes)
+    programme, _ = body_programme(robot, model, known, bodies, limits, start)
+    return Case(number, name, prior, error, bounds, variance, programme)
+
+
+def _estimate(
+    robot: seaid.Robot, model: LoadModel, error: str, variance: float, rng: np.random.Generator
+) -> tuple[Estimate, Array]:
+    """Return an estimate of the truth, and its covariance if the noise were white."""
+    bodies = robot.parameters.copy()
+    if "payload" in error:
+        place = slice(10 * (body := int(rng.integers(robot.n))), 10 * body + 10)
+        sign = 1.0 if error == "missing payload" else -1.0
+        mass, centre = 10 ** rng.uniform(-1, 1.3), rng.uniform(-0.2, 0.2, 3)
+        bodies[place] += sign * from_center_of_mass(mass, centre, np.zeros((3, 3)))
+    friction = np.abs(rng.normal(size=len(model.drives))) * 0.1
+    values = np.append(model.base.project(bodies), friction)
+    values = values + model.absorption @ np.abs(rng.normal(size=len(model.absorbed))) * 0.1
+    p, worst = len(values), rng.uniform(0, 10)
+    turn = np.linalg.qr(rng.normal(size=(p, p)))[0]
+    half = turn * 10 ** (-rng.uniform(0, worst, p) / 2)
+    half *= np.sqrt(variance) * (np.abs(values) + 1e-3)[:, None]
+    size = 10 ** rng.uniform(0, 4) if error == "wrong" else 1.0
+    off = size * half @ rng.normal(size=p)
+    white = half * 10 ** rng.uniform(-1, 1, p)
+    covariances = half @ half.T, white @ white.T + 1e-12 * np.diag(np.diag(half @ half.T))
+    return Estimate(model.names, values + off, covariances[0], model.units, 1.0, 1.0), covariances[
+        1
+    ]
+
+
+def _prior(robot: seaid.Robot, prior: str, rng: np.random.Generator) -> Array:
+    """Return the standard parameters as a file has them: right, wrong, missing, degenerate."""
+    parameters = robot.parameters
+    if prior == "none":
+        return np.full_like(parameters, np.nan)
+    if prior == "distorted":
+        return distorted(robot, rng, float(10 ** rng.uniform(-2, 0)))
+    bodies = parameters.reshape(-1, 10).copy()
+    if prior == "degenerate":
+        body = int(rng.integers(robot.n))
+        bodies[body, 4:] = 0.0
+        bodies[body] *= rng.integers(2)
+    return bodies.ravel()
+
+
+def distorted(robot: seaid.Robot, rng: np.random.Generator, size: float = 0.1) -> Array:
+    """Return standard parameters that are possible, and wrong by about `size`."""
+    bodies = []
+    for body in robot.parameters.reshape(-1, 10):
+        change = np.eye(4)
+        change[:3, :3] += size * rng.normal(size=(3, 3))
+        change[:3, 3] = 0.1 * size * rng.normal(size=3)
+        pseudo = change @ pseudo_inertia(body) @ change.T
+        bodies.append(from_pseudo_inertia(pseudo * np.exp(size * rng.normal())))
+    return np.concatenate(bodies)
+
+
+def _bounds(
+    robot: seaid.Robot, bounds: str, rng: np.random.Generator
+) -> tuple[
+    Mapping[str, tuple[float, float]], Mapping[str, tuple[Sequence[float], Sequence[float]]]
+]:
+    """Return bounds of masses and boxes of centres of some bodies."""
+    masses: dict[str, tuple[float, float]] = {}
+    boxes: dict[str, tuple[list[float], list[float]]] = {}
+    if bounds == "none":
+        return masses, boxes
+    for name, body in zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True):
+        mass, centre = body[0], body[1:4] / body[0]
+        width = 0.0 if bounds == "given" else 10 ** rng.uniform(-6, -1)
+        if bounds == "contradictory":
+            mass = mass * 10 ** rng.uniform(-2, 2)
+            centre = centre + rng.uniform(-1, 1, 3)
+        if rng.random() < 0.5:
+            masses[name] = mass * (1 - width), mass * (1 + width)
+        if rng.random() < 0.3:
+            boxes[name] = (centre - width).tolist(), (centre + width).tolist()
+    return masses, boxes
+
+
+@dataclass(frozen=True)
+class ConeOptimum:
+    """What Clarabel says of a programme: its status and the least of chi-square + weight tr Q.
+
+    `feasible` is the objective of its point moved towards the programme's start until it is inside
+    all cones: no less than the least, while `objective` is too low by what its point is outside.
+    """
+
+    status: str
+    objective: float
+    feasible: float
+
+    @property
+    def ends_well(self) -> bool:
+        """Tell whether it is solved, to a millionth, by its own point."""
+        apart = abs(self.feasible - self.objective)
+        return self.status == "Solved" and apart < AGREEMENT * (1 + abs(self.objective))
+
+
+def cone_optimum(programme: Programme, weight: float) -> ConeOptimum:
+    """Solve the semidefinite programme by Clarabel: least chi-square + weight times the trace."""
+    p, f = programme.columns.shape
+    (first, blocks), (offset, matrix) = programme.cones, programme.slack
+    columns, rows = np.tril_indices(4)
+    root = np.where(rows == columns, 1.0, np.sqrt(2))
+    A = [-matrix, *(-(block[:, rows, columns] * root).T for block in blocks)]
+    b = np.concatenate([offset, *(body[rows, columns] * root for body in first)])
+    options = clarabel.DefaultSettings()
+    options.verbose = False
+    cones = [clarabel.PSDTriangleConeT(4)] * len(first)
+    if len(offset):
+        cones = [clarabel.NonnegativeConeT(len(offset)), *cones]
+    quadratic = sparse.diags(np.where(np.arange(f) < p, 2.0, 0.0), format="csc")
+    linear = weight * np.einsum("nfii->f", blocks)
+    solver = clarabel.DefaultSolver(
+        quadratic, linear, sparse.csc_matrix(np.vstack(A)), b, cones, options
+    )
+    solution = solver.solve()
+    x = np.array(solution.x)
+    if not np.all(np.isfinite(x)):
+        return ConeOptimum(str(solution.status), np.nan, np.inf)
+    start, part = programme.coordinates(programme.start), 0.0
+    for decade in range(-14, 1):
+        if _is_inside(programme, (1 - part) * x + part * start):
+            break
+        part = 10.0**decade
+    inside = objective(programme, (1 - part) * x + part * start, weight)
+    return ConeOptimum(str(solution.status), objective(programme, x, weight), inside)
+
+
+def _is_inside(programme: Programme, x: Array) -> bool:
+    (first, blocks), (offset, matrix) = programme.cones, programme.slack
+    bodies = first + np.tensordot(x, blocks, (0, 1))
+    return bool(
+        np.min(np.linalg.eigvalsh(bodies)) >= 0 and np.min(offset + matrix @ x, initial=0) >= 0
+    )
+
+
+def objective(programme: Programme, x: Array, weight: float) -> float:
+    """Return chi-square + weight times the trace of all bodies in units of the prior's."""
+    first, blocks = programme.cones
+    u = x[: len(programme.estimate)]
+    trace = np.einsum("nii->", first) + x @ np.einsum("nfii->f", blocks)
+    return float(u @ u + weight * trace)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a programme: "solved", or the kind of exception and its words.
+
+    `apart` is by how much the objective of `nearest` is above Clarabel's, beyond what weight and
+    barrier explain and relative to 1 + Clarabel's: `worse` against its point made feasible, in all
+    programmes; `apart` where it ends well (else None).
+    """
+
+    number: int
+    robot: str
+    prior: str
+    error: str
+    bounds: str
+    variance: float
+    result: str
+    words: str
+    chi_square: float
+    seconds: float
+    clarabel: str
+    worse: float
+    apart: float | None
+
+
+def outcome(number: int, choose_every: int = 10) -> Outcome:
+    """Solve a programme: nearest, with a random weight, and every tenth with that of the data."""
+    case = random_case(number)
+    programme = case.programme
+    weight = float(10 ** np.random.default_rng([number, 1]).uniform(-6, 4))
+    result, words, chi_square, worse, apart = "solved", "", np.nan, 0.0, None
+    begin = time.process_time()
+    status = ""
+    try:
+        found = nearest(programme)
+        others = [regularised(programme, weight)]
+        if number % choose_every == 0:
+            others.append(chosen(programme, found.chi_square))
+        seconds = time.process_time() - begin
+        if not all(_is_possible(programme, one) for one in (found, *others)):
+            result = "impossible"
+        chi_square = found.chi_square
+        theirs = cone_optimum(programme, found.weight)
+        x = np.concatenate([found.distance, found.unknowns[list(programme.free)]])
+        mine = objective(programme, x, found.weight)
+        barrier = max(BARRIER, found.weight) if len(programme.bounds) else 0.0
+        gap = 4 * len(programme.prior) * found.weight + barrier * len(programme.bounds)
+        status = theirs.status
+        worse = max(0.0, mine - theirs.feasible - gap) / (1 + abs(theirs.feasible))
+        if theirs.ends_well:
+            apart = max(0.0, abs(mine - theirs.objective) - gap) / (1 + abs(theirs.objective))
+    except SeaidError as problem:
+        result, words, seconds = "refused", str(problem), time.process_time() - begin
+    except Exception as problem:  # what this looks for: an exception that is not ours
+        result, words = type(problem).__name__, str(problem)
+        seconds = time.process_time() - begin
+    kind = (case.robot, case.prior, case.error, case.bounds, case.variance)
+    return Outcome(number, *kind, result, words, chi_square, seconds, status, worse, apart)
+
+
+def _is_possible(programme: Programme, found: Possible) -> bool:
+    """Tell whether bodies are possible and bounds kept, but for the rounding of their sums."""
+    offset, matrix = programme.span
+    x = np.concatenate([found.distance, found.unknowns[list(programme.free)]])
+    sums = np.abs(offset) + np.abs(matrix) @ np.abs(x)
+    slack = programme.limits @ found.unknowns - programme.bounds
+    rounding = 1e-14 * (np.abs(programme.limits) @ sums + np.abs(programme.bounds))
+    bodies = found.unknowns[: programme.prior.size].reshape(-1, 10)
+    return all(is_physical(body, 1e-14) for body in bodies) and bool(np.all(slack >= -rounding))
+
+
+def kernel() -> str:
+    """Return the name of the kernel of OpenBLAS that was asked for."""
+    return os.environ.get("OPENBLAS_CORETYPE", "default")
+
+
+def run(count: int, folder: Path) -> None:
+    """Append the outcomes of programmes 0 to count - 1 that are not in the folder yet."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"programmes_{kernel()}.jsonl"
+    done = {one.number for one in read(path)}
+    with path.open("a") as file:
+        for number in range(count):
+            if number not in done:
+                file.write(json.dumps(asdict(outcome(number))) + "\n")
+                file.flush()
+
+
+def read(path: Path) -> list[Outcome]:
+    """Return the outcomes in a file, none for one that is not there."""
+    if not path.exists():
+        return []
+    return [Outcome(**json.loads(line)) for line in path.read_text().splitlines()]
+
+
+def summary(name: str, outcomes: Sequence[Outcome]) -> list[str]:
+    """Return the row of the table for a kernel."""
+    solved = [one for one in outcomes if one.result == "solved"]
+    refused = sum(one.result == "refused" for one in outcomes)
+    apart = [one.apart for one in solved if one.apart is not None]
+    return [
+        name,
+        f"{len(outcomes)}",
+        f"{len(solved)}",
+        f"{refused}",
+        f"{len(outcomes) - len(solved) - refused}",
+        f"{len(apart)}",
+        f"{max(apart, default=np.nan):.1g}",
+        f"{max((one.worse for one in solved), default=np.nan):.1g}",
+        f"{np.median([one.seconds for one in outcomes]):.3f}",
+        f"{max(one.seconds for one in outcomes):.2f}",
+    ]
+
+
+HEADER = [
+    "kernel",
+    "programmes",
+    "solved",
+    "refused by us",
+    "other exception",
+    "Clarabel ends well",
+]
+HEADER += ["largest difference", "largest excess", "median [s]", "longest [s]"]
