@@ -19,6 +19,8 @@ from seaid.excitation.problem import value_and_gradient as true_value_and_gradie
 from seaid.rigid_body import rigid_body_regressor
 from seaid.robot import Robot
 
+pytestmark = pytest.mark.rounding
+
 QUICK: dict[str, Any] = {"starts": 2, "iterations": 12, "coefficients": 10}
 
 

@@ -21,6 +21,8 @@ from seaid.excitation.target_regressor import stacked_regressor
 from seaid.log import Log
 from seaid.robot import Robot, load_robot
 
+pytestmark = pytest.mark.rounding
+
 MODELS = Path(__file__).parents[2] / "models"
 LIMITS = Limits(velocity=2.5, acceleration=10.0)
 
