@@ -15,6 +15,8 @@ from seaid.motion import Motion
 from seaid.rigid_body import rigid_body_regressor
 from seaid.robot import Robot, load_robot
 
+pytestmark = pytest.mark.rounding
+
 Chain = Callable[..., Path]
 
 ARMS = {

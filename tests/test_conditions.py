@@ -24,6 +24,8 @@ from tests.experiments import (
     perfect_log,
 )
 
+pytestmark = pytest.mark.rounding
+
 WARM = 0.4
 """Part of the viscous friction that a warm leg lacks."""
 

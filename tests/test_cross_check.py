@@ -18,6 +18,8 @@ from seaid.errors import SeaidError
 from seaid.robot import Robot
 from seaid.symbolic import base_parameters as exact_base_parameters
 
+pytestmark = pytest.mark.rounding
+
 LARGEST = 60
 """Joints; the numeric QR of a larger tree takes seconds, and the script does them all."""
 

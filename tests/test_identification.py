@@ -31,6 +31,8 @@ from tests.experiments import (
     perfect_log,
 )
 
+pytestmark = pytest.mark.rounding
+
 KNOWN = leg(TEST_MASS).without_nominal()
 
 

@@ -45,6 +45,8 @@ from tests.experiments import (
     wiggle,
 )
 
+pytestmark = pytest.mark.rounding
+
 LEG, FREE = leg(TEST_MASS), leg()
 CUBIC = 2e-9
 

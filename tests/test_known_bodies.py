@@ -17,6 +17,8 @@ from seaid.robot import Robot, load_robot
 from seaid.symbolic.exact_base import base_parameters as exact_base_parameters
 from tests.experiments import MODELS
 
+pytestmark = pytest.mark.rounding
+
 LEG = (MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml")
 
 

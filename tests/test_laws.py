@@ -18,6 +18,8 @@ from seaid.inertia import parameter_names
 from seaid.rigid_body import joint_torques, rigid_body_regressor
 from seaid.robot import Payload, Robot, load_robot
 
+pytestmark = pytest.mark.rounding
+
 STATES = 6
 
 

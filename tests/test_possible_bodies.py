@@ -24,6 +24,8 @@ from seaid.sides.load_model import LoadModel, load_model
 from seaid.simulation import simulate_motion
 from tests.experiments import MODELS, arm, leg, wiggle
 
+pytestmark = pytest.mark.rounding
+
 
 @cache
 def model_of(robot: Robot) -> LoadModel:

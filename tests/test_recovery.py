@@ -38,6 +38,8 @@ from tests.experiments import (
     wiggle,
 )
 
+pytestmark = pytest.mark.rounding
+
 DRIVE = ("viscous_friction", "coulomb_friction", "stiffness", "motor_inertia")
 
 

@@ -16,6 +16,8 @@ from seaid.sensitivity import CutoffSensitivity, cutoff_sensitivity
 from seaid.simulation import measure
 from tests.experiments import ARM_SENSORS, arm, arm_motion
 
+pytestmark = pytest.mark.rounding
+
 KNOWN = arm().without_nominal()
 
 

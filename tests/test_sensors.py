@@ -21,6 +21,8 @@ from seaid.rigid_body import joint_torques, rigid_body_regressor
 from seaid.robot import Payload, Robot, load_robot
 from seaid.sensors import SENSORS, identifiability
 
+pytestmark = pytest.mark.rounding
+
 Chain = Callable[..., Path]
 BOTH = ("motor_position", "joint_position")
 ARM = Path(__file__).parents[1] / "models" / "philips_arm"

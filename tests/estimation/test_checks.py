@@ -21,6 +21,8 @@ from seaid.estimation.information import information_of
 from seaid.estimation.solve import ordinary
 from seaid.regression import Regression
 
+pytestmark = pytest.mark.rounding
+
 ONE = np.ones(1)
 
 

@@ -19,6 +19,8 @@ from seaid.estimation.covariance import (
     newey_west,
 )
 
+pytestmark = pytest.mark.rounding
+
 STEP_S = 0.05
 
 

@@ -26,6 +26,8 @@ from seaid.estimation.interior_point import BARRIER, RESOLVED
 from seaid.estimation.programme import Programme, least_spread, root_of
 from seaid.inertia import from_center_of_mass, is_physical, pseudo_inertia
 
+pytestmark = pytest.mark.rounding
+
 BODIES, TOLD = 2, 12
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -11,6 +11,8 @@ from seaid.arrays import Array
 from seaid.errors import ExcitationError
 from seaid.estimation.gauss_newton import Residuals, fisher_covariance, gauss_newton_step
 
+pytestmark = pytest.mark.rounding
+
 WINDOWS, BLOCKS, CHANNELS, P, OWN = 8, 50, 2, 3, 2
 NAMES = ("a", "b", "c")
 STDS = np.array([1.0, 0.01])

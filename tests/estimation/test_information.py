@@ -22,6 +22,8 @@ from seaid.estimation.information import (
 )
 from seaid.regression import Regression
 
+pytestmark = pytest.mark.rounding
+
 WEIGHTS = np.array([1.0, 3.0, 0.2])
 
 

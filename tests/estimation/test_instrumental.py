@@ -15,6 +15,8 @@ from seaid.estimation.instrumental import instrumental
 from seaid.estimation.solve import ordinary, weighted
 from seaid.regression import Regression
 
+pytestmark = pytest.mark.rounding
+
 TRUTH = np.array([2.0, -1.0, 0.5])
 
 

@@ -11,6 +11,8 @@ from seaid.estimation.information import information_of
 from seaid.estimation.nested import gain, time_blocks
 from seaid.regression import Regression
 
+pytestmark = pytest.mark.rounding
+
 NAMES = ("a", "b", "c", "d")
 
 

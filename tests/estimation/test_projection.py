@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 from seaid.arrays import Array
 from seaid.estimation.projection import projected
 
+pytestmark = pytest.mark.rounding
+
 TIME = np.linspace(0.0, 10.0, 400)
 
 

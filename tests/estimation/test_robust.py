@@ -22,6 +22,8 @@ from seaid.regression import Regression
 from seaid.simulation import measure
 from tests.experiments import ARM_SENSORS, arm, arm_motion, true_value
 
+pytestmark = pytest.mark.rounding
+
 Solver = Callable[[Regression], Estimate]
 
 TRUTH = np.array([2.0, -1.0, 0.5])

@@ -14,6 +14,8 @@ from seaid.errors import ExcitationError, IdentificationError
 from seaid.estimation.solve import ordinary, weighted
 from seaid.regression import Regression
 
+pytestmark = pytest.mark.rounding
+
 TRUTH = np.array([2.0, -1.0, 0.5])
 
 

@@ -12,6 +12,8 @@ from seaid.excitation.basis import make_basis
 from seaid.excitation.fourier import FourierBasis
 from seaid.excitation.spline import SplineBasis, bernstein_from_powers
 
+pytestmark = pytest.mark.rounding
+
 BASES = [("bspline", 7), ("bspline", 30), ("polynomial", 7), ("polynomial", 18), ("polynomial", 30)]
 FOURIER = [("fourier", 7), ("fourier", 31)]
 

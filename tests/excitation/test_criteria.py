@@ -16,6 +16,8 @@ from seaid.excitation.criteria import (
     triangular_factor,
 )
 
+pytestmark = pytest.mark.rounding
+
 
 @settings(derandomize=True, max_examples=25, deadline=None)
 @given(

@@ -19,6 +19,8 @@ from seaid.excitation.problem import value_and_gradient as true_value_and_gradie
 from seaid.rigid_body import rigid_body_regressor
 from seaid.robot import Robot
 
+pytestmark = pytest.mark.rounding
+
 QUICK: dict[str, Any] = {"starts": 2, "iterations": 12, "coefficients": 10}
 
 
@@ -101,7 +103,11 @@ def test_only_some_torques_known(leg: Robot) -> None:
 
 
 def test_free_ends_reach_further(leg: Robot) -> None:
-    options: dict[str, Any] = {"starts": 1, "iterations": 40, "coefficients": 14}
+    """Rest is one of the free ends: the least condition number is no more, here 25 for 27.
+
+    After 40 iterations both still fall, and which is ahead is a matter of rounding; 80 are enough.
+    """
+    options: dict[str, Any] = {"starts": 1, "iterations": 80, "coefficients": 14}
     rest, free = (plan(leg, 6.0, rest_to_rest=rest, **options) for rest in (True, False))
     assert not free.trajectory.rests_at_ends
     assert free.condition_number < rest.condition_number

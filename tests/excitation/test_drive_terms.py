@@ -34,6 +34,8 @@ from tests import terms
 from tests.excitation.test_target import assert_gradient
 from tests.terms import ELASTIC, STIFF, arm, exact_motion, slope, value_of, with_terms
 
+pytestmark = pytest.mark.rounding
+
 DRY = ("viscous", "coulomb")
 SHARP = np.full(2, 1e-7)
 LIMITED = Limits(joint_torque=50.0, motor_torque=0.5, motor_speed=400.0, deflection=0.1)

@@ -12,6 +12,8 @@ from seaid.errors import ExcitationError
 from seaid.excitation import FREE, EndState, JointLimits, MotionSpace, Trajectory, make_basis
 from seaid.excitation.ends import limit_rows, motion_space
 
+pytestmark = pytest.mark.rounding
+
 BASES = [("bspline", 8), ("bspline", 25), ("polynomial", 9), ("polynomial", 18), ("fourier", 13)]
 JOINTS = ("rail", "shoulder", "elbow")
 

@@ -12,6 +12,8 @@ from seaid.rigid_body import rigid_body_regressor
 from seaid.robot import Robot
 from tests.excitation.robots import robots
 
+pytestmark = pytest.mark.rounding
+
 
 @pytest.mark.parametrize(("name", "rank"), [("leg", 29), ("ur5", 36), ("panda_reordered", 43)])
 def test_pivoted_base_tells_the_same_torques(name: str, rank: int) -> None:

@@ -21,6 +21,8 @@ from seaid.excitation.target_regressor import stacked_regressor
 from seaid.log import Log
 from seaid.robot import Robot, load_robot
 
+pytestmark = pytest.mark.rounding
+
 MODELS = Path(__file__).parents[2] / "models"
 LIMITS = Limits(velocity=2.5, acceleration=10.0)
 
@@ -108,12 +110,18 @@ def test_given_ends_are_kept(elastic_leg: Robot) -> None:
 
 
 def test_a_motion_that_helps_after_what_was_recorded(leg: Robot) -> None:
-    """Two joints were moved already: the next motion tells of the others."""
+    """Two joints were moved already: the next motion tells of the others.
+
+    A search ends in one of several minima, 45 to 64 here, and rounding may change which: the best
+    of two starts are compared, 46 and 48.
+    """
     slow = Limits(velocity=[2.5e-3, 2.5e-3, 2.5, 2.5, 2.5])
     first = plan(leg, limits=slow)
     log = log_of(leg, first)
-    after = plan(leg, recorded=[log], iterations=80)
-    alone = plan(leg, iterations=80)
+    seeds = (1, 2)
+    afters = [plan(leg, recorded=[log], iterations=80, seed=seed) for seed in seeds]
+    alones = [plan(leg, iterations=80, seed=seed) for seed in seeds]
+    after = min(afters, key=lambda found: found.value)
     assert after.singular_values[-1] > first.singular_values[-1] * 2
 
     def together(found: Excitation) -> float:
@@ -126,7 +134,7 @@ def test_a_motion_that_helps_after_what_was_recorded(leg: Robot) -> None:
         return float(np.linalg.cond(np.vstack(rows)))
 
     assert after.value == pytest.approx(together(after), rel=0.05)
-    assert together(after) < together(alone)
+    assert together(after) < min(together(alone) for alone in alones)
     assert together(after) < together(first)
 
 

@@ -23,6 +23,8 @@ from seaid.rigid_body import joint_torques, rigid_body_regressor
 from seaid.robot import Robot, load_robot
 from tests.excitation.robots import TIAGO, example_robot, robots, states
 
+pytestmark = pytest.mark.rounding
+
 MODELS = Path(__file__).parents[2] / "models"
 States = tuple[Array, Array, Array]
 

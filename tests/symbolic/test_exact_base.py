@@ -16,6 +16,8 @@ from seaid.errors import RobotError, SeaidWarning, SymbolicError
 from seaid.robot import Robot, load_robot
 from seaid.symbolic import ExactBaseParameters, base_parameters
 
+pytestmark = pytest.mark.rounding
+
 SMALL = {
     "ur5_robot.urdf": 36,
     "so100.urdf": 36,

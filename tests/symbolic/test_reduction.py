@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 from seaid.errors import SeaidWarning, SymbolicError
 from seaid.symbolic import BaseForm, RegressorForm, reduce, separate
 
+pytestmark = pytest.mark.rounding
+
 x, y, z, a = sp.symbols("x y z a")
 r, d, g, alpha = sp.symbols("r d g alpha")
 P = sp.symbols("p1:6")

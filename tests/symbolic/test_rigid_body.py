@@ -29,6 +29,8 @@ from seaid.symbolic import (
     separate,
 )
 
+pytestmark = pytest.mark.rounding
+
 ROBOTS = [
     "ur5_robot.urdf",
     "xarm7.urdf",
