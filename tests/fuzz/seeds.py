@@ -76,12 +76,13 @@ motor_torque = {{ column = "tau_{index}", unit = "Nm", times = 1.0 }}
 """What `foreign_columns` are."""
 
 _BODY = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+MESH = '<mesh filename="part.{}" scale="0.1 0.1 0.1"/>'
 TWO_URDF = f"""<robot name="two">
 <link name="ground"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
 <link name="upper">{_BODY}</inertial>
   <collision><origin xyz="0.5 0 0"/><geometry><sphere radius="0.1"/></geometry></collision></link>
 <link name="lower">{_BODY}</inertial><collision><origin xyz="0.4 0 0" rpy="0 0.1 0"/>
-  <geometry><mesh filename="part.MESH" scale="0.1 0.1 0.1"/></geometry></collision></link>
+  <geometry>SHAPE</geometry></collision></link>
 <joint name="shoulder" type="revolute"><parent link="ground"/><child link="upper"/>
   <axis xyz="0 0 1"/><limit lower="-2.5" upper="2.5" velocity="3" effort="9"/></joint>
 <joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/>
@@ -119,7 +120,7 @@ def small_robot(*joints: str) -> Robot:
     """Return a robot with the joints that a bag ("shoulder", "elbow") or a HEBI log has."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "two.urdf"
-        path.write_text(TWO_URDF)
+        path.write_text(TWO_URDF.replace("SHAPE", MESH))
         return seaid.load_robot(path, joints=joints)
 
 

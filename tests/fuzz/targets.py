@@ -160,8 +160,9 @@ def _export(robot: Robot, folder: Path) -> None:
 
 def scene(rng: Random, folder: Path) -> Check:
     """A URDF with collision geometry, an SRDF and a box to keep out of."""
+    shape = rng.choice(('<cylinder radius="0.1" length="0.2"/>',) * 9 + (seeds.MESH.format("stl"),))
     (folder / "part.stl").write_bytes(seeds.mesh("stl"))
-    (folder / "robot.urdf").write_bytes(damaged_xml(rng, seeds.TWO_URDF.replace("MESH", "stl")))
+    (folder / "robot.urdf").write_bytes(damaged_xml(rng, seeds.TWO_URDF.replace("SHAPE", shape)))
     (folder / "robot.srdf").write_bytes(damaged_xml(rng, seeds.SRDF))
     place, size, turn = [1.0, 0.0, 0.0], [0.1, 0.1, 0.1], [0.0, 0.3, 0.0]
     box = [*damaged_tree(rng, [place, size, turn]), rng.choice(NAMES)][:4]
@@ -179,7 +180,8 @@ def mesh(rng: Random, folder: Path) -> Check:
     is_text = content.isascii() and rng.random() < 0.6
     content = damaged_text(rng, content.decode()) if is_text else damaged_bytes(rng, content)
     (folder / f"part.{ending}").write_bytes(content)
-    (folder / "robot.urdf").write_text(seeds.TWO_URDF.replace("MESH", ending))
+    text = seeds.TWO_URDF.replace("SHAPE", seeds.MESH.format(ending))
+    (folder / "robot.urdf").write_text(text)
     return lambda: _scene(folder, [])
 
 

@@ -180,7 +180,7 @@ def bomb_npz(path: Path) -> None:
         for name in seeds.columns():
             text = (header % 500_000_000).ljust(117) + "\n"
             content = b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text.encode()
-            archive.writestr(f"{name}.npy", content + bytes(10_000_000))
+            archive.writestr(f"{name}.npy", content + bytes(1_000_000))
 
 
 def bomb_npz_header(path: Path) -> None:
@@ -207,7 +207,7 @@ def bomb_parquet(path: Path) -> None:
     one = arrow.array(np.zeros(10**6))
     table = arrow.table(dict.fromkeys(seeds.columns(), one))
     with parquet.ParquetWriter(path, table.schema, compression="zstd") as writer:
-        for _ in range(60):
+        for _ in range(12):
             writer.write_table(table)
 
 
@@ -279,7 +279,8 @@ def test_targets_that_are_no_place_are_refused(
     (tmp_path / f"folder{ending}").mkdir()
     (tmp_path / f"loop{ending}").symlink_to(tmp_path / f"loop{ending}")
     (tmp_path / f"full{ending}").symlink_to("/dev/full")
-    for name in ("file/x", "folder", "loop", "full", "a\0b", "x" * 300):
+    names = ("file/x", "folder", "loop", "full", "a\0b", "x" * 300)
+    for name in names if ending != ".html" else names[-1:]:  # whose page takes a second
         refused(lambda name=name: all_writers[ending](tmp_path / f"{name}{ending}"))  # type: ignore[misc]
 
 

@@ -22,8 +22,8 @@ from tests.fuzz import seeds
 from tests.fuzz.targets import TARGETS, run_case
 from tests.fuzz.unruly import work
 
-CASES = {"mesh": 6, "hebilog": 6, "command": 6, "identify": 20}
-"""Cases of the slow targets; of the others 40."""
+CASES = {"mesh": 5, "bag": 4, "hebilog": 5, "command": 6, "identify": 12}
+"""Cases of the slow targets; of the others 25."""
 
 
 @pytest.mark.parametrize("name", TARGETS)
@@ -31,7 +31,7 @@ def test_damaged_content_is_taken_or_refused_in_our_words(name: str, tmp_path: P
     if name == "hebilog":
         pytest.importorskip("hebi", reason="HEBI's reader is not installed")
     kinds = set()
-    for seed in range(CASES.get(name, 40)):
+    for seed in range(CASES.get(name, 25)):
         folder = tmp_path / str(seed)
         folder.mkdir()
         outcome = run_case(name, seed, folder)
