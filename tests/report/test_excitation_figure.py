@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib.figure
 import numpy as np
@@ -20,9 +21,9 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[matplotlib.figure.Figure]:
     figures: list[matplotlib.figure.Figure] = []
     save = matplotlib.figure.Figure.savefig
 
-    def note(figure: matplotlib.figure.Figure, path: Path, *, dpi: int) -> None:
+    def note(figure: matplotlib.figure.Figure, *arguments: Any, **options: Any) -> None:
         figures.append(figure)
-        save(figure, path, dpi=dpi)
+        save(figure, *arguments, **options)
 
     monkeypatch.setattr(matplotlib.figure.Figure, "savefig", note)
     return figures
