@@ -117,7 +117,7 @@ class Child:
     def __init__(self, folder: Path, output: Path, work: Work = work, seconds: float = SECONDS):
         self.folder, self.output, self.work, self.seconds = folder, output, work, seconds
         self.folder.mkdir(parents=True)
-        self.kept: Counter[tuple[str, str]] = Counter()
+        self.seen: Counter[tuple[str, str, str]] = Counter()
         self.start()
 
     def start(self) -> None:
@@ -148,8 +148,9 @@ class Child:
             found: Result = self.pipe.recv() if self.pipe.poll(self.seconds) else _TOO_LONG
         except (EOFError, ConnectionResetError):
             found = Result("crash", f"ended with {self.end()}", 0.0)
-        self.kept[case[0], found.cause] += 1
-        if found.kind in FINDINGS and self.kept[case[0], found.cause] <= KEPT:
+        alike = (case[0], found.kind, found.cause)
+        self.seen[alike] += 1
+        if found.kind in FINDINGS and self.seen[alike] <= KEPT:
             there = self.output / f"{case[0]}-{case[1]}"
             shutil.rmtree(there, ignore_errors=True)
             shutil.copytree(self.folder / "case", there, symlinks=True)

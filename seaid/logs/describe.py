@@ -26,8 +26,8 @@ _TOLD = ("position", "torque", "deflection", "current", "voltage")
 LOOKED_AT = 20_000
 """Samples from the start of a file that are looked at, where it can be read in pieces."""
 
-_MOST_LISTED = 2_000_000
-"""Columns that refused reads list anew in all, ten seconds of an NPZ file's; then no more halves
+_MOST_LISTED = 500_000
+"""Columns that refused reads list anew in all, a few seconds of an NPZ file; then no more halves
 are tried."""
 
 _SHOWN = 100
