@@ -16,6 +16,7 @@ import pinocchio as pin
 from seaid.arrays import Array, finite
 from seaid.errors import RobotError, unknown_name
 from seaid.inertia import from_center_of_mass, in_parent_frame
+from seaid.linear_algebra import safely
 from seaid.urdf import UrdfJoint, UrdfTree
 
 TURNING = ("revolute", "continuous")
@@ -44,8 +45,9 @@ class Payload:
         finite(f"com {where}", self.com, (3,), RobotError)
         inertia = finite(f"inertia {where}", self.inertia, (3, 3), RobotError)
         scale = float(np.max(np.abs(inertia)))
+        least = safely(np.linalg.eigvalsh, inertia, what=f"inertia {where}", error=RobotError)[0]
         symmetric = np.allclose(inertia, inertia.T, rtol=0, atol=1e-9 * scale)
-        if not symmetric or np.linalg.eigvalsh(inertia)[0] < -1e-9 * scale:
+        if not symmetric or least < -1e-9 * scale:
             raise RobotError(
                 f"inertia {where} must be a symmetric matrix without negative principal moments, "
                 f"found {inertia.tolist()}"

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
 from seaid.arrays import Array, BoolArray
 from seaid.base import BaseParameters, base_of_columns, base_parameters, random_states
+from seaid.errors import ExcitationError
+from seaid.linear_algebra import safely
 from seaid.rigid_body import regressor_at_drives
 from seaid.robot import Robot
+
+_safely = partial(safely, what="the base parameters", error=ExcitationError)
 
 _DRAWS = 16
 
@@ -31,7 +36,7 @@ def pivoted_base(robot: Robot, rows: Sequence[str] | None = None) -> BaseParamet
     known = [robot.index(joint) for joint in robot.rows(rows)]
     draws = [_random_rows(robot, known, draw) for draw in range(_DRAWS)]
     columns = _best_pivots(draws, len(leftmost.columns))
-    grouping = np.linalg.solve(leftmost.grouping[:, columns], leftmost.grouping)
+    grouping = _safely(np.linalg.solve, leftmost.grouping[:, columns], leftmost.grouping)
     grouping[:, columns] = np.eye(len(columns))
     grouping[np.abs(grouping) < 1e-11 * np.abs(grouping).max()] = 0.0
     return base_of_columns(robot, columns, np.asarray(grouping, dtype=np.float64), leftmost.gap)
@@ -47,10 +52,10 @@ def _best_pivots(draws: list[Array], rank: int) -> list[int]:
 
     Of two that are equal but for rounding it is the first, whatever kernel adds the numbers.
     """
-    factors = [np.linalg.qr(H, mode="r") for H in draws]
-    R = np.linalg.qr(np.concatenate(factors), mode="r")
+    factors = [np.asarray(np.linalg.qr(H, mode="r")) for H in draws]
+    R = np.asarray(np.linalg.qr(np.concatenate(factors), mode="r"))
     picked = [_pivots(factor, rank) for factor in factors]
-    condition = [float(np.linalg.cond(R[:, columns])) for columns in picked]
+    condition = [float(_safely(np.linalg.cond, R[:, columns])) for columns in picked]
     return picked[_first_of(np.array(condition) <= (1 + _ALIKE) * min(condition))]
 
 
@@ -58,7 +63,8 @@ def _pivots(factor: Array, rank: int) -> list[int]:
     """Return the columns that pivoting picks, sorted: each time the one with most left, the first
     of those that are alike. Robots have exact ties: a link turns about an axis of its own symmetry.
     """
-    left, columns = factor.copy(), []
+    left = factor.copy()
+    columns: list[int] = []
     for _ in range(rank):
         norms = np.linalg.norm(left, axis=0)
         norms[columns] = 0.0
