@@ -23,6 +23,7 @@ from seaid.inertia import (
     from_center_of_mass,
     in_parent_frame,
 )
+from seaid.linear_algebra import safely
 from seaid.urdf import UrdfJoint, UrdfTree
 
 TURNING = ("revolute", "continuous")
@@ -54,8 +55,9 @@ class Payload:
         _check_size(f"com {where}", float(np.max(np.abs(com))), LARGEST_M, "m")
         _check_size(f"inertia {where}", float(np.max(np.abs(inertia))), LARGEST_KG_M2, "kg m^2")
         scale = float(np.max(np.abs(inertia)))
+        least = safely(np.linalg.eigvalsh, inertia, what=f"inertia {where}", error=RobotError)[0]
         symmetric = np.allclose(inertia, inertia.T, rtol=0, atol=1e-9 * scale)
-        if not symmetric or np.linalg.eigvalsh(inertia)[0] < -1e-9 * scale:
+        if not symmetric or least < -1e-9 * scale:
             raise RobotError(
                 f"inertia {where} must be a symmetric matrix without negative principal moments, "
                 f"found {inertia.tolist()}"

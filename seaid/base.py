@@ -9,7 +9,8 @@ import numpy as np
 from scipy import linalg
 
 from seaid.arrays import Array, BoolArray, frozen, seed_of
-from seaid.errors import ExcitationError
+from seaid.errors import ExcitationError, RobotError
+from seaid.linear_algebra import safely
 from seaid.motion import Motion
 from seaid.rigid_body import regressor_at_drives
 from seaid.robot import Robot
@@ -49,6 +50,13 @@ class BaseParameters:
     def project(self, theta: Array) -> Array:
         """Return the base parameters (p,) of standard parameters (m,), (14)."""
         return self.grouping @ np.asarray(theta)
+
+    def least(self, values: Array) -> Array:
+        """Return the smallest standard parameters (10n,) that have these base parameters (p,)."""
+        inverse = safely(
+            np.linalg.pinv, self.grouping, what="the base parameters", error=RobotError
+        )
+        return np.asarray(inverse @ values)
 
 
 def base_parameters(
@@ -131,6 +139,11 @@ def left_to_right(H: Array, zero: BoolArray | None = None) -> tuple[list[int], A
     norms = np.linalg.norm(H, axis=0)
     zero = norms == 0 if zero is None else zero | (norms == 0)
     scale = np.where(zero, 1.0, norms)
+    if not np.all(np.isfinite(norms)):
+        raise RobotError(
+            "the torques of unit parameters are not finite: lengths or speeds of the robot are "
+            "too large to be squared; check that its file is in metres and radians"
+        )
     R = linalg.qr(H / scale, mode="r", check_finite=False)[0][: H.shape[1]]
     basis = np.zeros((R.shape[0], min(R.shape)))
     columns: list[int] = []
@@ -147,7 +160,13 @@ def left_to_right(H: Array, zero: BoolArray | None = None) -> tuple[list[int], A
         else:
             rejected = max(rejected, residual)
     basis = basis[:, : len(columns)]
-    grouping = linalg.solve_triangular(basis.T @ R[:, columns], basis.T @ R)
+    grouping = safely(
+        linalg.solve_triangular,
+        basis.T @ R[:, columns],
+        basis.T @ R,
+        what="the base parameters",
+        error=RobotError,
+    )
     grouping[np.abs(grouping) < _NOTHING] = 0.0
     grouping *= scale[None, :] / scale[columns][:, None]
     grouping[:, zero] = 0.0

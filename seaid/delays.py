@@ -14,6 +14,7 @@ from seaid.drive_signals import motor_regressor, sensed_torque, signals
 from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.errors import LogError, unknown_name
 from seaid.estimation.covariance import newey_west
+from seaid.linear_algebra import safely
 from seaid.log import Log
 from seaid.logs.log_columns import column_names
 from seaid.logs.repair import Repair
@@ -220,7 +221,14 @@ class _Moved:
         """Return that of the best delay, None where the delay has no effect at all."""
         basis, residual = self.fit(found)
         moved, rates = self.spline(self.time - found), self.spline(self.time - found, 1)
-        theta = np.linalg.lstsq(moved[:, 1:], self.channel + moved[:, 0], rcond=_RANK)[0]
+        theta = safely(
+            np.linalg.lstsq,
+            moved[:, 1:],
+            self.channel + moved[:, 0],
+            what="the delay of a channel",
+            error=LogError,
+            rcond=_RANK,
+        )[0]
         slope = _left(basis, rates[:, 1:] @ theta - rates[:, 0])
         curvature = float(slope @ slope)
         if curvature <= 0:
@@ -267,5 +275,7 @@ def _left(basis: Array, signal: Array) -> Array:
 
 def _orthonormal(columns: Array) -> Array:
     """Return an orthonormal basis of what columns (R, p) of like norms span."""
-    left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    left, sizes, _ = safely(
+        np.linalg.svd, columns, what="the delay of a channel", error=LogError, full_matrices=False
+    )
     return np.asarray(left[:, sizes > _RANK * max(sizes, default=0.0)])

@@ -217,7 +217,7 @@ def _found_robot(robot: Robot, base: BaseParameters, sides: Sides) -> Robot:
     prior = robot.parameters.copy()
     prior[::10][np.isnan(prior[::10])] = 1.0
     prior = np.nan_to_num(prior)
-    correction = np.linalg.pinv(base.grouping) @ (sides.load.values - base.project(prior))
+    correction = base.least(sides.load.values - base.project(prior))
     drives = sides.drivetrains
     found = {
         joint: with_estimate(drive, drives[joint]) if joint in drives else drive

@@ -12,6 +12,8 @@ import numpy as np
 import pinocchio as pin
 
 from seaid.arrays import Array
+from seaid.errors import RobotError
+from seaid.linear_algebra import safely
 
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 UNITS = ("kg",) + ("kg m",) * 3 + ("kg m^2",) * 6
@@ -72,9 +74,16 @@ def from_center_of_mass(mass: float, com: Array, inertia: Array) -> Array:
     return from_pseudo_inertia(pseudo)
 
 
+def _spread(matrix: Array) -> Array:
+    """Return the eigenvalues of a symmetric matrix of a body, rising."""
+    return np.asarray(
+        safely(np.linalg.eigvalsh, matrix, what="the inertia of a body", error=RobotError)
+    )
+
+
 def is_physical(parameters: Array, tolerance: float = 1e-12) -> bool:
     """Tell whether a body with these ten parameters can exist (no negative mass density)."""
-    eigenvalues = np.linalg.eigvalsh(pseudo_inertia(parameters))
+    eigenvalues = _spread(pseudo_inertia(parameters))
     return bool(eigenvalues[0] >= -tolerance * max(eigenvalues[-1], 1e-300))
 
 
@@ -82,7 +91,7 @@ def impossible_body(link: str, parameters: Array) -> str | None:
     """Say that a link would be no possible body, None where it would; thin bodies are possible."""
     if is_physical(parameters, THIN):
         return None
-    least = float(np.linalg.eigvalsh(pseudo_inertia(parameters))[0])
+    least = float(_spread(pseudo_inertia(parameters))[0])
     return (
         f"link '{link}' would be no possible body (mass {parameters[0]:.4g} kg, least eigenvalue "
         f"of its pseudo-inertia {least:.2g})"
@@ -114,7 +123,7 @@ def impossibility(parameters: Array) -> str | None:
         return "inertia without mass" if np.any(parameters) else None
     pseudo = pseudo_inertia(parameters)
     second = pseudo[:3, :3] - np.outer(pseudo[:3, 3], pseudo[:3, 3]) / mass
-    moments = np.linalg.eigvalsh(np.trace(second) * np.eye(3) - second)
+    moments = _spread(np.trace(second) * np.eye(3) - second)
     allowed = _FILE_DIGITS * float(np.max(np.abs(moments))) + _ROUNDING * scale
     clean = np.where(np.abs(moments) > _ROUNDING * np.max(np.abs(moments)), moments, 0.0)
     shown = ", ".join(f"{moment:.4g}" for moment in clean)

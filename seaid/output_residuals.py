@@ -136,7 +136,7 @@ def robot_at(layout: Layout, x: Array) -> Robot:
     """Return the found robot with the base parameters of x."""
     base, robot = layout.found.base, layout.found.robot
     load = x[layout.load][: len(base.columns)]
-    correction = np.linalg.pinv(base.grouping) @ (load - base.project(robot.parameters))
+    correction = base.least(load - base.project(robot.parameters))
     return robot.with_values(robot.parameters + correction, robot.drivetrains)
 
 

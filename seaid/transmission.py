@@ -19,6 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from seaid.arrays import Array, frozen
 from seaid.drivetrain.model import Drive
 from seaid.errors import RobotError, unknown_name
+from seaid.linear_algebra import safely
 
 _SINGULAR = 1e-9
 """Relative: a group whose drives tell a motion of its joints worse than that does not move it."""
@@ -59,7 +60,10 @@ def check_transmission(
         sizes = np.linalg.norm(block, axis=1, keepdims=True)
         scaled = block / np.where(sizes > 0, sizes, 1.0)
         scaled /= np.maximum(np.max(np.abs(scaled), axis=0), _SINGULAR)
-        if np.linalg.svd(scaled, compute_uv=False)[-1] < _SINGULAR:
+        sizes = safely(
+            np.linalg.svd, scaled, what="a transmission", error=RobotError, compute_uv=False
+        )
+        if sizes[-1] < _SINGULAR:
             names = ", ".join(joints[index] for index in group)
             raise RobotError(
                 f"the drives of {names} do not move these joints independently: their "
@@ -125,7 +129,9 @@ def rows_at_drives(matrix: Array, rows: Array) -> Array:
 
 
 def _inverse(block: Array) -> Array:
-    return np.asarray(np.linalg.inv(block), dtype=np.float64)
+    return np.asarray(
+        safely(np.linalg.inv, block, what="a transmission", error=RobotError), dtype=np.float64
+    )
 
 
 def _mapped(matrix: Array, values: Array, factor: Callable[[Array], Array]) -> Array:

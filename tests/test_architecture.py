@@ -69,3 +69,29 @@ def test_every_module_has_its_line_in_the_readme() -> None:
     assert {
         one for one in tops if f"`{one}`" not in architecture and f"`{one}/`" not in architecture
     } == set()
+
+
+CAN_FAIL = {"cholesky", "cond", "eig", "eigh", "eigvals", "eigvalsh", "inv", "lstsq", "matrix_rank"}
+CAN_FAIL |= {"orth", "pinv", "solve", "solve_triangular", "svd", "cho_factor", "det", "slogdet"}
+
+CANNOT_FAIL = {
+    # factors that were found before of matrices of four by four; it takes no others
+    "seaid.estimation.interior_point": {"cholesky", "eigh", "eigvalsh", "inv", "solve_triangular"},
+    "seaid.estimation.feasible": {"eigvalsh"},
+    "seaid.estimation.programme": {"inv"},  # of a triangular factor that was found
+    "seaid.export.mjcf_bodies": {"det"},  # of three axes; it raises for no numbers
+}
+
+
+def test_what_can_fail_in_numpy_and_scipy_is_called_safely() -> None:
+    """No LinAlgError leaves seaid: `safely` says in words what was singular or not finite."""
+    found: dict[str, set[str]] = {}
+    for name, text in SOURCES.items():
+        for node in ast.walk(ast.parse(text)):
+            if not isinstance(node, ast.Call):
+                continue
+            called = ast.unparse(node.func).split(".")
+            direct = called[-1] in ("solve_triangular", "svd", "lstsq", "pinv") and len(called) == 1
+            if called[-1] in CAN_FAIL and ("linalg" in called or direct):
+                found.setdefault(name, set()).add(called[-1])
+    assert found == CANNOT_FAIL

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from seaid.arrays import Array
 from seaid.errors import RobotError
 from seaid.inertia import from_center_of_mass, from_pseudo_inertia, is_physical, pseudo_inertia
+from seaid.linear_algebra import safely
 from seaid.robot import Robot
 
 BALL_MASS = 1.0
@@ -14,6 +17,8 @@ BALL_MASS = 1.0
 
 SHIFT = 1e-3
 """Part of a ball that is added to a body that is impossible or degenerate."""
+
+_safely = partial(safely, what="a body of the file", error=RobotError)
 
 _DEGENERATE = 1e-5
 _LEAST_RADIUS = 0.05
@@ -84,9 +89,9 @@ def prior_bodies(robot: Robot, parameters: Array) -> tuple[Array, tuple[str, ...
 
 def _mended(body: Array, ball: Array) -> Array | None:
     """Return a possible body near one that has no mass in some direction; None for all others."""
-    half = np.linalg.cholesky(pseudo_inertia(ball))
-    inverse = np.linalg.inv(half)
-    spread, vectors = np.linalg.eigh(inverse @ pseudo_inertia(body) @ inverse.T)
+    half = _safely(np.linalg.cholesky, pseudo_inertia(ball))
+    inverse = _safely(np.linalg.inv, half)
+    spread, vectors = _safely(np.linalg.eigh, inverse @ pseudo_inertia(body) @ inverse.T)
     if spread[0] >= _DEGENERATE:
         return None
     root = half @ vectors * np.sqrt(np.maximum(spread, 0.0) + SHIFT)

@@ -9,6 +9,7 @@ from scipy import linalg
 
 from seaid.arrays import Array
 from seaid.estimation.information import Information
+from seaid.linear_algebra import safely
 
 _PART = 0.1
 """A parameter whose share of a combination is below this part of the largest is not named."""
@@ -58,7 +59,7 @@ def directions(factor: Array, names: tuple[str, ...]) -> Directions:
     """Return the singular directions of a weighted factor (p+1, p+1) without columns of zeros."""
     p = len(names)
     norms = np.linalg.norm(factor[:p, :p], axis=0)
-    U, s, Vt = linalg.svd(factor[:p, :p] / norms, check_finite=False)
+    U, s, Vt = safely(linalg.svd, factor[:p, :p] / norms, what="the equations", check_finite=False)
     largest = float(s[0]) if p else 1.0
     return Directions(names, s / largest, Vt, norms, U, largest)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from seaid.arrays import Array, BoolArray
 from seaid.errors import ExcitationError
+from seaid.linear_algebra import safely
 
 LAG_S = 0.25
 """Residuals further apart are taken as uncorrelated."""
@@ -150,7 +151,8 @@ def _settled(logs: list[Residuals], distance: Array, precision: Array, frozen: b
             J, r = np.vstack([J, np.diag(precision)]), np.append(r, precision * distance)
             scale = np.linalg.norm(J, axis=0)
             scale[scale == 0] = 1.0
-            change = -np.linalg.lstsq(J / scale, r, rcond=None)[0] / scale
+            found = safely(np.linalg.lstsq, J / scale, r, what="the output error", rcond=None)
+            change = -found[0] / scale
         nuisance = tuple(_nuisance(log, stds, change) for log in logs)
         new = _stds(logs, change, nuisance)
         settled = np.allclose(new, stds, rtol=1e-4)
@@ -212,7 +214,7 @@ def _nuisance(log: Residuals, stds: Array, change: Array) -> Array:
     columns = (log.nuisance * weights[..., None]).reshape(windows, weights[0].size, s)
     norms = np.linalg.norm(columns, axis=1, keepdims=True)
     norms[norms == 0] = 1.0
-    inverse = np.linalg.pinv(columns / norms)
+    inverse = safely(np.linalg.pinv, columns / norms, what="the output error")
     return np.asarray(-np.einsum("wsm,wm->ws", inverse, after) / norms[:, 0])
 
 
@@ -222,7 +224,7 @@ def _solve(J: Array, r: Array, names: tuple[str, ...]) -> tuple[Array, Array, fl
     dead = [name for name, norm in zip(names, norms, strict=True) if norm == 0]
     if dead:
         raise ExcitationError(f"the motion does not excite {', '.join(dead)}: move these joints")
-    U, s, Vt = np.linalg.svd(J / norms, full_matrices=False)
+    U, s, Vt = safely(np.linalg.svd, J / norms, what="the output error", full_matrices=False)
     if s[-1] < _LOST * s[0]:
         share = np.abs(Vt[-1])
         lost = [names[column] for column in np.flatnonzero(share > 0.1 * share.max())]

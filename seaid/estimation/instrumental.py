@@ -18,6 +18,7 @@ from seaid.estimation.covariance import long_run_of
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.information import information_of, triangle
 from seaid.estimation.solve import estimate_of, score_factors, settled_weights, solve
+from seaid.linear_algebra import safely
 from seaid.regression import Regression
 
 WEAK = 0.1
@@ -77,7 +78,9 @@ def _told(Z: Array, H: Array, names: tuple[str, ...]) -> Array:
     """Return the coefficients (p, p) of the columns of H on those of Z, scaled for that."""
     p, norms = len(names), np.linalg.norm(Z, axis=0)
     R = triangle(np.hstack([Z / norms, H]))
-    coefficients, _, rank, _ = linalg.lstsq(R[:p, :p], R[:p, p:], cond=_LOST)
+    coefficients, _, rank, _ = safely(
+        linalg.lstsq, R[:p, :p], R[:p, p:], what="the instruments", cond=_LOST
+    )
     if rank < p:
         raise IdentificationError(
             f"the instruments tell only {rank} of {p} parameters apart: the motion that "

@@ -11,6 +11,7 @@ import numpy as np
 from seaid.arrays import Array, BoolArray
 from seaid.errors import IdentificationError
 from seaid.estimation.information import Information, information_of
+from seaid.linear_algebra import safely
 from seaid.regression import Regression
 
 BLOCKS = 8
@@ -140,4 +141,6 @@ def _left_out(factors: Sequence[Array], columns: Sequence[int]) -> Array:
 def _solved(H: Array, y: Array) -> Array:
     norms = np.linalg.norm(H, axis=0)
     norms[norms == 0] = 1.0
-    return np.asarray(np.linalg.lstsq(H / norms, y, rcond=_LOST)[0] / norms)
+    return np.asarray(
+        safely(np.linalg.lstsq, H / norms, y, what="the equations", rcond=_LOST)[0] / norms
+    )

@@ -11,6 +11,7 @@ from scipy import linalg
 from seaid.arrays import Array, finite
 from seaid.errors import IdentificationError
 from seaid.inertia import pseudo_inertia
+from seaid.linear_algebra import safely
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +75,13 @@ class Programme:
         basis = np.array([pseudo_inertia(unit) for unit in np.eye(10)])
         first, blocks = [], []
         for body, parameters in enumerate(self.prior):
-            half = np.linalg.inv(np.linalg.cholesky(pseudo_inertia(parameters)))
+            half = np.linalg.inv(
+                safely(
+                    np.linalg.cholesky,
+                    pseudo_inertia(parameters),
+                    what=f"the prior of body {body + 1}",
+                )
+            )
             units = half @ basis @ half.T
             own = slice(10 * body, 10 * body + 10)
             first.append(np.tensordot(offset[own], units, 1))
@@ -90,7 +97,7 @@ class Programme:
     def coordinates(self, unknowns: Array) -> Array:
         """Return (u, free unknowns) of unknowns (f,)."""
         distance = self.columns @ unknowns - self.estimate
-        u = linalg.solve(self.root, distance, check_finite=False)
+        u = safely(linalg.solve, self.root, distance, what="the covariance", check_finite=False)
         return np.concatenate([u, unknowns[list(self.free)]])
 
 
@@ -100,9 +107,12 @@ def root_of(covariance: Array, values: Array) -> Array:
     A standard error counts as 1e-10 of its value at least, and a combination of values that are in
     standard errors as 1e-10 of the largest: better is nothing known in double precision.
     """
-    errors = np.sqrt(np.diag(covariance))
+    covariance = finite("covariance", covariance, (len(values),) * 2, IdentificationError)
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scale = np.maximum(errors, 1e-10 * np.abs(values) + 1e-13)
-    spread, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    spread, vectors = safely(
+        np.linalg.eigh, covariance / np.outer(scale, scale), what="the covariance"
+    )
     spread = np.maximum(spread, 1e-10 * max(spread[-1], 1e-3))
     return np.asarray(scale[:, None] * vectors * np.sqrt(spread))
 
@@ -113,6 +123,8 @@ def least_spread(covariance: Array, white: Array) -> Array:
     A long-run covariance from a finite record is far too small in its smallest directions, and
     they would decide what is nearest. `white` (p, p) is positive definite.
     """
-    ratios, vectors = linalg.eigh(covariance, white)
+    ratios, vectors = safely(
+        linalg.eigh, covariance, white, what="the covariance beside that of white noise"
+    )
     half = white @ vectors * np.sqrt(np.maximum(ratios, 1.0))
     return np.asarray(half @ half.T)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from seaid.arrays import Array
+from seaid.linear_algebra import safely
 
 Columns = Callable[[Array], tuple[Array, Array]]
 """v (b,) -> y (R,) and H (R, p)."""
@@ -105,7 +106,7 @@ def _residual(columns: Columns, v: Array) -> tuple[Array, Array, Array]:
     y, H = columns(v)
     norms = np.linalg.norm(H, axis=0)
     norms[norms == 0] = 1.0
-    U, singular, Vt = np.linalg.svd(H / norms, full_matrices=False)
+    U, singular, Vt = safely(np.linalg.svd, H / norms, what="the equations", full_matrices=False)
     kept = singular > _LOST * max(singular[0], 1e-300) if len(singular) else singular > 0
     Q = U[:, kept]
     told = Q.T @ y

@@ -10,12 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from seaid.arrays import Array
 from seaid.errors import ExcitationError, unknown_name
+from seaid.linear_algebra import safely
+
+_safely = partial(safely, what="the regressor of the motion", error=ExcitationError)
 
 _WORST = 1e12
 """A condition number above this is rounding: the motion does not tell all parameters."""
@@ -51,7 +55,7 @@ def triangular_factor(H: Array, known: Array) -> Array:
 
 def singular_values(R: Array) -> Array:
     """Return the singular values of a triangular factor, largest first."""
-    return np.asarray(np.linalg.svd(R, compute_uv=False), dtype=np.float64)
+    return np.asarray(_safely(np.linalg.svd, R, compute_uv=False), dtype=np.float64)
 
 
 def tells_all(R: Array) -> bool:
@@ -67,7 +71,7 @@ def _log_condition(R: Array) -> float:
 
 def _smooth_condition(R: Array) -> tuple[float, Array]:
     """Log of (16) by the largest and smallest few: d log sigma = u^T dH v / sigma = (H v)^T..."""
-    _, singular, right = np.linalg.svd(R)
+    _, singular, right = _safely(np.linalg.svd, R)
     value, slope = 0.0, np.zeros_like(R)
     for sign, picked in ((1.0, slice(None, _NEIGHBOURS)), (-1.0, slice(-_NEIGHBOURS, None))):
         part, shares = _smooth_maximum(sign * np.log(singular[picked]))
@@ -99,7 +103,7 @@ def _smooth_worst_error(R: Array) -> tuple[float, Array]:
 
 
 def _inverse(R: Array) -> Array:
-    return np.asarray(solve_triangular(R, np.eye(len(R)), check_finite=False))
+    return np.asarray(_safely(solve_triangular, R, np.eye(len(R)), check_finite=False))
 
 
 def _smooth_maximum(values: Array) -> tuple[float, Array]:

@@ -33,6 +33,7 @@ from seaid.excitation.target import Target, drive_target, load_target
 from seaid.excitation.target_regressor import stacked_regressor
 from seaid.excitation.trajectory import Trajectory
 from seaid.excitation.ways import with_run_in
+from seaid.linear_algebra import safely
 from seaid.log import Log
 from seaid.robot import Robot
 
@@ -159,10 +160,19 @@ def _excitation(
     )
     time = np.linspace(0.0, trajectory.duration, _REPORT_SAMPLES)
     plain = load_target(robot, [robot.joint_names[row] for row in problem.target.rows], base)
-    kappa = np.linalg.cond(stacked_regressor(plain, time, trajectory.sample(time)))
+    kappa = safely(
+        np.linalg.cond,
+        stacked_regressor(plain, time, trajectory.sample(time)),
+        what="the regressor of the motion",
+        error=ExcitationError,
+    )
     R, R_begin = (_factor(problem, x) for x in (x, begin))
     target = problem.target
-    inverse = np.linalg.inv(R) if tells_all(R) else np.full_like(R, np.inf)
+    inverse = np.full_like(R, np.inf)
+    if tells_all(R):
+        inverse = safely(
+            np.linalg.inv, R, what="the regressor of the motion", error=ExcitationError
+        )
     return Excitation(
         trajectory=trajectory,
         condition_number=float(kappa),

@@ -12,6 +12,7 @@ from seaid.arrays import Array, finite
 from seaid.errors import ExcitationError, unknown_name
 from seaid.excitation.basis import Basis
 from seaid.excitation.limits import KINDS, JointLimits
+from seaid.linear_algebra import safely
 
 EndValue = float | Sequence[float] | Array | Mapping[str, float] | None
 SAME = 1e-9
@@ -98,7 +99,9 @@ def solutions(basis: Basis, asked: Conditions) -> tuple[Array, Array]:
             f"{basis.size} coefficients a joint are too few for the ends asked, which are {rank} "
             f"conditions; give at least {least}"
         )
-    back = np.linalg.pinv(rows, rcond=SAME)
+    back = safely(
+        np.linalg.pinv, rows, what="the ends of a motion", error=ExcitationError, rcond=SAME
+    )
     return np.asarray(basis.natural @ Q[:, rank:]), np.asarray(basis.natural @ back)
 
 

@@ -13,11 +13,13 @@ from dataclasses import replace
 import numpy as np
 
 from seaid.arrays import Array
+from seaid.errors import ExcitationError
 from seaid.excitation.basis import Basis, make_basis
 from seaid.excitation.end_conditions import SAME, EndState, end_conditions, solutions
 from seaid.excitation.ends import MotionSpace, with_room
 from seaid.excitation.limits import JointLimits
 from seaid.excitation.spline import SplineBasis
+from seaid.linear_algebra import safely
 
 _COEFFICIENTS = 12
 
@@ -68,5 +70,12 @@ def _way(state: Array, duration: float, *, out: bool) -> tuple[Basis, Array]:
     time = np.linspace(0.0, duration, 8 * basis.size)
     acceleration = basis.matrices(time)[2] * duration**2
     some = back @ (asked.values / asked.sizes[:, None])
-    least = np.linalg.lstsq(acceleration @ free, -acceleration @ some, rcond=None)[0]
+    least = safely(
+        np.linalg.lstsq,
+        acceleration @ free,
+        -acceleration @ some,
+        what="the way to the start of a motion",
+        error=ExcitationError,
+        rcond=None,
+    )[0]
     return basis, some + free @ least

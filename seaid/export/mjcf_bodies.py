@@ -11,6 +11,7 @@ import pinocchio as pin
 from seaid.arrays import Array
 from seaid.errors import RobotError
 from seaid.inertia import THIN, absurdity, impossible_body, is_physical, pseudo_inertia
+from seaid.linear_algebra import safely
 from seaid.robot import Robot
 
 TINY = 1e-14
@@ -86,7 +87,7 @@ def _add_inertial(body: Any, link: str, parameters: Array, notes: list[str], for
     mass = parameters[0]
     center = parameters[1:4] / mass if mass > 0 else np.zeros(3)
     second = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(center, center)
-    moments, axes = np.linalg.eigh(second)
+    moments, axes = safely(np.linalg.eigh, second, what="the inertia of a body", error=RobotError)
     if not is_physical(parameters, THIN):
         notes.append(
             f"link '{link}' is no possible body: its second moments at the centre of mass along "

@@ -8,8 +8,10 @@ import numpy as np
 import scipy.linalg
 
 from seaid.drivetrain.model import SeriesElasticDrive
+from seaid.errors import RobotError
 from seaid.export.mjcf_bodies import TINY
 from seaid.forward.inertia_matrix import mass_matrix
+from seaid.linear_algebra import safely
 from seaid.robot import Robot
 
 _LONGEST_S, _SHORTEST_S = 1e-3, 1e-6
@@ -56,9 +58,23 @@ def _rates(robot: Robot) -> np.ndarray:
         spring[index, index] += values.get("parallel_stiffness", 0.0)
         damping[index, index] += values.get("joint_viscous_friction", 0.0)
     mass += TINY * np.eye(2 * n)
-    below = -scipy.linalg.solve(mass, np.hstack([spring, damping]), assume_a="sym")
+    below = -safely(
+        scipy.linalg.solve,
+        mass,
+        np.hstack([spring, damping]),
+        what="the step of the simulation",
+        error=RobotError,
+        assume_a="sym",
+    )
     above = np.hstack([np.zeros_like(mass), np.eye(2 * n)])
-    return np.asarray(np.linalg.eigvals(np.vstack([above, below])))
+    return np.asarray(
+        safely(
+            np.linalg.eigvals,
+            np.vstack([above, below]),
+            what="the step of the simulation",
+            error=RobotError,
+        )
+    )
 
 
 def _round_down(step: float) -> float:

@@ -9,10 +9,11 @@ import numpy as np
 import pinocchio as pin
 
 from seaid.arrays import Array
-from seaid.errors import SeaidError
+from seaid.errors import RobotError, SeaidError
 from seaid.forward.holding import holding, without
 from seaid.forward.inertia_matrix import mass_matrix
 from seaid.forward.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, Plant
+from seaid.linear_algebra import safely
 
 _MOST_TURNS, _SETTLED = 60, 1e-11
 """The torque through a gear, where friction depends on it, settles to this part of itself."""
@@ -116,7 +117,9 @@ def _joint_accelerations(
         return np.array(pin.aba(plant.model, data, position, speed, torque))
     bias = pin.nle(plant.model, data, position, speed)
     inertia = mass_matrix(plant.model, data, position) + plant.rotors
-    return np.asarray(np.linalg.solve(inertia, torque - bias))
+    return np.asarray(
+        safely(np.linalg.solve, inertia, torque - bias, what="the mass matrix", error=RobotError)
+    )
 
 
 def gear_torques(

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pinocchio as pin
 
 from seaid.arrays import Array, IndexArray
+from seaid.errors import RobotError
 from seaid.forward.inertia_matrix import inverse_inertia
 from seaid.forward.plant import JOINT_POSITION, Plant
+from seaid.linear_algebra import safely
+
+_safely = partial(safely, what="what dry friction holds", error=RobotError)
 
 
 def held_rows(plant: Plant, held: IndexArray) -> Array:
@@ -22,7 +28,7 @@ def without(plant: Plant, joint: Array, held: IndexArray) -> Array:
     n = len(joint)
     if plant.coupling is not None:
         rows = held_rows(plant, held)
-        joint = joint - np.linalg.pinv(rows) @ (rows @ joint)
+        joint = joint - _safely(np.linalg.pinv, rows) @ (rows @ joint)
         held = held[held >= n]
     joint[plant.places[held]] = 0.0
     return joint
@@ -35,8 +41,10 @@ def holding(
     inverse = inverse_inertia(plant.model, data, state[JOINT_POSITION], plant.rotors)
     if plant.coupling is None:
         places = plant.places[held]
-        torque = np.asarray(-np.linalg.solve(inverse[np.ix_(places, places)], joint[places]))
+        torque = np.asarray(
+            -_safely(np.linalg.solve, inverse[np.ix_(places, places)], joint[places])
+        )
         return torque, np.asarray(inverse[:, places] @ torque)
     rows = held_rows(plant, held)
-    torque = np.asarray(-np.linalg.lstsq(rows @ inverse @ rows.T, rows @ joint)[0])
+    torque = np.asarray(-_safely(np.linalg.lstsq, rows @ inverse @ rows.T, rows @ joint)[0])
     return torque, np.asarray(inverse @ rows.T @ torque)

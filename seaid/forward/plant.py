@@ -18,6 +18,7 @@ from seaid.drivetrain.extra_terms import extra_torque
 from seaid.drivetrain.model import Drive, SeriesElasticDrive
 from seaid.errors import RobotError
 from seaid.forward.inertia_matrix import felt_inertia
+from seaid.linear_algebra import safely
 from seaid.robot import Robot
 from seaid.transmission import coupled_groups
 
@@ -122,7 +123,11 @@ class Plant:
     @cached_property
     def uncoupling(self) -> Array | None:
         """The inverse of `coupling`."""
-        return None if self.coupling is None else np.asarray(np.linalg.inv(self.coupling))
+        if self.coupling is None:
+            return None
+        return np.asarray(
+            safely(np.linalg.inv, self.coupling, what="a transmission", error=RobotError)
+        )
 
 
 def plant_of(robot: Robot) -> Plant:

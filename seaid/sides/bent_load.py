@@ -19,6 +19,7 @@ from seaid.estimation.estimate import Estimate
 from seaid.estimation.information import Information, information_of
 from seaid.estimation.projection import projected
 from seaid.estimation.solve import equal_weights, estimate_of, ordinary, solve
+from seaid.linear_algebra import safely
 from seaid.motion import Motion
 from seaid.motion_rows import in_band_at, row_samples
 from seaid.regression import Regression, actuator_regression, stacked
@@ -233,7 +234,12 @@ def _search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadFit) -
         mine=np.flatnonzero(rows.joint == index),
         y=of_row * rows.y,
         weight=float(weights[information.equations.index(index)]),
-        others=linalg.orth(H / np.where(norms > 0, norms, 1.0), rcond=_LOST),
+        others=safely(
+            linalg.orth,
+            H / np.where(norms > 0, norms, 1.0),
+            what="the columns of the load side",
+            rcond=_LOST,
+        ),
     )
 
 

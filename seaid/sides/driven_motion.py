@@ -17,6 +17,7 @@ from seaid.arrays import Array
 from seaid.drivetrain.model import SeriesElasticDrive
 from seaid.errors import IdentificationError
 from seaid.filtering import low_pass, spline_derivatives
+from seaid.linear_algebra import safely
 from seaid.motion import Motion
 from seaid.robot import Robot
 from seaid.sides.load_model import LoadModel
@@ -120,7 +121,7 @@ def _fitted_robot(robot: Robot, model: LoadModel, load_side: Array) -> Robot:
     prior[::10] = 1.0
     prior[robot.is_known] = robot.parameters[robot.is_known]
     missing = load_side[: len(base.columns)] - base.project(prior)
-    return robot.with_values(prior + np.linalg.pinv(base.grouping) @ missing, robot.drivetrains)
+    return robot.with_values(prior + base.least(missing), robot.drivetrains)
 
 
 def _beside(robot: Robot, model: LoadModel, load_side: Array, name: str) -> Array:
@@ -174,7 +175,13 @@ def _moved(
     for start in range(0, len(reading), length):
         own = slice(start, start + length)
         columns = free[own].reshape(-1, free.shape[2])
-        coefficients[own, 1:] = np.linalg.lstsq(columns, missing[own].ravel(), rcond=None)[0]
+        coefficients[own, 1:] = safely(
+            np.linalg.lstsq,
+            columns,
+            missing[own].ravel(),
+            what="what the simulated motion misses",
+            rcond=None,
+        )[0]
     changes = [
         np.einsum("tjc,tc->tj", part, coefficients)
         for part in (answer.position, answer.velocity, answer.acceleration)

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from seaid.arrays import Array
+from seaid.linear_algebra import safely
 from seaid.robot import Robot
 from seaid.transmission import rows_at_drives, torques_at_drives
 
@@ -88,12 +89,17 @@ def answer_to(jacobians: TorqueJacobians, force: Array, step: float, windows: in
     )
     force = force.reshape(windows, T // windows, joints, columns)
     force = np.concatenate([force, np.zeros((*force.shape[:3], free))], axis=3)
-    inverse = np.linalg.inv(M + step / 2 * C + step**2 / 4 * K)
+    inverse = safely(np.linalg.inv, M + step / 2 * C + step**2 / 4 * K, what="a simulated motion")
     count = force.shape[1]
     q, v, a = (np.zeros((count, windows, joints, columns + free)) for _ in range(3))
     q[0, :, :, columns : columns + joints] = np.eye(joints)
     v[0, :, :, columns + joints :] = np.eye(joints)
-    a[0] = np.linalg.solve(M[:, 0], force[:, 0] - C[:, 0] @ v[0] - K[:, 0] @ q[0])
+    a[0] = safely(
+        np.linalg.solve,
+        M[:, 0],
+        force[:, 0] - C[:, 0] @ v[0] - K[:, 0] @ q[0],
+        what="a simulated motion",
+    )
     for t in range(1, count):
         v_t = v[t - 1] + step / 2 * a[t - 1]
         q_t = q[t - 1] + step * v[t - 1] + step**2 / 4 * a[t - 1]

@@ -6,6 +6,7 @@ import numpy as np
 
 from seaid.errors import IdentificationError
 from seaid.estimation.information import Information
+from seaid.linear_algebra import safely
 
 CONSTANTS = {"torque_constant": "current", "voltage_constant": "voltage"}
 """Parameters that turn what is logged of a motor into its torque."""
@@ -34,7 +35,9 @@ def check_scale(information: Information) -> None:
         return
     R, p = information.weighted_factor(), len(information.names)
     norms = np.linalg.norm(R[:, :p], axis=0)
-    U, sizes, Vt = np.linalg.svd(R[:p, :p] / np.where(norms > 0, norms, 1.0))
+    U, sizes, Vt = safely(
+        np.linalg.svd, R[:p, :p] / np.where(norms > 0, norms, 1.0), what="the scale of the torques"
+    )
     told = sizes > _LOST * sizes[0]
     theta = Vt[told].T @ ((U.T @ R[:p, p])[told] / sizes[told])
     least = _ROUNDING * float(np.linalg.norm(R[:, p]))

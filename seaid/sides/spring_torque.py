@@ -16,6 +16,7 @@ from seaid.arrays import Array
 from seaid.drive_signals import sensed_torque, signals, spring_regressor
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.instrumental import instrumental
+from seaid.linear_algebra import safely
 from seaid.motion import Motion
 from seaid.regression import Regression, actuator_equation
 from seaid.robot import Robot
@@ -42,7 +43,9 @@ def both_noisy(rows: Regression, ratio: float) -> Estimate:
     column = rows.names.index("stiffness")
     others = np.delete(rows.H, column, axis=1)
     d, tau = (
-        values - others @ np.linalg.lstsq(others, values, rcond=None)[0]
+        values
+        - others
+        @ safely(np.linalg.lstsq, others, values, what="the torque of a spring", rcond=None)[0]
         for values in (rows.H[:, column], rows.y)
     )
     stiffness = deming(d, tau, ratio)

@@ -11,6 +11,7 @@ from seaid.arrays import Array
 from seaid.drivetrain.model import Drive
 from seaid.drivetrain.values import unit_of
 from seaid.estimation.estimate import Estimate
+from seaid.linear_algebra import safely
 from seaid.robot import Robot
 
 _LOST = 1e-6
@@ -46,7 +47,12 @@ def _lost(names: Sequence[str], H: Array, candidates: Sequence[str]) -> str | No
         return names[int(dead[0])]
     if not len(names):
         return None
-    _, sizes, vectors = np.linalg.svd(H / np.where(norms > 0, norms, 1.0), full_matrices=False)
+    _, sizes, vectors = safely(
+        np.linalg.svd,
+        H / np.where(norms > 0, norms, 1.0),
+        what="the columns of a drive",
+        full_matrices=False,
+    )
     share = np.abs(vectors[-1])
     place = int(np.argmax(np.where(may_go, share, 0.0)))
     lost = sizes[-1] < _LOST * sizes[0] and may_go[place] and share[place] > _PART * share.max()

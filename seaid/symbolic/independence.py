@@ -18,6 +18,7 @@ from mpmath import mp, mpf  # type: ignore[import-untyped]
 from sympy.core.function import AppliedUndef
 
 from seaid.errors import SeaidWarning, SymbolicError
+from seaid.linear_algebra import safely
 from seaid.symbolic.polynomial import Exponents, Ring, term_to_sympy
 
 Combination = dict[Exponents, fmpq]
@@ -188,7 +189,13 @@ def _surely_independent(table: list[list[mpf]]) -> bool:
     """True if already double precision shows independence, as it nearly always does."""
     values = np.array(table, dtype=np.float64)
     values /= np.linalg.norm(values, axis=0)
-    singular = np.linalg.svd(values, compute_uv=False)
+    singular = safely(
+        np.linalg.svd,
+        values,
+        what="the independence of functions",
+        error=SymbolicError,
+        compute_uv=False,
+    )
     return bool(singular[-1] > 1e-9 * singular[0])
 
 

@@ -15,6 +15,8 @@ import sympy as sp
 
 from seaid.arrays import Array
 from seaid.base import random_states
+from seaid.errors import SymbolicError
+from seaid.linear_algebra import safely
 from seaid.rigid_body import joint_torques, rigid_body_regressor
 from seaid.robot import Robot
 
@@ -104,7 +106,15 @@ class RealNumbers:
 
     def solve(self, matrix: Array, right: Array) -> Array:
         """Return the solutions (T, e) of (T, e, e) and (T, e)."""
-        return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0])
+        return np.asarray(
+            safely(
+                np.linalg.solve,
+                matrix,
+                right[..., None],
+                what="the motion of the sensors",
+                error=SymbolicError,
+            )[..., 0]
+        )
 
     def value(self, expression: sp.Expr, known: Known) -> Any:
         """Return the values of an expression of known symbols."""

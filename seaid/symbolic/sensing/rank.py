@@ -11,6 +11,8 @@ from scipy.sparse.csgraph import connected_components
 
 from seaid.arrays import Array, BoolArray, frozen
 from seaid.base import BaseParameters, left_to_right
+from seaid.errors import SymbolicError
+from seaid.linear_algebra import safely
 from seaid.symbolic.grouping import exact_text
 from seaid.symbolic.residues import ResidueNumbers, Residues, echelon, short_fraction
 from seaid.symbolic.sensing.arithmetic import Numbers, RealNumbers
@@ -135,7 +137,14 @@ def _in_doubles(
     found, grouping, gap = left_to_right(H, _negligible(system, H))
     agree = found == columns
     if not agree:
-        grouping = np.linalg.lstsq(H[:, columns], H, rcond=None)[0]
+        grouping = safely(
+            np.linalg.lstsq,
+            H[:, columns],
+            H,
+            what="what the sensors tell",
+            error=SymbolicError,
+            rcond=None,
+        )[0]
     seen = np.abs(grouping) > _SAME * np.max(np.abs(grouping), axis=1, keepdims=True)
     exact = rows != 0  # what is zero in doubles alone is the trace of an irrational direction
     agree &= not np.any(seen & ~exact)
