@@ -77,7 +77,8 @@ class Identification:
     def flags(self) -> tuple[str, ...]:
         """In words, what must not be trusted."""
         estimates = (*self.drivetrains.values(), self.load)
-        return tuple(flag for one in estimates for flag in one.flags) + sign_flags(self)
+        flags = tuple(flag for one in estimates for flag in one.flags) + sign_flags(self)
+        return flags if self.possible is None else flags + self.possible.flags
 
     def summary(self) -> str:
         """Return one table that a human reads."""
