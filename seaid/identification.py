@@ -80,6 +80,8 @@ class Identification:
         """In words, what must not be trusted."""
         estimates = (*self.drivetrains.values(), self.load)
         flags = tuple(flag for one in estimates for flag in one.flags) + sign_flags(self)
+        if self.possible is not None:
+            flags += self.possible.flags
         return flags + tuple(
             str(repair)
             for processing in self.processing
