@@ -91,10 +91,8 @@ def work(pipe: Connection, folder: Path) -> None:
         shutil.rmtree(folder / "case", ignore_errors=True)
         (folder / "case").mkdir()
         start = time.perf_counter()
-        faulthandler.dump_traceback_later(SECONDS - 1.0)  # what took so long
         outcome = run_case(name, seed, folder / "case")
         seconds = time.perf_counter() - start
-        faulthandler.cancel_dump_traceback_later()
         if outcome.problem is not None:
             traceback.print_exception(outcome.problem)
         pipe.send(Result(outcome.kind, cause_of(outcome), seconds))
@@ -131,9 +129,11 @@ class Child:
             raise SystemExit("error: a child process does not start")
         self.pipe.recv()
 
-    def end(self) -> int | None:
+    def end(self, sign: int = 0) -> int | None:
         """End the process with all that it has started; return the code it had ended with."""
         self.pipe.close()
+        with suppress(ProcessLookupError):
+            os.kill(self.process.pid or 0, sign)
         self.process.join(1.0)
         code = self.process.exitcode
         with suppress(ProcessLookupError, PermissionError):
@@ -148,6 +148,8 @@ class Child:
             found: Result = self.pipe.recv() if self.pipe.poll(self.seconds) else _TOO_LONG
         except (EOFError, ConnectionResetError):
             found = Result("crash", f"ended with {self.end()}", 0.0)
+        if found.kind == "time":
+            self.end(signal.SIGABRT)  # at which faulthandler says what takes so long
         alike = (case[0], found.kind, found.cause)
         self.seen[alike] += 1
         if found.kind in FINDINGS and self.seen[alike] <= KEPT:
@@ -155,8 +157,6 @@ class Child:
             shutil.rmtree(there, ignore_errors=True)
             shutil.copytree(self.folder / "case", there, symlinks=True)
             shutil.copy(self.folder / "said.txt", there)
-        if found.kind == "time":
-            self.end()
         if found.kind in ("crash", "time"):
             self.start()
         return found

@@ -248,7 +248,8 @@ def damaged_columns(rng: Random, columns: Columns) -> Columns:
         elif way == 1:
             found[rng.choice((*NAMES, rng.choice(list(found))))] = found.pop(name)
         elif way == 2 and rng.random() < 0.1:
-            found |= {f"{name}_{index}": found[name][:3] for index in range(3000)}
+            few = np.atleast_1d(found[name])[:3]
+            found |= {f"{name}_{index}": few for index in range(1500)}
         elif getattr(found[name], "ndim", 0) == 1 and len(found[name]):
             found[name] = rng.choice((_other_type, _other_shape))(rng, found[name])
     return found
