@@ -80,6 +80,7 @@ class Identification:
         """In words, what must not be trusted."""
         estimates = (*self.drivetrains.values(), self.load)
         flags = tuple(flag for one in estimates for flag in one.flags) + sign_flags(self)
+        flags += () if self.possible is None else self.possible.flags
         return flags + tuple(
             str(repair)
             for processing in self.processing

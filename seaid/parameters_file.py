@@ -178,6 +178,7 @@ def _possible(possible: PossibleBodies) -> dict[str, Any]:
         ],
         "held": possible.held,
         "notes": possible.notes,
+        "flags": possible.flags,
     }
 
 

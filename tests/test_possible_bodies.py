@@ -18,11 +18,13 @@ from seaid.bodies.prior_bodies import balls, prior_bodies
 from seaid.drivetrain.model import StiffDrive
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation.estimate import Estimate
+from seaid.identification import identify
 from seaid.inertia import from_center_of_mass, is_physical, pseudo_inertia
-from seaid.robot import Robot, load_robot
+from seaid.log import Log
+from seaid.robot import Payload, Robot, load_robot
 from seaid.sides.load_model import LoadModel, load_model
-from seaid.simulation import simulate_motion
-from tests.experiments import MODELS, arm, leg, wiggle
+from seaid.simulation import measure, simulate_motion
+from tests.experiments import LEG_SENSORS, MODELS, TEST_MASS, arm, leg, leg_motion, wiggle
 
 pytestmark = pytest.mark.rounding
 
@@ -212,6 +214,57 @@ def test_drives_estimated_beside_the_load_side_are_possible_too() -> None:
     assert result.robot.drivetrains["hip_pitch"].stiffness_N_per_m == pytest.approx(80000)  # type: ignore[union-attr]
     assert result.robot.drivetrains["knee_pitch"] == leg().drivetrains["knee_pitch"]
     assert "viscous friction of hip_pitch is zero" in result.held
+
+
+# Assumptions that the data contradict
+
+
+@cache
+def log_of_a_leg_without_payload() -> Log:
+    return measure(leg(), leg_motion(), LEG_SENSORS, seed=0)
+
+
+@pytest.mark.parametrize("known", ["file", "nothing"])
+@pytest.mark.parametrize(
+    "payload", [TEST_MASS, Payload("foot", 2.0), Payload("shank", 2.0, (0.0, 0.0, -0.1))]
+)
+def test_payload_that_is_not_on_the_robot_is_named(payload: Payload, known: str) -> None:
+    robot = leg(payload) if known == "file" else leg(payload).without_nominal()
+    result = identify(robot, log_of_a_leg_without_payload(), feasible=True)
+    assert result.possible is not None
+    assert_possible(result.possible)
+    (flag,) = result.possible.flags
+    assert flag.startswith("no physically consistent robot comes near the estimate: chi-square is")
+    assert f"without the payload of 2 kg on {payload.link}: check that it is on the" in flag
+    assert flag in result.flags
+    assert f"! {flag}" in result.summary()
+    assert result.possible.nearest_chi_square > 1000
+
+
+def test_one_of_two_payloads_that_is_not_on_the_robot_is_named() -> None:
+    here, elsewhere = TEST_MASS, Payload("thigh", 3.0, (0.0, 0.0, -0.2))
+    log = measure(leg(here), leg_motion(here), LEG_SENSORS, seed=0)
+    right = identify(leg(here), log, feasible=True).possible
+    assert right is not None
+    assert right.flags == ()
+    wrong = identify(leg(here, elsewhere), log, feasible=True).possible
+    assert wrong is not None
+    assert "without the payload of 3 kg on thigh" in wrong.flags[0]
+
+
+def test_bounds_that_the_data_contradict_are_named() -> None:
+    result = found(leg(), estimated(leg(), 1e-3), mass_bounds={"foot": (8.0, 9.0)})
+    assert "without mass_bounds= and com_boxes=: check them" in result.flags[0]
+
+
+def test_known_bodies_that_the_data_contradict_are_named() -> None:
+    estimate = estimated(leg(), 1e-4)
+    result = found(leg(), replace(estimate, values=-estimate.values))
+    assert "payloads that are missing, encoder zeros, and lengths" in result.flags[0]
+    known = load_robot(MODELS / "tulip_leg.urdf", known_bodies=("thigh", "foot"))
+    estimate = estimated(known, 1e-4)
+    result = found(known, replace(estimate, values=-estimate.values))
+    assert "check known bodies (thigh, foot), " in result.flags[0]
 
 
 # Bounds

@@ -227,7 +227,12 @@ def cone_optimum(programme: Programme, weight: float) -> ConeOptimum:
     solver = clarabel.DefaultSolver(
         quadratic, linear, sparse.csc_matrix(np.vstack(A)), b, cones, options
     )
-    solution = solver.solve()
+    try:
+        solution = solver.solve()
+    except BaseException as problem:  # Clarabel's own panic, in Rust, is no Exception
+        if type(problem).__name__ != "PanicException":
+            raise
+        return ConeOptimum("Panic", np.nan, np.inf)
     x = np.array(solution.x)
     if not np.all(np.isfinite(x)):
         return ConeOptimum(str(solution.status), np.nan, np.inf)

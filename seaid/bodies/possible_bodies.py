@@ -16,6 +16,7 @@ from scipy import linalg
 from seaid.arrays import Array, finite
 from seaid.bodies.body_bounds import Boxes, MassBounds, body_limits, inside
 from seaid.bodies.body_programme import NON_NEGATIVE, body_programme
+from seaid.bodies.contradiction import contradiction
 from seaid.bodies.prior_bodies import prior_bodies
 from seaid.errors import IdentificationError
 from seaid.estimation.estimate import Estimate
@@ -40,7 +41,7 @@ class PossibleBodies:
 
     `weight` is that of the prior, `freedom` how many of the p values the data decide beside it.
     `held` says in words what holds the estimate back, `notes` what stands for missing values of
-    the file.
+    the file, `flags` what the data contradict: a payload that is not on the robot, bounds.
     """
 
     robot: Robot
@@ -56,6 +57,7 @@ class PossibleBodies:
     freedom: float
     held: tuple[str, ...]
     notes: tuple[str, ...]
+    flags: tuple[str, ...] = ()
 
 
 def possible_bodies(
@@ -100,6 +102,7 @@ def possible_bodies(
             raise IdentificationError(f"'{body}' is a known body: it has no bounds")
     programme, words = body_programme(robot, model, known, bodies, limits, start)
     bound = nearest(programme)
+    flag = contradiction(robot, programme, bound.chi_square, len(limits))
     found = _weighted(programme, weight, bound.chi_square)
     return PossibleBodies(
         robot=_robot(robot, model, known, found),
@@ -115,6 +118,7 @@ def possible_bodies(
         freedom=found.freedom,
         held=_held(robot, bound, words),
         notes=notes,
+        flags=() if flag is None else (flag,),
     )
 
 
