@@ -20,6 +20,7 @@ import numpy as np
 from seaid.arrays import Array
 from seaid.estimation.interior_point import RESOLVED, minimum
 from seaid.estimation.programme import Programme
+from seaid.inertia import is_physical
 
 WEIGHTS = tuple(10.0**decade for decade in range(4, -7, -1))
 """Weights of the prior among which the data choose, in units of chi-square.
@@ -69,9 +70,14 @@ def regularised(programme: Programme, weight: float) -> Possible:
     point, used = found.point, found.weight
     offset, matrix = programme.span
     u = point.x[: point.p]
+    unknowns = offset + matrix @ point.x
+    for body, safe in enumerate(programme.bodies(point.Q)):
+        own = slice(10 * body, 10 * body + 10)
+        if not is_physical(unknowns[own], 0.0):  # a small body beside large ones: their rounding
+            unknowns[own] = safe
     pushes = np.linalg.eigvalsh(point.Z)
     return Possible(
-        unknowns=offset + matrix @ point.x,
+        unknowns=unknowns,
         values=programme.estimate + programme.root @ u,
         distance=u,
         weight=used,

@@ -42,8 +42,8 @@ _STUCK, _LATE = 1e-3, 10
 """Length of a step, and number of last steps, by which rounding stops it: then twice the weight is
 a small decrement."""
 
-_BESIDE = 1e-8
-"""Barrier of an inequality beside the weight: with less its slack is lost in rounding."""
+_ATTEMPTS = ((RESOLVED, 1e-8), (1e2 * RESOLVED, 1e-5), (1e4 * RESOLVED, 1e-2))
+"""Least parts: of weight and barrier in chi-square, and of the barrier in the weight."""
 
 _MOST_STEPS = 200
 _MOST_CUTS = 50
@@ -146,12 +146,12 @@ def minimum(programme: Programme, weight: float) -> Minimum:
     """Return where chi-square + weight times the divergence from the prior is least.
 
     A weight below 1e-9 of chi-square counts as that; where rounding leaves no way there, one below
-    1e-7 and then 1e-5 does. Raises IdentificationError where none leads to an end, and for numbers
-    too large to be squared.
+    1e-7 and then 1e-5 does, and barriers are higher. Raises IdentificationError where none leads to
+    an end, and for numbers too large to be squared.
     """
     start = _start(programme, weight)
-    for resolved in (RESOLVED, 1e2 * RESOLVED, 1e4 * RESOLVED):
-        found = _search(programme, weight, start, resolved)
+    for resolved, beside in _ATTEMPTS:
+        found = _search(programme, weight, start, resolved, beside)
         if found is not None:
             return found
     raise IdentificationError(
@@ -162,16 +162,19 @@ def minimum(programme: Programme, weight: float) -> Minimum:
     )
 
 
-def _search(programme: Programme, weight: float, point: Point, resolved: float) -> Minimum | None:
+def _search(
+    programme: Programme, weight: float, point: Point, resolved: float, beside: float
+) -> Minimum | None:
     """Return the minimum, None where it is not found in so many steps.
 
-    Neither weight nor barrier falls below the part `resolved` of chi-square.
+    Neither weight nor barrier falls below the part `resolved` of chi-square, nor the barrier below
+    the part `beside` of the weight: with less its slack is lost in rounding.
     """
     used, before, late = np.inf, np.inf, 0
     for _ in range(_MOST_STEPS):
         least = resolved * point.chi_square
         used = max(weight, min(used, least))
-        final = used, max(BARRIER, least, _BESIDE * used)
+        final = used, max(BARRIER, least, beside * used)
         system = _system(programme, point)
         step, decrement = _direction(programme, used, point, system, final)
         last = all(gap <= 2 * target for gap, target in zip(point.gaps, final, strict=True))
@@ -197,7 +200,7 @@ def _start(programme: Programme, weight: float) -> Point:
     """Return the point of the programme's start, with multipliers that balance its merit."""
     with np.errstate(over="ignore", invalid="ignore"):
         x = programme.coordinates(programme.start)
-        Q = _inside(programme, x)[0]
+        Q = programme.scaled(programme.start)
         slack = programme.limits @ programme.start - programme.bounds
         u = x[: len(programme.estimate)]
         gap = max(weight, float(u @ u + weight * np.einsum("nii->", Q)) / (4 * len(Q)))
@@ -307,7 +310,10 @@ def _moved(programme: Programme, point: Point, step: _Step) -> tuple[Point | Non
         x = point.x + length * step.x
         Q, slack = _inside(programme, x)
         root = _root(Q)
-        ahead = point.slack + length * step.slack  # exact where the slack of x is all rounding
+        if root is None:  # the sum of x may be all rounding: what was added is exact
+            Q = point.Q + length * step.Q
+            root = _root(Q)
+        ahead = point.slack + length * step.slack
         slack = np.where(slack > 0.5 * ahead, slack, ahead)
         if root is not None and np.min(slack, initial=1.0) > 0:
             Z = point.Z + length * step.Z

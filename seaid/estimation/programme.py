@@ -10,7 +10,7 @@ from scipy import linalg
 
 from seaid.arrays import Array, finite
 from seaid.errors import IdentificationError
-from seaid.inertia import pseudo_inertia
+from seaid.inertia import from_pseudo_inertia, pseudo_inertia
 from seaid.linear_algebra import safely
 
 
@@ -69,19 +69,18 @@ class Programme:
         return offset, matrix
 
     @cached_property
+    def prior_roots(self) -> Array:
+        """Triangular factors (n, 4, 4) of the prior's pseudo-inertias, whose Q is 1."""
+        prior = np.array([pseudo_inertia(parameters) for parameters in self.prior])
+        return np.asarray(safely(np.linalg.cholesky, prior, what="the bodies of the prior"))
+
+    @cached_property
     def cones(self) -> tuple[Array, Array]:
         """Offset (n, 4, 4) and matrix (n, f, 4, 4) of the pseudo-inertias, 1 at the prior's."""
         offset, matrix = self.span
         basis = np.array([pseudo_inertia(unit) for unit in np.eye(10)])
         first, blocks = [], []
-        for body, parameters in enumerate(self.prior):
-            half = np.linalg.inv(
-                safely(
-                    np.linalg.cholesky,
-                    pseudo_inertia(parameters),
-                    what=f"the prior of body {body + 1}",
-                )
-            )
+        for body, half in enumerate(np.linalg.inv(self.prior_roots)):
             units = half @ basis @ half.T
             own = slice(10 * body, 10 * body + 10)
             first.append(np.tensordot(offset[own], units, 1))
@@ -93,6 +92,19 @@ class Programme:
         """Offset (c,) and matrix (c, f) of what the inequalities leave."""
         offset, matrix = self.span
         return self.limits @ offset - self.bounds, self.limits @ matrix
+
+    def scaled(self, unknowns: Array) -> Array:
+        """Return the pseudo-inertias Q (n, 4, 4) of unknowns (f,), 1 at the prior's."""
+        half = np.linalg.inv(self.prior_roots)
+        bodies = unknowns[: self.prior.size].reshape(-1, 10)
+        return np.asarray(
+            half @ [pseudo_inertia(body) for body in bodies] @ half.transpose(0, 2, 1)
+        )
+
+    def bodies(self, Q: Array) -> Array:
+        """Return the parameters (n, 10) of scaled pseudo-inertias: possible if they are."""
+        pseudo = self.prior_roots @ Q @ self.prior_roots.transpose(0, 2, 1)
+        return np.array([from_pseudo_inertia(one) for one in pseudo])
 
     def coordinates(self, unknowns: Array) -> Array:
         """Return (u, free unknowns) of unknowns (f,)."""
