@@ -47,8 +47,11 @@ class Box:
     name: str = "box"
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str):
-            raise ExcitationError(f"the name of a keep-out box is a text, found {shown(self.name)}")
+        if not isinstance(self.name, str) or not self.name.isprintable():
+            raise ExcitationError(
+                "the name of a keep-out box is a text without control characters, found "
+                f"{shown(self.name)}"
+            )
         for name in ("center", "size", "rotation_rpy"):
             where = f"{name} of keep-out box '{shortened(self.name)}'"
             value = finite(where, getattr(self, name), (3,), ExcitationError)

@@ -453,6 +453,8 @@ def test_no_distance_changes_by_more_than_its_lever_arms_allow(crane: tuple[Path
         ({"size": (1, 1)}, r"size of keep-out box 'b' must have shape \(3\), found \(2,\)"),
         ({"center": (0, np.nan, 0)}, "center of keep-out box 'b' must be finite"),
         ({"rotation_rpy": "left"}, "rotation_rpy of keep-out box 'b' must be numbers"),
+        ({"name": 3}, "name of a keep-out box is a text .*, found 3"),
+        ({"name": "\ud800"}, r"name of a keep-out box is a text .*, found '\\ud800'"),
     ],
 )
 def test_bad_boxes(box: dict[str, Any], words: str) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from random import Random
 from typing import Any, TypeVar
 
@@ -257,8 +258,9 @@ def damaged_columns(rng: Random, columns: Columns) -> Columns:
 
 def _other_type(rng: Random, values: Any) -> Any:
     kinds = words("i1 u8 i8 f2 f4 ? c16 U8 S4 O M8[ns] m8[ms] >f8")
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"), suppress(ValueError):  # of texts that are no numbers
         return np.array(values).astype(rng.choice(kinds))
+    return values
 
 
 def _other_shape(rng: Random, values: Any) -> Any:
