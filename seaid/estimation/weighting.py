@@ -9,6 +9,7 @@ from scipy import linalg
 
 from seaid.arrays import Array
 from seaid.estimation.information import Information
+from seaid.linear_algebra import safely
 
 _MOST_UNEQUAL = 1e4
 """Largest over smallest weight up to which the products below lose nothing that matters."""
@@ -38,9 +39,11 @@ class Orthonormal:
             return None
         squares = weights**2
         normal = np.tensordot(squares, self.products, 1)
-        z = linalg.solve(
+        z = safely(
+            linalg.solve,
             normal,
             np.einsum("e,emp,em->p", squares, self.columns, self.residuals, optimize=True),
+            what="the weighted equations",
             assume_a="pos",
             check_finite=False,
         )
@@ -54,6 +57,13 @@ def orthonormal(information: Information, theta: Array) -> Orthonormal:
     R = information.weighted_factor()[:p, :p]
     residuals = factors @ np.append(-theta, 1.0)
     stacked = factors[:, :, :p].reshape(-1, p)
-    columns = linalg.solve_triangular(R, stacked.T, trans="T", check_finite=False).T
+    columns = safely(
+        linalg.solve_triangular,
+        R,
+        stacked.T,
+        what="the equations",
+        trans="T",
+        check_finite=False,
+    ).T
     columns = columns.reshape(*factors.shape[:2], p)
     return Orthonormal(columns, residuals, columns.swapaxes(1, 2) @ columns)
