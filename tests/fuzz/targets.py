@@ -13,7 +13,7 @@ import sqlite3
 import warnings
 import zipfile
 from collections.abc import Callable
-from contextlib import closing, suppress
+from contextlib import chdir, closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
@@ -464,9 +464,10 @@ _COMMANDS = (
     "report arm.urdf --from run.npz --validate other.npz --drives arm.toml -o new.html",
 )
 _ODD = (
-    *words("/dev/null /dev/full / . no/such --json --force -o rail=1 wrist=nan tool:1:0,0,0"),
-    *("", "\udcff.npz", *NAMES[:-1], *NUMBERS),
+    *words("/ . no/such --json --force -o rail=1 wrist=nan tool:1:0,0,0"),
+    *("", "\udcff.npz", *(name for name in NAMES if not name.startswith("/")), *NUMBERS),
 )
+"""Words for a command line; no place outside of the case's folder, since --force is one of them."""
 
 
 def command(rng: Random, folder: Path) -> Check:
@@ -485,9 +486,12 @@ def command(rng: Random, folder: Path) -> Check:
         place = rng.randrange(len(asked) + 1)
         asked[place : place + rng.choice((0, 1, 1))] = rng.choice(([rng.choice(_ODD)], []))
     paths = {name: str(folder / name) for name in (*files, *_NEW)}
+    here = folder / "a" / "b"
+    here.mkdir(parents=True)
 
     def check() -> None:
-        said = CliRunner().invoke(seeds.COMMANDS, [paths.get(word, word) for word in asked])
+        with chdir(here):  # names without a folder, and those with "../..", stay in the case's
+            said = CliRunner().invoke(seeds.COMMANDS, [paths.get(word, word) for word in asked])
         if said.exception is not None and not isinstance(said.exception, SystemExit):
             raise said.exception
         law(said.exit_code in (0, 1, 2), f"exit code {said.exit_code}")

@@ -65,6 +65,20 @@ def test_children_that_end_or_hang_are_counted_kept_and_replaced(tmp_path: Path)
     assert "crash: crash ended with -6: 1 cases, first seeds 1" in text
 
 
+def test_commands_write_nothing_outside_of_their_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    around = tmp_path / "x" / "y" / "z"
+    around.mkdir(parents=True)
+    monkeypatch.chdir(around)
+    for seed in range(12):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        run_case("command", seed, folder)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["x", *map(str, range(12))])
+    assert [path.name for path in (tmp_path / "x").rglob("*")] == ["y", "z"]
+
+
 def test_cases_are_spread_over_targets_in_turns() -> None:
     cases = cases_of(["npz", "mesh"], 60, 7)
     assert len(set(cases)) == 60
