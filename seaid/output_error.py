@@ -109,13 +109,15 @@ def _check_start(found: Identification) -> None:
 
 
 def _point(layout: Layout, runs: list[Run], x: Array) -> Point:
-    with np.errstate(over="ignore", invalid="ignore"):
-        around = [linearised(layout, run, x) for run in runs]
+    diverges = "the simulation diverges at this estimate: check the identification it starts from"
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            around = [linearised(layout, run, x) for run in runs]
+    except IdentificationError as problem:
+        raise IdentificationError(f"{diverges}; {problem}") from None
     residuals, answers = [one for one, _ in around], [one for _, one in around]
     if not all(np.all(np.isfinite(one.jacobian)) for one in residuals):
-        raise IdentificationError(
-            "the simulation diverges at this estimate: check the identification it starts from"
-        )
+        raise IdentificationError(diverges)
     return Point(x, runs, answers, gauss_newton_step(residuals, layout.names, x, layout.precision))
 
 

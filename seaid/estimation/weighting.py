@@ -35,6 +35,8 @@ class Orthonormal:
 
         None where the weights are too unequal for it.
         """
+        if not self.columns.size:  # nothing to estimate: the residuals are as they are
+            return np.asarray(np.linalg.norm(self.residuals, axis=1))
         if np.max(weights) > _MOST_UNEQUAL * np.min(weights):
             return None
         squares = weights**2
@@ -56,6 +58,8 @@ def orthonormal(information: Information, theta: Array) -> Orthonormal:
     factors = information.filled_factors
     R = information.weighted_factor()[:p, :p]
     residuals = factors @ np.append(-theta, 1.0)
+    if p == 0:
+        return Orthonormal(factors[:, :, :0], residuals, np.zeros((len(factors), 0, 0)))
     stacked = factors[:, :, :p].reshape(-1, p)
     columns = safely(
         linalg.solve_triangular,
