@@ -110,18 +110,17 @@ def test_given_ends_are_kept(elastic_leg: Robot) -> None:
 
 
 def test_a_motion_that_helps_after_what_was_recorded(leg: Robot) -> None:
-    """Two joints were moved already: the next motion tells of the others.
+    """Three joints were moved already: the next motion tells of the two others.
 
-    A search ends in one of several minima, 45 to 64 here, and rounding may change which: the best
-    of two starts are compared, 46 and 48.
+    In it these three are slow, so that a plan that knows of the first leaves to it what it tells:
+    59 together, and 89 where it does not know. A search ends in one of several minima, and rounding
+    may change which; they differ by a tenth.
     """
-    slow = Limits(velocity=[2.5e-3, 2.5e-3, 2.5, 2.5, 2.5])
-    first = plan(leg, limits=slow)
+    first = plan(leg, limits=Limits(velocity=[2.5e-3, 2.5e-3, 2.5, 2.5, 2.5]))
     log = log_of(leg, first)
-    seeds = (1, 2)
-    afters = [plan(leg, recorded=[log], iterations=80, seed=seed) for seed in seeds]
-    alones = [plan(leg, iterations=80, seed=seed) for seed in seeds]
-    after = min(afters, key=lambda found: found.value)
+    others = Limits(velocity=[2.5, 2.5, 2.5e-2, 2.5e-2, 2.5e-2])
+    after = plan(leg, recorded=[log], limits=others, iterations=80)
+    alone = plan(leg, limits=others, iterations=80)
     assert after.singular_values[-1] > first.singular_values[-1] * 2
 
     def together(found: Excitation) -> float:
@@ -134,7 +133,7 @@ def test_a_motion_that_helps_after_what_was_recorded(leg: Robot) -> None:
         return float(np.linalg.cond(np.vstack(rows)))
 
     assert after.value == pytest.approx(together(after), rel=0.05)
-    assert together(after) < min(together(alone) for alone in alones)
+    assert together(after) < 0.8 * together(alone)
     assert together(after) < together(first)
 
 
