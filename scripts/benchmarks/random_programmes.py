@@ -323,15 +323,15 @@ def outcome(number: int, choose_every: int = 10) -> Outcome:
 def _is_possible(programme: Programme, found: Possible) -> bool:
     """Tell whether bodies are possible and bounds kept, but for rounding.
 
-    A small body is the difference of sums as large as the largest of all, of some hundred terms
-    each: 1e-13 of it is rounding.
+    A small body is the difference of sums as large as the largest of all. Each of up to a hundred
+    steps on the way rounds the sum of its f terms.
     """
     offset, matrix = programme.span
     x = np.concatenate([found.distance, found.unknowns[list(programme.free)]])
     largest = np.max(np.abs(offset) + np.abs(matrix) @ np.abs(x))
     slack = programme.limits @ found.unknowns - programme.bounds
-    rounding = 1e-13 * (np.sum(np.abs(programme.limits), axis=1) * largest)
-    rounding += 1e-13 * np.abs(programme.bounds)
+    sums = np.sum(np.abs(programme.limits), axis=1) * largest + np.abs(programme.bounds)
+    rounding = 100 * len(x) * np.finfo(float).eps * sums
     bodies = found.unknowns[: programme.prior.size].reshape(-1, 10)
     return all(is_physical(body, 1e-15) for body in bodies) and bool(np.all(slack >= -rounding))
 
