@@ -130,7 +130,7 @@ _TEXTS = (_number, _number, _replaced(r"[A-Za-z_]{2,}", NAMES), _replaced("", _M
 def damaged_text(rng: Random, text: str) -> bytes:
     """Return a text file damaged: in its words and numbers, its lines, or as bytes."""
     if rng.random() < 0.1:
-        return damaged_bytes(rng, text.encode())
+        return damaged_bytes(rng, text.encode("utf-8", "surrogatepass"))
     return encoded(rng, damaged(rng, text, _TEXTS))
 
 
