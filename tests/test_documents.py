@@ -76,6 +76,7 @@ def leg_files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {name: folder / name for name in (*LEG_LOGS, "plan.json")}
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize(
     "name",
     # They simulate the leg with its springs, some more than once, since they teach how.
