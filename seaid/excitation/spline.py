@@ -11,6 +11,8 @@ from seaid.arrays import Array, frozen
 from seaid.errors import ExcitationError, shown
 
 _MOST_DEGREE = 100
+_LEAST_SPAN = 1e-12
+"""Of the duration: knots nearer than that are one place, but for rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +21,8 @@ class SplineBasis:
 
     Position, velocity and acceleration of a joint are matrices of this basis times its K
     coefficients, the control points [rad or m]. Raises ExcitationError for knots that are not
-    clamped, not in order, or too many at one place for a continuous acceleration.
+    clamped, not in order, nearer than 1e-12 of the duration, or too many at one place for a
+    continuous acceleration.
     """
 
     degree: int
@@ -44,6 +47,14 @@ class SplineBasis:
             raise ExcitationError(
                 f"knots of degree {self.degree} must be {count} zeros, then rising times, then "
                 f"{count} times the duration, found {shown(knots.tolist())}"
+            )
+        spans = np.diff(knots)
+        near = (spans > 0) & (spans < _LEAST_SPAN * knots[-1])
+        if np.any(near):
+            i = int(np.argmax(near))
+            raise ExcitationError(
+                f"knots at different times must be at least {_LEAST_SPAN:g} of the duration apart, "
+                f"found {knots[i]:.9g} and {knots[i + 1]:.9g} s"
             )
         if np.unique(inside, return_counts=True)[1].max(initial=0) > self.degree - 2:
             raise ExcitationError(

@@ -128,6 +128,7 @@ def test_bad_requests_say_what_is_wrong(name: str, duration: float, count: int, 
         (3, [0, 0, 0, 0, 2, 1, 1, 1, 1], "must be 4 zeros"),
         (3, [0, 0, 0, 0, np.nan, 1, 1, 1, 1], "must be 4 zeros"),
         (3, [0, 0, 0, 0, 0.5, 0.5, 1, 1, 1, 1], "the acceleration would jump"),
+        (5, [0] * 6 + [5e-301] + [1] * 6, "1e-12 of the duration apart, found 0 and 5e-301 s"),
     ],
 )
 def test_bad_knots_say_what_is_wrong(degree: int, knots: list[float], words: str) -> None:
