@@ -64,6 +64,17 @@ def directions(factor: Array, names: tuple[str, ...]) -> Directions:
     return Directions(names, s / largest, Vt, norms, U, largest)
 
 
+def equation_name(joint_names: tuple[str, ...], index: int) -> str:
+    """Return the joint of an equation, by name where names are known.
+
+    After the n equations of the joints come those of their motors, where both are solved at once.
+    """
+    if not joint_names:
+        return f"joint {index}"
+    name = joint_names[index % len(joint_names)]
+    return name if index < len(joint_names) else f"motor of {name}"
+
+
 def telling_joints(information: Information, columns: list[int]) -> list[str]:
     """Return the joints whose torque tells columns, by name where names are known.
 
@@ -78,8 +89,7 @@ def telling_joints(information: Information, columns: list[int]) -> list[str]:
             fewest = np.sum(sees[seeing], axis=1)
             place = seeing[np.flatnonzero(fewest == fewest.min())[-1]]
             joints.append(information.equations[place])
-    known = information.joint_names
-    return [known[joint] if known else f"joint {joint}" for joint in sorted(set(joints))]
+    return [equation_name(information.joint_names, joint) for joint in sorted(set(joints))]
 
 
 def first_term(name: str) -> str:

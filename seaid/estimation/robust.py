@@ -14,6 +14,7 @@ import numpy as np
 from seaid.arrays import Array, BoolArray, FrozenMapping
 from seaid.errors import IdentificationError
 from seaid.estimation.covariance import long_run_of
+from seaid.estimation.directions import equation_name
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.information import information_of
 from seaid.estimation.solve import equal_weights, estimate_of, solve
@@ -178,11 +179,8 @@ def _scales(rows: Regression, residual: Array) -> Array:
 
 def _equations(rows: Regression) -> Iterator[tuple[str, BoolArray]]:
     """Give the name of each equation and its rows (R,)."""
-    names = rows.joint_names
     for index in np.unique(rows.joint).astype(int):
-        name = names[index % len(names)] if names else f"joint {index}"
-        motor = "motor of " * bool(names and index >= len(names))
-        yield motor + name, rows.joint == index
+        yield equation_name(rows.joint_names, index), rows.joint == index
 
 
 def _when(rows: Regression, bad: BoolArray) -> str:
