@@ -83,8 +83,12 @@ def shortened(text: object, most: int = 80) -> str:
     """
     if not isinstance(text, str):
         return shown(text, most)
-    short = text if len(text) <= most else f"{text[: most - 2]} …"
-    return visible(short).replace("\n", "\\n")
+    return in_one_line(text if len(text) <= most else f"{text[: most - 2]} …")
+
+
+def in_one_line(text: str) -> str:
+    """Return a text with control characters as escapes, line breaks too."""
+    return visible(text).replace("\n", "\\n")
 
 
 def reason_of(problem: BaseException) -> str:
