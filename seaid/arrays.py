@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from seaid.errors import SeaidError, shortened
+from seaid.errors import SeaidError, reason_of
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -57,8 +57,9 @@ def frozen(
     try:
         array = np.array(value, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError) as problem:
-        reason = shortened(str(problem), 200)
-        raise error(f"{name} must be numbers of shape {_text(shape)}: {reason}") from None
+        raise error(
+            f"{name} must be numbers of shape {_text(shape)}: {reason_of(problem)}"
+        ) from None
     fits = array.ndim == len(shape) and all(
         wanted in (None, found) for wanted, found in zip(shape, array.shape, strict=True)
     )

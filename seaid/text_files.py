@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from seaid.errors import SeaidError, shortened, shown
+from seaid.errors import SeaidError, reason_of, shortened, shown
 
 MOST_TOML_BYTES = 2**20
 """The drives of a hundred joints take 50 kB."""
@@ -27,7 +27,7 @@ _MOST_DEPTH = 32
 _MOST_DOTS = 200
 """In one line of TOML: the time of `tomllib` grows with the square of the parts of a dotted key."""
 
-_MOST_OF_A_REASON = 200
+_LONGEST_PLACE = 200
 _SURROGATE = re.compile("[\ud800-\udfff]")
 _BARE = re.compile(r"[A-Za-z0-9_-]+", re.ASCII)
 
@@ -103,9 +103,9 @@ def _read(
         with open(path, "rb") as file:
             data = file.read(most_bytes + 1)
     except OSError as problem:
-        raise error(f"cannot read {what} '{path}': {problem.strerror or problem}") from None
+        raise error(f"cannot read {what} '{path}': {reason_of(problem)}") from None
     except ValueError as problem:  # a path with a zero byte, or with letters no file system has
-        raise error(f"cannot read {what} {shown(str(path))}: {problem}") from None
+        raise error(f"cannot read {what} {shown(str(path))}: {reason_of(problem)}") from None
     where = f"{what} '{path}'"
     if len(data) > most_bytes:
         raise error(f"{where} is longer than {most_bytes // 2**20} MB, which none is")
@@ -114,7 +114,7 @@ def _read(
     except RecursionError:
         raise error(f"{where} {wrong}: tables or lists lie too deep in each other") from None
     except ValueError as problem:  # of TOML, JSON, UTF-8, and of integers of thousands of digits
-        raise error(f"{where} {wrong}: {shortened(str(problem), _MOST_OF_A_REASON)}") from None
+        raise error(f"{where} {wrong}: {reason_of(problem)}") from None
     _check(where, content, error)
     return content
 
@@ -162,7 +162,7 @@ def _text(place: _Place) -> str:
     for one in reversed(keys):
         name = one if isinstance(one, str) and _BARE.fullmatch(one) else shown(one)
         text += f"[{one}]" if isinstance(one, int) else f".{name}" if text else str(name)
-    return shortened(text, _MOST_OF_A_REASON)
+    return shortened(text, _LONGEST_PLACE)
 
 
 def _without_twins(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
