@@ -28,6 +28,7 @@ from seaid.motion import Motion
 from seaid.robot import Robot
 from seaid.simulation import measure
 from tests.experiments import ARM_SENSORS, DATA, MODELS, arm, arm_motion, wiggle
+from tests.one_joint import BODY
 
 ARM_URDF, ARM_DRIVES = DATA / "mixed_arm.urdf", DATA / "mixed_arm.toml"
 URDFS = (ARM_URDF, MODELS / "tulip_leg.urdf", MODELS / "differential_wrist.urdf")
@@ -75,13 +76,12 @@ motor_torque = {{ column = "tau_{index}", unit = "Nm", times = 1.0 }}
 )
 """What `foreign_columns` are."""
 
-_BODY = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
 MESH = '<mesh filename="part.{}" scale="0.1 0.1 0.1"/>'
 TWO_URDF = f"""<robot name="two">
 <link name="ground"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
-<link name="upper">{_BODY}</inertial>
+<link name="upper">{BODY}
   <collision><origin xyz="0.5 0 0"/><geometry><sphere radius="0.1"/></geometry></collision></link>
-<link name="lower">{_BODY}</inertial><collision><origin xyz="0.4 0 0" rpy="0 0.1 0"/>
+<link name="lower">{BODY}<collision><origin xyz="0.4 0 0" rpy="0 0.1 0"/>
   <geometry>SHAPE</geometry></collision></link>
 <joint name="shoulder" type="revolute"><parent link="ground"/><child link="upper"/>
   <axis xyz="0 0 1"/><limit lower="-2.5" upper="2.5" velocity="3" effort="9"/></joint>
