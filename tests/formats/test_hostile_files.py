@@ -13,6 +13,7 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from decimal import Decimal
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import h5py
@@ -31,6 +32,7 @@ from seaid.log import Log, read_log, write_log
 from seaid.long_log import iterate_log, open_long_log
 from seaid.memory import free_memory
 from seaid.robot import Robot
+from tests.fuzz.mutators import damaged_bytes
 
 MEASURED = Path(__file__).parents[3] / "shared" / "data" / "hebi_arms" / "virtual_spring.hebilog"
 TIME = np.arange(300) / 100
@@ -565,7 +567,7 @@ def test_names_with_escapes_are_shown_without(arm: Robot, tmp_path: Path) -> Non
 def test_damaged_bytes_of_any_kind_are_read_or_refused(
     arm: Robot, tmp_path: Path, name: str
 ) -> None:
-    path, random = tmp_path / name, np.random.default_rng(0)
+    path, rng = tmp_path / name, Random(name)
     if path.suffix == ".json":
         data = {"time_s": one_log().time, **one_log().columns()}
         path.write_text(json.dumps({key: values[:60].tolist() for key, values in data.items()}))
@@ -573,12 +575,6 @@ def test_damaged_bytes_of_any_kind_are_read_or_refused(
         write_log(one_log(), path)
     whole = path.read_bytes()
     for _ in range(60):
-        damaged = bytearray(whole)
-        near = random.choice([100, 1000, len(whole)])
-        for place in random.integers(0, min(near, len(whole)), random.integers(1, 6)):
-            damaged[int(place) * int(random.choice([1, -1]))] = random.integers(256)
-        path.write_bytes(
-            damaged[: random.integers(1, len(whole))] if random.random() < 0.2 else damaged
-        )
+        path.write_bytes(damaged_bytes(rng, whole))
         with suppress(SeaidError):
             read_log(path, arm)
