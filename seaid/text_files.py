@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from seaid.arrays import as_float, number
 from seaid.errors import SeaidError, reason_of, shortened, shown
 
 MOST_TOML_BYTES = 2**20
@@ -43,9 +44,9 @@ def read_toml(path: str | Path, what: str, error: type[SeaidError]) -> dict[str,
     """
 
     def tables(text: str) -> Any:
-        for number, line in enumerate(text.splitlines(), 1):
+        for place, line in enumerate(text.splitlines(), 1):
             if line.count(".") > _MOST_DOTS:
-                raise ValueError(f"more than {_MOST_DOTS} dots (at line {number})")
+                raise ValueError(f"more than {_MOST_DOTS} dots (at line {place})")
         return tomllib.loads(text)
 
     found: dict[str, Any] = _read(path, what, "is not valid TOML", error, MOST_TOML_BYTES, tables)
@@ -79,13 +80,6 @@ def numbers(where: str, value: Any, error: type[SeaidError]) -> Any:
         else:
             number(where, one, error)
     return value
-
-
-def number(where: str, value: Any, error: type[SeaidError]) -> float:
-    """Return a number of JSON or TOML. Raises `error` naming `where` for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise error(f"{where} must be a number, found {shown(value)}")
-    return float(value)
 
 
 def _read(
@@ -145,10 +139,7 @@ def _problem(value: Any, depth: int) -> str | None:
         return None
     if not isinstance(value, int | float):
         return f"must be a number, a text, a list or a table, found {shown(str(value))}"
-    try:
-        is_finite = math.isfinite(float(value))
-    except OverflowError:
-        is_finite = False
+    is_finite = math.isfinite(as_float(value))
     return None if is_finite else "must be a finite number, of 308 digits at most"
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import fields
-from numbers import Real
 from typing import TYPE_CHECKING, Any
 
-from seaid.arrays import FrozenMapping
+from seaid.arrays import FrozenMapping, number
 from seaid.drivetrain.catalogue import COULOMB, MOTOR_INPUTS, PARAMETERS, PARAMETERS_OF
 from seaid.drivetrain.values import field_of
 from seaid.errors import RobotError, shortened, shown, unknown_name
@@ -42,19 +41,14 @@ def check_numbers(drive: Drive) -> None:
 
 def _check_number(name: str, value: Any, least: str) -> None:
     """Check a number. Raises RobotError for one that is none, or that no drive can have."""
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise RobotError(f"{name} must be a number, found {shown(value)}")
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    allowed = {"zero or more": number >= 0, "more than zero": number > 0}.get(least, True)
-    if not allowed or not math.isfinite(number):
+    size = number(name, value, RobotError)
+    allowed = {"zero or more": size >= 0, "more than zero": size > 0}.get(least, True)
+    if not allowed or not math.isfinite(size):
         raise RobotError(f"{name} must be {least} and finite, found {shown(value)}")
     least_size, most = _LENGTH_SIZES if name.startswith(_LENGTHS) else _SIZES
-    if number and not least_size <= abs(number) <= most:
+    if size and not least_size <= abs(size) <= most:
         raise RobotError(
-            f"{name} must be from {least_size:g} to {most:g} in size, found {number:g}: check its "
+            f"{name} must be from {least_size:g} to {most:g} in size, found {size:g}: check its "
             "unit"
         )
 

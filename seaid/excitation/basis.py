@@ -11,12 +11,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from seaid.arrays import Array
+from seaid.arrays import Array, number
 from seaid.errors import ExcitationError, shortened, shown, unknown_name
 from seaid.excitation.fourier import FourierBasis
 from seaid.excitation.joined import JoinedBasis
 from seaid.excitation.spline import SplineBasis
-from seaid.text_files import number, numbers
+from seaid.text_files import numbers
 
 BASES = ("bspline", "polynomial", "fourier")
 _QUINTIC = 5
