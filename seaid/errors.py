@@ -108,7 +108,7 @@ def listed(names: Iterable[object], most: int = _LISTED) -> str:
     return f"{first} and {more:,} more" if more > 0 else first
 
 
-def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> str:
+def unknown_name(kind: str, name: object, allowed: Iterable[str]) -> str:
     """Return the sentence for a name that is not among the allowed ones, with the nearest one."""
     names = list(allowed)
     name = shortened(name)

@@ -67,13 +67,13 @@ def check_terms(drive: Drive) -> None:
         for term in terms:
             if field in PARAMETERS_OF and term not in PARAMETERS_OF[field]:
                 what = f"{field.replace('_', ' ')} term"
-                raise RobotError(unknown_name(what, str(term), list(PARAMETERS_OF[field])))
+                raise RobotError(unknown_name(what, term, PARAMETERS_OF[field]))
     if len(drive.extra_terms) > _MOST_EXTRA_TERMS:
         raise RobotError(
             f"extra_terms has {len(drive.extra_terms)} terms, allowed are {_MOST_EXTRA_TERMS}"
         )
     if not isinstance(drive.motor_input, str) or drive.motor_input not in MOTOR_INPUTS:
-        raise RobotError(unknown_name("motor input", shortened(drive.motor_input), MOTOR_INPUTS))
+        raise RobotError(unknown_name("motor input", drive.motor_input, MOTOR_INPUTS))
     coulomb = [term for term in drive.friction if term in COULOMB]
     if len(coulomb) > 1:
         raise RobotError(f"friction has one of {', '.join(COULOMB)}, found {', '.join(coulomb)}")
@@ -117,7 +117,7 @@ def check_values(drive: Drive) -> None:
         object.__setattr__(drive, field, FrozenMapping(given))
     for name, value in drive.nominal.items():
         if name not in PARAMETERS:
-            raise RobotError(unknown_name("nominal parameter", shortened(name), list(PARAMETERS)))
+            raise RobotError(unknown_name("nominal parameter", name, PARAMETERS))
         field_name = field_of(drive, name)
         if field_name is not None:
             raise RobotError(f"nominal has '{name}': give it as {field_name}")
