@@ -68,7 +68,7 @@ class UrdfTree:
 
 
 def urdf_again(path: str | Path, text: bytes | None = None) -> UrdfTree:
-    """Read the URDF of a robot that was loaded before: its rounded angles were told then.
+    """Read the URDF of a robot that was loaded before, not warning of rounded angles again.
 
     `text` is its content where it has been read already.
     """

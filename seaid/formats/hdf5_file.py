@@ -41,7 +41,7 @@ def open_hdf5(path: Path) -> Table:
     names: list[str] = []
 
     def visit(name: str | bytes, item: Any) -> None:
-        if isinstance(name, bytes):  # not in UTF-8: told, but not found again
+        if isinstance(name, bytes):  # not in UTF-8: listed, but not found again
             name = name.decode("utf-8", "replace")
         if isinstance(item, h5py.Dataset):
             names.extend(_columns_of(name, item))

@@ -39,7 +39,7 @@ class Table:
     def missing(self, name: str) -> str:
         """Return the sentence for a column that is not there, with the nearest name.
 
-        A name with a topic, as "/joint_states/position[elbow]", is told the topics.
+        A name with a topic, as "/joint_states/position[elbow]", gets the topics.
         """
         topics = _topics(self)
         if not topics:
