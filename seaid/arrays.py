@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from seaid.errors import SeaidError, shortened
+from seaid.errors import SeaidError, reason_of, shown
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -57,8 +57,9 @@ def frozen(
     try:
         array = np.array(value, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError) as problem:
-        reason = shortened(str(problem), 200)
-        raise error(f"{name} must be numbers of shape {_text(shape)}: {reason}") from None
+        raise error(
+            f"{name} must be numbers of shape {_text(shape)}: {reason_of(problem)}"
+        ) from None
     fits = array.ndim == len(shape) and all(
         wanted in (None, found) for wanted, found in zip(shape, array.shape, strict=True)
     )
@@ -83,6 +84,21 @@ def finite(
     return array
 
 
+def as_float(value: Any) -> float:
+    """Return a number as float64, infinite where it is too large for that."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
+def number(name: str, value: Any, error: type[SeaidError] = SeaidError) -> float:
+    """Return a number as float64. Raises `error` naming `name` for what is none; true is none."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise error(f"{name} must be a number, found {shown(value)}")
+    return as_float(value)
+
+
 def seed_of(seed: Any, error: type[SeaidError] = SeaidError) -> int:
     """Return a seed of random numbers. Raises `error` for what is no whole number from zero on."""
     try:
@@ -90,7 +106,7 @@ def seed_of(seed: Any, error: type[SeaidError] = SeaidError) -> int:
     except TypeError:
         found = -1
     if isinstance(seed, bool) or found < 0:
-        raise error(f"seed must be a whole number, zero or more, found {seed!r}")
+        raise error(f"seed must be a whole number, zero or more, found {shown(seed)}")
     return found
 
 
@@ -98,12 +114,10 @@ def check_rate(
     rate_hz: Any, duration: float, least: float = 0.0, error: type[SeaidError] = SeaidError
 ) -> None:
     """Raise `error` for a rate [1/s] that is not more than `least`, or with too many samples."""
-    if isinstance(rate_hz, bool) or not isinstance(rate_hz, Real):
-        raise error(f"rate_hz must be a number, found {rate_hz!r}")
-    rate = float(rate_hz)
+    rate = number("rate_hz", rate_hz, error)
     if not least < rate < math.inf:
         bound = f"{least:g}" if 0 < rate <= least else "zero"
-        raise error(f"rate_hz must be more than {bound}, found {rate_hz}")
+        raise error(f"rate_hz must be more than {bound}, found {rate}")
     if duration * rate > MOST_SAMPLES:
         raise error(
             f"rate_hz of {rate:g} makes more than {MOST_SAMPLES:,} samples of {duration:.4g} s, "

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Real
 
 import numpy as np
 import pinocchio as pin
 
-from seaid.arrays import Array, finite
+from seaid.arrays import Array, finite, number
 from seaid.errors import RobotError, unknown_name
 from seaid.inertia import (
     LARGEST_KG,
@@ -43,9 +42,8 @@ class Payload:
 
     def __post_init__(self) -> None:
         where = f"of the payload on '{self.link}'"
-        if isinstance(self.mass, bool) or not isinstance(self.mass, Real):
-            raise RobotError(f"mass {where} must be a number, found {self.mass!r}")
-        if not finite(f"mass {where}", self.mass, (), RobotError) > 0:
+        mass = number(f"mass {where}", self.mass, RobotError)
+        if not finite(f"mass {where}", mass, (), RobotError) > 0:
             raise RobotError(
                 f"payload on '{self.link}' must have a mass of more than zero, found {self.mass}"
             )

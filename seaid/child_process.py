@@ -73,7 +73,7 @@ def run_in_child(
             died = _started(folder, seconds)
             return _answer(folder, died)
     except OSError as problem:
-        raise ChildError(f"a child process cannot be run: {problem.strerror}") from None
+        raise ChildError(f"a child process cannot be run: {reason_of(problem)}") from None
 
 
 def doing(text: str) -> None:

@@ -83,8 +83,12 @@ def shortened(text: object, most: int = 80) -> str:
     """
     if not isinstance(text, str):
         return shown(text, most)
-    short = text if len(text) <= most else f"{text[: most - 2]} …"
-    return visible(short).replace("\n", "\\n")
+    return in_one_line(text if len(text) <= most else f"{text[: most - 2]} …")
+
+
+def in_one_line(text: str) -> str:
+    """Return a text with control characters as escapes, line breaks too."""
+    return visible(text).replace("\n", "\\n")
 
 
 def reason_of(problem: BaseException) -> str:
@@ -104,7 +108,7 @@ def listed(names: Iterable[object], most: int = _LISTED) -> str:
     return f"{first} and {more:,} more" if more > 0 else first
 
 
-def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> str:
+def unknown_name(kind: str, name: object, allowed: Iterable[str]) -> str:
     """Return the sentence for a name that is not among the allowed ones, with the nearest one."""
     names = list(allowed)
     name = shortened(name)

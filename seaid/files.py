@@ -20,7 +20,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.errors import SeaidError, shortened
+from seaid.errors import SeaidError, reason_of, shortened
 
 _LONGEST_SUFFIX, _SHOWN = 16, 500
 """Letters: of an ending that a temporary file keeps, and of a path in a message."""
@@ -47,9 +47,8 @@ def real_path(path: str | Path) -> Path:
     try:
         return Path(os.path.realpath(path))
     except (OSError, ValueError) as problem:
-        reason = problem.strerror if isinstance(problem, OSError) else problem
         raise SeaidError(
-            f"cannot look up '{shortened(str(path))}' ({working_folder()}): {reason}"
+            f"cannot look up '{shortened(str(path))}' ({working_folder()}): {reason_of(problem)}"
         ) from None
 
 
@@ -209,10 +208,9 @@ def _refusals(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as problem:
-        reason = problem.strerror or str(problem)
         advice = "name a folder you may write to"
         if problem.errno in (errno.ENOSPC, errno.EDQUOT):
             advice = "make room, or name a folder on another disk"
         raise SeaidError(
-            f"cannot write '{shortened(str(path), _SHOWN)}': {reason}; {advice}"
+            f"cannot write '{shortened(str(path), _SHOWN)}': {reason_of(problem)}; {advice}"
         ) from None

@@ -62,7 +62,7 @@ def read_log(
     else:
         wanted = wanted_columns(path, table, robot, columns or {})
         data = table.load(list(dict.fromkeys(foreign for foreign, _ in wanted.values())))
-        check_lengths(path, data)
+        check_lengths(path, {name: len(values) for name, values in data.items()})
         if repair is None:
             log = log_of(path, data, wanted, robot, table.names)
         else:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import cast
+from typing import Any
 
 import numpy as np
 
@@ -185,10 +185,10 @@ def iterate_log(
         yield LogPart(log, float(log.time[before]), end_s)
 
 
-def _check_count(name: str, value: object, least: int) -> None:
+def _check_count(name: str, value: Any, least: int) -> None:
     """Check a number of samples. Raises LogError."""
     is_count = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not (is_count and least <= int(cast(int, value)) <= _MOST_SAMPLES):
+    if not (is_count and least <= value <= _MOST_SAMPLES):
         raise LogError(
             f"{name} must be a whole number from {least} to {_MOST_SAMPLES:,}, found {shown(value)}"
         )

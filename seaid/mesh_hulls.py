@@ -72,9 +72,8 @@ def _corners(where: str, vertices: Array) -> tuple[str, Array]:
     if not len(vertices) or not np.all(np.abs(vertices) < _MOST_SIZE_M):
         raise RobotError(f"{where} has no corners, or some that are beyond {_MOST_SIZE_M:g} m")
     try:
-        corners = vertices[
-            ConvexHull(vertices).vertices
-        ]  # coal's own ends the process on flat ones
+        # coal's own hull ends the process on flat ones
+        corners = vertices[ConvexHull(vertices).vertices]
     except (QhullError, ValueError):
         raise RobotError(
             f"{where} is flat, its convex hull has no volume; use a box or another mesh"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from seaid.arrays import number
 from seaid.drivetrain.drive_file import drives_from_mapping
 from seaid.drivetrain.model import IDEAL_DRIVE
 from seaid.errors import RobotError, shortened, shown, unknown_name
@@ -16,7 +17,7 @@ from seaid.export.drive_tables import drive_table
 from seaid.files import plain
 from seaid.inertia import PARAMETERS
 from seaid.robot import Robot, check_kind
-from seaid.text_files import number, read_json
+from seaid.text_files import read_json
 from seaid.transmission import check_transmission
 
 if TYPE_CHECKING:

@@ -15,7 +15,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from seaid.errors import SeaidError, shortened, shown
+from seaid.arrays import as_float, number
+from seaid.errors import SeaidError, reason_of, shortened, shown
 
 MOST_TOML_BYTES = 2**20
 """The drives of a hundred joints take 50 kB."""
@@ -27,7 +28,7 @@ _MOST_DEPTH = 32
 _MOST_DOTS = 200
 """In one line of TOML: the time of `tomllib` grows with the square of the parts of a dotted key."""
 
-_MOST_OF_A_REASON = 200
+_LONGEST_PLACE = 200
 _SURROGATE = re.compile("[\ud800-\udfff]")
 _BARE = re.compile(r"[A-Za-z0-9_-]+", re.ASCII)
 
@@ -43,9 +44,9 @@ def read_toml(path: str | Path, what: str, error: type[SeaidError]) -> dict[str,
     """
 
     def tables(text: str) -> Any:
-        for number, line in enumerate(text.splitlines(), 1):
+        for place, line in enumerate(text.splitlines(), 1):
             if line.count(".") > _MOST_DOTS:
-                raise ValueError(f"more than {_MOST_DOTS} dots (at line {number})")
+                raise ValueError(f"more than {_MOST_DOTS} dots (at line {place})")
         return tomllib.loads(text)
 
     found: dict[str, Any] = _read(path, what, "is not valid TOML", error, MOST_TOML_BYTES, tables)
@@ -81,13 +82,6 @@ def numbers(where: str, value: Any, error: type[SeaidError]) -> Any:
     return value
 
 
-def number(where: str, value: Any, error: type[SeaidError]) -> float:
-    """Return a number of JSON or TOML. Raises `error` naming `where` for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise error(f"{where} must be a number, found {shown(value)}")
-    return float(value)
-
-
 def _read(
     path: str | Path,
     what: str,
@@ -103,9 +97,9 @@ def _read(
         with open(path, "rb") as file:
             data = file.read(most_bytes + 1)
     except OSError as problem:
-        raise error(f"cannot read {what} '{path}': {problem.strerror or problem}") from None
+        raise error(f"cannot read {what} '{path}': {reason_of(problem)}") from None
     except ValueError as problem:  # a path with a zero byte, or with letters no file system has
-        raise error(f"cannot read {what} {shown(str(path))}: {problem}") from None
+        raise error(f"cannot read {what} {shown(str(path))}: {reason_of(problem)}") from None
     where = f"{what} '{path}'"
     if len(data) > most_bytes:
         raise error(f"{where} is longer than {most_bytes // 2**20} MB, which none is")
@@ -114,7 +108,7 @@ def _read(
     except RecursionError:
         raise error(f"{where} {wrong}: tables or lists lie too deep in each other") from None
     except ValueError as problem:  # of TOML, JSON, UTF-8, and of integers of thousands of digits
-        raise error(f"{where} {wrong}: {shortened(str(problem), _MOST_OF_A_REASON)}") from None
+        raise error(f"{where} {wrong}: {reason_of(problem)}") from None
     _check(where, content, error)
     return content
 
@@ -145,10 +139,7 @@ def _problem(value: Any, depth: int) -> str | None:
         return None
     if not isinstance(value, int | float):
         return f"must be a number, a text, a list or a table, found {shown(str(value))}"
-    try:
-        is_finite = math.isfinite(float(value))
-    except OverflowError:
-        is_finite = False
+    is_finite = math.isfinite(as_float(value))
     return None if is_finite else "must be a finite number, of 308 digits at most"
 
 
@@ -162,7 +153,7 @@ def _text(place: _Place) -> str:
     for one in reversed(keys):
         name = one if isinstance(one, str) and _BARE.fullmatch(one) else shown(one)
         text += f"[{one}]" if isinstance(one, int) else f".{name}" if text else str(name)
-    return shortened(text, _MOST_OF_A_REASON)
+    return shortened(text, _LONGEST_PLACE)
 
 
 def _without_twins(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from seaid.arrays import Array
-from seaid.errors import RobotError, SeaidWarning, shortened
+from seaid.errors import RobotError, SeaidWarning, reason_of, shortened
 from seaid.files import working_folder
 from seaid.inertia import from_center_of_mass, in_parent_frame
 from seaid.rounded_angles import FLOAT_NOISE_RAD, snap
@@ -68,15 +68,13 @@ class UrdfTree:
 
 
 def urdf_again(path: str | Path, text: bytes | None = None) -> UrdfTree:
-    """Read the URDF of a robot that was loaded before: its rounded angles were told then.
+    """Read the URDF of a robot that was loaded before, not warning of rounded angles again.
 
     `text` is its content where it has been read already.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SeaidWarning)
-        if text is not None:
-            return _urdf_of(Path(path), text, SNAP_RAD)
-        return read_urdf(path, SNAP_RAD)
+        return _urdf_of(Path(path), urdf_text(Path(path)) if text is None else text, SNAP_RAD)
 
 
 def read_urdf(path: str | Path, snap_tolerance_rad: float) -> UrdfTree:
@@ -107,7 +105,7 @@ def urdf_text(path: Path) -> bytes:
             )
         return path.read_bytes()
     except OSError as problem:
-        raise RobotError(f"{missing}: {problem.strerror}") from None
+        raise RobotError(f"{missing}: {reason_of(problem)}") from None
 
 
 def _urdf_of(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:

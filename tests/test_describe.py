@@ -17,11 +17,8 @@ from seaid.logs.column_words import meaning_of
 from seaid.logs.describe import Description, describe_log
 from seaid.robot import load_robot
 from tests.measured import LOGS
+from tests.one_joint import BODY
 
-BODY = (
-    '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
-    "</inertial>"
-)
 TIME = np.arange(500) / 200
 Columns = dict[str, Array]
 

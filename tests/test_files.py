@@ -171,7 +171,7 @@ print("after")
 
 @pytest.mark.parametrize("to_file", [True, False])
 def test_the_own_output_is_written_to_in_order(tmp_path: Path, to_file: bool) -> None:
-    command = [sys.executable, "-c", TO_STDOUT.replace("\\\\", "\\")]
+    command = [sys.executable, "-c", TO_STDOUT]
     if to_file:
         with (tmp_path / "out").open("wb") as file:
             subprocess.run(command, stdout=file, check=True)

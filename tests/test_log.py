@@ -17,25 +17,13 @@ from seaid.formats.opening import READERS
 from seaid.log import Log, read_log, write_log
 from seaid.logs.log_columns import column_names
 from seaid.logs.log_data import LARGEST, MINIMUM_SAMPLES
-from seaid.robot import Robot, load_robot
+from seaid.robot import Robot
+from tests.one_joint import one_joint
 
 TIME = np.arange(60) / 100
 NAMES = ["time_s", "arm.motor_position_rad", "arm.joint_position_rad", "arm.motor_torque_Nm"]
 VALUES = np.column_stack([TIME, np.sin(TIME), np.cos(TIME), TIME**2])
-BODY = (
-    '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
-    "</inertial>"
-)
 Columns = dict[str, Any]
-
-
-def one_joint(folder: Path, kind: str = "revolute", drive: dict[str, Any] | None = None) -> Robot:
-    path = folder / "arm.urdf"
-    path.write_text(
-        f'<robot name="arm"><link name="base"/><link name="body">{BODY}</link><joint name="arm" '
-        f'type="{kind}"><parent link="base"/><child link="body"/></joint></robot>'
-    )
-    return load_robot(path, {"arm": drive} if drive else None)
 
 
 @pytest.fixture

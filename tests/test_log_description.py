@@ -17,11 +17,8 @@ from seaid.logs.log_description import LogDescription
 from seaid.logs.repair import Repairs
 from seaid.robot import Robot, load_robot
 from tests.measured import LOGS
+from tests.one_joint import BODY
 
-BODY = (
-    '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
-    "</inertial>"
-)
 TIME = np.arange(200) / 100
 ROTARY = {"type": "series_elastic", "gear_ratio": 100}
 PULLEYS = ROTARY | {"motor_pulley_radius_m": 0.02, "load_pulley_radius_m": 0.04}

@@ -11,14 +11,11 @@ import pytest
 from seaid.errors import RobotError, SeaidWarning
 from seaid.robot import Robot, load_robot
 from seaid.urdf import read_urdf
+from tests.one_joint import BODY
 
 Write = Callable[[str], Path]
 Chain = Callable[..., Path]
 
-BODY = (
-    '<inertial><mass value="1"/>'
-    '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
-)
 ELBOW = '<joint name="elbow" type="revolute"><parent link="base"/><child link="arm"/></joint>'
 ARM = f'<link name="base"/><link name="arm">{BODY}</link>{ELBOW}'
 

@@ -129,9 +129,7 @@ def _between(value: float, lower: float, upper: float) -> float:
 def _check_names(robot: Robot, option: str, names: Iterable[str]) -> None:
     for name in names:
         if name not in robot.body_names:
-            raise IdentificationError(
-                f"{option}=: " + unknown_name("body", str(name), robot.body_names)
-            )
+            raise IdentificationError(f"{option}=: " + unknown_name("body", name, robot.body_names))
 
 
 def _pair(where: str, value: Any, shape: tuple[int, ...], meaning: str) -> Array:

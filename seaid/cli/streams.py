@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, TextIO
 
+from seaid.errors import reason_of
+
 
 @contextmanager
 def safe_streams() -> Iterator[None]:
@@ -36,7 +38,7 @@ def safe_streams() -> Iterator[None]:
         if not lost:
             raise
         if problem.errno != errno.EPIPE and err not in lost:
-            print(f"error: cannot write the output: {problem.strerror}", file=err)
+            print(f"error: cannot write the output: {reason_of(problem)}", file=err)
         for stream in lost:
             _silence(stream)
         sys.exit(1)

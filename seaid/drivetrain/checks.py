@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import fields
-from numbers import Real
 from typing import TYPE_CHECKING, Any
 
-from seaid.arrays import FrozenMapping
+from seaid.arrays import FrozenMapping, number
 from seaid.drivetrain.catalogue import COULOMB, MOTOR_INPUTS, PARAMETERS, PARAMETERS_OF
 from seaid.drivetrain.values import field_of
 from seaid.errors import RobotError, shortened, shown, unknown_name
@@ -42,19 +41,14 @@ def check_numbers(drive: Drive) -> None:
 
 def _check_number(name: str, value: Any, least: str) -> None:
     """Check a number. Raises RobotError for one that is none, or that no drive can have."""
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise RobotError(f"{name} must be a number, found {shown(value)}")
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    allowed = {"zero or more": number >= 0, "more than zero": number > 0}.get(least, True)
-    if not allowed or not math.isfinite(number):
+    size = number(name, value, RobotError)
+    allowed = {"zero or more": size >= 0, "more than zero": size > 0}.get(least, True)
+    if not allowed or not math.isfinite(size):
         raise RobotError(f"{name} must be {least} and finite, found {shown(value)}")
     least_size, most = _LENGTH_SIZES if name.startswith(_LENGTHS) else _SIZES
-    if number and not least_size <= abs(number) <= most:
+    if size and not least_size <= abs(size) <= most:
         raise RobotError(
-            f"{name} must be from {least_size:g} to {most:g} in size, found {number:g}: check its "
+            f"{name} must be from {least_size:g} to {most:g} in size, found {size:g}: check its "
             "unit"
         )
 
@@ -73,13 +67,13 @@ def check_terms(drive: Drive) -> None:
         for term in terms:
             if field in PARAMETERS_OF and term not in PARAMETERS_OF[field]:
                 what = f"{field.replace('_', ' ')} term"
-                raise RobotError(unknown_name(what, str(term), list(PARAMETERS_OF[field])))
+                raise RobotError(unknown_name(what, term, PARAMETERS_OF[field]))
     if len(drive.extra_terms) > _MOST_EXTRA_TERMS:
         raise RobotError(
             f"extra_terms has {len(drive.extra_terms)} terms, allowed are {_MOST_EXTRA_TERMS}"
         )
     if not isinstance(drive.motor_input, str) or drive.motor_input not in MOTOR_INPUTS:
-        raise RobotError(unknown_name("motor input", shortened(drive.motor_input), MOTOR_INPUTS))
+        raise RobotError(unknown_name("motor input", drive.motor_input, MOTOR_INPUTS))
     coulomb = [term for term in drive.friction if term in COULOMB]
     if len(coulomb) > 1:
         raise RobotError(f"friction has one of {', '.join(COULOMB)}, found {', '.join(coulomb)}")
@@ -123,7 +117,7 @@ def check_values(drive: Drive) -> None:
         object.__setattr__(drive, field, FrozenMapping(given))
     for name, value in drive.nominal.items():
         if name not in PARAMETERS:
-            raise RobotError(unknown_name("nominal parameter", shortened(name), list(PARAMETERS)))
+            raise RobotError(unknown_name("nominal parameter", name, PARAMETERS))
         field_name = field_of(drive, name)
         if field_name is not None:
             raise RobotError(f"nominal has '{name}': give it as {field_name}")

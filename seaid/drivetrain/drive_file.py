@@ -44,9 +44,7 @@ def _drive(where: str, table: Any) -> Drive:
     if "type" not in table:
         raise RobotError(f"{where}: key 'type' is missing; allowed: {', '.join(_TYPES)}")
     if not isinstance(table["type"], str) or table["type"] not in _TYPES:
-        raise RobotError(
-            f"{where}: " + unknown_name("drive type", shortened(table["type"]), _TYPES)
-        )
+        raise RobotError(f"{where}: " + unknown_name("drive type", table["type"], _TYPES))
     kind = _TYPES[table["type"]]
     keys = [field.name for field in fields(kind)]
     values = {key: value for key, value in table.items() if key in keys}

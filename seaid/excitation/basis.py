@@ -11,12 +11,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from seaid.arrays import Array
-from seaid.errors import ExcitationError, shortened, shown, unknown_name
+from seaid.arrays import Array, number
+from seaid.errors import ExcitationError, shown, unknown_name
 from seaid.excitation.fourier import FourierBasis
 from seaid.excitation.joined import JoinedBasis
 from seaid.excitation.spline import SplineBasis
-from seaid.text_files import number, numbers
+from seaid.text_files import numbers
 
 BASES = ("bspline", "polynomial", "fourier")
 _QUINTIC = 5
@@ -111,7 +111,7 @@ def basis_from_dict(content: Any) -> Basis:
             raise ExcitationError(f"parts must be a list of bases, found {shown(parts)}")
         return JoinedBasis(tuple(basis_from_dict(part) for part in parts))
     raise ExcitationError(
-        unknown_name("basis type", shortened(content["type"]), ("spline", "fourier", "joined"))
+        unknown_name("basis type", content["type"], ("spline", "fourier", "joined"))
     )
 
 

@@ -17,6 +17,7 @@ from seaid.errors import (
     ExcitationError,
     RobotError,
     SeaidWarning,
+    reason_of,
     shortened,
     shown,
     unknown_name,
@@ -29,8 +30,8 @@ _POSTURES = 500
 _NEARLY_ALWAYS = 0.95
 """The share of random postures that MoveIt's setup assistant takes for 'always in collision'."""
 
-
 _MOST_M = 1e6
+"""Of a keep-out box."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,8 +172,7 @@ def _disabled_by_srdf(srdf: str | Path | None) -> set[frozenset[str]]:
     try:
         root = etree.parse(str(srdf), parser).getroot()
     except (etree.XMLSyntaxError, OSError, ValueError) as problem:
-        reason = shortened(str(problem), 200)
-        raise RobotError(f"SRDF '{srdf}' cannot be read: {reason}") from None
+        raise RobotError(f"SRDF '{srdf}' cannot be read: {reason_of(problem)}") from None
     return {
         frozenset((pair.get("link1"), pair.get("link2")))
         for pair in root.iter("disable_collisions")

@@ -26,9 +26,9 @@ def run_all(
 ) -> tuple[list[Result], bool]:
     """Return the results of a function for all tasks, in their order, and whether Ctrl-C came.
 
-    By the executor, or by processes that stay for the next search; `done` is told the number and
-    the result of each task. After Ctrl-C the results are those that were handed in. A process of
-    ours that dies takes the tasks of all with it: they are given to new processes, once. Raises
+    By the executor, or by processes that stay for the next search; `done` is called with the number
+    and the result of each task. After Ctrl-C the results are those that were handed in. A process
+    of ours that dies takes the tasks of all with it: they are given to new processes, once. Raises
     ExcitationError where that does not help, or an executor of the user's breaks.
     """
     results: list[Result] = []

@@ -168,13 +168,14 @@ def _carried(tree: UrdfTree, joint: str, moving: frozenset[str]) -> dict[str, pi
 
 
 def _check_possible(body: str, parameters: Array, force: bool, notes: list[str]) -> None:
-    absurd = absurdity(parameters) if np.any(parameters) else None
-    if absurd is not None and not _is_massless(parameters):
+    massless = _is_massless(parameters)
+    absurd = absurdity(parameters) if np.any(parameters) and not massless else None
+    if absurd is not None:
         raise RobotError(f"link '{body}' would have {absurd}, which no URDF may say")
     problem = impossible_body(body, parameters)
     if problem is not None and not force:
         raise RobotError(f"{problem}: identify with feasible=True, or write it with force=True")
-    if _is_massless(parameters):
+    if massless:
         raise RobotError(
             f"link '{body}' would have inertia without a mass ({parameters[0]:.4g} kg), which a "
             "URDF cannot say: identify with feasible=True"

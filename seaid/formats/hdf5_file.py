@@ -17,9 +17,9 @@ from seaid.formats.table import (
     Blocks,
     Table,
     as_floats,
-    check_same,
-    column_error,
+    check_lengths,
     damaged,
+    damaged_column,
     is_number,
     no_numbers,
     optional,
@@ -41,7 +41,7 @@ def open_hdf5(path: Path) -> Table:
     names: list[str] = []
 
     def visit(name: str | bytes, item: Any) -> None:
-        if isinstance(name, bytes):  # not in UTF-8: told, but not found again
+        if isinstance(name, bytes):  # not in UTF-8: listed, but not found again
             name = name.decode("utf-8", "replace")
         if isinstance(item, h5py.Dataset):
             names.extend(_columns_of(name, item))
@@ -59,7 +59,7 @@ def open_hdf5(path: Path) -> Table:
     def blocks(wanted: list[str], size: int) -> Blocks:
         with damaged(path, _KIND), h5py.File(path, "r") as file:
             columns = {name: _Column(path, file, name) for name in wanted}
-            check_same(path, {name: one.length for name, one in columns.items()})
+            check_lengths(path, {name: one.length for name, one in columns.items()})
             total = columns[wanted[0]].length
             check_memory(
                 path, sum(one.size(min(size, total)) for one in columns.values()), pieces=True
@@ -98,12 +98,8 @@ class _Column:
 
     def __init__(self, path: Path, file: Any, name: str) -> None:
         self.path, self.name = path, name
-        try:
+        with damaged_column(path, name):
             self._find(file)
-        except LogError:
-            raise
-        except Exception as problem:  # h5py lets errors of half the library through
-            raise column_error(path, name, problem) from None
 
     def _find(self, file: Any) -> None:
         self.index: int | None = None
@@ -134,9 +130,7 @@ class _Column:
 
     def read(self, rows: slice) -> Array:
         """Return samples as numbers."""
-        try:
+        with damaged_column(self.path, self.name):
             if self.field is not None:
                 return as_floats(self.data.fields(self.field)[rows])
             return as_floats(self.data[rows] if self.index is None else self.data[rows, self.index])
-        except Exception as problem:  # h5py lets errors of half the library through
-            raise column_error(self.path, self.name, problem) from None

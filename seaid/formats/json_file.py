@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from seaid.arrays import Array
+from seaid.arrays import Array, as_float
 from seaid.errors import LogError, reason_of
 from seaid.formats.limits import check_columns, check_memory
 from seaid.formats.table import Block, Table, no_numbers
@@ -34,7 +34,7 @@ def open_json(path: Path) -> Table:
     constants: dict[str, float] = {}
     records: Any = content
     if isinstance(content, Mapping):
-        constants = {name: _float(one) for name, one in content.items() if isinstance(one, Real)}
+        constants = {name: as_float(one) for name, one in content.items() if isinstance(one, Real)}
         lists = [one for one in content.values() if _are_records(one)]
         records = lists[0] if len(lists) == 1 else content
     data = _of_records(path, records) if _are_records(records) else _of_lists(path, records, 0)
@@ -61,14 +61,6 @@ def _content(path: Path) -> Any:
         return json.loads(path.read_bytes().decode("utf-8-sig"))
     except (ValueError, RecursionError) as problem:
         raise LogError(f"'{path}' is not valid JSON, or cut off: {reason_of(problem)}") from None
-
-
-def _float(value: Any) -> float:
-    """Return a number as float64, infinite where it is too large for that."""
-    try:
-        return float(value)
-    except OverflowError:
-        return math.inf if value > 0 else -math.inf
 
 
 def _are_records(value: Any) -> bool:
@@ -134,4 +126,4 @@ def _numbers(path: Path, name: str, values: list[Any]) -> Array:
     strange = next((one for one in values if not isinstance(one, Real | None)), None)
     if strange is not None:
         raise no_numbers(path, name, type(strange).__name__, (len(values),))
-    return np.array([math.nan if one is None else _float(one) for one in values])
+    return np.array([math.nan if one is None else as_float(one) for one in values])

@@ -20,9 +20,9 @@ from seaid.formats.table import (
     Blocks,
     Table,
     as_floats,
-    check_same,
-    column_error,
+    check_lengths,
     damaged,
+    damaged_column,
     is_number,
     no_numbers,
     part_of,
@@ -104,11 +104,15 @@ def _load(path: Path, wanted: list[str]) -> Block:
 def _array(path: Path, archive: zipfile.ZipFile, name: str) -> Any:
     """Return an array of one or two dimensions, as its file has it."""
     with _member(path, archive, name) as (file, header):
-        if not is_number(header.kind) or len(header.shape) not in (1, 2):
-            raise no_numbers(path, name, header.kind, header.shape)
+        _check_kind(path, name, header)
         check_memory(path, max(header.size, 8.0 * math.prod(header.shape)))
         values = np.frombuffer(_exactly(file, header.size), dtype=header.kind)
         return values.reshape(header.shape, order="F" if header.by_columns else "C")
+
+
+def _check_kind(path: Path, name: str, header: _Header) -> None:
+    if not is_number(header.kind) or len(header.shape) not in (1, 2):
+        raise no_numbers(path, name, header.kind, header.shape)
 
 
 def _blocks(path: Path, wanted: list[str], size: int) -> Blocks:
@@ -118,12 +122,11 @@ def _blocks(path: Path, wanted: list[str], size: int) -> Blocks:
         whole: dict[str, Any] = {}
         for base in places:
             file, header = stack.enter_context(_member(path, archive, base))
-            if not is_number(header.kind) or len(header.shape) not in (1, 2):
-                raise no_numbers(path, places[base][0][0], header.kind, header.shape)
+            _check_kind(path, places[base][0][0], header)
             if header.by_columns:  # no piece of it has all columns of some rows
                 whole[base] = _array(path, archive, base)
             files[base] = (file, header)
-        check_same(path, {base: header.shape[0] for base, (_, header) in files.items()})
+        check_lengths(path, {base: header.shape[0] for base, (_, header) in files.items()})
         total = min(header.shape[0] for _, header in files.values())
         widths = sum(math.prod(header.shape[1:]) for _, header in files.values())
         check_memory(path, 8.0 * min(size, total) * widths, pieces=True)
@@ -141,7 +144,7 @@ def _blocks(path: Path, wanted: list[str], size: int) -> Blocks:
 
 def _rows(path: Path, name: str, file: IO[bytes], header: _Header, count: int) -> Any:
     """Return the next rows of an array."""
-    with _column(path, name):
+    with damaged_column(path, name):
         width = math.prod(header.shape[1:])
         data = _exactly(file, count * width * header.kind.itemsize)
         return np.frombuffer(data, dtype=header.kind).reshape(count, *header.shape[1:])
@@ -150,22 +153,11 @@ def _rows(path: Path, name: str, file: IO[bytes], header: _Header, count: int) -
 @contextmanager
 def _member(path: Path, archive: zipfile.ZipFile, name: str) -> Iterator[tuple[IO[bytes], _Header]]:
     """Give the file of an array, opened at its numbers, and what its header says."""
-    with _column(path, name):
+    with damaged_column(path, name):
         if archive.getinfo(f"{name}.npy").compress_type not in _COMPRESSIONS:
             raise ValueError("it is compressed in a way that NumPy does not write")
         with archive.open(f"{name}.npy") as file:
             yield file, _header(file)
-
-
-@contextmanager
-def _column(path: Path, name: str) -> Iterator[None]:
-    """Say which column cannot be read; zipfile and NumPy let their parsers' errors through."""
-    try:
-        yield
-    except LogError:
-        raise
-    except Exception as problem:  # zlib, tokenize, struct and encryption among them
-        raise column_error(path, name, problem) from None
 
 
 def _header(file: IO[bytes]) -> _Header:

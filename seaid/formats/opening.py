@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from seaid.errors import LogError, reason_of, shortened, shown
+from seaid.files import working_folder
 from seaid.formats.csv_file import open_csv
 from seaid.formats.hdf5_file import open_hdf5
 from seaid.formats.hebi_log import open_hebilog
@@ -67,7 +68,7 @@ def _reader(path: Path) -> Callable[[Path], Table]:
             f"'{path}': cannot read '{shortened(path.suffix)}' logs; allowed: {', '.join(READERS)}"
         )
     if mode is None:
-        raise LogError(f"no log file at '{path}' (working folder {Path.cwd()})")
+        raise LogError(f"no log file at '{path}' ({working_folder()})")
     if not stat.S_ISREG(mode):
         raise LogError(f"'{path}' is a pipe, a socket or a device; a log must be a file or folder")
     return reader

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from seaid.child_process import Answer, ChildError, run_in_child
+from seaid.child_process import Answer, run_in_child
 from seaid.errors import LogError
 from seaid.formats.limits import check_columns, size_of
-from seaid.formats.table import Block, Table, check_installed
+from seaid.formats.table import Block, Table, check_installed, damaged
 
 _LOOKED_AT = 100
 """Messages of a topic that tell its columns: several senders may share a topic."""
@@ -55,10 +55,8 @@ def open_bag(path: Path) -> Table:
 
 def _in_child(function: Callable[..., Answer], path: Path, **arguments: Any) -> Answer:
     seconds = _SECONDS + size_of(path) / _BYTES_PER_SECOND
-    try:
+    with damaged(path, "a ROS bag"):
         return run_in_child(function, {"path": str(path), **arguments}, seconds=seconds)
-    except ChildError as problem:
-        raise LogError(f"'{path}' is not a ROS bag, or a damaged one: {problem}") from None
 
 
 def bag_columns(path: str) -> Answer:

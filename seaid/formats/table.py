@@ -39,7 +39,7 @@ class Table:
     def missing(self, name: str) -> str:
         """Return the sentence for a column that is not there, with the nearest name.
 
-        A name with a topic, as "/joint_states/position[elbow]", is told the topics.
+        A name with a topic, as "/joint_states/position[elbow]", gets the topics.
         """
         topics = _topics(self)
         if not topics:
@@ -60,12 +60,25 @@ def _topics(table: Table) -> list[str]:
 @contextmanager
 def damaged(path: Path, kind: str) -> Iterator[None]:
     """Turn what a library says of a file that is damaged, or no `kind`, into a LogError."""
+    with _in_words(f"'{path}' is not {kind}, or a damaged one"):
+        yield
+
+
+@contextmanager
+def damaged_column(path: Path, name: str) -> Iterator[None]:
+    """Turn what a library says of a column whose data are damaged into a LogError."""
+    with _in_words(f"'{path}': column '{shortened(name)}' cannot be read"):
+        yield
+
+
+@contextmanager
+def _in_words(what: str) -> Iterator[None]:
     try:
         yield
     except LogError:
         raise
     except Exception as problem:  # parsers of untrusted bytes let whatever they meet through
-        raise LogError(f"'{path}' is not {kind}, or a damaged one: {reason_of(problem)}") from None
+        raise LogError(f"{what}: {reason_of(problem)}") from None
 
 
 def is_number(kind: np.dtype[Any]) -> bool:
@@ -96,18 +109,8 @@ def as_floats(values: NDArray[Any]) -> Array:
     return numbers
 
 
-def column_error(path: Path, name: str, problem: Exception) -> LogError:
-    """Return the error for a column whose data are damaged."""
-    return LogError(f"'{path}': column '{shortened(name)}' cannot be read: {reason_of(problem)}")
-
-
-def check_lengths(path: Path, block: Mapping[str, Array]) -> None:
+def check_lengths(path: Path, lengths: Mapping[str, int]) -> None:
     """Check that columns are equally long. Raises LogError."""
-    check_same(path, {name: len(values) for name, values in block.items()})
-
-
-def check_same(path: Path, lengths: Mapping[str, int]) -> None:
-    """Check that lengths of columns are the same. Raises LogError."""
     if len(set(lengths.values())) > 1:
         found = listed(f"'{shortened(name)}' {length}" for name, length in lengths.items())
         raise LogError(f"'{path}': columns are not equally long: {found}")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.errors import listed, visible
+from seaid.errors import in_one_line, listed
 from seaid.formats.table import Block
 from seaid.logs.column_words import Meaning
 from seaid.robot import Robot
@@ -56,7 +56,7 @@ class Look:
     def unsure(self) -> tuple[str, ...]:
         """Return the doubts as sentences."""
         sentences = (f"{listed(about, _LISTED)}: {text}" for text, about in self.doubts.items())
-        return tuple(visible(one).replace("\n", "\\n") for one in sentences)
+        return tuple(map(in_one_line, sentences))
 
 
 def quantities_of(look: Look, tag: str, joint: str, robot: Robot | None) -> Sources:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.errors import LogError, listed, shortened, visible
+from seaid.errors import LogError, in_one_line, listed, shortened
 from seaid.formats.opening import log_path, open_table
 from seaid.formats.table import Block, Table
 from seaid.logs.channels import LARGEST
@@ -60,7 +60,7 @@ class Description:
                 unit = source.unit or "SI"
                 unit += f", at the {source.side}" if source.side else ""
                 rows.append((joint, name, column, unit, (clock and clock.column) or "of the file"))
-        cells = [[visible(cell).replace("\n", "\\n") for cell in row] for row in rows]
+        cells = [list(map(in_one_line, row)) for row in rows]
         widths = [max(len(row[place]) for row in cells) for place in range(5)]
         lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in cells]
         lines += [f"unsure: {one}" for one in self.unsure]

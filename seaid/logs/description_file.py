@@ -156,7 +156,7 @@ def _check_source(where: str, quantity: str, source: Source) -> None:
     if source.side is not None and kind not in ("position", "torque"):
         raise LogError(f"{where}: only positions and torques have a side of the gear")
     if source.side not in (None, "motor", "joint"):
-        raise LogError(f"{where}: {unknown_name('side', str(source.side), ('motor', 'joint'))}")
+        raise LogError(f"{where}: {unknown_name('side', source.side, ('motor', 'joint'))}")
     for name in ("scale", "wraps", "counts_per_turn", "counts_per_m", "torque_constant_Nm_per_A"):
         value = getattr(source, name)
         may_be_negative = name == "scale"

@@ -91,7 +91,7 @@ def gap_error(
     Gaps are steps above `longest_step_s`; those above `longest_bridge_s` are holes and not bridged.
     Stretches of the gaps' lengths are taken out where the samples are known, and interpolated; the
     root mean square difference there, less what noise explains, is that of the gaps, whose share of
-    the time then tells that of the whole channel, over its standard deviation. None where there is
+    the time then gives that of the whole channel, over its standard deviation. None where there is
     too little between the gaps to tell.
     """
     steps, spread = np.diff(time), float(np.std(values))

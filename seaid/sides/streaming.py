@@ -17,7 +17,7 @@ from typing import IO
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.errors import LogError
+from seaid.errors import LogError, reason_of
 from seaid.estimation.covariance import at_slots, long_run, slots
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.information import Information, combined, information_of
@@ -122,8 +122,8 @@ def _room_needed() -> Iterator[None]:
         yield
     except OSError as problem:
         raise LogError(
-            f"the rows of a long log cannot be kept in a temporary file ({problem}): make room in "
-            "the folder for them, or set TMPDIR to another one"
+            f"the rows of a long log cannot be kept in a temporary file ({reason_of(problem)}): "
+            "make room in the folder for them, or set TMPDIR to another one"
         ) from None
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from seaid.errors import SeaidError
+from seaid.errors import SeaidError, reason_of
 from seaid.excitation import Excitation, Trajectory
 from seaid.log import Log
 from seaid.motion import Motion
@@ -99,6 +99,6 @@ def _check_port(host: str, port: int) -> None:
             probe.bind(address)
     except OSError as problem:
         raise SeaidError(
-            f"cannot open port {port} of host '{host}': {problem.strerror}; if another view is "
+            f"cannot open port {port} of host '{host}': {reason_of(problem)}; if another view is "
             "open there, end it or take another port; port 0 is any that is free"
         ) from None

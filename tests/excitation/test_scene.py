@@ -20,11 +20,8 @@ from seaid.excitation.scene import Scene, clearance, distance_gradients, distanc
 from seaid.excitation.scene_file import Box, load_scene
 from seaid.excitation.trajectory import Trajectory
 from seaid.robot import Robot, load_robot
+from tests.one_joint import BODY
 
-BODY = (
-    '<inertial><mass value="1"/>'
-    '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
-)
 TETRAHEDRON = "\n".join(
     ["v 0 0 0", "v 0.2 0 0", "v 0 0.2 0", "v 0 0 0.2", "f 1 3 2", "f 1 2 4", "f 1 4 3", "f 2 3 4"]
 )

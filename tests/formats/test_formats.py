@@ -19,24 +19,10 @@ from seaid.formats.opening import open_table
 from seaid.log import Log, read_log, write_log
 from seaid.long_log import iterate_log, open_long_log
 from seaid.memory import free_memory
-from seaid.robot import Robot, load_robot
+from seaid.robot import Robot
 
-BODY = (
-    '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
-    "</inertial>"
-)
 TIME = np.arange(400) / 100
 WRITABLE = ("log.csv", "log.npz", "log.parquet", "log.h5", "log.hdf5")
-
-
-@pytest.fixture
-def arm(tmp_path: Path) -> Robot:
-    path = tmp_path / "arm.urdf"
-    path.write_text(
-        f'<robot name="arm"><link name="base"/><link name="body">{BODY}</link><joint name="arm" '
-        f'type="continuous"><parent link="base"/><child link="body"/></joint></robot>'
-    )
-    return load_robot(path)
 
 
 def one_log() -> Log:

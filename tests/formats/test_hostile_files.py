@@ -13,6 +13,7 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from decimal import Decimal
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import h5py
@@ -30,27 +31,10 @@ from seaid.formats.opening import open_table
 from seaid.log import Log, read_log, write_log
 from seaid.long_log import iterate_log, open_long_log
 from seaid.memory import free_memory
-from seaid.robot import Robot, load_robot
-
-BODY = (
-    '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
-    "</inertial>"
-)
-
+from seaid.robot import Robot
+from tests.fuzz.mutators import damaged_bytes
 
 MEASURED = Path(__file__).parents[3] / "shared" / "data" / "hebi_arms" / "virtual_spring.hebilog"
-
-
-@pytest.fixture
-def arm(tmp_path: Path) -> Robot:
-    path = tmp_path / "arm.urdf"
-    path.write_text(
-        f'<robot name="arm"><link name="base"/><link name="body">{BODY}</link><joint name="arm" '
-        f'type="continuous"><parent link="base"/><child link="body"/></joint></robot>'
-    )
-    return load_robot(path)
-
-
 TIME = np.arange(300) / 100
 
 
@@ -583,7 +567,7 @@ def test_names_with_escapes_are_shown_without(arm: Robot, tmp_path: Path) -> Non
 def test_damaged_bytes_of_any_kind_are_read_or_refused(
     arm: Robot, tmp_path: Path, name: str
 ) -> None:
-    path, random = tmp_path / name, np.random.default_rng(0)
+    path, rng = tmp_path / name, Random(name)
     if path.suffix == ".json":
         data = {"time_s": one_log().time, **one_log().columns()}
         path.write_text(json.dumps({key: values[:60].tolist() for key, values in data.items()}))
@@ -591,12 +575,6 @@ def test_damaged_bytes_of_any_kind_are_read_or_refused(
         write_log(one_log(), path)
     whole = path.read_bytes()
     for _ in range(60):
-        damaged = bytearray(whole)
-        near = random.choice([100, 1000, len(whole)])
-        for place in random.integers(0, min(near, len(whole)), random.integers(1, 6)):
-            damaged[int(place) * int(random.choice([1, -1]))] = random.integers(256)
-        path.write_bytes(
-            damaged[: random.integers(1, len(whole))] if random.random() < 0.2 else damaged
-        )
+        path.write_bytes(damaged_bytes(rng, whole))
         with suppress(SeaidError):
             read_log(path, arm)

@@ -15,14 +15,11 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from seaid.errors import LogError
 from seaid.formats.opening import open_table
 from seaid.log import read_log
-from seaid.robot import Robot, load_robot
+from seaid.robot import Robot
+from tests.one_joint import one_joint
 
 START_NS = 1_700_000_000_123_456_789
 COUNT = 80
-BODY = (
-    '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
-    "</inertial>"
-)
 DRIVE = """std_msgs/Header header
 int32 temperature
 float64[2] motor_angle
@@ -117,12 +114,7 @@ def test_without_stamps_the_time_of_the_bag_counts(tmp_path: Path) -> None:
 
 @pytest.fixture
 def arm(tmp_path: Path) -> Robot:
-    path = tmp_path / "arm.urdf"
-    path.write_text(
-        f'<robot name="arm"><link name="base"/><link name="body">{BODY}</link><joint name="arm" '
-        f'type="continuous"><parent link="base"/><child link="body"/></joint></robot>'
-    )
-    return load_robot(path, {"arm": {"type": "series_elastic", "gear_ratio": 100}})
+    return one_joint(tmp_path, "continuous", {"type": "series_elastic", "gear_ratio": 100})
 
 
 def described(position: str) -> dict[str, Any]:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import struct
 import tempfile
-import tomllib
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,6 @@ from rosbags.typesys import Stores, get_typestore
 
 import seaid
 from seaid.arrays import Array
-from seaid.cli.commands import app
 from seaid.excitation.basis import make_basis
 from seaid.excitation.trajectory import Trajectory
 from seaid.log import Log
@@ -28,11 +26,11 @@ from seaid.motion import Motion
 from seaid.robot import Robot
 from seaid.simulation import measure
 from tests.experiments import ARM_SENSORS, DATA, MODELS, arm, arm_motion, wiggle
+from tests.one_joint import BODY
 
 ARM_URDF, ARM_DRIVES = DATA / "mixed_arm.urdf", DATA / "mixed_arm.toml"
 URDFS = (ARM_URDF, MODELS / "tulip_leg.urdf", MODELS / "differential_wrist.urdf")
 MESHES = ("stl", "stl_ascii", "obj", "ply", "off")
-COMMANDS = app
 
 DRIVES = """
 rail = { type = "stiff", gear_ratio_rad_per_m = 400.0, motor_inertia_kg_m2 = 2e-5, friction = [
@@ -75,13 +73,12 @@ motor_torque = {{ column = "tau_{index}", unit = "Nm", times = 1.0 }}
 )
 """What `foreign_columns` are."""
 
-_BODY = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
 MESH = '<mesh filename="part.{}" scale="0.1 0.1 0.1"/>'
 TWO_URDF = f"""<robot name="two">
 <link name="ground"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
-<link name="upper">{_BODY}</inertial>
+<link name="upper">{BODY}
   <collision><origin xyz="0.5 0 0"/><geometry><sphere radius="0.1"/></geometry></collision></link>
-<link name="lower">{_BODY}</inertial><collision><origin xyz="0.4 0 0" rpy="0 0.1 0"/>
+<link name="lower">{BODY}<collision><origin xyz="0.4 0 0" rpy="0 0.1 0"/>
   <geometry>SHAPE</geometry></collision></link>
 <joint name="shoulder" type="revolute"><parent link="ground"/><child link="upper"/>
   <axis xyz="0 0 1"/><limit lower="-2.5" upper="2.5" velocity="3" effort="9"/></joint>
@@ -110,9 +107,8 @@ def written(write: Callable[[Path], Any]) -> Files:
         return files_in(Path(folder))
 
 
-def robot() -> Robot:
-    """Return the arm with a drive of each kind."""
-    return arm()
+robot = arm
+"""The arm with a drive of each kind."""
 
 
 @cache
@@ -189,18 +185,11 @@ def trajectory_texts() -> tuple[str, ...]:
 @cache
 def bags() -> tuple[Files, ...]:
     """Return bags with the states of two joints: SQLite, MCAP and of ROS 1."""
-    return tuple(written(write) for write in (_write_sqlite, _write_mcap, _write_ros1))
+    kinds = (StoragePlugin.SQLITE3, StoragePlugin.MCAP)
+    return (*(written(partial(_write_ros2, kind)) for kind in kinds), written(_write_ros1))
 
 
-def _write_sqlite(folder: Path) -> None:
-    _write_ros2(folder, StoragePlugin.SQLITE3)
-
-
-def _write_mcap(folder: Path) -> None:
-    _write_ros2(folder, StoragePlugin.MCAP)
-
-
-def _write_ros2(folder: Path, plugin: StoragePlugin) -> None:
+def _write_ros2(plugin: StoragePlugin, folder: Path) -> None:
     types: Any = get_typestore(Stores.ROS2_HUMBLE)
     with Writer2(folder / "bag", version=9, storage_plugin=plugin) as bag:
         _write_messages(bag, types, types.serialize_cdr, {})
@@ -266,8 +255,3 @@ def make_all() -> None:
         make()
     for name in ("run.npz", "other.npz"):
         log_file(name)
-
-
-def tree_of(toml: str) -> dict[str, Any]:
-    """Return the content of a text in TOML."""
-    return tomllib.loads(toml)

@@ -10,6 +10,7 @@ import csv
 import io
 import json
 import sqlite3
+import tomllib
 import warnings
 import zipfile
 from collections.abc import Callable
@@ -28,6 +29,7 @@ from lxml import etree
 from typer.testing import CliRunner
 
 import seaid
+from seaid.cli.commands import app
 from seaid.drivetrain.drive_file import read_drivetrains
 from seaid.errors import RobotError, SeaidError
 from seaid.logs.channels import Channel
@@ -132,9 +134,9 @@ def drives(rng: Random, folder: Path) -> Check:
 
 def parameters(rng: Random, folder: Path) -> Check:
     """A parameters.json and the export of its robot."""
-    (folder / "parameters.json").write_bytes(_json(rng, seeds.parameters_text()))
-    read = seaid.read_parameters
-    return lambda: _export(read(folder / "parameters.json", seeds.robot()), folder)
+    path = folder / "parameters.json"
+    path.write_bytes(_json(rng, seeds.parameters_text()))
+    return lambda: _export(seaid.read_parameters(path, seeds.robot()), folder)
 
 
 def _export(robot: Robot, folder: Path) -> None:
@@ -349,7 +351,7 @@ def _utf8(name: str) -> str:
 
 def _log_check(rng: Random, path: Path, content: bytes) -> Check:
     path.write_bytes(content)
-    described = rng.choice((None, seeds.tree_of(seeds.DESCRIPTION)))
+    described = rng.choice((None, tomllib.loads(seeds.DESCRIPTION)))
     return lambda: _read_every_way(path, seeds.robot(), described)
 
 
@@ -491,7 +493,7 @@ def command(rng: Random, folder: Path) -> Check:
 
     def check() -> None:
         with chdir(here):  # names without a folder, and those with "../..", stay in the case's
-            said = CliRunner().invoke(seeds.COMMANDS, [paths.get(word, word) for word in asked])
+            said = CliRunner().invoke(app, [paths.get(word, word) for word in asked])
         if said.exception is not None and not isinstance(said.exception, SystemExit):
             raise said.exception
         law(said.exit_code in (0, 1, 2), f"exit code {said.exit_code}")
@@ -515,7 +517,7 @@ def _toml(rng: Random, text: str) -> bytes:
             return [plain(each) for each in one]
         return "" if one is None else one
 
-    return encoded(rng, tomli_w.dumps(plain(damaged_tree(rng, seeds.tree_of(text), EXPRESSIONS))))
+    return encoded(rng, tomli_w.dumps(plain(damaged_tree(rng, tomllib.loads(text), EXPRESSIONS))))
 
 
 def _json(rng: Random, text: str) -> bytes:

@@ -7,7 +7,6 @@ import resource
 import signal
 import subprocess
 import sys
-import threading
 import time
 import zipfile
 from collections.abc import Callable, Iterator
@@ -237,6 +236,7 @@ def test_log_bombs_are_refused(tmp_path: Path, bomb: str) -> None:
 # Faults of the disk, and ends at any moment
 
 
+@pytest.fixture(scope="module")
 def writers() -> dict[str, Use]:
     """Return whatever writes a file, by the ending of that."""
     log, robot = seeds.log(), seeds.robot()
@@ -251,29 +251,24 @@ def writers() -> dict[str, Use]:
     }
 
 
-@pytest.fixture(scope="module")
-def all_writers() -> dict[str, Use]:
-    return writers()
-
-
 WRITTEN = (".csv", ".npz", ".parquet", ".h5", ".json", ".urdf", ".xml", ".toml", ".html")
 
 
 @pytest.mark.parametrize("ending", WRITTEN)
 def test_a_full_disk_leaves_the_old_file(
-    tmp_path: Path, all_writers: dict[str, Use], ending: str
+    tmp_path: Path, writers: dict[str, Use], ending: str
 ) -> None:
     path = tmp_path / f"out{ending}"
     path.write_text("old")
     with limits(resource.RLIMIT_FSIZE, 100):
-        refused(lambda: all_writers[ending](path))
+        refused(lambda: writers[ending](path))
     assert [one.name for one in tmp_path.iterdir()] == [path.name]
     assert path.read_text() == "old"
 
 
 @pytest.mark.parametrize("ending", WRITTEN)
 def test_targets_that_are_no_place_are_refused(
-    tmp_path: Path, all_writers: dict[str, Use], ending: str
+    tmp_path: Path, writers: dict[str, Use], ending: str
 ) -> None:
     (tmp_path / "file").touch()
     (tmp_path / f"folder{ending}").mkdir()
@@ -281,7 +276,7 @@ def test_targets_that_are_no_place_are_refused(
     (tmp_path / f"full{ending}").symlink_to("/dev/full")
     names = ("file/x", "folder", "loop", "full", "a\0b", "x" * 300)
     for name in names if ending != ".html" else names[-1:]:  # whose page takes a second
-        refused(lambda name=name: all_writers[ending](tmp_path / f"{name}{ending}"))  # type: ignore[misc]
+        refused(lambda name=name: writers[ending](tmp_path / f"{name}{ending}"))  # type: ignore[misc]
 
 
 WRITE_FOR_EVER = """
@@ -316,22 +311,3 @@ def test_a_killed_process_leaves_whole_files(tmp_path: Path) -> None:
         for path in tmp_path.glob("out*"):
             assert whole.setdefault(path.name, path.stat().st_size) == path.stat().st_size
     assert whole
-
-
-def test_threads_on_one_path_do_not_collide(tmp_path: Path) -> None:
-    problems: list[BaseException] = []
-
-    def write() -> None:
-        try:
-            for _ in range(10):
-                seaid.write_drivetrains(seeds.robot().drivetrains, tmp_path / "out.toml")
-        except BaseException as problem:
-            problems.append(problem)
-
-    threads = [threading.Thread(target=write) for _ in range(4)]
-    for one in threads:
-        one.start()
-    for one in threads:
-        one.join()
-    assert problems == []
-    assert [one.name for one in tmp_path.iterdir()] == ["out.toml"]
