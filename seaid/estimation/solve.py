@@ -12,7 +12,7 @@ from seaid.estimation.covariance import LongRun, long_run_of
 from seaid.estimation.directions import Directions, directions, first_term, telling_joints
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.information import Information, information_of
-from seaid.estimation.weighting import Orthonormal, orthonormal
+from seaid.estimation.weighting import orthonormal
 from seaid.regression import Regression
 
 _LOST = 1e-7
@@ -69,7 +69,7 @@ def settled_weights(information: Information) -> Array:
     """
     weights = equal_weights(information)
     theta = solve(information, weights).values
-    equations: Orthonormal | None = None
+    equations = orthonormal(information, theta) if len(theta) else None
     norms: Array | None = information.residual_norms(theta)
     root_counts = np.sqrt(np.maximum(information.counts, 1))
     target = np.linalg.norm(information.factors[:, :, -1]) / np.sqrt(max(information.count, 1))
@@ -83,9 +83,8 @@ def settled_weights(information: Information) -> Array:
         new = largest / np.maximum(std, _ROUNDING * target)
         settled = np.allclose(new, weights, rtol=1e-6)
         weights = new
-        if settled or not len(theta):  # residuals of nothing do not depend on the weights
+        if settled or equations is None:  # without parameters, residuals are as they are
             break
-        equations = equations or orthonormal(information, theta)
         norms = equations.residual_norms(weights)
     else:
         raise IdentificationError(
