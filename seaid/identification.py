@@ -79,9 +79,10 @@ class Identification:
     def flags(self) -> tuple[str, ...]:
         """In words, what must not be trusted."""
         estimates = (*self.drivetrains.values(), self.load)
-        others = (*([self.possible] if self.possible else []), *self.processing)
         flags = tuple(flag for one in estimates for flag in one.flags) + sign_flags(self)
-        return flags + tuple(flag for one in others for flag in one.flags)
+        if self.possible is not None:
+            flags += self.possible.flags
+        return flags + tuple(flag for one in self.processing for flag in one.flags)
 
     def summary(self) -> str:
         """Return one table that a human reads."""

@@ -15,7 +15,7 @@ import json
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 
@@ -313,8 +313,8 @@ def outcome(number: int, choose_every: int = 10) -> Outcome:
     except Exception as problem:  # what this looks for: an exception that is not ours
         result, words = type(problem).__name__, str(problem)
         seconds = time.process_time() - begin
-    kind = (getattr(case, field.name) for field in fields(Kind))
-    return Outcome(*kind, result, words, chi_square, seconds, status, worse, apart)
+    kind = (case.robot, case.prior, case.error, case.bounds, case.variance)
+    return Outcome(number, *kind, result, words, chi_square, seconds, status, worse, apart)
 
 
 def _is_possible(programme: Programme, found: Possible) -> bool:
