@@ -21,7 +21,7 @@ from seaid.estimation.model_checks import ModelChecks
 from seaid.excited import check_channels, check_excitation
 from seaid.files import write_json
 from seaid.log import Log
-from seaid.logs.holes import HOLES, stretches
+from seaid.logs.holes import stretches
 from seaid.motion import Motion
 from seaid.processing import Processing
 from seaid.robot import Robot
@@ -82,12 +82,7 @@ class Identification:
         flags = tuple(flag for one in estimates for flag in one.flags) + sign_flags(self)
         if self.possible is not None:
             flags += self.possible.flags
-        return flags + tuple(
-            str(repair)
-            for processing in self.processing
-            for repair in processing.repairs
-            if repair.kind == HOLES
-        )
+        return flags + tuple(flag for one in self.processing for flag in one.flags)
 
     def summary(self) -> str:
         """Return one table that a human reads."""

@@ -12,7 +12,7 @@ from seaid.pass_band import PassBand
 
 def has_holes(processing: Sequence[Processing]) -> bool:
     """Tell whether a log has holes in time, so that it was taken stretch by stretch."""
-    return any(repair.kind == HOLES for one in processing for repair in one.repairs)
+    return any(one.flags for one in processing)
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,11 @@ class Processing:
     pass_band: PassBand
     trim_s: float
     repairs: tuple[Repair, ...] = ()
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """In words, the holes in the log's time."""
+        return tuple(str(repair) for repair in self.repairs if repair.kind == HOLES)
 
     def __str__(self) -> str:
         grid = f"{self.rate_hz:.4g} Hz"

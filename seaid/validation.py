@@ -192,22 +192,19 @@ def _traces(motion: Motion, measured: Array, computed: Array, still: BoolArray) 
 
 def _fit(parts: Sequence[_Traces]) -> Fit:
     """Compare torques, those of all parts as one."""
-    joined = {
-        field.name: np.concatenate([getattr(one, field.name) for one in parts])
-        for field in fields(_Traces)
-    }
-    measured, computed, inside = joined["measured"], joined["computed"], joined["inside"]
-    smooth_measured, smooth_computed = joined["smooth_measured"], joined["smooth_computed"]
-    signal, error = smooth_measured[inside], (smooth_measured - smooth_computed)[inside]
-    moving = ~joined["still"][inside]
+    names = [field.name for field in fields(_Traces)]
+    whole = _Traces(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
+    measured, computed, inside = whole.smooth_measured, whole.smooth_computed, whole.inside
+    raw, signal = whole.measured[inside], measured[inside]
+    error, moving = (measured - computed)[inside], ~whole.still[inside]
     with np.errstate(divide="ignore", invalid="ignore"):
         return Fit(
-            measured=smooth_measured,
-            computed=smooth_computed,
+            measured=measured,
+            computed=computed,
             rms_error=np.sqrt(np.mean(error**2, axis=0)),
             relative_error=_ratio(error, signal),
             r_squared=1 - _ratio(error, signal - signal.mean(axis=0)) ** 2,
-            raw_relative_error=_ratio((measured - computed)[inside], measured[inside]),
+            raw_relative_error=_ratio(raw - whole.computed[inside], raw),
             moving_relative_error=_ratio(error * moving, signal * moving),
         )
 

@@ -16,12 +16,21 @@ import argparse
 import sys
 import time
 import warnings
-from importlib.metadata import files
 from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
 import seaid
+from scripts.benchmarks.random_programmes import (
+    HEADER,
+    distorted,
+    read,
+    robot_named,
+    run,
+    summary,
+)
 from seaid.arrays import Array
 from seaid.base import base_parameters, random_states
 from seaid.bodies.possible_bodies import PossibleBodies, possible_bodies
@@ -31,24 +40,17 @@ from seaid.report.text import percent, table
 from seaid.rigid_body import rigid_body_regressor
 from seaid.sides.load_model import LoadModel, load_model
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))  # run as a file: the other script beside this one
-
-from scripts.benchmarks.random_programmes import HEADER, distorted, read, run, summary  # noqa: E402
-
-MODELS = ROOT / "models"
+MODELS = Path(__file__).resolve().parents[2] / "models"
 NOISE = 0.05
 """Standard deviation of the torque, relative to its root mean square."""
 
 
 def robots() -> list[seaid.Robot]:
     """Return a leg of five joints and arms of six and seven; fingers locked."""
-    examples = {path.name: Path(str(path.locate())) for path in files("example-robot-data") or []}
-    arm = [f"panda_joint{number}" for number in range(1, 8)]
     return [
         seaid.load_robot(MODELS / "tulip_leg.urdf"),
-        seaid.load_robot(examples["ur10_robot.urdf"]),
-        seaid.load_robot(examples["panda.urdf"], joints=arm),
+        robot_named("UR10"),
+        robot_named("Panda"),
         seaid.load_robot(MODELS / "philips_arm.urdf"),
     ]
 

@@ -14,12 +14,14 @@ import sys
 import tempfile
 import time
 import warnings
-from importlib.metadata import files
 from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
 import seaid
+from scripts.example_robots import example_urdf
 from seaid.arrays import Array
 from seaid.base import base_parameters
 from seaid.estimation.information import information_of
@@ -39,9 +41,8 @@ RATIO, ROTOR_KG_M2, STIFFNESS_NM_PER_RAD = 100.0, 1e-4, 2e3
 
 def robot() -> seaid.Robot:
     """Return an arm with seven stiff joints and viscous and Coulomb friction: 57 parameters."""
-    path = next(path for path in files("example-robot-data") or [] if path.name == "xarm7.urdf")
     drive = seaid.StiffDrive(friction=("viscous", "coulomb"))
-    arm = seaid.load_robot(Path(str(path.locate())))
+    arm = seaid.load_robot(example_urdf("xarm7.urdf"))
     return arm.with_values(arm.parameters, dict.fromkeys(arm.joint_names, drive))
 
 

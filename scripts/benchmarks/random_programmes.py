@@ -17,7 +17,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
-from importlib.metadata import files
 from pathlib import Path
 
 import clarabel
@@ -25,6 +24,7 @@ import numpy as np
 from scipy import sparse
 
 import seaid
+from scripts.example_robots import example_urdf
 from seaid.arrays import Array
 from seaid.base import base_parameters
 from seaid.bodies.body_bounds import body_limits, inside
@@ -54,9 +54,9 @@ AGREEMENT = 1e-6
 PRIORS = ("file", "distorted", "none", "degenerate")
 
 
-@dataclass(frozen=True, eq=False)
-class Case:
-    """A programme and in words what kind it is of."""
+@dataclass(frozen=True)
+class Kind:
+    """The number of a programme, and in words what kind it is of."""
 
     number: int
     robot: str
@@ -64,20 +64,23 @@ class Case:
     error: str
     bounds: str
     variance: float
+
+
+@dataclass(frozen=True, eq=False)
+class Case(Kind):
+    """A programme, and of what kind it is."""
+
     programme: Programme
 
 
 @cache
 def robot_named(name: str) -> seaid.Robot:
     """Return one of `ROBOTS`."""
-    if name in ("UR10", "Panda"):
-        examples = {
-            path.name: Path(str(path.locate())) for path in files("example-robot-data") or []
-        }
-        if name == "UR10":
-            return seaid.load_robot(examples["ur10_robot.urdf"])
+    if name == "UR10":
+        return seaid.load_robot(example_urdf("ur10_robot.urdf"))
+    if name == "Panda":
         arm = [f"panda_joint{number}" for number in range(1, 8)]
-        return seaid.load_robot(examples["panda.urdf"], joints=arm)
+        return seaid.load_robot(example_urdf("panda.urdf"), joints=arm)
     urdf = MODELS / ("philips_arm.urdf" if name == "arm" else "tulip_leg.urdf")
     if name == "leg":
         return seaid.load_robot(urdf, drivetrains=MODELS / "tulip_leg.toml")
@@ -262,7 +265,7 @@ def objective(programme: Programme, x: Array, weight: float) -> float:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Outcome(Kind):
     """What became of a programme: "solved", or the kind of exception and its words.
 
     `apart` is by how much the objective of `nearest` is above Clarabel's, beyond what weight and
@@ -270,12 +273,6 @@ class Outcome:
     programmes; `apart` where it ends well (else None).
     """
 
-    number: int
-    robot: str
-    prior: str
-    error: str
-    bounds: str
-    variance: float
     result: str
     words: str
     chi_square: float

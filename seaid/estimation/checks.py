@@ -56,17 +56,14 @@ class Whiteness:
 
 
 def poorly_told(
-    information: Information,
-    weights: Array | None = None,
-    share: float = POORLY_TOLD,
-    factor: Array | None = None,
+    information: Information, share: float = POORLY_TOLD, factor: Array | None = None
 ) -> list[str]:
     """Return a sentence for each combination of which rows tell less than `share`, worst first.
 
     Columns count with unit norm, and the best combination as 1: 'the data tell 3.1e-04 of the
-    combination A - 0.97 B'.
+    combination A - 0.97 B'. `factor` is the weighted one; None: all rows count alike.
     """
-    factor = information.weighted_factor(weights) if factor is None else factor
+    factor = information.weighted_factor() if factor is None else factor
     found = directions(factor, information.names)
     return [
         f"the data tell {found.shares[place]:.1e} of the combination {found.text(int(place))}"

@@ -59,7 +59,7 @@ _APART = 1e4
 class Point:
     """(u, free unknowns), the bodies Q (n, 4, 4), slacks (c,), and the multipliers of both.
 
-    The first `p` of the unknowns x are u; `roots` are the triangular factors of Q and of Z.
+    The first `p` of the unknowns x are u; `roots` are the triangular factors of Q, and some of Z.
     """
 
     x: Array
@@ -77,7 +77,7 @@ class Point:
 
     @cached_property
     def halves(self) -> tuple[Array, Array]:
-        """Inverses of the triangular factors."""
+        """Inverses of the roots."""
         first, second = (np.asarray(np.linalg.inv(root)) for root in self.roots)
         return first, second
 

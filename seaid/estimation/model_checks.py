@@ -47,7 +47,7 @@ def model_checks(
     independent = independent_rows(information, estimate)
     return ModelChecks(
         condition_number=estimate.condition_number,
-        poorly_told=tuple(poorly_told(information, weights, factor=factor)),
+        poorly_told=tuple(poorly_told(information, factor=factor)),
         terms=tuple(
             term_test(information, weights, [name], independent, factor)
             for name in optional

@@ -69,7 +69,7 @@ def settled_weights(information: Information) -> Array:
     """
     weights = equal_weights(information)
     theta = solve(information, weights).values
-    equations = orthonormal(information, theta)
+    equations = orthonormal(information, theta) if len(theta) else None
     norms: Array | None = information.residual_norms(theta)
     root_counts = np.sqrt(np.maximum(information.counts, 1))
     target = np.linalg.norm(information.factors[:, :, -1]) / np.sqrt(max(information.count, 1))
@@ -83,7 +83,7 @@ def settled_weights(information: Information) -> Array:
         new = largest / np.maximum(std, _ROUNDING * target)
         settled = np.allclose(new, weights, rtol=1e-6)
         weights = new
-        if settled:
+        if settled or equations is None:  # without parameters, residuals are as they are
             break
         norms = equations.residual_norms(weights)
     else:

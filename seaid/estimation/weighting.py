@@ -35,8 +35,6 @@ class Orthonormal:
 
         None where the weights are too unequal for it.
         """
-        if not self.columns.size:  # nothing to estimate: the residuals are as they are
-            return np.asarray(np.linalg.norm(self.residuals, axis=1))
         if np.max(weights) > _MOST_UNEQUAL * np.min(weights):
             return None
         squares = weights**2
@@ -53,13 +51,11 @@ class Orthonormal:
 
 
 def orthonormal(information: Information, theta: Array) -> Orthonormal:
-    """Return the equations of information whose unweighted solution is `theta` (p,)."""
+    """Return the equations of information whose unweighted solution is `theta` (p,), p > 0."""
     p = len(information.names)
     factors = information.filled_factors
     R = information.weighted_factor()[:p, :p]
     residuals = factors @ np.append(-theta, 1.0)
-    if p == 0:
-        return Orthonormal(factors[:, :, :0], residuals, np.zeros((len(factors), 0, 0)))
     stacked = factors[:, :, :p].reshape(-1, p)
     columns = safely(
         linalg.solve_triangular,

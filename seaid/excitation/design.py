@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -38,6 +39,8 @@ from seaid.log import Log
 from seaid.robot import Robot
 
 _REPORT_SAMPLES = 2000
+
+_safely = partial(safely, what="the regressor of the motion", error=ExcitationError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,19 +163,10 @@ def _excitation(
     )
     time = np.linspace(0.0, trajectory.duration, _REPORT_SAMPLES)
     plain = load_target(robot, [robot.joint_names[row] for row in problem.target.rows], base)
-    kappa = safely(
-        np.linalg.cond,
-        stacked_regressor(plain, time, trajectory.sample(time)),
-        what="the regressor of the motion",
-        error=ExcitationError,
-    )
+    kappa = _safely(np.linalg.cond, stacked_regressor(plain, time, trajectory.sample(time)))
     R, R_begin = (_factor(problem, x) for x in (x, begin))
     target = problem.target
-    inverse = np.full_like(R, np.inf)
-    if tells_all(R):
-        inverse = safely(
-            np.linalg.inv, R, what="the regressor of the motion", error=ExcitationError
-        )
+    inverse = _safely(np.linalg.inv, R) if tells_all(R) else np.full_like(R, np.inf)
     return Excitation(
         trajectory=trajectory,
         condition_number=float(kappa),
