@@ -100,6 +100,9 @@ def damaged_bytes(rng: Random, data: bytes) -> bytes:
 
 # Texts
 
+_LONGEST = 5_000_000
+"""Letters up to which lines are repeated: making a case must not take as long as reading it."""
+
 _MARKS = ("[" * 3000, "{" * 3000, '{"a":' * 3000, *"\"',=]", "\x00", "\n", "\ufeff", *NUMBERS)
 
 
@@ -120,7 +123,9 @@ def _lines(rng: Random, text: str) -> str:
     start = rng.randrange(len(lines) + 1)
     some, rest = lines[start : start + rng.randint(1, 5)], lines[:start] + lines[start + 1 :]
     place = rng.randrange(len(rest) + 1)
-    return "".join(rest[:place] + some * rng.choice((0, 1, 2, 200)) + rest[place:])
+    often = rng.choice((0, 1, 2, 200))
+    often = min(often, max(2, _LONGEST // max(sum(map(len, some)), 1)))
+    return "".join(rest[:place] + some * often + rest[place:])
 
 
 _number = _replaced(r"-?\d+(\.\d*)?([eE][-+]?\d+)?", NUMBERS)
