@@ -214,7 +214,10 @@ def _start(programme: Programme, weight: float) -> Point:
         )
     half = np.linalg.inv(root)
     Z = gap * half.transpose(0, 2, 1) @ half
-    dual = np.sqrt(gap) * np.linalg.cholesky(half.transpose(0, 2, 1) @ half)
+    # R' R = half' half, as Cholesky would find it, but it cannot fail where Q is nearly singular
+    triangle = np.linalg.qr(half, mode="r")
+    signs = np.where(np.einsum("nii->ni", triangle) < 0, -1.0, 1.0)[:, :, None]
+    dual = np.sqrt(gap) * (signs * triangle).transpose(0, 2, 1)
     return Point(x, Q, slack, Z, gap / slack, (root, dual), len(u))
 
 
