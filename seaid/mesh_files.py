@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -17,14 +18,14 @@ def search_folders(urdf: Path, package_dirs: str | Path | Sequence[str | Path]) 
     several = [package_dirs] if isinstance(package_dirs, str | Path) else package_dirs
     given = [real_path(folder) for folder in several]
     for folder in given:
-        if not folder.is_dir():
+        if not os.path.isdir(folder):
             raise RobotError(f"package_dirs: there is no folder '{folder}'")
     return [*given, *real_path(urdf).parents]
 
 
 def find_mesh(name: str, folders: Sequence[Path]) -> Path | None:
     """Return the file of a mesh under the name that a URDF has for it, None if it is not there."""
-    candidates = (path for path in _candidates(name, folders) if path.is_file())
+    candidates = (path for path in _candidates(name, folders) if os.path.isfile(path))
     return next(candidates, None)
 
 

@@ -300,6 +300,13 @@ def test_package_dirs_hold_packages_or_are_one(
     assert load_scene(path, robot, package_dirs=package_dirs).pairs == (("ground", "lower"),)
 
 
+@pytest.mark.parametrize("name", ["9" * 300 + ".obj", "a/" * 3000 + "part.obj"])
+def test_a_mesh_with_a_name_too_long_for_a_file_is_not_found(write_urdf: Write, name: str) -> None:
+    path = write_urdf(mesh_arm(name))
+    with pytest.raises(RobotError, match="1 collision meshes not found"):
+        load_scene(path, load_robot(path))
+
+
 def test_a_file_url_is_a_full_path(write_urdf: Write, tmp_path: Path) -> None:
     (tmp_path / "part.obj").write_text(TETRAHEDRON)
     path = write_urdf(mesh_arm(f"file://{tmp_path / 'part.obj'}"))
