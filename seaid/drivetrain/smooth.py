@@ -17,7 +17,7 @@ from seaid.drivetrain.symbols import PARAMETER_NAMES, SYMBOLS, K_t, K_u, N, know
 from seaid.drivetrain.values import check_divisors
 
 STATES = ("theta_M", "theta_M_dot", "theta_M_ddot", "theta_L", "theta_L_dot", "theta_L_ddot")
-SIGNALS = (*STATES, "tau_G")
+SMOOTH_SIGNALS = (*STATES, "tau_G")
 """What the columns are differentiated by, in this order; `tau_G` is the torque on the load."""
 
 WIDTH = sp.Symbol("sign_width", real=True)
@@ -30,7 +30,7 @@ _NAMES = {str(symbol): name for symbol, name in PARAMETER_NAMES.items()}
 
 @dataclass(frozen=True)
 class SmoothColumns:
-    """The columns of a drive's regressor as expressions of `SIGNALS` and `known` values.
+    """The columns of a drive's regressor as expressions of `SMOOTH_SIGNALS` and `known` values.
 
     Plain data, which can be sent to other processes.
     """
@@ -47,19 +47,19 @@ class SmoothColumns:
         return tuple(name for key, name in _NAMES.items() if key in symbols - set(self.known))
 
     def evaluate(self, signals: Mapping[str, Array], sign_width: float) -> tuple[Array, Array]:
-        """Return the columns (T, p) and their slopes (T, p, 7) by `SIGNALS`, each (T,).
+        """Return the columns (T, p) and their slopes (T, p, 7) by `SMOOTH_SIGNALS`, each (T,).
 
         As `DriveRegressor.evaluate`, with the sign of a speed as tanh(speed / sign_width), so that
         friction has a slope. A signal that is in no column may be left out.
         """
-        function, names = _compiled(self.row)
+        function, names = _compiled_slopes(self.row)
         known = {**self.known, str(WIDTH): sign_width}
         arguments = [known[name] if name in known else signals[name] for name in names]
         p, length = len(self.row), len(next(iter(signals.values())))
-        table = np.empty((p * (1 + len(SIGNALS)), length))
+        table = np.empty((p * (1 + len(SMOOTH_SIGNALS)), length))
         for line, entry in zip(table, function(*arguments), strict=True):
             line[:] = entry
-        return table[:p].T, table[p:].reshape(p, len(SIGNALS), length).transpose(2, 0, 1)
+        return table[:p].T, table[p:].reshape(p, len(SMOOTH_SIGNALS), length).transpose(2, 0, 1)
 
 
 def smooth_columns(regressor: DriveRegressor) -> SmoothColumns:
@@ -108,14 +108,14 @@ def real_symbol(name: str) -> sp.Symbol:
 
 
 def _turning(x: sp.Expr) -> sp.Expr:
-    of_speed = {str(symbol) for symbol in x.free_symbols & set(map(real_symbol, SIGNALS))}
+    of_speed = {str(symbol) for symbol in x.free_symbols & set(map(real_symbol, SMOOTH_SIGNALS))}
     return sp.tanh(x / WIDTH) if of_speed and of_speed <= _SPEEDS else sp.sign(x)
 
 
 @cache
-def _compiled(row: tuple[sp.Expr, ...]):  # type: ignore[no-untyped-def]
+def _compiled_slopes(row: tuple[sp.Expr, ...]):  # type: ignore[no-untyped-def]
     smooth = [smoothed(entry) for entry in row]
-    entries = [*smooth, *(slope_of(entry, signal) for entry in smooth for signal in SIGNALS)]
+    entries = [*smooth, *(slope_of(entry, signal) for entry in smooth for signal in SMOOTH_SIGNALS)]
     names = sorted({str(symbol) for entry in entries for symbol in entry.free_symbols})
     arguments = [real_symbol(name) for name in names]
     return sp.lambdify(arguments, entries, modules="numpy", cse=True), names

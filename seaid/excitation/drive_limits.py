@@ -29,10 +29,10 @@ from seaid.excitation.limits import Limits, positive_values
 from seaid.robot import Robot
 from seaid.transmission import torques_at_drives
 
-KINDS = ("joint_torque", "motor_torque", "motor_speed", "deflection")
+DRIVE_KINDS = ("joint_torque", "motor_torque", "motor_speed", "deflection")
 
 
-_DEFLECTION = KINDS.index("deflection")
+_DEFLECTION = DRIVE_KINDS.index("deflection")
 
 _NOT_FLAT = {
     "dead_zone": ("motor_torque", "motor_speed"),
@@ -44,7 +44,7 @@ zone a motor jumps, a damped spring remembers."""
 
 @dataclass(frozen=True, eq=False)
 class DriveLimits:
-    """Largest values (4, n) of `KINDS`, inf where not limited, and the nominal motors (n,).
+    """Largest values (4, n) of `DRIVE_KINDS`, inf where not limited, and the nominal motors (n,).
 
     `friction` is that of motors limited in torque, by index; `beside` acts beside the drives.
     """
@@ -75,16 +75,16 @@ def drive_limits(robot: Robot, limits: Limits, top_speed: Array) -> DriveLimits 
         kind: positive_values(
             robot, kind, getattr(limits, kind), defaults.get(kind, nothing), unlimited=True
         )
-        for kind in KINDS
+        for kind in DRIVE_KINDS
     }
-    most = np.array([given[kind] for kind in KINDS])
-    most[KINDS.index("deflection"), ~elastic] = np.inf
+    most = np.array([given[kind] for kind in DRIVE_KINDS])
+    most[DRIVE_KINDS.index("deflection"), ~elastic] = np.inf
     limited = np.isfinite(most)
     if not np.any(limited):
         return None
     check_nominal_bodies(robot)
     _check_flat(robot, limited)
-    motors = np.flatnonzero(limited[KINDS.index("motor_torque")])
+    motors = np.flatnonzero(limited[DRIVE_KINDS.index("motor_torque")])
     drives = transmission(robot) if np.any(limited[1:]) else rigid_transmission(robot)
     asked = [robot.joint_names[index] for index in np.flatnonzero(limited.any(axis=0))]
     inertia = np.zeros(robot.n)
@@ -114,7 +114,7 @@ def _check_flat(robot: Robot, limited: BoolArray) -> None:
     """Raise ExcitationError for limits on what jumps, or remembers."""
     for index, joint in enumerate(robot.joint_names):
         for term in getattr(robot.drivetrains[joint], "spring", ()):
-            kinds = [kind for kind in _NOT_FLAT.get(term, ()) if limited[KINDS.index(kind), index]]
+            kinds = [kind for kind in _NOT_FLAT.get(term, ()) if limited[DRIVE_KINDS.index(kind), index]]
             if kinds:
                 raise ExcitationError(
                     f"joint '{joint}' has a spring with {term.replace('_', ' ')}: its "
@@ -124,7 +124,7 @@ def _check_flat(robot: Robot, limited: BoolArray) -> None:
 
 
 def drive_loads(limits: DriveLimits, time: Array, states: States) -> Array:
-    """Return the `KINDS` along a motion, (4, T, n) [N m or N, N m, rad/s, rad or m].
+    """Return the `DRIVE_KINDS` along a motion, (4, T, n) [N m or N, N m, rad/s, rad or m].
 
     The first is at the joints, the others are at what the drives turn.
     """

@@ -9,7 +9,7 @@ import numpy as np
 from seaid.arrays import Array
 from seaid.errors import ExcitationError
 from seaid.excitation.constraints import constraints
-from seaid.excitation.drive_limits import KINDS, drive_loads
+from seaid.excitation.drive_limits import DRIVE_KINDS, drive_loads
 from seaid.excitation.problem import (
     AIM,
     Problem,
@@ -92,7 +92,7 @@ def _impossible(problem: Problem, x: Array) -> ExcitationError:
         limits = problem.drive_limits
         loads = np.abs(drive_loads(limits, problem.time, states)).max(axis=1)
         kind, joint = np.unravel_index(np.argmax(loads / limits.most), loads.shape)
-        worst, name = float(loads[kind, joint] / limits.most[kind, joint]), KINDS[kind]
+        worst, name = float(loads[kind, joint] / limits.most[kind, joint]), DRIVE_KINDS[kind]
         owner = limits.robot.joint_names[joint]
         unit = _UNITS.get(name, "rad (or m)")
         words = (

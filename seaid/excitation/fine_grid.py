@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.excitation.drive_limits import KINDS, drive_loads
+from seaid.excitation.drive_limits import DRIVE_KINDS, drive_loads
 from seaid.excitation.limits import JointLimits, Margins, margins
 from seaid.excitation.problem import Problem, drawn_together, is_curved, seen_at, states_of
 from seaid.excitation.scene import distances
@@ -34,7 +34,7 @@ def all_margins(problem: Problem, x: Array, trajectory: Trajectory, bounds: Join
     if fine.drive_limits is not None:
         most = np.abs(drive_loads(fine.drive_limits, fine.time, states)).max(axis=1)
         left = fine.drive_limits.most - most
-        found = replace(found, **dict(zip(KINDS, left, strict=True)))
+        found = replace(found, **dict(zip(DRIVE_KINDS, left, strict=True)))
     if fine.scene is not None:
         found = replace(found, distance_m=float(distances(fine.scene, states[0]).min()))
     return found

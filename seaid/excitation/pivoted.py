@@ -14,7 +14,7 @@ from seaid.linear_algebra import safely
 from seaid.rigid_body import regressor_at_drives
 from seaid.robot import Robot
 
-_safely = partial(safely, what="the base parameters", error=ExcitationError)
+_safely_grouped = partial(safely, what="the base parameters", error=ExcitationError)
 
 _DRAWS = 16
 _LEFT = 1e-6
@@ -40,7 +40,7 @@ def pivoted_base(robot: Robot, rows: Sequence[str] | None = None) -> BaseParamet
     known = [robot.index(joint) for joint in robot.rows(rows)]
     draws = [_random_rows(robot, known, draw) for draw in range(_DRAWS)]
     columns = _best_pivots(draws, len(leftmost.columns))
-    grouping = _safely(np.linalg.solve, leftmost.grouping[:, columns], leftmost.grouping)
+    grouping = _safely_grouped(np.linalg.solve, leftmost.grouping[:, columns], leftmost.grouping)
     grouping[:, columns] = np.eye(len(columns))
     grouping[np.abs(grouping) < 1e-11 * np.abs(grouping).max()] = 0.0
     return base_of_columns(robot, columns, np.asarray(grouping, dtype=np.float64), leftmost.gap)
@@ -62,5 +62,5 @@ def _best_pivots(draws: list[Array], rank: int) -> list[int]:
     weights = 1.0 - _LEFT * np.arange(R.shape[1])
     pivots = (qr(H * weights, mode="r", pivoting=True)[1] for H in draws)
     picked: list[list[int]] = [sorted(order[:rank].tolist()) for order in pivots]
-    condition = np.array([_safely(np.linalg.cond, R[:, columns]) for columns in picked])
+    condition = np.array([_safely_grouped(np.linalg.cond, R[:, columns]) for columns in picked])
     return picked[int(np.argmax(condition <= (1 + _ALIKE) * np.min(condition)))]

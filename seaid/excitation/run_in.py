@@ -54,8 +54,8 @@ def add_run_in(
     if periods > 1:
         _check_meets(main, start, end)
     names = trajectory.joint_names
-    into = [] if main.rests_at_ends else [_way(names, bounds, start, out=False)]
-    out = [] if main.rests_at_ends else [_way(names, bounds, end, out=True)]
+    into = [] if main.rests_at_ends else [_piece(names, bounds, start, out=False)]
+    out = [] if main.rests_at_ends else [_piece(names, bounds, end, out=True)]
     pieces = [*into, *[(main.basis, main.coefficients)] * int(periods), *out]
     basis = JoinedBasis(tuple(part for part, _ in pieces))
     begins = basis.starts[len(into)]
@@ -98,7 +98,7 @@ def _easily_begun(trajectory: Trajectory, bounds: JointLimits) -> Trajectory:
     return replace(trajectory, coefficients=basis.shifted(trajectory.coefficients, easiest))
 
 
-def _way(names: tuple[str, ...], bounds: JointLimits, state: State, *, out: bool) -> Piece:
+def _piece(names: tuple[str, ...], bounds: JointLimits, state: State, *, out: bool) -> Piece:
     """Return a short way from rest to a state, or `out` of it to rest.
 
     Too short a way breaks the acceleration limit; too long a one cannot turn fast enough, for its

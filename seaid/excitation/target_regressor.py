@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from seaid.arrays import Array
-from seaid.drivetrain.smooth import SIGNALS
+from seaid.drivetrain.smooth import SMOOTH_SIGNALS
 from seaid.excitation.flatness import (
     differentiation,
     load_derivatives,
@@ -48,7 +48,7 @@ def regressor_pull_back(target: Target, time: Array, states: States, G: Array) -
         target.at_drives.T, G[:, :r, : len(target.base_columns)]
     )
     gradient = np.stack(regressor_gradient(robot, states, target.rows, weights))
-    by_signal, by_joint = np.zeros((2, len(SIGNALS), len(time), robot.n))
+    by_signal, by_joint = np.zeros((2, len(SMOOTH_SIGNALS), len(time), robot.n))
     blocks, through = _drive_columns(target, time, states)
     for block, (_, slopes) in blocks:
         by_column = np.einsum("r,trp->tp", block.shares, G[:, :, list(block.columns)])
@@ -97,7 +97,7 @@ def _drive_columns(
     for block in target.blocks:
         seen = (own if block.acts_beside else signals)[:, :, block.joint]
         columns, slopes = block.regressor.evaluate(
-            dict(zip(SIGNALS, seen, strict=True)), block.sign_width
+            dict(zip(SMOOTH_SIGNALS, seen, strict=True)), block.sign_width
         )
         picked = list(block.picked)
         found.append((block, (columns[:, picked], slopes[:, picked])))

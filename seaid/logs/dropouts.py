@@ -7,7 +7,7 @@ import numpy as np
 from seaid.arrays import Array, BoolArray, IndexArray
 
 _FAR = 4.0
-_ALIKE = 4.0
+_SIMILAR = 4.0
 _STUCK = 3
 _PILED = 4.0
 
@@ -61,7 +61,7 @@ def held_dropouts(values: Array, fewest: int = 2) -> BoolArray:
     with np.errstate(divide="ignore"):
         before, after = rates[:-2] / rates[1:-1], rates[2:] / rates[1:-1]
     step = resolution(values)
-    alike = [(ratio > 1 / _ALIKE) & (ratio < _ALIKE) for ratio in (before, after)]
+    alike = [(ratio > 1 / _SIMILAR) & (ratio < _SIMILAR) for ratio in (before, after)]
     large = np.abs(changes[1:-1]) > _FAR * step
     fast = np.minimum(np.abs(changes[:-2]), np.abs(changes[2:])) > 2 * step
     held = lengths[1 : len(changes) - 1] >= fewest

@@ -60,7 +60,7 @@ def _straight_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Driv
     assert isinstance(drive, SeriesElasticDrive)
     scale = _scale_of(robot, motions, joint)
     start = _linear_start(robot, motions, joint, drive)
-    search = _search(robot, motions, joint)
+    search = _motor_search(robot, motions, joint)
     names = search.regressor.non_linear
     grid = [starts_of(name, drive, start, scale) for name in names]
     lower, upper = (np.array([bounds_of(name, scale)[end] for name in names]) for end in (0, 1))
@@ -87,7 +87,7 @@ class Scale:
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _MotorSearch:
     """The rows of one actuator side as functions of its bent parameters."""
 
     regressor: DriveRegressor
@@ -119,10 +119,10 @@ class _Search:
         return np.concatenate([in_band_at(motion, part, rows) for motion, part, rows in triples])
 
 
-def _search(robot: Robot, motions: Sequence[Motion], joint: str) -> _Search:
+def _motor_search(robot: Robot, motions: Sequence[Motion], joint: str) -> _MotorSearch:
     pairs = [actuator_equation(robot, motion, joint) for motion in motions]
     regressor = pairs[0][0]
-    return _Search(
+    return _MotorSearch(
         regressor=regressor,
         motions=motions,
         signals=[by_name for _, by_name in pairs],

@@ -74,7 +74,7 @@ def straightened_load(robot: Robot, motions: Sequence[Motion], used: Sequence[st
             grid = [] if sweep else _grid(robot, joint, given[joint], scales[joint])
             robot = _searched(robot, motions, used, joint, scales[joint], grid)
     for joint in bent:
-        search = _search(robot, motions, joint, fit_load(robot, motions, used))
+        search = _load_search(robot, motions, joint, fit_load(robot, motions, used))
         drive, names = robot.drivetrains[joint], search.regressor.non_linear
         columns = search.all_columns(drive.values)
         held = told(drive, (*search.linear, *names), columns, names)
@@ -142,7 +142,7 @@ def _searched(
 ) -> Robot:
     """Return the robot with better bent parameters of one joint, all others held."""
     fit, drive = fit_load(robot, motions, used), robot.drivetrains[joint]
-    search = _search(robot, motions, joint, fit)
+    search = _load_search(robot, motions, joint, fit)
     names = search.regressor.non_linear
     starts = [np.array([drive.values[name] for name in names]), *starts]
     lower, upper = (np.array([bounds_of(name, scale)[end] for name in names]) for end in (0, 1))
@@ -153,7 +153,7 @@ def _searched(
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _LoadSearch:
     """The rows of the load side as functions of one stiff drive's bent parameters.
 
     `others` (R, rank) spans the weighted columns of all else, which are projected out; `mine` (R,)
@@ -212,7 +212,7 @@ class _Search:
         return np.asarray(columns - self.others @ (self.others.T @ columns))
 
 
-def _search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadFit) -> _Search:
+def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadFit) -> _LoadSearch:
     rows, index, drive = fit.rows, robot.index(joint), robot.drivetrains[joint]
     regressor = motor_regressor(robot, joint)
     own = [f"{name} of {joint}" for name in regressor.names]
@@ -223,7 +223,7 @@ def _search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadFit) -
     H = of_row[:, None] * rows.H[:, rest]
     norms = np.linalg.norm(H, axis=0)
     by_motion = [fed_signals(robot, motion, index) for motion in motions]
-    return _Search(
+    return _LoadSearch(
         regressor=regressor,
         linear=tuple(n for n in regressor.linear if f"{n} of {joint}" in rows.names),
         ratio=drive.ratio,

@@ -16,8 +16,8 @@ _ROUNDING = 1e-9
 _LOST, _PART = 1e-7, 0.01
 """A combination of columns that is lost, and the least part of it that a constant has then."""
 
-_LOAD = "known bodies (known_bodies=), logs with and without a payload (identify_conditions), "
-_SPRING = "the stiffness of its spring (known = ['stiffness']), "
+_BY_LOAD = "known bodies (known_bodies=), logs with and without a payload (identify_conditions), "
+_BY_SPRING = "the stiffness of its spring (known = ['stiffness']), "
 
 
 def check_scale(information: Information) -> None:
@@ -48,6 +48,6 @@ def check_scale(information: Information) -> None:
             raise IdentificationError(
                 f"of the motor of {joint} only the {CONSTANTS[name]} was logged, and nothing known "
                 f"tells its {name.replace('_', ' ')}: all torques could be larger by a factor. "
-                f"Give one of: {_LOAD if where else _SPRING}its rotor inertia, or the constant "
+                f"Give one of: {_BY_LOAD if where else _BY_SPRING}its rotor inertia, or the constant "
                 f"itself (known = ['{name}'])"
             )

@@ -33,7 +33,7 @@ from seaid.sides.spring_torque import both_noisy, noise_ratio, springs_torque_al
 from seaid.sides.streaming import Change, StoredRows, stored_estimate, stored_rows, unchanged
 from seaid.transmission import group_of
 
-_LOAD = ""
+_LOAD_KEY = ""
 """Names the load side among equations that are named by their joint."""
 
 _NEEDED = ("stiffness", "deflection_offset", "deflection_zero")
@@ -175,7 +175,7 @@ def sequential_sides(
     }
     long_logs = _streamed(records, estimator, executor)
     unloaded = partial(_of_load, robot, regressions, model, _without_torque(robot, joints))
-    with stored_rows(long_logs, {**equations, _LOAD: unloaded} if long_logs else {}) as stored:
+    with stored_rows(long_logs, {**equations, _LOAD_KEY: unloaded} if long_logs else {}) as stored:
         for joint, regress in track(list(equations.items()), "actuator side", progress):
             if stored:
                 fit = _fitted_to(stored[joint], estimator, None)
@@ -196,7 +196,7 @@ def sequential_sides(
         for _ in track([0], "load side", progress):
             load = _load_side(
                 *(robot, records, model, springs, estimator),
-                *(joint_zero_std, executor, regressions, stored.get(_LOAD)),
+                *(joint_zero_std, executor, regressions, stored.get(_LOAD_KEY)),
             )
     base, beside = split_load_side(model, load.estimate)
     found = joined(drives, beside)

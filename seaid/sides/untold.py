@@ -14,7 +14,7 @@ from seaid.estimation.estimate import Estimate
 from seaid.linear_algebra import safely
 from seaid.robot import Robot
 
-_LOST = 1e-6
+_UNSEEN = 1e-6
 """Singular value of columns of unit norm, relative to the largest, below which one is not told."""
 
 _PART = 0.1
@@ -55,7 +55,7 @@ def _lost(names: Sequence[str], H: Array, candidates: Sequence[str]) -> str | No
     )
     share = np.abs(vectors[-1])
     place = int(np.argmax(np.where(may_go, share, 0.0)))
-    lost = sizes[-1] < _LOST * sizes[0] and may_go[place] and share[place] > _PART * share.max()
+    lost = sizes[-1] < _UNSEEN * sizes[0] and may_go[place] and share[place] > _PART * share.max()
     return names[place] if lost else None
 
 

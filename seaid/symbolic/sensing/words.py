@@ -9,7 +9,7 @@ from seaid.symbolic.sensing.equations import Equation, System
 
 _TITLES = {"motor": "(7) of its motor", "spring": "(4b) of its spring", "load": "(8) of its load"}
 
-_SCALES = {
+_TORQUES = {
     "stiffness": "spring torque",
     "torque_constant": "motor torque",
     "voltage_constant": "motor torque",
@@ -26,7 +26,7 @@ def words_of(system: System, scaled: Collection[str]) -> dict[str, tuple[str, ..
 
 def _scales(joint: str, scaled: Collection[str]) -> Iterator[str]:
     """Say which torque of a joint has no scale of its own."""
-    for name, torque in _SCALES.items():
+    for name, torque in _TORQUES.items():
         if f"{name} of {joint}" in scaled:
             yield f"its {torque} is known only up to the scale of its {name.replace('_', ' ')}"
 
