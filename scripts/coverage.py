@@ -20,14 +20,14 @@ from pathlib import Path
 import numpy as np
 
 import seaid
-from seaid.arrays import Array
-from seaid.files import result_folder
-from seaid.motion import Motion
-from seaid.progress import track
-from seaid.report.coverage_figure import save_coverage_figure
+from seaid._arrays import Array
+from seaid._files import result_folder
+from seaid._progress import track
+from seaid.identification.drive_estimates import nominal_values
+from seaid.log.motion import Motion
+from seaid.report.figures import save_coverage_figure
 from seaid.report.text import percent, table
-from seaid.sides.found import nominal_values
-from seaid.simulation import measure, simulate_motion
+from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 

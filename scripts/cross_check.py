@@ -20,9 +20,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import seaid
 from scripts.example_robots import example_urdfs
-from seaid.agreement import CrossCheck, cross_check
-from seaid.files import result_folder, write_whole
-from seaid.progress import track
+from seaid._files import result_folder, write_whole
+from seaid._progress import track
+from seaid.regressor.base import CrossCheck, cross_check
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 ROUNDED = ("kinova.urdf", "anymal-kinova.urdf", "so100.urdf", "so101.urdf")

@@ -17,14 +17,14 @@ from textwrap import shorten
 import numpy as np
 
 import seaid
-from seaid.arrays import Array
+from seaid._arrays import Array
+from seaid._files import result_folder
 from seaid.excitation import CRITERIA, margins
 from seaid.excitation.basis import BASES
-from seaid.files import result_folder
+from seaid.identification.drive_estimates import nominal_values
+from seaid.regressor.load import load_model
 from seaid.report.excitation_figure import save_excitation_figure
 from seaid.report.text import number, percent, table
-from seaid.sides.found import nominal_values
-from seaid.sides.load_model import load_model
 
 LIMIT_NAMES = ("lower", "upper", "velocity", "acceleration", "joint_torque")
 

@@ -164,7 +164,7 @@ class Child:
 
 def run_all(cases: Sequence[Case], workers: int, output: Path) -> list[Result]:
     """Run cases in so many child processes, and return how each ended."""
-    from seaid.progress import track
+    from seaid._progress import track
 
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(workers) as pool:
         places = [Path(folder) / f"{index}" for index in range(workers)]
@@ -225,7 +225,7 @@ def report(cases: Sequence[Case], results: Sequence[Result]) -> str:
 
 def main() -> None:
     """Run the cases asked for; exit code 1 where there are findings."""
-    from seaid.files import result_folder
+    from seaid._files import result_folder
     from tests.fuzz.targets import TARGETS
 
     able = [name for name in TARGETS if name != "hebilog" or find_spec("hebi") is not None]

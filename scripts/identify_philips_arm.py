@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import seaid
-from seaid.files import result_folder
+from seaid._files import result_folder
 from seaid.report.figures import save_actuator_figure, save_load_figure
 from seaid.report.text import drive_table, load_table, validation_table
 

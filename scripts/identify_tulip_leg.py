@@ -20,9 +20,9 @@ from pathlib import Path
 import numpy as np
 
 import seaid
+from seaid._files import result_folder, write_json
+from seaid._progress import track
 from seaid.excitation import pivoted_base
-from seaid.files import result_folder, write_json
-from seaid.progress import track
 from seaid.report.figures import save_actuator_figure, save_load_figure
 from seaid.report.text import drive_table, load_table, validation_table
 
@@ -89,7 +89,7 @@ def condition_number(robot: seaid.Robot, motion: seaid.Trajectory) -> float:
     """Return (16) of the base columns over a motion."""
     columns = list(pivoted_base(robot).columns)
     states = motion.sample(np.linspace(0.0, motion.duration, 2000))
-    rows = seaid.regression.rigid_body_regressor(robot, *states)[:, :, columns]
+    rows = seaid.regressor.rigid_body_regressor(robot, *states)[:, :, columns]
     return float(np.linalg.cond(rows.reshape(-1, len(columns))))
 
 

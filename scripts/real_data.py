@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 import seaid
-from seaid.arrays import Array
-from seaid.files import result_folder
-from seaid.formats.opening import open_table
-from seaid.logs.description_file import description_for
-from seaid.progress import track
+from seaid._arrays import Array
+from seaid._files import result_folder
+from seaid._progress import track
+from seaid.log.description import description_for
+from seaid.log.readers.opening import open_table
 from seaid.report.figures import save_actuator_figure, save_load_figure
 from seaid.report.text import number
 

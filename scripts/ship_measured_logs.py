@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 import seaid
-from seaid.arrays import Array
-from seaid.files import result_folder
-from seaid.formats.opening import open_table
+from seaid._arrays import Array
+from seaid._files import result_folder
+from seaid.log.readers.opening import open_table
 
 ROOT = Path(__file__).resolve().parents[1]
 ORIGINALS = ROOT.parent / "shared" / "data"

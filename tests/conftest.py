@@ -13,7 +13,7 @@ from hypothesis import settings
 
 from scripts.example_robots import example_urdfs
 from seaid.errors import SeaidWarning
-from seaid.robot import Robot, load_robot
+from seaid.robot.robot import Robot, load_robot
 
 MODELS = Path(__file__).parents[1] / "models"
 

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
+from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.excitation.basis import make_basis
 from seaid.excitation.trajectory import Trajectory
-from seaid.identification import Identification
-from seaid.log import Log
-from seaid.motion import Motion
-from seaid.robot import Payload, Robot, load_robot
-from seaid.simulation import Noise, measure, simulate_motion
+from seaid.identification.identification import Identification
+from seaid.log.motion import Motion
+from seaid.log.reading import Log
+from seaid.robot.robot import Payload, Robot, load_robot
+from seaid.simulation.simulation import Noise, measure, simulate_motion
 
 MODELS = Path(__file__).parents[1] / "models"
 DATA = Path(__file__).parent / "data"

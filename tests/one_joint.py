@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from seaid.robot import Robot, load_robot
+from seaid.robot.robot import Robot, load_robot
 
 BODY = (
     '<inertial><mass value="1"/>'

@@ -8,17 +8,16 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from seaid.arrays import Array, FrozenMapping, frozen
-from seaid.base import BaseParameters
-from seaid.estimation.checks import TermTest, Whiteness
+from seaid._arrays import Array, FrozenMapping, frozen
+from seaid.estimation.diagnostics import ModelChecks, TermTest, Whiteness
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.model_checks import ModelChecks
-from seaid.identification import Identification, identify
-from seaid.inertia import UNITS
-from seaid.robot import Robot, load_robot
-from seaid.sides.load_model import LoadModel
-from seaid.simulation import measure
-from seaid.validation import Fit, Validation, validate
+from seaid.identification.identification import Identification, identify
+from seaid.identification.validation import Fit, Validation, validate
+from seaid.regressor.base import BaseParameters
+from seaid.regressor.load import LoadModel
+from seaid.robot.inertia import UNITS
+from seaid.robot.robot import Robot, load_robot
+from seaid.simulation.simulation import measure
 from tests.experiments import ARM_SENSORS, arm, arm_motion
 
 HOSTILE = ("<b>x</b>", "\"'&amp;", "</script><script>alert(1)</script>", "${a}", "$x_y$", "{{ 7 }}")

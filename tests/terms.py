@@ -14,22 +14,22 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from seaid.arrays import Array
-from seaid.base import base_parameters
-from seaid.drivetrain.equations import DriveEquation, joint_equation, motor_equation, spring_force
-from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
-from seaid.drivetrain.regressor import flat_names
-from seaid.drivetrain.symbols import SYMBOLS, known_values
+from seaid._arrays import Array
+from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
+from seaid.drives.equations import DriveEquation, joint_equation, motor_equation, spring_force
+from seaid.drives.regressor import flat_names
+from seaid.drives.symbols import SYMBOLS, known_values
 from seaid.estimation.estimators import estimator_named
-from seaid.identification import Identification, packed
-from seaid.log import Log
-from seaid.motion import Motion
-from seaid.rigid_body import joint_torques
-from seaid.robot import Payload, Robot, load_robot
-from seaid.sides.load_model import load_model
-from seaid.sides.sequential import known_torques, sequential_sides
-from seaid.sides.straightening import straightened_robot
-from seaid.sides.untold import with_held_flags
+from seaid.identification.identification import Identification, packed
+from seaid.identification.linearisation import straightened_robot
+from seaid.identification.nonlinear_terms import with_held_flags
+from seaid.identification.two_step import known_torques, sequential_sides
+from seaid.log.motion import Motion
+from seaid.log.reading import Log
+from seaid.regressor.base import base_parameters
+from seaid.regressor.load import load_model
+from seaid.regressor.rigid_body import joint_torques
+from seaid.robot.robot import Payload, Robot, load_robot
 
 PERIOD_S, RATE_HZ = 8.0, 250.0
 TIME = np.arange(int(PERIOD_S * RATE_HZ)) / RATE_HZ

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from seaid.arrays import check_rate, finite, frozen, seed_of
+from seaid._arrays import check_rate, finite, frozen, seed_of
 from seaid.errors import LogError, RobotError, SeaidError
 
 

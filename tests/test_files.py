@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import seaid
+from seaid._files import is_replaced, real_path, whole_file, working_folder, write_csv, write_whole
 from seaid.errors import SeaidError
-from seaid.files import is_replaced, real_path, whole_file, working_folder, write_csv, write_whole
 
 
 def test_file_appears_at_the_end_and_nothing_else_stays(tmp_path: Path) -> None:
@@ -162,7 +162,7 @@ def test_a_pipe_gets_the_bytes_and_stays(tmp_path: Path) -> None:
 
 
 TO_STDOUT = """
-from seaid.files import write_whole
+from seaid._files import write_whole
 print("before")
 write_whole("/dev/stdout", "text\\n")
 print("after")
@@ -303,5 +303,5 @@ def test_files_are_written_in_one_place() -> None:
     """
     found = {path for path, call in calls() if writes(call)}
     whole = {path for path, call in calls() if ast.unparse(call.func) == "whole_file"}
-    assert "files.py" in found
-    assert found - whole == {"cli/streams.py", "child_process.py"}
+    assert "_files.py" in found
+    assert found - whole == {"cli/messages.py", "log/readers/child_process.py"}

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from seaid.arrays import Array
-from seaid.base import base_parameters, random_states
+from seaid._arrays import Array
 from seaid.errors import SeaidError
-from seaid.inertia import parameter_names
-from seaid.rigid_body import joint_torques, rigid_body_regressor
-from seaid.robot import Payload, Robot, load_robot
+from seaid.regressor.base import base_parameters, random_states
+from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
+from seaid.robot.inertia import parameter_names
+from seaid.robot.robot import Payload, Robot, load_robot
 
 pytestmark = pytest.mark.rounding
 

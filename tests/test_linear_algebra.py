@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from seaid.arrays import Array
-from seaid.base import left_to_right
+from seaid._arrays import Array, safely
 from seaid.errors import ExcitationError, IdentificationError, RobotError
-from seaid.estimation.directions import directions
-from seaid.estimation.programme import least_spread, root_of
+from seaid.estimation.qr_factor import directions
+from seaid.estimation.sdp import least_spread, root_of
 from seaid.excitation.criteria import CRITERIA, singular_values
-from seaid.inertia import impossibility, is_physical
-from seaid.linear_algebra import safely
+from seaid.regressor.base import left_to_right
+from seaid.robot.inertia import impossibility, is_physical
 
 NAN, INFINITE = np.full((3, 3), np.nan), np.diag([1.0, np.inf, 2.0])
 SINGULAR = np.ones((3, 3))

@@ -22,26 +22,24 @@ NEVER = {
 """Names that must not be called or imported."""
 
 LAMBDIFY = {
-    "drivetrain/acting.py",
-    "drivetrain/curves.py",
-    "drivetrain/extra_terms.py",
-    "drivetrain/regressor.py",
-    "drivetrain/smooth.py",
-    "symbolic/sensing/arithmetic.py",
+    "drives/functions.py",
+    "drives/regressor.py",
+    "drives/user_terms.py",
+    "regressor/structural/arithmetic.py",
 }
 """sympy writes source of expressions that seaid built: of its own symbols, of rationals, and of
 names that `symbolic/expression_text.py` let through, which are ASCII words and no keywords."""
 
-SYMPIFY = {"symbolic/declarations.py"}
+SYMPIFY = {"symbolic/from_sympy.py"}
 """Strict: a sympy expression given by a caller of the library; a text is refused."""
 
 PARSE = {"symbolic/expression_text.py"}
 """`ast.parse` makes a tree and runs nothing."""
 
-IMPORT_MODULE = {"__init__.py", "symbolic/__init__.py", "formats/table.py", "child_process.py"}
-"""Names of seaid's own modules, and of readers listed in `formats`; none is of a file."""
+IMPORT_MODULE = {"log/readers/table.py", "log/readers/child_process.py"}
+"""Names of seaid's own modules, and of readers listed in `log/readers`; none is of a file."""
 
-LOAD = {"estimation/information.py", "child_process.py", "sides/streaming.py"}
+LOAD = {"estimation/qr_factor.py", "log/readers/child_process.py", "estimation/streaming.py"}
 """`np.load` refuses objects unless `allow_pickle` is given, which occurs as False only."""
 
 

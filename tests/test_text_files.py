@@ -8,13 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from seaid.drivetrain.drive_file import read_drivetrains
-from seaid.drivetrain.model import Drive, StiffDrive
+from seaid._files import MOST_JSON_BYTES, MOST_TOML_BYTES, numbers, read_json, read_toml
+from seaid.drives.drives import Drive, StiffDrive
+from seaid.drives.toml import read_drivetrains, write_drivetrains
 from seaid.errors import LogError, RobotError, shortened, shown, unknown_name
-from seaid.export.drive_tables import write_drivetrains
-from seaid.logs.description_file import description_for
-from seaid.logs.log_description import LogDescription, Source
-from seaid.text_files import MOST_JSON_BYTES, MOST_TOML_BYTES, numbers, read_json, read_toml
+from seaid.log.description import LogDescription, Source, description_for
 
 
 def toml_error(path: Path) -> str:

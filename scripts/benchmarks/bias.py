@@ -20,13 +20,13 @@ from pathlib import Path
 import numpy as np
 
 import seaid
-from seaid.arrays import Array
-from seaid.log import Log
-from seaid.motion import Motion
-from seaid.progress import track
+from seaid._arrays import Array
+from seaid._progress import track
+from seaid.identification.drive_estimates import nominal_values
+from seaid.log.motion import Motion
+from seaid.log.reading import Log
 from seaid.report.text import table
-from seaid.sides.found import nominal_values
-from seaid.simulation import measure, simulate_motion
+from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 

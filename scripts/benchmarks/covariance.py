@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.signal import butter, lfilter, sosfiltfilt
 
-from seaid.arrays import Array
+from seaid._arrays import Array
 from seaid.estimation.covariance import bartlett, long_run
 from seaid.report.text import table
 

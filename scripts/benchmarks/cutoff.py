@@ -20,13 +20,13 @@ from pathlib import Path
 import numpy as np
 
 import seaid
-from seaid.arrays import Array
-from seaid.motion import Motion, reconstruct_motion
-from seaid.progress import track
+from seaid._arrays import Array
+from seaid._progress import track
+from seaid.identification.drive_estimates import nominal_values
+from seaid.log.motion import Motion, reconstruct_motion
 from seaid.report.text import table
-from seaid.robot import Robot
-from seaid.sides.found import nominal_values
-from seaid.simulation import Noise, measure
+from seaid.robot.robot import Robot
+from seaid.simulation.simulation import Noise, measure
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 

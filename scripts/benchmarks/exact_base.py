@@ -13,8 +13,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import seaid
 from scripts.example_robots import example_urdfs
+from seaid.regressor.exact.grouping import Way
 from seaid.report.text import table
-from seaid.symbolic.grouping import Way
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 PANDA_ARM = [f"panda_joint{number}" for number in range(1, 8)]

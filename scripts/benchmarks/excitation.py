@@ -24,16 +24,16 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import seaid
 from scripts.example_robots import example_urdf
 from seaid.excitation import CRITERIA, joint_limits, make_basis, motion_space, pivoted_base
-from seaid.excitation.ends import EndState
+from seaid.excitation.boundary import EndState
+from seaid.excitation.objective import load_target
 from seaid.excitation.problem import (
     Problem,
     make_problem,
     random_start,
+    scaled_target,
     value_and_gradient,
     value_of,
 )
-from seaid.excitation.scaling import scaled_target
-from seaid.excitation.target import load_target
 from seaid.report.text import table
 
 MODELS = Path(__file__).resolve().parents[2] / "models"

@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 
 import seaid
-from seaid.arrays import Array
+from seaid._arrays import Array
 from seaid.excitation import joint_limits, pivoted_base
+from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
 from seaid.report.figures import save_figure
 from seaid.report.text import table
-from seaid.rigid_body import joint_torques, rigid_body_regressor
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 

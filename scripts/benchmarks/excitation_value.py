@@ -20,19 +20,17 @@ from typing import Any
 import numpy as np
 
 import seaid
-from seaid.arrays import Array
+from seaid._arrays import Array
+from seaid._progress import track
 from seaid.excitation import joint_limits, make_basis, motion_space
+from seaid.excitation.boundary import EndState
 from seaid.excitation.criteria import criterion_named, triangular_factor
-from seaid.excitation.ends import EndState
 from seaid.excitation.flatness import transmission
-from seaid.excitation.problem import make_problem
-from seaid.excitation.scaling import recorded_factor, scaled_target
-from seaid.excitation.target import Target, drive_target
-from seaid.excitation.target_regressor import stacked_regressor
-from seaid.progress import track
+from seaid.excitation.objective import Target, drive_target, stacked_regressor
+from seaid.excitation.problem import make_problem, recorded_factor, scaled_target
+from seaid.identification.drive_estimates import nominal_values
 from seaid.report.text import percent, table
-from seaid.sides.found import nominal_values
-from seaid.simulation import measure, simulate_motion
+from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 

@@ -31,14 +31,14 @@ from scripts.benchmarks.random_programmes import (
     run,
     summary,
 )
-from seaid.arrays import Array
-from seaid.base import base_parameters, random_states
-from seaid.bodies.possible_bodies import PossibleBodies, possible_bodies
+from seaid._arrays import Array
 from seaid.estimation.estimate import Estimate
-from seaid.inertia import is_physical
+from seaid.identification.physical.consistency import PossibleBodies, possible_bodies
+from seaid.regressor.base import base_parameters, random_states
+from seaid.regressor.load import LoadModel, load_model
+from seaid.regressor.rigid_body import rigid_body_regressor
 from seaid.report.text import percent, table
-from seaid.rigid_body import rigid_body_regressor
-from seaid.sides.load_model import LoadModel, load_model
+from seaid.robot.inertia import is_physical
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 NOISE = 0.05

@@ -16,18 +16,18 @@ from pathlib import Path
 import numpy as np
 
 import seaid
-from seaid.arrays import Array
-from seaid.base import base_parameters
+from seaid._arrays import Array
+from seaid._progress import track
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.solve import weighted
-from seaid.motion import Motion, reconstruct_motion
-from seaid.progress import track
-from seaid.regression import Regression
+from seaid.estimation.least_squares import weighted
+from seaid.identification.drive_estimates import nominal_values
+from seaid.identification.simultaneous import joint_zero_sensitivity, settled, split_joint
+from seaid.log.motion import Motion, reconstruct_motion
+from seaid.regressor.base import base_parameters
+from seaid.regressor.regression import Regression
+from seaid.regressor.rigid_body import rigid_body_regressor
 from seaid.report.text import percent, table
-from seaid.rigid_body import rigid_body_regressor
-from seaid.sides.found import nominal_values
-from seaid.sides.joint_sides import joint_zero_sensitivity, settled, split_joint
-from seaid.simulation import measure, simulate_motion
+from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 

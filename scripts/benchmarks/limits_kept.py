@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import seaid
-from seaid.arrays import Array
+from seaid._arrays import Array
 from seaid.excitation import joint_limits
 from seaid.report.text import table
 

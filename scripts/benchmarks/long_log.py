@@ -22,18 +22,17 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import seaid
 from scripts.example_robots import example_urdf
-from seaid.arrays import Array
-from seaid.base import base_parameters
-from seaid.estimation.information import information_of
-from seaid.estimation.solve import equal_weights, ordinary
-from seaid.long_log import open_long_log
-from seaid.motion import Motion, reconstruct_motion
-from seaid.regression import Regression
+from seaid._arrays import Array
+from seaid.estimation.least_squares import equal_weights, ordinary
+from seaid.estimation.qr_factor import information_of
+from seaid.estimation.streaming import stream_estimate
+from seaid.log.long_log import open_long_log
+from seaid.log.motion import Motion, reconstruct_motion
+from seaid.regressor.base import base_parameters
+from seaid.regressor.load import load_model, load_regression
+from seaid.regressor.regression import Regression
+from seaid.regressor.rigid_body import joint_torques
 from seaid.report.text import table
-from seaid.rigid_body import joint_torques
-from seaid.sides.load_model import load_model
-from seaid.sides.load_side import load_regression
-from seaid.sides.streaming import stream_estimate
 
 CUTOFF_HZ, RATE_HZ, BLOCK = 8.0, 1000.0, 50_000
 RATIO, ROTOR_KG_M2, STIFFNESS_NM_PER_RAD = 100.0, 1e-4, 2e3

@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 
 import seaid
-from seaid.arrays import Array
+from seaid._arrays import Array
 from seaid.estimation.gauss_newton import fisher_covariance
-from seaid.output_residuals import layout_of, linearised, run_of
+from seaid.identification.drive_estimates import nominal_values
+from seaid.identification.output_error import layout_of, linearised, run_of
 from seaid.report.text import percent, table
-from seaid.sides.found import nominal_values
-from seaid.simulation import measure, simulate_motion
+from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 

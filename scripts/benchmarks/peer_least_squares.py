@@ -26,14 +26,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import seaid
 from scripts.example_robots import example_urdf
-from seaid.arrays import Array
-from seaid.base import base_parameters
-from seaid.estimation.solve import ordinary
-from seaid.motion import Motion
+from seaid._arrays import Array
+from seaid.estimation.least_squares import ordinary
+from seaid.log.motion import Motion
+from seaid.regressor.base import base_parameters
+from seaid.regressor.load import load_model, load_regression
+from seaid.regressor.rigid_body import joint_torques
 from seaid.report.text import table
-from seaid.rigid_body import joint_torques
-from seaid.sides.load_model import load_model
-from seaid.sides.load_side import load_regression
 
 SAMPLES, RATE_HZ = 10_000, 100.0
 Answer = tuple[Array, dict[str, float]]

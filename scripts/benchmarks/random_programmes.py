@@ -25,24 +25,21 @@ from scipy import sparse
 
 import seaid
 from scripts.example_robots import example_urdf
-from seaid.arrays import Array
-from seaid.base import base_parameters
-from seaid.bodies.body_bounds import body_limits, inside
-from seaid.bodies.body_programme import body_programme
-from seaid.bodies.prior_bodies import prior_bodies
-from seaid.drivetrain.model import StiffDrive
+from seaid._arrays import Array
+from seaid.drives.drives import StiffDrive
 from seaid.errors import SeaidError
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.feasible import Possible, chosen, nearest, regularised
-from seaid.estimation.interior_point import BARRIER
-from seaid.estimation.programme import Programme, least_spread
-from seaid.inertia import (
+from seaid.estimation.sdp import BARRIER, Programme, least_spread
+from seaid.identification.physical.problem import body_limits, body_programme, inside, prior_bodies
+from seaid.regressor.base import base_parameters
+from seaid.regressor.load import LoadModel, load_model
+from seaid.robot.inertia import (
     from_center_of_mass,
     from_pseudo_inertia,
     is_physical,
     pseudo_inertia,
 )
-from seaid.sides.load_model import LoadModel, load_model
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 ROBOTS = ("leg", "stiff leg", "stiff knee", "arm", "UR10", "Panda")

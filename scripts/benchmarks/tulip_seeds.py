@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 import seaid
-from seaid.progress import track
+from seaid._progress import track
+from seaid.identification.drive_estimates import nominal_values
 from seaid.report.text import percent, table
-from seaid.sides.found import nominal_values
-from seaid.simulation import measure, simulate_motion
+from seaid.simulation.simulation import measure, simulate_motion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
+from inspect import cleandoc
 from typing import Any
 
 import typer
 from typer.core import TyperGroup
 
-from seaid.cli import finding, looking, moving, reporting, seeing, taking
-from seaid.cli.words import spoken
+from seaid.cli import excite, export, identify, inspect, report, view
+from seaid.cli.messages import spoken
 
 _HELP = """Identify robots with springs in their joints: from a URDF and a log to motor friction,
 spring stiffness and inertias, each with its standard error.
@@ -69,18 +69,18 @@ def _options(
 
 def _add(name: str, function: Callable[..., None]) -> None:
     """Add a command: the help is its docstring, with the examples left line by line."""
-    text = inspect.cleandoc(function.__doc__ or "")
+    text = cleandoc(function.__doc__ or "")
     app.command(name, help=text.replace("\n\nseaid ", "\n\n\b\nseaid "))(function)
 
 
-_add("inspect", looking.inspect)
-_add("crosscheck", looking.crosscheck)
-_add("excite", moving.excite)
-_add("simulate", moving.simulate)
-_add("view", seeing.view)
-_add("describe", looking.describe)
-_add("identify", finding.identify)
-_add("validate", finding.validate)
-_add("terms", finding.terms)
-_add("report", reporting.report)
-_add("export", taking.export)
+_add("inspect", inspect.inspect)
+_add("crosscheck", inspect.crosscheck)
+_add("excite", excite.excite)
+_add("simulate", excite.simulate)
+_add("view", view.view)
+_add("describe", inspect.describe)
+_add("identify", identify.identify)
+_add("validate", identify.validate)
+_add("terms", identify.terms)
+_add("report", report.report)
+_add("export", export.export)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from seaid.assembly import Payload
     from seaid.log import Log
-    from seaid.robot import Robot
+    from seaid.robot import Payload, Robot
+
 
 Urdf = Annotated[Path, typer.Argument(help="The robot, with its base fixed.", metavar="URDF")]
 Logs = Annotated[
@@ -93,7 +93,7 @@ def values(option: str, text: str | None) -> float | dict[str, float] | None:
 
 def payload_of(text: str) -> Payload:
     """Return the payload of 'link:mass:x,y,z', at the link's origin where x,y,z are left out."""
-    from seaid.assembly import Payload
+    from seaid.robot import Payload
 
     link, *parts = text.split(":")
     try:
@@ -131,8 +131,7 @@ def logs_of(
     paths: list[Path], robot: Robot, description: Path | None = None, repair: bool = False
 ) -> list[Log]:
     """Read the logs of a robot, all with one description or each with the one beside it."""
-    from seaid.log import read_log
-    from seaid.logs.repair import Repairs
+    from seaid.log import Repairs, read_log
 
     mending = Repairs() if repair else None
     return [read_log(path, robot, description=description, repair=mending) for path in paths]
@@ -140,8 +139,8 @@ def logs_of(
 
 def check_unseen(unseen: Sequence[Path], from_logs: Sequence[Path]) -> None:
     """Raise SeaidError for a log to validate on that is one of those identified from."""
+    from seaid._files import real_path
     from seaid.errors import SeaidError
-    from seaid.files import real_path
 
     known = {real_path(path) for path in from_logs}
     for log in unseen:

@@ -18,7 +18,7 @@ from itertools import chain
 import numpy as np
 from scipy import sparse
 
-from seaid.arrays import Array, IndexArray
+from seaid._arrays import Array, IndexArray
 
 _NORMAL = 1.96
 _FIXED_B = (2.9694, 0.4160, -0.5324)

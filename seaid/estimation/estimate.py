@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri
 
-from seaid.arrays import Array, frozen
+from seaid._arrays import Array, frozen
 from seaid.errors import SeaidError
 
 

@@ -17,10 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seaid.arrays import Array
-from seaid.estimation.interior_point import RESOLVED, minimum
-from seaid.estimation.programme import Programme
-from seaid.inertia import is_physical
+from seaid._arrays import Array
+from seaid.estimation.sdp import RESOLVED, Programme, minimum
+from seaid.robot import is_physical
 
 WEIGHTS = tuple(10.0**decade for decade in range(4, -7, -1))
 """Weights of the prior among which the data choose, in units of chi-square.

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seaid.arrays import Array, BoolArray
+from seaid._arrays import Array, BoolArray, safely
 from seaid.errors import ExcitationError
-from seaid.linear_algebra import safely
 
 LAG_S = 0.25
 """Residuals further apart are taken as uncorrelated."""

@@ -1,41 +1,20 @@
-"""Exciting trajectories (16)-(19): plan a motion that tells the parameters, within limits."""
+"""Exciting trajectories: a motion that determines the parameters well, within the limits.
 
-from seaid.excitation.basis import Basis, make_basis
-from seaid.excitation.criteria import CRITERIA
-from seaid.excitation.design import Excitation, design_excitation
-from seaid.excitation.ends import FREE, EndState, MotionSpace, limit_rows, motion_space
-from seaid.excitation.fourier import FourierBasis
-from seaid.excitation.joined import JoinedBasis
-from seaid.excitation.limits import JointLimits, Limits, Margins, joint_limits, margins
-from seaid.excitation.pivoted import pivoted_base
-from seaid.excitation.run_in import add_run_in
-from seaid.excitation.spline import SplineBasis
-from seaid.excitation.trajectory import Trajectory, load_trajectory, polynomial_trajectory
-from seaid.excitation.ways import with_run_in
+A `Robot` and `Limits` come in; a `Trajectory` goes out, (16)-(19): B-splines, a polynomial or a
+Fourier series whose coefficients minimise the condition number (or another criterion) of the
+regressor, within limits of position, velocity, acceleration, torque, motor speed and deflection,
+and without collisions.
 
-__all__ = [
-    "CRITERIA",
-    "FREE",
-    "Basis",
-    "EndState",
-    "Excitation",
-    "FourierBasis",
-    "JoinedBasis",
-    "JointLimits",
-    "Limits",
-    "Margins",
-    "MotionSpace",
-    "SplineBasis",
-    "Trajectory",
-    "add_run_in",
-    "design_excitation",
-    "joint_limits",
-    "limit_rows",
-    "load_trajectory",
-    "make_basis",
-    "margins",
-    "motion_space",
-    "pivoted_base",
-    "polynomial_trajectory",
-    "with_run_in",
-]
+- `design_excitation` plans, `add_run_in` joins a start and an end at rest to a plan;
+- `load_scene` says what may collide;
+- `Trajectory.save`, `save_set_points` and `save_joint_trajectory` write it for a controller.
+
+>>> import seaid
+>>> robot = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")
+>>> plan = seaid.design_excitation(robot, 4.0, limits=seaid.Limits(velocity=4.0))
+>>> plan.trajectory.save("plan.json")
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -10,32 +10,34 @@ from functools import partial
 
 import numpy as np
 
-from seaid.arrays import Array, seed_of
-from seaid.base import BaseParameters
+from seaid._arrays import Array, safely, seed_of
 from seaid.errors import ExcitationError, SeaidWarning
 from seaid.excitation.basis import make_basis
+from seaid.excitation.boundary import FREE, EndState, motion_space
+from seaid.excitation.collision import Scene
 from seaid.excitation.criteria import (
     criterion_named,
+    pivoted_base,
     singular_values,
     tells_all,
     triangular_factor,
 )
-from seaid.excitation.drive_limits import drive_limits
-from seaid.excitation.ends import FREE, EndState, motion_space
-from seaid.excitation.feasible_home import with_feasible_home
-from seaid.excitation.fine_grid import all_margins, motion_within
-from seaid.excitation.limits import JointLimits, Limits, Margins, joint_limits
-from seaid.excitation.pivoted import pivoted_base
-from seaid.excitation.problem import Problem, make_problem, states_of
-from seaid.excitation.scaling import recorded_factor, scaled_target
-from seaid.excitation.scene import Scene
-from seaid.excitation.search import Outcome, search
-from seaid.excitation.target import Target, drive_target, load_target
-from seaid.excitation.target_regressor import stacked_regressor
+from seaid.excitation.limits import JointLimits, Limits, Margins, drive_limits, joint_limits
+from seaid.excitation.objective import Target, drive_target, load_target, stacked_regressor
+from seaid.excitation.problem import (
+    Problem,
+    all_margins,
+    make_problem,
+    motion_within,
+    recorded_factor,
+    scaled_target,
+    states_of,
+)
+from seaid.excitation.run_in import with_run_in
+from seaid.excitation.search import Outcome, search, with_feasible_home
 from seaid.excitation.trajectory import Trajectory
-from seaid.excitation.ways import with_run_in
-from seaid.linear_algebra import safely
 from seaid.log import Log
+from seaid.regressor import BaseParameters
 from seaid.robot import Robot
 
 _REPORT_SAMPLES = 2000

@@ -13,16 +13,22 @@ from functools import lru_cache
 
 import numpy as np
 
-from seaid.arrays import Array
-from seaid.drivetrain.catalogue import PARAMETERS_OF
-from seaid.drivetrain.curves import DriveCurve, beside_curve, beside_names, no_value
-from seaid.drivetrain.model import Drive, SeriesElasticDrive
+from seaid._arrays import Array
+from seaid.drives import (
+    PARAMETERS_OF,
+    BentSpring,
+    Drive,
+    DriveCurve,
+    SeriesElasticDrive,
+    bent_spring,
+    beside_curve,
+    beside_names,
+    no_value,
+)
 from seaid.errors import ExcitationError
-from seaid.excitation.bent_spring import BentSpring, bent_spring
-from seaid.excitation.gradient import States, torque_derivatives
-from seaid.rigid_body import joint_torques
-from seaid.robot import Robot
-from seaid.transmission import at_drives, group_of, torques_at_joints
+from seaid.excitation.criteria import States, torque_derivatives
+from seaid.regressor import joint_torques
+from seaid.robot import Robot, at_drives, group_of, torques_at_joints
 
 SIGN_WIDTH = 0.02
 """Coulomb friction turns within this part of the largest motor speed, so that it has a slope."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from seaid.arrays import Array
+from seaid._arrays import Array
 from seaid.errors import ExcitationError, shown
 
 

@@ -1,20 +1,48 @@
-"""The planning problem (16)-(19) over free variables x: its value, its gradient, its limits."""
+"""The limits of a planning problem as SLSQP takes them.
+
+The planning problem (16)-(19) over free variables x: its value, its gradient, its limits.
+
+How far a planned motion stays from its limits, looked at more closely than the search did.
+
+How the rows and columns of a criterion are scaled, and what recorded logs tell already.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
-from seaid.arrays import Array
-from seaid.excitation.criteria import Criterion, criterion_named, tells_all, triangular_factor
-from seaid.excitation.drive_limits import DriveLimits, drive_load_gradient, drive_loads
-from seaid.excitation.ends import MotionSpace, limit_rows
-from seaid.excitation.gradient import States
-from seaid.excitation.limits import JointLimits
-from seaid.excitation.scene import Scene, distance_gradients, distances
-from seaid.excitation.target import Target
-from seaid.excitation.target_regressor import regressor_pull_back, stacked_regressor
+from seaid._arrays import Array
+from seaid.errors import ExcitationError
+from seaid.excitation.boundary import MotionSpace, limit_rows
+from seaid.excitation.collision import Scene, distance_gradients, distances
+from seaid.excitation.criteria import (
+    Criterion,
+    States,
+    criterion_named,
+    tells_all,
+    triangular_factor,
+)
+from seaid.excitation.flatness import check_nominal_bodies
+from seaid.excitation.limits import (
+    DRIVE_KINDS,
+    DriveLimits,
+    JointLimits,
+    Margins,
+    drive_load_gradient,
+    drive_loads,
+    margins,
+    positive_values,
+)
+from seaid.excitation.objective import Target, regressor_pull_back, stacked_regressor
+from seaid.excitation.trajectory import Trajectory
+from seaid.log import Log, reconstruct_motion, row_samples
+from seaid.regressor import BaseParameters
+from seaid.robot import Robot
 
 AIM = 0.97
 """The search keeps to this part of the limits that it sees at instants only."""
@@ -265,3 +293,139 @@ def _cap(scene: Scene) -> float:
 def _use_of_distance(scene: Scene, distance: Array) -> Array:
     """Return 1 at the clearance, less where it is farther."""
     return 1.0 - (distance - scene.clearance_m) / _SCENE_REACH_M
+
+
+def constraints(problem: Problem, curved: bool = True) -> list[dict[str, Any]]:
+    """Return the limits as SLSQP takes them; the `curved` ones as well where there are any."""
+    functions = [_remembered(lambda x: linear_slack(problem, x))]
+    if curved and is_curved(problem):
+        functions.append(_remembered(lambda x: _curved_slack(problem, x)))
+    return [
+        {
+            "type": "ineq",
+            "fun": lambda x, function=function: function(x.tobytes())[0],
+            "jac": lambda x, function=function: function(x.tobytes())[1],
+        }
+        for function in functions
+    ]
+
+
+def _curved_slack(problem: Problem, x: Array) -> tuple[Array, Array]:
+    use, gradient = curved_use(problem, x)
+    return AIM - use, -gradient
+
+
+def _remembered(function: Callable[[Array], Any]) -> Callable[[bytes], Any]:
+    """Return a function of x as bytes that keeps its last result: SLSQP asks for it twice."""
+    return lru_cache(maxsize=2)(lambda x: function(np.frombuffer(x)))
+
+
+_FINER, _MOST_INSTANTS = 8, 2000
+
+
+def motion_within(problem: Problem, x: Array) -> Array:
+    """Return x, drawn towards zero if a limit is broken between the instants of the search."""
+    return drawn_together(_closer(problem), x, 1.0) if is_curved(problem) else x
+
+
+def all_margins(problem: Problem, x: Array, trajectory: Trajectory, bounds: JointLimits) -> Margins:
+    """Return the margins of the motion x: the linear ones at every instant, the others on a grid.
+
+    The grid has eight times the instants of the search, 2000 at most.
+    """
+    found = margins(trajectory, bounds)
+    if not is_curved(problem):
+        return found
+    fine = _closer(problem)
+    states = states_of(fine, x)
+    if fine.drive_limits is not None:
+        most = np.abs(drive_loads(fine.drive_limits, fine.time, states)).max(axis=1)
+        left = fine.drive_limits.most - most
+        found = replace(found, **dict(zip(DRIVE_KINDS, left, strict=True)))
+    if fine.scene is not None:
+        found = replace(found, distance_m=float(distances(fine.scene, states[0]).min()))
+    return found
+
+
+def _closer(problem: Problem) -> Problem:
+    samples = len(problem.time)
+    return seen_at(problem, min(_FINER * samples, max(_MOST_INSTANTS, samples)))
+
+
+_REFERENCES = 3
+_SMALL, _UNCOUNTED = 0.1, 10.0
+_BLOCK = 400
+
+
+def scaled_target(
+    problem: Problem,
+    robot: Robot,
+    base: BaseParameters,
+    torque_std: float | Sequence[float] | Mapping[str, float],
+    relative: bool,
+) -> Target:
+    """Return the problem's target with weights of rows and scales of columns.
+
+    Rows are divided by `torque_std`. Columns are multiplied by the nominal size of their parameter
+    where the criterion is `relative` (those that have none, as offsets, so much that they do not
+    count). Otherwise base columns stay raw, and each drive column gets the geometric mean norm of
+    the base columns. Norms are those over three random motions within limits, the same for every
+    seed. Raises ExcitationError where a nominal value is missing.
+    """
+    std = positive_values(robot, "torque_std", torque_std, np.ones(robot.n))
+    motors = [robot.index(joint) for joint in robot.elastic_joints] if problem.target.blocks else []
+    target = replace(problem.target, row_weights=1.0 / std[[*problem.target.rows, *motors]])
+    if not relative and not target.blocks:
+        return target
+    rng = np.random.default_rng(0)
+    motions = [states_of(problem, random_start(problem, rng)) for _ in range(_REFERENCES)]
+    H = np.vstack([stacked_regressor(target, problem.time, states) for states in motions])
+    norms, p = np.linalg.norm(H, axis=0), len(target.base_columns)
+    if np.any(norms == 0):
+        lost = target.names[int(np.argmin(norms))]
+        raise ExcitationError(f"no motion within these limits tells the {lost}")
+    if relative:
+        sizes = _sizes(target, robot, base)
+        scale = np.where(np.isnan(sizes), _UNCOUNTED * np.nanmax(sizes * norms) / norms, sizes)
+    else:
+        scale = np.exp(np.mean(np.log(norms[:p]))) / norms
+        scale[:p] = 1.0
+    return replace(target, column_scale=scale)
+
+
+def recorded_factor(target: Target, robot: Robot, logs: Sequence[Log]) -> Array:
+    """Return the triangular factor (., columns) of what recorded logs tell, scaled as the target.
+
+    Of the joints' motion in the logs' own pass band; a log that does not fit the robot raises
+    LogError.
+    """
+    factor = np.empty((0, len(target.names)))
+    for log in logs:
+        motion = reconstruct_motion(robot, log)
+        picked = row_samples(motion)
+        for start in range(0, len(picked), _BLOCK):
+            rows = picked[start : start + _BLOCK]
+            if len(rows) > 5:  # a quintic through its samples needs six
+                q, v, a = (state[rows] for state in motion.joint_states)
+                H = stacked_regressor(target, motion.time[rows], (q, v, a))
+                factor = triangular_factor(H, factor)
+    return factor
+
+
+def _sizes(target: Target, robot: Robot, base: BaseParameters) -> Array:
+    """Return the nominal size of every parameter (p,), NaN of those that have none.
+
+    That of one that is nearly zero is a tenth of the median of its kind, by unit.
+    """
+    check_nominal_bodies(robot)
+    sizes = list(np.abs(base.project(robot.parameters)))
+    for block in target.blocks:
+        values = robot.drivetrains[robot.joint_names[block.joint]].values
+        sizes += [values.get(block.regressor.names[index], np.nan) for index in block.picked]
+    found, units = np.array(sizes), np.array(target.units)
+    for unit in set(target.units):
+        mine = units == unit
+        positive = found[mine & (found > 0)]
+        if positive.size:
+            found[mine] = np.maximum(found[mine], _SMALL * np.median(positive))
+    return np.where(found > 0, found, np.nan)

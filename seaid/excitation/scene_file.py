@@ -12,7 +12,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from seaid.arrays import Array, finite
+from seaid._arrays import Array, finite
 from seaid.errors import (
     ExcitationError,
     RobotError,
@@ -22,8 +22,7 @@ from seaid.errors import (
     shown,
     unknown_name,
 )
-from seaid.excitation.collision_geometry import collision_geometry
-from seaid.excitation.scene import Pair, Scene, distances
+from seaid.excitation.collision import Pair, Scene, collision_geometry, distances
 from seaid.robot import Robot
 
 _POSTURES = 500

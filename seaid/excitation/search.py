@@ -1,4 +1,8 @@
-"""The search behind design_excitation: SLSQP from many starts, within limits.
+"""Who runs the starts of a search: processes of this machine, unless an executor is given.
+
+A motion that keeps the limits on drives and distances, for the search to set out from.
+
+The search behind design_excitation: SLSQP from many starts, within limits.
 
 SLSQP (Kraft 1988) because it takes linear inequalities, keeps to them at every step, needs first
 derivatives alone, and comes with scipy. It descends the smooth criterion, for it stalls at the
@@ -7,24 +11,212 @@ kinks of the plain one; which motion is the best is judged by the plain one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from concurrent.futures import Executor
+import os
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
-from seaid.arrays import Array
+from seaid._arrays import Array
+from seaid._progress import Report, best_so_far
 from seaid.errors import ExcitationError
-from seaid.excitation.constraints import constraints
+from seaid.excitation.collision import distances
+from seaid.excitation.limits import DRIVE_KINDS, drive_loads
 from seaid.excitation.problem import (
+    AIM,
     Problem,
+    constraints,
+    counted_from,
+    curved_use,
     drawn_inside,
+    is_curved,
+    linear_use,
+    most_curved_use,
     random_start,
+    states_of,
     value_and_gradient,
     value_of,
 )
-from seaid.excitation.workers import run_all
-from seaid.progress import Report, best_so_far
+
+Result = TypeVar("Result")
+
+_IDLE_SECONDS, _LOOK_SECONDS, _PATIENCE_SECONDS = 120, 1.0, 5.0
+_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+
+def run_all(
+    function: Callable[..., Result],
+    tasks: Sequence[tuple[object, ...]],
+    executor: Executor | None,
+    done: Callable[[int, Result], None],
+) -> tuple[list[Result], bool]:
+    """Return the results of a function for all tasks, in their order, and whether Ctrl-C came.
+
+    By the executor, or by processes that stay for the next search; `done` is called with the number
+    and the result of each task. After Ctrl-C the results are those that were handed in. A process
+    of ours that dies takes the tasks of all with it: they are given to new processes, once. Raises
+    ExcitationError where that does not help, or an executor of the user's breaks.
+    """
+    results: list[Result] = []
+    attempts = 2 if executor is None else 1
+    while True:
+        attempts -= 1
+        before = len(results)
+        try:
+            pool = _processes(len(tasks)) if executor is None else executor
+            futures = [pool.submit(function, *task) for task in tasks[before:]]
+            try:
+                for future in futures:
+                    results.append(future.result())
+                    done(len(results), results[-1])
+            except KeyboardInterrupt:
+                return results + _handed_in(futures[len(results) - before :]), True
+            return results, False
+        except BrokenExecutor as problem:
+            if attempts:
+                continue
+            raise ExcitationError(
+                "a process of the search was ended from outside (killed, or out of memory: "
+                f"{type(problem).__name__}): close what needs memory, or search in this process "
+                "with executor=concurrent.futures.ThreadPoolExecutor(1)"
+            ) from None
+
+
+def _processes(tasks: int) -> Executor:
+    """Return processes that stay for the next search and end with this one.
+
+    They are loky's, which need no `if __name__ == "__main__"` in a user's script, as those of
+    concurrent.futures do; one a task, at most one a core, with one thread each.
+    """
+    from loky import cpu_count, get_reusable_executor
+
+    executor: Executor = get_reusable_executor(
+        max_workers=min(tasks, cpu_count()),
+        timeout=_IDLE_SECONDS,
+        env=_ONE_THREAD,
+        initializer=_end_with,
+        initargs=(os.getpid(),),
+    )
+    return executor
+
+
+def _end_with(parent: int) -> None:
+    """End this process soon after its parent, which may be killed and then says nothing."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_LOOK_SECONDS)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _handed_in(futures: Sequence[Future[Result]]) -> list[Result]:
+    """Return what workers, interrupted as well, still hand in."""
+    found = []
+    for future in futures:
+        future.cancel()
+    for future in futures:
+        with suppress(CancelledError, TimeoutError, BrokenExecutor, KeyboardInterrupt):
+            found.append(future.result(timeout=_PATIENCE_SECONDS))
+    return found
+
+
+_TRIES, _ITERATIONS, _ENOUGH = 3, 40, 0.9
+_SHARPNESS = 32.0
+_UNITS = {"joint_torque": "N m (or N)", "motor_torque": "N m", "motor_speed": "rad/s"}
+
+
+class _FoundError(Exception):
+    """The way out of SLSQP once a motion is well within the limits."""
+
+
+def with_feasible_home(problem: Problem, seed: int) -> Problem:
+    """Return the problem counted from a motion that keeps all limits.
+
+    That is its own home, unless a drive or a distance breaks a limit there: then the one that uses
+    least of them, by SLSQP within the linear limits from a few starts. Raises ExcitationError,
+    naming the joint or the links and the limit, where none is found.
+    """
+    nothing = np.zeros(np.prod(problem.shape))
+    if not is_curved(problem) or most_curved_use(problem, nothing) <= AIM:
+        return problem
+    rng = np.random.default_rng(seed)
+    tried = [nothing]
+    for number in range(_TRIES):
+        x = nothing
+        if number:
+            joints = rng.normal(size=problem.shape)
+            x = 0.8 * np.ravel(joints / linear_use(problem, joints.ravel())[:, None])
+        tried.append(_least_use(problem, x))
+        if most_curved_use(problem, tried[-1]) <= AIM:
+            return counted_from(problem, tried[-1])
+    raise _impossible(problem, min(tried, key=lambda x: most_curved_use(problem, x)))
+
+
+def _least_use(problem: Problem, start: Array) -> Array:
+    """Return the x that SLSQP finds to use least of the limits, pulled inside the linear ones."""
+    from scipy.optimize import minimize
+
+    found = start
+
+    def watch(x: Array) -> None:
+        nonlocal found
+        found = x / max(1.0, float(linear_use(problem, x).max()) * (1 + 1e-6))
+        if most_curved_use(problem, found) < _ENOUGH:
+            raise _FoundError
+
+    def objective(x: Array) -> tuple[float, Array]:
+        use, gradient = curved_use(problem, x)
+        shares = np.exp(_SHARPNESS * (use - use.max()))
+        value = float(use.max()) + np.log(shares.sum()) / _SHARPNESS
+        return value, gradient.T @ (shares / shares.sum())
+
+    with suppress(_FoundError):
+        minimize(
+            objective,
+            start,
+            jac=True,
+            method="SLSQP",
+            constraints=constraints(problem, curved=False),
+            options={"maxiter": _ITERATIONS},
+            callback=watch,
+        )
+    return found
+
+
+def _impossible(problem: Problem, x: Array) -> ExcitationError:
+    """Name what breaks its limit most at the best motion found."""
+    states, worst, words = states_of(problem, x), 0.0, ""
+    if problem.drive_limits is not None:
+        limits = problem.drive_limits
+        loads = np.abs(drive_loads(limits, problem.time, states)).max(axis=1)
+        kind, joint = np.unravel_index(np.argmax(loads / limits.most), loads.shape)
+        worst, name = float(loads[kind, joint] / limits.most[kind, joint]), DRIVE_KINDS[kind]
+        owner = limits.robot.joint_names[joint]
+        unit = _UNITS.get(name, "rad (or m)")
+        words = (
+            f"keeps joint '{owner}' within its {name.replace('_', ' ')} limit, "
+            f"{limits.most[kind, joint]:.4g} {unit}: the best needs {loads[kind, joint]:.4g}. Give "
+            f"more by Limits({name}={{'{owner}': ...}}) (math.inf: not limited), a smaller range "
+            "or a longer duration"
+        )
+    if problem.scene is not None:
+        far = distances(problem.scene, states[0])
+        pair = int(far.min(axis=0).argmin())
+        if worst <= 1.0 or far.min() < 0:
+            first, second = problem.scene.pairs[pair]
+            words = (
+                f"keeps '{first}' and '{second}' {problem.scene.clearance_m:.4g} m apart: the best "
+                f"has {far.min():.4g} m. Give a smaller clearance, other position limits or boxes"
+            )
+    return ExcitationError(f"no motion was found that {words}")
+
 
 _STALL_ITERATIONS, _STALL, _STILL_FALLING = 25, 2e-3, 5e-2
 _HOPELESS = 100.0

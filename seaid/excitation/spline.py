@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from seaid.arrays import Array, frozen
+from seaid._arrays import Array, frozen
 from seaid.errors import ExcitationError, shown
 
 _MOST_DEGREE = 100

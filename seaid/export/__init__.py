@@ -1,1 +1,17 @@
-"""What a user takes home: robot files that simulate like the machine."""
+"""Export: an identification becomes robot files.
+
+An `Identification`, or a `Robot` with its values, comes in; files go out:
+
+- `write_urdf`: the same file with the identified inertias, all else byte for byte as it was;
+- `write_mjcf`: a MuJoCo model with the springs, the armature and the friction of the drives;
+- `parameters.json`, which `read_parameters` reads back; drive tables by `write_drivetrains`.
+
+>>> import seaid
+>>> robot = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")
+>>> found = seaid.identify(robot, seaid.read_log("run.csv", robot), feasible=True)
+>>> notes = seaid.write_mjcf(found, "leg.xml").notes
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

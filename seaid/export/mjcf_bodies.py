@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from seaid.arrays import Array
+from seaid._arrays import Array, safely
 from seaid.errors import RobotError
-from seaid.inertia import THIN, absurdity, impossible_body, is_physical, pseudo_inertia
-from seaid.linear_algebra import safely
-from seaid.robot import Robot
+from seaid.robot import THIN, Robot, absurdity, impossible_body, is_physical, pseudo_inertia
 
 TINY = 1e-14
 """Mass [kg] and second moments [kg m^2] that stand for nothing: MuJoCo refuses less than 1e-15."""

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from seaid.arrays import Array, frozen
+from seaid._arrays import Array, frozen
 from seaid.errors import SeaidError
-from seaid.excitation.limits import JointLimits
-from seaid.excitation.trajectory import Trajectory
+from seaid.excitation import JointLimits, Trajectory
 from seaid.report.figures import save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
+
 
 _MOST_ROWS = 8
 _SAMPLES = 1500

@@ -1,21 +1,29 @@
-"""Figures in the manner of the paper's Fig. 3 and Fig. 4: measured grey, computed black."""
+"""Figures in the manner of the paper's Fig. 3 and Fig. 4: measured grey, computed black.
+
+Figure of the share of experiments in which 95 % intervals held the truth.
+
+Estimates over the pass band, as a table and as a figure.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from seaid._arrays import Array
+from seaid._files import write_whole
 from seaid.errors import SeaidError
-from seaid.files import write_whole
+from seaid.report.text import number, table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from seaid.validation import Fit, Validation
+    from seaid.identification import CutoffSensitivity, Fit, Validation
+
 
 _MEASURED: dict[str, Any] = {"color": "0.62", "linewidth": 2.4, "label": "measured"}
 _COMPUTED: dict[str, Any] = {"color": "black", "linewidth": 0.9, "label": "computed"}
@@ -110,3 +118,117 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     content = BytesIO()
     figure.savefig(content, format="png", dpi=130)
     write_whole(path, content.getvalue())
+
+
+WANTED = (0.90, 0.98)
+LEVEL = 0.95
+
+
+def save_coverage_figure(
+    names: Sequence[str],
+    coverage: Mapping[str, Array],
+    experiments: Mapping[str, int],
+    path: str | Path,
+) -> None:
+    """Draw the coverage (P,) of each parameter, one panel a way of estimating.
+
+    `names` (P,) are the parameters, `experiments` how many each way had: the grey band is where
+    95 % of the dots lie if the intervals are right, the dashed lines are what is wanted. Raises
+    SeaidError where the file cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    ways, places = list(coverage), np.arange(len(names))
+    height = 0.6 + 0.17 * len(names)
+    figure = Figure(figsize=(2.2 + 1.5 * len(ways), height), layout="constrained")
+    axes = figure.subplots(1, len(ways), sharey=True, squeeze=False)[0]
+    for axis, way in zip(axes, ways, strict=True):
+        half = 1.96 * np.sqrt(LEVEL * (1 - LEVEL) / experiments[way])
+        axis.axvspan(LEVEL - half, min(LEVEL + half, 1.0), color="0.9", zorder=0)
+        for edge in WANTED:
+            axis.axvline(edge, color="tab:red", linestyle="--", linewidth=0.8)
+        axis.plot(coverage[way], places, "o", color="black", markersize=3)
+        axis.set_title(f"{way}, {experiments[way]}", fontsize="medium")
+        axis.set_xlim(min(0.7, float(np.min(coverage[way])) - 0.02), 1.01)
+        axis.grid(axis="y", color="0.94")
+        axis.set_xlabel("share")
+    axes[0].set_yticks(places, names, fontsize="x-small")
+    axes[0].set_ylim(len(names) - 0.5, -0.5)
+    figure.suptitle("Experiments in which the 95 % interval held the truth")
+    save_figure(figure, path)
+
+
+_COLUMNS, _LONGEST = 4, 40
+_LEVEL = 1.96
+
+
+def sensitivity_table(result: CutoffSensitivity) -> str:
+    """Return each estimate in each pass band, and how far it moves in standard errors.
+
+    The proposed band is in brackets.
+    """
+    marked = [
+        f"[{cutoff:.3g} Hz]" if place == result.proposed else f"{cutoff:.3g} Hz"
+        for place, cutoff in enumerate(result.cutoffs_hz)
+    ]
+    rows = [
+        [
+            _short(name),
+            *(number(value) for value in result.values[:, place]),
+            f"{result.standard_errors[result.proposed, place]:.2g}",
+            f"{result.moves[place]:.1f} s.e.",
+            result.units[place],
+        ]
+        for place, name in enumerate(result.names)
+    ]
+    header = ["parameter", *marked, "std. error", "moves", "unit"]
+    title = "Estimates over the pass band; moves: up to half and twice the proposed one"
+    return "\n".join(
+        [
+            table(title, header, rows),
+            *(f"! {cutoff:.3g} Hz: {why}" for cutoff, why in result.refused.items()),
+        ]
+    )
+
+
+def save_sensitivity_figure(result: CutoffSensitivity, path: str | Path) -> None:
+    """Draw each estimate with its 95 % interval over the cutoff, the proposed one marked.
+
+    Raises SeaidError where the file cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    rows = -(-len(result.names) // _COLUMNS)
+    figure = Figure(figsize=(3.0 * _COLUMNS, 0.8 + 1.7 * rows), layout="constrained")
+    figure.suptitle("Estimates and 95 % intervals over the pass band; red: the proposed one")
+    axes = figure.subplots(rows, _COLUMNS, sharex=True, squeeze=False).ravel()
+    kept = np.flatnonzero(~np.isnan(result.values[:, 0]))
+    proposed = result.cutoffs_hz[result.proposed]
+    for place, name in enumerate(result.names):
+        axis, value = axes[place], result.values[result.proposed, place]
+        half = _LEVEL * result.standard_errors[:, place]
+        axis.axhline(value, color="0.8", linewidth=0.8)
+        axis.axvline(proposed, color="tab:red", linewidth=0.8, linestyle="--")
+        for places, color in ((kept, "black"), ([result.proposed], "tab:red")):
+            axis.errorbar(
+                result.cutoffs_hz[places],
+                result.values[places, place],
+                half[places],
+                fmt="o",
+                markersize=3,
+                linewidth=1.0,
+                color=color,
+            )
+        axis.set_xscale("log")
+        axis.set_xticks(result.cutoffs_hz[kept], [f"{c:.2g}" for c in result.cutoffs_hz[kept]])
+        axis.minorticks_off()
+        axis.tick_params(labelsize="x-small")
+        axis.set_title(f"{_short(name)} [{result.units[place]}]", fontsize="x-small")
+    for axis in axes[len(result.names) :]:
+        axis.set_axis_off()
+    figure.supxlabel("cutoff [Hz]", fontsize="small")
+    save_figure(figure, path)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 4] + " ..."

@@ -10,36 +10,30 @@ from typing import Any
 
 import numpy as np
 
+from seaid._files import plain, write_whole
 from seaid.errors import SeaidError
-from seaid.files import plain, write_whole
-from seaid.identification import Identification
-from seaid.report.html_errors import error_rows, worst_rows
-from seaid.report.html_experiment import (
-    known_rows,
-    log_facts,
-    reached_rows,
-    used_facts,
-    versions,
-)
+from seaid.identification import Identification, Validation, compared
+from seaid.report.html_experiment import known_rows, log_facts, reached_rows, used_facts, versions
 from seaid.report.html_maps import (
     cells_of,
     correlation_map,
     dot_chart,
+    figures_of,
     packed_correlations,
     singular_values,
 )
-from seaid.report.html_pictures import figures_of
 from seaid.report.html_tables import (
     base_rows,
     condition_rows,
     drive_tables,
+    error_rows,
     has_white,
     residual_rows,
     term_rows,
+    worst_rows,
 )
 from seaid.report.html_traces import Run, traces_of
-from seaid.report.html_words import doubts_of, verdict
-from seaid.validation import Validation, compared
+from seaid.report.html_verdict import doubts_of, verdict
 
 Fact = str | int | float
 

@@ -10,16 +10,12 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
-from seaid.arrays import Array
-from seaid.drivetrain.model import IDEAL_DRIVE, Drive
-from seaid.export.drive_tables import drive_table
+from seaid._arrays import Array
+from seaid.drives import IDEAL_DRIVE, Drive, drive_table
 from seaid.identification import Identification
-from seaid.motion import Motion
-from seaid.motion_rows import row_samples
-from seaid.processing import Processing, has_holes
-from seaid.report.html_numbers import seconds, short
-from seaid.robot import Robot
-from seaid.transmission import at_drives
+from seaid.log import Motion, Processing, has_holes, row_samples
+from seaid.report.html_tables import seconds, short
+from seaid.robot import Robot, at_drives
 
 _PACKAGES = ("numpy", "scipy", "pin", "sympy")
 _SAME = 1e-9

@@ -14,10 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from seaid.arrays import Array, IndexArray
-from seaid.drivetrain.model import IDEAL_DRIVE
-from seaid.identification import Identification
-from seaid.validation import Fit, Validation
+from seaid._arrays import Array, IndexArray
+from seaid.drives import IDEAL_DRIVE
+from seaid.identification import Fit, Identification, Validation
 
 SIDES = ("actuator", "load")
 

@@ -1,23 +1,36 @@
-"""Tables in text, aligned, with standard errors."""
+"""Tables in text, aligned, with standard errors.
+
+What sensors tell, as text.
+
+What several conditions told together, as a table in text.
+
+Which terms the data support: a table, and the recommendation in words.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Iterator, Sequence
 from io import StringIO
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seaid.processing import has_holes
-from seaid.sides.found import nominal_values
+from seaid.identification import nominal_values
+from seaid.log import has_holes
 
 if TYPE_CHECKING:
-    from seaid.bodies.possible_bodies import PossibleBodies
-    from seaid.estimation.checks import TermTest
-    from seaid.estimation.estimate import Estimate
-    from seaid.identification import Identification
+    from seaid.estimation import Estimate, TermTest
+    from seaid.identification import (
+        Conditions,
+        Identification,
+        PossibleBodies,
+        TermGain,
+        TermSelection,
+        Validation,
+    )
+    from seaid.regressor import Identifiability
     from seaid.robot import Robot
-    from seaid.validation import Validation
 
 
 def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -178,3 +191,119 @@ def _entries(estimate: Estimate) -> list[tuple[str, float, float, str]]:
 
 def _short(text: str, longest: int = 56) -> str:
     return text if len(text) <= longest else text[: longest - 4] + " ..."
+
+
+_WIDTH = 100
+
+
+def sensors_table(found: Identifiability) -> str:
+    """Return counts and lists of what can be found alone, together, up to a factor, not at all."""
+    return "\n".join(_lines(found))
+
+
+def _lines(found: Identifiability) -> Iterator[str]:
+    grouped = sum(map(len, found.ratios))
+    yield (
+        f"{found.robot_name}: of {len(found.names)} parameters the sensors tell "
+        f"{found.rank} numbers"
+    )
+    for joint, sentences in found.usable.items():
+        yield from _wrapped(
+            f"{joint} ({', '.join(found.sensors[joint]) or 'no sensor'}): ", sentences
+        )
+    yield from _list(f"Alone: {len(found.identifiable)}", found.identifiable)
+    yield from _list(f"Only together: {len(found.combinations)}", found.combinations, "\n")
+    for group in found.ratios:
+        yield from _list(f"Only up to one common factor: {len(group)}", group, "\n")
+    yield from _list(f"Not at all: {len(found.unidentifiable)}", found.unidentifiable)
+    count = len(found.base.names)
+    agree = "agree" if found.agree else "do NOT agree"
+    yield (
+        f"{count} combinations, {grouped} of them in {len(found.ratios)} groups; exact and numeric "
+        f"rank {agree}, gap {found.gap:.0e}"
+    )
+
+
+def _list(title: str, items: Sequence[str], between: str = ", ") -> Iterator[str]:
+    yield title
+    if between == "\n":
+        for item in items:
+            yield from _wrapped("  ", [item])
+    elif items:
+        yield from _wrapped("  ", items, between)
+
+
+def _wrapped(start: str, items: Sequence[str], between: str = "; ") -> list[str]:
+    return textwrap.wrap(
+        start + between.join(items),
+        _WIDTH,
+        subsequent_indent="    ",
+        initial_indent="",
+        break_long_words=False,
+    )
+
+
+def conditions_table(together: Conditions) -> str:
+    """Return the own parameters of all conditions beside each other, and whether they differ.
+
+    They differ where the Bayesian information criterion is for a value of each condition's own.
+    """
+    rows = []
+    for name, test in together.differences.items():
+        values = [_text(found, name) for found in together.found.values()]
+        differ = "yes" if test.bic > 0 else "no"
+        rows.append([name, *values, number(test.F), number(test.bic), differ])
+    count = len(together.found)
+    title = f"{count} conditions together: what each has of its own (value +- standard error)"
+    return table(title, ["parameter", *together.found, "F", "BIC", "differ"], rows)
+
+
+def _text(found: Identification, name: str) -> str:
+    if name in found.load_side.names:
+        estimate, key = found.load_side, name
+    else:
+        key, joint = name.split(" of ", 1)
+        estimate = found.drivetrains[joint]
+    return f"{number(estimate.value(key))} +- {estimate.standard_error(key):.2g}"
+
+
+def terms_table(selection: TermSelection) -> str:
+    """Return all terms that were asked about, step by step, and what is recommended."""
+    header = ["joint: term", "step", "F", "BIC", "blocks left out", "better", "worth having"]
+    rows = [_row(one) for one in selection.gains]
+    notes = [f"! {_name(one)}: {one.reason}" for one in selection.gains if one.reason]
+    title = "Is one more term worth having? BIC above zero, and error of blocks left out smaller"
+    return "\n".join([table(title, header, rows), *notes, *_words(selection)])
+
+
+def _row(one: TermGain) -> list[str]:
+    if one.gain is None:
+        return [_name(one), str(one.step + 1), *["-"] * 4, "not asked"]
+    gain = one.gain
+    left_out = f"{percent(gain.improvement)} +- {percent(gain.improvement_std)}"
+    worth = "chosen" if one.chosen else "yes" if gain.is_worth_it else "no"
+    blocks = f"{gain.better} of {gain.blocks}"
+    return [
+        _name(one),
+        str(one.step + 1),
+        number(gain.F),
+        number(gain.bic),
+        left_out,
+        blocks,
+        worth,
+    ]
+
+
+def _name(one: TermGain) -> str:
+    return f"{one.joint}: {one.field.replace('_', ' ')} {one.term}"
+
+
+def _words(selection: TermSelection) -> list[str]:
+    if not selection.recommended:
+        return ["The data support no term beyond those that the drives have."]
+    return [
+        f"{joint}: add "
+        + ", ".join(f"'{term}' to {field}" for field, term in found)
+        + "; identify(selection.robot, ...) estimates them"
+        for joint, found in selection.recommended.items()
+    ]

@@ -7,31 +7,25 @@ zeta = R theta (9) by Algorithm 1 on exact polynomials, `reduce` finds the base 
 
 from __future__ import annotations
 
-import importlib
 from typing import TYPE_CHECKING, Any
 
+from seaid.symbolic.expression_text import expression_of as expression_of
 from seaid.symbolic.lagrange import equations_of_motion
+from seaid.symbolic.polynomial import MAX_TERMS as MAX_TERMS
 from seaid.symbolic.reduction import BaseForm, Column, reduce
 from seaid.symbolic.separation import RegressorForm, separate
 
 if TYPE_CHECKING:
-    from seaid.symbolic.exact_base import base_parameters
-    from seaid.symbolic.grouping import ExactBaseParameters
-    from seaid.symbolic.regressor_form import RigidBodyForm, rigid_body
-    from seaid.symbolic.source import export_c, export_numpy
-    from seaid.symbolic.whole_model import CompleteModel, complete_model
-
-_OF_ROBOTS = {
-    "CompleteModel": "whole_model",
-    "ExactBaseParameters": "grouping",
-    "RigidBodyForm": "regressor_form",
-    "base_parameters": "exact_base",
-    "complete_model": "whole_model",
-    "export_c": "source",
-    "export_numpy": "source",
-    "rigid_body": "regressor_form",
-}
-"""What reads a Robot, and so Pinocchio: imported when it is first used."""
+    from seaid.regressor.exact import (
+        CompleteModel,
+        ExactBaseParameters,
+        RigidBodyForm,
+        base_parameters,
+        complete_model,
+        export_c,
+        export_numpy,
+        rigid_body,
+    )
 
 __all__ = [
     "BaseForm",
@@ -52,9 +46,13 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Import what reads a Robot when it is first used."""
-    if name not in _OF_ROBOTS:
+    """Import what derives the equations of a Robot when it is first used."""
+    if name not in __all__:
         raise AttributeError(f"module 'seaid.symbolic' has no attribute '{name}'")
-    value = getattr(importlib.import_module(f"seaid.symbolic.{_OF_ROBOTS[name]}"), name)
-    globals()[name] = value
-    return value
+    from seaid.regressor import exact
+
+    return getattr(exact, name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,18 +1,28 @@
-"""The elements of R and zeta as exact polynomials."""
+"""The elements of R and zeta as exact polynomials.
+
+The scale of an equation: zeta = R theta does not change when the equation is multiplied.
+
+The rule of `seaid.symbolic.separate`, by which one equation has one regressor form.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from itertools import compress
 from typing import NamedTuple
 
 import sympy as sp
 from flint import fmpq, fmpq_mpoly
+from sympy.core.function import AppliedUndef
 
 from seaid.symbolic.polynomial import (
     Exponents,
     Ratio,
     Ring,
+    product,
+    quotient,
+    ratio,
     ratio_to_sympy,
     term_to_sympy,
     to_sympy,
@@ -88,3 +98,122 @@ def column_key(monomial: Exponents) -> tuple[int, bool, Exponents, Exponents]:
     factors = tuple(i for i, e in enumerate(monomial) for _ in range(abs(e)))
     single = len(factors) == 1 and sum(monomial) == 1
     return factors[0] if factors else -1, not single, factors, monomial
+
+
+_MOST_SCALES = 12
+"""Coefficients tried as the scale of a row that has no input."""
+
+
+def normalised(ring: Ring, row: Row) -> Row:
+    """Divide a row by its scale and bring the terms without unknowns to the other side.
+
+    `row` holds an equation that is zero, its coefficients with denominator 1; the result holds R
+    and, for the product of no unknowns, zeta.
+    """
+    if not row:
+        return row
+    scale, pivot = _scale(ring, row)
+    above = ratio(ring, *reversed(scale))
+    return {
+        monomial: Entry(
+            _times(ring, entry.terms, above if any(monomial) == any(pivot) else _negative(above)),
+            entry.denominator,
+        )
+        for monomial, entry in row.items()
+    }
+
+
+def _times(ring: Ring, terms: Mapping[Exponents, Ratio], factor: Ratio) -> dict[Exponents, Ratio]:
+    if factor.numerator.is_constant() and factor.denominator.is_one():
+        number = factor.numerator.leading_coefficient()
+        return {m: Ratio(number * value.numerator, value.denominator) for m, value in terms.items()}
+    return {m: product(ring, value, factor) for m, value in terms.items()}
+
+
+def _negative(value: Ratio) -> Ratio:
+    return Ratio(-value.numerator, value.denominator)
+
+
+def _scale(ring: Ring, row: Row) -> tuple[Ratio, Exponents]:
+    """Return the coefficient to divide the row by, and the product of unknowns it belongs to."""
+    terms = [
+        (monomial, motion, value)
+        for monomial, entry in sorted(row.items(), key=lambda item: column_key(item[0]))
+        for motion, value in sorted(entry.terms.items(), reverse=True)
+    ]
+    shared = {_up_to_number(value) for monomial, _, value in terms if any(monomial)}
+    inputs = [
+        (monomial, motion, value)
+        for monomial, motion, value in terms
+        if not any(monomial) and _up_to_number(value) in shared and _is_input(ring, row, motion)
+    ]
+    candidates = inputs or terms
+    if len(candidates) > 1:
+        counts = Counter(_text(value) for _, _, value in terms)
+        different = {_text(value): value for _, _, value in terms}
+        weighted = [(value, counts[text]) for text, value in different.items()]
+        candidates = _shortlist(ring, candidates)
+        candidates.sort(key=lambda term: _cost_of_row(ring, weighted, term[2]))
+    monomial, _, scale = candidates[0]
+    return scale, monomial
+
+
+def _text(value: Ratio) -> str:
+    return f"{value.numerator}/{value.denominator}"
+
+
+def _up_to_number(value: Ratio) -> str:
+    return str(value.numerator / value.numerator.leading_coefficient())
+
+
+_Term = tuple[Exponents, Exponents, Ratio]
+
+
+def _shortlist(ring: Ring, terms: list[_Term]) -> list[_Term]:
+    """The first terms of the few coefficients that are simplest without their common factor."""
+    common = terms[0][2].numerator
+    for _, _, value in terms:
+        common = common.gcd(value.numerator)
+    different: dict[str, _Term] = {}
+    for term in terms:
+        different.setdefault(_text(term[2]), term)
+    order = sorted(
+        different.values(),
+        key=lambda term: _cost(ratio(ring, term[2].numerator, common))[0],
+    )
+    return order[:_MOST_SCALES]
+
+
+def _cost_of_row(
+    ring: Ring, weighted: Sequence[tuple[Ratio, int]], scale: Ratio
+) -> tuple[int, int]:
+    """How complicated the coefficients of a row are once divided by `scale`."""
+    symbols, digits = 0, 0
+    for value, count in weighted:
+        cost = _cost(quotient(ring, value, scale))
+        symbols, digits = symbols + count * cost[0], digits + count * cost[1]
+    return symbols, digits
+
+
+def _cost(value: Ratio) -> tuple[int, int]:
+    """Known symbols in a coefficient, with multiplicity, and binary digits of its numbers."""
+    symbols, digits = 0, 0
+    for polynomial in value:
+        for exponents, number in polynomial.terms():
+            symbols += sum(exponents)
+            digits += int(number.p).bit_length() + int(number.q).bit_length()
+    return symbols, digits
+
+
+def _is_input(ring: Ring, row: Row, motion: Exponents) -> bool:
+    """True for a signal alone in its term, no function of which occurs elsewhere in the row."""
+    if sum(motion) != 1:
+        return False
+    place = motion.index(1)
+    signal = ring.generators[place]
+    if not isinstance(signal, sp.Symbol | AppliedUndef) or any(
+        other != signal and other.has(signal) for other in ring.generators
+    ):
+        return False
+    occurs = sum(m[place] != 0 for entry in row.values() for m in entry.terms)
+    return occurs == 1 and all(e.denominator.degrees()[place] == 0 for e in row.values())

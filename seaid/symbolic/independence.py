@@ -14,11 +14,11 @@ from fractions import Fraction
 import numpy as np
 import sympy as sp
 from flint import fmpq
-from mpmath import mp, mpf  # type: ignore[import-untyped]
+from mpmath import mp, mpf
 from sympy.core.function import AppliedUndef
 
+from seaid._arrays import safely
 from seaid.errors import SeaidWarning, SymbolicError
-from seaid.linear_algebra import safely
 from seaid.symbolic.polynomial import Exponents, Ring, term_to_sympy
 
 Combination = dict[Exponents, fmpq]

@@ -9,8 +9,8 @@ import sympy as sp
 from sympy.core.function import AppliedUndef
 
 from seaid.errors import SymbolicError
-from seaid.symbolic.declarations import listed, scalar
-from seaid.symbolic.functions import bottom_up, operands, prepared, subexpressions
+from seaid.symbolic.from_sympy import listed, scalar
+from seaid.symbolic.generators import bottom_up, operands, prepared, subexpressions
 
 _Rule = dict[sp.Expr, sp.Expr]
 

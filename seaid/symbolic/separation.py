@@ -15,9 +15,8 @@ from typing import Any
 import sympy as sp
 from flint import fmpq, fmpq_mpoly
 
+from seaid._progress import track
 from seaid.errors import SymbolicError
-from seaid.progress import track
-from seaid.symbolic.declarations import declared
 from seaid.symbolic.entries import (
     Entry,
     Row,
@@ -25,8 +24,10 @@ from seaid.symbolic.entries import (
     entry_to_sympy,
     grouped,
     grouped_by_motion,
+    normalised,
 )
-from seaid.symbolic.functions import located, shortened
+from seaid.symbolic.from_sympy import declared, read_equations
+from seaid.symbolic.generators import located, shortened
 from seaid.symbolic.polynomial import (
     MAX_TERMS,
     Exponents,
@@ -36,8 +37,6 @@ from seaid.symbolic.polynomial import (
     ratio,
     to_sympy,
 )
-from seaid.symbolic.reading import read_equations
-from seaid.symbolic.scaling import normalised
 
 
 @dataclass(frozen=True, eq=False)

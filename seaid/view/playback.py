@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seaid.arrays import Array, frozen
+from seaid._arrays import Array, frozen
 from seaid.errors import ExcitationError, LogError, SeaidError
 from seaid.excitation import Excitation, Trajectory
-from seaid.log import Log
-from seaid.motion import Motion
-from seaid.robot import Robot
-from seaid.transmission import at_drives, at_joints, torques_at_drives
+from seaid.log import Log, Motion
+from seaid.robot import Robot, at_drives, at_joints, torques_at_drives
 
 Shown = Log | Motion | Trajectory | Excitation
 
@@ -100,7 +98,7 @@ def _planned(robot: Robot, trajectory: Trajectory, name: str) -> Playback:
 
 
 def _nominal_deflection(robot: Robot, states: tuple[Array, Array, Array]) -> Array:
-    from seaid.excitation.flatness import (
+    from seaid.excitation import (
         besides,
         check_nominal_bodies,
         load_torques,

@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from seaid.arrays import Array, IndexArray
-from seaid.view.colors import NEUTRAL
-from seaid.view.picture import Mark, Picture
-from seaid.view.shapes import Color
+from seaid._arrays import Array, IndexArray
+from seaid.view.picture import NEUTRAL, Color, Mark, Picture
 
 LINES: Color = (60, 66, 74)
 GHOST: Color = (240, 130, 30)

@@ -13,12 +13,11 @@ import numpy as np
 import pytest
 from playwright.sync_api import ConsoleMessage, Locator, Page, Request, sync_playwright
 
-from seaid.assembly import Payload
 from seaid.excitation.trajectory import polynomial_trajectory
-from seaid.log import Log
-from seaid.robot import Robot, load_robot
-from seaid.view.opening import view_robot
-from seaid.view.window import View
+from seaid.log.reading import Log
+from seaid.robot.pinocchio_model import Payload
+from seaid.robot.robot import Robot, load_robot
+from seaid.view.window import View, view_robot
 
 pytestmark = pytest.mark.browser
 

@@ -8,18 +8,17 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from seaid.arrays import Array
+from seaid._arrays import Array
 from seaid.errors import IdentificationError
-from seaid.estimation.checks import (
+from seaid.estimation.diagnostics import (
     independent_rows,
     poorly_told,
     term_test,
     whiteness,
 )
-from seaid.estimation.directions import directions
-from seaid.estimation.information import information_of
-from seaid.estimation.solve import ordinary
-from seaid.regression import Regression
+from seaid.estimation.least_squares import ordinary
+from seaid.estimation.qr_factor import directions, information_of
+from seaid.regressor.regression import Regression
 
 pytestmark = pytest.mark.rounding
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from seaid.arrays import Array
+from seaid._arrays import Array
 from seaid.estimation.covariance import (
     automatic_lags,
     bartlett,

@@ -18,13 +18,13 @@ from scripts.benchmarks.random_programmes import (
     read,
     summary,
 )
-from seaid.arrays import Array
+from seaid._arrays import Array
 from seaid.errors import IdentificationError, SeaidWarning
-from seaid.estimation import feasible, interior_point
+from seaid.estimation import feasible
+from seaid.estimation import sdp as interior_point
 from seaid.estimation.feasible import WEIGHTS, Possible, chosen, nearest, regularised
-from seaid.estimation.interior_point import BARRIER, RESOLVED
-from seaid.estimation.programme import Programme, least_spread, root_of
-from seaid.inertia import from_center_of_mass, is_physical, pseudo_inertia
+from seaid.estimation.sdp import BARRIER, RESOLVED, Programme, least_spread, root_of
+from seaid.robot.inertia import from_center_of_mass, is_physical, pseudo_inertia
 
 pytestmark = pytest.mark.rounding
 

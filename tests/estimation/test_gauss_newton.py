@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from seaid.arrays import Array
+from seaid._arrays import Array
 from seaid.errors import ExcitationError
 from seaid.estimation.gauss_newton import Residuals, fisher_covariance, gauss_newton_step
 

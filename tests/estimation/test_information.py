@@ -11,16 +11,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from seaid.arrays import Array
+from seaid._arrays import Array
 from seaid.errors import IdentificationError
-from seaid.estimation.information import (
+from seaid.estimation.qr_factor import (
     Information,
     combined,
     information_of,
     load_information,
     triangle,
 )
-from seaid.regression import Regression
+from seaid.regressor.regression import Regression
 
 pytestmark = pytest.mark.rounding
 

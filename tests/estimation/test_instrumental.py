@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from seaid.arrays import Array
+from seaid._arrays import Array
 from seaid.errors import ExcitationError, IdentificationError
-from seaid.estimation.instrumental import instrumental
-from seaid.estimation.solve import ordinary, weighted
-from seaid.regression import Regression
+from seaid.estimation.instrumental_variables import instrumental
+from seaid.estimation.least_squares import ordinary, weighted
+from seaid.regressor.regression import Regression
 
 pytestmark = pytest.mark.rounding
 

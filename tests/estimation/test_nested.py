@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from seaid.errors import IdentificationError
-from seaid.estimation.checks import term_test
-from seaid.estimation.information import information_of
-from seaid.estimation.nested import gain, time_blocks
-from seaid.regression import Regression
+from seaid.estimation.diagnostics import gain, term_test, time_blocks
+from seaid.estimation.qr_factor import information_of
+from seaid.regressor.regression import Regression
 
 pytestmark = pytest.mark.rounding
 

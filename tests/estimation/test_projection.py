@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from seaid.arrays import Array
-from seaid.estimation.projection import projected
+from seaid._arrays import Array
+from seaid.estimation.variable_projection import projected
 
 pytestmark = pytest.mark.rounding
 

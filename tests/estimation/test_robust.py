@@ -11,15 +11,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from seaid.arrays import Array
+from seaid._arrays import Array
 from seaid.errors import ExcitationError, IdentificationError
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.estimators import ESTIMATORS
-from seaid.estimation.robust import huber, huber_weights, outliers, tukey, tukey_weights
-from seaid.estimation.solve import ordinary, weighted
-from seaid.identification import identify
-from seaid.regression import Regression
-from seaid.simulation import measure
+from seaid.estimation.estimators import (
+    ESTIMATORS,
+    huber,
+    huber_weights,
+    outliers,
+    tukey,
+    tukey_weights,
+)
+from seaid.estimation.least_squares import ordinary, weighted
+from seaid.identification.identification import identify
+from seaid.regressor.regression import Regression
+from seaid.simulation.simulation import measure
 from tests.experiments import ARM_SENSORS, arm, arm_motion, true_value
 
 pytestmark = pytest.mark.rounding
@@ -176,7 +182,7 @@ def test_errors_are_those_of_least_squares(estimator: Solver) -> None:
 
 
 def test_what_does_not_settle_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("seaid.estimation.robust._MOST_ITERATIONS", 2)
+    monkeypatch.setattr("seaid.estimation.estimators._MOST_ITERATIONS", 2)
     with pytest.raises(IdentificationError, match=r"do not settle in 2 turns: at .* s the fit sti"):
         huber(spoiled(experiment(7), 0.2))
 

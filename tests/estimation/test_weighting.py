@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from seaid.arrays import Array
-from seaid.estimation.information import Information, information_of
-from seaid.estimation.solve import equal_weights, settled_weights, solve
-from seaid.estimation.weighting import orthonormal
-from seaid.regression import Regression
+from seaid._arrays import Array
+from seaid.estimation.least_squares import equal_weights, orthonormal, settled_weights, solve
+from seaid.estimation.qr_factor import Information, information_of
+from seaid.regressor.regression import Regression
 
 
 def information(seed: int, badly: float = 1.0) -> Information:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from scripts.example_robots import example_urdf
-from seaid.arrays import Array
-from seaid.robot import Payload, Robot, load_robot
+from seaid._arrays import Array
+from seaid.robot.robot import Payload, Robot, load_robot
 
 MODELS = Path(__file__).parents[2] / "models"
 PANDA = [f"panda_joint{i}" for i in range(1, 8)]

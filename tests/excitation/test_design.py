@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from seaid.arrays import Array
-from seaid.base import base_parameters
+from seaid._arrays import Array
 from seaid.errors import ExcitationError, SeaidWarning
 from seaid.excitation import Excitation, Limits, design_excitation, joint_limits
 from seaid.excitation import search as search_module
 from seaid.excitation.problem import Problem
 from seaid.excitation.problem import value_and_gradient as true_value_and_gradient
-from seaid.rigid_body import rigid_body_regressor
-from seaid.robot import Robot
+from seaid.regressor.base import base_parameters
+from seaid.regressor.rigid_body import rigid_body_regressor
+from seaid.robot.robot import Robot
 
 pytestmark = pytest.mark.rounding
 

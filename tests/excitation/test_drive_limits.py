@@ -12,11 +12,11 @@ import pytest
 
 from seaid.errors import ExcitationError
 from seaid.excitation import Excitation, Limits, design_excitation
-from seaid.excitation.drive_limits import KINDS, drive_limits, drive_load_gradient, drive_loads
 from seaid.excitation.fourier import FourierBasis
-from seaid.rigid_body import joint_torques
-from seaid.robot import Robot, load_robot
-from seaid.simulation import simulate_motion
+from seaid.excitation.limits import DRIVE_KINDS, drive_limits, drive_load_gradient, drive_loads
+from seaid.regressor.rigid_body import joint_torques
+from seaid.robot.robot import Robot, load_robot
+from seaid.simulation.simulation import simulate_motion
 
 MODELS = Path(__file__).parents[2] / "models"
 EVERYTHING = Limits(joint_torque=5.0, motor_torque=0.05, motor_speed=400.0, deflection=0.004)
@@ -113,7 +113,7 @@ def test_limits_on_drives_hold_between_the_samples_too(elastic_leg: Robot) -> No
     assert np.all(loads <= bounds.most * (1 + 1e-6))
     unlimited = np.abs(drive_loads(bounds, time, free.trajectory.sample(time))).max(axis=1)
     assert np.any(unlimited > 1.2 * bounds.most)
-    for kind, row, most in zip(KINDS, loads, bounds.most, strict=True):
+    for kind, row, most in zip(DRIVE_KINDS, loads, bounds.most, strict=True):
         margin = getattr(found.margins, kind)
         np.testing.assert_allclose(margin, most - row, rtol=1e-2, atol=2e-2 * np.max(row))
         assert np.all(margin >= 0)

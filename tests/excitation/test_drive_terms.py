@@ -12,24 +12,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from seaid.arrays import Array
-from seaid.base import base_parameters
-from seaid.drive_signals import motor_regressor
-from seaid.drivetrain.acting import spring_curve
-from seaid.drivetrain.equations import joint_equation, motor_equation, spring_equation
-from seaid.drivetrain.model import Drive, SeriesElasticDrive
-from seaid.drivetrain.smooth import SIGNALS, STATES, smooth_columns
+from seaid._arrays import Array
+from seaid.drives.drives import Drive, SeriesElasticDrive
+from seaid.drives.equations import joint_equation, motor_equation, spring_equation
+from seaid.drives.functions import SMOOTH_SIGNALS, STATES, bent_spring, smooth_columns, spring_curve
 from seaid.errors import ExcitationError
 from seaid.excitation import Limits, design_excitation
-from seaid.excitation.bent_spring import bent_spring
-from seaid.excitation.drive_limits import drive_limits, drive_load_gradient, drive_loads
 from seaid.excitation.flatness import differentiation, motor_signals, transmission
 from seaid.excitation.fourier import FourierBasis
-from seaid.excitation.target import drive_target
-from seaid.excitation.target_regressor import stacked_regressor
-from seaid.rigid_body import joint_torques
-from seaid.robot import Robot
-from seaid.sides.load_model import load_model
+from seaid.excitation.limits import drive_limits, drive_load_gradient, drive_loads
+from seaid.excitation.objective import drive_target, stacked_regressor
+from seaid.regressor.base import base_parameters
+from seaid.regressor.drive_signals import motor_regressor
+from seaid.regressor.load import load_model
+from seaid.regressor.rigid_body import joint_torques
+from seaid.robot.robot import Robot
 from tests import terms
 from tests.excitation.test_target import assert_gradient
 from tests.terms import ELASTIC, STIFF, arm, exact_motion, slope, value_of, with_terms
@@ -157,7 +154,7 @@ def test_loads_obey_the_equations(
         own = dict(zip(STATES[3:], [state[:, index] for state in states], strict=True))
         beside = value_of(joint_equation(drive), drive, {**nothing, **own})
         np.testing.assert_allclose(loads[0, :, index], bodies[:, index] + beside, atol=1e-9)
-        seen = dict(zip(SIGNALS, signals[:, :, index], strict=True))
+        seen = dict(zip(SMOOTH_SIGNALS, signals[:, :, index], strict=True))
         angle = seen["theta_M"]
         by_name = {**nothing, **seen, "tau_L": through[:, index]}
         np.testing.assert_allclose(seen["theta_L"], states[0] @ C[index])

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from seaid.arrays import Array
+from seaid._arrays import Array
 from seaid.errors import ExcitationError
 from seaid.excitation import FREE, EndState, JointLimits, MotionSpace, Trajectory, make_basis
-from seaid.excitation.ends import limit_rows, motion_space
+from seaid.excitation.boundary import limit_rows, motion_space
 
 pytestmark = pytest.mark.rounding
 

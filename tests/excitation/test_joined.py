@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seaid.arrays import Array
+from seaid._arrays import Array
 from seaid.errors import ExcitationError
 from seaid.excitation import Trajectory, load_trajectory, make_basis
-from seaid.excitation.joined import JoinedBasis
+from seaid.excitation.basis import JoinedBasis
 
 PARTS = (make_basis("bspline", 1.3, 8), make_basis("fourier", 2.0, 7))
 JOINED = JoinedBasis((*PARTS, make_basis("polynomial", 0.1, 6)))

@@ -9,7 +9,7 @@ import pytest
 
 from seaid.errors import ExcitationError, SeaidError
 from seaid.excitation import Trajectory, make_basis
-from seaid.excitation.joint_trajectory import message_times
+from seaid.excitation.trajectory import message_times
 
 # numbers in YAML 1.1 as its readers resolve them: an exponent needs a point before it
 YAML_FLOAT = re.compile(r"[-+]?[0-9]+\.[0-9]*([eE][-+][0-9]+)?|[-+]?[0-9]+")

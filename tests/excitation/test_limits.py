@@ -10,7 +10,7 @@ from seaid.errors import ExcitationError
 from seaid.excitation import Limits, Trajectory, joint_limits, margins
 from seaid.excitation.basis import make_basis
 from seaid.excitation.limits import limit_values, positive_values
-from seaid.robot import Robot, load_robot
+from seaid.robot.robot import Robot, load_robot
 
 
 def test_the_robot_gives_what_is_not_given(slider_arm: Robot) -> None:

@@ -3,13 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from seaid.arrays import Array
-from seaid.base import random_states
+from seaid._arrays import Array
 from seaid.errors import RobotError
-from seaid.excitation import pivoted
-from seaid.excitation.pivoted import pivoted_base
-from seaid.rigid_body import rigid_body_regressor
-from seaid.robot import Robot
+from seaid.excitation import criteria
+from seaid.excitation.criteria import pivoted_base
+from seaid.regressor.base import random_states
+from seaid.regressor.rigid_body import rigid_body_regressor
+from seaid.robot.robot import Robot
 from tests.excitation.robots import robots
 
 pytestmark = pytest.mark.rounding
@@ -29,14 +29,14 @@ def test_pivoted_base_tells_the_same_torques(name: str, rank: int) -> None:
 @pytest.mark.parametrize("name", ["leg", "ur5", "panda_reordered"])
 def test_rounding_does_not_choose_the_columns(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Other processors round otherwise: as if every entry were off by a few units in its place."""
-    robot, rows = robots()[name], pivoted._random_rows
+    robot, rows = robots()[name], criteria._random_rows
 
     def rounded_otherwise(robot: Robot, known: list[int], seed: int) -> Array:
         H, rng = rows(robot, known, seed), np.random.default_rng(seed)
         return H * (1.0 + 1e-14 * rng.uniform(-1.0, 1.0, H.shape))
 
     expected = pivoted_base(robot).columns
-    monkeypatch.setattr(pivoted, "_random_rows", rounded_otherwise)
+    monkeypatch.setattr(criteria, "_random_rows", rounded_otherwise)
     assert pivoted_base(robot).columns == expected
 
 

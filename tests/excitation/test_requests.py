@@ -12,14 +12,12 @@ import pytest
 
 from seaid.errors import ExcitationError
 from seaid.excitation import EndState, Excitation, Limits, design_excitation
-from seaid.excitation.criteria import CRITERIA
-from seaid.excitation.pivoted import pivoted_base
-from seaid.excitation.scene import distances
+from seaid.excitation.collision import distances
+from seaid.excitation.criteria import CRITERIA, pivoted_base
+from seaid.excitation.objective import load_target, stacked_regressor
 from seaid.excitation.scene_file import Box, load_scene
-from seaid.excitation.target import load_target
-from seaid.excitation.target_regressor import stacked_regressor
-from seaid.log import Log
-from seaid.robot import Robot, load_robot
+from seaid.log.reading import Log
+from seaid.robot.robot import Robot, load_robot
 
 pytestmark = pytest.mark.rounding
 

@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 
 from seaid.errors import ExcitationError
 from seaid.excitation import FREE, EndState, Limits, Trajectory, joint_limits, make_basis, margins
-from seaid.excitation.ends import limit_rows, motion_space
-from seaid.excitation.joined import JoinedBasis
-from seaid.excitation.run_in import add_run_in
-from seaid.excitation.ways import with_run_in
-from seaid.robot import Robot
+from seaid.excitation.basis import JoinedBasis
+from seaid.excitation.boundary import limit_rows, motion_space
+from seaid.excitation.run_in import add_run_in, with_run_in
+from seaid.robot.robot import Robot
 
 LIMITS = Limits(velocity=[1.0, 3.0, 3.0], acceleration=8.0)
 

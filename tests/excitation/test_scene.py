@@ -12,14 +12,20 @@ import pinocchio as pin
 import pytest
 
 import seaid
-from seaid.arrays import Array
+from seaid._arrays import Array
 from seaid.errors import ExcitationError, RobotError, SeaidWarning
 from seaid.excitation.basis import make_basis
-from seaid.excitation.collision_geometry import collision_geometry
-from seaid.excitation.scene import Scene, clearance, distance_gradients, distances, lever_arms
+from seaid.excitation.collision import (
+    Scene,
+    clearance,
+    collision_geometry,
+    distance_gradients,
+    distances,
+    lever_arms,
+)
 from seaid.excitation.scene_file import Box, load_scene
 from seaid.excitation.trajectory import Trajectory
-from seaid.robot import Robot, load_robot
+from seaid.robot.robot import Robot, load_robot
 from tests.one_joint import BODY
 
 TETRAHEDRON = "\n".join(

@@ -9,18 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seaid.arrays import Array
-from seaid.drive_signals import motor_regressor
-from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
-from seaid.drivetrain.smooth import SIGNALS, STATES, smooth_columns
+from seaid._arrays import Array
+from seaid.drives.drives import SeriesElasticDrive, StiffDrive
+from seaid.drives.functions import SMOOTH_SIGNALS, STATES, smooth_columns
 from seaid.errors import ExcitationError
+from seaid.excitation.criteria import pivoted_base, regressor_gradient, torque_derivatives
 from seaid.excitation.fourier import FourierBasis
-from seaid.excitation.gradient import regressor_gradient, torque_derivatives
-from seaid.excitation.pivoted import pivoted_base
-from seaid.excitation.target import Target, drive_target, load_target
-from seaid.excitation.target_regressor import READINGS_HZ, regressor_pull_back, stacked_regressor
-from seaid.rigid_body import joint_torques, rigid_body_regressor
-from seaid.robot import Robot, load_robot
+from seaid.excitation.objective import (
+    READINGS_HZ,
+    Target,
+    drive_target,
+    load_target,
+    regressor_pull_back,
+    stacked_regressor,
+)
+from seaid.regressor.drive_signals import motor_regressor
+from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
+from seaid.robot.robot import Robot, load_robot
 from tests.excitation.robots import TIAGO, example_robot, robots, states
 
 pytestmark = pytest.mark.rounding
@@ -152,12 +157,12 @@ def test_smooth_columns_are_the_regressor_but_for_the_sign() -> None:
     robot = mixed_tiago()
     regressor = motor_regressor(robot, "arm_2_joint")
     rng = np.random.default_rng(2)
-    signals = {name: rng.normal(size=30) for name in SIGNALS}
+    signals = {name: rng.normal(size=30) for name in SMOOTH_SIGNALS}
     columns, slopes = smooth_columns(regressor).evaluate(signals, 1e-6)
     plain = regressor.evaluate({**signals, "tau_M": np.zeros(30), "tau_L": np.zeros(30)})[1]
     np.testing.assert_allclose(columns, plain, rtol=1e-12)
     smooth = smooth_columns(regressor)
-    for index, name in enumerate(SIGNALS):
+    for index, name in enumerate(SMOOTH_SIGNALS):
         moved = [
             smooth.evaluate({**signals, name: signals[name] + sign * 1e-6}, 0.5)[0]
             for sign in (1, -1)
@@ -172,7 +177,7 @@ def test_smooth_columns_are_the_regressor_but_for_the_sign() -> None:
 def test_an_ideal_drive_has_no_columns() -> None:
     robot = robots()["ur5"]
     smooth = smooth_columns(motor_regressor(robot, robot.joint_names[0]))
-    columns, slopes = smooth.evaluate({name: np.zeros(7) for name in SIGNALS}, 1.0)
+    columns, slopes = smooth.evaluate({name: np.zeros(7) for name in SMOOTH_SIGNALS}, 1.0)
     assert columns.shape == (7, 0)
     assert slopes.shape == (7, 0, 7)
 

@@ -21,8 +21,8 @@ import pytest
 
 from seaid.errors import ExcitationError
 from seaid.excitation import Excitation, design_excitation
-from seaid.excitation.workers import run_all
-from seaid.robot import Robot
+from seaid.excitation.search import run_all
+from seaid.robot.robot import Robot
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -152,7 +152,7 @@ def test_an_executor_of_the_user_that_breaks_is_said(tmp_path: Path) -> None:
 
 SLEEPING = """
 import os, sys, time
-from seaid.excitation.workers import run_all
+from seaid.excitation.search import run_all
 def sleep(seconds):
     time.sleep(seconds)
     return os.getpid()

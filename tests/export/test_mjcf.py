@@ -19,15 +19,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from seaid.arrays import Array
-from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
+from seaid._arrays import Array
+from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.errors import RobotError, SeaidError
 from seaid.export.mjcf import write_mjcf
-from seaid.forward.balance import accelerations
-from seaid.forward.plant import plant_of
-from seaid.forward.stepping import advance
-from seaid.identification import identify
-from seaid.robot import Robot, load_robot
+from seaid.identification.identification import identify
+from seaid.robot.robot import Robot, load_robot
+from seaid.simulation.forward_dynamics import accelerations, advance
+from seaid.simulation.plant import plant_of
 from tests.experiments import MODELS, TEST_MASS, arm, arm_motion, leg, leg_motion, perfect_log
 from tests.terms import ELASTIC, STIFF, with_terms
 from tests.terms import arm as two_joints

@@ -11,14 +11,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from seaid.drivetrain.drive_file import read_drivetrains
-from seaid.drivetrain.model import Drive, SeriesElasticDrive, StiffDrive
+from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
+from seaid.drives.toml import read_drivetrains, write_drivetrains
 from seaid.errors import RobotError, SeaidError
-from seaid.export.drive_tables import write_drivetrains
 from seaid.export.mjcf import write_mjcf
-from seaid.export.urdf_file import write_urdf
-from seaid.inertia import from_center_of_mass
-from seaid.robot import Payload, Robot, load_robot
+from seaid.export.urdf import write_urdf
+from seaid.robot.inertia import from_center_of_mass
+from seaid.robot.robot import Payload, Robot, load_robot
 from tests.experiments import MODELS, arm, leg
 
 FIXED = """<?xml version="1.0"?>

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 
-from seaid.export.urdf_file import write_urdf
-from seaid.export.xml_text import (
+from seaid.export.urdf import (
     Element,
     edited,
     is_empty,
@@ -21,8 +20,9 @@ from seaid.export.xml_text import (
     with_children,
     with_content,
     without,
+    write_urdf,
 )
-from seaid.robot import load_robot
+from seaid.robot.robot import load_robot
 
 STRANGE = """<?xml version='1.0' encoding='ISO-8859-1' standalone="yes"?>
 <!DOCTYPE robot [<!ENTITY maker "caf\u00e9">]>

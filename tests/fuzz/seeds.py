@@ -18,13 +18,13 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 import seaid
-from seaid.arrays import Array
+from seaid._arrays import Array
 from seaid.excitation.basis import make_basis
 from seaid.excitation.trajectory import Trajectory
-from seaid.log import Log
-from seaid.motion import Motion
-from seaid.robot import Robot
-from seaid.simulation import measure
+from seaid.log.motion import Motion
+from seaid.log.reading import Log
+from seaid.robot.robot import Robot
+from seaid.simulation.simulation import measure
 from tests.experiments import ARM_SENSORS, DATA, MODELS, arm, arm_motion, wiggle
 from tests.one_joint import BODY
 

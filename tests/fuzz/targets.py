@@ -30,15 +30,14 @@ from typer.testing import CliRunner
 
 import seaid
 from seaid.cli.commands import app
-from seaid.drivetrain.drive_file import read_drivetrains
+from seaid.drives.toml import read_drivetrains
 from seaid.errors import RobotError, SeaidError
-from seaid.logs.channels import Channel
-from seaid.logs.description_file import description_for
-from seaid.logs.log_columns import column_names
-from seaid.logs.mending import repaired
-from seaid.logs.repair import Repairs
-from seaid.regression import actuator_regression
-from seaid.robot import Robot
+from seaid.log.description import description_for
+from seaid.log.log import column_names
+from seaid.log.repair.data import Channel, Repairs
+from seaid.log.repair.repair import repaired
+from seaid.regressor.regression import actuator_regression
+from seaid.robot.robot import Robot
 from tests.fuzz import seeds
 from tests.fuzz.mutators import (
     EXPRESSIONS,

@@ -22,7 +22,7 @@ import pyarrow.parquet as parquet
 import pytest
 
 import seaid
-from seaid.drivetrain.drive_file import read_drivetrains
+from seaid.drives.toml import read_drivetrains
 from seaid.errors import SeaidError
 from tests.fuzz import seeds
 

@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 import seaid
 from scripts.fuzz import Child, cases_of, report
 from seaid.errors import LogError, RobotError
-from seaid.logs.description_file import description_for
-from seaid.logs.log_description import Clock, LogDescription, Source
+from seaid.log.description import Clock, LogDescription, Source, description_for
 from tests.fuzz import seeds
 from tests.fuzz.targets import TARGETS, run_case
 from tests.fuzz.unruly import work

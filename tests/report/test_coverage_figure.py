@@ -7,7 +7,7 @@ import pytest
 from matplotlib.image import imread
 
 from seaid.errors import SeaidError
-from seaid.report.coverage_figure import save_coverage_figure
+from seaid.report.figures import save_coverage_figure
 
 NAMES = ["stiffness of knee", "viscous_friction of knee", "Izz_foot"]
 

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from seaid.errors import SeaidError
-from seaid.identification import identify
+from seaid.identification.identification import identify
+from seaid.identification.validation import Validation, validate
 from seaid.report.figures import save_actuator_figure, save_load_figure
-from seaid.simulation import measure
-from seaid.validation import Validation, validate
+from seaid.simulation.simulation import measure
 from tests.experiments import ARM_SENSORS, arm, arm_motion
 
 

@@ -16,16 +16,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from seaid.arrays import Array, FrozenMapping
+from seaid._arrays import Array, FrozenMapping
 from seaid.errors import SeaidError
-from seaid.estimation.checks import TermTest, Whiteness
-from seaid.estimation.model_checks import ModelChecks
-from seaid.identification import Identification
-from seaid.report import html_errors, html_traces
+from seaid.estimation.diagnostics import ModelChecks, TermTest, Whiteness
+from seaid.identification.identification import Identification
+from seaid.identification.validation import Validation, compared
+from seaid.report import html_tables, html_traces
 from seaid.report.html import runs_of, write_report
 from seaid.report.html_maps import cells_of, correlation_map, packed_correlations, singular_values
-from seaid.report.html_words import NOT_VALIDATED, doubts_of, verdict
-from seaid.validation import Validation, compared
+from seaid.report.html_verdict import NOT_VALIDATED, doubts_of, verdict
 from tests.report_pages import HOSTILE, arm_found, arm_result, made_up, prediction
 
 PAGE_BYTES = 6_000_000
@@ -224,7 +223,7 @@ def test_more_motions_than_there_is_room_for_are_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(html_traces, "_MOST_TRACES", 5)
-    monkeypatch.setattr(html_errors, "_MOST_ERRORS", 6)
+    monkeypatch.setattr(html_tables, "_MOST_ERRORS", 6)
     found, result = made_up(tmp_path, ("a", "b"), 600)
     page = page_of(tmp_path, found, [result] * 4)
     assert len(json.loads(page.scripts["traces-data"])["runs"]) == 2
@@ -248,7 +247,7 @@ def test_hostile_names_are_text(tmp_path: Path) -> None:
 
 def test_three_hundred_joints_are_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # inertia and gravity of such a chain take a minute, and no page needs them
-    monkeypatch.setattr("seaid.identification.sign_flags", lambda _: ())
+    monkeypatch.setattr("seaid.identification.identification.sign_flags", lambda _: ())
     found, result = made_up(tmp_path, tuple(f"joint_{k:03d}" for k in range(300)), 2000)
     page = page_of(tmp_path, found, [result, result])
     assert "600 drive parameters found" in page.words

@@ -7,7 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from seaid.identification import Identification, identify
+from seaid.identification.identification import Identification, identify
+from seaid.identification.validation import validate
 from seaid.report.text import (
     drive_table,
     identification_table,
@@ -17,8 +18,7 @@ from seaid.report.text import (
     table,
     validation_table,
 )
-from seaid.simulation import measure
-from seaid.validation import validate
+from seaid.simulation.simulation import measure
 from tests.experiments import ARM_SENSORS, arm, arm_motion
 
 

@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seaid.errors import SymbolicError
+from seaid.symbolic.from_sympy import read_equations
 from seaid.symbolic.polynomial import (
     Ratio,
     Ring,
@@ -15,7 +16,6 @@ from seaid.symbolic.polynomial import (
     ratio_to_sympy,
     total,
 )
-from seaid.symbolic.reading import read_equations
 
 x, y, m, N = sp.symbols("x y m N", positive=True)
 q = sp.Function("q")(sp.Symbol("t"))

@@ -11,12 +11,11 @@ import pinocchio as pin
 import pytest
 import trimesh
 
-from seaid.arrays import Array
-from seaid.assembly import Payload
+from seaid._arrays import Array
 from seaid.errors import RobotError
-from seaid.robot import Robot, load_robot
-from seaid.view.picture import Picture, picture_of
-from seaid.view.shapes import GREY
+from seaid.robot.pinocchio_model import Payload
+from seaid.robot.robot import Robot, load_robot
+from seaid.view.picture import GREY, Picture, picture_of
 
 ROBOTS = [
     "ur5_robot.urdf",

@@ -11,18 +11,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from seaid.arrays import Array
-from seaid.drivetrain.model import SeriesElasticDrive, StiffDrive
+from seaid._arrays import Array
+from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.errors import ExcitationError, LogError, SeaidError
 from seaid.excitation import Trajectory
 from seaid.excitation.trajectory import polynomial_trajectory
-from seaid.log import Log
-from seaid.motion import reconstruct_motion
-from seaid.robot import Robot, load_robot
-from seaid.simulation import simulate
-from seaid.view.colors import NEUTRAL, deflection_colors, gradient
+from seaid.log.motion import reconstruct_motion
+from seaid.log.reading import Log
+from seaid.robot.robot import Robot, load_robot
+from seaid.simulation.simulation import simulate
+from seaid.view.panel import legend, table, words
+from seaid.view.picture import NEUTRAL, deflection_colors, gradient
 from seaid.view.playback import Playback, Shown, playback_of, scales
-from seaid.view.readout import legend, table, words
 
 LIMIT = '<limit lower="-1" upper="1" velocity="3" effort="50"/>'
 AXIS = '<axis xyz="0 1 0"/>'

@@ -18,9 +18,8 @@ from typer.testing import CliRunner, Result
 
 from seaid.cli.commands import app
 from seaid.excitation.trajectory import polynomial_trajectory
-from seaid.log import Log, write_log
-from seaid.view.opening import view_robot
-from seaid.view.window import View
+from seaid.log.reading import Log, write_log
+from seaid.view.window import View, view_robot
 
 MODELS = Path(__file__).parents[2] / "models"
 LEG = (str(MODELS / "tulip_leg.urdf"), "--drives", str(MODELS / "tulip_leg.toml"))
@@ -57,7 +56,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[View]:
         found.append(view_robot(*arguments, **options))  # type: ignore[arg-type]
         return found[-1]
 
-    monkeypatch.setattr("seaid.view.opening.view_robot", remembered)
+    monkeypatch.setattr("seaid.view.view_robot", remembered)
     return found
 
 

@@ -17,17 +17,16 @@ import pinocchio as pin
 import pytest
 
 import seaid
-from seaid.arrays import Array
-from seaid.assembly import Payload
+from seaid._arrays import Array
 from seaid.errors import SeaidError
 from seaid.excitation import Trajectory
 from seaid.excitation.trajectory import polynomial_trajectory
-from seaid.log import Log
-from seaid.robot import Robot, load_robot
-from seaid.view.colors import NEUTRAL, deflection_colors
-from seaid.view.opening import view_robot
+from seaid.log.reading import Log
+from seaid.robot.pinocchio_model import Payload
+from seaid.robot.robot import Robot, load_robot
+from seaid.view.picture import NEUTRAL, deflection_colors
 from seaid.view.stage import GHOST, LINES
-from seaid.view.window import View
+from seaid.view.window import View, view_robot
 
 SETTLED_S = 5.0
 
@@ -334,7 +333,7 @@ def test_failure_while_it_opens_closes_the_server(
     leg: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = set(threading.enumerate())
-    monkeypatch.setattr("seaid.view.opening.put_on_stage", lambda *_: 1 / 0)
+    monkeypatch.setattr("seaid.view.window.put_on_stage", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         view_robot(leg, port=0)
     assert in_time(lambda: set(threading.enumerate()) <= before)

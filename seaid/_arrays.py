@@ -1,0 +1,163 @@
+"""Behind the frozen data types: float64, shape-checked, read-only arrays, and mappings.
+
+Factorisations of numpy and scipy of which a failure is an error of seaid, in words.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from numbers import Real
+from operator import index
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from seaid.errors import IdentificationError, SeaidError, reason_of, shown
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IndexArray = NDArray[np.intp]
+Value = TypeVar("Value")
+
+MOST_SAMPLES = 10_000_000
+"""Of a motion that is written or simulated."""
+
+
+class FrozenMapping(Mapping[str, Value]):
+    """A read-only copy of a mapping that, unlike MappingProxyType, can be sent to a process."""
+
+    def __init__(self, items: Mapping[str, Value]) -> None:
+        self._items = dict(items)
+
+    def __getitem__(self, name: str) -> Value:
+        return self._items[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._items)
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def __hash__(self) -> int:
+        return hash(frozenset(self._items.items()))
+
+    def __repr__(self) -> str:
+        return repr(self._items)
+
+
+def frozen(
+    name: str,
+    value: Any,
+    shape: tuple[int | None, ...],
+    error: type[SeaidError] = SeaidError,
+) -> Array:
+    """Return a read-only float64 copy of `value`.
+
+    `shape` has None where any length is allowed. Raises `error` naming `name` otherwise.
+    """
+    try:
+        array = np.array(value, dtype=np.float64, order="C")
+    except (TypeError, ValueError, OverflowError) as problem:
+        raise error(
+            f"{name} must be numbers of shape {_text(shape)}: {reason_of(problem)}"
+        ) from None
+    fits = array.ndim == len(shape) and all(
+        wanted in (None, found) for wanted, found in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        raise error(f"{name} must have shape {_text(shape)}, found {array.shape}")
+    array.setflags(write=False)
+    return array
+
+
+def finite(
+    name: str,
+    value: Any,
+    shape: tuple[int | None, ...],
+    error: type[SeaidError] = SeaidError,
+) -> Array:
+    """Return `frozen` of a value without NaN and infinity. Raises `error` naming `name`."""
+    array = frozen(name, value, shape, error)
+    if not np.all(np.isfinite(array)):
+        bad = int(np.sum(~np.isfinite(array)))
+        found = array.tolist() if array.size <= 10 else f"{bad} of {array.size} that are not"
+        raise error(f"{name} must be finite, found {found}")
+    return array
+
+
+def as_float(value: Any) -> float:
+    """Return a number as float64, infinite where it is too large for that."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
+def number(name: str, value: Any, error: type[SeaidError] = SeaidError) -> float:
+    """Return a number as float64. Raises `error` naming `name` for what is none; true is none."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise error(f"{name} must be a number, found {shown(value)}")
+    return as_float(value)
+
+
+def seed_of(seed: Any, error: type[SeaidError] = SeaidError) -> int:
+    """Return a seed of random numbers. Raises `error` for what is no whole number from zero on."""
+    try:
+        found = index(seed)
+    except TypeError:
+        found = -1
+    if isinstance(seed, bool) or found < 0:
+        raise error(f"seed must be a whole number, zero or more, found {shown(seed)}")
+    return found
+
+
+def check_rate(
+    rate_hz: Any, duration: float, least: float = 0.0, error: type[SeaidError] = SeaidError
+) -> None:
+    """Raise `error` for a rate [1/s] that is not more than `least`, or with too many samples."""
+    rate = number("rate_hz", rate_hz, error)
+    if not least < rate < math.inf:
+        bound = f"{least:g}" if 0 < rate <= least else "zero"
+        raise error(f"rate_hz must be more than {bound}, found {rate}")
+    if duration * rate > MOST_SAMPLES:
+        raise error(
+            f"rate_hz of {rate:g} makes more than {MOST_SAMPLES:,} samples of {duration:.4g} s, "
+            f"which is not allowed: give at most {MOST_SAMPLES / duration:.4g}"
+        )
+
+
+def _text(shape: tuple[int | None, ...]) -> str:
+    return "(" + ", ".join("any" if length is None else str(length) for length in shape) + ")"
+
+
+def safely(
+    function: Callable[..., Any],
+    *matrices: Any,
+    what: str,
+    error: type[SeaidError] = IdentificationError,
+    **options: Any,
+) -> Any:
+    """Return function(*matrices, **options); no LinAlgError of numpy or scipy comes out of it.
+
+    `what` the matrices are stands in the message of `error`: they are singular, not finite, which
+    some kernels answer with NaN and others with a failure, or so different in size that the
+    iteration inside does not end.
+    """
+    bad = sum(np.size(one) - int(np.count_nonzero(np.isfinite(one))) for one in matrices)
+    if bad:
+        raise _error(what, f"{bad} numbers that are not finite", matrices, error)
+    try:
+        return function(*matrices, **options)
+    except np.linalg.LinAlgError as problem:
+        raise _error(what, str(problem).lower(), matrices, error) from None
+
+
+def _error(what: str, found: str, matrices: tuple[Any, ...], error: type[SeaidError]) -> SeaidError:
+    sizes = [np.max(np.abs(one), initial=0.0, where=np.isfinite(one)) for one in matrices]
+    return error(
+        f"{what} cannot be solved: {found}, in sizes up to {max(sizes):.3g}. Check the units and "
+        "sizes of all that is given: lengths, masses and inertias of the robot, positions and "
+        "torques of the log"
+    )

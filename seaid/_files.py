@@ -1,0 +1,374 @@
+"""Files appear whole or not at all.
+
+TOML and JSON files of users as plain data: bounded in size and depth, with finite numbers only.
+
+Nothing in them is evaluated. What a value means is checked by the module that asked for the file.
+"""
+
+from __future__ import annotations
+
+import csv
+import errno
+import json
+import math
+import os
+import re
+import secrets
+import shutil
+import stat
+import sys
+import tempfile
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from seaid._arrays import Array, as_float, number
+from seaid.errors import SeaidError, reason_of, shortened, shown
+
+_LONGEST_SUFFIX, _SHOWN = 16, 500
+"""Letters: of an ending that a temporary file keeps, and of a path in a message."""
+
+
+def result_folder(path: str | Path) -> Path:
+    """Make a folder for results and return it; asked before long work, not after it.
+
+    Raises SeaidError where it cannot be made or written to.
+    """
+    path = Path(path)
+    with _refusals(path):
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            pass
+    return path
+
+
+def real_path(path: str | Path) -> Path:
+    """Return a path in full and without links.
+
+    Raises SeaidError for what no path can be, and for a relative one in a deleted working folder.
+    """
+    try:
+        return Path(os.path.realpath(path))
+    except (OSError, ValueError) as problem:
+        raise SeaidError(
+            f"cannot look up '{shortened(str(path))}' ({working_folder()}): {reason_of(problem)}"
+        ) from None
+
+
+def working_folder() -> str:
+    """Return 'working folder /home/...' for messages, also where it has been deleted."""
+    try:
+        return f"working folder {os.getcwd()}"
+    except OSError:
+        return "the working folder has been deleted: change to one that exists"
+
+
+def is_replaced(path: str | Path) -> bool:
+    """Tell whether writing would replace a file: not at devices, pipes and this process's output.
+
+    Raises SeaidError for a folder, and for what no path can be.
+    """
+    path = Path(path)
+    with _refusals(path):
+        there = _status(path)
+    return there is not None and _is_plain(there)
+
+
+@contextmanager
+def whole_file(path: str | Path) -> Iterator[Path]:
+    """Give a temporary path to write to; it becomes `path` only if all went well.
+
+    It is a new file beside `path` under a name that nobody can foresee. Makes the folder if it is
+    not there; an older file keeps its mode, and its owner where that is allowed; a link stays, and
+    what it points to is written. A device, a pipe or the output of this process is not replaced:
+    the bytes are sent there. Raises SeaidError where the file cannot be written; an older file
+    then stays as it was.
+    """
+    path = Path(path)
+    with _refusals(path):
+        there = _status(path)
+        if there is None or _is_plain(there):
+            path.parent.mkdir(parents=True, exist_ok=True)  # also where it is 'new/../'
+            place = _replacing(Path(os.path.realpath(path)), there)
+        else:
+            place = _sending(path, there)
+        with place as temporary:
+            yield temporary
+
+
+def write_whole(path: str | Path, content: bytes | str) -> None:
+    """Write bytes, or text as UTF-8, whole or not at all; see `whole_file`."""
+    data = content if isinstance(content, bytes) else content.encode("utf-8", "replace")
+    with whole_file(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def write_csv(path: str | Path, data: Mapping[str, Array]) -> None:
+    """Write equally long columns with a header line, in full precision, whole or not at all."""
+    with (
+        whole_file(path) as temporary,
+        temporary.open("w", encoding="utf-8", errors="replace", newline="") as file,
+    ):
+        csv.writer(file, lineterminator="\n").writerow(data)
+        np.savetxt(file, np.column_stack(list(data.values())), fmt="%.17g", delimiter=",")
+
+
+def write_json(path: str | Path, content: Any) -> None:
+    """Write data as JSON, whole or not at all; see `plain`."""
+    write_whole(path, json.dumps(plain(content), indent=1, allow_nan=False) + "\n")
+
+
+def plain(value: Any) -> Any:
+    """Return data as JSON knows it: arrays as lists, numbers that are not finite as null."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(one) for key, one in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(one) for one in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value
+
+
+def _status(path: Path) -> os.stat_result | None:
+    """Return the status of what is at a path, links followed; None where nothing is."""
+    try:
+        there = path.stat()
+    except FileNotFoundError:
+        return None
+    except ValueError as problem:  # a NUL in the name
+        raise OSError(errno.EINVAL, str(problem)) from None
+    if stat.S_ISDIR(there.st_mode):
+        raise OSError(errno.EISDIR, os.strerror(errno.EISDIR))
+    return there
+
+
+def _is_plain(there: os.stat_result) -> bool:
+    return stat.S_ISREG(there.st_mode) and _output_stream(there) is None
+
+
+def _output_stream(there: os.stat_result) -> int | None:
+    """Return 1 or 2 where a file is what stdout or stderr of this process go to."""
+    for stream in (1, 2):
+        with suppress(OSError):  # closed
+            if os.path.samestat(os.fstat(stream), there):
+                return stream
+    return None
+
+
+@contextmanager
+def _replacing(target: Path, old: os.stat_result | None) -> Iterator[Path]:
+    """Give a new file beside the target, which takes its place in the end."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    temporary = target.with_name(f".seaid-{secrets.token_hex(8)}{_suffix(target)}")
+    flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY
+    try:
+        number = os.open(temporary, flags, 0o666 if old is None else 0o600)
+        try:
+            yield temporary
+            os.fsync(number)
+            if old is not None:
+                with suppress(PermissionError):
+                    os.fchown(number, old.st_uid, old.st_gid)
+                os.fchmod(number, stat.S_IMODE(old.st_mode))
+        finally:
+            os.close(number)
+        os.replace(temporary, target)
+    finally:
+        with suppress(OSError):
+            temporary.unlink()
+
+
+@contextmanager
+def _sending(path: Path, there: os.stat_result) -> Iterator[Path]:
+    """Give a file elsewhere, whose bytes are sent to a device, a pipe or the own output."""
+    with tempfile.TemporaryDirectory() as folder:
+        temporary = Path(folder) / f"content{_suffix(path)}"
+        yield temporary
+        with _opened(path, there) as stream, temporary.open("rb") as content:
+            shutil.copyfileobj(content, stream)
+
+
+def _opened(path: Path, there: os.stat_result) -> BinaryIO:
+    number = _output_stream(there)
+    if number is None:
+        return path.open("wb")
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()  # what was said before stands before
+    return os.fdopen(os.dup(number), "wb")
+
+
+def _suffix(path: Path) -> str:
+    """Return the ending of a path, by which some writers know the format; none if it is long."""
+    return path.suffix if len(os.fsencode(path.suffix)) <= _LONGEST_SUFFIX else ""
+
+
+@contextmanager
+def _refusals(path: Path) -> Iterator[None]:
+    """Say in words where something cannot be written."""
+    try:
+        yield
+    except OSError as problem:
+        advice = "name a folder you may write to"
+        if problem.errno in (errno.ENOSPC, errno.EDQUOT):
+            advice = "make room, or name a folder on another disk"
+        raise SeaidError(
+            f"cannot write '{shortened(str(path), _SHOWN)}': {reason_of(problem)}; {advice}"
+        ) from None
+
+
+MOST_TOML_BYTES = 2**20
+"""The drives of a hundred joints take 50 kB."""
+
+MOST_JSON_BYTES = 2**24
+"""The planned motion of seven joints takes 100 kB."""
+
+_MOST_DEPTH = 32
+_MOST_DOTS = 200
+"""In one line of TOML: the time of `tomllib` grows with the square of the parts of a dotted key."""
+
+_LONGEST_PLACE = 200
+_SURROGATE = re.compile("[\ud800-\udfff]")
+_BARE = re.compile(r"[A-Za-z0-9_-]+", re.ASCII)
+
+_Place = tuple["_Place", str | int] | None
+
+
+def read_toml(path: str | Path, what: str, error: type[SeaidError]) -> dict[str, Any]:
+    """Return the tables of a TOML file of at most `MOST_TOML_BYTES`.
+
+    `what` names the file's content in messages, as "drivetrains". Raises `error`, with the file and
+    the place in it, for a file that cannot be read or is no TOML, and for dates, numbers that are
+    not finite and tables that lie too deep.
+    """
+
+    def tables(text: str) -> Any:
+        for place, line in enumerate(text.splitlines(), 1):
+            if line.count(".") > _MOST_DOTS:
+                raise ValueError(f"more than {_MOST_DOTS} dots (at line {place})")
+        return tomllib.loads(text)
+
+    found: dict[str, Any] = _read(path, what, "is not valid TOML", error, MOST_TOML_BYTES, tables)
+    return found
+
+
+def read_json(path: str | Path, what: str, error: type[SeaidError]) -> Any:
+    """Return the content of a JSON file of at most `MOST_JSON_BYTES`.
+
+    `what` names the file's content in messages, as "trajectory". Raises `error`, with the file and
+    the place in it, for a file that cannot be read or is no JSON, and for numbers that are not
+    finite, a key that stands twice and lists that lie too deep.
+    """
+
+    def content(text: str) -> Any:
+        return json.loads(text, object_pairs_hook=_without_twins, parse_constant=_no_number)
+
+    return _read(path, what, "is not JSON", error, MOST_JSON_BYTES, content)
+
+
+def numbers(where: str, value: Any, error: type[SeaidError]) -> Any:
+    """Return a number, or lists of numbers, of JSON or TOML as it is.
+
+    Raises `error` naming `where` for anything else in it: texts and true are no numbers here.
+    """
+    stack = [value]
+    while stack:
+        one = stack.pop()
+        if isinstance(one, list):
+            stack += one
+        else:
+            number(where, one, error)
+    return value
+
+
+def _read(
+    path: str | Path,
+    what: str,
+    wrong: str,
+    error: type[SeaidError],
+    most_bytes: int,
+    parse: Callable[[str], Any],
+) -> Any:
+    try:
+        mode = os.stat(path).st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # a pipe would be waited for
+            raise error(f"{what} '{path}' is a pipe, a socket or a device; it must be a file")
+        with open(path, "rb") as file:
+            data = file.read(most_bytes + 1)
+    except OSError as problem:
+        raise error(f"cannot read {what} '{path}': {reason_of(problem)}") from None
+    except ValueError as problem:  # a path with a zero byte, or with letters no file system has
+        raise error(f"cannot read {what} {shown(str(path))}: {reason_of(problem)}") from None
+    where = f"{what} '{path}'"
+    if len(data) > most_bytes:
+        raise error(f"{where} is longer than {most_bytes // 2**20} MB, which none is")
+    try:
+        content = parse(data.decode("utf-8-sig"))
+    except RecursionError:
+        raise error(f"{where} {wrong}: tables or lists lie too deep in each other") from None
+    except ValueError as problem:  # of TOML, JSON, UTF-8, and of integers of thousands of digits
+        raise error(f"{where} {wrong}: {reason_of(problem)}") from None
+    _check(where, content, error)
+    return content
+
+
+def _check(where: str, content: Any, error: type[SeaidError]) -> None:
+    """Raise `error` naming the first value that is too deep, not finite or no plain data."""
+    stack: list[tuple[Any, _Place, int]] = [(content, None, 0)]
+    while stack:
+        value, place, depth = stack.pop()
+        problem = _problem(value, depth)
+        if problem is not None:
+            raise error(f"{where}: {_text(place) or 'it'} {problem}")
+        if isinstance(value, dict):
+            broken = [key for key in value if _SURROGATE.search(key)]
+            if broken:
+                raise error(f"{where}: {shown(broken[0])} is no text: half of a letter is missing")
+            stack += [(one, (place, key), depth + 1) for key, one in value.items()]
+        elif isinstance(value, list):
+            stack += [(one, (place, index), depth + 1) for index, one in enumerate(value)]
+
+
+def _problem(value: Any, depth: int) -> str | None:
+    if isinstance(value, dict | list):
+        return f"lies deeper than {_MOST_DEPTH} tables or lists" if depth >= _MOST_DEPTH else None
+    if isinstance(value, str):
+        return "is no text: half of a letter is missing" if _SURROGATE.search(value) else None
+    if value is None or isinstance(value, bool):
+        return None
+    if not isinstance(value, int | float):
+        return f"must be a number, a text, a list or a table, found {shown(str(value))}"
+    is_finite = math.isfinite(as_float(value))
+    return None if is_finite else "must be a finite number, of 308 digits at most"
+
+
+def _text(place: _Place) -> str:
+    """Return a place as a.b[2]."""
+    keys: list[str | int] = []
+    while place is not None:
+        place, key = place
+        keys.append(key)
+    text = ""
+    for one in reversed(keys):
+        name = one if isinstance(one, str) and _BARE.fullmatch(one) else shown(one)
+        text += f"[{one}]" if isinstance(one, int) else f".{name}" if text else str(name)
+    return shortened(text, _LONGEST_PLACE)
+
+
+def _without_twins(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        seen: set[str] = set()
+        twin = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
+        raise ValueError(f"key {shown(twin)} stands twice in one object")
+    return found
+
+
+def _no_number(word: str) -> Iterator[None]:
+    raise ValueError(f"{word} is no number of JSON; give a finite one, or null")

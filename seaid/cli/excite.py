@@ -1,0 +1,201 @@
+"""Commands that move a robot: excite plans, simulate runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from seaid.cli.messages import say, say_results, shows_progress, to_be_written
+from seaid.cli.options import (
+    AsJson,
+    Description,
+    Drives,
+    Force,
+    Joints,
+    Output,
+    Payloads,
+    Rows,
+    Urdf,
+    ending,
+    logs_of,
+    names,
+    robot_of,
+    values,
+)
+
+if TYPE_CHECKING:
+    from seaid.excitation import Excitation, Trajectory
+
+
+_OF_ALL = "for all joints, or as knee=2,hip=1"
+
+
+def excite(
+    urdf: Urdf,
+    drives: Drives = None,
+    joints: Joints = None,
+    payload: Payloads = None,
+    duration: Annotated[float, typer.Option(help="Of the motion [s].")] = 10.0,
+    basis: Annotated[str, typer.Option(help="bspline, fourier or polynomial.")] = "bspline",
+    lower: Annotated[str | None, typer.Option(help=f"Least position, {_OF_ALL}.")] = None,
+    upper: Annotated[str | None, typer.Option(help=f"Largest position, {_OF_ALL}.")] = None,
+    velocity: Annotated[str | None, typer.Option(help=f"[rad/s or m/s], {_OF_ALL}.")] = None,
+    acceleration: Annotated[
+        str | None, typer.Option(help=f"[rad/s2 or m/s2], default 10, {_OF_ALL}.")
+    ] = None,
+    joint_torque: Annotated[str | None, typer.Option(help=f"[N m or N], {_OF_ALL}.")] = None,
+    rows: Rows = None,
+    criterion: Annotated[
+        str, typer.Option(help="condition_number, d_optimality or relative_error.")
+    ] = "condition_number",
+    drive_columns: Annotated[
+        bool, typer.Option("--drive-columns", help="Tell friction and stiffness as well.")
+    ] = False,
+    free_ends: Annotated[
+        bool,
+        typer.Option("--free-ends", help="Begin and end moving, with a way in from rest and out."),
+    ] = False,
+    recorded: Annotated[
+        list[Path] | None, typer.Option(help="Log that tells already. May be repeated.")
+    ] = None,
+    description: Description = None,
+    rate_hz: Annotated[float, typer.Option(help="Of the set-points [1/s].")] = 1000.0,
+    starts: Annotated[int, typer.Option(help="Random starts of the search.")] = 3,
+    iterations: Annotated[int, typer.Option(help="Of the search, at most.")] = 150,
+    seed: Annotated[int, typer.Option(help="Of the random starts.")] = 0,
+    joint_trajectory: Annotated[
+        Path | None,
+        typer.Option(help="Write it for ROS 2 trajectory controllers too.", metavar="YAML"),
+    ] = None,
+    output: Output = Path("excitation.json"),
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Plan a motion within limits that tells the parameters well.
+
+    Written: the trajectory as JSON, and its set-points as CSV beside it. The motion begins and ends
+    at rest; with --free-ends it can tell more. Limits not given are the URDF's.
+
+    seaid excite leg.urdf --drives leg.toml --velocity 2.5 -o plan.json
+    seaid excite arm.urdf --duration 20 --velocity shoulder=1,elbow=2 --rows shoulder,elbow
+    seaid excite arm.urdf --free-ends --joint-trajectory arm.yaml -o plan.json
+    """
+    from seaid.excitation import Limits, add_run_in, design_excitation
+
+    set_points = ending(output, ".json").with_suffix(".csv")
+    texts = {"lower": lower, "upper": upper, "velocity": velocity, "acceleration": acceleration}
+    texts["joint_torque"] = joint_torque
+    limits = {name: values(f"--{name.replace('_', '-')}", text) for name, text in texts.items()}
+    if not rate_hz > 0:
+        raise typer.BadParameter(f"{rate_hz:g} is not more than zero", param_hint="--rate-hz")
+    read = (urdf, drives, description, *(recorded or ()))
+    to_be_written(output, set_points, joint_trajectory, force=force, read=read)
+    robot = robot_of(urdf, drives, joints, payload)
+    asked = Limits(**limits)
+    plan = design_excitation(
+        robot,
+        duration,
+        basis=basis,
+        limits=asked,
+        rest_to_rest=not free_ends,
+        rows=names(rows),
+        criterion=criterion,
+        drive_columns=drive_columns,
+        recorded=logs_of(recorded or [], robot, description),
+        starts=starts,
+        iterations=iterations,
+        seed=seed,
+        progress=shows_progress(),
+    )
+    motion = add_run_in(plan.trajectory, robot, asked) if free_ends else plan.trajectory
+    motion.save(output)
+    motion.save_set_points(set_points, rate_hz)
+    if joint_trajectory is not None:
+        motion.save_joint_trajectory(joint_trajectory)
+    content = {
+        "robot": robot.name,
+        "duration_s": motion.duration,
+        "main_interval_s": motion.main_interval,
+        "condition_number": plan.condition_number,
+        "criterion": plan.criterion,
+        "value": plan.value,
+        "parameters": [
+            {"name": name, "unit": unit, "standard_error": error}
+            for name, unit, error in zip(plan.names, plan.units, plan.standard_errors, strict=True)
+        ],
+        "trajectory": output,
+        "set_points": set_points,
+        "joint_trajectory": joint_trajectory,
+    }
+    say(_plan_text(robot.name, plan, motion), content, as_json)
+    say_results(as_json, output, set_points, joint_trajectory)
+
+
+def _plan_text(name: str, plan: Excitation, motion: Trajectory) -> str:
+    begin, end = motion.main_interval
+    ways = (
+        f" (with ways in and out {motion.duration:.4g} s)" if end - begin < motion.duration else ""
+    )
+    first, last = (one[0] / one[-1] for one in (plan.start_singular_values, plan.singular_values))
+    return "\n".join(
+        [
+            f"{name}: a motion of {end - begin:.4g} s{ways} for {len(plan.names)} parameters; "
+            f"{plan.criterion} {plan.value:.4g}",
+            f"condition number of the scaled columns: random start {first:.4g}, planned {last:.4g}",
+            f"condition number of the {len(plan.base.columns)} base columns: "
+            f"{plan.condition_number:.4g}",
+        ]
+    )
+
+
+def simulate(
+    urdf: Urdf,
+    trajectory: Annotated[Path, typer.Argument(help="Of seaid excite.", metavar="TRAJECTORY")],
+    drives: Drives = None,
+    joints: Joints = None,
+    payload: Payloads = None,
+    rate_hz: Annotated[float, typer.Option(help="Of controller and log [1/s].")] = 1000.0,
+    torque_std: Annotated[float, typer.Option(help="Noise of motor torques [N m].")] = 0.0,
+    motor_resolution: Annotated[float, typer.Option(help="Step of motor encoders [rad].")] = 0.0,
+    joint_resolution: Annotated[
+        float, typer.Option(help="Step of joint encoders [rad or m].")
+    ] = 0.0,
+    seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
+    output: Output = Path("log.csv"),
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Let the robot of the files follow a trajectory, and write the log of its sensors.
+
+    All terms of the drives act at their nominal values, so the TOML needs them.
+
+    seaid simulate leg.urdf plan.json --drives leg.toml -o run.csv
+    seaid simulate leg.urdf plan.json --drives leg.toml --payload foot:2.0:0.15,0,0 -o loaded.npz
+    """
+    from seaid.excitation import load_trajectory
+    from seaid.log import WRITTEN, write_log
+    from seaid.simulation import Noise
+    from seaid.simulation import simulate as simulated
+
+    ending(output, *WRITTEN)
+    to_be_written(output, force=force, read=(urdf, drives, trajectory))
+    noise = Noise(
+        motor_resolution_rad=motor_resolution,
+        joint_resolution_rad=joint_resolution,
+        torque_std_Nm=torque_std,
+    )
+    log = simulated(
+        robot_of(urdf, drives, joints, payload),
+        load_trajectory(trajectory),
+        rate_hz=rate_hz,
+        noise=noise,
+        seed=seed,
+        progress=shows_progress(),
+    )
+    write_log(log, output)
+    content = {"log": output, "samples": len(log.time), "joints": log.joint_names}
+    text = f"{len(log.time)} samples of {', '.join(log.joint_names)}, {log.time[-1]:.4g} s"
+    say(text, content, as_json)
+    say_results(as_json, output)

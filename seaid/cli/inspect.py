@@ -1,0 +1,230 @@
+"""Commands that look and change nothing: inspect, crosscheck, describe."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from seaid.cli.messages import say, say_results, to_be_written
+from seaid.cli.options import AsJson, Drives, Force, Joints, Payloads, Urdf, names, robot_of
+
+if TYPE_CHECKING:
+    from seaid.regressor import BaseParameters, Identifiability
+    from seaid.robot import Robot, UrdfTree
+
+
+_CHOICES = (
+    ("motor_position", "joint_position", "motor_torque"),
+    ("motor_position", "joint_position", "motor_current"),
+    ("motor_position", "motor_torque"),
+    ("joint_position", "joint_torque"),
+)
+"""Sensors of every joint that robots often have."""
+
+
+def inspect(
+    urdf: Urdf,
+    drives: Drives = None,
+    joints: Joints = None,
+    payload: Payloads = None,
+    sensors: Annotated[
+        str | None,
+        typer.Option(help="Sensors of every joint, as motor_position,motor_torque: all they tell."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show a robot: tree, drives, base parameters, and which sensors identify what.
+
+    Base parameters are the combinations of masses, first moments and inertias that torques can
+    tell; no log tells more. Links that no body can be, by their inertia in the file, are named.
+
+    seaid inspect leg.urdf --drives leg.toml
+    seaid inspect arm.urdf --joints shoulder,elbow --sensors motor_position,motor_torque
+    """
+    from seaid.regressor import base_parameters, identifiability
+    from seaid.robot import urdf_again
+
+    robot = robot_of(urdf, drives, joints, payload)
+    tree = urdf_again(urdf)
+    impossible = _impossible_links(tree)
+    base = base_parameters(robot)
+    choices = (tuple(names(sensors) or ()),) if sensors is not None else _CHOICES
+    told = {", ".join(one): identifiability(robot, one) for one in choices}
+    content = {
+        "robot": robot.name,
+        "joints": _joint_facts(robot),
+        "impossible_links": impossible,
+        "base_parameters": list(base.expressions),
+        "gap": base.gap,
+        "sensors": {name: _told(one) for name, one in told.items()},
+    }
+    text = [*_tree_lines(robot, tree, tree.root), *_link_lines(impossible), *_base_lines(base)]
+    text += [str(one) for one in told.values()] if sensors is not None else [_told_table(told)]
+    say("\n".join(text), content, as_json)
+
+
+def _joint_facts(robot: Robot) -> list[dict[str, Any]]:
+    from seaid.drives import drive_table
+
+    return [
+        {
+            "joint": joint,
+            "link": robot.body_names[index],
+            "type": "prismatic" if robot.is_prismatic[index] else "revolute",
+            "lower": robot.lower_limits[index],
+            "upper": robot.upper_limits[index],
+            "drive": drive_table(robot.drivetrains[joint]),
+        }
+        for index, joint in enumerate(robot.joint_names)
+    ]
+
+
+def _tree_lines(robot: Robot, tree: UrdfTree, root: str) -> Iterator[str]:
+    """Yield links by depth, each with the joint and the drive that move it."""
+    yield f"{robot.name}: {robot.n} joints move, {len(robot.elastic_joints)} of them with a spring"
+    yield root
+    waiting = [(joint, 1) for joint in reversed(tree.children(root))]
+    while waiting:
+        joint, depth = waiting.pop()
+        yield f"{'  ' * depth}{joint.child}  <- {joint.name}: {_motion(robot, joint.name)}"
+        waiting += [(below, depth + 1) for below in reversed(tree.children(joint.child))]
+
+
+def _motion(robot: Robot, joint: str) -> str:
+    if joint not in robot.joint_names:
+        return "does not move"
+    from seaid.drives import IDEAL_DRIVE, drive_table
+
+    index = robot.index(joint)
+    unit = "m" if robot.is_prismatic[index] else "rad"
+    limits = f"{robot.lower_limits[index]:.4g} to {robot.upper_limits[index]:.4g} {unit}"
+    drive = robot.drivetrains[joint]
+    if drive == IDEAL_DRIVE:
+        return f"{limits}, torque known at the joint"
+    kind, *facts = (
+        f"{name} {' + '.join(value) if isinstance(value, list) else value}"
+        for name, value in drive_table(drive).items()
+    )
+    return f"{limits}, {kind.removeprefix('type ')}; {', '.join(facts)}"
+
+
+def _impossible_links(tree: UrdfTree) -> dict[str, str]:
+    """Return {link: why no body has its inertia}."""
+    from seaid.robot import impossibility
+
+    found = {link: impossibility(parameters) for link, parameters in tree.links.items()}
+    return {link: reason for link, reason in found.items() if reason is not None}
+
+
+def _link_lines(impossible: dict[str, str]) -> Iterator[str]:
+    if impossible:
+        yield "\nLinks that no body can be (simulations with them may go wrong):"
+        yield from (f"  {link} has {reason}" for link, reason in impossible.items())
+
+
+def _base_lines(base: BaseParameters) -> Iterator[str]:
+    yield f"\n{len(base.expressions)} base parameters (gap of the decision {base.gap:.2g}):"
+    yield from (f"  {expression}" for expression in base.expressions)
+
+
+def _told(found: Identifiability) -> dict[str, Any]:
+    return {
+        "rank": found.rank,
+        "base_parameters": found.body_count,
+        "identifiable": found.identifiable,
+        "combinations": found.combinations,
+        "ratios": found.ratios,
+        "unidentifiable": found.unidentifiable,
+        "agree": found.agree,
+    }
+
+
+def _told_table(told: dict[str, Identifiability]) -> str:
+    from seaid.report import table
+
+    header = ["sensors of every joint", "base", "alone", "together", "up to a factor", "not at all"]
+    rows = [
+        [
+            name,
+            str(one.body_count),
+            str(len(one.identifiable)),
+            str(len(one.combinations)),
+            " + ".join(str(len(group)) for group in one.ratios) or "-",
+            str(len(one.unidentifiable)),
+        ]
+        for name, one in told.items()
+    ]
+    return table("\nWhich sensors identify what (--sensors: by name)", header, rows)
+
+
+def crosscheck(
+    urdf: Urdf, drives: Drives = None, joints: Joints = None, as_json: AsJson = False
+) -> None:
+    """Hold numeric base parameters against exact ones, over the rationals.
+
+    Exit code 1 where they differ: then angles in the file are rounded, or the robot is badly
+    conditioned.
+
+    seaid crosscheck arm.urdf
+    """
+    from seaid import symbolic
+    from seaid.errors import SeaidError
+    from seaid.regressor import base_parameters, cross_check
+
+    robot = robot_of(urdf, drives, joints)
+    numeric = base_parameters(robot)
+    found = cross_check(numeric, symbolic.base_parameters(robot))
+    text = (
+        f"{robot.name}: {found.counts[0]} base parameters numerically, {found.counts[1]} exactly; "
+        f"largest difference of groupings {found.max_difference:.2g}, gap {found.gap:.2g}: "
+        f"{'they agree' if found.agree else 'they differ'}"
+    )
+    say(text, asdict(found), as_json)
+    if not found.agree:
+        raise SeaidError(
+            f"numeric and exact base parameters of '{robot.name}' differ: look for rounded angles "
+            "in the URDF, and take the exact ones for the file as it is written"
+        )
+
+
+def describe(
+    log: Annotated[Path, typer.Argument(help="A log with foreign names.", metavar="LOG")],
+    urdf: Annotated[
+        Path | None, typer.Option(help="The robot: names its joints, tells degrees.")
+    ] = None,
+    drives: Drives = None,
+    joints: Joints = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="File for the TOML; default: on stdout."),
+    ] = None,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Guess what the columns of a foreign log are, as a log description in TOML.
+
+    Look at it, above all at what is unsure, and correct it by hand. Beside the log under its name
+    (run.toml beside run.csv) it is found by itself.
+
+    seaid describe run.csv
+    seaid describe run.csv --urdf arm.urdf --drives arm.toml -o run.toml
+    """
+    from seaid._files import write_whole
+    from seaid.log import describe_log
+
+    to_be_written(output, force=force, read=(log, urdf, drives))
+    robot = None if urdf is None else robot_of(urdf, drives, joints)
+    guess = describe_log(log, robot)
+    content = {
+        "description": guess.description.to_dict(),
+        "unsure": guess.unsure,
+        "unused": guess.unused,
+    }
+    if output is not None:
+        write_whole(output, guess.to_toml())
+    say(str(guess) if output is not None else guess.to_toml().rstrip(), content, as_json)
+    say_results(as_json, output)

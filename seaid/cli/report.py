@@ -1,0 +1,127 @@
+"""A page to read: report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from seaid.cli.identify import FEASIBLE, identified
+from seaid.cli.messages import say, say_results, to_be_written
+from seaid.cli.options import (
+    AsJson,
+    CutoffHz,
+    Description,
+    Drives,
+    Estimator,
+    Force,
+    FromLogs,
+    Joints,
+    JointZeroStd,
+    KnownBodies,
+    Payloads,
+    Repair,
+    Rows,
+    Sides,
+    Urdf,
+    check_unseen,
+    ending,
+    logs_of,
+    robot_of,
+)
+
+_DIGEST = 12
+
+
+def report(
+    urdf: Urdf,
+    from_logs: FromLogs,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="The page to write.", metavar="HTML")
+    ] = Path("report.html"),
+    validation: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--validate", help="A log not identified from. May be repeated.", metavar="LOG"
+        ),
+    ] = None,
+    drives: Drives = None,
+    joints: Joints = None,
+    payload: Payloads = None,
+    known_body: KnownBodies = None,
+    description: Description = None,
+    repair: Repair = False,
+    rows: Rows = None,
+    sides: Sides = "sequential",
+    estimator: Estimator = "wls",
+    feasible: Annotated[bool, typer.Option("--feasible", help=FEASIBLE)] = False,
+    cutoff_hz: CutoffHz = None,
+    joint_zero_std: JointZeroStd = 0.0,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Identify, validate, and write one HTML page that tells what to trust of it.
+
+    The page opens offline in any browser: verdict and flags, tables with intervals, traces to zoom
+    into, checks, and the conditions of the experiment. Without --validate it says that it lacks.
+
+    seaid report leg.urdf --from run.csv --validate other.csv --drives leg.toml -o report.html
+    seaid report arm.urdf --from a.csv --from b.csv --validate c.csv --feasible
+    """
+    from seaid.identification import validate as validated
+    from seaid.report import write_report
+
+    ending(output, ".html", ".htm")
+    unseen = validation or []
+    check_unseen(unseen, from_logs)
+    to_be_written(output, force=force, read=(urdf, drives, description, *from_logs, *unseen))
+    robot = robot_of(urdf, drives, joints, payload, known_body)
+    logs = logs_of([*from_logs, *unseen], robot, description, repair)
+    own, others = logs[: len(from_logs)], logs[len(from_logs) :]
+    found = identified(robot, own, rows, sides, estimator, feasible, cutoff_hz, joint_zero_std)
+    results = [validated(found, log) for log in others]
+    facts = _facts(urdf, drives, description, from_logs, unseen)
+    options = {"Estimator": estimator, "Joint zeros known to": f"{joint_zero_std:g} rad or m"}
+    write_report(found, results, output, facts={**facts, **options})
+    content = {"report": output, "validations": [one.to_dict() for one in results]}
+    text = [f"{robot.name}: {len(found.load.values)} base parameters and its drives reported"]
+    text += [f"! {flag}" for flag in found.flags]
+    say("\n".join(text), {**content, "flags": found.flags}, as_json)
+    say_results(as_json, output)
+
+
+def _facts(
+    urdf: Path,
+    drives: Path | None,
+    description: Path | None,
+    from_logs: list[Path],
+    unseen: list[Path],
+) -> dict[str, str]:
+    """Return which files were read: name, size and digest."""
+    named: dict[str, list[Path | None]] = {
+        "Robot": [urdf],
+        "Drives": [drives],
+        "Description of logs": [description],
+        "Identified from": [*from_logs],
+        "Validated on": [*unseen],
+    }
+    found = {}
+    for what, paths in named.items():
+        there = [path for path in paths if path is not None]
+        for place, path in enumerate(there):
+            name = f"{what}, {place + 1}" if len(there) > 1 else what
+            found[name] = _file_text(path)
+    return found
+
+
+def _file_text(path: Path) -> str:
+    """Return a file's name with size and SHA-256, of a folder (a bag) its name alone."""
+    import hashlib
+
+    try:
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        return f"{path.name}, {path.stat().st_size} bytes, SHA-256 {digest[:_DIGEST]}…"
+    except OSError:  # a folder, or gone since it was read
+        return str(path)

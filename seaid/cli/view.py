@@ -1,0 +1,84 @@
+"""The command that shows a robot in the browser: view."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from seaid.cli.options import Description, Drives, Joints, Payloads, Repair, Urdf, logs_of, robot_of
+
+if TYPE_CHECKING:
+    from seaid.robot import Robot
+    from seaid.view import Shown
+
+
+def view(
+    urdf: Urdf,
+    log: Annotated[
+        list[Path] | None, typer.Option(help="Recorded log to play. May be repeated.")
+    ] = None,
+    trajectory: Annotated[
+        list[Path] | None,
+        typer.Option(help="Trajectory of seaid excite to play. May be repeated."),
+    ] = None,
+    drives: Drives = None,
+    joints: Joints = None,
+    payload: Payloads = None,
+    description: Description = None,
+    repair: Repair = False,
+    package_dir: Annotated[
+        list[Path] | None,
+        typer.Option(help="Folder with packages of meshes. May be repeated."),
+    ] = None,
+    port: Annotated[int, typer.Option(help="Of the page; 0: any that is free.")] = 8080,
+    host: Annotated[
+        str, typer.Option(help="Who may look: 127.0.0.1 this machine, 0.0.0.0 the network.")
+    ] = "127.0.0.1",
+    seconds: Annotated[
+        float | None, typer.Option(help="Show it for so long; default: until Ctrl-C.")
+    ] = None,
+) -> None:
+    """Show a robot and its motions in the browser, at the address in the last line.
+
+    Joints with a spring have the colour of its deflection. Logs come first, trajectories after
+    them; any other motion can be seen beside the one that plays. Without motions, joints have
+    sliders. Needs pip install 'seaid[view]'.
+
+    seaid view leg.urdf --drives leg.toml --log run.csv --trajectory plan.json
+    seaid view arm.urdf --package-dir ~/ros/src --port 0
+    """
+    from seaid.view import view_robot
+
+    robot = robot_of(urdf, drives, joints, payload)
+    motions = _motions(robot, log or [], trajectory or [], description, repair)
+    shown = view_robot(robot, motions, package_dirs=package_dir or (), host=host, port=port)
+    with shown, contextlib.suppress(KeyboardInterrupt):
+        for note in shown.picture.notes:
+            typer.echo(f"note: {note}", err=True)
+        typer.echo(shown.url)
+        shown.wait(seconds)
+
+
+def _motions(
+    robot: Robot,
+    logs: list[Path],
+    trajectories: list[Path],
+    description: Path | None,
+    repair: bool,
+) -> dict[str, Shown]:
+    """Read all motions, each under the name of its file, or its path where names are the same."""
+    from seaid.excitation import load_trajectory
+
+    paths = [*logs, *trajectories]
+    read: list[Shown] = [
+        *logs_of(logs, robot, description, repair),
+        *(load_trajectory(path) for path in trajectories),
+    ]
+    names = [path.name for path in paths]
+    return {
+        path.name if names.count(path.name) == 1 else str(path): motion
+        for path, motion in zip(paths, read, strict=True)
+    }

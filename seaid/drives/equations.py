@@ -1,0 +1,180 @@
+"""Motor, gear, spring and friction of one joint as sympy equations, (1)-(4), (7) and (8).
+
+An equation is an expression that is zero along every motion. Whatever is added to it, to
+`DriveEquation.expression` or as `extra_terms` of a drive, becomes a column of the regressor with
+the name of its unknown symbol: nothing else has to change.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeGuard
+
+import sympy as sp
+
+from seaid.drives.drives import Drive, SeriesElasticDrive, is_smooth
+from seaid.drives.symbols import (
+    F_0,
+    F_C,
+    F_L,
+    F_S,
+    I_M,
+    PARAMETER_NAMES,
+    F_a,
+    F_q,
+    F_v,
+    K_t,
+    K_u,
+    N,
+    b_L,
+    c_k,
+    c_L,
+    d_0,
+    f_0,
+    g,
+    i_M,
+    k,
+    k_3,
+    k_5,
+    k_P,
+    known_values,
+    r_L,
+    r_M,
+    t,
+    tau_G,
+    tau_L,
+    tau_M,
+    tau_P,
+    theta_L,
+    theta_M,
+    u_M,
+    w_0,
+    w_C,
+    w_S,
+)
+from seaid.drives.terms import COULOMB
+from seaid.drives.user_terms import extra_terms
+
+
+@dataclass(frozen=True)
+class DriveEquation:
+    """An expression that is zero along the motion; every symbol not in `known` is unknown."""
+
+    expression: sp.Expr
+    known: tuple[sp.Symbol, ...]
+
+    @property
+    def unknowns(self) -> tuple[sp.Symbol, ...]:
+        """The unknown parameters: the named ones first, then added ones by name."""
+        free = self.expression.free_symbols - {t, *self.known}
+        named = [symbol for symbol in PARAMETER_NAMES if symbol in free]
+        return (*named, *sorted(free - set(named), key=str))
+
+
+def deflection(drive: Drive) -> sp.Expr:
+    """Return how far the spring of a drive is stretched, from its zero where it knows that."""
+    stretch = r_M / N * theta_M - r_L * theta_L
+    return stretch - d_0 if getattr(drive, "knows_zero", False) else stretch
+
+
+def spring_force(drive: SeriesElasticDrive) -> sp.Expr:
+    """Return (3) with the terms of the drive's spring.
+
+    A linear spring has the force at zero deflection that unknown encoder zeros leave.
+    """
+    d = deflection(drive)
+    rate = (r_M / N * theta_M - r_L * theta_L).diff(t)
+    if "dead_zone" in drive.spring:
+        d = d - (sp.Abs(d + g) - sp.Abs(d - g)) / 2
+    terms = {
+        "linear": k * d,
+        "cubic": k_3 * d**3,
+        "fifth": k_5 * d**5,
+        "damping": c_k * rate,
+        "preload": f_0 if drive.knows_zero else 0,
+        "dead_zone": 0,
+    }
+    offset = 0 if drive.knows_zero else f_0
+    return sum((terms[term] for term in drive.spring), sp.Integer(0)) + offset
+
+
+def direction(drive: Drive) -> sp.Expr:
+    """Return sign(w), or what stands for it where the drive's Coulomb friction is smooth."""
+    w = theta_M.diff(t)
+    if "shifted_coulomb" in drive.friction:
+        return sp.tanh((w - w_0) / w_C)
+    return sp.tanh(w / w_C) if "smooth_coulomb" in drive.friction else sp.sign(w)
+
+
+def friction_level(drive: Drive) -> sp.Expr:
+    """Return the friction at the motor that goes with the direction of its motion."""
+    w = theta_M.diff(t)
+    behind_gear = r_M / N * spring_force(drive) if _is_elastic(drive) else tau_G / N
+    terms = {
+        **dict.fromkeys(COULOMB, F_C),
+        "load": F_L * sp.Abs(behind_gear),
+        "stribeck": F_S * sp.exp(-((w / w_S) ** 2)),
+    }
+    return sum((terms[term] for term in drive.friction if term in terms), sp.Integer(0))
+
+
+def dry_friction(drive: Drive) -> sp.Expr:
+    """Return the level of the friction at the motor that can hold it, all of it times sign(w)."""
+    return sp.Integer(0) if is_smooth(drive) else friction_level(drive)
+
+
+def smooth_friction(drive: Drive) -> sp.Expr:
+    """Return the friction at the motor that cannot hold it, and the constant one."""
+    w = theta_M.diff(t)
+    terms = {
+        "viscous": F_v * w,
+        "offset": F_0,
+        "asymmetric": F_a * sp.Abs(w),
+        "quadratic": F_q * w * sp.Abs(w),
+    }
+    own = sum((terms[term] for term in drive.friction if term in terms), sp.Integer(0))
+    return own + friction_level(drive) * direction(drive) if is_smooth(drive) else own
+
+
+def motor_equation(drive: Drive) -> DriveEquation:
+    """Return (7) of an elastic drive, or the same with the joint torque behind a stiff gear."""
+    behind_gear = r_M * spring_force(drive) if _is_elastic(drive) else tau_L  # (4a)
+    expression = (
+        I_M * theta_M.diff(t, 2)
+        + smooth_friction(drive)
+        + dry_friction(drive) * sp.sign(theta_M.diff(t))
+        + sum(extra_terms(drive))
+        + behind_gear / N
+        - _input_torque(drive)
+    )
+    return DriveEquation(expression, _known(drive))
+
+
+def spring_equation(drive: SeriesElasticDrive) -> DriveEquation:
+    """Return (4b) as a balance of forces, for a joint whose spring torque is measured."""
+    return DriveEquation(spring_force(drive) - tau_L / r_L, _known(drive))
+
+
+def joint_equation(drive: Drive) -> DriveEquation:
+    """Return what acts between the joint's bodies beside the drive: parallel spring, friction.
+
+    `tau_L` is their sum, which (8) has beside the rigid bodies' torque.
+    """
+    speed = theta_L.diff(t)
+    spring = {"linear": k_P * theta_L, "preload": tau_P}
+    friction = {"viscous": b_L * speed, "coulomb": c_L * sp.sign(speed)}
+    terms = [spring[term] for term in drive.parallel_spring]
+    terms += [friction[term] for term in getattr(drive, "joint_friction", ())]
+    return DriveEquation(sum(terms, sp.Integer(0)) - tau_L, _known(drive))
+
+
+def _input_torque(drive: Drive) -> sp.Expr:
+    return {"torque": tau_M, "current": K_t * i_M, "voltage": K_u * u_M}[drive.motor_input]
+
+
+def _is_elastic(drive: Drive) -> TypeGuard[SeriesElasticDrive]:
+    return isinstance(drive, SeriesElasticDrive)
+
+
+def _known(drive: Drive) -> tuple[sp.Symbol, ...]:
+    return tuple(known_values(drive))

@@ -1,0 +1,210 @@
+"""The regressor of a drive, (10), derived by Algorithm 1 and evaluated over all samples at once.
+
+What is linear in its parameters stays so. An equation that is not is taken near given values of
+them: e(p) ~ e(p_0) + de/dp (p - p_0), a regressor like any other, and exact at p_0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import numpy as np
+import sympy as sp
+
+from seaid._arrays import Array
+from seaid.drives.drives import Drive, unit_of
+from seaid.drives.equations import DriveEquation
+from seaid.drives.symbols import PARAMETER_NAMES, SIGNALS, SYMBOLS, known_values, t
+from seaid.errors import RobotError
+from seaid.symbolic import separate
+
+_ARGUMENTS = {
+    signal.diff(t, order): f"{signal.func}{suffix}"
+    for order, suffix in ((2, "_ddot"), (1, "_dot"), (0, ""))
+    for signal in SIGNALS
+}
+"""Derivatives first, so that a substitution of the signal does not break them."""
+
+
+@dataclass(frozen=True)
+class DriveRegressor:
+    """zeta = regressor @ parameters of one drive: names, units and the derived form (9).
+
+    `zeta` and `row` (p,) are expressions of the signals, with the known values (ratio, radii, rotor
+    inertia) still as symbols. Of an equation that is not linear, `non_linear` names the parameters
+    that must be given for it to be linear in the others: their symbols stand in the expressions,
+    and their columns are slopes near the drive's values.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    zeta: sp.Expr
+    row: tuple[sp.Expr, ...]
+    drive: Drive
+    non_linear: tuple[str, ...] = ()
+
+    @cached_property
+    def signals(self) -> set[str]:
+        """Names of the signals that are in the equation."""
+        found = [flat_names(entry).free_symbols for entry in (self.zeta, *self.row)]
+        return {str(symbol) for symbols in found for symbol in symbols} & set(_ARGUMENTS.values())
+
+    @property
+    def linear(self) -> tuple[str, ...]:
+        """The parameters in which the equation is linear when `non_linear` are given."""
+        return tuple(name for name in self.names if name not in self.non_linear)
+
+    def evaluate(
+        self, signals: Mapping[str, Array], values: Mapping[str, float] | None = None
+    ) -> tuple[Array, Array]:
+        """Return zeta (T,) and the regressor (T, p) over signals (T,).
+
+        `signals` has "theta_M", "theta_M_dot", "theta_M_ddot", the same of "theta_L", "tau_M",
+        "i_M", "u_M" and "tau_L"; only those in the equation are needed. `values` {parameter: value}
+        stand before the drive's where the equation is not linear. Raises RobotError naming a
+        parameter without one.
+        """
+        near = self.drive.values if values is None else {**self.drive.values, **values}
+        zeta, R = _evaluate(self, signals, near, self.names)
+        bent = [self.names.index(name) for name in self.non_linear]
+        return zeta + R[:, bent] @ [near[name] for name in self.non_linear], R
+
+    def given(
+        self, signals: Mapping[str, Array], values: Mapping[str, float]
+    ) -> tuple[Array, Array]:
+        """Return zeta (T,) and the columns (T, l) of `linear` with `values` of `non_linear`."""
+        return _evaluate(self, signals, values, self.linear)
+
+
+def drive_regressor(equation: DriveEquation, drive: Drive) -> DriveRegressor:
+    """Derive the regressor of a drive's equation by Algorithm 1.
+
+    Terms that are not linear in their unknowns are taken near the values of the drive. Raises
+    SymbolicError where an extra term is not linear in its unknowns.
+    """
+    bent = () if _hides_a_parameter(equation) else non_linear(equation)
+    if bent and all(symbol in PARAMETER_NAMES for symbol in bent):
+        row = tuple(_slope(equation.expression, symbol) for symbol in equation.unknowns)
+        straight = {symbol: 0 for symbol in equation.unknowns if symbol not in bent}
+        zeta, parameters = -flat_names(equation.expression).subs(straight), equation.unknowns
+    else:
+        bent, (zeta, parameters, row) = (), _separated(equation)
+    return DriveRegressor(
+        names=tuple(PARAMETER_NAMES.get(symbol, str(symbol)) for symbol in parameters),
+        units=tuple(
+            _unit(symbol, column, drive) for symbol, column in zip(parameters, row, strict=True)
+        ),
+        zeta=zeta,
+        row=row,
+        drive=drive,
+        non_linear=tuple(PARAMETER_NAMES[symbol] for symbol in bent),
+    )
+
+
+def _hides_a_parameter(equation: DriveEquation) -> bool:
+    """Tell whether a parameter of an extra term stands inside a function: Algorithm 1 says which.
+
+    Its slope is not even looked for, which sympy could take minutes to simplify.
+    """
+    own = set(equation.unknowns) - set(PARAMETER_NAMES)
+    return any(own & one.free_symbols for one in equation.expression.atoms(sp.Function))
+
+
+@cache
+def non_linear(equation: DriveEquation) -> tuple[sp.Symbol, ...]:
+    """Return the unknowns that must be given for the equation to be linear in all others."""
+    found: list[sp.Symbol] = []
+    slopes = {symbol: _slope(equation.expression, symbol) for symbol in equation.unknowns}
+    for symbol, slope in slopes.items():
+        if symbol in slope.free_symbols:
+            found.append(symbol)
+    for symbol, slope in slopes.items():
+        others = slope.free_symbols & set(slopes) - {symbol, *found}
+        if symbol not in found and others:
+            found += sorted(others, key=str)
+    return tuple(symbol for symbol in slopes if symbol in found)
+
+
+def _slope(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
+    """Return the derivative by a parameter, of real signals with flat names; a step has none."""
+    flat = flat_names(expression)
+    real = {sp.Symbol(name): sp.Symbol(name, real=True) for name in _ARGUMENTS.values()}
+    return flat.xreplace(real).diff(symbol).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
+
+
+@cache
+def _separated(
+    equation: DriveEquation,
+) -> tuple[sp.Expr, tuple[sp.Expr, ...], tuple[sp.Expr, ...]]:
+    expression, unknowns = equation.expression, list(equation.unknowns)
+    if not unknowns:
+        return -expression, (), ()
+    form = separate(expression, motion=list(SIGNALS), unknowns=unknowns)
+    parameters, row = tuple(form.parameters), tuple(form.regressor)
+    factor = _factor(expression, parameters, row)
+    return factor * form.zeta[0], parameters, tuple(factor * entry for entry in row)
+
+
+def _factor(
+    expression: sp.Expr, parameters: tuple[sp.Expr, ...], row: tuple[sp.Expr, ...]
+) -> sp.Expr:
+    """Return by what a row of (9) must be multiplied to balance what the equation balances.
+
+    Algorithm 1 leaves the scale of a row open; the torque on the load counts in the equation's.
+    """
+    pairs = [pair for pair in zip(parameters, row, strict=True) if pair[0].is_Symbol]
+    if not pairs:
+        return sp.Integer(1)
+    parameter, entry = min(pairs, key=lambda pair: pair[1].count_ops())
+    slope = expression.diff(parameter)
+    return sp.cancel(flat_names(slope) / flat_names(entry))
+
+
+def _evaluate(
+    regressor: DriveRegressor,
+    signals: Mapping[str, Array],
+    near: Mapping[str, float],
+    wanted: tuple[str, ...],
+) -> tuple[Array, Array]:
+    """Return zeta (T,) and the columns (T, wanted) with the bent parameters at `near`."""
+    columns = tuple(regressor.row[regressor.names.index(name)] for name in wanted)
+    function, names = _compiled(regressor.zeta, columns)
+    known = {str(SYMBOLS[name]): value for name, value in near.items()}
+    known |= {str(symbol): value for symbol, value in known_values(regressor.drive).items()}
+    missing = [name for name in names if name not in known and name not in signals]
+    if missing:
+        named = {str(symbol): name for symbol, name in PARAMETER_NAMES.items()}
+        raise RobotError(
+            f"the drive's terms are not linear: {named.get(missing[0], missing[0])} needs a value "
+            "to start from"
+        )
+    length = len(next(iter(signals.values())))
+    table = np.empty((1 + len(wanted), length))
+    arguments = [known[name] if name in known else signals[name] for name in names]
+    for line, entry in zip(table, function(*arguments), strict=True):
+        line[:] = entry
+    return table[0], np.ascontiguousarray(table[1:].T)
+
+
+@cache
+def _compiled(zeta: sp.Expr, row: tuple[sp.Expr, ...]):  # type: ignore[no-untyped-def]
+    expressions = [flat_names(entry) for entry in (zeta, *row)]
+    names = sorted({str(symbol) for entry in expressions for symbol in entry.free_symbols})
+    flat = [{symbol: sp.Symbol(str(symbol)) for symbol in e.free_symbols} for e in expressions]
+    plain = [entry.xreplace(names_of) for entry, names_of in zip(expressions, flat, strict=True)]
+    arguments = [sp.Symbol(name) for name in names]
+    return sp.lambdify(arguments, plain, modules="numpy", cse=True), names
+
+
+def _unit(symbol: sp.Expr, column: sp.Expr, drive: Drive) -> str:
+    if symbol in PARAMETER_NAMES:
+        return unit_of(drive, PARAMETER_NAMES[symbol])
+    return f"N m/({flat_names(column)})"
+
+
+def flat_names(expression: sp.Expr) -> sp.Expr:
+    """Return an expression of signals with each as a plain symbol, as "theta_M_dot"."""
+    flat = {signal: sp.Symbol(name) for signal, name in _ARGUMENTS.items()}
+    return expression.xreplace(flat)

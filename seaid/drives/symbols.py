@@ -1,0 +1,78 @@
+"""The symbols of the drivetrain's equations: signals over time, known values, parameters."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from seaid.drives.drives import Drive
+
+t = sp.Symbol("t")
+theta_M, theta_L, tau_M, tau_L = (
+    sp.Function(name)(t) for name in ("theta_M", "theta_L", "tau_M", "tau_L")
+)
+"""Motor angle, joint coordinate, motor torque and the torque (or force) on the load."""
+
+i_M, u_M = (sp.Function(name)(t) for name in ("i_M", "u_M"))
+"""Motor current and voltage, where they stand for the torque."""
+
+tau_G = sp.Function("tau_G")(t)
+"""Torque that a stiff drive puts through its gear to the load, as far as it is known already."""
+
+N, r_M, r_L = sp.symbols("N r_M r_L", positive=True)
+I_M, F_v, F_C, F_0, F_a, F_q, F_L, F_S, w_0 = sp.symbols(
+    "I_M F_v F_C F_0 F_a F_q F_L F_S w_0", real=True
+)
+w_C, w_S, g, K_t, K_u = sp.symbols("w_C w_S g K_t K_u", positive=True)
+k, k_3, k_5, c_k, f_0, d_0 = sp.symbols("k k_3 k_5 c_k f_0 d_0", real=True)
+k_P, tau_P, b_L, c_L = sp.symbols("k_P tau_P b_L c_L", real=True)
+
+PARAMETER_NAMES = {
+    F_v: "viscous_friction",
+    F_C: "coulomb_friction",
+    w_C: "coulomb_width",
+    w_0: "coulomb_shift",
+    F_0: "friction_offset",
+    F_a: "asymmetric_friction",
+    F_q: "quadratic_friction",
+    F_L: "load_friction",
+    F_S: "stribeck_friction",
+    w_S: "stribeck_speed",
+    k: "stiffness",
+    k_3: "cubic_stiffness",
+    k_5: "fifth_stiffness",
+    g: "dead_zone",
+    c_k: "spring_damping",
+    f_0: "deflection_offset",
+    d_0: "deflection_zero",
+    I_M: "motor_inertia",
+    K_t: "torque_constant",
+    K_u: "voltage_constant",
+    k_P: "parallel_stiffness",
+    tau_P: "parallel_preload",
+    b_L: "joint_viscous_friction",
+    c_L: "joint_coulomb_friction",
+}
+"""Symbols of the parameters of `seaid.drives.terms`, in its order."""
+
+SYMBOLS = {name: symbol for symbol, name in PARAMETER_NAMES.items()}
+SIGNALS = (theta_M, theta_L, tau_M, tau_L, i_M, u_M, tau_G)
+STATES = {
+    "theta_M": theta_M,
+    "theta_M_dot": theta_M.diff(t),
+    "theta_M_ddot": theta_M.diff(t, 2),
+    "theta_L": theta_L,
+    "theta_L_dot": theta_L.diff(t),
+    "theta_L_ddot": theta_L.diff(t, 2),
+}
+"""What an extra term may depend on, by the name it has in text."""
+
+
+def known_values(drive: Drive) -> dict[sp.Symbol, float]:
+    """Return {known symbol: value} of a drive."""
+    values = {
+        N: drive.ratio,
+        r_M: getattr(drive, "motor_radius", 1.0),
+        r_L: getattr(drive, "load_radius", 1.0),
+    }
+    known = [*drive.known, *(["motor_inertia"] if drive.motor_inertia_kg_m2 is not None else [])]
+    return values | {SYMBOLS[name]: drive.values[name] for name in known}

@@ -1,0 +1,274 @@
+"""Ordinary and weighted least squares: solved from `Information`, on scaled columns.
+
+Residuals of weighted least squares over and over with other weights: cheap, and as exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from seaid._arrays import Array, safely
+from seaid.errors import ExcitationError, IdentificationError
+from seaid.estimation.covariance import LongRun, long_run_of
+from seaid.estimation.estimate import Estimate
+from seaid.estimation.qr_factor import (
+    Directions,
+    Information,
+    directions,
+    first_term,
+    information_of,
+    telling_joints,
+)
+from seaid.regressor import Regression
+
+_MOST_UNEQUAL = 1e4
+"""Largest over smallest weight up to which the products below lose nothing that matters."""
+
+
+@dataclass(frozen=True, eq=False)
+class Orthonormal:
+    """Equations in parameters in which the rows of all of them together are orthonormal.
+
+    With R the factor of all rows and theta_0 its solution, z = R (theta - theta_0): an equation's
+    residual is `residuals` (E, m) - `columns` (E, m, p) z, and `products` (E, p, p) are C^T C of
+    its columns C, which add up to the identity. However badly conditioned the regressor is,
+    weighted normal equations in z are only as badly conditioned as the weights are unequal,
+    squared.
+    """
+
+    columns: Array
+    residuals: Array
+    products: Array
+
+    def residual_norms(self, weights: Array) -> Array | None:
+        """Return the norm (E,) of each equation's residual at the estimate with weights (E,).
+
+        None where the weights are too unequal for it.
+        """
+        if np.max(weights) > _MOST_UNEQUAL * np.min(weights):
+            return None
+        squares = weights**2
+        normal = np.tensordot(squares, self.products, 1)
+        z = safely(
+            linalg.solve,
+            normal,
+            np.einsum("e,emp,em->p", squares, self.columns, self.residuals, optimize=True),
+            what="the weighted equations",
+            assume_a="pos",
+            check_finite=False,
+        )
+        return np.asarray(np.linalg.norm(self.residuals - self.columns @ z, axis=1))
+
+
+def orthonormal(information: Information, theta: Array) -> Orthonormal:
+    """Return the equations of information whose unweighted solution is `theta` (p,), p > 0."""
+    p = len(information.names)
+    factors = information.filled_factors
+    R = information.weighted_factor()[:p, :p]
+    residuals = factors @ np.append(-theta, 1.0)
+    stacked = factors[:, :, :p].reshape(-1, p)
+    columns = safely(
+        linalg.solve_triangular,
+        R,
+        stacked.T,
+        what="the equations",
+        trans="T",
+        check_finite=False,
+    ).T
+    columns = columns.reshape(*factors.shape[:2], p)
+    return Orthonormal(columns, residuals, columns.swapaxes(1, 2) @ columns)
+
+
+_LOST = 1e-7
+"""Singular value, relative to the largest, below which a combination of columns is lost."""
+
+_ROUNDING = 1e-9
+"""A residual below this part of the target is rounding, or what an iteration left."""
+
+_MOST_REWEIGHTINGS = 1000
+_MOST_NAMED = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Least-squares `values` (p,), the inverse (p, p) of the information and the condition number.
+
+    That is the condition number of the regressor with columns scaled to unit norm.
+    """
+
+    values: Array
+    inverse: Array
+    condition_number: float
+
+
+def ordinary(rows: Regression, carried: Array | None = None) -> Estimate:
+    """Return the ordinary least-squares estimate, all rows alike.
+
+    `carried` (s, s) is the covariance of what the targets were computed from; see `Regression`.
+    Covariance: Newey-West. Raises IdentificationError for fewer rows than parameters and
+    ExcitationError where the data leave a combination of parameters open.
+    """
+    information = information_of(rows)
+    return estimate_of_rows(rows, information, equal_weights(information), carried)
+
+
+def weighted(rows: Regression, carried: Array | None = None) -> Estimate:
+    """Return the least-squares estimate with rows weighted by their joint's residual.
+
+    Iterated until the weights settle (Gautier 1997; Swevers et al. 1997). Otherwise as `ordinary`.
+    """
+    information = information_of(rows)
+    return estimate_of_rows(rows, information, settled_weights(information), carried)
+
+
+def equal_weights(information: Information) -> Array:
+    """Return weights (E,) of one: all rows alike."""
+    return np.ones(len(information.equations))
+
+
+def settled_weights(information: Information) -> Array:
+    """Return the weights (E,) of the equations: inverse to what their residuals then are.
+
+    Relative to the equation with the largest residual. Raises as `ordinary` does.
+    """
+    weights = equal_weights(information)
+    theta = solve(information, weights).values
+    equations = orthonormal(information, theta) if len(theta) else None
+    norms: Array | None = information.residual_norms(theta)
+    root_counts = np.sqrt(np.maximum(information.counts, 1))
+    target = np.linalg.norm(information.factors[:, :, -1]) / np.sqrt(max(information.count, 1))
+    for _ in range(_MOST_REWEIGHTINGS):
+        if norms is None:
+            norms = information.residual_norms(solve(information, weights).values)
+        std = norms / root_counts
+        largest = float(np.max(std))
+        if largest <= _ROUNDING * target:
+            break
+        new = largest / np.maximum(std, _ROUNDING * target)
+        settled = np.allclose(new, weights, rtol=1e-6)
+        weights = new
+        if settled or equations is None:  # without parameters, residuals are as they are
+            break
+        norms = equations.residual_norms(weights)
+    else:
+        raise IdentificationError(
+            f"the weights of the joints do not settle in {_MOST_REWEIGHTINGS} turns: a joint has "
+            "too few rows; record a longer log, or use estimator='ols'"
+        )
+    return weights
+
+
+def solve(information: Information, weights: Array) -> Solution:
+    """Return the least-squares solution with the rows of each equation times its weight (E,).
+
+    Raises IdentificationError for fewer rows than parameters, and ExcitationError that names the
+    combinations of parameters that the rows leave open and the joints that would tell them.
+    """
+    count, p = information.count, len(information.names)
+    if count < p:
+        still = f" ({information.left_out} more are near standstill)" * bool(information.left_out)
+        raise IdentificationError(
+            f"{count} rows{still} cannot tell {p} parameters: record a longer log"
+            f"{' with more motion' if still else ''}, or raise cutoff_hz"
+        )
+    R = information.weighted_factor(weights)
+    dead = np.flatnonzero(np.linalg.norm(R[:p, :p], axis=0) == 0)
+    if len(dead):
+        names = ", ".join(first_term(information.names[place]) for place in dead)
+        raise ExcitationError(f"the motion does not excite {names}: move these joints")
+    found = directions(R, information.names)
+    worst = float(found.shares[-1]) if p else 1.0
+    if worst < _LOST:
+        raise ExcitationError(_lost(information, found))
+    half = (found.vectors.T / (found.largest * found.shares)) / found.norms[:, None]
+    return Solution(half @ (found.left.T @ R[:p, p]), half @ half.T, 1 / worst)
+
+
+def estimate_of(
+    information: Information,
+    weights: Array,
+    scores: LongRun | None = None,
+    carried: Array | None = None,
+) -> Estimate:
+    """Return the estimate with weights (E,) of the equations, from the information alone.
+
+    `scores` is the covariance of the sum of the scores of all rows (see `score_factors`); None: as
+    if the noise of every equation were white. `carried` (s, s) as in `ordinary`.
+    """
+    solution = solve(information, weights)
+    inverse, theta = solution.inverse, solution.values
+    white = inverse @ _white(information, weights, theta) @ inverse
+    white *= _freedom(information.count, len(theta))
+    covariance = white
+    if scores is not None:
+        independent = information.count / scores.inflation(inverse)
+        covariance = inverse @ scores.covariance @ inverse * _freedom(independent, len(theta))
+    if carried is not None and information.carried.shape[2]:
+        moments = np.einsum("e,eps->ps", weights**2, information.carried)
+        sensitivity = inverse @ moments
+        from_targets = sensitivity @ carried @ sensitivity.T
+        covariance, white = covariance + from_targets, white + from_targets
+    squares = float(np.sum(information.residual_norms(theta) ** 2))
+    return Estimate(
+        names=information.names,
+        values=theta,
+        covariance=0.5 * (covariance + covariance.T),
+        units=information.units,
+        residual_std=float(np.sqrt(squares / information.count)),
+        condition_number=solution.condition_number,
+        white_standard_errors=np.sqrt(np.diag(white)),
+    )
+
+
+def score_factors(
+    rows: Regression, information: Information, weights: Array, theta: Array
+) -> Array:
+    """Return what makes a score of each row of H (R,): weight squared times residual."""
+    weight = weights[np.searchsorted(information.equations, rows.joint)]
+    return np.asarray(weight**2 * (rows.y - rows.H @ theta))
+
+
+def _white(information: Information, weights: Array, theta: Array) -> Array:
+    """Return the covariance (p, p) of the sum of scores if each equation's noise were white."""
+    p = len(information.names)
+    std = information.residual_norms(theta) / np.sqrt(np.maximum(information.counts, 1))
+    stack = ((weights**2 * std)[:, None, None] * information.factors[:, :, :p]).reshape(
+        len(weights) * (p + 1), p
+    )
+    return np.asarray(stack.T @ stack)
+
+
+def _freedom(independent: float, p: int) -> float:
+    """Return the factor for residuals that are small because p parameters were fitted to them.
+
+    Of so many independent rows p are used up; correlated rows count as fewer.
+    """
+    return independent / max(independent - p, 1.0)
+
+
+def estimate_of_rows(
+    rows: Regression, information: Information, weights: Array, carried: Array | None
+) -> Estimate:
+    """Return the estimate with weights (E,) of the equations from rows and their information."""
+    theta = solve(information, weights).values
+    factors = score_factors(rows, information, weights, theta)
+    scores = long_run_of(rows.H, factors, rows.time, rows.run)
+    return estimate_of(information, weights, scores, carried)
+
+
+def _lost(information: Information, found: Directions) -> str:
+    """Name the combinations that are lost and the joints whose torque they are seen in."""
+    lost = [int(place) for place in np.flatnonzero(found.shares < _LOST)][::-1]
+    columns = sorted({column for place in lost for column in found.terms(place)})
+    names = ", ".join(first_term(information.names[column]) for column in columns)
+    texts = "; ".join(found.text(place) for place in lost[:_MOST_NAMED])
+    more = f" and {len(lost) - _MOST_NAMED} more" if len(lost) > _MOST_NAMED else ""
+    return (
+        "the motion does not excite all parameters: it tells nothing about the combination of "
+        f"{names} ({texts}{more}; scaled singular value {found.shares[-1]:.1e}, needed "
+        f"{_LOST:.0e}), seen in the torque of {', '.join(telling_joints(information, columns))}; "
+        "move these joints more, or leave torques out with rows="
+    )

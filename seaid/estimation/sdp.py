@@ -1,0 +1,490 @@
+"""Possible bodies near an estimate, as data: what is told, how well, and what is allowed.
+
+A semidefinite programme to its regularised minimum, by a primal-dual interior-point method.
+
+The least of chi-square + weight (tr Q - log det Q), the bodies Q positive definite and slacks
+positive. HKM direction (Helmberg, Rendl, Vanderbei and Wolkowicz 1996) with Mehrotra's (1992)
+predictor and corrector and one length for all parts. What rounding may do is fenced in:
+
+- Newton's equations are solved as least squares, J x = -r, never as J^T J, whose condition number
+  is the square; no matrix of theirs can fail to be positive definite.
+- A point is left for another only where the triangular factors of that one exist.
+- Neither weight nor barrier falls below 1e-9 of chi-square, so that no complementary pair of
+  eigenvalues is further apart than double precision can hold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg
+
+from seaid._arrays import Array, IndexArray, finite, safely
+from seaid.errors import IdentificationError
+from seaid.robot import from_pseudo_inertia, pseudo_inertia
+
+
+@dataclass(frozen=True, eq=False)
+class Programme:
+    """An estimate of combinations of f unknowns, the first 10n of which are n bodies.
+
+    columns (p, f) @ unknowns is what `estimate` (p,) tells with covariance root @ root.T; the
+    `pivots` (p,) are unknowns whose columns are those of the identity. `prior` (n, 10) are possible
+    bodies with mass in every direction; `limits` (c, f) @ unknowns >= `bounds` (c,); `start` (f,)
+    keeps all of that strictly.
+    """
+
+    columns: Array
+    pivots: tuple[int, ...]
+    estimate: Array
+    root: Array
+    prior: Array
+    limits: Array
+    bounds: Array
+    start: Array
+
+    def __post_init__(self) -> None:
+        p, f = np.shape(self.columns)
+        shapes = {
+            "columns": (p, f),
+            "estimate": (p,),
+            "root": (p, p),
+            "prior": (None, 10),
+            "limits": (None, f),
+            "bounds": (len(self.limits),),
+            "start": (f,),
+        }
+        for name, shape in shapes.items():
+            value = finite(name, getattr(self, name), shape, IdentificationError)
+            object.__setattr__(self, name, value)
+
+    @cached_property
+    def free(self) -> tuple[int, ...]:
+        """The unknowns beside the pivots."""
+        return tuple(sorted(set(range(self.columns.shape[1])) - set(self.pivots)))
+
+    @cached_property
+    def span(self) -> tuple[Array, Array]:
+        """Offset (f,) and matrix (f, f): unknowns = offset + matrix @ (u, unknowns that are free).
+
+        Exact for every u and every free unknown: the estimate moves by root @ u and nothing else.
+        """
+        p, f = self.columns.shape
+        offset, matrix = np.zeros(f), np.zeros((f, f))
+        pivots, free = list(self.pivots), list(self.free)
+        offset[pivots] = self.estimate
+        matrix[pivots, :p] = self.root
+        matrix[pivots, p:] = -self.columns[:, free]
+        matrix[free, range(p, f)] = 1.0
+        return offset, matrix
+
+    @cached_property
+    def prior_roots(self) -> Array:
+        """Triangular factors (n, 4, 4) of the prior's pseudo-inertias, whose Q is 1."""
+        prior = np.array([pseudo_inertia(parameters) for parameters in self.prior])
+        return np.asarray(safely(np.linalg.cholesky, prior, what="the bodies of the prior"))
+
+    @cached_property
+    def cones(self) -> tuple[Array, Array]:
+        """Offset (n, 4, 4) and matrix (n, f, 4, 4) of the pseudo-inertias, 1 at the prior's."""
+        offset, matrix = self.span
+        basis = np.array([pseudo_inertia(unit) for unit in np.eye(10)])
+        first, blocks = [], []
+        for body, half in enumerate(np.linalg.inv(self.prior_roots)):
+            units = half @ basis @ half.T
+            own = slice(10 * body, 10 * body + 10)
+            first.append(np.tensordot(offset[own], units, 1))
+            blocks.append(np.tensordot(matrix[own].T, units, 1))
+        return np.array(first), np.array(blocks)
+
+    @cached_property
+    def slack(self) -> tuple[Array, Array]:
+        """Offset (c,) and matrix (c, f) of what the inequalities leave."""
+        offset, matrix = self.span
+        return self.limits @ offset - self.bounds, self.limits @ matrix
+
+    def scaled(self, unknowns: Array) -> Array:
+        """Return the pseudo-inertias Q (n, 4, 4) of unknowns (f,), 1 at the prior's."""
+        half = np.linalg.inv(self.prior_roots)
+        bodies = unknowns[: self.prior.size].reshape(-1, 10)
+        return np.asarray(
+            half @ [pseudo_inertia(body) for body in bodies] @ half.transpose(0, 2, 1)
+        )
+
+    def bodies(self, Q: Array) -> Array:
+        """Return the parameters (n, 10) of scaled pseudo-inertias: possible if they are."""
+        pseudo = self.prior_roots @ Q @ self.prior_roots.transpose(0, 2, 1)
+        return np.array([from_pseudo_inertia(one) for one in pseudo])
+
+    def coordinates(self, unknowns: Array) -> Array:
+        """Return (u, free unknowns) of unknowns (f,)."""
+        distance = self.columns @ unknowns - self.estimate
+        u = safely(linalg.solve, self.root, distance, what="the covariance", check_finite=False)
+        return np.concatenate([u, unknowns[list(self.free)]])
+
+
+def root_of(covariance: Array, values: Array) -> Array:
+    """Return root (p, p) with root @ root.T = covariance, invertible for every covariance.
+
+    A standard error counts as 1e-10 of its value at least, and a combination of values that are in
+    standard errors as 1e-10 of the largest: better is nothing known in double precision.
+    """
+    covariance = finite("covariance", covariance, (len(values),) * 2, IdentificationError)
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = np.maximum(errors, 1e-10 * np.abs(values) + 1e-13)
+    spread, vectors = safely(
+        np.linalg.eigh, covariance / np.outer(scale, scale), what="the covariance"
+    )
+    spread = np.maximum(spread, 1e-10 * max(spread[-1], 1e-3))
+    return np.asarray(scale[:, None] * vectors * np.sqrt(spread))
+
+
+def least_spread(covariance: Array, white: Array) -> Array:
+    """Return the covariance with no combination known better than noise that is white allows.
+
+    A long-run covariance from a finite record is far too small in its smallest directions, and
+    they would decide what is nearest. `white` (p, p) is positive definite.
+    """
+    ratios, vectors = safely(
+        linalg.eigh, covariance, white, what="the covariance beside that of white noise"
+    )
+    half = white @ vectors * np.sqrt(np.maximum(ratios, 1.0))
+    return np.asarray(half @ half.T)
+
+
+BARRIER = 1e-6
+"""What a linear inequality may cost in chi-square: its logarithmic barrier's weight."""
+
+RESOLVED = 1e-9
+"""Part of chi-square below which neither a weight nor a barrier can be resolved."""
+
+_SETTLED = 1e-9
+"""Decrement of the merit in units of the weight at which the minimum is found."""
+
+_ROUNDING = 1e-11
+"""The same as a part of chi-square: far from the estimate no more can be resolved."""
+
+_STALLED = 1e-2
+"""Decrement of the merit in units of the weight that is enough where it falls no more."""
+
+_STUCK, _LATE = 1e-3, 10
+"""Length of a step, and number of last steps, by which rounding stops it: then twice the weight is
+a small decrement."""
+
+_ATTEMPTS = ((RESOLVED, 1e-8), (1e2 * RESOLVED, 1e-5), (1e4 * RESOLVED, 1e-2))
+"""Least parts: of weight and barrier in chi-square, and of the barrier in the weight."""
+
+_MOST_STEPS = 200
+_MOST_CUTS = 50
+_TO_THE_BOUNDARY = 0.9
+_LEAST_CENTRING = 1e-4
+_LONG = 0.3
+
+_APART = 1e4
+"""How far a complementary product may be from their mean; further it is of no use to the next."""
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """(u, free unknowns), the bodies Q (n, 4, 4), slacks (c,), and the multipliers of both.
+
+    The first `p` of the unknowns x are u; `roots` are the triangular factors of Q, and some of Z.
+    """
+
+    x: Array
+    Q: Array
+    slack: Array
+    Z: Array
+    multipliers: Array
+    roots: tuple[Array, Array]
+    p: int
+
+    @cached_property
+    def chi_square(self) -> float:
+        """Squared distance to the estimate in standard errors."""
+        return float(self.x[: self.p] @ self.x[: self.p])
+
+    @cached_property
+    def halves(self) -> tuple[Array, Array]:
+        """Inverses of the roots."""
+        first, second = (np.asarray(np.linalg.inv(root)) for root in self.roots)
+        return first, second
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Inverses of the bodies."""
+        return self.halves[0].transpose(0, 2, 1) @ self.halves[0]
+
+    @cached_property
+    def gaps(self) -> tuple[float, float]:
+        """Mean complementary products of bodies and of inequalities."""
+        bodies = float(np.sum(self.Q * self.Z)) / (4 * len(self.Q))
+        return bodies, float(self.slack @ self.multipliers) / max(len(self.slack), 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """Where the merit is least, with the weight that counted; `freedom` is that of its values."""
+
+    point: Point
+    weight: float
+    freedom: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """The change of each part of a point."""
+
+    x: Array
+    Q: Array
+    slack: Array
+    Z: Array
+    multipliers: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _System:
+    """Newton's equations: J = basis @ factor @ permutation, columns in units of `scale`.
+
+    `rows` is the order of the rows of J, the largest first: with it and with pivoted columns the
+    factor is as exact in small rows as in large ones (Cox and Higham 1998).
+    """
+
+    basis: Array
+    factor: Array
+    rows: IndexArray
+    order: IndexArray
+    scale: Array
+
+    def solved(self, rest: Array) -> tuple[Array, float]:
+        """Return x of the least |J x + rest|, and |J x|^2."""
+        along = self.basis.T @ rest[self.rows]
+        x = np.empty_like(along)
+        x[self.order] = linalg.solve_triangular(self.factor, along, check_finite=False)
+        return -self.scale * x, float(along @ along)
+
+    def variances(self) -> Array:
+        """Return the diagonal of the inverse of J^T J."""
+        inverse = np.empty_like(self.factor)
+        unit = np.eye(len(self.factor))
+        inverse[self.order] = linalg.solve_triangular(self.factor, unit, check_finite=False)
+        return np.asarray(np.sum((self.scale[:, None] * inverse) ** 2, axis=1))
+
+
+def minimum(programme: Programme, weight: float) -> Minimum:
+    """Return where chi-square + weight times the divergence from the prior is least.
+
+    A weight below 1e-9 of chi-square counts as that; where rounding leaves no way there, one below
+    1e-7 and then 1e-5 does, and barriers are higher. Raises IdentificationError where none leads to
+    an end, and for numbers too large to be squared.
+    """
+    start = _start(programme, weight)
+    for resolved, beside in _ATTEMPTS:
+        found = _search(programme, weight, start, resolved, beside)
+        if found is not None:
+            return found
+    raise IdentificationError(
+        f"the possible bodies nearest to the prior with weight {weight:.3g} were not found: the "
+        f"search started {np.sqrt(start.chi_square):.3g} standard errors from the estimate and did "
+        "not end. Check payloads, known bodies and bounds against the data, and give bounds that "
+        "are wider"
+    )
+
+
+def _search(
+    programme: Programme, weight: float, point: Point, resolved: float, beside: float
+) -> Minimum | None:
+    """Return the minimum, None where it is not found in so many steps.
+
+    Neither weight nor barrier falls below the part `resolved` of chi-square, nor the barrier below
+    the part `beside` of the weight: with less its slack is lost in rounding.
+    """
+    used, before, late = np.inf, np.inf, 0
+    for _ in range(_MOST_STEPS):
+        least = resolved * point.chi_square
+        used = max(weight, min(used, least))
+        final = used, max(BARRIER, least, beside * used)
+        system = _system(programme, point)
+        step, decrement = _direction(programme, used, point, system, final)
+        last = all(gap <= 2 * target for gap, target in zip(point.gaps, final, strict=True))
+        if not (last and decrement <= used):
+            step = _corrected(programme, used, point, system, final, step)
+        moved, length = _moved(programme, point, step)
+        late += last
+        enough = _SETTLED * used + _ROUNDING * point.chi_square
+        if length < _STUCK or late > _LATE:
+            enough = max(enough, 2 * used)
+        elif decrement > 0.1 * before:
+            enough = max(enough, _STALLED * used)
+        if last and decrement < enough:
+            freedom = 2 * float(np.sum(system.variances()[: point.p]))
+            return Minimum(moved or point, used, freedom)
+        if moved is None:
+            break
+        point, before = moved, decrement if last else np.inf
+    return None
+
+
+def _start(programme: Programme, weight: float) -> Point:
+    """Return the point of the programme's start, with multipliers that balance its merit."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        x = programme.coordinates(programme.start)
+        Q = programme.scaled(programme.start)
+        slack = programme.limits @ programme.start - programme.bounds
+        u = x[: len(programme.estimate)]
+        gap = max(weight, float(u @ u + weight * np.einsum("nii->", Q)) / (4 * len(Q)))
+    root = _root(Q) if np.isfinite(gap) else None
+    if root is None or np.min(slack, initial=1.0) <= 0:
+        raise IdentificationError(
+            "possible bodies: estimate, standard errors, prior and bounds are too different in "
+            f"size to be compared: estimates up to {_largest(programme.estimate)}, standard errors "
+            f"up to {_largest(programme.root)}, prior up to {_largest(programme.prior)}; check "
+            "their units"
+        )
+    half = np.linalg.inv(root)
+    Z = gap * half.transpose(0, 2, 1) @ half
+    # R' R = half' half, as Cholesky would find it, but it cannot fail where Q is nearly singular
+    triangle = np.linalg.qr(half, mode="r")
+    signs = np.where(np.einsum("nii->ni", triangle) < 0, -1.0, 1.0)[:, :, None]
+    dual = np.sqrt(gap) * (signs * triangle).transpose(0, 2, 1)
+    return Point(x, Q, slack, Z, gap / slack, (root, dual), len(u))
+
+
+def _largest(values: Array) -> str:
+    return f"{np.max(np.abs(values), initial=0.0):.3g}"
+
+
+def _inside(programme: Programme, x: Array) -> tuple[Array, Array]:
+    """Return the bodies and the slacks of unknowns."""
+    (first, blocks), (offset, matrix) = programme.cones, programme.slack
+    return first + np.tensordot(x, blocks, (0, 1)), offset + matrix @ x
+
+
+def _system(programme: Programme, point: Point) -> _System:
+    blocks, matrix = programme.cones[1], programme.slack[1]
+    f, (half, _), (_, dual) = len(point.x), point.halves, point.roots
+    flat = (half[:, None] @ blocks @ dual[:, None]).transpose(0, 2, 3, 1).reshape(-1, f)
+    steep = np.sqrt(point.multipliers / point.slack)[:, None] * matrix
+    J = np.concatenate([flat, steep, np.sqrt(2.0) * np.eye(point.p, f)])
+    scale = 1 / np.linalg.norm(J, axis=0)
+    J *= scale
+    rows = np.argsort(-np.max(np.abs(J), axis=1), kind="stable")
+    basis, factor, order = linalg.qr(
+        J[rows], mode="economic", pivoting=True, overwrite_a=True, check_finite=False
+    )
+    return _System(basis, factor, rows, order, scale)
+
+
+def _direction(
+    programme: Programme,
+    weight: float,
+    point: Point,
+    system: _System,
+    targets: tuple[float, float],
+    ahead: _Step | None = None,
+    part: float = 1.0,
+) -> tuple[_Step, float]:
+    """Return the step to complementary products `targets`, and the decrement of the merit.
+
+    `ahead` is a step whose second order is made good for, in part.
+    """
+    blocks, matrix = programme.cones[1], programme.slack[1]
+    (root, _), (half, other) = point.roots, point.halves
+    turned, product = np.zeros_like(point.Q), np.zeros_like(point.slack)
+    if ahead is not None:
+        turned = part * ahead.Z @ ahead.Q @ point.inverse
+        product = part * ahead.slack * ahead.multipliers
+    upper = root.transpose(0, 2, 1)
+    pull = (weight * upper - targets[0] * half + upper @ turned) @ other.transpose(0, 2, 1)
+    push = (product - targets[1]) / np.sqrt(point.multipliers * point.slack)
+    rest = np.concatenate([pull.ravel(), push, np.sqrt(2.0) * point.x[: point.p]])
+    x, decrement = system.solved(rest)
+    Q, slack = np.tensordot(x, blocks, (0, 1)), matrix @ x
+    turned = turned + point.Z @ Q @ point.inverse
+    Z = targets[0] * point.inverse - point.Z - 0.5 * (turned + turned.transpose(0, 2, 1))
+    multipliers = (targets[1] - product - point.multipliers * slack) / point.slack
+    return _Step(x, Q, slack, Z, multipliers - point.multipliers), decrement
+
+
+def _corrected(
+    programme: Programme,
+    weight: float,
+    point: Point,
+    system: _System,
+    final: tuple[float, float],
+    ahead: _Step,
+) -> _Step:
+    """Return Mehrotra's step: as central as the way straight `ahead` to the end is short.
+
+    What the second order is worth is seen: of it whole, in part and not at all the one is taken
+    that leaves the longest way, if the first is not long enough.
+    """
+    reach = _length(point, ahead)
+    centring = max((1 - reach) ** 3, _LEAST_CENTRING)
+    bodies, limits = (
+        max(target, centring * gap) for target, gap in zip(final, point.gaps, strict=True)
+    )
+    best, longest = ahead, 0.0
+    for part in (1.0, reach, 0.0):
+        step, _ = _direction(programme, weight, point, system, (bodies, limits), ahead, part)
+        length = _length(point, step)
+        if length > longest:
+            best, longest = step, length
+        if longest > _LONG:
+            break
+    return best
+
+
+def _moved(programme: Programme, point: Point, step: _Step) -> tuple[Point | None, float]:
+    """Return the point after a step that stays inside, and its length; None where none does."""
+    length = _length(point, step)
+    for _ in range(_MOST_CUTS):
+        x = point.x + length * step.x
+        Q, slack = _inside(programme, x)
+        root = _root(Q)
+        if root is None:  # the sum of x may be all rounding: what was added is exact
+            Q = point.Q + length * step.Q
+            root = _root(Q)
+        ahead = point.slack + length * step.slack
+        slack = np.where(slack > 0.5 * ahead, slack, ahead)
+        if root is not None and np.min(slack, initial=1.0) > 0:
+            Z = point.Z + length * step.Z
+            multipliers = point.multipliers + length * step.multipliers
+            return _balanced(x, Q, slack, Z, multipliers, root, point.p), length
+        length *= 0.5
+    return None, 0.0
+
+
+def _balanced(
+    x: Array, Q: Array, slack: Array, Z: Array, multipliers: Array, root: Array, p: int
+) -> Point:
+    """Return a point whose complementary products are not too far from their mean."""
+    products, vectors = np.linalg.eigh(root.transpose(0, 2, 1) @ Z @ root)
+    near = np.mean(products)
+    products = np.clip(products, near / _APART, near * _APART)
+    half = np.linalg.inv(root).transpose(0, 2, 1)
+    dual = half @ vectors * np.sqrt(products)[:, None, :]
+    near = float(slack @ multipliers) / max(len(slack), 1)
+    multipliers = np.clip(multipliers, near / _APART / slack, near * _APART / slack)
+    return Point(x, Q, slack, dual @ dual.transpose(0, 2, 1), multipliers, (root, dual), p)
+
+
+def _root(matrices: Array) -> Array | None:
+    """Return the triangular factors, None where a matrix is not positive definite."""
+    try:
+        return np.asarray(np.linalg.cholesky(matrices))
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _length(point: Point, step: _Step) -> float:
+    """Return how much of a step keeps matrices positive definite and values positive."""
+    steepest = 0.0
+    for half, change in zip(point.halves, (step.Q, step.Z), strict=True):
+        ratios = np.linalg.eigvalsh(half @ change @ half.transpose(0, 2, 1))
+        steepest = max(steepest, -float(np.min(ratios)))
+    steepest = max(steepest, -float(np.min(step.slack / point.slack, initial=0.0)))
+    steepest = max(steepest, -float(np.min(step.multipliers / point.multipliers, initial=0.0)))
+    return float(min(1.0, _TO_THE_BOUNDARY / max(steepest, 1e-300)))

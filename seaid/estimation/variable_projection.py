@@ -1,0 +1,119 @@
+"""Variable projection: few parameters that bend the model, many in which it is linear.
+
+y(v) = H(v) theta + noise. For given v the best theta is linear least squares; what is left is a
+search over v alone (Golub and Pereyra 1973), with Kaufman's Jacobian (1975): the slopes of the
+model by v, less what a change of theta makes up for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from seaid._arrays import Array, safely
+
+Columns = Callable[[Array], tuple[Array, Array]]
+"""v (b,) -> y (R,) and H (R, p)."""
+
+Slopes = Callable[[Array, Array], Array]
+"""v (b,), theta (p,) -> derivative (R, b) of H(v) theta - y(v) by v."""
+
+_LOST = 1e-9
+_MOST_EVALUATIONS = 60
+_FEW_STEPS, _MOST_TRIED = 8, 12
+
+
+@dataclass(frozen=True, eq=False)
+class Projected:
+    """The best `bent` (b,) and `linear` (p,) values, and the norm of the residual there."""
+
+    bent: Array
+    linear: Array
+    residual: float
+
+
+def projected(
+    columns: Columns,
+    slopes: Slopes,
+    starts: Sequence[Array],
+    lower: Array,
+    upper: Array,
+) -> Projected:
+    """Return the least-squares fit of a model that is linear but for b parameters.
+
+    A few steps are taken from the best dozen of the `starts` (each (b,)), and the search goes on
+    from the best of these, within `lower` < v < `upper` (b,), which also set its scale where they
+    are finite; a start on a bound is moved inside.
+    """
+
+    def misfit(v: Array) -> float:
+        return float(np.linalg.norm(_residual(columns, v)[0]))
+
+    inside = [_inside(np.asarray(start, dtype=float), lower, upper) for start in starts]
+    inside = sorted(inside, key=misfit)[:_MOST_TRIED]
+    if len(inside) > 1:
+        tried = [_descended(columns, slopes, v, lower, upper, _FEW_STEPS) for v in inside]
+        inside = [min(tried, key=misfit)]
+    best = _descended(columns, slopes, inside[0], lower, upper, _MOST_EVALUATIONS)
+    rest, theta, _ = _residual(columns, best)
+    return Projected(best, theta, float(np.linalg.norm(rest)))
+
+
+def _descended(
+    columns: Columns, slopes: Slopes, start: Array, lower: Array, upper: Array, most: int
+) -> Array:
+    """Return where so many evaluations lead from a start."""
+    from scipy.optimize import least_squares
+
+    size = max(float(np.linalg.norm(_residual(columns, start)[0])), 1e-300)
+
+    last: list[tuple[Array, tuple[Array, Array, Array]]] = []
+
+    def at(v: Array) -> tuple[Array, Array, Array]:
+        if not last or not np.array_equal(last[0][0], v):
+            last[:] = [(v.copy(), _residual(columns, v))]
+        return last[0][1]
+
+    def residual(v: Array) -> Array:
+        return at(v)[0] / size
+
+    def jacobian(v: Array) -> Array:
+        _, theta, Q = at(v)
+        D = slopes(v, theta)
+        return -(D - Q @ (Q.T @ D)) / size
+
+    scale = np.where(start != 0, np.abs(start), np.where(np.isfinite(upper), upper, 1.0))
+    start = _inside(start, lower, upper)
+    found = least_squares(
+        residual,
+        start,
+        jac=jacobian,
+        bounds=(lower, upper),
+        x_scale=scale,
+        xtol=1e-12,
+        ftol=1e-14,
+        gtol=1e-14,
+        max_nfev=most,
+    )
+    return np.asarray(found.x)
+
+
+def _residual(columns: Columns, v: Array) -> tuple[Array, Array, Array]:
+    """Return y - H theta at v, theta, and a basis (R, rank) of what H reaches."""
+    y, H = columns(v)
+    norms = np.linalg.norm(H, axis=0)
+    norms[norms == 0] = 1.0
+    U, singular, Vt = safely(np.linalg.svd, H / norms, what="the equations", full_matrices=False)
+    kept = singular > _LOST * max(singular[0], 1e-300) if len(singular) else singular > 0
+    Q = U[:, kept]
+    told = Q.T @ y
+    theta = Vt[kept].T @ (told / singular[kept]) / norms
+    return y - Q @ told, theta, Q
+
+
+def _inside(v: Array, lower: Array, upper: Array) -> Array:
+    with np.errstate(invalid="ignore"):
+        width = np.where(np.isfinite(upper - lower), upper - lower, 1.0 + np.abs(v))
+    return np.clip(v, lower + 1e-6 * width, upper - 1e-6 * width)

@@ -1,0 +1,417 @@
+"""The collision geometry of a URDF, placed on the joints of a Robot.
+
+Convex hulls of mesh files, read in a child process: the readers crash on damaged files.
+
+Scene: distances between the bodies of a robot and to keep-out boxes, with exact gradients.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from seaid._arrays import Array, BoolArray, finite
+from seaid.errors import ExcitationError, RobotError, listed, reason_of, shortened
+from seaid.excitation.trajectory import Trajectory
+from seaid.log import Answer, ChildError, doing, run_in_child
+from seaid.robot import Robot, find_mesh, read_urdf, search_folders
+
+_SECONDS, _BYTES_PER_SECOND = 15.0, 1e6
+"""Processor time that a child may take: at least, and the slowest rate of reading."""
+
+_MOST_SIZE_M = 1e6
+"""Coordinates beyond are no mesh of a robot, and too large for the arithmetic of distances."""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A mesh file of a link, and the scale (three factors) that the URDF gives it."""
+
+    link: str
+    path: Path
+    scale: tuple[float, float, float]
+
+
+def hulls(urdf: str | Path, meshes: Sequence[Mesh]) -> list[Any]:
+    """Return the convex hulls of meshes, as coal's shapes.
+
+    Raises RobotError naming the link and the file of a mesh that cannot be read or is flat.
+    """
+    if not meshes:
+        return []
+    seconds = _SECONDS + sum(mesh.path.stat().st_size for mesh in meshes) / _BYTES_PER_SECOND
+    wanted = [[mesh.link, str(mesh.path), mesh.scale] for mesh in meshes]
+    try:
+        options, corners = run_in_child(hull_corners, {"meshes": wanted}, seconds=seconds)
+    except ChildError as problem:
+        raise RobotError(
+            f"collision geometry of '{urdf}' cannot be read: {problem}; repair the mesh, or use a "
+            "box, a cylinder or a sphere in its place"
+        ) from None
+    found = zip(corners.values(), options, strict=True)
+    return [coal.Convex.convexHull(_points(one), True, option) for one, option in found]
+
+
+def hull_corners(meshes: Sequence[tuple[str, str, Sequence[float]]]) -> Answer:
+    """Return Qhull's option for, and the corners (C, 3) of, each mesh's hull; runs in the child."""
+    loader = coal.MeshLoader()
+    options, corners = [], {}
+    for place, (link, path, scale) in enumerate(meshes):
+        where = f"link '{link}': collision mesh '{path}'"
+        doing(where)
+        try:
+            vertices = np.array(loader.load(path, np.array(scale, dtype=float)).vertices())
+        except Exception as problem:  # a reader of fifty formats
+            raise RobotError(f"{where} cannot be read: {_reason(problem)}") from None
+        option, corners[str(place)] = _corners(where, vertices)
+        options.append(option)
+    return options, corners
+
+
+def _corners(where: str, vertices: Array) -> tuple[str, Array]:
+    from scipy.spatial import ConvexHull, QhullError
+
+    if not len(vertices) or not np.all(np.abs(vertices) < _MOST_SIZE_M):
+        raise RobotError(f"{where} has no corners, or some that are beyond {_MOST_SIZE_M:g} m")
+    try:
+        # coal's own hull ends the process on flat ones
+        corners = vertices[ConvexHull(vertices).vertices]
+    except (QhullError, ValueError):
+        raise RobotError(
+            f"{where} is flat, its convex hull has no volume; use a box or another mesh"
+        ) from None
+    try:
+        coal.Convex.convexHull(_points(corners), True, "Qt")
+    except RuntimeError:  # coal takes 255 neighbours of a corner: joggled, it has fewer
+        coal.Convex.convexHull(_points(corners), True, "QJ")
+        return "QJ", corners
+    return "Qt", corners
+
+
+def _reason(problem: Exception) -> str:
+    """Return what coal's message says beside where in coal it was written."""
+    _, found, message = str(problem).partition("message: ")
+    said = message.splitlines()[1:2] if found else []
+    return shortened(said[0], 300) if said else reason_of(problem)
+
+
+def _points(corners: Array) -> Any:
+    points = coal.StdVec_Vec3s()
+    points.extend(list(corners))
+    return points
+
+
+_SAME_PLACEMENT = 1e-2
+"""Placements of one joint differ by less [m, rad] between two readings of one file (snapping)."""
+
+
+def collision_geometry(
+    urdf: str | Path, robot: Robot, package_dirs: str | Path | Sequence[str | Path]
+) -> tuple[pin.GeometryModel, tuple[str, ...]]:
+    """Return the collision geometry on the joints of `robot.model`, and the link of each object.
+
+    Boxes, spheres and cylinders stay what they are; a mesh becomes its convex hull, which is never
+    smaller. Raises RobotError for meshes that are not found or not read, and for another robot's
+    file.
+    """
+    tree = read_urdf(urdf, 0.0)
+    strangers = [name for name in robot.joint_names if name not in tree.joints]
+    if strangers:
+        raise RobotError(
+            f"'{urdf}' is not the file of robot '{robot.name}': it has no joint "
+            f"{', '.join(strangers)}"
+        )
+    text, meshes = _without_meshes(Path(urdf), search_folders(Path(urdf), package_dirs))
+    try:
+        full = pin.buildModelFromXML(text)
+        shapes = pin.buildGeomFromUrdfString(full, text, pin.GeometryType.COLLISION)
+    except (ValueError, RuntimeError) as problem:
+        raise RobotError(f"collision geometry of '{urdf}' cannot be read: {problem}") from None
+    _check_same_tree(str(urdf), full, robot)
+    convex = dict(zip(meshes, hulls(urdf, list(meshes.values())), strict=True))
+    data = full.createData()
+    pin.forwardKinematics(full, data, pin.neutral(full))
+    placed, links = pin.GeometryModel(), []
+    for shape in shapes.geometryObjects:
+        links.append(full.frames[shape.parentFrame].name)
+        moving = _moving(full, shape.parentJoint, robot)
+        joint = robot.model.getJointId(full.names[moving])
+        placement = data.oMi[moving].actInv(data.oMi[shape.parentJoint] * shape.placement)
+        geometry = convex.get(shape.name, shape.geometry)
+        geometry.computeLocalAABB()
+        placed.addGeometryObject(pin.GeometryObject(shape.name, joint, placement, geometry))
+    return placed, tuple(links)
+
+
+def _moving(full: pin.Model, joint: int, robot: Robot) -> int:
+    """Return the joint, or the nearest one towards the base that is not locked (0: the base)."""
+    while joint and full.names[joint] not in robot.joint_names:
+        joint = full.parents[joint]
+    return joint
+
+
+def _check_same_tree(where: str, full: pin.Model, robot: Robot) -> None:
+    data = full.createData()
+    pin.forwardKinematics(full, data, pin.neutral(full))
+    for own, name in enumerate(robot.model.names[1:], 1):
+        joint = full.getJointId(name)
+        parent = _moving(full, full.parents[joint], robot)
+        # a locked joint is at zero: all joints at neutral leave the placements as they are
+        placement = data.oMi[parent].actInv(data.oMi[joint]).homogeneous
+        difference = placement - robot.model.jointPlacements[own].homogeneous
+        same_parent = full.names[parent] == robot.model.names[robot.model.parents[own]]
+        if not same_parent or np.max(np.abs(difference)) > _SAME_PLACEMENT:
+            raise RobotError(
+                f"'{where}' is not the file of robot '{robot.name}': joint '{name}' is elsewhere"
+            )
+
+
+def _without_meshes(urdf: Path, folders: Sequence[Path]) -> tuple[str, dict[str, Mesh]]:
+    """Return the text of the file with a ball in the place of every collision mesh, and those.
+
+    They are named as Pinocchio names its objects: link, and number of the link's collision element.
+    """
+    from lxml import etree
+
+    root = etree.parse(str(urdf), etree.XMLParser(remove_comments=True)).getroot()
+    if not root.get("name"):
+        root.set("name", urdf.stem)
+    named = {
+        f"{link.get('name')}_{place}": (str(link.get("name")), mesh)
+        for link in root.iter("link")
+        for place, box in enumerate(link.iterfind("collision"))
+        for mesh in box.iterfind("geometry/mesh")
+    }
+    where = dict.fromkeys(str(mesh.get("filename")) for _, mesh in named.values())
+    found = {name: find_mesh(name, folders) for name in where}
+    missing = [name for name, path in found.items() if path is None]
+    if missing:
+        raise RobotError(
+            f"'{urdf}': {len(missing)} collision meshes not found: {listed(missing)}; searched "
+            "in package_dirs, the folder of the file and those above it; give the folders that "
+            "hold the packages by package_dirs=[...]"
+        )
+    meshes = {}
+    for name, (link, mesh) in named.items():
+        path = found[str(mesh.get("filename"))]
+        if path is not None:
+            meshes[name] = Mesh(link, path, _scale(urdf, link, mesh.get("scale") or "1 1 1"))
+        mesh.getparent().replace(mesh, etree.Element("sphere", radius="1"))
+    return str(etree.tostring(root, encoding="unicode")), meshes
+
+
+def _scale(urdf: Path, link: str, text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(one) for one in text.split())
+    except ValueError:
+        x = y = z = 0.0
+    if not np.all(np.isfinite([x, y, z])) or 0.0 in (x, y, z):
+        raise RobotError(
+            f"'{urdf}', link '{link}': the scale of a mesh must be three numbers that are not "
+            f"zero, found '{shortened(text)}'"
+        )
+    return x, y, z
+
+
+def bounding_spheres(geometry: pin.GeometryModel) -> tuple[Array, Array]:
+    """Return centres (G, 3) in the objects' own frames and radii (G,) of spheres about them."""
+    shapes = [shape.geometry for shape in geometry.geometryObjects]
+    centres = np.array([shape.aabb_center for shape in shapes])
+    return centres, np.array([shape.aabb_radius for shape in shapes])
+
+
+Pair = tuple[str, str]
+
+_TOLERANCE, _TOLERANCE_CURVED = 1e-10, 1e-6
+"""[m]. On polytopes (a sphere is a point, a capsule a line, thick) GJK and EPA end exactly; EPA on
+two deeply overlapping cylinders fails below 1e-6."""
+_ITERATIONS, _ITERATIONS_CURVED = 1000, 255
+_CURVED = (coal.Cylinder, coal.Cone, coal.Ellipsoid)
+_HULL_DENSITY = 16
+_COARSE = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What may collide: pairs of convex bodies on the joints of a robot, from `load_scene`.
+
+    `pairs` names the two links, or the link and the box, of each of the P pairs watched; `ignored`
+    those left out because they collide in nearly every posture. `clearance_m` is the least
+    distance [m] that a planned motion keeps. Plain data, which can be sent to a process.
+    """
+
+    joint_names: tuple[str, ...]
+    model: pin.Model
+    model_order: tuple[int, ...]
+    geometry: pin.GeometryModel
+    pairs: tuple[Pair, ...]
+    ignored: tuple[Pair, ...]
+    clearance_m: float
+
+    @cached_property
+    def ends(self) -> tuple[Array, Array]:
+        """The objects of each pair, as indices (P,) into the geometry."""
+        pairs = self.geometry.collisionPairs
+        first, second = [pair.first for pair in pairs], [pair.second for pair in pairs]
+        return np.array(first, dtype=int), np.array(second, dtype=int)
+
+    @cached_property
+    def moves(self) -> Array:
+        """Which joints (of the model) move each object of the geometry, (G, n) of 0 and 1."""
+        moved = np.zeros((self.geometry.ngeoms, self.model.nv))
+        for row, shape in zip(moved, self.geometry.geometryObjects, strict=True):
+            row[[joint - 1 for joint in self.model.supports[shape.parentJoint] if joint]] = 1.0
+        return moved
+
+
+def distances(scene: Scene, q: Array, *, cap_m: float = np.inf) -> Array:
+    """Return the signed distance (T, P) [m] of every pair at positions q (T, n) [rad or m].
+
+    Negative where two bodies overlap: the shortest shift that parts them. Distances of more than
+    `cap_m` count as `cap_m`, which saves most of the time. Raises ExcitationError for positions of
+    another shape or not finite.
+    """
+    return _witnesses(scene, q, cap_m)[0]
+
+
+def distance_gradients(scene: Scene, q: Array, *, cap_m: float = np.inf) -> tuple[Array, Array]:
+    """Return the `distances` (T, P) and their exact gradient (T, P, n) by the joint positions.
+
+    A distance changes as its nearest points, carried along by the bodies, come apart along the
+    normal. Zero where the distance is capped. Where the nearest points are not unique (parallel
+    faces), this is the derivative of one choice of them. With cylinders the normal is good to 1e-5,
+    to 1e-2 where they overlap. Raises as `distances` does.
+    """
+    found, normals, points, jacobians = _witnesses(scene, q, cap_m)
+    linear, angular = jacobians[:, :3], jacobians[:, 3:]
+    first, second = scene.ends
+    sign = scene.moves[second] - scene.moves[first]
+    along = sign * (normals @ linear + np.cross(points, normals) @ angular)
+    gradient = np.empty_like(along)
+    gradient[:, :, list(scene.model_order)] = along
+    return found, gradient
+
+
+def _witnesses(scene: Scene, q: Array, cap_m: float) -> tuple[Array, Array, Array, Array]:
+    """Return distances (T, P), normals and points of the first body (T, P, 3), Jacobians (T, 6, n).
+
+    The Jacobians are those of Pinocchio's model, at the origin of the base.
+    """
+    q = finite("q", q, (None, len(scene.joint_names)), ExcitationError)[:, list(scene.model_order)]
+    model, geometry = scene.model, scene.geometry
+    data, placed = model.createData(), geometry.createData()
+    _set_accuracy(geometry, placed)
+    first, second = scene.ends
+    centres, radii = bounding_spheres(geometry)
+    least = np.maximum(radii[first] + radii[second] + cap_m, 0.0)
+    found = np.full((len(q), len(first)), cap_m)
+    normals, points = np.zeros((2, len(q), len(first), 3))
+    jacobians = np.empty((len(q), 6, model.nv))
+    for k, position in enumerate(q):
+        jacobians[k] = pin.computeJointJacobians(model, data, position)
+        pin.updateGeometryPlacements(model, data, geometry, placed)
+        spots = np.array([oMg.act(c) for oMg, c in zip(placed.oMg, centres, strict=True)])
+        apart = spots[first] - spots[second]
+        for pair in np.flatnonzero(np.einsum("pi,pi->p", apart, apart) < least**2).tolist():
+            result = pin.computeDistance(geometry, placed, pair)
+            if not result.min_distance >= cap_m:
+                found[k, pair] = result.min_distance
+                normals[k, pair] = result.normal
+                points[k, pair] = result.getNearestPoint1()
+    return found, normals, points, jacobians
+
+
+def _set_accuracy(geometry: pin.GeometryModel, placed: pin.GeometryData) -> None:
+    curved = [isinstance(shape.geometry, _CURVED) for shape in geometry.geometryObjects]
+    for pair, request in zip(geometry.collisionPairs, placed.distanceRequests, strict=True):
+        either = curved[pair.first] or curved[pair.second]
+        request.enable_signed_distance = True
+        request.gjk_tolerance, request.gjk_max_iterations = _TOLERANCE, _ITERATIONS
+        request.epa_tolerance = _TOLERANCE_CURVED if either else _TOLERANCE
+        request.epa_max_iterations = _ITERATIONS_CURVED if either else _ITERATIONS
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    """The least distance of a motion: `distance_m` [m] of `pair` at `time_s`, over the samples.
+
+    Between the samples, no pair comes closer than `proven_m` at any instant.
+    """
+
+    distance_m: float
+    pair: Pair
+    time_s: float
+    proven_m: float
+
+
+def clearance(scene: Scene, trajectory: Trajectory, *, rate_hz: float = 1000.0) -> Clearance:
+    """Return the least distance of any pair over a motion, sampled at `rate_hz` [1/s].
+
+    What no sample shows is bounded: a distance changes at most by the way that the points of its
+    bodies go, which is that of the joints times their greatest lever arms; the joints' speed
+    between samples is bounded by the hull of their accelerations. Raises ExcitationError for a
+    trajectory of other joints and a rate that is not more than zero.
+    """
+    if trajectory.joint_names != scene.joint_names:
+        raise ExcitationError(
+            f"the trajectory is of joints {', '.join(trajectory.joint_names)}; the scene has "
+            f"{', '.join(scene.joint_names)}"
+        )
+    if not (np.isfinite(rate_hz) and rate_hz > 0):
+        raise ExcitationError(f"rate_hz must be more than zero, found {rate_hz}")
+    steps = int(np.ceil(trajectory.duration * rate_hz))
+    time = np.linspace(0.0, trajectory.duration, steps + 1)
+    q, v, _ = trajectory.sample(time)
+    reach, _, acceleration = (
+        np.max(np.abs(trajectory.basis.hull(order, _HULL_DENSITY) @ trajectory.coefficients), 0)
+        for order in range(3)
+    )
+    half = 0.5 * trajectory.duration / steps
+    way = (np.abs(v) + 0.5 * half * acceleration) * half
+    change = way @ lever_arms(scene, reach).T
+    nearest = float(np.min(distances(scene, q[::_COARSE])))
+    found = distances(scene, q, cap_m=nearest + float(np.max(change)))
+    sample, pair = np.unravel_index(np.argmin(found), found.shape)
+    return Clearance(
+        float(found[sample, pair]),
+        scene.pairs[pair],
+        float(time[sample]),
+        float(np.min(found - change)),
+    )
+
+
+def lever_arms(scene: Scene, reach: Array) -> Array:
+    """Return how far [m] the pairs' points go at most, (P, n), a radian or metre of each joint.
+
+    `reach` (n,) is the greatest |position| of each joint, which prismatic ones stretch the arm by.
+    """
+    model, slides = scene.model, _slides(scene.model)
+    order = list(scene.model_order)
+    steps = np.array([np.linalg.norm(M.translation) for M in model.jointPlacements])
+    steps[1:] += np.where(slides, reach[order], 0.0)
+    centres, radii = bounding_spheres(scene.geometry)
+    arms = np.zeros((scene.geometry.ngeoms, model.nv))
+    for row, shape, centre, radius in zip(
+        arms, scene.geometry.geometryObjects, centres, radii, strict=True
+    ):
+        arm = float(np.linalg.norm(shape.placement.act(centre))) + radius
+        for joint in reversed([joint for joint in model.supports[shape.parentJoint] if joint]):
+            row[joint - 1] = 1.0 if slides[joint - 1] else arm
+            arm += steps[joint]
+    first, second = scene.ends
+    apart = (arms[first] + arms[second]) * (scene.moves[first] != scene.moves[second])
+    levers = np.empty(apart.shape)
+    levers[:, order] = apart
+    return levers
+
+
+def _slides(model: pin.Model) -> BoolArray:
+    kinds = [joint.shortname() for joint in model.joints[1:]]
+    return np.array([kind.startswith("JointModelP") for kind in kinds], dtype=bool)

@@ -1,0 +1,301 @@
+"""What a planned motion shall tell, as one regressor: base parameters, and drives if wanted.
+
+Load rows are the known joint torques of (8), motor rows those of (7) seen from the joint, so that
+are torques at a joint [N m, or N]. A row is divided by the standard deviation of its torque.
+
+The regressor of a target along a motion, (15), and the gradient back to the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.drives import (
+    SMOOTH_SIGNALS,
+    DriveRegressor,
+    SmoothColumns,
+    beside_names,
+    no_value,
+    smooth_columns,
+)
+from seaid.errors import ExcitationError
+from seaid.excitation.criteria import States, regressor_gradient
+from seaid.excitation.flatness import (
+    SIGN_WIDTH,
+    Besides,
+    Transmission,
+    besides,
+    check_nominal_bodies,
+    differentiation,
+    load_derivatives,
+    load_torques,
+    motor_signals,
+    motor_signals_gradient,
+    motor_speeds,
+    rigid_transmission,
+    transmission,
+)
+from seaid.regressor import (
+    BaseParameters,
+    joint_regressor,
+    load_model,
+    motor_regressor,
+    rigid_body_regressor,
+)
+from seaid.robot import UNITS, Robot, named_in_part, torques_at_drives
+
+
+@dataclass(frozen=True, eq=False)
+class DriveBlock:
+    """Columns of one drive: where the parameters `picked` of its regressor stand in the whole.
+
+    Torques of the regressor times `shares` (rows,) are what they are in every row. `acts_beside`:
+    its signals are those of the joint itself, otherwise of the motor and what it turns.
+    """
+
+    joint: int
+    shares: Array
+    regressor: SmoothColumns
+    columns: tuple[int, ...]
+    picked: tuple[int, ...]
+    sign_width: float
+    acts_beside: bool
+
+    @property
+    def signals(self) -> set[str]:
+        """Names of the signals in the picked columns."""
+        row = [self.regressor.row[place] for place in self.picked]
+        return {str(symbol) for entry in row for symbol in entry.free_symbols}
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """The stacked regressor that a motion shall make well conditioned, and how it is scaled.
+
+    Columns are the p base columns, then those of the drives in `blocks`; `names` and `units` tell
+    them. Rows at one instant are the known torques `rows`, then the motors of elastic joints;
+    `at_drives` (r, r) makes torques on what the drives turn of those at joints. `needs_load`: drive
+    columns depend on the load's torque, to which `beside` belongs.
+    `row_weights` (rows,) and `column_scale` (columns,) multiply them; `known` (., columns), scaled
+    alike, is the triangular factor of what recorded logs tell already.
+    """
+
+    robot: Robot
+    rows: tuple[int, ...]
+    base_columns: tuple[int, ...]
+    blocks: tuple[DriveBlock, ...]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    drives: Transmission
+    beside: Besides
+    needs_load: bool
+    at_drives: Array
+    row_weights: Array
+    column_scale: Array
+    known: Array
+
+    @property
+    def asked(self) -> str:
+        """How many parameters of what kind, in words."""
+        return f"{len(self.names)} {'parameters' if self.blocks else 'base parameters'}"
+
+
+def load_target(robot: Robot, rows: Sequence[str] | None, base: BaseParameters) -> Target:
+    """Return the target of the base parameters alone, unscaled, as (16) has it.
+
+    It needs the geometry alone: the robot is kept without parameters and drives. Raises
+    ExcitationError for rows that are some of the joints that drives move together.
+    """
+    group = named_in_part(robot.joint_names, robot.transmission, robot.rows(rows))
+    if group:
+        raise ExcitationError(
+            f"the drives of {', '.join(group)} move these joints together: rows= must name all of "
+            "them or none to plan a motion"
+        )
+    bare = replace(robot.with_values(np.zeros(10 * robot.n), robot.drivetrains), drivetrains={})
+    p = len(base.columns)
+    known = tuple(map(robot.index, robot.rows(rows)))
+    return Target(
+        robot=bare,
+        rows=known,
+        base_columns=base.columns,
+        blocks=(),
+        names=base.expressions,
+        units=tuple(UNITS[column % 10] for column in base.columns),
+        drives=rigid_transmission(bare),
+        beside=(),
+        needs_load=False,
+        at_drives=np.eye(len(known)),
+        row_weights=np.ones(len(known)),
+        column_scale=np.ones(p),
+        known=np.empty((0, p)),
+    )
+
+
+def drive_target(
+    robot: Robot, rows: Sequence[str] | None, base: BaseParameters, top_speed: Array
+) -> Target:
+    """Return the target of base parameters and drives: friction, stiffness, rotor inertia.
+
+    `top_speed` (n,) [rad/s or m/s] sets where Coulomb friction turns. A motor's speed and its
+    spring's deflection follow from the nominal model; raises ExcitationError where an elastic drive
+    or a body has none, and where a column is a slope near a value that is not given.
+    """
+    known, drives = robot.rows(rows), transmission(robot)
+    parts = _drive_blocks(robot, drives, known, top_speed)
+    plain, model = load_target(robot, rows, base), load_model(robot, base, known)
+    names, units = list(model.expressions), list(plain.units)
+    blocks = []
+    for block in parts:
+        joint, regressor = robot.joint_names[block.joint], block.regressor
+        told = {name for owner, name, _ in model.drives if owner == joint}
+        in_motor_row = np.any(block.shares[len(known) :])
+        picked = [i for i, name in enumerate(regressor.names) if in_motor_row or name in told]
+        columns = tuple(range(len(names), len(names) + len(picked)))
+        blocks.append(replace(block, columns=columns, picked=tuple(picked)))
+        names += [f"{regressor.names[i]} of {joint}" for i in picked]
+        units += [regressor.units[i] for i in picked]
+    needs_load = drives.is_elastic or any("tau_G" in block.signals for block in blocks)
+    if needs_load:
+        check_nominal_bodies(robot)
+    return replace(
+        plain,
+        robot=robot,
+        blocks=tuple(blocks),
+        names=tuple(names),
+        units=tuple(units),
+        drives=drives,
+        beside=besides(robot, top_speed, robot.joint_names) if needs_load else (),
+        needs_load=needs_load,
+        at_drives=torque_map(robot)[np.ix_(plain.rows, plain.rows)],
+        row_weights=np.ones(len(known) + len(robot.elastic_joints)),
+        column_scale=np.ones(len(names)),
+        known=np.empty((0, len(names))),
+    )
+
+
+def _drive_blocks(
+    robot: Robot, drives: Transmission, known: Sequence[str], top_speed: Array
+) -> list[DriveBlock]:
+    """Return what drives, and what acts beside them, bring to the rows; nothing picked yet."""
+    load_rows = [robot.index(joint) for joint in known]
+    motors = SIGN_WIDTH * motor_speeds(drives, top_speed)
+    blocks = []
+    for index, joint in enumerate(robot.joint_names):
+        shares = np.zeros(len(known) + len(robot.elastic_joints))
+        if joint in robot.elastic_joints:
+            shares[len(known) + robot.elastic_joints.index(joint)] = drives.ratio[index]
+        elif joint in known:
+            shares[known.index(joint)] = drives.ratio[index]
+        if np.any(shares):
+            columns = _valued(joint, motor_regressor(robot, joint))
+            blocks.append(DriveBlock(index, shares, columns, (), (), motors[index], False))
+        if beside_names(robot.drivetrains[joint]):
+            shares = np.zeros(len(shares))
+            shares[: len(known)] = torque_map(robot)[load_rows, index]
+            columns, width = _valued(joint, joint_regressor(robot, joint)), top_speed[index]
+            blocks.append(DriveBlock(index, shares, columns, (), (), SIGN_WIDTH * width, True))
+    return blocks
+
+
+def _valued(joint: str, regressor: DriveRegressor) -> SmoothColumns:
+    """Return smooth columns. Raises ExcitationError where a value is missing for them."""
+    columns = smooth_columns(regressor)
+    if columns.missing:
+        raise no_value(joint, columns.missing[0])
+    return columns
+
+
+def torque_map(robot: Robot) -> Array:
+    """Return the matrix (n, n) that makes torques on what the drives turn of those at joints."""
+    return torques_at_drives(robot.transmission, np.eye(robot.n)).T
+
+
+READINGS_HZ = 1000.0
+"""Readings of torque a second, with independent errors, for which standard errors are stated."""
+
+
+def stacked_regressor(target: Target, time: Array, states: States) -> Array:
+    """Return the weighted and scaled regressor (T rows, columns) of a motion, (15).
+
+    `time` (T,) is equally spaced.
+    """
+    H = np.zeros((len(time), len(target.row_weights), len(target.names)))
+    Y = rigid_body_regressor(target.robot, *states)[:, list(target.rows)]
+    H[:, : len(target.rows), : len(target.base_columns)] = _mapped(
+        target.at_drives, Y[:, :, list(target.base_columns)]
+    )
+    for block, (columns, _) in _drive_columns(target, time, states)[0]:
+        H[:, :, list(block.columns)] = block.shares[:, None] * columns[:, None]
+    H *= _weights(target, time) * target.column_scale
+    return H.reshape(-1, len(target.names))
+
+
+def regressor_pull_back(target: Target, time: Array, states: States, G: Array) -> States:
+    """Return the gradient by q, v and a, each (T, n), of a function whose gradient by H is G."""
+    G = G.reshape(len(time), len(target.row_weights), -1)
+    G = G * _weights(target, time) * target.column_scale
+    robot, r = target.robot, len(target.rows)
+    weights = np.zeros((len(time), r, 10 * robot.n))
+    weights[:, :, list(target.base_columns)] = _mapped(
+        target.at_drives.T, G[:, :r, : len(target.base_columns)]
+    )
+    gradient = np.stack(regressor_gradient(robot, states, target.rows, weights))
+    by_signal, by_joint = np.zeros((2, len(SMOOTH_SIGNALS), len(time), robot.n))
+    blocks, through = _drive_columns(target, time, states)
+    for block, (_, slopes) in blocks:
+        by_column = np.einsum("r,trp->tp", block.shares, G[:, :, list(block.columns)])
+        felt = by_joint if block.acts_beside else by_signal
+        felt[:, :, block.joint] += np.einsum("tp,tps->st", by_column, slopes)
+    if not blocks:
+        return gradient[0], gradient[1], gradient[2]
+    by_state, by_torque = motor_signals_gradient(
+        target.drives, by_signal, through, differentiation(time)
+    )
+    gradient += by_state + by_joint[3:6]
+    if target.needs_load:
+        tables = load_derivatives(robot, target.beside, states)
+        by_torque = _mapped(torque_map(robot).T, by_torque[:, :, None])[:, :, 0]
+        gradient += np.einsum("ti,xtij->xtj", by_torque, tables)
+    return gradient[0], gradient[1], gradient[2]
+
+
+def _mapped(matrix: Array, rows: Array) -> Array:
+    """Return rows (T, r, p) mapped by a matrix (r, r); bit by bit what they are by the identity."""
+    return rows if np.array_equal(matrix, np.eye(len(matrix))) else np.asarray(matrix @ rows)
+
+
+def _weights(target: Target, time: Array) -> Array:
+    """Return the weights (T, rows, 1): a row stands for the readings around it."""
+    step = (time[-1] - time[0]) / max(len(time) - 1, 1)
+    readings = np.full(len(time), READINGS_HZ * step)
+    readings[[0, -1]] *= 0.5
+    return np.asarray(np.sqrt(readings)[:, None, None] * target.row_weights[:, None])
+
+
+def _drive_columns(
+    target: Target, time: Array, states: States
+) -> tuple[list[tuple[DriveBlock, tuple[Array, Array]]], Array]:
+    """Return each drive's picked columns (T, p) and their slopes (T, p, 7); torques on drives."""
+    through = np.zeros_like(states[0])
+    if not target.blocks:
+        return [], through
+    if target.needs_load:
+        torque = load_torques(target.robot, target.beside, states)
+        through = torques_at_drives(target.drives.matrix, torque)
+    signals = motor_signals(target.drives, states, through, differentiation(time))
+    own = signals.copy()
+    own[3:6] = states
+    found = []
+    for block in target.blocks:
+        seen = (own if block.acts_beside else signals)[:, :, block.joint]
+        columns, slopes = block.regressor.evaluate(
+            dict(zip(SMOOTH_SIGNALS, seen, strict=True)), block.sign_width
+        )
+        picked = list(block.picked)
+        found.append((block, (columns[:, picked], slopes[:, picked])))
+    return found, through

@@ -1,0 +1,184 @@
+"""parameters.json: what an identification found, and the robot it found, to be taken up again."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from seaid._arrays import number
+from seaid._files import plain, read_json
+from seaid.drives import IDEAL_DRIVE, drive_table, drives_from_mapping
+from seaid.errors import RobotError, shortened, shown, unknown_name
+from seaid.robot import PARAMETERS, Robot, check_kind, check_transmission
+
+if TYPE_CHECKING:
+    from seaid.estimation import Estimate, ModelChecks
+    from seaid.identification import Identification, PossibleBodies, Validation
+
+
+_FORMAT = "seaid parameters 1"
+_KEYS = (
+    "format",
+    "robot",
+    "joints",
+    "drivetrains",
+    "load",
+    "base_columns",
+    "grouping",
+    "validation",
+    "torques_used",
+    "cutoff_hz",
+    "flags",
+    "bodies",
+    "drives",
+    "possible",
+    "checks",
+    "left_out",
+    "processing",
+    "seaid",
+)
+_MOST = 1e12
+"""Of a body's parameters [kg, kg m, kg m^2]."""
+
+_FARTHEST_M = 1e9
+"""A first moment divided by a mass that is zero but for rounding is no centre of mass."""
+
+
+def content_of(found: Identification, validation: Validation | None = None) -> dict[str, Any]:
+    """Return the content of `parameters.json`: plain data, null for what is not there."""
+    from seaid import __version__
+
+    robot = found.robot
+    bodies = zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True)
+    content = {
+        "format": _FORMAT,
+        "robot": robot.name,
+        "joints": robot.joint_names,
+        "drivetrains": {joint: _values(one) for joint, one in found.drivetrains.items()},
+        "load": [{"expression": name, **value} for name, value in _values(found.load).items()],
+        "base_columns": found.base.columns,
+        "grouping": found.base.grouping,
+        "validation": {} if validation is None else validation.to_dict(),
+        "torques_used": found.model.rows,
+        "cutoff_hz": found.cutoff_hz,
+        "flags": found.flags,
+        "bodies": {link: dict(zip(PARAMETERS, ten, strict=True)) for link, ten in bodies},
+        "drives": {joint: drive_table(drive) for joint, drive in robot.drivetrains.items()},
+        "possible": None if found.possible is None else _possible(found.possible),
+        "checks": {side: _checks(one) for side, one in found.checks.items()},
+        "left_out": found.left_out,
+        "processing": [asdict(one) for one in found.processing],
+        "seaid": __version__,
+    }
+    return {name: plain(value) for name, value in content.items()}
+
+
+def read_parameters(path: str | Path, robot: Robot) -> Robot:
+    """Return a robot with the bodies and drives that stand in a `parameters.json`, exactly.
+
+    `robot` is the one identified: its geometry and payloads are kept, its own bodies and drives do
+    not matter. Raises RobotError for a file that is none, for another robot's, and for one that
+    somebody changed into what no identification writes.
+    """
+    path = Path(path)
+    content = read_json(path, "parameters", RobotError)
+    found = content.get("format") if isinstance(content, dict) else None
+    if found != _FORMAT:
+        raise RobotError(
+            f"'{path}' is no file of identified parameters: 'format' is {shown(found)}, not "
+            f"{_FORMAT!r}; give one that seaid identify or save has written"
+        )
+    try:
+        _check_keys("", content, _KEYS)
+        joints, bodies = content["joints"], content["bodies"]
+        if joints != list(robot.joint_names) or list(_table("bodies", bodies)) != list(
+            robot.body_names
+        ):
+            raise RobotError(
+                f"it is of another robot than '{robot.name}': its joints are {shown(joints)}, "
+                f"here they are {', '.join(robot.joint_names)}; joints= chooses"
+            )
+        values = np.array([_body(link, table) for link, table in bodies.items()]).ravel()
+        _check_keys("drives", content["drives"], robot.joint_names)
+        drives = {
+            joint: IDEAL_DRIVE if drive == IDEAL_DRIVE else drive
+            for joint, drive in drives_from_mapping(content["drives"]).items()
+        }
+        for joint, slides in zip(robot.joint_names, robot.is_prismatic, strict=True):
+            check_kind(joint, "prismatic" if slides else "revolute", drives[joint])
+        check_transmission(robot.joint_names, drives, ())
+    except RobotError as problem:
+        raise RobotError(f"'{path}': {problem}") from None
+    return robot.with_values(values, drives)
+
+
+def _body(link: str, table: Any) -> list[float]:
+    """Return the ten parameters of a body; without mass, Pinocchio has no first moments."""
+    where = f"bodies.{shortened(link)}"
+    _check_keys(where, table, PARAMETERS)
+    values = {name: number(f"{where}.{name}", one, RobotError) for name, one in table.items()}
+    largest = max(map(abs, values.values()))
+    if largest > _MOST:
+        raise RobotError(f"{where}: {largest:g} is no mass, moment or inertia in SI units")
+    if largest > _FARTHEST_M * abs(values["m"]):
+        raise RobotError(
+            f"{where}: its mass, {values['m']:g} kg, is none for its other parameters: no body has "
+            "them; identify with feasible=True"
+        )
+    return [values[name] for name in PARAMETERS]
+
+
+def _table(where: str, value: Any) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise RobotError(f"{where} must be an object, found {shown(value)}")
+    return value
+
+
+def _check_keys(where: str, value: Any, keys: Collection[str]) -> None:
+    """Raise RobotError where an object has not just these keys."""
+    table, place = _table(where, value), f"{where}: " if where else ""
+    for key in table:
+        if key not in keys:
+            raise RobotError(place + unknown_name("key", key, keys))
+    for key in keys:
+        if key not in table:
+            raise RobotError(f"{place}key '{shortened(key)}' is missing")
+
+
+def _values(estimate: Estimate) -> dict[str, dict[str, Any]]:
+    """Return {name: value with its standard error and unit}."""
+    columns = (estimate.names, estimate.values, estimate.standard_errors, estimate.units)
+    return {
+        name: {"value": value, "standard_error": error, "unit": unit}
+        for name, value, error, unit in zip(*columns, strict=True)
+    }
+
+
+def _possible(possible: PossibleBodies) -> dict[str, Any]:
+    columns = (possible.names, possible.values, possible.estimate, possible.distance)
+    keys = ("name", "value", "estimate", "distance", "unit")
+    return {
+        "chi_square": possible.chi_square,
+        "nearest_chi_square": possible.nearest_chi_square,
+        "weight": possible.weight,
+        "freedom": possible.freedom,
+        "combinations": [
+            dict(zip(keys, one, strict=True)) for one in zip(*columns, possible.units, strict=True)
+        ],
+        "held": possible.held,
+        "notes": possible.notes,
+        "flags": possible.flags,
+    }
+
+
+def _checks(checks: ModelChecks) -> Mapping[str, Any]:
+    return {
+        "condition_number": checks.condition_number,
+        "poorly_told": checks.poorly_told,
+        "terms": [asdict(one) for one in checks.terms],
+        "whiteness": {joint: asdict(one) for joint, one in checks.whiteness.items()},
+    }

@@ -1,0 +1,411 @@
+"""The user's own URDF with the identified bodies in it; everything else stays as it was.
+
+An XML file as text with places: some attributes and elements change, all else stays as it was.
+
+Comments, order, quotes, line ends, entities and encoding are no matter of taste in a file that
+others wrote; so the text itself is changed, where expat says that an element stands.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.parsers import expat
+
+import numpy as np
+import pinocchio as pin
+
+from seaid._arrays import Array
+from seaid._files import real_path, whole_file
+from seaid.drives import IDEAL_DRIVE, StiffDrive, write_drivetrains
+from seaid.errors import RobotError, unknown_name
+from seaid.identification import Identification
+from seaid.robot import (
+    SMALLEST_KG,
+    THIN,
+    Robot,
+    UrdfTree,
+    absurdity,
+    impossible_body,
+    in_parent_frame,
+    is_physical,
+    urdf_again,
+    urdf_text,
+)
+
+Edit = tuple[int, int, bytes]
+"""First byte, byte after the last one, and what stands there instead."""
+
+_START_TAG = re.compile(rb"""<[^\s/>]+(?:\s+[^\s=/>]+\s*=\s*(?:"[^"]*"|'[^']*'))*\s*/?>""")
+
+
+@dataclass(eq=False)
+class Element:
+    """Where an element stands: `start` to `end`, its content from `inside` on."""
+
+    tag: str
+    attributes: Mapping[str, str]
+    start: int
+    inside: int
+    end: int
+    children: list[Element]
+
+    def find(self, tag: str) -> Element | None:
+        """Return the first child of a tag, None if there is none."""
+        return next((one for one in self.children if one.tag == tag), None)
+
+    def named(self, tag: str) -> dict[str, Element]:
+        """Return {name: child} of all children of a tag that have a name."""
+        found = (one for one in self.children if one.tag == tag)
+        return {one.attributes["name"]: one for one in found if "name" in one.attributes}
+
+    def all(self) -> Iterable[Element]:
+        """Yield the element and all inside it."""
+        yield self
+        for child in self.children:
+            yield from child.all()
+
+
+def read_places(text: bytes) -> Element:
+    """Return the root element of an XML text and all inside it.
+
+    A tag in a namespace begins with that and a space, so it is none of those without.
+    Raises ValueError for what is not well-formed, or not in an encoding that has ASCII in it.
+    """
+    parser = expat.ParserCreate(namespace_separator=" ")
+    top = Element("", {}, 0, 0, 0, [])
+    waiting = [top]
+
+    def begin(tag: str, attributes: Mapping[str, str]) -> None:
+        at = parser.CurrentByteIndex
+        found = _START_TAG.match(text, at)
+        if found is None:
+            raise ValueError("its encoding is not one of single bytes or UTF-8")
+        element = Element(tag, attributes, at, found.end(), found.end(), [])
+        waiting[-1].children.append(element)
+        waiting.append(element)
+
+    def finish(_: str) -> None:
+        element = waiting.pop()
+        if not is_empty(text, element):
+            element.end = text.index(b">", parser.CurrentByteIndex) + 1
+
+    parser.StartElementHandler, parser.EndElementHandler = begin, finish
+    try:
+        parser.Parse(text, True)
+    except expat.ExpatError as problem:
+        raise ValueError(str(problem)) from None
+    return top.children[0]
+
+
+def is_empty(text: bytes, element: Element) -> bool:
+    """Tell whether an element is one tag, <a/>."""
+    return text.endswith(b"/>", element.start, element.inside)
+
+
+def with_children(
+    text: bytes, parent: Element, children: Mapping[str, Mapping[str, str]]
+) -> list[Edit]:
+    """Return the edits that give an element children with attributes, made where missing."""
+    edits, missing = [], {}
+    for tag, attributes in children.items():
+        child = parent.find(tag)
+        if child is None:
+            missing[tag] = attributes
+        else:
+            old = text[child.start : child.inside]
+            edits.append((child.start, child.inside, _with_attributes(old, attributes)))
+    if missing:
+        edits.append(with_content(text, parent, [_tag(*one) for one in missing.items()]))
+    return edits
+
+
+def new_element(tag: str, children: Mapping[str, Mapping[str, str]]) -> bytes:
+    """Return an element in one line."""
+    content = b"".join(_tag(*one) for one in children.items())
+    return b"<%b>%b</%b>" % (tag.encode(), content, tag.encode())
+
+
+def with_content(text: bytes, parent: Element, elements: Iterable[bytes]) -> Edit:
+    """Return the edit that puts elements first into another one, indented as what follows."""
+    outer = _indent(text, parent.start)
+    if not is_empty(text, parent):
+        follows = re.compile(rb"\r?\n[ \t]*(?=<(?!/))").match(text, parent.inside)
+        indent = follows.group() if follows is not None else outer and outer + b"  "
+        return parent.inside, parent.inside, b"".join(indent + one for one in elements)
+    content = b"".join((outer and outer + b"  ") + one for one in elements)
+    opened = text[parent.start : parent.inside].removesuffix(b"/>").rstrip() + b">"
+    close = b"%b</%b>" % (outer, parent.tag.encode())
+    return parent.start, parent.inside, opened + content + close
+
+
+def without(text: bytes, element: Element) -> Edit:
+    """Return the edit that takes an element away, with the space before it."""
+    start = element.start
+    while start and text[start - 1 : start].isspace():
+        start -= 1
+    return start, element.end, b""
+
+
+def edited(text: bytes, edits: Iterable[Edit]) -> bytes:
+    """Return a text with edits made, which do not overlap."""
+    parts, done = [], 0
+    for start, end, new in sorted(edits):
+        parts += [text[done:start], new]
+        done = end
+    return b"".join([*parts, text[done:]])
+
+
+def _indent(text: bytes, start: int) -> bytes:
+    """Return the end of line and the spaces before a place, nothing if something else is there."""
+    line = text.rfind(b"\n", 0, start)
+    if line < 0 or text[line + 1 : start].strip(b" \t"):
+        return b""
+    return text[line - (text[line - 1 : line] == b"\r") : start]
+
+
+def _tag(tag: str, attributes: Mapping[str, str]) -> bytes:
+    return _with_attributes(b"<%b/>" % tag.encode(), attributes)
+
+
+def _with_attributes(tag: bytes, attributes: Mapping[str, str]) -> bytes:
+    """Return a start tag with attributes set, those that are there in their places."""
+    for name, value in attributes.items():
+        key, quoted = name.encode(), b'"%b"' % value.encode()
+        there = re.search(rb"""\s%b\s*=\s*("[^"]*"|'[^']*')""" % re.escape(key), tag)
+        if there is not None:
+            tag = tag[: there.start(1)] + quoted + tag[there.end(1) :]
+            continue
+        close = re.search(rb"\s*/?>\Z", tag)
+        assert close is not None  # it matched as a start tag
+        tag = tag[: close.start()] + b" %b=%b" % (key, quoted) + tag[close.start() :]
+    return tag
+
+
+_ROUNDING = 1e-13
+"""Relative: what is left of a body after its parts are taken away, if less, is rounding."""
+
+
+@dataclass(frozen=True)
+class WrittenUrdf:
+    """The files written, and in words what a reader of them must know."""
+
+    urdf: Path
+    drivetrains: Path | None
+    notes: tuple[str, ...]
+
+
+def write_urdf(
+    found: Identification | Robot,
+    path: str | Path,
+    *,
+    source: str | Path | None = None,
+    force: bool = False,
+) -> WrittenUrdf:
+    """Write the robot's URDF with its bodies replaced, and its drives as TOML beside it.
+
+    Only the <inertial> of links that move, and the <dynamics> of joints with a stiff drive (damping
+    and friction, seen at the joint), change; all other text stays byte by byte. Links that are
+    fixed to a moving one keep their inertia, and the moving link gets the rest of what was
+    identified together; where that rest is no possible body, it gets all and they get none (a
+    note says so). The payload is not in the file. `source`: the URDF to take (default: the file
+    that the robot was loaded from). Drives that are not ideal go to `<path>.toml`.
+
+    Raises RobotError for bodies that cannot exist (unless `force`) or are not known, and for a
+    source that is `path` or has not the robot's links; SeaidError where a file cannot be written.
+    """
+    robot = found.robot if isinstance(found, Identification) else found
+    path = Path(path)
+    source = robot.urdf if source is None else Path(source)
+    if source is None:
+        raise RobotError(f"'{robot.name}' was not loaded from a file: name its URDF with source=")
+    source = Path(source)
+    if not path.name or path.suffix.lower() == ".toml":
+        raise RobotError(f"'{path}' is no name for a URDF: name a file that ends in .urdf")
+    drives = None
+    if any(drive != IDEAL_DRIVE for drive in robot.drivetrains.values()):
+        drives = path.with_suffix(".toml")
+    for written in (path, drives):
+        if written is not None and real_path(written) == real_path(source):
+            raise RobotError(f"'{written}' is the URDF that is taken: name another file to write")
+    text = urdf_text(source)  # read once: the file may change meanwhile
+    tree = urdf_again(source, text)
+    _check_links(source, tree, robot)
+    notes: list[str] = []
+    bodies = _bodies(robot, tree, notes, force)
+    root = _places(source, text)
+    links = root.named("link")
+    edits = [edit for link in bodies for edit in _inertial_edits(text, links[link], bodies[link])]
+    edits += _dynamics(text, root, robot)
+    _note_left_out(robot, path, source, root, notes)
+    with whole_file(path) as temporary:
+        temporary.write_bytes(edited(text, edits))
+        if drives is not None:
+            write_drivetrains(robot.drivetrains, drives)
+    return WrittenUrdf(path, drives, tuple(notes))
+
+
+def _places(source: Path, text: bytes) -> Element:
+    """Return where the elements of a URDF's text are."""
+    try:
+        return read_places(text)
+    except ValueError as problem:
+        raise RobotError(f"cannot write into the text of URDF '{source}': {problem}") from None
+
+
+def _check_links(source: Path, tree: UrdfTree, robot: Robot) -> None:
+    for joint, body in zip(robot.joint_names, robot.body_names, strict=True):
+        if joint not in tree.joints:
+            raise RobotError(f"URDF '{source}': " + unknown_name("joint", joint, tree.joints))
+        if tree.joints[joint].child != body:
+            raise RobotError(
+                f"URDF '{source}': joint '{joint}' moves link '{tree.joints[joint].child}', that "
+                f"of the robot '{body}': this is another file than the one identified"
+            )
+
+
+def _bodies(robot: Robot, tree: UrdfTree, notes: list[str], force: bool) -> dict[str, Array]:
+    """Return {link: ten parameters in its frame} of all links that change."""
+    if not np.all(np.isfinite(robot.parameters)):
+        raise RobotError(f"'{robot.name}' has no inertial parameters to write")
+    changed: dict[str, Array] = {}
+    moving = frozenset(robot.joint_names)
+    for joint, body, lump in zip(
+        robot.joint_names, robot.body_names, robot.parameters.reshape(-1, 10), strict=True
+    ):
+        carried = _carried(tree, joint, moving)
+        fixed = {link: tree.links[link] for link in carried if np.any(tree.links[link])}
+        rest = _rest(lump, [in_parent_frame(own, carried[link]) for link, own in fixed.items()])
+        alone = is_physical(rest, THIN) and not _is_massless(rest)
+        if fixed and not alone and is_physical(lump, THIN):
+            notes.append(
+                f"link '{body}' has the inertia of all that is fixed to it "
+                f"({', '.join(fixed)}): without theirs it would be no possible body"
+            )
+            rest, changed = lump, changed | dict.fromkeys(fixed, np.zeros(10))
+        _check_possible(body, rest, force, notes)
+        changed[body] = rest
+    return changed
+
+
+def _rest(lump: Array, parts: Sequence[Array]) -> Array:
+    """Return what a body has without some parts of it; all zero where only rounding is left."""
+    rest = lump - sum(parts, np.zeros(10))
+    kinds = (slice(0, 1), slice(1, 4), slice(4, 10))
+    sizes = [max(float(np.max(np.abs(one[kind]))) for one in (lump, *parts)) for kind in kinds]
+    left = any(
+        np.max(np.abs(rest[kind])) > _ROUNDING * size
+        for kind, size in zip(kinds, sizes, strict=True)
+    )
+    return rest if left or not parts else np.zeros(10)
+
+
+def _carried(tree: UrdfTree, joint: str, moving: frozenset[str]) -> dict[str, pin.SE3]:
+    """Return {link: placement in the body's frame} of the links fixed to what a joint moves."""
+    found: dict[str, pin.SE3] = {}
+    stack = [(tree.joints[joint].child, pin.SE3.Identity())]
+    while stack:
+        link, placement = stack.pop()
+        for below in tree.children(link):
+            if below.name not in moving:
+                found[below.child] = placement * below.placement
+                stack.append((below.child, found[below.child]))
+    return found
+
+
+def _check_possible(body: str, parameters: Array, force: bool, notes: list[str]) -> None:
+    massless = _is_massless(parameters)
+    absurd = absurdity(parameters) if np.any(parameters) and not massless else None
+    if absurd is not None:
+        raise RobotError(f"link '{body}' would have {absurd}, which no URDF may say")
+    problem = impossible_body(body, parameters)
+    if problem is not None and not force:
+        raise RobotError(f"{problem}: identify with feasible=True, or write it with force=True")
+    if massless:
+        raise RobotError(
+            f"link '{body}' would have inertia without a mass ({parameters[0]:.4g} kg), which a "
+            "URDF cannot say: identify with feasible=True"
+        )
+    if problem is not None:
+        notes.append(problem)
+
+
+def _is_massless(parameters: Array) -> bool:
+    """Tell whether there is inertia without a mass."""
+    return bool(abs(parameters[0]) < SMALLEST_KG and np.any(parameters))
+
+
+def _inertial_edits(text: bytes, element: Element, parameters: Array) -> list[Edit]:
+    """Return what writes ten parameters, in the link's frame, as a link's mass and inertia."""
+    inertial = element.find("inertial")
+    if not np.any(parameters):
+        return [] if inertial is None else [without(text, inertial)]
+    mass, center = parameters[0], parameters[1:4] / parameters[0]
+    second = center @ center * np.eye(3) - np.outer(center, center)
+    xx, xy, yy, xz, yz, zz = parameters[4:]
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - mass * second
+    places = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2)}
+    children = {
+        "origin": {"xyz": _numbers(center), "rpy": "0 0 0"},
+        "mass": {"value": _numbers([mass])},
+        "inertia": {
+            name: _numbers([inertia[at]]) for name, at in {**places, "izz": (2, 2)}.items()
+        },
+    }
+    if inertial is None:
+        return [with_content(text, element, [new_element("inertial", children)])]
+    return with_children(text, inertial, children)
+
+
+def _dynamics(text: bytes, root: Element, robot: Robot) -> list[Edit]:
+    """Return what writes damping and friction of stiff drives as they are at their own joints."""
+    joints, coupled = root.named("joint"), _coupled(robot)
+    edits: list[Edit] = []
+    for joint, drive in robot.drivetrains.items():
+        if not isinstance(drive, StiffDrive) or drive == IDEAL_DRIVE or joint in coupled:
+            continue
+        viscous, coulomb = (drive.values.get(f"{kind}_friction") for kind in ("viscous", "coulomb"))
+        seen = {}
+        if viscous is not None:
+            seen["damping"] = _numbers([drive.ratio**2 * viscous])
+        if coulomb is not None:
+            seen["friction"] = _numbers([drive.ratio * coulomb])
+        if seen:
+            edits += with_children(text, joints[joint], {"dynamics": seen})
+    return edits
+
+
+def _coupled(robot: Robot) -> set[str]:
+    """Return the joints whose drive turns others, or its own with another factor than 1."""
+    matrix = robot.transmission
+    plain = (matrix == np.eye(robot.n)).all(axis=1)
+    return {joint for joint, is_plain in zip(robot.joint_names, plain, strict=True) if not is_plain}
+
+
+def _note_left_out(robot: Robot, path: Path, source: Path, root: Element, notes: list[str]) -> None:
+    """Say what of the robot a URDF cannot have, and which files it names are no longer found."""
+    if np.any(robot.payload_parameters):
+        notes.append("the payload that was known is not in the file: give it with payloads=")
+    coupled = _coupled(robot)
+    for joint, drive in robot.drivetrains.items():
+        if isinstance(drive, StiffDrive) and drive != IDEAL_DRIVE and joint in coupled:
+            notes.append(
+                f"joint '{joint}': its drive moves other joints, and <dynamics> cannot say its "
+                "friction: the file of the drives does"
+            )
+    shapes = (one for one in root.all() if one.tag in ("mesh", "texture"))
+    named = (one.attributes.get("filename", "") for one in shapes)
+    beside = [name for name in named if name and "://" not in name and not Path(name).is_absolute()]
+    folder = real_path(source).parent
+    if beside and real_path(path).parent != folder:
+        more = len(set(beside)) - 1
+        notes.append(
+            f"'{beside[0]}'{f' and {more} other files' if more else ''} that it names are looked "
+            f"for beside it: write it into '{folder}', or copy them"
+        )
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(repr(float(value)) for value in values)

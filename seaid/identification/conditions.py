@@ -1,0 +1,428 @@
+"""Both sides of the springs of several conditions: the rows of all in one regression a side.
+
+Rows of several conditions as one regression: shared columns once, own ones once a condition.
+
+Several conditions at once: with and without payload, warm and cold, robots of one type.
+
+What the conditions share is estimated from all of them, what is their own from each: one regression
+whose own columns stand once a condition. Two payloads, one of them known, tell what one condition
+cannot, as the torque constant of a motor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import accumulate
+
+import numpy as np
+from scipy import linalg
+
+from seaid._arrays import Array, FrozenMapping
+from seaid.drives import PARAMETERS
+from seaid.errors import IdentificationError, unknown_name
+from seaid.estimation import (
+    Estimate,
+    Estimator,
+    TermTest,
+    estimator_named,
+    independent_rows,
+    information_of,
+    settled_weights,
+    term_test,
+)
+from seaid.identification.datasets import Record, Source, records_of, rows_of, sources_of
+from seaid.identification.drive_estimates import joined, spring_of, with_flags
+from seaid.identification.identification import Identification, packed
+from seaid.identification.linearisation import straightened_robot
+from seaid.identification.nonlinear_terms import with_held_flags
+from seaid.identification.two_step import Fit, Sides, known_torques, split_load_side, sprung
+from seaid.log import Motion
+from seaid.regressor import (
+    LoadModel,
+    Regression,
+    actuator_regression,
+    base_parameters,
+    load_model,
+    load_regression,
+    stacked,
+)
+from seaid.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class SharedRows:
+    """Rows of all conditions, and which of their columns (p,) each condition has, in its order."""
+
+    rows: Regression
+    places: Mapping[str, tuple[int, ...]]
+    names: tuple[str, ...]
+
+    def of(self, condition: str, estimate: Estimate) -> Estimate:
+        """Return a condition's part of the estimate, under the names it has there."""
+        return estimate.part(self.places[condition], self.names)
+
+    def place(self, condition: str, name: str) -> int:
+        """Return the column that a parameter of a condition has."""
+        return self.places[condition][self.names.index(name)]
+
+
+def shared_rows(rows: Mapping[str, Regression], own: Sequence[bool]) -> SharedRows:
+    """Return the regressions of conditions as one; `own` (p,) tells the columns not shared.
+
+    An own column is named "<name> [<condition>]". Raises IdentificationError where the conditions
+    do not have the same columns.
+    """
+    first, *others = rows
+    names = rows[first].names
+    for other in others:
+        if rows[other].names != names:
+            raise IdentificationError(
+                f"condition '{first}' tells {', '.join(names)}; '{other}' tells "
+                f"{', '.join(rows[other].names)}: conditions need the same sensors and terms"
+            )
+    columns = {name: place for place, name in enumerate(_columns(names, own, list(rows)))}
+    places = {
+        condition: tuple(columns[text] for text in _columns(names, own, [condition]))
+        for condition in rows
+    }
+    units = dict(zip(names, rows[first].units, strict=True))
+    wide = [
+        replace(
+            one,
+            names=tuple(columns),
+            units=tuple(units[text.split(" [")[0]] for text in columns),
+            H=_placed(one.H, places[condition], len(columns)),
+        )
+        for condition, one in rows.items()
+    ]
+    offsets = np.cumsum([0, *(float(np.max(one.run, initial=0.0)) + 1 for one in wide)])
+    run = np.concatenate([one.run + offset for one, offset in zip(wide, offsets, strict=False)])
+    return SharedRows(replace(stacked(wide), run=run), places, names)
+
+
+def placed_carried(rows: Regression, places: Sequence[int], count: int) -> Regression:
+    """Return the rows with what they carry at `places` among `count` parameters."""
+    return replace(rows, carried=_placed(rows.carried, places, count))
+
+
+def _columns(names: Sequence[str], own: Sequence[bool], conditions: Sequence[str]) -> list[str]:
+    return [
+        text
+        for name, is_own in zip(names, own, strict=True)
+        for text in ([f"{name} [{one}]" for one in conditions] if is_own else [name])
+    ]
+
+
+def _placed(columns: Array, places: Sequence[int], count: int) -> Array:
+    wide = np.zeros((len(columns), count))
+    wide[:, list(places)] = columns
+    return wide
+
+
+BODIES = "bodies"
+"""Stands in `own` for all base parameters."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConditionSide:
+    """One side of all conditions: its rows, and the fit of them."""
+
+    rows: Mapping[str, Regression]
+    shared: SharedRows
+    fit: Fit
+
+    def of(self, condition: str) -> Estimate:
+        """Return a condition's estimate."""
+        return self.shared.of(condition, self.fit.estimate)
+
+    def differences(self) -> dict[str, TermTest]:
+        """Return {own parameter: test of whether the conditions differ in it}."""
+        names = list(self.fit.estimate.names)
+        groups: dict[str, list[int]] = {}
+        for place, name in enumerate(names):
+            if name.endswith("]"):
+                groups.setdefault(name.rsplit(" [", 1)[0], []).append(place)
+        change = np.eye(len(names))
+        for columns in groups.values():  # the first is what is common, the others differ from it
+            change[columns, columns[0]] = 1.0
+        rows = self.shared.rows
+        information = information_of(replace(rows, H=rows.H @ change))
+        independent = independent_rows(self.fit.information, self.fit.estimate)
+        if independent <= len(names):
+            return {}
+        weights = settled_weights(information)
+        return {
+            name: term_test(information, weights, [names[c] for c in columns[1:]], independent)
+            for name, columns in groups.items()
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class ConditionSides:
+    """Both sides of all conditions: the `actuators` by joint, and the load of `springs` joints."""
+
+    robots: Mapping[str, Robot]
+    models: Mapping[str, LoadModel]
+    actuators: Mapping[str, ConditionSide]
+    load: ConditionSide
+    springs: tuple[str, ...]
+
+    def differences(self) -> dict[str, TermTest]:
+        """Return {own parameter (of a joint): test of whether the conditions differ in it}."""
+        return {
+            f"{name} of {joint}": test
+            for joint, side in self.actuators.items()
+            for name, test in side.differences().items()
+        } | self.load.differences()
+
+    def of(self, condition: str) -> Sides:
+        """Return one condition's part of all fits, as `identify` would."""
+        robot, model = self.robots[condition], self.models[condition]
+        drives = {
+            joint: with_flags(side.of(condition), joint, information_of(side.rows[condition]))
+            for joint, side in self.actuators.items()
+        }
+        load_side, fit = self.load.of(condition), self.load.fit
+        white = replace(fit.estimate, covariance=fit.white_covariance)
+        base, others = split_load_side(model, load_side)
+        found = joined(drives, others)
+        sides = {**self.actuators, "load": self.load}
+        return Sides(
+            drivetrains={joint: found[joint] for joint in robot.joint_names if joint in found},
+            load=base,
+            load_side=load_side,
+            springs={
+                joint: spring_of(robot, drives[joint], joint).values for joint in self.springs
+            },
+            left_out={name: side.rows[condition].left_out for name, side in sides.items()},
+            checks={name: side.fit.checks(robot.joint_names, ()) for name, side in sides.items()},
+            white_covariance=self.load.shared.of(condition, white).covariance,
+        )
+
+
+def condition_sides(
+    robots: Mapping[str, Robot],
+    records: Mapping[str, Sequence[Record]],
+    models: Mapping[str, LoadModel],
+    own: Sequence[str],
+    solver: Estimator,
+) -> ConditionSides:
+    """Return both sides of {condition: robot}, one after the other; `own` as `identify_conditions`.
+
+    Raises IdentificationError where the conditions do not have the same columns.
+    """
+    name, first = next(iter(robots.items()))
+    springs = sprung(first, records[name], models[name])
+    actuators = {
+        joint: _actuator(robots, records, joint, own, solver) for joint in first.elastic_joints
+    }
+    load = _load(robots, records, models, springs, actuators, own, solver)
+    return ConditionSides(robots, models, actuators, load, springs)
+
+
+def _actuator(
+    robots: Mapping[str, Robot],
+    records: Mapping[str, Sequence[Record]],
+    joint: str,
+    own: Sequence[str],
+    solver: Estimator,
+) -> ConditionSide:
+    rows = {
+        name: rows_of(records[name], partial(_actuator_rows, robots[name], joint))
+        for name in robots
+    }
+    names = next(iter(rows.values())).names
+    is_own = [name in own or f"{name} of {joint}" in own for name in names]
+    return _fitted(rows, is_own, solver, None)
+
+
+def _actuator_rows(robot: Robot, joint: str, motion: Motion) -> Regression:
+    return actuator_regression(robot, motion, joint)
+
+
+def _load(
+    robots: Mapping[str, Robot],
+    records: Mapping[str, Sequence[Record]],
+    models: Mapping[str, LoadModel],
+    joints: Sequence[str],
+    actuators: Mapping[str, ConditionSide],
+    own: Sequence[str],
+    solver: Estimator,
+) -> ConditionSide:
+    """Fit (8) of all conditions, with the uncertainty of the springs that they share."""
+    first = next(iter(models))
+    counts = [len(actuators[joint].fit.estimate.names) for joint in joints]
+    starts = list(accumulate(counts, initial=0))
+    covariances = [actuators[joint].fit.estimate.covariance for joint in joints]
+    rows = {}
+    for name, robot in robots.items():
+        springs = {joint: spring_of(robot, actuators[joint].of(name), joint) for joint in joints}
+        values = {joint: spring.values for joint, spring in springs.items()}
+        one = rows_of(records[name], partial(_load_rows, robot, models[name], values))
+        places = [
+            int(start)
+            + actuators[joint].shared.places[name][actuators[joint].shared.names.index(p)]
+            for joint, start in zip(joints, starts, strict=False)
+            for p in springs[joint].names
+        ]
+        rows[name] = placed_carried(one, places, int(starts[-1]))
+    bodies = len(models[first].expressions)
+    is_own = [BODIES in own] * bodies + [
+        name in own or name.split(" of ")[0] in own for name in models[first].names[bodies:]
+    ]
+    carried = linalg.block_diag(*covariances) if covariances else None
+    return _fitted(rows, is_own, solver, carried)
+
+
+def _load_rows(
+    robot: Robot, model: LoadModel, springs: Mapping[str, Array], motion: Motion
+) -> Regression:
+    return load_regression(robot, motion, model, springs)
+
+
+def _fitted(
+    rows: Mapping[str, Regression], own: Sequence[bool], solver: Estimator, carried: Array | None
+) -> ConditionSide:
+    shared = shared_rows(rows, own)
+    estimate = solver.solve(shared.rows, carried)
+    seen = solver.seen(shared.rows, estimate)
+    return ConditionSide(rows, shared, Fit(estimate, information_of(seen), seen, carried))
+
+
+OWN = ("deflection_offset", "deflection_zero")
+"""Own by default: encoders are zeroed anew when a robot is switched on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """What several conditions told together.
+
+    `found` {condition: Identification}, each whole, equal in what is shared; `own` names what is
+    not. `differences` {parameter: test} say of each own parameter (of a joint) whether the
+    conditions differ in it; shared ones have no entry.
+    """
+
+    found: Mapping[str, Identification]
+    own: tuple[str, ...]
+    differences: Mapping[str, TermTest]
+
+    def summary(self) -> str:
+        """Return the own parameters beside each other, and whether the conditions differ."""
+        from seaid.report import conditions_table
+
+        return conditions_table(self)
+
+
+def identify_conditions(
+    conditions: Mapping[str, tuple[Robot, Source | Sequence[Source]]],
+    *,
+    own: Sequence[str] = OWN,
+    rows: Sequence[str] | None = None,
+    estimator: str = "wls",
+    cutoff_hz: float | None = None,
+    progress: bool = False,
+) -> Conditions:
+    """Identify {condition: (robot, logs)} together, the two parts one after the other.
+
+    The robots are one type: the same URDF and drives; their payloads may differ. `own` names the
+    parameters that each condition has for itself, of all joints ("viscous_friction") or of one
+    ("viscous_friction of knee"), "bodies" the base parameters; all others are shared. Other options
+    as in `identify`; equations that bend are taken near values of the first condition. Raises
+    IdentificationError for less than two conditions, unknown names and robots that do not have the
+    same joints, drives and base parameters.
+    """
+    robots, records = _records(conditions, cutoff_hz, progress)
+    first = robots[next(iter(robots))]
+    _check_own(first, own)
+    used = _used(robots, records) if rows is None else first.rows(rows)
+    given = robots
+    robots, records = _straightened(robots, records, used)
+    models = {
+        name: load_model(robot, base_parameters(robot, rows=used), used)
+        for name, robot in robots.items()
+    }
+    _check_models(models)
+    sides = condition_sides(robots, records, models, own, estimator_named(estimator))
+    found = {}
+    for name, robot in robots.items():
+        part = sides.of(name)
+        drives = with_held_flags(part.drivetrains, given[name], robot)
+        part = replace(part, drivetrains=drives)
+        found[name] = packed(robot, models[name], part, records[name])
+    return Conditions(FrozenMapping(found), tuple(own), FrozenMapping(sides.differences()))
+
+
+def _records(
+    conditions: Mapping[str, tuple[Robot, Source | Sequence[Source]]],
+    cutoff_hz: float | None,
+    progress: bool,
+) -> tuple[dict[str, Robot], dict[str, list[Record]]]:
+    """Return robots and records of all conditions, in one pass band."""
+    if len(conditions) < 2:
+        raise IdentificationError(
+            f"conditions are estimated together from two on, found {len(conditions)}"
+        )
+    robots = {name: robot for name, (robot, _) in conditions.items()}
+    _check_joints(robots)
+    sources = {name: sources_of(logs) for name, (_, logs) in conditions.items()}
+
+    def read(cutoff: float | None) -> dict[str, list[Record]]:
+        return {
+            name: records_of(robots[name], sources[name], cutoff, None, progress)
+            for name in conditions
+        }
+
+    records = read(cutoff_hz)
+    bands = {one.cutoff_hz for found in records.values() for one in found}
+    return robots, records if len(bands) == 1 else read(min(bands))
+
+
+def _straightened(
+    robots: Mapping[str, Robot], records: Mapping[str, list[Record]], used: Sequence[str]
+) -> tuple[dict[str, Robot], dict[str, list[Record]]]:
+    """Return robots near whose values drives that bend are taken: those of the first condition."""
+    found, known = dict(robots), {}
+    for place, (name, robot) in enumerate(robots.items()):
+        straight, known[name] = straightened_robot(found[name], records[name], used)
+        if place == 0 and straight is not robot:
+            alike = {x: one for x, one in robots.items() if one.drivetrains == robot.drivetrains}
+            found |= {x: one.with_drivetrains(straight.drivetrains) for x, one in alike.items()}
+    return found, known
+
+
+def _used(robots: Mapping[str, Robot], records: Mapping[str, list[Record]]) -> tuple[str, ...]:
+    """Return the joints whose torque is measured in every condition."""
+    known = [known_torques(robots[name], records[name]) for name in robots]
+    return tuple(joint for joint in known[0] if all(joint in one for one in known))
+
+
+def _check_joints(robots: Mapping[str, Robot]) -> None:
+    (first, robot), *others = robots.items()
+    for name, other in others:
+        if other.joint_names != robot.joint_names:
+            raise IdentificationError(
+                f"condition '{first}' has the joints {', '.join(robot.joint_names)}, '{name}' "
+                f"{', '.join(other.joint_names)}: they must be one type of robot"
+            )
+
+
+def _check_own(robot: Robot, own: Sequence[str]) -> None:
+    allowed = [BODIES, *PARAMETERS]
+    for name in own:
+        parameter, _, joint = name.partition(" of ")
+        if parameter not in allowed:
+            raise IdentificationError("own=: " + unknown_name("parameter", parameter, allowed))
+        if joint and joint not in robot.joint_names:
+            raise IdentificationError("own=: " + unknown_name("joint", joint, robot.joint_names))
+
+
+def _check_models(models: Mapping[str, LoadModel]) -> None:
+    first, *others = models
+    for other in others:
+        if models[other].names != models[first].names:
+            raise IdentificationError(
+                f"conditions '{first}' and '{other}' do not have the same base parameters and "
+                "drives: they must be one type of robot, with the same joints; payloads may differ"
+            )

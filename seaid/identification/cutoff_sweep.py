@@ -1,0 +1,131 @@
+"""How the estimate depends on the pass band: the same identification over several cutoffs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from seaid._arrays import Array, frozen
+from seaid._progress import track
+from seaid.errors import IdentificationError, SeaidError
+from seaid.identification.datasets import Source
+from seaid.identification.identification import Identification, identify
+from seaid.robot import Robot
+
+_FACTORS = (1 / 3, 1 / 2, 1 / np.sqrt(2), np.sqrt(2), 2.0, 3.0)
+
+NEAR = 2.0
+"""Bands within this factor of the proposed one are those that could have been proposed as well."""
+
+
+@dataclass(frozen=True, eq=False)
+class CutoffSensitivity:
+    """Estimates `values` and `standard_errors` (C, p) over `cutoffs_hz` (C,), which increase.
+
+    `names` and `units` (p,) are those of drives and base parameters; `proposed` is the place of the
+    band that the data propose. Rows of cutoffs that gave no answer are NaN, `refused` {cutoff: why}
+    says why. str() is the table.
+    """
+
+    cutoffs_hz: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    standard_errors: Array
+    proposed: int
+    refused: Mapping[float, str]
+
+    def __post_init__(self) -> None:
+        shape = (len(self.cutoffs_hz), len(self.names))
+        object.__setattr__(self, "cutoffs_hz", frozen("cutoffs_hz", self.cutoffs_hz, (None,)))
+        for name in ("values", "standard_errors"):
+            object.__setattr__(self, name, frozen(name, getattr(self, name), shape))
+
+    @property
+    def moves(self) -> Array:
+        """How far each estimate (p,) moves from the proposed one in bands up to twice or half as
+        wide, in standard errors of the proposed one.
+        """
+        ratio = self.cutoffs_hz / self.cutoffs_hz[self.proposed]
+        near = (ratio <= NEAR * 1.001) & (ratio >= 0.999 / NEAR) & ~np.isnan(self.values[:, 0])
+        off = np.abs(self.values[near] - self.values[self.proposed])
+        return np.asarray(np.max(off, axis=0) / self.standard_errors[self.proposed])
+
+    def __str__(self) -> str:
+        from seaid.report import sensitivity_table
+
+        return sensitivity_table(self)
+
+    def save_figure(self, path: str | Path) -> None:
+        """Draw estimates and 95 % intervals over the cutoff as PNG, the proposed one marked."""
+        from seaid.report import save_sensitivity_figure
+
+        save_sensitivity_figure(self, path)
+
+
+def cutoff_sensitivity(
+    robot: Robot,
+    logs: Source | Sequence[Source],
+    cutoffs_hz: Sequence[float] | None = None,
+    *,
+    progress: bool = False,
+    **options: Any,
+) -> CutoffSensitivity:
+    """Return what `identify` with `options` finds in the proposed pass band and in others.
+
+    `cutoffs_hz` None: a third to three times the proposed one. An estimate that moves by more than
+    its standard errors say is not to be trusted: noise (wide bands), or a model whose errors grow
+    with frequency. Raises IdentificationError where `cutoff_hz` is among the options or a cutoff is
+    not positive, and as `identify` does in the proposed band; what others raise is in `refused`.
+    """
+    if "cutoff_hz" in options:
+        raise IdentificationError("cutoff_sensitivity varies cutoff_hz: give cutoffs_hz instead")
+    asked = [float(cutoff) for cutoff in ([] if cutoffs_hz is None else cutoffs_hz)]
+    if not all(0 < cutoff < np.inf for cutoff in asked):
+        raise IdentificationError(f"cutoffs_hz must be more than 0 and finite, found {asked}")
+    base = identify(robot, logs, **options)
+    if cutoffs_hz is None:
+        asked = [factor * base.cutoff_hz for factor in _FACTORS]
+    cutoffs = sorted({*asked, base.cutoff_hz})
+    names, units = _names(base)
+    values, errors = (np.full((len(cutoffs), len(names)), np.nan) for _ in range(2))
+    refused: dict[float, str] = {}
+    for place, cutoff in enumerate(track(cutoffs, "identifying in pass bands", progress)):
+        try:
+            same = cutoff == base.cutoff_hz
+            found = base if same else identify(robot, logs, cutoff_hz=cutoff, **options)
+        except SeaidError as problem:
+            refused[cutoff] = str(problem)
+            continue
+        if _names(found) != (names, units):
+            refused[cutoff] = "other parameters are told in this band than in the proposed one"
+            continue
+        values[place], errors[place] = _estimates(found)
+    return CutoffSensitivity(
+        cutoffs_hz=np.array(cutoffs),
+        names=names,
+        units=units,
+        values=values,
+        standard_errors=errors,
+        proposed=cutoffs.index(base.cutoff_hz),
+        refused=refused,
+    )
+
+
+def _names(found: Identification) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    drives = found.drivetrains.items()
+    names = [f"{name} of {joint}" for joint, one in drives for name in one.names]
+    units = [unit for _, one in drives for unit in one.units]
+    return (*names, *found.load.names), (*units, *found.load.units)
+
+
+def _estimates(found: Identification) -> tuple[Array, Array]:
+    estimates = [*found.drivetrains.values(), found.load]
+    return (
+        np.concatenate([one.values for one in estimates]),
+        np.concatenate([one.standard_errors for one in estimates]),
+    )

@@ -1,0 +1,147 @@
+"""What is identified from: motions of logs in memory, and log files that are read in pieces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from seaid._progress import track
+from seaid.errors import IdentificationError
+from seaid.log import (
+    FEWEST_PERIODS,
+    SHORTEST_STRETCH,
+    Log,
+    LongLog,
+    Motion,
+    PassBand,
+    Processing,
+    open_long_log,
+    reconstruct_motions,
+)
+from seaid.regressor import Regress, Regression, regressions_of_parts, stacked
+from seaid.robot import Robot
+
+Source = Log | LongLog | str | Path
+"""A log in memory, a log file opened by `open_long_log`, or the path of one with our names."""
+
+Record = Motion | LongLog
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def sources_of(logs: Source | Sequence[Source]) -> list[Source]:
+    """Return the logs as a list. Raises IdentificationError where there is none."""
+    found = [logs] if isinstance(logs, Log | LongLog | str | Path) else list(logs)
+    if not found:
+        raise IdentificationError("identify needs a log, found none")
+    for one in found:
+        if not isinstance(one, Log | LongLog | str | Path):
+            raise IdentificationError(
+                "logs must be Logs (of read_log, simulate), paths of log files or LongLogs, found "
+                f"{type(one).__name__}"
+            )
+    return found
+
+
+def records_of(
+    robot: Robot,
+    sources: Sequence[Source],
+    cutoff_hz: float | None,
+    executor: Executor | None,
+    progress: bool,
+) -> list[Record]:
+    """Return the motions of all logs in one pass band: the given one, or the narrowest proposed.
+
+    Not narrower, though, than the shortest log allows. A log with holes in time has one motion for
+    each stretch between them. The executor reconstructs them, one log a task.
+    """
+    groups = _mapped(partial(_records, robot, cutoff_hz), sources, executor, progress)
+    allowed = [
+        1.001 * max(FEWEST_PERIODS / sum(lengths), SHORTEST_STRETCH / max(lengths))
+        for group in groups
+        for lengths in [[_duration(record) for record in group]]
+        if cutoff_hz is None and isinstance(group[0], Motion)
+    ]
+    common = max([min(group[0].cutoff_hz for group in groups), *allowed])
+    others = [place for place, group in enumerate(groups) if group[0].cutoff_hz != common]
+    again = [sources[place] for place in others]
+    redone = _mapped(partial(_records, robot, common), again, executor, progress)
+    for place, group in zip(others, redone, strict=True):
+        groups[place] = [_in_common(record) for record in group]
+    return [record for group in groups for record in group]
+
+
+def _duration(record: Record) -> float:
+    return float(record.time[-1] - record.time[0]) if isinstance(record, Motion) else np.inf
+
+
+def _in_common(record: Record) -> Record:
+    if isinstance(record, LongLog) or record.processing is None:
+        return record
+    band = PassBand(record.cutoff_hz, "which suits all the logs together")
+    return replace(record, processing=replace(record.processing, pass_band=band))
+
+
+def processing_of(records: Sequence[Record]) -> tuple[Processing, ...]:
+    """Return what was done to each log; of a long one, to its first piece."""
+    return tuple(record.processing for record in records if record.processing is not None)
+
+
+def first_motion(record: Record) -> Motion:
+    """Return the motion, or that of the first piece of a long log: it has the same sensors."""
+    return record if isinstance(record, Motion) else next(record.motions())[0]
+
+
+def rows_of(
+    records: Sequence[Record], regress: Regress, executor: Executor | None = None
+) -> Regression:
+    """Return the rows of all records as one regression, those of each by the executor."""
+    return stacked(_map(partial(_rows, regress), records, executor))
+
+
+def _records(robot: Robot, cutoff_hz: float | None, source: Source) -> list[Record]:
+    """Return a log file read in pieces, or the motions between the holes of a log in memory."""
+    if isinstance(source, Log):
+        return list(reconstruct_motions(robot, source, cutoff_hz))
+    if isinstance(source, LongLog):
+        if cutoff_hz in (None, source.cutoff_hz):
+            return [source]
+        return [
+            open_long_log(
+                source.path,
+                robot,
+                columns=source.columns,
+                cutoff_hz=cutoff_hz,
+                chunk_samples=source.chunk_samples,
+            )
+        ]
+    return [open_long_log(source, robot, cutoff_hz=cutoff_hz)]
+
+
+def _rows(regress: Regress, record: Record) -> Regression:
+    if isinstance(record, Motion):
+        return regress(record)
+    rows = stacked([rows for _, rows in regressions_of_parts(record, {"": regress})])
+    return replace(rows, run=np.zeros(len(rows.y)))
+
+
+def _mapped(
+    function: Callable[[Item], Result],
+    items: Sequence[Item],
+    executor: Executor | None,
+    progress: bool,
+) -> list[Result]:
+    shown = track(items, "filtering the log", progress and executor is None)
+    return _map(function, shown, executor)
+
+
+def _map(
+    function: Callable[[Item], Result], items: Iterable[Item], executor: Executor | None
+) -> list[Result]:
+    return list(map(function, items) if executor is None else executor.map(function, items))

@@ -1,0 +1,216 @@
+"""identify: the paper's two parts. Actuator side first, then the load side with its springs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from seaid._arrays import Array, FrozenMapping
+from seaid._files import write_json
+from seaid.errors import IdentificationError, unknown_name
+from seaid.estimation import Estimate, ModelChecks, estimator_named
+from seaid.identification.datasets import Record, Source, processing_of, records_of, sources_of
+from seaid.identification.drive_estimates import with_estimate
+from seaid.identification.instrumental import instrumental_sides
+from seaid.identification.linearisation import straightened_robot
+from seaid.identification.log_checks import check_channels, check_excitation, sign_flags
+from seaid.identification.nonlinear_terms import with_held_flags
+from seaid.identification.physical.consistency import PossibleBodies, possible_bodies
+from seaid.identification.simultaneous import simultaneous_sides
+from seaid.identification.two_step import Sides, known_torques, sequential_sides
+from seaid.log import Log, Motion, Processing, stretches
+from seaid.regressor import BaseParameters, LoadModel, base_parameters, check_zero_std, load_model
+from seaid.robot import Robot
+
+if TYPE_CHECKING:
+    from seaid.identification.validation import Validation
+
+
+SIDES = ("sequential", "joint")
+
+INSTRUMENTAL = "iv"
+"""The estimator that starts from another one's estimate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """What a log told about a robot.
+
+    `drivetrains` {joint: Estimate} has the drives' parameters; `load` the base parameters, whose
+    combinations are in `base`; `robot` the robot with the found values (its standard parameters are
+    the nearest to those of the file that have the found base parameters; physically possible ones
+    where `possible` tells how they came about), `known` the robot as it was given, with
+    a value of what bends its drives' equations. `load_side` is the whole estimate of the load side
+    in the columns of `model`. `left_out` counts instants near standstill by joint, "load" for the
+    load side; `checks` of the model have the same keys ("both" where both sides were estimated at
+    once). `processing` tells what was done to each log before; `motions` are those of the logs in
+    memory, for a look at how well they are matched (`seaid.identification.validation.compared`).
+    """
+
+    drivetrains: Mapping[str, Estimate]
+    load: Estimate
+    base: BaseParameters
+    robot: Robot
+    known: Robot
+    model: LoadModel
+    load_side: Estimate
+    springs: Mapping[str, Array]
+    cutoff_hz: float
+    left_out: Mapping[str, int]
+    checks: Mapping[str, ModelChecks]
+    possible: PossibleBodies | None = None
+    processing: tuple[Processing, ...] = ()
+    motions: tuple[Motion, ...] = ()
+
+    @cached_property
+    def flags(self) -> tuple[str, ...]:
+        """In words, what must not be trusted."""
+        estimates = (*self.drivetrains.values(), self.load)
+        flags = tuple(flag for one in estimates for flag in one.flags) + sign_flags(self)
+        if self.possible is not None:
+            flags += self.possible.flags
+        return flags + tuple(flag for one in self.processing for flag in one.flags)
+
+    def summary(self) -> str:
+        """Return one table that a human reads."""
+        from seaid.report import identification_table
+
+        return identification_table(self)
+
+    def to_dict(self, validation: Validation | None = None) -> dict[str, Any]:
+        """Return the content of `parameters.json`: plain data, null for what is not there."""
+        from seaid.export import content_of
+
+        return content_of(self, validation)
+
+    def save(self, path: str | Path, validation: Validation | None = None) -> None:
+        """Write `parameters.json`, whole or not at all; `read_parameters` takes it up again."""
+        write_json(path, self.to_dict(validation))
+
+
+def identify(
+    robot: Robot,
+    logs: Source | Sequence[Source],
+    *,
+    rows: Sequence[str] | None = None,
+    sides: str = "sequential",
+    estimator: str = "wls",
+    feasible: bool = False,
+    cutoff_hz: float | None = None,
+    joint_zero_std: float = 0.0,
+    executor: Executor | None = None,
+    progress: bool = False,
+) -> Identification:
+    """Identify drives and load from one log or several.
+
+    Part one estimates friction, stiffness and deflection offset of each elastic joint from (7);
+    part two computes the load torques by (4b) and estimates the base parameters from (8), with the
+    uncertainty of the springs carried along. `sides` "joint" goes on from there to (7) and (8) at
+    once, which share the springs. Only ratios, radii, geometry, payload and what is known of drives
+    and bodies of `robot` are used, and with `feasible` its inertial parameters as a prior; nominal
+    values only as the start of a search.
+
+    Parameters in which a drive's equation is not linear (a width, a Stribeck speed, a dead zone)
+    are searched for first, by variable projection; of logs read in pieces the first piece is
+    searched. Then they have a column and a standard error as all others.
+
+    `logs` may be paths of files with our column names, or `open_long_log`'s: they are read in
+    pieces, and with "ols" and "wls" memory does not grow with their length. `rows` names the joints
+    whose torque is used on the load side (default: all that were measured). `estimator`: "ols",
+    "wls" (rows weighted by joint), "huber" or "tukey" (outliers count less), or "iv" (instrumental
+    variables from the fitted model, against the bias of noise in the regressor; sequential only).
+    `feasible`: `Identification.robot` then has the physically possible bodies nearest to the
+    estimate and the robot's own, see `possible_bodies`. `cutoff_hz` is the pass band, None =
+    proposed from the data. `joint_zero_std` [rad or m] is how well the zeros of the joint encoders
+    are known; a wrong one turns gravity, and the covariance of the load side then says what that
+    does. `executor` (concurrent.futures) works on the logs, one a task. Raises kinds of SeaidError
+    for data that cannot answer.
+    """
+    if sides not in SIDES:
+        raise IdentificationError("sides=: " + unknown_name("sides", sides, SIDES))
+    if estimator == INSTRUMENTAL and sides != "sequential":
+        raise IdentificationError(f'estimator="iv" needs sides="sequential", found "{sides}"')
+    check_zero_std(joint_zero_std)
+    solver = estimator_named("wls" if estimator == INSTRUMENTAL else estimator)
+    sources = sources_of(logs)
+    records = records_of(robot, sources, cutoff_hz, executor, progress)
+    logs_in_memory = [source for source in sources if isinstance(source, Log)]
+    in_memory = [part for log in logs_in_memory for part in stretches(log)]
+    if len(logs_in_memory) == len(sources):
+        check_excitation(robot, in_memory)
+    check_channels(logs_in_memory)
+    used = known_torques(robot, records) if rows is None else robot.rows(rows)
+    given = robot
+    robot, records = straightened_robot(robot, records, used)
+    model = load_model(robot, base_parameters(robot, rows=used), used)
+    found = sequential_sides(robot, records, model, solver, joint_zero_std, executor, progress)
+    if estimator == INSTRUMENTAL:
+        found = instrumental_sides(robot, records, model, found, joint_zero_std, executor)
+    if sides == "joint":
+        found = simultaneous_sides(robot, records, model, found, solver, joint_zero_std, executor)
+    found = replace(found, drivetrains=with_held_flags(found.drivetrains, given, robot))
+    possible = _possible(robot, model, found) if feasible else None
+    return packed(robot, model, found, records, possible)
+
+
+def packed(
+    robot: Robot,
+    model: LoadModel,
+    found: Sides,
+    records: Sequence[Record],
+    possible: PossibleBodies | None = None,
+) -> Identification:
+    """Return what both sides told of the records as an Identification of the robot."""
+    return Identification(
+        drivetrains=FrozenMapping(found.drivetrains),
+        load=found.load,
+        base=model.base,
+        robot=_found_robot(robot, model.base, found) if possible is None else possible.robot,
+        known=robot,
+        model=model,
+        load_side=found.load_side,
+        springs=FrozenMapping(found.springs),
+        cutoff_hz=records[0].cutoff_hz,
+        left_out=FrozenMapping(found.left_out),
+        checks=FrozenMapping(found.checks),
+        possible=possible,
+        processing=processing_of(records),
+        motions=tuple(record for record in records if isinstance(record, Motion)),
+    )
+
+
+def _possible(robot: Robot, model: LoadModel, found: Sides) -> PossibleBodies:
+    """Return the possible bodies nearest to the estimate of both sides."""
+    white = found.white_covariance
+    if found.whole is not None:
+        return possible_bodies(robot, model, found.whole, white_covariance=white)
+    elastic = {}
+    for joint in robot.elastic_joints:
+        drive, load = found.drivetrains[joint], found.load_side.names
+        own = [i for i, name in enumerate(drive.names) if f"{name} of {joint}" not in load]
+        elastic[joint] = drive.part(own, [drive.names[i] for i in own])
+    return possible_bodies(robot, model, found.load_side, elastic, white_covariance=white)
+
+
+def _found_robot(robot: Robot, base: BaseParameters, sides: Sides) -> Robot:
+    """Return the robot with the found values; standard parameters nearest to the file's.
+
+    Nearest in the plain Euclidean sense, from a point of 1 kg a body where the robot has none: it
+    has the found base parameters, and need not be physically possible body by body.
+    """
+    prior = robot.parameters.copy()
+    prior[::10][np.isnan(prior[::10])] = 1.0
+    prior = np.nan_to_num(prior)
+    correction = base.least(sides.load.values - base.project(prior))
+    drives = sides.drivetrains
+    found = {
+        joint: with_estimate(drive, drives[joint]) if joint in drives else drive
+        for joint, drive in robot.drivetrains.items()
+    }
+    return robot.with_values(prior + correction, found)

@@ -1,0 +1,287 @@
+"""Instruments: the columns of both sides from a motion of the fitted model.
+
+The joints are taken to go where a narrow low pass of the measurement says; the fitted model tells
+all the rest, so that no instrument has the noise of its own column in it:
+
+- motor angle, speed and acceleration of a sprung joint are N/r_M (d + r_L q) of the *joint*
+  encoder, with the fitted deflection d. Noise of the motor encoder, which is in the speed and in
+  the torque of the rotor's inertia, is not in them.
+- the deflection is torque over stiffness, the torque that of the fitted bodies. Noise of the joint
+  encoder reaches it only through them, as part (stiffness of gravity and inertia over that of the
+  spring) of what the measured deflection has, and only from inside the narrow band.
+- on the load side joint noise from inside the narrow band would still be in acceleration and
+  torque alike: once there is an estimate the joints are simulated from the motor encoders instead
+  (`driven_motion`).
+- a stiff drive has one sensor or two that tell the same, and the motor of a spring that carries no
+  known torque is smoothed as it is; there the narrow band alone helps.
+
+Both sides by instrumental variables, the instruments from the estimate before, iterated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.drives import SeriesElasticDrive
+from seaid.errors import IdentificationError
+from seaid.estimation import Estimate, Estimator, instrumental
+from seaid.identification.datasets import Record
+from seaid.identification.drive_estimates import spring_of
+from seaid.identification.method_limits import check_instruments, straight_spring
+from seaid.identification.simulated_joints import driven_motion
+from seaid.identification.two_step import Regressions, Sides, sequential_sides
+from seaid.log import Motion, in_band, low_pass, spline_derivatives
+from seaid.regressor import (
+    LoadModel,
+    Regression,
+    actuator_columns,
+    actuator_regression,
+    load_columns,
+    load_regression,
+)
+from seaid.robot import Robot, at_drives
+
+REFERENCE_BAND = 0.5
+"""Pass band of the reference motion over that of the identification, three times the motion's."""
+
+_PREFIX = "instrument of "
+
+
+@dataclass(frozen=True, eq=False)
+class FittedModel:
+    """What instruments are computed with: bodies and springs of an estimate before.
+
+    `load_side` (p,) has the values of the columns of `model`; `springs` {joint: values} those of
+    the springs' regressors.
+    """
+
+    model: LoadModel
+    load_side: Array
+    springs: Mapping[str, Array]
+
+
+Maker = Callable[[Robot, Motion, FittedModel], Motion]
+"""What makes the motion that instruments are columns of."""
+
+
+def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Motion:
+    """Return the motion that the fitted model makes of the smoothed joint positions.
+
+    Torques and pass band are those of the measured motion.
+    """
+    band = REFERENCE_BAND * motion.cutoff_hz
+    smooth = low_pass(motion.joint_position, motion.rate_hz, band)
+    q, v, a = spline_derivatives(motion.time, smooth)
+    turned = at_drives(robot.transmission, q)
+    angle = low_pass(motion.motor_position, motion.rate_hz, band)
+    for index, joint in enumerate(robot.joint_names):
+        if joint not in robot.elastic_joints:
+            angle[:, index] = robot.drivetrains[joint].ratio * turned[:, index]
+    reference = _with_motors(
+        replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a), angle
+    )
+    _, payload, H, _ = load_columns(robot, reference, fitted.model, fitted.springs)
+    torque = payload + H @ fitted.load_side
+    for row, joint in enumerate(fitted.model.rows):
+        drive, index = robot.drivetrains[joint], robot.index(joint)
+        if joint in fitted.springs and isinstance(drive, SeriesElasticDrive):
+            spring = straight_spring(robot, joint, fitted.springs[joint])
+            force = torque[:, row] / drive.load_radius - spring.offset
+            deflection = force / spring.stiffness  # (4b); an instrument may lack its damping
+            travel = deflection + drive.load_radius * turned[:, index]
+            angle[:, index] = drive.ratio / drive.motor_radius * travel
+    return _with_motors(reference, angle)
+
+
+def motor_driven_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Motion:
+    """Return the motion that the fitted model makes of the motors' angles: see `driven_motion`."""
+    return driven_motion(robot, motion, fitted.model, fitted.springs, fitted.load_side)
+
+
+def _with_motors(motion: Motion, angle: Array) -> Motion:
+    """Return the motion with motors at other angles (T, n) [rad]."""
+    position, speed, acceleration = spline_derivatives(motion.time, angle)
+    return replace(
+        motion, motor_position=position, motor_velocity=speed, motor_acceleration=acceleration
+    )
+
+
+def actuator_with_instruments(
+    robot: Robot, motion: Motion, joint: str, fitted: FittedModel
+) -> Regression:
+    """Return `actuator_regression` with the instruments beside its columns."""
+    rows = actuator_regression(robot, motion, joint)
+    made = instrument_motion(robot, motion, fitted)
+    Z = in_band(made, actuator_columns(robot, made, joint)[2])
+    return beside(rows, Z[np.searchsorted(motion.time, rows.time)])
+
+
+def load_with_instruments(
+    robot: Robot,
+    motion: Motion,
+    model: LoadModel,
+    springs: Mapping[str, Array],
+    fitted: FittedModel,
+    make: Maker = instrument_motion,
+) -> Regression:
+    """Return `load_regression` with the instruments beside its columns, of the motion it makes."""
+    rows = load_regression(robot, motion, model, springs)
+    made = make(robot, motion, fitted)
+    Z = in_band(made, load_columns(robot, made, model, springs)[2])
+    row_of = {robot.index(joint): row for row, joint in enumerate(model.rows)}
+    which = [row_of[int(index)] for index in rows.joint]
+    return beside(rows, Z[np.searchsorted(motion.time, rows.time), which])
+
+
+def beside(rows: Regression, instruments: Array) -> Regression:
+    """Return rows whose further columns are the instruments of the first ones."""
+    return replace(
+        rows,
+        names=(*rows.names, *(_PREFIX + name for name in rows.names)),
+        units=(*rows.units, *rows.units),
+        H=np.hstack([rows.H, instruments]),
+    )
+
+
+def apart(rows: Regression) -> tuple[Regression, Array]:
+    """Return the rows of `beside` and the instruments."""
+    p = len(rows.names) // 2
+    plain = replace(rows, names=rows.names[:p], units=rows.units[:p], H=rows.H[:, :p])
+    return plain, rows.H[:, p:]
+
+
+SETTLED = 0.01
+"""Part of a standard error below which new instruments change nothing."""
+
+_NOTHING = 1e-6
+"""Part of a standard error that is rounding."""
+
+_MOST_ITERATIONS = 20
+
+
+def instrumental_sides(
+    robot: Robot,
+    records: Sequence[Record],
+    model: LoadModel,
+    start: Sides,
+    joint_zero_std: float,
+    executor: Executor | None,
+) -> Sides:
+    """Return both sides, one after the other, from a `start` as least squares gives it.
+
+    The instruments are those of this module with the estimate before, until no
+    parameter moves by more than a small part of its standard error (Janot, Vandanjon and Gautier
+    2014): first of smoothed joint positions, which need no good estimate, then on the load side of
+    joints that the motors drive. Where the latter diverge or do not settle the former stay, and a
+    flag says so; so does one where all drives are stiff, and instruments change nothing.
+    Raises IdentificationError where that does not come, and as `instrumental` does.
+    """
+    run = partial(
+        _settled,
+        robot,
+        records,
+        model,
+        joint_zero_std=joint_zero_std,
+        executor=executor,
+    )
+    found = run(start, make=instrument_motion)
+    try:
+        found = run(found, make=motor_driven_motion)
+    except IdentificationError as problem:
+        return _flagged(
+            found,
+            "instruments of the load side are those of the smoothed joint encoders, whose noise "
+            f"may bias the base parameters: {problem}",
+        )
+    if max(_moved(start, found).values()) < _NOTHING:
+        return _flagged(
+            found,
+            "instrumental variables give what least squares gives: behind stiff drives the motor's "
+            "encoder is the instrument, and the motion is that of the same encoder",
+        )
+    return found
+
+
+def _flagged(found: Sides, flag: str) -> Sides:
+    return replace(found, load=replace(found.load, flags=(*found.load.flags, flag)))
+
+
+def _settled(
+    robot: Robot,
+    records: Sequence[Record],
+    model: LoadModel,
+    found: Sides,
+    make: Maker,
+    joint_zero_std: float,
+    executor: Executor | None,
+) -> Sides:
+    """Return both sides once new instruments change nothing; `make` is for the load side's."""
+    estimator = Estimator(_solve, seen=_seen)
+    for _ in range(_MOST_ITERATIONS):
+        fitted = _fitted(robot, model, found)
+        regressions = Regressions(
+            partial(actuator_with_instruments, fitted=fitted),
+            partial(load_with_instruments, fitted=fitted, make=make),
+        )
+        before, found = (
+            found,
+            sequential_sides(
+                robot, records, model, estimator, joint_zero_std, executor, False, regressions
+            ),
+        )
+        moved = {name: step for name, step in _moved(before, found).items() if step > SETTLED}
+        if not moved:
+            return found
+    worst = max(moved, key=lambda name: moved[name])
+    raise IdentificationError(
+        f"instrumental variables did not settle in {_MOST_ITERATIONS} iterations: {worst} still "
+        f"moves by {moved[worst]:.2g} standard errors; move that joint more, or use "
+        "estimator='wls'"
+    )
+
+
+def _fitted(robot: Robot, model: LoadModel, sides: Sides) -> FittedModel:
+    springs = {
+        joint: spring_of(robot, sides.drivetrains[joint], joint).values
+        for joint in model.rows
+        if joint in robot.elastic_joints
+    }
+    check_instruments(robot, springs)
+    bad = [
+        joint
+        for joint, values in springs.items()
+        if straight_spring(robot, joint, values).stiffness <= 0
+    ]
+    if bad:
+        raise IdentificationError(
+            f"the stiffness of {', '.join(bad)} was found not positive: the fitted model predicts "
+            "no deflection; load this spring more, or use estimator='wls'"
+        )
+    return FittedModel(model, sides.load_side.values, springs)
+
+
+def _solve(rows: Regression, carried: Array | None) -> Estimate:
+    return instrumental(*apart(rows), carried)
+
+
+def _seen(rows: Regression, estimate: Estimate) -> Regression:
+    return apart(rows)[0]
+
+
+def _moved(before: Sides, after: Sides) -> dict[str, float]:
+    """Return how far each parameter moved, in standard errors."""
+    moved: dict[str, float] = {}
+    pairs = [("load", before.load_side, after.load_side)] + [
+        (joint, before.drivetrains[joint], one) for joint, one in after.drivetrains.items()
+    ]
+    for where, old, new in pairs:
+        steps = np.abs(new.values - old.values) / np.maximum(new.standard_errors, 1e-300)
+        steps[np.abs(new.values - old.values) <= 1e-9 * np.abs(new.values)] = 0.0
+        moved |= {f"{name} of {where}": float(s) for name, s in zip(new.names, steps, strict=True)}
+    return moved

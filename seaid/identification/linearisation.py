@@ -1,0 +1,147 @@
+"""Friction under load of stiff drives: it needs the torque that the fitted model says.
+
+The motor's own torque would do as well, but its noise would stand in the column. The load's torque
+comes from a fit without that friction, then from one with it, until it settles.
+
+What `identify` does first where drives have terms that are not linear in their parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.drives import Drive
+from seaid.errors import IdentificationError
+from seaid.identification.datasets import Record, first_motion
+from seaid.identification.nonlinear_terms import (
+    bent_joints,
+    fit_load,
+    straightened,
+    straightened_load,
+)
+from seaid.log import Motion
+from seaid.regressor import LoadModel, load_columns, motor_regressor
+from seaid.robot import Robot
+
+_SETTLED, _MOST_TURNS, _SEARCHES = 1e-5, 20, 2
+
+
+def under_load(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
+    """Return the joints among `used` whose stiff drive has friction under load."""
+    return tuple(
+        joint
+        for joint in used
+        if joint not in robot.elastic_joints and "load" in robot.drivetrains[joint].friction
+    )
+
+
+def with_gear_torques(
+    robot: Robot, motions: Sequence[Motion], used: Sequence[str]
+) -> tuple[Robot, list[Motion]]:
+    """Return the robot near whose values its stiff drives are taken, and motions that know loads.
+
+    Raises IdentificationError where the torques do not settle.
+    """
+    joints = under_load(robot, used)
+    if not joints:
+        return straightened_load(robot, motions, used), list(motions)
+    drives = {joint: _without_load(robot.drivetrains[joint]) for joint in joints}
+    plain = robot.with_drivetrains(drives)
+    found = straightened_load(plain, motions, used)
+    known = _known(found, motions, used)
+    for _ in range(_SEARCHES):
+        starts = {joint: _with_values_of(robot, found, joint) for joint in robot.joint_names}
+        found = straightened_load(robot.with_drivetrains(starts), known, used)
+        known = _settled(found, known, used)
+    return found, known
+
+
+def _with_values_of(robot: Robot, other: Robot, joint: str) -> Drive:
+    """Return a drive with what was found of it without, or with, friction under load."""
+    drive = robot.drivetrains[joint]
+    values = other.drivetrains[joint].values
+    return drive.with_values({n: values[n] for n in drive.parameter_names if n in values})
+
+
+def with_gear_torque(
+    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
+) -> Motion:
+    """Return the motion with the torque through the gears that a fit of the load side says."""
+    unloaded = replace(motion, gear_torque=np.zeros_like(motion.joint_position))
+    _, payload, H, _ = load_columns(robot, unloaded, model, springs)
+    drives = [
+        place
+        for place, (joint, name, _) in enumerate(model.drives, len(model.expressions))
+        if joint not in robot.elastic_joints and name in motor_regressor(robot, joint).names
+    ]
+    behind = [place for place in range(H.shape[2]) if place not in drives]
+    torque = np.full_like(motion.joint_position, np.nan)
+    torque[:, [robot.index(joint) for joint in model.rows]] = (
+        payload + H[:, :, behind] @ theta[behind]
+    )
+    return replace(motion, gear_torque=torque)
+
+
+def _settled(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> list[Motion]:
+    """Return motions whose torques are those of the fit that they lead to."""
+    known = list(motions)
+    for _ in range(_MOST_TURNS):
+        better = _known(robot, known, used)
+        if _change(known, better) < _SETTLED:
+            return better
+        known = better
+    raise IdentificationError(
+        f"friction under load of {', '.join(under_load(robot, used))} did not settle in "
+        f"{_MOST_TURNS} turns: leave 'load' out of friction, or move these joints more"
+    )
+
+
+def _without_load(drive: Drive) -> Drive:
+    return replace(
+        drive,
+        friction=tuple(term for term in drive.friction if term != "load"),
+        nominal={name: x for name, x in drive.nominal.items() if name != "load_friction"},
+        known=tuple(name for name in drive.known if name != "load_friction"),
+    )
+
+
+def _known(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> list[Motion]:
+    fit = fit_load(robot, motions, used)
+    theta = fit.estimate.values
+    return [with_gear_torque(robot, one, fit.model, fit.springs, theta) for one in motions]
+
+
+def _change(before: Sequence[Motion], after: Sequence[Motion]) -> float:
+    """Return the largest change of the torques, as a part of them."""
+    old, new = (
+        np.concatenate([np.nan_to_num(np.asarray(one.gear_torque)) for one in motions])
+        for motions in (before, after)
+    )
+    return float(np.linalg.norm(new - old) / max(float(np.linalg.norm(new)), 1e-300))
+
+
+def straightened_robot(
+    robot: Robot, records: Sequence[Record], used: Sequence[str]
+) -> tuple[Robot, list[Record]]:
+    """Return the robot near whose values its drives' equations are taken, and its records.
+
+    The records know the load's torque where friction depends on it. Of logs that are read in
+    pieces the first piece is searched. Drives that are linear stay as they are. Raises
+    IdentificationError for friction under load of a stiff drive in a log that is read in pieces.
+    """
+    motions = [first_motion(record) for record in records]
+    robot = straightened(robot, motions)
+    if not bent_joints(robot, used) and not under_load(robot, used):
+        return robot, list(records)
+    robot, known = with_gear_torques(robot, motions, used)
+    if not under_load(robot, used):
+        return robot, list(records)
+    if not all(isinstance(record, Motion) for record in records):
+        raise IdentificationError(
+            "friction under load of a stiff drive needs the log in memory: read it with read_log"
+        )
+    return robot, list(known)

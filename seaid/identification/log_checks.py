@@ -1,0 +1,176 @@
+"""Signs that cannot be right: a torque that was logged with the other sign, said in words.
+
+Does the robot move at all in a log, and is every channel alive? Asked before any regression.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.errors import ExcitationError, LogError
+from seaid.log import Log, is_constant
+from seaid.regressor import random_states, regressor_at_drives
+from seaid.robot import Robot, at_joints
+
+if TYPE_CHECKING:
+    from seaid.estimation import Estimate
+    from seaid.identification.identification import Identification
+
+
+_SURE = 2.0
+_FEWEST = 2
+_POSTURES = 40
+_OWN = {
+    "viscous_friction": "viscous friction",
+    "coulomb_friction": "Coulomb friction",
+    "stiffness": "stiffness",
+}
+
+
+def sign_flags(found: Identification) -> tuple[str, ...]:
+    """Return a sentence for every joint whose torque looks flipped.
+
+    Friction and stiffness are positive, so is the inertia that a joint feels, and where the robot
+    was given masses, gravity pulls as they do. A torque looks flipped if two of these or more fit
+    with a minus beyond doubt and none with a plus; inertia and gravity, which the torques of other
+    joints tell too, are not heard against friction and stiffness.
+    """
+    flags = []
+    for joint in found.known.joint_names:
+        own = dict(_own_signs(found, joint))
+        if 1 in own.values():  # contradicted, whatever the others say
+            continue
+        shared = dict(_shared_signs(found, joint))
+        minus = [name for name, sign in (own | shared).items() if sign < 0]
+        own_minus = [name for name in minus if name in own]
+        contradicted = 1 in shared.values() and len(own_minus) < _FEWEST
+        if len(minus) >= _FEWEST and not contradicted:
+            what = " and ".join([", ".join(minus[:-1]), minus[-1]])
+            number = "both" if len(minus) == _FEWEST else "all"
+            flags.append(
+                f"the torque of {joint} looks flipped: {what} {number} fit with a minus; check the "
+                "sign of its torque column against that of its position"
+            )
+    return tuple(flags)
+
+
+def _own_signs(found: Identification, joint: str) -> Iterator[tuple[str, int]]:
+    """Return what has a known sign in a drive: 1 as it should be, -1 the other way, 0 not sure."""
+    drive = found.drivetrains.get(joint)
+    if drive is None:
+        return
+    for place, name in enumerate(drive.names):
+        if name in _OWN:
+            yield _OWN[name], _sure(float(drive.values[place]), drive.standard_errors[place])
+
+
+def _shared_signs(found: Identification, joint: str) -> Iterator[tuple[str, int]]:
+    """Return the same of what the load on a joint has."""
+    if joint not in found.model.rows:
+        return
+    yield "inertia", _sign(found.load, _inertia(found, joint))
+    gravity = _gravity(found, joint)
+    if gravity is not None:
+        yield "gravity", _sign(found.load, gravity)
+
+
+def _sign(load: Estimate, direction: Array) -> int:
+    """Return the sign of a combination (p,) of the base parameters, 0 where it is not sure."""
+    variance = max(float(direction @ load.covariance @ direction), 0.0)
+    return _sure(float(direction @ load.values), variance**0.5)
+
+
+def _sure(value: float, error: float) -> int:
+    return int(np.sign(value)) if abs(value) > _SURE * error else 0
+
+
+def _inertia(found: Identification, joint: str) -> Array:
+    """Return the mean inertia that a joint feels over all postures, in the base parameters (p,)."""
+    robot = found.known
+    q, v, _ = (state[:_POSTURES] for state in random_states(robot, seed=2))
+    index = robot.index(joint)
+    pushed = np.zeros_like(q)
+    pushed[:, index] = 1.0
+    pushed = at_joints(robot.transmission, pushed)
+    rows = regressor_at_drives(robot, q, 0 * v, pushed) - regressor_at_drives(
+        robot, q, 0 * v, 0 * v
+    )
+    return np.asarray(np.mean(found.base.reduce(rows)[:, index], axis=0))
+
+
+def _gravity(found: Identification, joint: str) -> Array | None:
+    """Return gravity in the base parameters (p,) as the given masses turn it; None without them."""
+    robot = found.known
+    if not np.all(np.isfinite(robot.parameters)):
+        return None
+    q, v, _ = (state[:_POSTURES] for state in random_states(robot, seed=3))
+    rows = found.base.reduce(regressor_at_drives(robot, q, 0 * v, 0 * v))[:, robot.index(joint)]
+    expected = rows @ found.base.project(robot.parameters)
+    size = float(expected @ expected)
+    return np.asarray(expected @ rows / size) if size > 0 else None
+
+
+_LEAST_RANGE = 20.0
+"""A position moves if its range is so many times the noise between samples."""
+
+
+def check_excitation(robot: Robot, logs: Sequence[Log]) -> None:
+    """Raise ExcitationError if an elastic joint's motor, or the whole robot, stands still."""
+    for joint in robot.elastic_joints:
+        positions = [log.motor_position[:, log.joint_names.index(joint)] for log in logs]
+        if not any(map(_moves, positions)):
+            widest = max(float(np.ptp(position)) for position in positions)
+            raise ExcitationError(
+                f"the motor of '{joint}' stands still (it moves {widest:.3g} rad, noise "
+                f"{_noise(positions[0]):.2g} rad): the log tells nothing about its friction and "
+                "spring; move the joint, or leave it out with joints=[...] of load_robot"
+            )
+    every = [
+        column
+        for log in logs
+        for side in (log.joint_position, log.motor_position)
+        for column in side.T
+        if np.all(np.isfinite(column))
+    ]
+    if not any(map(_moves, every)):
+        raise ExcitationError("no joint moves in the log: the motion does not excite the robot")
+
+
+def check_channels(logs: Sequence[Log]) -> None:
+    """Raise LogError where a sensor says the same all the time while the other side of it moves."""
+    for log in logs:
+        for index, joint in enumerate(log.joint_names):
+            sides = {
+                "motor position": log.motor_position[:, index],
+                "joint position": log.joint_position[:, index],
+            }
+            for dead, other in (tuple(sides), tuple(sides)[::-1]):
+                _check_alive(joint, dead, sides[dead], other, sides[other])
+            torques = {"motor torque": log.motor_torque[:, index]}
+            if log.joint_torque is not None:
+                torques["joint torque"] = log.joint_torque[:, index]
+            for name, torque in torques.items():
+                for side, position in sides.items():
+                    _check_alive(joint, name, torque, side, position)
+
+
+def _check_alive(joint: str, name: str, values: Array, other: str, moved: Array) -> None:
+    if is_constant(values) and np.all(np.isfinite(moved)) and _moves(moved):
+        raise LogError(
+            f"the {name} of '{joint}' is {values[0]:.6g} all the time, while its {other} moves: a "
+            "dead channel? Leave its column out of the log, or the joint out with joints=[...] of "
+            "load_robot"
+        )
+
+
+def _moves(position: Array) -> bool:
+    return bool(np.ptp(position) > _LEAST_RANGE * _noise(position))
+
+
+def _noise(position: Array) -> float:
+    """Return the standard deviation of white noise that second differences show."""
+    return float(np.std(np.diff(position, 2)) / np.sqrt(6))

@@ -1,0 +1,94 @@
+"""Which terms of drives the methods beyond least squares, side by side, can take; said in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from seaid.drives import Drive, SeriesElasticDrive
+from seaid.errors import IdentificationError
+from seaid.regressor import motor_regressor, spring_regressor
+from seaid.robot import Robot
+
+_STRAIGHT = {"stiffness", "spring_damping", "deflection_offset"}
+
+
+@dataclass(frozen=True)
+class Straight:
+    """A spring that pulls with stiffness times deflection, damping times its rate and an offset."""
+
+    stiffness: float
+    offset: float
+    damping: float
+
+
+def straight_spring(robot: Robot, joint: str, values: Iterable[float]) -> Straight:
+    """Return a spring as a straight line from its found values, in its regressor's order.
+
+    What the robot knows of it beforehand is taken from there; `check_straight` tells where this
+    is possible.
+    """
+    found = dict(zip(spring_regressor(robot, joint).names, values, strict=True))
+    drive = robot.drivetrains[joint]
+    known = {name: drive.values[name] for name in drive.known if name in _STRAIGHT}
+    known |= {name: float(value) for name, value in found.items()}
+    names = ("stiffness", "deflection_offset", "spring_damping")
+    return Straight(*(known.get(name, 0.0) for name in names))
+
+
+def check_joint_sides(robot: Robot, springs: Iterable[str]) -> None:
+    """Raise IdentificationError for springs that both sides at once cannot share."""
+    for joint in springs:
+        names = set(spring_regressor(robot, joint).names)
+        if not {"stiffness", "deflection_offset"} <= names <= _STRAIGHT:
+            raise IdentificationError(
+                f'sides="joint" shares a spring of unknown stiffness and offset; that of {joint} '
+                f'{_kind(robot, joint)}: use sides="sequential"'
+            )
+
+
+def check_instruments(robot: Robot, springs: Iterable[str]) -> None:
+    """Raise IdentificationError for springs of which no instruments can be made."""
+    for joint in springs:
+        if not set(spring_regressor(robot, joint).names) <= _STRAIGHT:
+            raise IdentificationError(
+                f'estimator="iv" makes instruments of springs of one stiffness; that of {joint} '
+                f'{_kind(robot, joint)}: use estimator="wls"'
+            )
+
+
+def check_refinable(robot: Robot) -> None:
+    """Raise IdentificationError for terms of drives that the refinement does not simulate."""
+    for joint, drive in robot.drivetrains.items():
+        reason = _not_refinable(robot, joint, drive)
+        if reason:
+            raise IdentificationError(
+                f"the refinement cannot simulate the drive of {joint}, {reason}; take what "
+                "identify found"
+            )
+
+
+def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
+    if drive.motor_input != "torque":
+        return f"of which the {drive.motor_input} was logged, not the torque"
+    beside = [*drive.parallel_spring, *getattr(drive, "joint_friction", ())]
+    if beside:
+        return "which has a parallel spring or joint friction"
+    if motor_regressor(robot, joint).non_linear or "load" in drive.friction:
+        return "whose equation is not linear in its parameters"
+    if isinstance(drive, SeriesElasticDrive):
+        names = spring_regressor(robot, joint).names
+        if names != ("stiffness", "deflection_offset"):
+            return f"whose spring {_kind(robot, joint)}"
+    return ""
+
+
+def _kind(robot: Robot, joint: str) -> str:
+    """Say what a spring has that is not stiffness and offset, or that they are known."""
+    regressor, drive = spring_regressor(robot, joint), robot.drivetrains[joint]
+    others = [name.replace("_", " ") for name in regressor.names if name not in _STRAIGHT]
+    if others:
+        return f"has {', '.join(others)}"
+    if "spring_damping" in regressor.names:
+        return "has damping"
+    return f"has a known {' and '.join(name.replace('_', ' ') for name in drive.known)}"

@@ -1,0 +1,500 @@
+"""Bent parameters that a motion cannot tell: held where the search left them, and said in words.
+
+Parameters that bend a drive's equation: found by variable projection, before all others.
+
+A Stribeck speed, the width of smooth friction, a dead zone: with them given the equations (7) and
+(8) are linear. They are searched for first; `identify` then takes the equations near them, where
+they have a column as any other parameter, and with it a standard error.
+
+Bent parameters of stiff drives: found on the load side, beside all bodies, joint by joint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from scipy import linalg
+
+from seaid._arrays import Array, IndexArray, safely
+from seaid.drives import COULOMB, PARAMETERS, Drive, DriveRegressor, SeriesElasticDrive, unit_of
+from seaid.errors import IdentificationError
+from seaid.estimation import (
+    Estimate,
+    Information,
+    equal_weights,
+    estimate_of,
+    information_of,
+    ordinary,
+    projected,
+    solve,
+)
+from seaid.identification.drive_estimates import spring_of, with_values
+from seaid.log import Motion, in_band_at, row_samples
+from seaid.regressor import (
+    LoadModel,
+    Regression,
+    actuator_equation,
+    actuator_regression,
+    actuator_rows,
+    base_parameters,
+    fed_signals,
+    load_model,
+    load_regression,
+    motor_regressor,
+    stacked,
+    unknown_friction,
+)
+from seaid.robot import Robot
+
+_UNSEEN = 1e-6
+"""Singular value of columns of unit norm, relative to the largest, below which one is not told."""
+
+_PART = 0.1
+
+_LEVEL = {"stribeck_speed": "stribeck_friction", "stribeck_friction": "stribeck_speed"}
+"""What has no meaning without the other."""
+
+
+def told(drive: Drive, names: Sequence[str], H: Array, bent: Sequence[str]) -> Drive:
+    """Return the drive with those of its `bent` parameters known that the columns H do not tell.
+
+    H (R, p) has the columns `names` at the drive's values. A dead zone of zero beside no other
+    curve, a Stribeck speed where nothing sticks: the equations are singular in them.
+    """
+    held: list[str] = []
+    while True:
+        kept = [place for place, name in enumerate(names) if name not in held]
+        name = _lost([names[place] for place in kept], H[:, kept], [*bent, *_LEVEL])
+        if name is None:
+            return replace(drive, known=(*drive.known, *held)) if held else drive
+        held.append(name)
+
+
+def _lost(names: Sequence[str], H: Array, candidates: Sequence[str]) -> str | None:
+    """Return the candidate that a combination without effect has most of, if there is any."""
+    norms = np.linalg.norm(H, axis=0)
+    may_go = np.array([name in candidates for name in names])
+    dead = np.flatnonzero((norms == 0) & may_go)
+    if len(dead):
+        return names[int(dead[0])]
+    if not len(names):
+        return None
+    _, sizes, vectors = safely(
+        np.linalg.svd,
+        H / np.where(norms > 0, norms, 1.0),
+        what="the columns of a drive",
+        full_matrices=False,
+    )
+    share = np.abs(vectors[-1])
+    place = int(np.argmax(np.where(may_go, share, 0.0)))
+    lost = sizes[-1] < _UNSEEN * sizes[0] and may_go[place] and share[place] > _PART * share.max()
+    return names[place] if lost else None
+
+
+def with_held_flags(
+    drives: Mapping[str, Estimate], given: Robot, robot: Robot
+) -> dict[str, Estimate]:
+    """Return estimates of drives with a flag for every parameter that became known by a search."""
+    flagged = dict(drives)
+    for joint, estimate in drives.items():
+        drive, before = robot.drivetrains[joint], given.drivetrains[joint].known
+        held = tuple(
+            f"{name.replace('_', ' ')} of {joint} is not told by this motion: taken as "
+            f"{drive.values[name]:.3g} {unit_of(drive, name)}; leave its term out, or excite it"
+            for name in drive.known
+            if name not in before
+        )
+        flagged[joint] = replace(estimate, flags=held + estimate.flags)
+    return flagged
+
+
+_SPEEDS = {
+    "coulomb_width": (0.002, 0.01, 0.05),
+    "coulomb_shift": (0.0,),
+    "stribeck_speed": (0.03, 0.1, 0.3),
+}
+"""Where the search starts, in parts of the largest motor speed."""
+
+_STRETCHES = {"dead_zone": (0.03, 0.15, 0.4), "deflection_zero": (0.0,)}
+"""The same, in parts of half the range of the deflection."""
+
+_LEAST, _MOST = 1e-4, 2.0
+"""Bounds of what is positive, in the same parts."""
+
+
+def straightened(robot: Robot, motions: Sequence[Motion]) -> Robot:
+    """Return the robot with the values near which its elastic drives' equations are taken.
+
+    Drives whose equations are linear stay as they are. Raises IdentificationError where a spring
+    that is linear finds no stiffness to start from.
+    """
+    found = {
+        joint: _straight_drive(robot, motions, joint)
+        for joint in robot.elastic_joints
+        if actuator_equation(robot, motions[0], joint)[0].non_linear
+    }
+    return robot.with_drivetrains(found) if found else robot
+
+
+def _straight_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Drive:
+    drive = robot.drivetrains[joint]
+    assert isinstance(drive, SeriesElasticDrive)
+    scale = _scale_of(robot, motions, joint)
+    start = _linear_start(robot, motions, joint, drive)
+    search = _motor_search(robot, motions, joint)
+    names = search.regressor.non_linear
+    grid = [starts_of(name, drive, start, scale) for name in names]
+    lower, upper = (np.array([bounds_of(name, scale)[end] for name in names]) for end in (0, 1))
+    found = projected(
+        search.columns,
+        search.slopes,
+        [np.array(one) for one in product(*grid)],
+        lower,
+        upper,
+    )
+    values = dict(zip(names, found.bent.tolist(), strict=True))
+    values |= dict(zip(search.regressor.linear, found.linear.tolist(), strict=True))
+    drive = with_values(drive, values)
+    return told(drive, search.regressor.names, search.all_columns(drive.values), names)
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Largest motor speed [rad/s], middle and half range of the deflection."""
+
+    speed: float
+    middle: float
+    reach: float
+
+
+@dataclass(frozen=True, eq=False)
+class _MotorSearch:
+    """The rows of one actuator side as functions of its bent parameters."""
+
+    regressor: DriveRegressor
+    motions: Sequence[Motion]
+    signals: Sequence[Mapping[str, Array]]
+    rows: Sequence[IndexArray]
+
+    def columns(self, bent: Array) -> tuple[Array, Array]:
+        """Return y and the linear columns of all motions in their band."""
+        values = dict(zip(self.regressor.non_linear, bent.tolist(), strict=True))
+        pairs = [self.regressor.given(one, values) for one in self.signals]
+        return self._banded([y for y, _ in pairs]), self._banded([H for _, H in pairs])
+
+    def slopes(self, bent: Array, linear: Array) -> Array:
+        """Return the columns of the bent parameters."""
+        values = dict(zip(self.regressor.non_linear, bent.tolist(), strict=True))
+        values |= dict(zip(self.regressor.linear, linear.tolist(), strict=True))
+        bent_places = [self.regressor.names.index(name) for name in self.regressor.non_linear]
+        return self._banded(
+            [self.regressor.evaluate(one, values)[1][:, bent_places] for one in self.signals]
+        )
+
+    def all_columns(self, values: Mapping[str, float]) -> Array:
+        """Return the columns of all parameters near some values."""
+        return self._banded([self.regressor.evaluate(one, values)[1] for one in self.signals])
+
+    def _banded(self, parts: Sequence[Array]) -> Array:
+        triples = zip(self.motions, parts, self.rows, strict=True)
+        return np.concatenate([in_band_at(motion, part, rows) for motion, part, rows in triples])
+
+
+def _motor_search(robot: Robot, motions: Sequence[Motion], joint: str) -> _MotorSearch:
+    pairs = [actuator_equation(robot, motion, joint) for motion in motions]
+    regressor = pairs[0][0]
+    return _MotorSearch(
+        regressor=regressor,
+        motions=motions,
+        signals=[by_name for _, by_name in pairs],
+        rows=[actuator_rows(robot, motion, joint, regressor)[0] for motion in motions],
+    )
+
+
+def _scale_of(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
+    index, drive = robot.index(joint), robot.drivetrains[joint]
+    assert isinstance(drive, SeriesElasticDrive)
+    by_name = [actuator_equation(robot, motion, joint)[1] for motion in motions]
+    stretch = np.concatenate(
+        [
+            drive.motor_radius / drive.ratio * one["theta_M"] - drive.load_radius * one["theta_L"]
+            for one in by_name
+        ]
+    )
+    speed = max(float(np.max(np.abs(one.motor_velocity[:, index]))) for one in motions)
+    low, high = float(np.min(stretch)), float(np.max(stretch))
+    return Scale(max(speed, 1e-9), 0.5 * (low + high), max(0.5 * (high - low), 1e-12))
+
+
+def _linear_start(
+    robot: Robot, motions: Sequence[Motion], joint: str, drive: SeriesElasticDrive
+) -> dict[str, float]:
+    """Return friction, stiffness and the zero of the deflection with linear terms only."""
+    friction = tuple("coulomb" if term in COULOMB else term for term in drive.friction)
+    known = tuple(name for name in drive.known if name in ("stiffness", "viscous_friction"))
+    plain = replace(
+        drive,
+        friction=tuple(term for term in friction if term not in ("load", "stribeck")),
+        spring=("linear",),
+        known=known,
+        nominal={},
+    )
+    simple = robot.with_drivetrains({joint: plain})
+    rows = stacked([actuator_regression(simple, motion, joint) for motion in motions])
+    found = ordinary(rows)
+    values = {**plain.values, **dict(zip(found.names, found.values.tolist(), strict=True))}
+    stiffness = values.get("stiffness", 0.0)
+    if stiffness == 0:
+        raise IdentificationError(f"joint '{joint}': no stiffness to start a search from")
+    values["deflection_zero"] = -values.get("deflection_offset", 0.0) / stiffness
+    return values
+
+
+def starts_of(
+    name: str, drive: Drive, start: Mapping[str, float], scale: Scale
+) -> tuple[float, ...]:
+    """Return where the search for a parameter begins: its nominal value, or by the data."""
+    if name in drive.values:
+        return (drive.values[name],)
+    if name in _SPEEDS:
+        return tuple(part * scale.speed for part in _SPEEDS[name])
+    if name == "deflection_zero":
+        return (start[name], scale.middle)
+    if name in _STRETCHES:
+        return tuple(part * scale.reach for part in _STRETCHES[name])
+    return (start.get(name, 0.0),)
+
+
+def bounds_of(name: str, scale: Scale) -> tuple[float, float]:
+    """Return between what a bent parameter is searched."""
+    if name in _SPEEDS:
+        size, middle = scale.speed, 0.0
+    elif name in _STRETCHES:
+        size, middle = scale.reach, scale.middle if name == "deflection_zero" else 0.0
+    else:
+        return (0.0 if PARAMETERS[name].is_positive else -np.inf), np.inf
+    if PARAMETERS[name].is_positive:
+        return _LEAST * size, _MOST * size
+    return middle - _MOST * size, middle + _MOST * size
+
+
+_SWEEPS = 2
+"""How often the joints are searched in turn, each beside the others."""
+
+_LEVELS = ("coulomb_friction", "stribeck_friction")
+"""What must not be zero at the start: the slope of what bends is a multiple of it."""
+
+_LOST = 1e-9
+
+_FEW = 1e-3
+"""Of two equations' weights the smaller over the larger is no less."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoadFit:
+    """A fit of the load side: its columns, the springs' values, the estimate and its rows."""
+
+    model: LoadModel
+    springs: Mapping[str, Array]
+    estimate: Estimate
+    rows: Regression
+    information: Information
+
+
+def bent_joints(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
+    """Return the joints among `used` whose stiff drive is not linear in its parameters."""
+    return tuple(
+        joint
+        for joint in used
+        if joint not in robot.elastic_joints and motor_regressor(robot, joint).non_linear
+    )
+
+
+def straightened_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> Robot:
+    """Return the robot with the values near which its stiff drives' equations are taken."""
+    bent = bent_joints(robot, used)
+    if not bent:
+        return robot
+    scales = {joint: _scale(robot, motions, joint) for joint in bent}
+    given, robot = robot.drivetrains, _started(robot, scales)
+    for sweep in range(1 if len(bent) == 1 else _SWEEPS):
+        for joint in bent:
+            grid = [] if sweep else _grid(robot, joint, given[joint], scales[joint])
+            robot = _searched(robot, motions, used, joint, scales[joint], grid)
+    for joint in bent:
+        search = _load_search(robot, motions, joint, fit_load(robot, motions, used))
+        drive, names = robot.drivetrains[joint], search.regressor.non_linear
+        columns = search.all_columns(drive.values)
+        held = told(drive, (*search.linear, *names), columns, names)
+        robot = robot.with_drivetrains({joint: held})
+    return robot
+
+
+def _grid(robot: Robot, joint: str, given: Drive, scale: Scale) -> list[Array]:
+    names = motor_regressor(robot, joint).non_linear
+    return [np.array(one) for one in product(*(starts_of(n, given, {}, scale) for n in names))]
+
+
+def fit_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> LoadFit:
+    """Fit the load side by weighted least squares, the springs by ordinary ones before it."""
+    model = load_model(robot, base_parameters(robot, rows=used), used)
+    springs = {}
+    for joint in (joint for joint in used if joint in robot.elastic_joints):
+        index = robot.index(joint)
+        if not all(np.all(np.isfinite(one.joint_torque[:, index])) for one in motions):
+            rows = stacked([actuator_regression(robot, motion, joint) for motion in motions])
+            springs[joint] = spring_of(robot, ordinary(rows), joint).values
+    rows = stacked([load_regression(robot, motion, model, springs) for motion in motions])
+    information = information_of(rows)
+    estimate = estimate_of(information, _weights(information))
+    return LoadFit(model, springs, estimate, rows, information)
+
+
+def _weights(information: Information) -> Array:
+    """Return weights (E,) of the equations by what an ordinary fit leaves, within limits.
+
+    Settled ones are for the estimate: here the model is not right yet.
+    """
+    theta = solve(information, equal_weights(information)).values
+    std = information.residual_norms(theta) / np.sqrt(np.maximum(information.counts, 1))
+    largest = float(np.max(std))
+    return largest / np.maximum(std, _FEW * largest) if largest else equal_weights(information)
+
+
+def _scale(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
+    index = robot.index(joint)
+    return Scale(max(float(np.max(np.abs(one.motor_velocity[:, index]))) for one in motions), 0, 1)
+
+
+def _started(robot: Robot, scales: Mapping[str, Scale]) -> Robot:
+    """Return the robot with a value of every bent parameter, and small ones of what bends them."""
+    drives = dict(robot.drivetrains)
+    for joint, scale in scales.items():
+        drive, regressor = drives[joint], motor_regressor(robot, joint)
+        values = {
+            name: 1.0 if name in _LEVELS else starts_of(name, drive, {}, scale)[0]
+            for name in regressor.names
+            if name in PARAMETERS and name not in drive.values
+        }
+        drives[joint] = drive.with_values(values)
+    return robot.with_drivetrains(drives)
+
+
+def _searched(
+    robot: Robot,
+    motions: Sequence[Motion],
+    used: Sequence[str],
+    joint: str,
+    scale: Scale,
+    starts: Sequence[Array],
+) -> Robot:
+    """Return the robot with better bent parameters of one joint, all others held."""
+    fit, drive = fit_load(robot, motions, used), robot.drivetrains[joint]
+    search = _load_search(robot, motions, joint, fit)
+    names = search.regressor.non_linear
+    starts = [np.array([drive.values[name] for name in names]), *starts]
+    lower, upper = (np.array([bounds_of(name, scale)[end] for name in names]) for end in (0, 1))
+    found = projected(search.columns, search.slopes, starts, lower, upper)
+    values = dict(zip(names, found.bent.tolist(), strict=True))
+    values |= dict(zip(search.linear, found.linear.tolist(), strict=True))
+    return robot.with_drivetrains({joint: with_values(drive, values)})
+
+
+@dataclass(frozen=True, eq=False)
+class _LoadSearch:
+    """The rows of the load side as functions of one stiff drive's bent parameters.
+
+    `others` (R, rank) spans the weighted columns of all else, which are projected out; `mine` (R,)
+    are the rows of the drive's own joint, `y` (R,) the weighted target, `weight` the joint's.
+    `zeta` (T,) of each motion is what `y` was made of.
+    """
+
+    regressor: DriveRegressor
+    linear: tuple[str, ...]
+    ratio: float
+    motions: Sequence[Motion]
+    signals: Sequence[Mapping[str, Array]]
+    samples: Sequence[IndexArray]
+    zeta: Sequence[Array]
+    mine: IndexArray
+    y: Array
+    weight: float
+    others: Array
+
+    def columns(self, bent: Array) -> tuple[Array, Array]:
+        """Return y and the drive's linear columns, both without what the others make up for."""
+        values = dict(zip(self.regressor.non_linear, bent.tolist(), strict=True))
+        places = [self.regressor.linear.index(name) for name in self.linear]
+        pairs = [self.regressor.given(one, values) for one in self.signals]
+        changes = [zeta - old for (zeta, _), old in zip(pairs, self.zeta, strict=True)]
+        y = self.y.copy()
+        y[self.mine] += self._banded(changes)
+        return self._alone(y), self._alone(self._placed([H[:, places] for _, H in pairs]))
+
+    def slopes(self, bent: Array, linear: Array) -> Array:
+        """Return the columns of the bent parameters in the same way."""
+        drive = self.regressor.drive.values
+        values = {**drive, **dict(zip(self.regressor.non_linear, bent.tolist(), strict=True))}
+        values |= dict(zip(self.linear, linear.tolist(), strict=True))
+        places = [self.regressor.names.index(name) for name in self.regressor.non_linear]
+        parts = [self.regressor.evaluate(one, values)[1][:, places] for one in self.signals]
+        return self._alone(self._placed(parts))
+
+    def all_columns(self, values: Mapping[str, float]) -> Array:
+        """Return the linear columns and then the bent ones near some values."""
+        bent = np.array([values[name] for name in self.regressor.non_linear])
+        linear = np.array([values[name] for name in self.linear])
+        return np.hstack([self.columns(bent)[1], self.slopes(bent, linear)])
+
+    def _placed(self, parts: Sequence[Array]) -> Array:
+        columns = np.zeros((len(self.y), parts[0].shape[1]))
+        columns[self.mine] = self._banded(parts)
+        return columns
+
+    def _banded(self, parts: Sequence[Array]) -> Array:
+        triples = zip(self.motions, parts, self.samples, strict=True)
+        banded = [in_band_at(motion, part, samples) for motion, part, samples in triples]
+        return self.weight * self.ratio * np.concatenate(banded)
+
+    def _alone(self, columns: Array) -> Array:
+        return np.asarray(columns - self.others @ (self.others.T @ columns))
+
+
+def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadFit) -> _LoadSearch:
+    rows, index, drive = fit.rows, robot.index(joint), robot.drivetrains[joint]
+    regressor = motor_regressor(robot, joint)
+    own = [f"{name} of {joint}" for name in regressor.names]
+    information = fit.information
+    weights = _weights(information)
+    of_row = weights[np.searchsorted(information.equations, rows.joint)]
+    rest = [place for place, name in enumerate(rows.names) if name not in own]
+    H = of_row[:, None] * rows.H[:, rest]
+    norms = np.linalg.norm(H, axis=0)
+    by_motion = [fed_signals(robot, motion, index) for motion in motions]
+    return _LoadSearch(
+        regressor=regressor,
+        linear=tuple(n for n in regressor.linear if f"{n} of {joint}" in rows.names),
+        ratio=drive.ratio,
+        motions=motions,
+        signals=by_motion,
+        samples=[_samples(robot, motion, joint) for motion in motions],
+        zeta=[regressor.evaluate(one)[0] for one in by_motion],
+        mine=np.flatnonzero(rows.joint == index),
+        y=of_row * rows.y,
+        weight=float(weights[information.equations.index(index)]),
+        others=safely(
+            linalg.orth,
+            H / np.where(norms > 0, norms, 1.0),
+            what="the columns of the load side",
+            rcond=_LOST,
+        ),
+    )
+
+
+def _samples(robot: Robot, motion: Motion, joint: str) -> IndexArray:
+    """Return the samples that are rows of a joint on the load side."""
+    rows = row_samples(motion)
+    return np.asarray(rows[~unknown_friction(robot, motion, joint)[rows]])

@@ -1,0 +1,481 @@
+"""refine: maximum likelihood by output error, both sides at once, from an identification on.
+
+The measured motor angles (and the joints without a spring) drive the complete model: behind the
+springs the joints are simulated by (8), and their encoders and all torques compared with what was
+measured. Motor encoders see the joint through a gear, so what they add of noise is far below the
+joint encoders': taking them as the input costs next to nothing, cannot drift, and needs no
+controller. Each window of the log has its own initial state.
+
+Residuals of the complete model along a log, and their derivatives: the outputs of `refine`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from seaid._arrays import Array, BoolArray, FrozenMapping
+from seaid._progress import track
+from seaid.drives import SeriesElasticDrive
+from seaid.errors import IdentificationError
+from seaid.estimation import Estimate, Residuals, Step, gauss_newton_step
+from seaid.identification.drive_estimates import joined, with_estimate, with_flags
+from seaid.identification.identification import Identification
+from seaid.identification.method_limits import check_refinable
+from seaid.identification.simulated_joints import (
+    Answer,
+    TorqueJacobians,
+    answer_to,
+    finer_side,
+    torque_jacobians,
+)
+from seaid.identification.two_step import split_load_side
+from seaid.log import (
+    POSITION_BAND,
+    REST_RAD_S,
+    SHORTEST_STRETCH,
+    STANDSTILL,
+    Log,
+    Motion,
+    decimation,
+    reconstruct_motion,
+    stretches,
+)
+from seaid.regressor import actuator_columns, check_zero_std, load_columns
+from seaid.robot import Robot, coupled_names
+
+WIDER = 3.0
+"""The pass band of the refinement over that of the identification: dry friction is sharp."""
+
+WINDOW_S = 1.0
+"""A simulation starts anew so often, so that what the model lacks does not pile up."""
+
+_LEAST_NOISE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Which parameter is where: `names` (p,) of all, and the columns of each kind.
+
+    `simulated` are the joints behind springs whose position is computed. `precision` (p,) holds
+    what is known beforehand of the encoder zeros, as inverse standard deviations.
+    """
+
+    found: Identification
+    simulated: tuple[str, ...]
+    names: tuple[str, ...]
+    drives: FrozenMapping[slice]
+    load: slice
+    zeros: slice
+    precision: Array
+
+    @property
+    def start(self) -> Array:
+        """The values (p,) of the identification; zeros are as they were read."""
+        values = np.zeros(len(self.names))
+        for joint, columns in self.drives.items():
+            values[columns] = self.found.drivetrains[joint].values
+        values[self.load] = self.found.load_side.values
+        return values
+
+    def spring(self, joint: str) -> list[int]:
+        """Return the columns of stiffness and deflection offset of a joint."""
+        names = self.found.drivetrains[joint].names
+        first = self.drives[joint].start
+        return [first + names.index(name) for name in ("stiffness", "deflection_offset")]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A log at the present estimate: its motion with the simulated joints in it, whole windows.
+
+    `reading` (T, simulated) is what their encoders said; `block` samples make a row.
+    """
+
+    motion: Motion
+    reading: Array
+    windows: int
+    block: int
+
+
+def layout_of(found: Identification, joint_zero_std: float) -> Layout:
+    """Return where the parameters of an identification are in one vector."""
+    robot = found.known
+    names: list[str] = []
+    drives: dict[str, slice] = {}
+    for joint in robot.elastic_joints:
+        mine = found.drivetrains[joint].names
+        drives[joint] = slice(len(names), len(names) + len(mine))
+        names += [f"{name} of {joint}" for name in mine]
+    load = slice(len(names), len(names) + len(found.model.names))
+    names += found.model.names
+    zeros = slice(len(names), len(names) + (robot.n if joint_zero_std else 0))
+    names += [f"encoder zero of {joint}" for joint in robot.joint_names] if joint_zero_std else []
+    precision = np.zeros(len(names))
+    precision[zeros] = 1 / joint_zero_std if joint_zero_std else 0.0
+    return Layout(
+        found=found,
+        simulated=tuple(joint for joint in found.model.rows if joint in found.springs),
+        names=tuple(names),
+        drives=FrozenMapping(drives),
+        load=load,
+        zeros=zeros,
+        precision=precision,
+    )
+
+
+def run_of(layout: Layout, log: Log) -> Run:
+    """Return a log without a hole as it enters the refinement: in its wider pass band, cut to
+    whole windows.
+    """
+    known = layout.found.known
+    rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
+    band = min(WIDER * layout.found.cutoff_hz, rate_hz / 8)
+    motion = reconstruct_motion(known, log, band)
+    motion = finer_side(known, motion)
+    block = decimation(motion.rate_hz, motion.cutoff_hz)
+    trim = round(motion.trim_s * motion.rate_hz)
+    length = len(motion.time) - 2 * trim
+    windows = max(1, round(length / motion.rate_hz / WINDOW_S))
+    whole = windows * (length // windows // block) * block
+    motion = _selected(motion, slice(trim, trim + whole))
+    simulated = [known.index(joint) for joint in layout.simulated]
+    return Run(motion, motion.joint_position[:, simulated], windows, block)
+
+
+def _selected(motion: Motion, samples: slice) -> Motion:
+    return replace(
+        motion,
+        **{
+            field.name: getattr(motion, field.name)[samples]
+            for field in fields(motion)
+            if isinstance(getattr(motion, field.name), np.ndarray)
+        },
+    )
+
+
+def robot_at(layout: Layout, x: Array) -> Robot:
+    """Return the found robot with the base parameters of x."""
+    base, robot = layout.found.base, layout.found.robot
+    load = x[layout.load][: len(base.columns)]
+    correction = base.least(load - base.project(robot.parameters))
+    return robot.with_values(robot.parameters + correction, robot.drivetrains)
+
+
+def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Answer]:
+    """Return the residuals of a run around x, and how the simulated joints answer.
+
+    Channels: positions of the simulated joints, the elastic drives' torques, the torques of the
+    other rows of the load side. The first column of the answer is what the joints still lack to
+    obey (8), then the p parameters and the initial states.
+    """
+    known, motion = layout.found.known, run.motion
+    error, by_x, jacobians = _load_error(layout, run, x)
+    joints = [known.index(joint) for joint in layout.simulated]
+    mine = [layout.found.model.rows.index(joint) for joint in layout.simulated]
+    others = [row for row in range(error.shape[1]) if row not in mine]
+    inside = jacobians.part(joints, joints)
+    spring = np.array([_spring_rate(known, joint) for joint in layout.simulated])
+    k = np.array([x[layout.spring(joint)[0]] for joint in layout.simulated])
+    inside = replace(inside, position=inside.position + np.diag(spring * k))
+    force = np.concatenate([error[:, mine, None], by_x[:, mine]], axis=2)
+    answer = answer_to(inside, force, 1 / motion.rate_hz, run.windows)
+
+    free = answer.position.shape[2] - force.shape[2]
+    encoder = -answer.position
+    encoder[:, :, 0] += run.reading - motion.joint_position[:, joints]
+    if layout.precision.any():
+        zeros = [1 + layout.zeros.start + joint for joint in joints]
+        encoder[:, :, 0] -= x[layout.zeros][joints]
+        encoder[:, range(len(joints)), zeros] -= 1.0
+    rows = [known.index(layout.found.model.rows[row]) for row in others]
+    torque = np.concatenate([error[:, others, None], by_x[:, others]], axis=2)
+    torque = np.pad(torque, ((0, 0), (0, 0), (0, free)))
+    torque -= jacobians.part(rows, joints).change(answer)
+    drive = _drive_error(layout, run, x, answer)
+    columns = np.concatenate([encoder, drive, torque], axis=1)
+    still = [np.zeros(len(motion.time), dtype=bool) for _ in joints]
+    still += [_turning(known, motion, joint) for joint in layout.drives]
+    still += [_turning(known, motion, layout.found.model.rows[row]) for row in others]
+    return _blocks(run, columns, np.column_stack(still), free), answer
+
+
+def _load_error(layout: Layout, run: Run, x: Array) -> tuple[Array, Array, TorqueJacobians]:
+    """Return what (8) lacks (T, rows), its derivative by x (T, rows, p), and by the motion."""
+    found, motion = layout.found, run.motion
+    springs = {joint: x[layout.spring(joint)] for joint in found.springs}
+    torque, payload, H, carried = load_columns(found.known, motion, found.model, springs)
+    jacobians = torque_jacobians(robot_at(layout, x), *motion.joint_states)
+    by_x = np.zeros((*torque.shape, len(x)))
+    by_x[:, :, layout.load] = -H
+    elastic = [joint for joint in found.model.rows if joint in found.springs]
+    columns = [column for joint in elastic for column in layout.spring(joint)]
+    by_x[:, :, columns] = carried
+    if layout.precision.any():
+        rows = [found.known.index(joint) for joint in found.model.rows]
+        by_x[:, :, layout.zeros] = jacobians.position[:, rows]
+        simulated = [layout.zeros.start + found.known.index(joint) for joint in layout.simulated]
+        by_x[:, :, simulated] = 0.0
+    return torque - payload - H @ x[layout.load], by_x, jacobians
+
+
+def _spring_rate(robot: Robot, joint: str) -> float:
+    """Return how the spring's torque on the load falls with the joint's position, for k = 1."""
+    drive = robot.drivetrains[joint]
+    assert isinstance(drive, SeriesElasticDrive)
+    return drive.load_radius**2
+
+
+def _drive_error(layout: Layout, run: Run, x: Array, answer: Answer) -> Array:
+    """Return what (7) of each elastic drive lacks, and its derivatives (T, drives, 1 + p + s)."""
+    known, motion, free = layout.found.known, run.motion, answer.position.shape[2] - 1 - len(x)
+    found = np.zeros((len(motion.time), len(layout.drives), 1 + len(x) + free))
+    nudged = replace(motion, joint_position=motion.joint_position + 1e-6)
+    for row, (joint, columns) in enumerate(layout.drives.items()):
+        regressor, zeta, R = actuator_columns(known, motion, joint)
+        if regressor.names != layout.found.drivetrains[joint].names:
+            raise IdentificationError(
+                f"the log tells {', '.join(regressor.names)} of {joint}, the identification has "
+                f"{', '.join(layout.found.drivetrains[joint].names)}: same torque sensors needed"
+            )
+        found[:, row, 0] = zeta - R @ x[columns]
+        found[:, row, 1 + columns.start : 1 + columns.stop] = -R
+        _, zeta_there, R_there = actuator_columns(known, nudged, joint)
+        by_position = (zeta_there - R_there @ x[columns] - found[:, row, 0]) / 1e-6
+        if joint in layout.simulated:
+            mine = answer.position[:, layout.simulated.index(joint)]
+            found[:, row] += by_position[:, None] * mine
+        elif layout.precision.any():
+            found[:, row, 1 + layout.zeros.start + known.index(joint)] -= by_position
+    return found
+
+
+def _turning(robot: Robot, motion: Motion, joint: str) -> BoolArray:
+    """Tell the samples (T,) near which a motor with dry friction stands or turns back."""
+    if "coulomb" not in robot.drivetrains[joint].friction:
+        return np.zeros(len(motion.time), dtype=bool)
+    speed = motion.motor_velocity[:, robot.index(joint)]
+    still = np.abs(speed) < max(STANDSTILL * np.max(np.abs(speed)), REST_RAD_S)
+    still[1:] |= speed[1:] * speed[:-1] < 0
+    seen = round(motion.rate_hz / (POSITION_BAND * motion.cutoff_hz))
+    return np.asarray(maximum_filter1d(still.astype(np.uint8), 2 * seen + 1) > 0)
+
+
+def _blocks(run: Run, columns: Array, still: BoolArray, free: int) -> Residuals:
+    """Average columns (T, C, 1 + p + s) over blocks: white noise stays white."""
+    shape = (run.windows, -1, run.block, columns.shape[1])
+    means = columns.reshape(*shape, columns.shape[2]).mean(axis=2)
+    last = columns.shape[2] - free
+    return Residuals(
+        residual=means[..., 0],
+        jacobian=means[..., 1:last],
+        nuisance=means[..., last:],
+        kept=np.asarray(~still.reshape(shape).any(axis=2)),
+        time=run.motion.time.reshape(run.windows, -1, run.block).mean(axis=2),
+        floor=np.full(columns.shape[1], _LEAST_NOISE),
+    )
+
+
+_SETTLED, _CLOSE = 1e-3, 0.05
+_MOST_HALVINGS, _MOST_SWEEPS = 6, 5
+_ALIKE = 1e-3
+"""Log-likelihoods that differ by less are the same."""
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A point of the iteration: parameters (p,), runs, how their joints answer, the next step."""
+
+    x: Array
+    runs: list[Run]
+    answers: list[Answer]
+    step: Step
+
+
+def refine(
+    found: Identification,
+    logs: Log | Sequence[Log],
+    *,
+    joint_zero_std: float = 0.0,
+    iterations: int = 20,
+    progress: bool = False,
+) -> Identification:
+    """Refine an identification to the maximum-likelihood estimate of both sides at once.
+
+    Output error (Gautier, Janot, Vandanjon 2013) by Gauss-Newton with forward sensitivities: the
+    joints behind springs are simulated from the measured motor angles; their encoders, and every
+    measured torque, are outputs with white noise whose size is estimated too. Rows in which a motor
+    stands still or turns back are left out, as its dry friction is unknown. `joint_zero_std` [rad
+    or m]: how well the zeros of the joint encoders are known; they are then estimated as well.
+    The covariance counts the autocorrelation of the residuals. Rows are averages over blocks of
+    samples; `residual_std` is theirs: of a drive's torque (or spring force), and on the load side
+    of the stiff joints' torques (where there are none: of the joint encoders).
+
+    Raises IdentificationError where the start is unusable or the iteration does not settle,
+    ExcitationError where the logs leave parameters open and LogError where a log does not fit.
+    """
+    logs = [logs] if isinstance(logs, Log) else list(logs)
+    if not logs:
+        raise IdentificationError("refine needs a log, found none")
+    check_zero_std(joint_zero_std)
+    _check_start(found)
+    layout = layout_of(found, joint_zero_std)
+    shortest_s = SHORTEST_STRETCH / found.cutoff_hz
+    runs = [run_of(layout, part) for log in logs for part in stretches(log, shortest_s)]
+    start = here = _simulated(layout, _point(layout, runs, layout.start))
+    for _ in track(range(iterations), "refining", progress):
+        here, better = _improved(layout, here)
+        if _size(here.step) < _SETTLED or not better:
+            break
+    if not _size(here.step) < _CLOSE:
+        raise IdentificationError(
+            f"the refinement did not settle in {iterations} iterations: its next step would be "
+            f"{_size(here.step):.2g} standard errors; do the logs and the identification belong "
+            "together?"
+        )
+    return _refined(layout, here, worse=here.step.merit > start.step.merit + _ALIKE)
+
+
+def _check_start(found: Identification) -> None:
+    coupled = coupled_names(found.known.joint_names, found.known.transmission)
+    if coupled:
+        raise IdentificationError(
+            f"the drives of {', '.join(coupled)} move several joints, which the refinement cannot "
+            "simulate; take what identify found, or estimator='iv' or sides='joint' of identify"
+        )
+    check_refinable(found.known)
+    for joint in found.springs:
+        stiffness = found.drivetrains[joint].value("stiffness")
+        if not (np.isfinite(stiffness) and stiffness > 0):
+            raise IdentificationError(
+                f"the refinement cannot start: the stiffness of {joint} was found "
+                f"{stiffness:.3g}, and a simulation needs one above zero"
+            )
+
+
+def _point(layout: Layout, runs: list[Run], x: Array) -> Point:
+    diverges = "the simulation diverges at this estimate: check the identification it starts from"
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            around = [linearised(layout, run, x) for run in runs]
+    except IdentificationError as problem:
+        raise IdentificationError(f"{diverges}; {problem}") from None
+    residuals, answers = [one for one, _ in around], [one for _, one in around]
+    if not all(np.all(np.isfinite(one.jacobian)) for one in residuals):
+        raise IdentificationError(diverges)
+    return Point(x, runs, answers, gauss_newton_step(residuals, layout.names, x, layout.precision))
+
+
+def _size(step: Step) -> float:
+    """Return the largest change of a parameter in standard errors."""
+    return float(np.max(np.abs(step.change) / np.sqrt(np.diag(step.white_covariance))))
+
+
+def _improved(layout: Layout, here: Point) -> tuple[Point, bool]:
+    """Return the point one step on, the step halved while it makes things worse; and if it did."""
+    part = 1.0
+    for _ in range(_MOST_HALVINGS):
+        change = part * here.step.change
+        there = _simulated(layout, _next(layout, here, change, part, here.step.nuisance))
+        if there.step.merit <= here.step.merit + _ALIKE:
+            return there, True
+        part /= 2
+    return here, False
+
+
+def _simulated(layout: Layout, point: Point) -> Point:
+    """Return the point with its joints where they obey (8) at its parameters: Newton's method."""
+    for _ in range(_MOST_SWEEPS):
+        new = _next(layout, point, np.zeros_like(point.x), 1.0, point.step.own)
+        settled = abs(new.step.merit - point.step.merit) < _ALIKE
+        point = new
+        if settled:
+            break
+    return point
+
+
+def _next(layout: Layout, here: Point, change: Array, part: float, own: tuple[Array, ...]) -> Point:
+    """Return the point after a change of the parameters and part of one of the initial states."""
+    runs = [
+        _moved(layout, run, answer, change, part, states)
+        for run, answer, states in zip(here.runs, here.answers, own, strict=True)
+    ]
+    return _point(layout, runs, here.x + change)
+
+
+def _moved(layout: Layout, run: Run, answer: Answer, change: Array, part: float, own: Array) -> Run:
+    """Return a run with its simulated joints where part of a step puts them."""
+    known, motion = layout.found.known, run.motion
+    joints = [known.index(joint) for joint in layout.simulated]
+    step = np.append(part, change)
+    states = []
+    for state, moves in zip(
+        motion.joint_states, (answer.position, answer.velocity, answer.acceleration), strict=True
+    ):
+        windowed = moves[..., len(step) :].reshape(
+            run.windows, len(state) // run.windows, len(joints), own.shape[1]
+        )
+        free = np.einsum("wtjs,ws->wtj", windowed, part * own).reshape(len(state), len(joints))
+        new = state.copy()
+        new[:, joints] += moves[..., : len(step)] @ step + free
+        states.append(new)
+    if layout.precision.any():
+        others = [joint for joint in range(known.n) if joint not in joints]
+        states[0][:, others] -= change[layout.zeros][others]
+    q, v, a = states
+    moved = replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a)
+    return replace(run, motion=moved)
+
+
+def _refined(layout: Layout, here: Point, worse: bool) -> Identification:
+    """Return the identification with the values of a point."""
+    found, x = layout.found, here.x
+    actuators, load_side = _estimates(layout, here, worse)
+    load, beside = split_load_side(found.model, load_side)
+    refined = joined(actuators, beside)
+    drives = {joint: refined[joint] for joint in found.drivetrains}
+    robot = robot_at(layout, x)
+    known = {
+        joint: with_estimate(found.known.drivetrains[joint], drives[joint])
+        if joint in drives
+        else drive
+        for joint, drive in robot.drivetrains.items()
+    }
+    return replace(
+        found,
+        drivetrains=FrozenMapping(drives),
+        load=load,
+        load_side=load_side,
+        robot=robot.with_values(robot.parameters, known),
+        springs=FrozenMapping({joint: x[layout.spring(joint)] for joint in found.springs}),
+    )
+
+
+def _estimates(layout: Layout, here: Point, worse: bool) -> tuple[dict[str, Estimate], Estimate]:
+    """Return the estimates of elastic drives by joint, and of the load side, at a point."""
+    found, step = layout.found, here.step
+    whole = Estimate(
+        names=layout.names,
+        values=here.x,
+        covariance=step.covariance,
+        units=("",) * len(here.x),
+        residual_std=float("nan"),
+        condition_number=step.condition_number,
+    )
+
+    def part(old: Estimate, columns: slice, std: float) -> Estimate:
+        new = whole.part(range(columns.start, columns.stop), old.names)
+        flags = ("the refinement ended worse than it began",) if worse else ()
+        return replace(new, units=old.units, residual_std=std, flags=flags)
+
+    first = len(layout.simulated)
+    drives = {
+        joint: with_flags(part(found.drivetrains[joint], columns, float(std)), joint, None)
+        for (joint, columns), std in zip(layout.drives.items(), step.stds[first:], strict=False)
+    }
+    rest = step.stds[first + len(layout.drives) :]
+    load_std = float(np.sqrt(np.mean((rest if rest.size else step.stds[:first]) ** 2)))
+    return drives, part(found.load_side, layout.load, load_std)

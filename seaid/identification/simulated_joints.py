@@ -1,0 +1,300 @@
+"""How joints behind springs answer: the load side (8) linearised along a motion, and integrated.
+
+The joints behind springs as the fitted model moves them when its motors turn as measured.
+
+The motor encoder sees the joint through a gear, so that its noise is small there; noise of the
+joint encoders is not in a motion computed from it, but for the few numbers of each window that say
+where it starts. That is what instruments for (8) need: acceleration and gravity without the noise
+that is in the measured columns and in the deflection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from seaid._arrays import Array, safely
+from seaid.drives import SeriesElasticDrive
+from seaid.errors import IdentificationError
+from seaid.identification.method_limits import straight_spring
+from seaid.log import Motion, low_pass, spline_derivatives
+from seaid.regressor import LoadModel, load_columns
+from seaid.robot import Robot, at_drives, at_joints, rows_at_drives, torques_at_drives
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueJacobians:
+    """Derivatives of the inverse dynamics by q, v and a along a motion, each (T, n, n)."""
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+    def part(self, torques: list[int], joints: list[int]) -> TorqueJacobians:
+        """Return the derivatives of some torques by the states of some joints."""
+        rows = np.ix_(range(len(self.position)), torques, joints)
+        return TorqueJacobians(self.position[rows], self.velocity[rows], self.acceleration[rows])
+
+    def at_drives(self, transmission: Array) -> TorqueJacobians:
+        """Return them of the torques on what the drives turn, by that: C^-T J C^-1."""
+        return TorqueJacobians(
+            *(
+                torques_at_drives(transmission, rows_at_drives(transmission, part))
+                for part in (self.position, self.velocity, self.acceleration)
+            )
+        )
+
+    def plus(self, position: Array, velocity: Array) -> TorqueJacobians:
+        """Return the derivatives with constant ones (n, n) added to them."""
+        return TorqueJacobians(
+            self.position + position, self.velocity + velocity, self.acceleration
+        )
+
+    def change(self, answer: Answer) -> Array:
+        """Return how the torques (T, rows, columns) change with an answer of the joints."""
+        return np.asarray(
+            self.position @ answer.position
+            + self.velocity @ answer.velocity
+            + self.acceleration @ answer.acceleration
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """Changes of position, velocity and acceleration of the joints, each (T, joints, columns)."""
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+
+def torque_jacobians(robot: Robot, q: Array, v: Array, a: Array) -> TorqueJacobians:
+    """Return the derivatives of the inverse dynamics, payloads and all, at states (T, n) each."""
+    model, data, order = robot.model, robot.model.createData(), list(robot.model_order)
+    states = (np.ascontiguousarray(state[:, order]) for state in (q, v, a))
+    found = np.empty((3, len(q), robot.n, robot.n))
+    compute = pin.computeRNEADerivatives
+    for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
+        compute(model, data, q_t, v_t, a_t)
+        found[0, t], found[1, t], found[2, t] = data.dtau_dq, data.dtau_dv, data.M
+    upper = np.triu(found[2])
+    found[2] = upper + np.swapaxes(np.triu(found[2], 1), 1, 2)
+    back = np.argsort(order)
+    return TorqueJacobians(*found[:, :, back][:, :, :, back])
+
+
+def answer_to(jacobians: TorqueJacobians, force: Array, step: float, windows: int) -> Answer:
+    """Integrate M a + C v + K q = force (T, joints, columns) by the trapezoidal rule.
+
+    The joints start each of the equally long `windows` at rest; 2 joints columns more, at the end,
+    are the free motions from a unit of each initial position and velocity. Second order in `step`,
+    which is enough for a change of a motion that is known beforehand.
+    """
+    T, joints, columns = force.shape
+    free = 2 * joints
+    M, C, K = (
+        matrix.reshape(windows, T // windows, joints, joints)
+        for matrix in (jacobians.acceleration, jacobians.velocity, jacobians.position)
+    )
+    force = force.reshape(windows, T // windows, joints, columns)
+    force = np.concatenate([force, np.zeros((*force.shape[:3], free))], axis=3)
+    inverse = safely(np.linalg.inv, M + step / 2 * C + step**2 / 4 * K, what="a simulated motion")
+    count = force.shape[1]
+    q, v, a = (np.zeros((count, windows, joints, columns + free)) for _ in range(3))
+    q[0, :, :, columns : columns + joints] = np.eye(joints)
+    v[0, :, :, columns + joints :] = np.eye(joints)
+    a[0] = safely(
+        np.linalg.solve,
+        M[:, 0],
+        force[:, 0] - C[:, 0] @ v[0] - K[:, 0] @ q[0],
+        what="a simulated motion",
+    )
+    for t in range(1, count):
+        v_t = v[t - 1] + step / 2 * a[t - 1]
+        q_t = q[t - 1] + step * v[t - 1] + step**2 / 4 * a[t - 1]
+        a[t] = inverse[:, t] @ (force[:, t] - C[:, t] @ v_t - K[:, t] @ q_t)
+        v[t], q[t] = v_t + step / 2 * a[t], q_t + step**2 / 4 * a[t]
+    shape = (T, joints, columns + free)
+    return Answer(*(np.swapaxes(part, 0, 1).reshape(shape) for part in (q, v, a)))
+
+
+_START_BAND = 0.5
+"""The simulation is linearised first around joint positions in this part of the pass band."""
+
+_WINDOW_PERIODS = 5.0
+"""It starts anew after so many periods of the cutoff, so that what the model lacks stays small."""
+
+_SWEEPS = 2
+
+_BESIDE = ("parallel_stiffness", "joint_viscous_friction")
+"""Parameters by which the torque between a joint's bodies rises with its position and velocity."""
+
+_RUNAWAY = 1e12
+"""What no joint reaches in a window from a unit of initial position or velocity; NaN neither."""
+
+_DIVERGED = (
+    "the fitted model diverges when it is driven by the measured motors: the encoders are too "
+    "coarse for this pass band; lower cutoff_hz, or use estimator='wls'"
+)
+
+
+def driven_motion(
+    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], load_side: Array
+) -> Motion:
+    """Return the motion with its joints where the motors and the fitted model (8) put them.
+
+    `springs` {joint of `model.rows`: its spring's values} are simulated, `load_side` (p,) has the
+    values of the columns of `model`; stiff joints move with the finer of their encoders, and the
+    motor side stays as measured. Each window's initial state is the one nearest to the joint
+    encoders in the pass band. Raises IdentificationError where the simulation diverges, farther
+    from them than they move.
+    """
+    names = [joint for joint in model.rows if joint in springs]
+    if not names:
+        return finer_side(robot, motion)
+    joints = [robot.index(joint) for joint in names]
+    rows = [model.rows.index(joint) for joint in names]
+    fitted = _fitted_robot(robot, model, load_side)
+    lever = np.array([_load_radius(robot, joint) ** 2 for joint in names])
+    straight = [straight_spring(robot, joint, springs[joint]) for joint in names]
+    rate = lever * [spring.stiffness for spring in straight]
+    damping = lever * [spring.damping for spring in straight]
+    beside = [_beside(robot, model, load_side, name) for name in _BESIDE]
+    turned = at_drives(robot.transmission, motion.joint_position)
+    reading = low_pass(turned[:, joints], motion.rate_hz, motion.cutoff_hz)
+    here = _smoothed(_turned(finer_side(robot, motion), robot.transmission, at_drives), joints)
+    periods = (motion.time[-1] - motion.time[0]) * motion.cutoff_hz
+    windows = max(1, int(periods / _WINDOW_PERIODS)) if np.isfinite(periods) else 1
+    for _ in range(_SWEEPS):
+        with np.errstate(all="ignore"):
+            moved = _turned(here, robot.transmission, at_joints)
+            torque, payload, H, _ = load_columns(robot, moved, model, springs)
+            missing = (torque - payload - H @ load_side)[:, rows]
+            jacobians = torque_jacobians(fitted, *moved.joint_states).plus(*beside)
+            inside = jacobians.at_drives(robot.transmission).part(joints, joints)
+            inside = inside.plus(np.diag(rate), np.diag(damping))
+            answer = _answer(inside, missing, 1 / motion.rate_hz, windows)
+        here = _moved(here, joints, answer, reading, windows)
+    return _turned(here, robot.transmission, at_joints)
+
+
+def finer_side(robot: Robot, motion: Motion) -> Motion:
+    """Return the motion with stiff joints as the encoder with less noise in acceleration sees them.
+
+    The zero stays that of the joint encoder.
+    """
+    q, v, a = (at_drives(robot.transmission, state).copy() for state in motion.joint_states)
+    for index, joint in enumerate(robot.joint_names):
+        drive = robot.drivetrains[joint]
+        if isinstance(drive, SeriesElasticDrive):
+            continue
+        if np.std(motion.motor_acceleration[:, index]) < drive.ratio * np.std(a[:, index]):
+            turned = motion.motor_position[:, index] / drive.ratio
+            q[:, index] = turned + np.mean(q[:, index] - turned)
+            v[:, index] = motion.motor_velocity[:, index] / drive.ratio
+            a[:, index] = motion.motor_acceleration[:, index] / drive.ratio
+    finer = replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a)
+    return _turned(finer, robot.transmission, at_joints)
+
+
+def _turned(motion: Motion, matrix: Array, to: Callable[[Array, Array], Array]) -> Motion:
+    """Return the motion with its joints in the coordinates of the drives, or the way back."""
+    q, v, a = (to(matrix, state) for state in motion.joint_states)
+    return replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a)
+
+
+def _load_radius(robot: Robot, joint: str) -> float:
+    return float(getattr(robot.drivetrains[joint], "load_radius", 1.0))
+
+
+def _fitted_robot(robot: Robot, model: LoadModel, load_side: Array) -> Robot:
+    """Return a robot with the found base parameters; which one of those does not matter."""
+    base, prior = model.base, np.zeros(10 * robot.n)
+    prior[::10] = 1.0
+    prior[robot.is_known] = robot.parameters[robot.is_known]
+    missing = load_side[: len(base.columns)] - base.project(prior)
+    return robot.with_values(prior + base.least(missing), robot.drivetrains)
+
+
+def _beside(robot: Robot, model: LoadModel, load_side: Array, name: str) -> Array:
+    """Return a parameter of what acts beside the drives, known or found, as a matrix (n, n)."""
+    found = dict(zip(model.names, load_side, strict=True))
+    values = [
+        drive.values[name] if name in drive.known else found.get(f"{name} of {joint}", 0.0)
+        for joint, drive in robot.drivetrains.items()
+    ]
+    return np.diag(values)
+
+
+def _smoothed(motion: Motion, joints: list[int]) -> Motion:
+    """Return the motion with some joints in a narrower band, to linearise around."""
+    band = _START_BAND * motion.cutoff_hz
+    smooth = low_pass(motion.joint_position[:, joints], motion.rate_hz, band)
+    return _with_joints(motion, joints, spline_derivatives(motion.time, smooth))
+
+
+def _answer(inside: TorqueJacobians, force: Array, step: float, windows: int) -> Answer:
+    """Return the answer (T, joints, 1 + 2 joints) to a force (T, joints) in equal windows.
+
+    The last window is as long as the others: the end of the motion is held for what is missing.
+    """
+    extra = -len(force) % windows
+    held = [
+        np.pad(part, ((0, extra), *[(0, 0)] * (part.ndim - 1)), mode="edge")
+        for part in (inside.position, inside.velocity, inside.acceleration, force)
+    ]
+    answer = answer_to(TorqueJacobians(*held[:3]), held[3][:, :, None], step, windows)
+    count = len(force)
+    return Answer(answer.position[:count], answer.velocity[:count], answer.acceleration[:count])
+
+
+def _moved(
+    motion: Motion, joints: list[int], answer: Answer, reading: Array, windows: int
+) -> Motion:
+    """Return the motion one sweep on, each window from the initial state nearest to a reading.
+
+    Each joint counts in units of its own motion, so that radians and metres do not compete.
+    """
+    if not all(np.all(np.abs(part) < _RUNAWAY) for part in vars(answer).values()):
+        raise IdentificationError(_DIVERGED)
+    spread = np.std(reading, axis=0)
+    scale = 1 / np.where(spread > 0, spread, 1.0)
+    missing = scale * (reading - motion.joint_position[:, joints] - answer.position[:, :, 0])
+    free = scale[:, None] * answer.position[:, :, 1:]
+    length = -(-len(reading) // windows)
+    coefficients = np.empty((len(reading), 1 + free.shape[2]))
+    coefficients[:, 0] = 1.0
+    for start in range(0, len(reading), length):
+        own = slice(start, start + length)
+        columns = free[own].reshape(-1, free.shape[2])
+        coefficients[own, 1:] = safely(
+            np.linalg.lstsq,
+            columns,
+            missing[own].ravel(),
+            what="what the simulated motion misses",
+            rcond=None,
+        )[0]
+    changes = [
+        np.einsum("tjc,tc->tj", part, coefficients)
+        for part in (answer.position, answer.velocity, answer.acceleration)
+    ]
+    states = [
+        state[:, joints] + change
+        for state, change in zip(motion.joint_states, changes, strict=True)
+    ]
+    if np.any(np.max(np.abs(states[0] - reading), axis=0) > np.ptp(reading, axis=0)):
+        raise IdentificationError(_DIVERGED)
+    return _with_joints(motion, joints, states)
+
+
+def _with_joints(
+    motion: Motion, joints: list[int], states: tuple[Array, ...] | list[Array]
+) -> Motion:
+    """Return the motion with position, velocity and acceleration of some joints replaced."""
+    q, v, a = (state.copy() for state in motion.joint_states)
+    for whole, part in zip((q, v, a), states, strict=True):
+        whole[:, joints] = part
+    return replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a)

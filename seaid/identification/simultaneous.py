@@ -1,0 +1,287 @@
+"""Both sides of the springs at once, from the estimate of one after the other on.
+
+Both sides of the spring at once: (7) and (8) in one regression that shares the spring.
+
+The sequential way lets (7) alone tell the spring. Here the load side tells it too: (8) gives the
+ratio of stiffness and inertia, the torque of the motors their scale. Two things make that sound.
+
+(8) of an elastic joint reads 0 = Y beta - r_L (k d + f_0): with noise in the deflection d least
+squares would rather have k too small, and nothing as payload (a payload is a change of beta). The
+deflection is what is observed there, so its column is taken where the load side predicts it, and
+what noise adds to it is on the left: full-information maximum likelihood in its instrumental form
+(Hausman 1975), iterated by `settled`.
+
+(7) and (8) of one joint share noise: that of d, and that of the joint's acceleration. Generalised
+least squares (Zellner 1962) takes that multiple of (8) to (7) which leaves their residuals
+uncorrelated. With noise in d alone it is r_M/(N r_L), and the sum has no spring in it; with noise
+in the acceleration alone it is zero, and (7) stays what it is. The data say where between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from seaid._arrays import Array, IndexArray
+from seaid.errors import IdentificationError
+from seaid.estimation import Estimate, Estimator, information_of
+from seaid.identification.datasets import Record, rows_of
+from seaid.identification.drive_estimates import spring_of, with_flags
+from seaid.identification.method_limits import check_joint_sides
+from seaid.identification.two_step import Fit, Sides
+from seaid.log import Motion
+from seaid.regressor import (
+    ZERO_STEP,
+    LoadModel,
+    Regression,
+    actuator_regression,
+    load_regression,
+    shifted_zero,
+    spring_regressor,
+    stacked,
+)
+from seaid.robot import Robot
+
+MOST_ITERATIONS = 50
+
+SETTLED = 1e-3
+"""Part of a standard error below which an iteration changes nothing."""
+
+_ROUNDING = 1e-11
+"""Part of the torque below which it changes nothing either: where there is no noise."""
+
+_SPRING = ("stiffness", "deflection_offset")
+
+
+def joint_regression(
+    robot: Robot, motion: Motion, model: LoadModel, springs: Collection[str]
+) -> Regression:
+    """Return both sides over time: the drives' columns of the elastic joints, then the load's.
+
+    Columns: '<parameter> of <joint>' of every elastic joint in the robot's order (friction,
+    stiffness, deflection offset: whatever the regressor derived from its equation has), then those
+    of `model`. `springs` names the joints of `model.rows` whose torque on the load is that of the
+    spring; the others take it from the log.
+
+    `joint` tells the equation: i is (8) of joint i; n + i its motor equation (7), or (4b) where
+    only the spring's torque was measured. Motor equations lack the instants near standstill.
+    `settled` solves the rows; least squares as they stand would not do. Raises LogError where a
+    torque is missing.
+    """
+    zero = {
+        joint: np.zeros(len(spring_regressor(robot, joint).names))
+        for joint in model.rows
+        if joint in springs
+    }
+    load = load_regression(robot, motion, model, zero)
+    actuators = {joint: actuator_regression(robot, motion, joint) for joint in robot.elastic_joints}
+    names = [f"{name} of {joint}" for joint, one in actuators.items() for name in one.names]
+    load = replace(
+        load,
+        names=(*names, *load.names),
+        units=tuple(unit for one in actuators.values() for unit in one.units) + load.units,
+        H=np.hstack([_spring_columns(robot, load, zero, names), load.H]),
+        carried=np.empty((len(load.y), 0)),
+    )
+    motors = [_motor_rows(robot, one, joint, load) for joint, one in actuators.items()]
+    both = stacked([load, *motors])
+    return replace(both, run=np.zeros(len(both.y)))  # rows of one log
+
+
+def _spring_columns(
+    robot: Robot, load: Regression, springs: Collection[str], names: list[str]
+) -> Array:
+    """Return what the springs' parameters do in (8), in the columns of the drives."""
+    columns, start = np.zeros((len(load.y), len(names))), 0
+    for joint in springs:
+        for name in spring_regressor(robot, joint).names:
+            columns[:, names.index(f"{name} of {joint}")] = -load.carried[:, start]
+            start += 1
+    return columns
+
+
+def _motor_rows(robot: Robot, actuator: Regression, joint: str, load: Regression) -> Regression:
+    """Return the motor equation of a joint in the columns of `load`."""
+    H = np.zeros((len(actuator.y), len(load.names)))
+    H[:, [load.names.index(f"{name} of {joint}") for name in actuator.names]] = actuator.H
+    return replace(
+        actuator, names=load.names, units=load.units, H=H, joint=robot.n + actuator.joint
+    )
+
+
+def whitened(robot: Robot, rows: Regression, theta: Array) -> Regression:
+    """Return rows of `joint_regression` as weighted least squares may solve them, near `theta`.
+
+    The deflection is the predicted one, column and y changed alike, so that the residual of (8) at
+    `theta` stays what it is; the motor equation of the joint is freed of what its residual has in
+    common with that of (8).
+    """
+    H, y, carried = rows.H.copy(), rows.y.copy(), rows.carried.copy()
+    residual = rows.y - rows.H @ theta
+    for stiffness, offset, load, motor, beside in _springs(robot, rows):
+        H[load, stiffness] += residual[load] / theta[stiffness]
+        y[load] += residual[load]
+        lever = -(rows.H[motor, offset] / rows.H[beside, offset])[:, None]  # r_M / (N r_L)
+        shared = lever[:, 0] * residual[beside]
+        power = float(shared @ shared)
+        in_deflection = np.clip(-(residual[motor] @ shared) / power, 0.0, 1.0) if power else 1.0
+        for new, old in ((H, rows.H), (y[:, None], rows.y[:, None]), (carried, rows.carried)):
+            spring_free = old[motor] + lever * old[beside]
+            new[motor] = spring_free - (1 - in_deflection) * lever * new[beside]
+    return replace(rows, H=H, y=y, carried=carried)
+
+
+def _springs(
+    robot: Robot, rows: Regression
+) -> list[tuple[int, int, IndexArray, IndexArray, IndexArray]]:
+    """Return of each spring that is in (8): the columns of its stiffness and offset, and rows.
+
+    Those of (8), those of the motor equation, and those of (8) at the instants of the last.
+    """
+    found, instant = [], rows.run + 1j * rows.time
+    for joint in robot.elastic_joints:
+        names = [f"{name} of {joint}" for name in _SPRING]
+        if not set(names) <= set(rows.names):
+            continue
+        stiffness, offset = map(rows.names.index, names)
+        index = robot.index(joint)
+        load = np.flatnonzero((rows.joint == index) & (rows.H[:, offset] != 0))
+        motor = np.flatnonzero(rows.joint == robot.n + index)
+        if len(load):
+            motor = motor[np.isin(instant[motor], instant[load])]
+            beside = load[np.searchsorted(instant[load], instant[motor])]
+            found.append((stiffness, offset, load, motor, beside))
+    return found
+
+
+def settled(
+    robot: Robot, rows: Regression, start: Array, estimate: Callable[[Regression], Estimate]
+) -> tuple[Estimate, int]:
+    """Solve rows of `joint_regression` from a start (p,), as the sequential estimate is one.
+
+    `estimate` is any estimator. Iterated until no parameter moves by more than a small part of its
+    standard error; also returns the number of iterations. Raises IdentificationError where that
+    does not come.
+    """
+    theta = np.array(start, dtype=float)
+    stiffness = [column for column, *_ in _springs(robot, rows)]
+    if np.any(theta[stiffness] == 0):
+        raise IdentificationError("a start with a stiffness of zero predicts no deflection")
+    for iteration in range(1, MOST_ITERATIONS + 1):
+        found = estimate(whitened(robot, rows, theta))
+        moved = np.abs(found.values - theta)
+        seen = np.linalg.norm(rows.H @ (found.values - theta))
+        exact = seen <= _ROUNDING * np.linalg.norm(rows.H @ found.values)
+        if exact or np.all(moved <= SETTLED * found.standard_errors):
+            return found, iteration
+        before, theta = theta[stiffness], found.values.copy()
+        theta[stiffness] = before / (2 - theta[stiffness] / before)  # the step in 1/k, linear there
+    worst = int(np.argmax(moved / found.standard_errors))
+    raise IdentificationError(
+        f"both sides at once did not settle in {MOST_ITERATIONS} iterations: {found.names[worst]} "
+        f"still moves by {moved[worst]:.2g} {found.units[worst]}; move that joint more, or use "
+        'sides="sequential"'
+    )
+
+
+def split_joint(
+    robot: Robot, model: LoadModel, estimate: Estimate
+) -> tuple[dict[str, Estimate], Estimate, Estimate]:
+    """Return drives {joint: Estimate}, the base parameters, and all columns of `model`.
+
+    In the names and the order of `Identification`; the covariance between them is in `estimate`.
+    """
+    count = len(estimate.names) - len(model.names)
+    base = range(count, count + len(model.expressions))
+    load_side = estimate.part(range(count, len(estimate.names)), model.names)
+    columns: dict[str, dict[str, int]] = {joint: {} for joint in robot.joint_names}
+    for index, full in enumerate(estimate.names):
+        if index not in base:
+            name, joint = full.split(" of ", 1)
+            columns[joint][name] = index
+    drives = {
+        joint: with_flags(estimate.part(list(own.values()), tuple(own)), joint, None)
+        for joint, own in columns.items()
+        if own
+    }
+    return drives, estimate.part(base, model.expressions), load_side
+
+
+def joint_zero_sensitivity(
+    robot: Robot, motion: Motion, model: LoadModel, springs: Collection[str], theta: Array
+) -> Regression:
+    """Return `joint_regression` with `carried` (R, n): what a shifted zero of each joint does.
+
+    It is minus the change of the residual, at the parameters `theta`, a unit of shift; see
+    `joint_zeros.zero_sensitivity`.
+    """
+    reference, changes = joint_regression(robot, motion, model, springs), []
+    for index in range(robot.n):
+        shifted = joint_regression(robot, shifted_zero(robot, motion, index), model, springs)
+        change = (shifted.y - shifted.H @ theta) - (reference.y - reference.H @ theta)
+        changes.append(change / ZERO_STEP)
+    return replace(reference, carried=np.column_stack(changes))
+
+
+def simultaneous_sides(
+    robot: Robot,
+    records: Sequence[Record],
+    model: LoadModel,
+    start: Sides,
+    estimator: Estimator,
+    joint_zero_std: float,
+    executor: Executor | None,
+) -> Sides:
+    """Return both sides at once; `whole` has the covariance between them.
+
+    (7) and (8) are rows of one regression that shares each spring; see `joint_sides`. Raises
+    IdentificationError where the iteration does not settle, and for springs that cannot be shared.
+    """
+    springs = tuple(start.springs)
+    check_joint_sides(robot, springs)
+    regress: Callable[[Motion], Regression]
+    regress = partial(joint_regression, robot, model=model, springs=springs)
+    rows = rows_of(records, regress, executor)
+    whole, _ = settled(
+        robot, rows, _values(rows, start), lambda found: estimator.solve(found, None)
+    )
+    zeros: Array | None = None
+    if joint_zero_std > 0:
+        theta = whole.values
+        regress = partial(joint_zero_sensitivity, robot, model=model, springs=springs, theta=theta)
+        rows = rows_of(records, regress, executor)
+        zeros = joint_zero_std**2 * np.eye(robot.n)
+        whole, _ = settled(robot, rows, theta, lambda found: estimator.solve(found, zeros))
+    drives, load, load_side = split_joint(robot, model, whole)
+    solved = estimator.seen(whitened(robot, rows, whole.values), whole)
+    fit = Fit(whole, information_of(solved), solved, zeros)
+    optional = [
+        name
+        for name in whole.names
+        if name not in model.expressions and not name.startswith(("stiffness", "deflection_offset"))
+    ]
+    return Sides(
+        drivetrains=drives,
+        load=load,
+        load_side=load_side,
+        springs={joint: spring_of(robot, drives[joint], joint).values for joint in springs},
+        left_out=start.left_out,
+        checks={"both": fit.checks(robot.joint_names, optional)},
+        white_covariance=fit.white_covariance,
+        whole=whole,
+    )
+
+
+def _values(rows: Regression, start: Sides) -> Array:
+    """Return the sequential estimate in the columns of the rows."""
+    known = {
+        f"{name} of {joint}": value
+        for joint, drive in start.drivetrains.items()
+        for name, value in zip(drive.names, drive.values, strict=True)
+    }
+    known |= dict(zip(start.load_side.names, start.load_side.values, strict=True))
+    return np.array([known[name] for name in rows.names])

@@ -1,0 +1,206 @@
+"""From a log description and the columns of a file to channels in SI units, and to both sides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.drives import SeriesElasticDrive
+from seaid.errors import LogError, unknown_name
+from seaid.log.description import Clock, LogDescription, Servo, Source
+from seaid.log.log import UNIT_FACTORS, column_names
+from seaid.log.readers.table import Block, Table
+from seaid.log.repair.data import Channel
+from seaid.robot import Robot, coupled_names
+
+
+def channels_of(
+    path: Path, table: Table, description: LogDescription, robot: Robot
+) -> list[Channel]:
+    """Return the described channels of a file, under our names and in SI units, as logged.
+
+    A deflection is the channel "<joint>.deflection_rad" or "_m"; `both_sides` uses it up. Raises
+    LogError naming joint and quantity.
+    """
+    wanted: dict[str, None] = dict.fromkeys([description.where] if description.where else [])
+    clocks: dict[tuple[str, str], Clock] = {}
+    for joint, sources in description.joints.items():
+        if joint not in robot.joint_names:
+            raise LogError("description: " + unknown_name("joint", joint, robot.joint_names))
+        for quantity, source in sources.items():
+            where = f"'{path}': [joints.{joint}] {quantity}"
+            clocks[joint, quantity] = _clock_of(where, table, description, source)
+            needed = [*source.columns(), clocks[joint, quantity].column]
+            wanted |= dict.fromkeys(one for one in needed if one is not None)
+            for name in wanted:
+                if name not in table.names:
+                    raise LogError(f"{where}: {table.missing(name)}")
+    data = table.load(list(wanted))
+    kept = data[description.where] != 0 if description.where else None
+    found = []
+    for (joint, quantity), clock in clocks.items():
+        source = description.joints[joint][quantity]
+        where = f"'{path}': [joints.{joint}] {quantity}"
+        channel = _channel(where, data, robot, joint, quantity, source, clock)
+        found.append(_chosen(where, channel, kept, table.sparse))
+    return found
+
+
+def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
+    """Return the samples with deflections turned into the position of the other side.
+
+    d = r_M/N theta_M - r_L theta_L (7)-(8), all at the same instants. Raises LogError for a
+    deflection of a stiff drive, or without one of the positions.
+    """
+    found = dict(picked)
+    for index, joint in enumerate(robot.joint_names):
+        name = next((one for one in picked if one.startswith(f"{joint}.deflection_")), None)
+        if name is None:
+            continue
+        deflection, drive = found.pop(name), robot.drivetrains[joint]
+        if not isinstance(drive, SeriesElasticDrive):
+            raise LogError(f"joint '{joint}' has a stiff drive, which has no deflection")
+        _check_own_drive(robot, joint, "a deflection does not tell its position")
+        motor, load = list(column_names(joint, robot.is_prismatic[index]))[:2]
+        behind_gear = drive.motor_radius / drive.ratio
+        if load in found:
+            found[motor] = (deflection + drive.load_radius * found[load]) / behind_gear
+        elif motor in found:
+            found[load] = (behind_gear * found[motor] - deflection) / drive.load_radius
+        else:
+            raise LogError(
+                f"joint '{joint}': a deflection tells the other side of the spring only together "
+                "with motor_position or joint_position"
+            )
+    return found
+
+
+def _check_own_drive(robot: Robot, joint: str, consequence: str) -> None:
+    if joint in coupled_names(robot.joint_names, robot.transmission):
+        raise LogError(
+            f"the drive of joint '{joint}' moves several joints or moves it by a factor: "
+            f"{consequence}; give motor_position and joint_position as they were measured"
+        )
+
+
+def _clock_of(where: str, table: Table, description: LogDescription, source: Source) -> Clock:
+    own = next((table.clocks[one] for one in source.columns() if one in table.clocks), None)
+    clock = source.time or description.time or (Clock(column=own) if own else None)
+    if clock is None:
+        for name in source.columns():
+            if name not in table.names:
+                raise LogError(f"{where}: {table.missing(name)}")
+        raise LogError(
+            f'{where}: no time is given; name its column, time = "...", or time = '
+            "{ rate_hz = ... } where there is none"
+        )
+    return clock
+
+
+def _channel(
+    where: str,
+    data: Block,
+    robot: Robot,
+    joint: str,
+    quantity: str,
+    source: Source,
+    clock: Clock,
+) -> Channel:
+    name, unit = _name_of(robot, joint, quantity)
+    factor = source.sign * source.scale
+    try:
+        if source.servo:
+            values = _servo_voltage(data, source.servo)
+        else:
+            factor *= _unit_factor(where, robot, joint, quantity, source, unit)
+            values = data[str(source.column)] * _number(data, source.times, 1.0)
+        if clock.column is None:
+            time = np.arange(len(values)) / float(clock.rate_hz or 1.0)
+        else:
+            time = data[clock.column] * UNIT_FACTORS["s"][clock.unit]
+        period = None if source.wraps is None else abs(factor) * source.wraps
+        return Channel(name, time, factor * values + source.offset, period)
+    except (LogError, ValueError) as problem:
+        text = str(problem)
+        raise LogError(text if text.startswith(where) else f"{where}: {text}") from None
+
+
+def _name_of(robot: Robot, joint: str, quantity: str) -> tuple[str, str]:
+    """Return the name of a channel, and the SI unit with which it ends."""
+    is_prismatic = robot.is_prismatic[robot.index(joint)]
+    drive = robot.drivetrains[joint]
+    if quantity == "deflection":
+        is_linear = isinstance(drive, SeriesElasticDrive) and drive.is_linear_spring
+        unit = "m" if is_linear else "rad"
+        return f"{joint}.deflection_{unit}", unit
+    names = {field: name for name, field in column_names(joint, is_prismatic).items()}
+    return names[quantity], names[quantity].rsplit("_", 1)[1]
+
+
+def _unit_factor(
+    where: str, robot: Robot, joint: str, quantity: str, source: Source, unit: str
+) -> float:
+    """Return the factor from the column to the quantity: unit, torque constant, gear."""
+    own_side, _, kind = quantity.partition("_")
+    factor = 1.0
+    if source.side not in (None, own_side):
+        _check_own_drive(robot, joint, f"nothing turns its {source.side} side into the other")
+        drive = robot.drivetrains[joint]
+        ratio = drive.ratio
+        if isinstance(drive, SeriesElasticDrive):
+            ratio *= drive.load_radius / drive.motor_radius
+        to_motor = own_side == "motor"
+        factor = ratio if (kind == "position") == to_motor else 1.0 / ratio
+        _, unit = _name_of(robot, joint, f"{source.side}_{kind}")
+    if source.unit is None:
+        return factor
+    if source.torque_constant_Nm_per_A is not None:
+        return factor * UNIT_FACTORS["A"][source.unit] * source.torque_constant_Nm_per_A
+    units = dict(UNIT_FACTORS[unit])
+    if source.counts_per_turn is not None and unit == "rad":
+        units["counts"] = 2 * np.pi / source.counts_per_turn
+    if source.counts_per_m is not None and unit == "m":
+        units["counts"] = 1.0 / source.counts_per_m
+    if source.unit not in units:
+        raise LogError(f"{where}: {unknown_name('unit for it', source.unit, units)}")
+    return factor * units[source.unit]
+
+
+def _servo_voltage(data: Block, servo: Servo) -> Array:
+    """Return the voltage [V] of a position servo; see `Servo`.
+
+    A goal holds until the next one comes, while the position moves on: at a sample the voltage is
+    the mean of that before and that after the goal's step.
+    """
+    goal, gain = data[servo.goal], servo.gain_factor * _number(data, servo.gain, 1.0)
+    before = np.concatenate([goal[:1], goal[:-1]])
+    duties = [
+        np.clip(gain * (one - data[servo.position]), -servo.limit, servo.limit)
+        for one in (before, goal)
+    ]
+    voltage: Array = 0.5 * (duties[0] + duties[1]) * _number(data, servo.supply, 1.0)
+    return voltage
+
+
+def _number(data: Block, value: str | float | None, default: float) -> Array | float:
+    """Return a column, or the number itself."""
+    if value is None:
+        return default
+    return data[value] if isinstance(value, str) else float(value)
+
+
+def _chosen(where: str, channel: Channel, kept: Array | None, sparse: bool) -> Channel:
+    """Return a channel without samples that are not to be used, or that a message did not have."""
+    use = np.ones(len(channel.time), dtype=bool)
+    if kept is not None:
+        if len(kept) != len(use):
+            raise LogError(f"{where}: has {len(use)} samples, the column of 'where' {len(kept)}")
+        use &= kept.astype(bool)
+        if not np.any(use):
+            raise LogError(f"{where}: the column of 'where' is zero all the time: nothing is left")
+    if sparse and not np.all(np.isnan(channel.values)):
+        use &= ~np.isnan(channel.values)
+    return Channel(channel.name, channel.time[use], channel.values[use], channel.period)

@@ -1,0 +1,383 @@
+"""Log description: which column of a foreign log is what, as plain data, from TOML.
+
+Log descriptions read from TOML or plain data; what is wrong in them is named.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from seaid._arrays import FrozenMapping
+from seaid._files import MOST_TOML_BYTES, read_toml
+from seaid.errors import LogError, shortened, shown, unknown_name
+from seaid.log.log import SENSORS, UNIT_FACTORS
+from seaid.log.repair.data import Repairs
+
+QUANTITIES = (*SENSORS, "deflection")
+"""What a column may be, per joint. Deflection: motor side of the spring minus joint side."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The time of samples: a column and its unit (s, ms, us, ns), or an even rate [Hz]."""
+
+    column: str | None = None
+    unit: str = "s"
+    rate_hz: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.column is None) == (self.rate_hz is None):
+            raise LogError("a time needs column, or rate_hz where there is none")
+        if self.rate_hz is not None and not 0 < self.rate_hz < math.inf:
+            raise LogError(f"rate_hz must be above zero and finite, found {self.rate_hz}")
+        if self.unit not in UNIT_FACTORS["s"]:
+            raise LogError(unknown_name("unit of time", self.unit, UNIT_FACTORS["s"]))
+
+
+@dataclass(frozen=True)
+class Servo:
+    """A proportional position servo: voltage = clip(g (goal - position), -limit, limit) supply.
+
+    A goal holds until the next sample.
+
+    `goal` and `position` are columns in the same unit; g = `gain` times `gain_factor` is a duty
+    cycle a unit; `gain` and `supply` [V] are columns or numbers.
+    """
+
+    goal: str
+    position: str
+    gain: str | float
+    supply: str | float
+    gain_factor: float = 1.0
+    limit: float = 1.0
+
+    def columns(self) -> list[str]:
+        """Return the columns that it takes."""
+        return [
+            one
+            for one in (self.goal, self.position, self.gain, self.supply)
+            if isinstance(one, str)
+        ]
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a quantity comes from: value = sign scale (unit in SI) times column + offset.
+
+    `unit`: that of the column, None = SI; "counts" with `counts_per_turn` or `counts_per_m`; "A" or
+    "mA" of a torque with `torque_constant_Nm_per_A`. `offset` is in SI units, `wraps` the period of
+    an encoder that wraps around, in the column's unit. `times`: a column or number to multiply
+    with, as the supply voltage of a duty cycle. `side`: "motor" or "joint", where the column has
+    the value at the other side of the gear. `time`: its own clock. `servo` instead of a column: a
+    voltage that is not logged.
+    """
+
+    column: str | None = None
+    unit: str | None = None
+    sign: int = 1
+    scale: float = 1.0
+    offset: float = 0.0
+    wraps: float | None = None
+    counts_per_turn: float | None = None
+    counts_per_m: float | None = None
+    torque_constant_Nm_per_A: float | None = None
+    times: str | float | None = None
+    side: str | None = None
+    time: Clock | None = None
+    servo: Servo | None = None
+
+    def columns(self) -> list[str]:
+        """Return the columns that it takes, without that of its clock."""
+        own = [one for one in (self.column, self.times) if isinstance(one, str)]
+        return own + (self.servo.columns() if self.servo else [])
+
+
+@dataclass(frozen=True, eq=False)
+class LogDescription:
+    """What the columns of a log are: {joint: {quantity: Source}}, their clock, limits of repair.
+
+    `time` is the clock of all that have none of their own; None: the file's own (ROS bags and HEBI
+    logs have one). `where` names a column: samples at which it is zero are left out.
+    """
+
+    joints: Mapping[str, Mapping[str, Source]]
+    time: Clock | None = None
+    where: str | None = None
+    repair: Repairs = field(default_factory=Repairs)
+
+    def __post_init__(self) -> None:
+        copied = {joint: FrozenMapping(sources) for joint, sources in self.joints.items()}
+        object.__setattr__(self, "joints", FrozenMapping(copied))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the description as nested plain data, what is default left out."""
+        found: dict[str, Any] = {}
+        if self.time is not None:
+            found["time"] = _short(_plain(self.time))
+        if self.where is not None:
+            found["where"] = self.where
+        found["joints"] = {
+            joint: {name: _short(_plain(source)) for name, source in sources.items()}
+            for joint, sources in self.joints.items()
+        }
+        if repair := _plain(self.repair):
+            found["repair"] = repair
+        return found
+
+    def to_toml(self) -> str:
+        """Return the description as the text of a TOML file."""
+        content = self.to_dict()
+        lines = [f"{key} = {_toml(content[key])}" for key in ("time", "where") if key in content]
+        tables = {f"joints.{_key(joint)}": one for joint, one in content["joints"].items()}
+        if "repair" in content:
+            tables["repair"] = content["repair"]
+        for name, table in tables.items():
+            lines += ["", f"[{name}]"]
+            lines += [f"{_key(key)} = {_toml(value)}" for key, value in table.items()]
+        return "\n".join(lines).lstrip("\n") + "\n"
+
+
+def _plain(one: Any) -> dict[str, Any]:
+    """Return a dataclass as a mapping, without what is at its default."""
+    default = {each.name: each.default for each in fields(one)}
+    found = {key: value for key, value in asdict(one).items() if value != default[key]}
+    return {
+        key: _plain(getattr(one, key)) if isinstance(value, dict) else value
+        for key, value in found.items()
+    }
+
+
+def _short(table: dict[str, Any]) -> Any:
+    """Return a table with nothing but a column as the name of that column."""
+    table = {key: _short(one) if key == "time" else one for key, one in table.items()}
+    return table["column"] if list(table) == ["column"] else table
+
+
+def _key(name: str) -> str:
+    bare = name.isascii() and name.replace("_", "").replace("-", "").isalnum()
+    return name if bare else _text(name)
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key} = {_toml(one)}" for key, one in value.items()) + " }"
+    if isinstance(value, str):
+        return _text(value)
+    return repr(float(value) if isinstance(value, float) else value)  # NumPy's repr is no number
+
+
+def _text(value: str) -> str:
+    """Return a text as TOML has it: as in JSON, but without a raw delete character."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+_UNITS = {
+    "position": {*UNIT_FACTORS["rad"], *UNIT_FACTORS["m"], "counts"},
+    "torque": {*UNIT_FACTORS["Nm"], *UNIT_FACTORS["N"], *UNIT_FACTORS["A"]},
+    "deflection": {*UNIT_FACTORS["rad"], *UNIT_FACTORS["m"], "counts"},
+    "current": {*UNIT_FACTORS["A"]},
+    "voltage": {*UNIT_FACTORS["V"]},
+}
+
+Described = LogDescription | Mapping[str, Any] | str | Path
+"""A log description, the same as plain data, or its TOML file."""
+
+
+def description_for(path: Path, description: Described | None) -> LogDescription | None:
+    """Return the description given for a log, or that in the TOML file beside it, or None.
+
+    A TOML file beside it is a description if it has a table `joints`. Raises LogError.
+    """
+    if isinstance(description, LogDescription):
+        return _described("description=", description.to_dict())
+    if isinstance(description, Mapping):
+        return _described("description=", description)
+    if not isinstance(description, str | os.PathLike | None):
+        raise LogError(
+            "description= must be a LogDescription, a mapping or the path of a TOML file, found "
+            f"{shown(description)}"
+        )
+    if description is not None:
+        return _described(f"'{description}'", read_toml(description, "the description", LogError))
+    if not path.name:  # '.' or '/'
+        return None
+    beside = path.with_suffix(".toml")
+    if beside == path or not os.path.isfile(beside):  # False for names that no file can have
+        return None
+    try:
+        content = read_toml(beside, "the description", LogError)
+    except LogError:
+        if _names_joints(beside):
+            raise
+        return None
+    joints = content.get("joints")
+    if not isinstance(joints, Mapping) or "type" in joints:
+        return None
+    return _described(f"'{beside}'", content)
+
+
+def _names_joints(path: Path) -> bool:
+    """Tell whether a damaged file was meant as a description."""
+    try:
+        with path.open("rb") as file:
+            return b"[joints" in file.read(MOST_TOML_BYTES)
+    except OSError:
+        return True
+
+
+def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
+    _check_keys(where, content, [one.name for one in fields(LogDescription)])
+    joints = content.get("joints")
+    if not isinstance(joints, Mapping) or not joints:
+        raise LogError(
+            f"{where}: needs tables [joints.<joint>], one a joint, found {shown(joints)}"
+        )
+    column = content.get("where")
+    if not isinstance(column, str | None):
+        raise LogError(f"{where}: 'where' must be the name of a column, found {shown(column)}")
+    repair = content.get("repair", {})
+    if not isinstance(repair, Repairs):
+        _check_keys(f"{where} [repair]", repair, [one.name for one in fields(Repairs)])
+        repair = Repairs(**repair)
+    return LogDescription(
+        joints={
+            joint: _joint(f"{where} [joints.{shortened(joint)}]", table)
+            for joint, table in joints.items()
+        },
+        time=_clock(f"{where} time", content.get("time")),
+        where=column,
+        repair=repair,
+    )
+
+
+def _joint(where: str, table: Any) -> dict[str, Source]:
+    _check_keys(where, table, ["time", *QUANTITIES])
+    clock = _clock(f"{where} time", table.get("time"))
+    found = {
+        name: _source(f"{where} {name}", name, value, clock)
+        for name, value in table.items()
+        if name != "time"
+    }
+    if not found:
+        raise LogError(f"{where}: names no quantity; allowed: {', '.join(QUANTITIES)}")
+    if {"deflection", "motor_position", "joint_position"} <= set(found):
+        raise LogError(
+            f"{where}: deflection beside both positions is one too much, each follows from the "
+            "other two; leave out the one that is not to be used"
+        )
+    return found
+
+
+def _source(where: str, quantity: str, value: Any, clock: Clock | None) -> Source:
+    if isinstance(value, Source):
+        return value
+    table = {"column": value} if isinstance(value, str) else value
+    _check_keys(where, table, [one.name for one in fields(Source)])
+    values = dict(table)
+    values["time"] = _clock(f"{where} time", values.get("time")) or clock
+    if "servo" in values:
+        _check_keys(f"{where} servo", values["servo"], [one.name for one in fields(Servo)])
+        needed = [
+            key for key in ("goal", "position", "gain", "supply") if key not in values["servo"]
+        ]
+        if needed:
+            raise LogError(f"{where} servo: key '{needed[0]}' is missing")
+        _check_values(f"{where} servo", values["servo"], Servo)
+        values["servo"] = Servo(**values["servo"])
+    _check_values(where, values, Source)
+    source = Source(**values)
+    _check_source(where, quantity, source)
+    return source
+
+
+def _check_source(where: str, quantity: str, source: Source) -> None:
+    if (source.column is None) == (source.servo is None):
+        raise LogError(f"{where}: needs column (or, for a voltage, servo instead)")
+    if source.servo and quantity != "motor_voltage":
+        raise LogError(f"{where}: servo gives a motor_voltage only")
+    kind = quantity.rsplit("_", 1)[-1]
+    if source.unit is not None and source.unit not in _UNITS[kind]:
+        raise LogError(f"{where}: {unknown_name('unit of it', source.unit, sorted(_UNITS[kind]))}")
+    counts = [one for one in (source.counts_per_turn, source.counts_per_m) if one is not None]
+    if (source.unit == "counts") != (len(counts) == 1):
+        raise LogError(f"{where}: unit 'counts' and counts_per_turn (or counts_per_m) go together")
+    is_current = kind == "torque" and source.unit in UNIT_FACTORS["A"]
+    if is_current != (source.torque_constant_Nm_per_A is not None):
+        raise LogError(
+            f"{where}: a torque from a current needs unit 'A' or 'mA' and "
+            "torque_constant_Nm_per_A; where the constant is not known, name it motor_current"
+        )
+    if source.sign not in (1, -1):
+        raise LogError(f"{where}: sign must be 1 or -1, found {source.sign}")
+    if source.side is not None and kind not in ("position", "torque"):
+        raise LogError(f"{where}: only positions and torques have a side of the gear")
+    if source.side not in (None, "motor", "joint"):
+        raise LogError(f"{where}: {unknown_name('side', source.side, ('motor', 'joint'))}")
+    for name in ("scale", "wraps", "counts_per_turn", "counts_per_m", "torque_constant_Nm_per_A"):
+        value = getattr(source, name)
+        may_be_negative = name == "scale"
+        if value is not None and (value == 0 or (value < 0 and not may_be_negative)):
+            allowed = "not zero" if may_be_negative else "above zero"
+            raise LogError(f"{where}: {name} must be {allowed}, found {value}")
+
+
+def _clock(where: str, value: Any) -> Clock | None:
+    if value is None or isinstance(value, Clock):
+        return value
+    table = {"column": value} if isinstance(value, str) else value
+    _check_keys(where, table, [one.name for one in fields(Clock)])
+    _check_values(where, table, Clock)
+    try:
+        return Clock(**table)
+    except LogError as problem:
+        raise LogError(f"{where}: {problem}") from None
+
+
+_MOST = 1e30
+"""So that what is multiplied with or divided by a value stays a double."""
+
+_DIVISORS = ("counts_per_turn", "counts_per_m", "wraps", "rate_hz")
+_TEXTS = ("column", "unit", "side", "goal", "position")
+_TEXT_OR_NUMBER = ("times", "gain", "supply")
+
+
+def _check_keys(where: str, table: Any, allowed: list[str]) -> None:
+    if not isinstance(table, Mapping):
+        raise LogError(f"{where}: must be a table, found {shown(table)}")
+    for key in table:
+        if key in allowed:
+            continue
+        is_speed = isinstance(key, str) and "velocity" in key
+        more = "; velocities are differentiated from positions" if is_speed else ""
+        raise LogError(f"{where}: {unknown_name('key', key, allowed)}{more}")
+
+
+def _check_values(where: str, table: Mapping[str, Any], kind: type) -> None:
+    """Check that values are texts or finite numbers, as their keys ask for."""
+    for key, value in table.items():
+        if value is None or isinstance(value, Clock | Servo):
+            continue
+        is_number = (
+            isinstance(value, int | float)
+            and not isinstance(value, bool)
+            and abs(value) <= sys.float_info.max  # an integer may be larger
+        )
+        if key in _TEXTS and not isinstance(value, str):
+            raise LogError(f"{where}: {key} must be a text, found {shown(value)}")
+        if key not in _TEXTS and not (
+            is_number or (key in _TEXT_OR_NUMBER and isinstance(value, str))
+        ):
+            more = " or the name of a column" if key in _TEXT_OR_NUMBER else ""
+            raise LogError(f"{where}: {key} must be a finite number{more}, found {shown(value)}")
+        least = 1 / _MOST if key in _DIVISORS and value != 0 else 0.0
+        if is_number and not least <= abs(value) <= _MOST:
+            raise LogError(
+                f"{where}: {key} must be from {least:g} to {_MOST:g} in size, found {value:g}"
+            )

@@ -1,0 +1,325 @@
+"""Names and units of the columns of our logs, and foreign names for them.
+
+Log: what the sensors of a robot said.
+
+Columns under our names, sorted into a Log; each joint needs the sensors of its drive.
+
+Logs as files, by the ending of the path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from io import BytesIO
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from seaid._arrays import Array, frozen
+from seaid._files import write_csv, write_whole
+from seaid.drives import SeriesElasticDrive
+from seaid.errors import LogError, listed, shown, unknown_name
+from seaid.log.readers.hdf5_file import write_hdf5
+from seaid.log.readers.parquet_file import write_parquet
+from seaid.log.readers.table import Table
+from seaid.log.repair.data import Repair
+from seaid.robot import Robot
+
+Column = str | tuple[str, float | str]
+"""A foreign column: its name, or its name with the unit it is in or the factor to the SI unit."""
+
+UNIT_FACTORS = {
+    "rad": {"rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180, "turn": 2 * np.pi},
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
+    "Nm": {"Nm": 1.0, "mNm": 1e-3},
+    "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    "A": {"A": 1.0, "mA": 1e-3},
+    "V": {"V": 1.0, "mV": 1e-3},
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+}
+"""Factors to the SI unit with which a column name ends."""
+
+SENSORS = (
+    "motor_position",
+    "joint_position",
+    "motor_torque",
+    "joint_torque",
+    "motor_current",
+    "motor_voltage",
+)
+"""Fields of a Log with samples of sensors, each (T, n)."""
+
+
+def column_names(joint: str, is_prismatic: bool) -> dict[str, str]:
+    """Return {file column name: field of Log} of one joint."""
+    position, torque = ("m", "joint_force_N") if is_prismatic else ("rad", "joint_torque_Nm")
+    return {
+        f"{joint}.motor_position_rad": "motor_position",
+        f"{joint}.joint_position_{position}": "joint_position",
+        f"{joint}.motor_torque_Nm": "motor_torque",
+        f"{joint}.{torque}": "joint_torque",
+        f"{joint}.motor_current_A": "motor_current",
+        f"{joint}.motor_voltage_V": "motor_voltage",
+    }
+
+
+def wanted_columns(
+    path: Path, table: Table, robot: Robot, columns: Mapping[str, Column]
+) -> dict[str, tuple[str, float]]:
+    """Return {our column: (column of the file, factor to our unit)} of all that the file has."""
+    if not isinstance(columns, Mapping):
+        raise LogError(
+            f"columns= must be a mapping {{our column: column of the file}}, found {shown(columns)}"
+        )
+    allowed = ["time_s"]
+    for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True):
+        allowed += column_names(joint, is_prismatic)
+    for name in columns:
+        if name not in allowed:
+            raise LogError("columns=: " + unknown_name("column of this robot's log", name, allowed))
+    wanted: dict[str, tuple[str, float]] = {}
+    for name in allowed:
+        foreign, factor = _foreign(name, columns.get(name, name))
+        if foreign in table.names:
+            wanted[name] = (foreign, factor)
+        elif name in columns or name == "time_s":
+            hint = "; foreign names need columns= or description= (seaid.describe_log guesses one)"
+            raise LogError(f"'{path}': {table.missing(foreign)}{'' if name in columns else hint}")
+    if len(wanted) == 1:
+        raise LogError(
+            f"'{path}' has no column of this robot; expected names as '{allowed[1]}' (or map "
+            f"foreign ones with columns=), found: {listed(table.names)}"
+        )
+    return wanted
+
+
+_COMPARED = 1_000
+"""Names of a file that are compared with missing ones."""
+
+
+def near_names(missing: list[str], picked: Iterable[str], file_names: Sequence[str]) -> str:
+    """Return a hint for columns of the file whose names are nearly those of missing ones."""
+    free = [name for name in file_names if name not in picked][:_COMPARED]
+    pairs = [(name, near) for name in missing for near in get_close_matches(name, free, 1, 0.9)]
+    return "".join(f"; '{near}' in the file is near '{name}'" for name, near in pairs)
+
+
+def _foreign(name: str, column: Column) -> tuple[str, float]:
+    if isinstance(column, str):
+        return column, 1.0
+    is_pair = isinstance(column, tuple | list) and len(column) == 2 and isinstance(column[0], str)
+    if not (is_pair and isinstance(column[1], str | Real)):
+        raise LogError(
+            f"columns= '{name}' must be a column name or (name, unit or factor), found "
+            f"{shown(column)}"
+        )
+    foreign, factor = column
+    if isinstance(factor, str):
+        units = UNIT_FACTORS[name.rsplit("_", 1)[1]]
+        if factor not in units:
+            raise LogError(f"columns= '{name}': " + unknown_name("unit for it", factor, units))
+        factor = units[factor]
+    if not (np.isfinite(factor) and factor != 0):
+        raise LogError(f"columns= '{name}': the factor must be finite and not zero, found {factor}")
+    return foreign, float(factor)
+
+
+MINIMUM_SAMPLES = 50
+
+LARGEST = 1e15
+"""In SI units no sensor says more; powers of what is beyond soon leave the floating-point range."""
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """Samples of n joints at `time` (T,) [s], each array (T, n); NaN columns where no sensor is.
+
+    Motor side in rad and N m. Joint side in rad and N m, at prismatic joints m and N. Motor current
+    [A] or voltage [V] where the torque constant is not known. `report`: what was found in the file
+    and mended. Raises LogError for wrong shapes, too few samples, time that does not grow, single
+    NaN, absurdly large values.
+    """
+
+    time: Array
+    joint_names: tuple[str, ...]
+    motor_position: Array
+    joint_position: Array
+    motor_torque: Array
+    joint_torque: Array | None = None
+    is_prismatic: tuple[bool, ...] = ()
+    motor_current: Array | None = None
+    motor_voltage: Array | None = None
+    report: tuple[Repair, ...] = ()
+
+    def __post_init__(self) -> None:
+        shape = (len(np.atleast_1d(self.time)), len(self.joint_names))
+        object.__setattr__(self, "joint_names", tuple(self.joint_names))
+        if len(set(self.joint_names)) < shape[1]:
+            raise LogError(f"joint_names has a joint twice: {', '.join(self.joint_names)}")
+        object.__setattr__(self, "time", frozen("time", self.time, (None,), LogError))
+        for field, value in self.sensors().items():
+            object.__setattr__(self, field, frozen(field, value, shape, LogError))
+        if not self.is_prismatic:
+            object.__setattr__(self, "is_prismatic", (False,) * shape[1])
+        if len(self.is_prismatic) != shape[1]:
+            raise LogError(
+                f"is_prismatic needs one entry a joint, {shape[1]}, found {len(self.is_prismatic)}"
+            )
+        _check_time(self.time)
+        for name, column in self.columns().items():
+            _check_column(name, column, self.time)
+
+    def sensors(self) -> dict[str, Array]:
+        """Return {field: samples (T, n)} of all fields that are there."""
+        found = {field: getattr(self, field) for field in SENSORS}
+        return {field: values for field, values in found.items() if values is not None}
+
+    def between(self, start_s: float, end_s: float) -> Log:
+        """Return the samples with start_s <= time < end_s."""
+        kept = (self.time >= start_s) & (self.time < end_s)
+        parts: dict[str, Any] = {field: values[kept] for field, values in self.sensors().items()}
+        return replace(self, time=self.time[kept], **parts)
+
+    def columns(self) -> dict[str, Array]:
+        """Return {file column name: samples} of all sensors that are there."""
+        found = {}
+        for index, joint in enumerate(self.joint_names):
+            for name, field in column_names(joint, self.is_prismatic[index]).items():
+                values = getattr(self, field)
+                if values is not None and not np.all(np.isnan(values[:, index])):
+                    found[name] = values[:, index]
+        return found
+
+
+def _check_time(time: Array) -> None:
+    if len(time) < MINIMUM_SAMPLES:
+        raise LogError(f"a log needs {MINIMUM_SAMPLES} samples or more, found {len(time)}")
+    if not np.all(np.isfinite(time)):
+        row = int(np.flatnonzero(~np.isfinite(time))[0])
+        raise LogError(f"time_s has a value that is not finite in sample {row}")
+    if np.max(np.abs(time)) > LARGEST:
+        raise LogError(
+            f"time_s goes from {time[0]:.4g} to {time[-1]:.4g} s, allowed is up to {LARGEST:.0e}: "
+            "is it in another unit?"
+        )
+    steps = np.diff(time)
+    for word, bad in (("goes backwards", steps < 0), ("repeats", steps == 0)):
+        if np.any(bad):
+            row = int(np.flatnonzero(bad)[0]) + 1
+            raise LogError(
+                f"time_s {word} at sample {row} ({time[row - 1]:.9g} s, then {time[row]:.9g} s; "
+                f"{int(bad.sum())} such places); it must grow: sort or drop these samples, "
+                "or let read_log mend them with repair=seaid.Repairs()"
+            )
+
+
+def _check_column(name: str, column: Array, time: Array) -> None:
+    bad = ~np.isfinite(column)
+    if np.any(bad):
+        row = int(np.flatnonzero(bad)[0])
+        raise LogError(
+            f"column '{name}' has {int(bad.sum())} values that are not finite, the first in sample "
+            f"{row} (t = {time[row]:.6g} s); repair them, or leave the whole column NaN if there "
+            "is no such sensor; read_log mends single places with repair=seaid.Repairs()"
+        )
+    largest = int(np.argmax(np.abs(column)))
+    if abs(column[largest]) > LARGEST:
+        raise LogError(
+            f"column '{name}' has {column[largest]:.4g} in sample {largest} (t = "
+            f"{time[largest]:.6g} s), allowed is up to {LARGEST:.0e}: no sensor says that; take "
+            "these samples out"
+        )
+
+
+_NEEDED = SENSORS[:4]
+"""Those that a log from a file has in any case, all NaN where there is no such sensor."""
+
+
+def log_of(
+    path: Path,
+    data: Mapping[str, Array],
+    wanted: Mapping[str, tuple[str, float]],
+    robot: Robot,
+    file_names: Sequence[str],
+) -> Log:
+    """Return the log of columns of a file, under our names and in SI units."""
+    picked = {name: data[foreign] * factor for name, (foreign, factor) in wanted.items()}
+    try:
+        return sorted_log(picked, robot, file_names)
+    except LogError as problem:
+        raise LogError(f"'{path}': {problem}") from None
+
+
+def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]) -> Log:
+    """Return the log of columns {our name: samples (T,)}; `file_names` are those of a hint.
+
+    Raises LogError for a joint without the sensors that its drive needs.
+    """
+    time = picked["time_s"]
+    fields = {field: np.full((len(time), robot.n), np.nan) for field in SENSORS}
+    for index, joint in enumerate(robot.joint_names):
+        names = column_names(joint, robot.is_prismatic[index])
+        found = {
+            name: field
+            for name, field in names.items()
+            if name in picked and not np.all(np.isnan(picked[name]))
+        }
+        for name, field in found.items():
+            fields[field][:, index] = picked[name]
+        missing = [name for name in names if name not in found]
+        _check_sensors(robot, joint, list(found.values()), near_names(missing, picked, file_names))
+    sensors: dict[str, Any] = {
+        field: values
+        for field, values in fields.items()
+        if field in _NEEDED or not np.all(np.isnan(values))
+    }
+    return Log(time=time, joint_names=robot.joint_names, is_prismatic=robot.is_prismatic, **sensors)
+
+
+def _check_sensors(robot: Robot, joint: str, found: list[str], hint: str) -> None:
+    elastic = isinstance(robot.drivetrains[joint], SeriesElasticDrive)
+    positions = [field for field in found if field.endswith("position")]
+    torques = [field for field in found if not field.endswith("position")]
+    if len(positions) < (2 if elastic else 1) or not torques:
+        need = "both positions" if elastic else "one position"
+        names = ", ".join(column_names(joint, robot.is_prismatic[robot.index(joint)]))
+        raise LogError(
+            f"joint '{joint}' needs {need} and one torque, found {', '.join(found) or 'none'}; "
+            f"its columns are {names}{hint}"
+        )
+
+
+def write_log(log: Log, path: str | Path) -> None:
+    """Write a log as CSV, NPZ, Parquet or HDF5 (by the ending), whole or not at all.
+
+    Raises LogError for another ending, SeaidError where the file cannot be written.
+    """
+    path = Path(path)
+    write = _WRITERS.get(path.suffix.lower())
+    if write is None:
+        raise LogError(
+            f"'{path}': cannot write '{path.suffix}' logs; allowed: {', '.join(_WRITERS)}"
+        )
+    write(path, {"time_s": log.time, **log.columns()})
+
+
+def _write_npz(path: Path, data: Mapping[str, Array]) -> None:
+    content = BytesIO()
+    np.savez_compressed(content, **data)  # type: ignore[arg-type]
+    write_whole(path, content.getvalue())
+
+
+_WRITERS: dict[str, Callable[[Path, Mapping[str, Array]], None]] = {
+    ".csv": write_csv,
+    ".npz": _write_npz,
+    ".parquet": write_parquet,
+    ".h5": write_hdf5,
+    ".hdf5": write_hdf5,
+}
+
+WRITTEN = tuple(_WRITERS)
+"""Endings of the files that `write_log` writes."""

@@ -1,0 +1,230 @@
+"""Long logs, read and reconstructed piece by piece: memory does not grow with their length."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.errors import LogError, shown
+from seaid.log.filtering import decimation
+from seaid.log.gaps import holes
+from seaid.log.log import MINIMUM_SAMPLES, Column, log_of, wanted_columns
+from seaid.log.motion import Motion, Processing, check_cutoff, is_regular, reconstruct_motion
+from seaid.log.readers.opening import log_path, open_table
+from seaid.log.readers.table import Block, Blocks
+from seaid.log.reading import Log
+from seaid.robot import Robot
+
+CHUNK_SAMPLES = 16_000
+"""Samples that are looked at together, beside the overlap."""
+
+_MOST_SAMPLES = 1_000_000_000
+
+_FORGOTTEN = 6.0
+"""Periods of the cutoff after which the filters have forgotten an end to 1e-11."""
+
+_SHORTEST_RECORD = 10.0
+"""Periods of the cutoff that a reconstruction needs."""
+
+
+@dataclass(frozen=True, eq=False)
+class LogPart:
+    """Some samples of a long log, and the time from `start_s` to before `end_s` that is its own.
+
+    What is outside is overlap with the neighbours, for filters to swing in.
+    """
+
+    log: Log
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class LongLog:
+    """A log file that is read piece by piece, each time anew, with what all pieces must share.
+
+    `cutoff_hz` is the pass band, `step_s` the time between rows of a regression, `fastest` (n,) the
+    largest motor speeds [rad/s]: friction is unknown below a part of them. `processing` is what was
+    done to the first piece.
+    """
+
+    path: Path
+    robot: Robot
+    columns: Mapping[str, Column]
+    chunk_samples: int
+    overlap_samples: int
+    cutoff_hz: float
+    step_s: float
+    fastest: Array | None = None
+    processing: Processing | None = None
+
+    def parts(self) -> Iterator[LogPart]:
+        """Yield the log in parts that overlap."""
+        return iterate_log(
+            self.path,
+            self.robot,
+            columns=self.columns,
+            chunk_samples=self.chunk_samples,
+            overlap_samples=self.overlap_samples,
+        )
+
+    def motions(self) -> Iterator[tuple[Motion, LogPart]]:
+        """Yield the reconstructed motion of each part, overlap included."""
+        for part in self.parts():
+            _check_even(self.path, part)
+            motion = reconstruct_motion(self.robot, part.log, self.cutoff_hz)
+            yield replace(motion, fastest=self.fastest), part
+
+
+def open_long_log(
+    path: str | Path,
+    robot: Robot,
+    *,
+    columns: Mapping[str, Column] | None = None,
+    cutoff_hz: float | None = None,
+    chunk_samples: int = CHUNK_SAMPLES,
+) -> LongLog:
+    """Look through a log file (CSV, NPZ, Parquet, HDF5) once, to read it in pieces from then on.
+
+    `columns` as in `read_log`; `cutoff_hz` None: proposed from the first `chunk_samples`. Raises
+    LogError as `read_log` does, where a sensor is not there all the time, and where time steps
+    differ.
+    """
+    path, columns = log_path(path), columns or {}
+    first = next(iterate_log(path, robot, columns=columns, chunk_samples=chunk_samples)).log
+    processing = None
+    if cutoff_hz is None:
+        motion = reconstruct_motion(robot, first)
+        cutoff_hz, processing = motion.cutoff_hz, motion.processing
+    rate_hz = (len(first.time) - 1) / (first.time[-1] - first.time[0])
+    check_cutoff(cutoff_hz, rate_hz)
+    step, period = decimation(rate_hz, cutoff_hz), rate_hz / cutoff_hz
+    overlap = step * math.ceil(_FORGOTTEN * period / step)
+    own = step * math.ceil(max(chunk_samples, _SHORTEST_RECORD * period) / step)
+    long_log = LongLog(
+        path=path,
+        robot=robot,
+        columns=columns,
+        chunk_samples=own,
+        overlap_samples=overlap,
+        cutoff_hz=cutoff_hz,
+        step_s=step / rate_hz,
+        processing=processing,
+    )
+    return replace(long_log, fastest=_fastest(long_log))
+
+
+def iterate_log(
+    path: str | Path,
+    robot: Robot,
+    *,
+    columns: Mapping[str, Column] | None = None,
+    chunk_samples: int = CHUNK_SAMPLES,
+    overlap_samples: int = 0,
+) -> Iterator[LogPart]:
+    """Yield a log file (CSV, NPZ, Parquet, HDF5) in parts that overlap on both sides.
+
+    Memory holds one part of `chunk_samples`. Each part is checked as `read_log` checks a log;
+    besides, all must have the same sensors. Raises LogError.
+    """
+    _check_count("chunk_samples", chunk_samples, MINIMUM_SAMPLES)
+    _check_count("overlap_samples", overlap_samples, 0)
+    if overlap_samples > chunk_samples:
+        raise LogError(
+            f"overlap_samples must be between 0 and chunk_samples, {chunk_samples}, found "
+            f"{overlap_samples}"
+        )
+    path = log_path(path)
+    table = open_table(path)
+    if table.blocks is None:
+        raise LogError(
+            f"'{path}': '{path.suffix}' logs cannot be read in pieces; allowed: .csv, .npz, "
+            ".parquet, .h5, .hdf5; use read_log, or write it as one of these"
+        )
+    wanted = wanted_columns(path, table, robot, columns or {})
+    foreign = list(dict.fromkeys(name for name, _ in wanted.values()))
+    blocks = table.blocks(foreign, chunk_samples)
+    sensors: set[str] | None = None
+    for data, before, own in _overlapping(blocks, overlap_samples):
+        log = log_of(path, data, wanted, robot, table.names)
+        found = set(log.columns())
+        sensors = found if sensors is None else sensors
+        if found != sensors:
+            raise LogError(
+                f"'{path}': {', '.join(sorted(found ^ sensors))} has values in one part of the log "
+                f"and none in another (around t = {log.time[before]:.6g} s); a sensor must be "
+                "there all the time, or not at all"
+            )
+        end = before + own
+        end_s = float(log.time[end]) if end < len(log.time) else math.inf
+        yield LogPart(log, float(log.time[before]), end_s)
+
+
+def _check_count(name: str, value: Any, least: int) -> None:
+    """Check a number of samples. Raises LogError."""
+    is_count = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not (is_count and least <= value <= _MOST_SAMPLES):
+        raise LogError(
+            f"{name} must be a whole number from {least} to {_MOST_SAMPLES:,}, found {shown(value)}"
+        )
+
+
+def _overlapping(blocks: Blocks, overlap: int) -> Iterator[tuple[Block, int, int]]:
+    """Yield blocks with `overlap` samples of both neighbours; where own ones begin, how many.
+
+    A last block too short for a log goes to the one before.
+    """
+    own = next(blocks)
+    before = _cut(own, slice(0))
+    for following in chain(blocks, [None]):
+        if following is not None and _length(following) < MINIMUM_SAMPLES:
+            own, after = _joined([own, following]), _cut(own, slice(0))
+        else:
+            after = _cut(own, slice(0)) if following is None else _cut(following, slice(overlap))
+        yield _joined([before, own, after]), _length(before), _length(own)
+        if following is None or _length(following) < MINIMUM_SAMPLES:
+            return
+        before = _cut(own, slice(_length(own) - overlap, None))
+        own = following
+
+
+def _length(block: Block) -> int:
+    return len(next(iter(block.values())))
+
+
+def _cut(block: Block, samples: slice) -> Block:
+    return {name: values[samples] for name, values in block.items()}
+
+
+def _joined(blocks: list[Block]) -> Block:
+    return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+
+
+def _check_even(path: Path, part: LogPart) -> None:
+    """Refuse time steps that differ, by the first hole if there is one."""
+    if is_regular(part.log.time):
+        return
+    found = holes(part.log.time)
+    what = f"the time steps around {part.start_s:.6g} s are not equal"
+    if found:
+        what = f"the log has a hole of {found[0]}"
+    raise LogError(
+        f"'{path}': {what}; a log that is read in pieces must be sampled evenly: resample it, cut "
+        "it there, or use read_log"
+    )
+
+
+def _fastest(long_log: LongLog) -> Array:
+    """Return the largest motor speed (n,) of the whole log."""
+    fastest = np.zeros(long_log.robot.n)
+    for motion, part in long_log.motions():
+        own = (motion.time >= part.start_s) & (motion.time < part.end_s)
+        fastest = np.maximum(fastest, np.max(np.abs(motion.motor_velocity[own]), axis=0))
+    return fastest

@@ -1,0 +1,136 @@
+"""HDF5, read and written with h5py (`pip install 'seaid[hdf5]'`)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from seaid._arrays import Array
+from seaid._files import whole_file
+from seaid.errors import LogError, shortened
+from seaid.log.readers.memory import check_columns, check_memory
+from seaid.log.readers.table import (
+    Block,
+    Blocks,
+    Table,
+    as_floats,
+    check_lengths,
+    damaged,
+    damaged_column,
+    is_number,
+    no_numbers,
+    optional,
+    part_of,
+    with_parts,
+)
+
+_KIND = "an HDF5 file"
+
+
+def open_hdf5(path: Path) -> Table:
+    """Return the data sets of an HDF5 file as columns, by their path in it: "elbow/position".
+
+    Columns of a set of two dimensions are "name[0]", "name[1]", ..., those of a table "name/field".
+    Raises LogError for what is no such file, and where h5py is not installed. Sets whose samples
+    are in other files (external storage, virtual sets) are refused; links to others not followed.
+    """
+    h5py = optional("h5py", "hdf5", path)
+    names: list[str] = []
+
+    def visit(name: str | bytes, item: Any) -> None:
+        if isinstance(name, bytes):  # not in UTF-8: listed, but not found again
+            name = name.decode("utf-8", "replace")
+        if isinstance(item, h5py.Dataset):
+            names.extend(_columns_of(name, item))
+            check_columns(path, len(names))
+
+    with damaged(path, _KIND), h5py.File(path, "r") as file:
+        file.visititems(visit)
+
+    def load(wanted: list[str]) -> Block:
+        with damaged(path, _KIND), h5py.File(path, "r") as file:
+            columns = {name: _Column(path, file, name) for name in wanted}
+            check_memory(path, sum(one.size(one.length) for one in columns.values()))
+            return {name: one.read(slice(None)) for name, one in columns.items()}
+
+    def blocks(wanted: list[str], size: int) -> Blocks:
+        with damaged(path, _KIND), h5py.File(path, "r") as file:
+            columns = {name: _Column(path, file, name) for name in wanted}
+            check_lengths(path, {name: one.length for name, one in columns.items()})
+            total = columns[wanted[0]].length
+            check_memory(
+                path, sum(one.size(min(size, total)) for one in columns.values()), pieces=True
+            )
+            for start in range(0, max(total, 1), size):
+                yield {name: one.read(slice(start, start + size)) for name, one in columns.items()}
+
+    return Table(names, load, blocks)
+
+
+def write_hdf5(path: Path, data: Mapping[str, Array]) -> None:
+    """Write columns, whole or not at all. Raises LogError where h5py is not installed.
+
+    The file is made in memory: h5py ends the process where a disk is full.
+    """
+    h5py = optional("h5py", "hdf5", path)
+    content = BytesIO()
+    with h5py.File(content, "w") as file:
+        for name, values in data.items():
+            file.create_dataset(name, data=values)
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content.getvalue())
+
+
+def _columns_of(name: str, data: Any) -> list[str]:
+    """Return the columns of a data set; one of a type or shape unknown here has its name."""
+    try:
+        fields, shape = data.dtype.names, data.shape
+    except (TypeError, ValueError, RuntimeError, OSError):
+        return [name]
+    return [f"{name}/{one}" for one in fields] if fields else with_parts(name, shape)
+
+
+class _Column:
+    """A column of an open file: a data set, a column of one, or a field of a table."""
+
+    def __init__(self, path: Path, file: Any, name: str) -> None:
+        self.path, self.name = path, name
+        with damaged_column(path, name):
+            self._find(file)
+
+    def _find(self, file: Any) -> None:
+        self.index: int | None = None
+        self.field: str | None = None
+        base = self.name
+        if base not in file:
+            base, self.index = part_of(base)
+        if self.index is None and base not in file:
+            base, _, self.field = self.name.rpartition("/")
+        self.data = file[base]
+        if self.data.is_virtual or self.data.external:
+            raise LogError(
+                f"'{self.path}': the samples of column '{shortened(self.name)}' are not in this "
+                "file but in others, which are not read; copy them into it"
+            )
+        kind, shape = self.data.dtype, self.data.shape
+        if self.field is not None:
+            kind = kind[self.field]
+        flat = 1 if self.index is None else 2
+        if shape is None or len(shape) != flat or kind.shape or not is_number(kind):
+            raise no_numbers(self.path, self.name, kind, shape)
+        self.length, self.width = int(shape[0]), max(kind.itemsize, 8)
+
+    def size(self, rows: int) -> float:
+        """Return the most bytes that reading this many samples takes at once."""
+        chunk = math.prod(self.data.chunks or (1,)) * self.data.dtype.itemsize
+        return float(max(rows * self.width, chunk))
+
+    def read(self, rows: slice) -> Array:
+        """Return samples as numbers."""
+        with damaged_column(self.path, self.name):
+            if self.field is not None:
+                return as_floats(self.data.fields(self.field)[rows])
+            return as_floats(self.data[rows] if self.index is None else self.data[rows, self.index])

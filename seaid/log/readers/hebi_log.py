@@ -1,0 +1,124 @@
+"""HEBI logs (.hebilog), read with HEBI's own package (`pip install 'seaid[hebi]'`).
+
+HEBI's library ends the process on some damaged files, so it works in a child process.
+"""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from seaid.errors import LogError
+from seaid.log.readers.child_process import Answer, ChildError, run_in_child
+from seaid.log.readers.table import Block, Table, check_installed, part_of
+
+_FIELDS = (
+    *("position", "velocity", "effort", "deflection", "deflection_velocity"),
+    *("motor_position", "motor_velocity", "motor_current", "motor_winding_current"),
+    *("motor_winding_voltage", "motor_winding_temperature", "pwm_command", "voltage"),
+    *("position_command", "velocity_command", "effort_command"),
+)
+_CLOCKS = {"time": "receive_time_us", "transmit_time": "hardware_transmit_time_us"}
+"""Our time columns [s]: arrival at the computer, and the module's own clock, both from zero on."""
+
+_SECONDS, _BYTES_PER_SECOND = 15.0, 2e5
+"""Processor time that a child may take: at least, and the slowest rate of reading."""
+
+_MAGIC = 0x73B1
+_SAMPLE, _MODULES, _START = 1, 2, 4
+"""Kinds of records: a module's sample, the modules' addresses, and a number of eight bytes."""
+
+
+def open_hebilog(path: Path) -> Table:
+    """Return the columns of a HEBI log: HEBI's field and module, as "motor_position[0]".
+
+    `time[k]` is when the sample of module k arrived, `transmit_time[k]` the module's own clock [s].
+    Raises LogError for what is no such file, one that is cut off, and where hebi-py is not
+    installed.
+    """
+    check_installed("hebi", "hebi", path)
+    _check_end(path)
+    seconds = _SECONDS + path.stat().st_size / _BYTES_PER_SECOND
+    try:
+        modules, fields = run_in_child(read_fields, {"path": str(path)}, seconds=seconds)
+    except ChildError as problem:
+        reason = str(problem).replace(str(path), "it")
+        raise LogError(
+            f"'{path}' is not a HEBI log, or a damaged one: HEBI's reader: {reason}"
+        ) from None
+    names = [f"{field}[{k}]" for k in range(modules) for field in (*_CLOCKS, *_FIELDS)]
+    clocks = {f"{field}[{k}]": f"time[{k}]" for k in range(modules) for field in _FIELDS}
+
+    def load(wanted: list[str]) -> Block:
+        return {name: _column(fields, name) for name in wanted}
+
+    return Table(names, load, clocks=clocks)
+
+
+def read_fields(path: str) -> Answer:
+    """Return the number of modules and all fields (T, modules) of a log; runs in the child."""
+    from hebi import util
+
+    log: Any = util.load_log(path, load=False)
+    kinds = dict.fromkeys(_FIELDS, np.float64) | dict.fromkeys(_CLOCKS.values(), np.int64)
+    data = {field: bytearray() for field in kinds}
+    for feedback in log.feedback_iterate:
+        for field, kind in kinds.items():
+            data[field] += np.asarray(getattr(feedback, field)).astype(kind).tobytes()
+    modules = int(log.number_of_modules)
+    return modules, {
+        field: np.frombuffer(data[field], dtype=kind).reshape(-1, modules)
+        for field, kind in kinds.items()
+    }
+
+
+def _column(fields: Any, name: str) -> Any:
+    base, module = part_of(name)
+    if base not in _CLOCKS:
+        return fields[base][:, module]
+    values = fields[_CLOCKS[base]]
+    first = values[0].min() if base == "time" else values[0, module]
+    return (values[:, module] - first) * 1e-6
+
+
+def _check_end(path: Path) -> None:
+    """Check that the last record of a log ends where the file does; HEBI's reader does not.
+
+    A record starts with 73 b1 and its kind, two bytes each; a sample's has the address (8 bytes),
+    the length of the message (4) and the time (8) before the message. Kinds unknown here, and what
+    does not start as a log, are left to HEBI's reader.
+    """
+    size, place, samples = path.stat().st_size, 0, 0
+    with path.open("rb") as file:
+        while place < size:
+            file.seek(place)
+            magic, kind, length = (*struct.unpack(">HH", file.read(4).ljust(4, b"\0")), 4)
+            if magic == _MAGIC and kind == _SAMPLE:
+                length = 24 + _number(file.read(12)[8:])
+                samples += 1
+            elif magic == _MAGIC and kind == _MODULES:
+                length = 8 + 8 * _number(file.read(4))
+            elif magic == _MAGIC and kind == _START:
+                length = 12
+            elif place and magic != _MAGIC and size - place >= length:
+                raise LogError(
+                    f"'{path}' is a damaged HEBI log: after {samples} samples of modules there is "
+                    f"no record at byte {place} of {size}; copy it again from where it was made"
+                )
+            elif place == 0 or size - place >= length:
+                return
+            if place + length > size:
+                raise LogError(
+                    f"'{path}' is cut off: its last record, at byte {place}, should end at byte "
+                    f"{place + length}, the file has {size} bytes; copy it again from where it was "
+                    "made"
+                )
+            place += length
+
+
+def _number(data: bytes) -> int:
+    """Return a number of four bytes, 0 where the file ends before it."""
+    return int(struct.unpack(">I", data)[0]) if len(data) == 4 else 0

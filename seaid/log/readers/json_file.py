@@ -1,0 +1,129 @@
+"""JSON: a list of records, columns as lists, or either inside an object with constants beside."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from seaid._arrays import Array, as_float
+from seaid.errors import LogError, reason_of
+from seaid.log.readers.memory import check_columns, check_memory
+from seaid.log.readers.table import Block, Table, no_numbers
+
+_GROWTH = 10.0
+"""Bytes in memory for a byte of JSON."""
+
+_DEEPEST = 20
+"""Lists and objects inside each other in which numbers of a log are found."""
+
+
+def open_json(path: Path) -> Table:
+    """Return the columns of a JSON file: [{"t": 0.0, "q": 0.1}, ...], {"t": [...], "q": [...]}.
+
+    Where such a list of records lies in an object, as {"kp": 100, "entries": [...]}, numbers beside
+    it are constant columns. A list in a record is "q[0]", "q[1]", ..., an object "motor.current".
+    Raises LogError for what is neither.
+    """
+    content = _content(path)
+    constants: dict[str, float] = {}
+    records: Any = content
+    if isinstance(content, Mapping):
+        constants = {name: as_float(one) for name, one in content.items() if isinstance(one, Real)}
+        lists = [one for one in content.values() if _are_records(one)]
+        records = lists[0] if len(lists) == 1 else content
+    data = _of_records(path, records) if _are_records(records) else _of_lists(path, records, 0)
+    if not data:
+        raise LogError(
+            f"'{path}' has no columns; a JSON log is a list of records, or lists of numbers by name"
+        )
+    length = max(len(values) for values in data.values())
+    check_columns(path, len(data) + len(constants))
+    check_memory(path, 8.0 * length * len(constants))
+    for name, value in constants.items():
+        data.setdefault(name, [value] * length)
+
+    def load(wanted: list[str]) -> Block:
+        check_memory(path, 8.0 * sum(len(data[name]) for name in wanted))
+        return {name: _numbers(path, name, data[name]) for name in wanted}
+
+    return Table(list(data), load)
+
+
+def _content(path: Path) -> Any:
+    check_memory(path, _GROWTH * path.stat().st_size)
+    try:
+        return json.loads(path.read_bytes().decode("utf-8-sig"))
+    except (ValueError, RecursionError) as problem:
+        raise LogError(f"'{path}' is not valid JSON, or cut off: {reason_of(problem)}") from None
+
+
+def _are_records(value: Any) -> bool:
+    return (
+        isinstance(value, list) and bool(value) and all(isinstance(one, Mapping) for one in value)
+    )
+
+
+def _of_records(path: Path, records: list[Mapping[str, Any]]) -> dict[str, list[Any]]:
+    """Return the columns of records; what a record does not have is None."""
+    data: dict[str, list[Any]] = {}
+    for row, record in enumerate(records):
+        for name, value in _flat(path, "", record, 0):
+            if name not in data:
+                data[name] = [None] * len(records)
+                check_columns(path, len(data))
+                check_memory(path, 8.0 * len(records) * len(data))
+            data[name][row] = value
+    return data
+
+
+def _flat(path: Path, name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
+    _check_depth(path, depth)
+    if isinstance(value, Mapping):
+        dot = f"{name}." if name else ""
+        for key, one in value.items():
+            yield from _flat(path, f"{dot}{key}", one, depth + 1)
+    elif isinstance(value, list):
+        for index, one in enumerate(value):
+            yield from _flat(path, f"{name}[{index}]", one, depth + 1)
+    else:
+        yield name, value
+
+
+def _of_lists(path: Path, value: Any, depth: int) -> dict[str, list[Any]]:
+    """Return the lists in an object; a list of equally long lists is a column each."""
+    _check_depth(path, depth)
+    data: dict[str, list[Any]] = {}
+    for name, one in value.items() if isinstance(value, Mapping) else ():
+        if isinstance(one, Mapping):
+            inner = _of_lists(path, one, depth + 1)
+            data.update({f"{name}.{key}": column for key, column in inner.items()})
+        elif isinstance(one, list) and one and all(isinstance(row, list) for row in one):
+            if len({len(row) for row in one}) == 1:
+                check_columns(path, len(data) + len(one[0]))
+                for index, column in enumerate(zip(*one, strict=True)):
+                    data[f"{name}[{index}]"] = list(column)
+        elif isinstance(one, list) and one:
+            data[name] = one
+    return data
+
+
+def _check_depth(path: Path, depth: int) -> None:
+    if depth > _DEEPEST:
+        raise LogError(
+            f"'{path}': lists and objects are more than {_DEEPEST} deep inside each other; a JSON "
+            "log is a list of records, or lists of numbers by name"
+        )
+
+
+def _numbers(path: Path, name: str, values: list[Any]) -> Array:
+    """Return a column as numbers; null is NaN."""
+    strange = next((one for one in values if not isinstance(one, Real | None)), None)
+    if strange is not None:
+        raise no_numbers(path, name, type(strange).__name__, (len(values),))
+    return np.array([math.nan if one is None else as_float(one) for one in values])

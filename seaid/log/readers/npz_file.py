@@ -1,0 +1,180 @@
+"""NPZ: an archive of NumPy arrays, one a column, or of two dimensions with a joint a column."""
+
+from __future__ import annotations
+
+import math
+import warnings
+import zipfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from seaid.errors import LogError
+from seaid.log.readers.memory import check_columns, check_memory
+from seaid.log.readers.table import (
+    Block,
+    Blocks,
+    Table,
+    as_floats,
+    check_lengths,
+    damaged,
+    damaged_column,
+    is_number,
+    no_numbers,
+    part_of,
+    with_parts,
+)
+
+_KIND = "a NumPy archive (.npz)"
+_COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""What NumPy writes; readers of others take memory without limit."""
+
+
+@dataclass(frozen=True)
+class _Header:
+    """What the start of an array's file says of its numbers."""
+
+    kind: np.dtype[Any]
+    shape: tuple[int, ...]
+    by_columns: bool
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape) * self.kind.itemsize
+
+
+def open_npz(path: Path) -> Table:
+    """Return the columns of a NumPy archive. Raises LogError for what is none."""
+    names: list[str] = []
+    with damaged(path, _KIND), zipfile.ZipFile(path) as archive:
+        arrays = [name.removesuffix(".npy") for name in archive.namelist()]
+        check_columns(path, len(arrays))
+        for name in arrays:
+            names += _parts(path, archive, name)
+            check_columns(path, len(names))
+    return Table(
+        names,
+        lambda wanted: _load(path, wanted),
+        lambda wanted, size: _blocks(path, wanted, size),
+    )
+
+
+def _parts(path: Path, archive: zipfile.ZipFile, name: str) -> list[str]:
+    """Return the columns of an array; a damaged one is named when it is wanted."""
+    try:
+        with _member(path, archive, name) as (_, header):
+            return with_parts(name, header.shape)
+    except LogError:
+        return [name]
+
+
+def _places(archive: zipfile.ZipFile, wanted: list[str]) -> dict[str, list[tuple[str, int | None]]]:
+    """Return the columns wanted of each array: their names, and their places in the array."""
+    arrays = set(archive.namelist())
+    found: dict[str, list[tuple[str, int | None]]] = {}
+    for name in wanted:
+        base, index = (name, None) if f"{name}.npy" in arrays else part_of(name)
+        found.setdefault(base, []).append((name, index))
+    return found
+
+
+def _picked(path: Path, values: Any, places: list[tuple[str, int | None]]) -> Block:
+    """Return the columns of an array of one or two dimensions."""
+    found: Block = {}
+    for name, index in places:
+        if values.ndim != (1 if index is None else 2):
+            raise no_numbers(path, name, values.dtype, values.shape)
+        found[name] = as_floats(values if index is None else values[:, index])
+    return found
+
+
+def _load(path: Path, wanted: list[str]) -> Block:
+    with damaged(path, _KIND), zipfile.ZipFile(path) as archive:
+        found: Block = {}
+        for base, places in _places(archive, wanted).items():
+            found |= _picked(path, _array(path, archive, base), places)
+            check_memory(path, 8.0 * sum(len(one) for one in found.values()))
+    return {name: found[name] for name in wanted}
+
+
+def _array(path: Path, archive: zipfile.ZipFile, name: str) -> Any:
+    """Return an array of one or two dimensions, as its file has it."""
+    with _member(path, archive, name) as (file, header):
+        _check_kind(path, name, header)
+        check_memory(path, max(header.size, 8.0 * math.prod(header.shape)))
+        values = np.frombuffer(_exactly(file, header.size), dtype=header.kind)
+        return values.reshape(header.shape, order="F" if header.by_columns else "C")
+
+
+def _check_kind(path: Path, name: str, header: _Header) -> None:
+    if not is_number(header.kind) or len(header.shape) not in (1, 2):
+        raise no_numbers(path, name, header.kind, header.shape)
+
+
+def _blocks(path: Path, wanted: list[str], size: int) -> Blocks:
+    with damaged(path, _KIND), zipfile.ZipFile(path) as archive, ExitStack() as stack:
+        places = _places(archive, wanted)
+        files: dict[str, tuple[IO[bytes], _Header]] = {}
+        whole: dict[str, Any] = {}
+        for base in places:
+            file, header = stack.enter_context(_member(path, archive, base))
+            _check_kind(path, places[base][0][0], header)
+            if header.by_columns:  # no piece of it has all columns of some rows
+                whole[base] = _array(path, archive, base)
+            files[base] = (file, header)
+        check_lengths(path, {base: header.shape[0] for base, (_, header) in files.items()})
+        total = min(header.shape[0] for _, header in files.values())
+        widths = sum(math.prod(header.shape[1:]) for _, header in files.values())
+        check_memory(path, 8.0 * min(size, total) * widths, pieces=True)
+        for start in range(0, max(total, 1), size):
+            count = min(size, total - start)
+            block: Block = {}
+            for base, (file, header) in files.items():
+                if base in whole:
+                    rows = whole[base][start : start + count]
+                else:
+                    rows = _rows(path, base, file, header, count)
+                block |= _picked(path, rows, places[base])
+            yield {name: block[name] for name in wanted}
+
+
+def _rows(path: Path, name: str, file: IO[bytes], header: _Header, count: int) -> Any:
+    """Return the next rows of an array."""
+    with damaged_column(path, name):
+        width = math.prod(header.shape[1:])
+        data = _exactly(file, count * width * header.kind.itemsize)
+        return np.frombuffer(data, dtype=header.kind).reshape(count, *header.shape[1:])
+
+
+@contextmanager
+def _member(path: Path, archive: zipfile.ZipFile, name: str) -> Iterator[tuple[IO[bytes], _Header]]:
+    """Give the file of an array, opened at its numbers, and what its header says."""
+    with damaged_column(path, name):
+        if archive.getinfo(f"{name}.npy").compress_type not in _COMPRESSIONS:
+            raise ValueError("it is compressed in a way that NumPy does not write")
+        with archive.open(f"{name}.npy") as file:
+            yield file, _header(file)
+
+
+def _header(file: IO[bytes]) -> _Header:
+    version = np.lib.format.read_magic(file)
+    reader = np.lib.format.read_array_header_1_0
+    if version != (1, 0):
+        reader = np.lib.format.read_array_header_2_0
+    with warnings.catch_warnings():  # of headers that Python 2 wrote
+        warnings.simplefilter("ignore")
+        shape, by_columns, kind = reader(file)
+    if any(length < 0 for length in shape):
+        raise ValueError(f"its shape is {shape}")
+    return _Header(kind, shape, by_columns)
+
+
+def _exactly(file: IO[bytes], count: int) -> bytes:
+    data = file.read(count)
+    if len(data) < count:
+        raise ValueError("it ends too early")
+    return data

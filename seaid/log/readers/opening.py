@@ -1,0 +1,74 @@
+"""Which reader a log file is for."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Callable
+from pathlib import Path
+
+from seaid._files import working_folder
+from seaid.errors import LogError, reason_of, shortened, shown
+from seaid.log.readers.csv_file import open_csv
+from seaid.log.readers.hdf5_file import open_hdf5
+from seaid.log.readers.hebi_log import open_hebilog
+from seaid.log.readers.json_file import open_json
+from seaid.log.readers.memory import check_names
+from seaid.log.readers.npz_file import open_npz
+from seaid.log.readers.parquet_file import open_parquet
+from seaid.log.readers.ros_bag import open_bag
+from seaid.log.readers.table import Table
+
+READERS: dict[str, Callable[[Path], Table]] = {
+    ".csv": open_csv,
+    ".npz": open_npz,
+    ".parquet": open_parquet,
+    ".h5": open_hdf5,
+    ".hdf5": open_hdf5,
+    ".json": open_json,
+    ".db3": open_bag,
+    ".mcap": open_bag,
+    ".bag": open_bag,
+    ".hebilog": open_hebilog,
+}
+"""Readers by the ending of the file; a folder is a ROS bag."""
+
+
+def log_path(path: str | Path) -> Path:
+    """Return the path of a log as a Path. Raises LogError for what is none."""
+    if not isinstance(path, str | os.PathLike):
+        raise LogError(f"the path of a log must be a text or a Path, found {shown(path)}")
+    return Path(path)
+
+
+def open_table(path: Path) -> Table:
+    """Return the columns of a log file. Raises LogError for one that cannot be read."""
+    reader = _reader(path)
+    try:
+        table = reader(path)
+    except OSError as problem:
+        raise LogError(f"cannot read '{path}': {reason_of(problem)}") from None
+    check_names(path, table.names)
+    return table
+
+
+def _reader(path: Path) -> Callable[[Path], Table]:
+    """Return the reader of what is at a path, a file or a folder and nothing else."""
+    try:
+        mode = path.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        mode = None
+    except (OSError, ValueError) as problem:
+        raise LogError(f"cannot read '{shortened(str(path), 300)}': {reason_of(problem)}") from None
+    if mode is not None and stat.S_ISDIR(mode):
+        return open_bag
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise LogError(
+            f"'{path}': cannot read '{shortened(path.suffix)}' logs; allowed: {', '.join(READERS)}"
+        )
+    if mode is None:
+        raise LogError(f"no log file at '{path}' ({working_folder()})")
+    if not stat.S_ISREG(mode):
+        raise LogError(f"'{path}' is a pipe, a socket or a device; a log must be a file or folder")
+    return reader

@@ -1,0 +1,86 @@
+"""Parquet, read and written with pyarrow (`pip install 'seaid[parquet]'`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid._files import whole_file
+from seaid.errors import LogError, shortened
+from seaid.log.readers.memory import check_columns, check_memory
+from seaid.log.readers.table import Block, Blocks, Table, damaged, no_numbers, optional, samples
+
+_KIND = "a Parquet file"
+
+
+def open_parquet(path: Path) -> Table:
+    """Return the columns of a Parquet file; nulls are NaN, instants are seconds since the first.
+
+    Raises LogError for what is no such file, and where pyarrow is not installed.
+    """
+    parquet = optional("pyarrow.parquet", "parquet", path)
+    with damaged(path, _KIND), parquet.ParquetFile(path) as file:
+        check_columns(path, len(file.schema_arrow))
+        names = list(file.schema_arrow.names)
+
+    def load(wanted: list[str]) -> Block:
+        with damaged(path, _KIND), parquet.ParquetFile(path) as file:
+            _check_kinds(path, file, wanted)
+            check_memory(path, 8.0 * file.metadata.num_rows * len(wanted))
+            table = file.read(columns=wanted)
+            return {name: _samples(path, name, table[name], {}) for name in wanted}
+
+    def blocks(wanted: list[str], size: int) -> Blocks:
+        starts: dict[str, Any] = {}
+        with damaged(path, _KIND), parquet.ParquetFile(path) as file:
+            _check_kinds(path, file, wanted)
+            rows = min(size, file.metadata.num_rows)
+            check_memory(path, 8.0 * rows * len(wanted), pieces=True)
+            batch = None
+            for batch in file.iter_batches(size, columns=wanted):
+                yield {name: _samples(path, name, batch[name], starts) for name in wanted}
+            if batch is None:
+                yield {name: np.zeros(0) for name in wanted}
+
+    return Table(names, load, blocks)
+
+
+def write_parquet(path: Path, data: Mapping[str, Array]) -> None:
+    """Write columns, whole or not at all. Raises LogError where pyarrow is not installed."""
+    parquet = optional("pyarrow.parquet", "parquet", path)
+    arrow = optional("pyarrow", "parquet", path)
+    with whole_file(path) as temporary, temporary.open("wb") as file:
+        parquet.write_table(arrow.table(dict(data)), file)
+
+
+def _check_kinds(path: Path, file: Any, wanted: Sequence[str]) -> None:
+    """Check that columns are numbers, truth values or instants, before they are read."""
+    types = optional("pyarrow", "parquet", path).types
+    numbers = ("integer", "floating", "boolean", "timestamp", "date", "decimal", "null")
+    schema = file.schema_arrow  # made anew each time it is asked for
+    for name in wanted:
+        places = schema.get_all_field_indices(name)
+        if len(places) != 1:
+            raise LogError(f"'{path}': column '{shortened(name)}' is there {len(places)} times")
+        kind = schema.field(places[0]).type
+        inner = kind.value_type if types.is_dictionary(kind) else kind
+        if not any(getattr(types, f"is_{one}")(inner) for one in numbers):
+            raise no_numbers(path, name, kind, (file.metadata.num_rows,))
+
+
+def _samples(path: Path, name: str, column: Any, starts: dict[str, Any]) -> Array:
+    """Return a column as numbers; instants since that in `starts`, where the first one is kept."""
+    types = optional("pyarrow", "parquet", path).types
+    if types.is_dictionary(column.type):
+        column = column.cast(column.type.value_type)
+    if types.is_decimal(column.type) or types.is_null(column.type):
+        column = column.cast("float64")
+    values = column.to_numpy(zero_copy_only=False)
+    if values.dtype.kind == "M":
+        since: Array = (values - starts.setdefault(name, values[:1])) / np.timedelta64(1, "s")
+        return since
+    return samples(path, name, values)

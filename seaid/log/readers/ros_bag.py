@@ -1,0 +1,156 @@
+"""ROS bags, read with rosbags (`pip install 'seaid[ros]'`): ROS 2 .db3 and .mcap, ROS 1 .bag.
+
+A column is topic and field, as "/joint_states/position[elbow]": by the joint's name where the
+message has names, by the place in the array otherwise. No ROS needs to be installed. rosbags works
+in a child process: a compressed part of a bag may ask for any amount of memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from itertools import islice
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from seaid.errors import LogError
+from seaid.log.readers.child_process import Answer, run_in_child
+from seaid.log.readers.memory import check_columns, size_of
+from seaid.log.readers.table import Block, Table, check_installed, damaged
+
+_LOOKED_AT = 100
+"""Messages of a topic that tell its columns: several senders may share a topic."""
+
+_LONGEST_ARRAY = 1_000
+"""Numbers in an array of a message that are columns; longer ones are images or point clouds."""
+
+_SECONDS, _BYTES_PER_SECOND = 15.0, 2e4
+"""Processor time that a child may take: at least, and the slowest rate of reading."""
+
+_NAMES = ("name", "names", "joint_names", "joint_name")
+
+
+def open_bag(path: Path) -> Table:
+    """Return the columns of a bag: a file, or a folder with metadata.yaml.
+
+    Beside the fields each topic has `bag_time` and, where its messages have a header,
+    `header.stamp`, in seconds since the bag began. Raises LogError for what is no bag, and where
+    rosbags is not installed.
+    """
+    check_installed("rosbags.highlevel", "ros", path)
+
+    def load(wanted: list[str]) -> Block:
+        _, data = _in_child(bag_samples, path, wanted=wanted)
+        return dict(data)
+
+    names, clocks = _in_child(bag_columns, path)[0]
+    if not names:
+        raise LogError(f"'{path}' has no message with numbers")
+    return Table(names, load, clocks=clocks, sparse=True)
+
+
+def _in_child(function: Callable[..., Answer], path: Path, **arguments: Any) -> Answer:
+    seconds = _SECONDS + size_of(path) / _BYTES_PER_SECOND
+    with damaged(path, "a ROS bag"):
+        return run_in_child(function, {"path": str(path), **arguments}, seconds=seconds)
+
+
+def bag_columns(path: str) -> Answer:
+    """Return the names of the columns of a bag, and their clocks; runs in the child."""
+    names: list[str] = []
+    clocks: dict[str, str] = {}
+    with _opened(Path(path)) as bag:
+        for connection in sorted(bag.connections, key=lambda one: one.topic):
+            topic, found = connection.topic, dict[str, float]()
+            try:
+                for _, message in islice(_messages(bag, [connection]), _LOOKED_AT):
+                    found |= dict(_values(message, bag.start_time))
+                    check_columns(Path(path), len(names) + len(found))
+            except KeyError:  # a type whose definition is nowhere
+                continue
+            if not found:
+                continue
+            stamped = found.get("header.stamp", 0.0) not in (0.0, -bag.start_time * 1e-9)
+            clock = f"{topic}/{'header.stamp' if stamped else 'bag_time'}"
+            columns = [f"{topic}/{name}" for name in ("bag_time", *found)]
+            names += [name for name in columns if name not in clocks]
+            clocks |= dict.fromkeys(columns, clock)
+    return (names, clocks), {}
+
+
+def bag_samples(path: str, wanted: list[str]) -> Answer:
+    """Return the samples of columns of a bag; runs in the child."""
+    data: Block = {}
+    with _opened(Path(path)) as bag:
+        topics = {one.topic for one in bag.connections}
+        for topic in sorted(topics):
+            mine = {name: name[len(topic) + 1 :] for name in wanted if name.startswith(f"{topic}/")}
+            if not mine:
+                continue
+            used = [one for one in bag.connections if one.topic == topic]
+            rows = []
+            for time, message in _messages(bag, used):
+                found = dict(_values(message, bag.start_time))
+                found["bag_time"] = (time - bag.start_time) * 1e-9
+                rows.append(np.array([found.get(field, np.nan) for field in mine.values()]))
+            data |= dict(zip(mine, np.array(rows, dtype=np.float64).T, strict=True))
+    return None, data
+
+
+def _values(message: Any, start_ns: int, name: str = "") -> Iterator[tuple[str, float]]:
+    """Yield (field, number) of all numbers in a message."""
+    if isinstance(message, Real):
+        yield name, float(message)
+    elif hasattr(message, "sec") and hasattr(message, "nanosec"):
+        yield name, (message.sec * 10**9 + message.nanosec - start_ns) * 1e-9
+    elif is_dataclass(message):
+        given = (_labels(getattr(message, one, None)) for one in _NAMES)
+        labels = next((found for found in given if found), [])
+        dot = f"{name}." if name else ""
+        for field in fields(message):
+            value = getattr(message, field.name)
+            if isinstance(value, list | np.ndarray) and 0 < len(value) <= _LONGEST_ARRAY:
+                yield from _array(value, start_ns, f"{dot}{field.name}", labels)
+            elif not isinstance(value, str | list | np.ndarray):
+                yield from _values(value, start_ns, f"{dot}{field.name}")
+
+
+def _array(values: Any, start_ns: int, name: str, labels: list[str]) -> Iterator[tuple[str, float]]:
+    named = labels if len(labels) == len(values) else range(len(values))
+    for label, value in zip(named, values, strict=True):
+        if not isinstance(value, str):
+            yield from _values(value, start_ns, f"{name}[{label}]")
+
+
+def _labels(value: Any) -> list[str]:
+    is_names = isinstance(value, list) and all(isinstance(one, str) for one in value)
+    return list(value) if is_names else []
+
+
+def _messages(bag: Any, connections: list[Any]) -> Iterator[tuple[int, Any]]:
+    for connection, time, raw in bag.messages(connections):
+        yield time, bag.deserialize(raw, connection.msgtype)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    from rosbags import highlevel, typesys
+
+    known = typesys.get_typestore(typesys.Stores.LATEST)
+    with highlevel.AnyReader(_files(path), default_typestore=known) as bag:
+        yield bag
+
+
+def _files(path: Path) -> list[Path]:
+    """Return what rosbags opens: the bag's folder, or its one storage file without metadata."""
+    if not path.is_dir() or (path / "metadata.yaml").is_file():
+        return [path]
+    endings = ("*.db3", "*.mcap", "*.bag")
+    found = sorted(one for end in endings for one in path.glob(end) if one.is_file())
+    if not found:
+        raise LogError(f"'{path}' is a folder without a ROS bag (.db3, .mcap or .bag) in it")
+    return found

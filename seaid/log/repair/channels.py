@@ -1,0 +1,353 @@
+"""One channel made fit for use: no dropouts, no wraps; saturation and gaps within limits.
+
+Encoders that wrap around: the period they wrap by, and the angle without wraps.
+
+Samples that are none: NaN, zeros and held values while the signal moves; saturation.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from seaid._arrays import Array, BoolArray, IndexArray
+from seaid.errors import LogError
+from seaid.log.repair.clocks import MendedClock, longest_bridge, longest_step
+from seaid.log.repair.data import Channel, Repair, Repairs, is_position
+from seaid.log.repair.resampling import FEWEST, gap_error
+
+_FARTHER = 2.0
+_ALIKE = 0.02
+_FULL = 1.0 + 1e-3
+_STRAY = 0.1
+_CLEAR = 0.4
+_TURN = 2 * np.pi
+_GAP, _MEAN = 1.5, 5
+
+
+def wrap_period(time: Array, values: Array) -> float | None:
+    """Return the period by which a position (T,) wraps around, None where it does not.
+
+    A wrap is a step of more than half the range and far larger than those beside it, after which
+    the speed is what it was. Nearly all must be alike, and the range no larger than they are. A
+    period near a whole, half or quarter turn, or near a power of two of the encoder's own steps
+    (4096 counts), is taken to be just that.
+    """
+    steps = np.diff(values)
+    jumps = np.flatnonzero(np.abs(steps) > 0.5 * np.ptp(values))
+    inner = jumps[(jumps > 0) & (jumps < len(steps) - 1)]
+    if not len(inner):
+        return None
+    rates = steps / np.diff(time)
+    before, after = rates[inner - 1], rates[inner + 1]
+    usual = np.maximum(np.abs(before), np.abs(after)) * np.diff(time)[inner]
+    clear = np.diff(time)[inner] < _GAP * np.median(np.diff(time))
+    if not np.any(clear):
+        return None
+    inner = inner[clear]
+    before, after, usual = before[clear], after[clear], usual[clear]
+    if np.mean(np.abs(steps[inner]) < _FARTHER * usual) > _STRAY:
+        return None
+    expected = 0.5 * (before + after) * np.diff(time)[inner]
+    periods = np.abs(steps[inner] - expected)
+    period = _plausible(float(np.median(periods)), values)
+    alike = np.abs(periods - period) <= _ALIKE * period + 0.5 * usual
+    if np.mean(~alike) > _STRAY or np.ptp(values) > _FULL * period:
+        return None
+    # a position that only jumps there and back is a glitch: it wraps as it crosses the edge
+    against = np.sign(steps[inner]) == -np.sign(before + after)
+    strays = np.mean(~against & (usual > 1e-3 * period))
+    return period if np.any(against) and strays <= _STRAY else None
+
+
+def unwrapped(name: str, time: Array, values: Array, period: float) -> tuple[Array, int, int]:
+    """Return a position (T,) without wraps, how many there were, and the sample of the first.
+
+    Each sample is taken into the period that is nearest to where the last speed leads, so the
+    position may move by more than half a period between samples, once it is under way. Raises
+    LogError where it is more than 0.4 of a period from there.
+    """
+    steps = np.diff(values)
+    nearest = steps - period * np.round(steps / period)
+    if np.max(np.abs(nearest), initial=0.0) > period / 4:
+        nearest = _predicted(name, time, nearest, period)
+    turns = np.round((nearest - steps) / period)
+    wraps = np.flatnonzero(turns)
+    whole = values + period * np.concatenate([[0.0], np.cumsum(turns)])
+    return whole, len(wraps), int(wraps[0]) + 1 if len(wraps) else 0
+
+
+def _predicted(name: str, time: Array, nearest: Array, period: float) -> Array:
+    """Return steps in the period that is nearest to the speed of the step before.
+
+    Over a gap, nearest to the mean speed before and after, which may differ by a period's half.
+    """
+    durations, found = np.diff(time).tolist(), nearest.tolist()
+    long = _GAP * float(np.median(durations))
+    rate = found[0] / durations[0]
+    for place in range(1, len(found)):
+        duration = durations[place]
+        expected, doubt = rate * duration, 0.0
+        if duration > long and place + 1 < len(found):
+            before = sum(found[max(0, place - _MEAN) : place])
+            before /= time[place] - time[max(0, place - _MEAN)]
+            follows = _follows(found, durations, place + 1, before, period)
+            expected, doubt = 0.5 * (before + follows) * duration, 0.5 * abs(follows - before)
+        found[place] += period * round((expected - found[place]) / period)
+        off = max(abs(found[place] - expected), doubt * duration)
+        if off > _CLEAR * period and abs(found[place]) > period / 4:
+            raise LogError(
+                f"'{name}' moves by {abs(found[place]):.3g} from t = {time[place]:.6g} s to the "
+                f"next sample, {duration:.3g} s later, and wraps around every "
+                f"{period:.6g}: how often cannot be told (clear is at most {_CLEAR:g} of a "
+                "period from where the speed before leads); log at a higher rate, or leave this "
+                "time out"
+            )
+        rate = found[place] / duration
+    return np.array(found)
+
+
+def _follows(
+    found: list[float], durations: list[float], start: int, rate: float, period: float
+) -> float:
+    """Return the mean speed of the steps from `start` on, the first one near `rate`."""
+    end, total = min(start + _MEAN, len(found)), 0.0
+    for place in range(start, end):
+        expected = rate * durations[place]
+        step = found[place] + period * round((expected - found[place]) / period)
+        rate = step / durations[place]
+        total += step
+    return total / sum(durations[start:end])
+
+
+def _plausible(period: float, values: Array) -> float:
+    """Return the period that an encoder has near a found one: parts of a turn, 2^k steps."""
+    from seaid.log.repair.channels import resolution
+
+    step = resolution(values)
+    candidates = [_TURN, _TURN / 2, _TURN / 4, 2 * _TURN]
+    if step > 0 and period / step < 2**24:
+        candidates.append(step * 2.0 ** round(np.log2(period / step)))
+    near = min(candidates, key=lambda one: abs(one - period))
+    return float(near) if abs(near - period) <= _ALIKE * period else period
+
+
+_FAR = 4.0
+_SIMILAR = 4.0
+_STUCK = 3
+_PILED = 4.0
+
+SLOWER = 1 / 3
+"""Share of held samples above which a sensor is slower than its log."""
+
+
+def resolution(values: Array) -> float:
+    """Return the step of a channel (T,), the smallest change that it shows; 0 without any."""
+    changes = np.abs(np.diff(np.unique(values[np.isfinite(values)])))
+    largest = np.max(np.abs(values[np.isfinite(values)]), initial=0.0)
+    changes = changes[changes > 1e-9 * largest]
+    return float(np.percentile(changes, 5)) if len(changes) else 0.0
+
+
+def runs(mask: BoolArray) -> IndexArray:
+    """Return first and one past last sample (R, 2) of each stretch in which `mask` (T,) is true."""
+    edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
+    return np.column_stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)])
+
+
+def zero_dropouts(values: Array) -> BoolArray:
+    """Tell the samples (T,) that are exactly zero where the samples around are far from it.
+
+    Far is by several times the changes around them, and many of the channel's own steps. Zeros up
+    to an end of the log count too, if the other end of them is such a jump.
+    """
+    found, step = np.zeros(len(values), dtype=bool), resolution(values)
+    for start, end in runs(values == 0.0):
+        found[start:end] = _is_sudden_zero(values, int(start), int(end), step)
+    return found
+
+
+def held_dropouts(values: Array, fewest: int = 2) -> BoolArray:
+    """Tell the samples (T,) that repeat the one before while the signal moves on.
+
+    A value that stays for `fewest` samples or more is held if the change that ends it makes up for
+    that: as fast a sample as those before and after, and many of the channel's own steps. A coarse
+    encoder that stays within its step is not held. Where more than a third are, the sensor is
+    slower than its log, and holds every value as long.
+    """
+    found = np.zeros(len(values), dtype=bool)
+    if not len(values):
+        return found
+    starts = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0]))
+    lengths = np.diff(np.concatenate([starts, [len(values)]]))
+    changes = np.diff(values[starts])
+    if len(changes) < 3:
+        return found
+    rates = changes / lengths[:-1]
+    with np.errstate(divide="ignore"):
+        before, after = rates[:-2] / rates[1:-1], rates[2:] / rates[1:-1]
+    step = resolution(values)
+    alike = [(ratio > 1 / _SIMILAR) & (ratio < _SIMILAR) for ratio in (before, after)]
+    large = np.abs(changes[1:-1]) > _FAR * step
+    fast = np.minimum(np.abs(changes[:-2]), np.abs(changes[2:])) > 2 * step
+    held = lengths[1 : len(changes) - 1] >= fewest
+    stale = 1 + np.flatnonzero(held & alike[0] & alike[1] & large & fast)
+    if np.sum(lengths[stale] - 1) > SLOWER * len(values):
+        stale = np.flatnonzero(lengths <= np.max(lengths[stale]))
+    for run in stale:
+        found[starts[run] + 1 : starts[run] + lengths[run]] = True
+    return found
+
+
+def _is_sudden_zero(values: Array, start: int, end: int, step: float) -> bool:
+    sides = []
+    for edge, near in ((start - 1, values[:start][-8:]), (end, values[end:][:8][::-1])):
+        near = near[near != 0.0]
+        if len(near) < 3:
+            continue
+        usual = float(np.max(np.abs(np.diff(near))))
+        sides.append(abs(float(values[edge])) > _FAR * max(usual, step))
+    return bool(sides) and all(sides)
+
+
+def saturated(values: Array) -> BoolArray:
+    """Tell the samples (T,) of a torque, current or voltage that are stuck at an extreme.
+
+    Stuck are those at the largest or the smallest value where that comes up far more often than any
+    other near it: a signal that just turns there does not pile up.
+    """
+    found = np.zeros(len(values), dtype=bool)
+    if not np.ptp(values) > 0:
+        return found
+    levels, counts = np.unique(values, return_counts=True)
+    for place, others in ((0, counts[1:6]), (-1, counts[-6:-1])):
+        piled = counts[place] >= max(_PILED * np.max(others), _STUCK)
+        if piled and levels[place] != 0.0:
+            found |= values == levels[place]
+    return found
+
+
+def is_constant(values: Array) -> bool:
+    """Tell whether a channel (T,) says the same number all the time."""
+    return bool(len(values) and np.all(np.isfinite(values)) and np.ptp(values) == 0.0)
+
+
+def mended_channel(
+    channel: Channel, clock: MendedClock, kept: BoolArray, limits: Repairs, found: list[Repair]
+) -> tuple[Array, Array]:
+    """Return stamps and values of the samples of a channel that are good, without wraps."""
+    time, values = clock.time, channel.values[clock.rows]
+    if np.all(np.isnan(values)):
+        return np.empty(0), np.empty(0)
+    time, values = time[kept], values[kept]
+    total = len(values)
+    time, values, missing = _without(
+        channel, time, values, ~np.isfinite(values), "values that are no number", found
+    )
+    if is_constant(values):
+        action = f"it is {values[0]:.6g} all the time; left as it is"
+        found.append(Repair(channel.name, "constant channel", 1, float(time[0]), action))
+    time, values, lost = _without(
+        channel, time, values, zero_dropouts(values), "sudden zeros", found
+    )
+    missing += lost
+    if len(values) >= FEWEST:
+        values = _without_wraps(channel, time, values, found)
+    held = held_dropouts(values, 2 if is_position(channel.name) else 3)
+    slower = float(np.mean(held)) > SLOWER if len(held) else False
+    kind = "values of a slower sensor" if slower else "held values"
+    time, values, lost = _without(channel, time, values, held, kind, found)
+    missing += 0 if slower else lost
+    if missing > limits.most_missing * total:
+        raise LogError(
+            f"'{channel.name}' lacks {missing} of {total} samples (no numbers, sudden zeros or "
+            f"held values), allowed {limits.most_missing:.1%} (Repairs.most_missing): take a part "
+            "of the log in which the sensor works, or leave the column out"
+        )
+    if len(values) < FEWEST:
+        return time, values
+    _check_saturation(channel, time, values, limits, found)
+    _check_gap(channel, time, values, limits)
+    return time, values
+
+
+def _without(
+    channel: Channel,
+    time: Array,
+    values: Array,
+    bad: BoolArray,
+    kind: str,
+    found: list[Repair],
+) -> tuple[Array, Array, int]:
+    """Return a channel without some samples, and how many these are."""
+    count = int(bad.sum())
+    if count:
+        at = float(time[np.argmax(bad)])
+        found.append(Repair(channel.name, kind, count, at, "left out and interpolated"))
+    return time[~bad], values[~bad], count
+
+
+def _without_wraps(channel: Channel, time: Array, values: Array, found: list[Repair]) -> Array:
+    period = channel.period
+    if period is None and is_position(channel.name):
+        period = wrap_period(time, values)
+    if period is None:
+        return values
+    whole, count, first = unwrapped(channel.name, time, values, period)
+    if count:
+        given = "as given" if channel.period else "found in the jumps"
+        action = f"by {period:.6g} ({given}), made one angle"
+        found.append(Repair(channel.name, "wraps", count, float(time[first]), action))
+    return whole
+
+
+def _check_saturation(
+    channel: Channel, time: Array, values: Array, limits: Repairs, found: list[Repair]
+) -> None:
+    """Note a torque, current or voltage that is stuck at its extreme; refuse too much of it."""
+    stuck = np.zeros(1, dtype=bool) if is_position(channel.name) else saturated(values)
+    if not np.any(stuck):
+        return
+    count, at = int(stuck.sum()), float(time[np.argmax(stuck)])
+    level = values[np.argmax(stuck)]
+    action = f"stuck at {level:.4g}, which cannot be mended: left as they are"
+    found.append(Repair(channel.name, "saturated samples", count, at, action))
+    if count > limits.most_saturated * len(values):
+        raise LogError(
+            f"'{channel.name}' is stuck at its extreme ({level:.4g}) in {count} of {len(values)} "
+            f"samples, the first at t = {at:.6g} s; allowed {limits.most_saturated:.1%} "
+            "(Repairs.most_saturated): the true value is not known there; move the robot less "
+            "hard, or widen the range of the sensor"
+        )
+
+
+def _check_gap(channel: Channel, time: Array, values: Array, limits: Repairs) -> None:
+    """Refuse a channel with a gap that cannot be bridged; holes are excluded, see `bridged_s`."""
+    steps = np.diff(time)
+    hint = "take the parts before and after it as two logs"
+    given, longest, usual = limits.longest_gap_s, bridged_s(time, limits), longest_step(time)
+    if given is not None and np.max(steps) > longest:
+        place = int(np.argmax(steps))
+        raise LogError(
+            f"'{channel.name}' has a gap of {steps[place]:.3g} s at t = {time[place]:.6g} s, "
+            f"allowed {longest:.3g} s (Repairs.longest_gap_s): {hint}"
+        )
+    bridged = np.where(steps <= longest, steps, 0.0)
+    place = int(np.argmax(bridged))
+    if given is not None or bridged[place] <= usual or not is_position(channel.name):
+        return
+    error = gap_error(time, values, usual, longest)
+    if error is None or error > limits.most_gap_error:
+        known = "the log is too short to tell what" if error is None else f"{error:.1%} is what"
+        raise LogError(
+            f"'{channel.name}' has a gap of {bridged[place]:.3g} s at t = {time[place]:.6g} s: "
+            f"{known} bridging such gaps adds to the channel (error over standard "
+            f"deviation, from known stretches), allowed {limits.most_gap_error:.1%} "
+            f"(Repairs.most_gap_error; longest_gap_s sets a length instead): {hint}"
+        )
+
+
+def bridged_s(time: Array, limits: Repairs) -> float:
+    """Return the longest step [s] of a channel's stamps (T,) that is bridged."""
+    if limits.longest_gap_s is None:
+        return longest_bridge(time)
+    return max(limits.longest_gap_s, longest_step(time))

@@ -1,0 +1,116 @@
+"""Samples at other times: how they are interpolated, and how well a gap can be bridged."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from seaid._arrays import Array, BoolArray
+from seaid.log.filtering import low_pass
+
+FEWEST = 4
+"""Samples that a channel needs to be interpolated."""
+
+_CLOSE = 0.3
+_WINDOWS = 60
+_FEWEST_WINDOWS = 5
+_NOISES = 2.0
+
+
+def interpolated(time: Array, values: Array, wanted: Array, *, smooth: bool) -> Array:
+    """Return samples (T,) of a channel at `wanted` (W,) [s], within its first and last stamp.
+
+    `smooth` (positions): a cubic spline, whose error falls with the fourth power of the step, where
+    straight lines cut off every bend and bias whatever is differentiated afterwards. Otherwise
+    (torques, which jump and are noisy): Akima's local cubic, modified, which does not ring. Over a
+    gap a torque takes a straight line, since a slope there would be that of the noise at its ends,
+    and so does a position over a hole.
+    Samples closer than 0.3 of the usual step are merged before: between them, noise is no slope.
+    """
+    from scipy.interpolate import Akima1DInterpolator, CubicSpline
+
+    from seaid.log.repair.clocks import longest_bridge, longest_step
+
+    origin = time[0]
+    time, values = _merged(time - origin, values)
+    if smooth:
+        found, longest = CubicSpline(time, values)(wanted - origin), longest_bridge(time)
+    else:
+        akima = Akima1DInterpolator(time, values, method="makima")
+        found, longest = akima(wanted - origin), longest_step(time)
+    straight = in_gap(time, wanted - origin, longest)
+    found[straight] = np.interp(wanted[straight] - origin, time, values)
+    return np.asarray(found)
+
+
+def in_gap(time: Array, wanted: Array, longest_s: float) -> BoolArray:
+    """Tell which of the times `wanted` (W,) lie inside a step of `time` (T,) above `longest_s`."""
+    after = np.clip(np.searchsorted(time, wanted), 1, len(time) - 1)
+    inside = (wanted > time[after - 1]) & (wanted < time[after])
+    return np.asarray(inside & (time[after] - time[after - 1] > longest_s))
+
+
+def _merged(time: Array, values: Array) -> tuple[Array, Array]:
+    """Return a channel with bursts of samples replaced by their means; the ends stay in place."""
+    from seaid.log.repair.clocks import typical_step
+
+    shortest = _CLOSE * typical_step(time)
+    if np.min(np.diff(time)) >= shortest:
+        return time, values
+    starts, open_since = [0], time[0]
+    for place, stamp in enumerate(time.tolist()):
+        if stamp - open_since >= shortest:
+            starts.append(place)
+            open_since = stamp
+    counts = np.diff([*starts, len(time)])
+    merged_time = np.add.reduceat(time, starts) / counts
+    merged = np.add.reduceat(values, starts) / counts
+    merged_time[[0, -1]] = time[[0, -1]]
+    return merged_time, merged
+
+
+def resampled(
+    time: Array, values: Array, grid: Array, rate_hz: float, own_rate_hz: float, *, smooth: bool
+) -> Array:
+    """Return a channel on a uniform grid; where that is coarser than the samples, low-passed."""
+    finer = math.ceil(own_rate_hz / rate_hz - 0.1)
+    if finer <= 1:
+        return interpolated(time, values, grid, smooth=smooth)
+    count = (len(grid) - 1) * finer + 1
+    fine = grid[0] + np.arange(count) / (rate_hz * finer)
+    dense = interpolated(time, values, np.minimum(fine, grid[-1]), smooth=smooth)
+    return low_pass(dense[:, None], rate_hz * finer, 0.4 * rate_hz)[::finer, 0]
+
+
+def gap_error(
+    time: Array, values: Array, longest_step_s: float, longest_bridge_s: float
+) -> float | None:
+    """Return what bridges over the gaps of a position (T,) add to it: error over deviation.
+
+    Gaps are steps above `longest_step_s`; those above `longest_bridge_s` are holes and not bridged.
+    Stretches of the gaps' lengths are taken out where the samples are known, and interpolated; the
+    root mean square difference there, less what noise explains, is that of the gaps, whose share of
+    the time then gives that of the whole channel, over its standard deviation. None where there is
+    too little between the gaps to tell.
+    """
+    steps, spread = np.diff(time), float(np.std(values))
+    gaps = np.sort(steps[(steps > longest_step_s) & (steps <= longest_bridge_s)])[::-1]
+    if not len(gaps) or spread == 0:
+        return 0.0
+    duration = float(time[-1] - time[0])
+    count = min(_WINDOWS, int(duration / (3.0 * gaps[0])) - 1)
+    if count < _FEWEST_WINDOWS:
+        return None
+    starts = time[0] + duration * (np.arange(count) + 0.5) / count
+    window = np.searchsorted(starts, time, side="right") - 1
+    lengths = np.resize(gaps, count)[window]
+    taken = (window >= 0) & (time < starts[np.maximum(window, 0)] + lengths)
+    taken[[0, 1, -2, -1]] = False
+    if not np.any(taken):
+        return 0.0
+    bridged = interpolated(time[~taken], values[~taken], time[taken], smooth=True)
+    noise = float(np.median(np.abs(np.diff(values, 2)))) / (0.6745 * math.sqrt(6))
+    error = float(np.sqrt(np.mean((bridged - values[taken]) ** 2)))
+    share = float(np.sum(gaps)) / duration
+    return max(error - _NOISES * noise, 0.0) / spread * math.sqrt(share)

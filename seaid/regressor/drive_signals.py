@@ -1,0 +1,113 @@
+"""The regressors of a robot's drives, and the signals of a motion that they take."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.drives import (
+    Drive,
+    DriveRegressor,
+    SeriesElasticDrive,
+    drive_regressor,
+    joint_equation,
+    motor_equation,
+    spring_equation,
+)
+from seaid.errors import LogError
+from seaid.log import Motion
+from seaid.robot import Robot, at_drives, torques_at_drives
+
+INPUTS = {"torque": "tau_M", "current": "i_M", "voltage": "u_M"}
+"""The signal that a drive's equation has as the motor's input."""
+
+_STILL = 1e-5
+"""Speed below which nothing moves [rad/s or m/s]: an encoder of 2^14 steps makes one in 40 s. The
+rounding of speeds, about 1e-10, is far enough below for no sample to stand at the edge."""
+
+
+def motor_regressor(robot: Robot, joint: str) -> DriveRegressor:
+    """Return the regressor derived from the motor equation (7) of a joint."""
+    return _motor_regressor(robot.drivetrains[joint])
+
+
+def spring_regressor(robot: Robot, joint: str) -> DriveRegressor:
+    """Return the regressor derived from the spring equation (4b) of an elastic joint."""
+    drive = robot.drivetrains[joint]
+    if not isinstance(drive, SeriesElasticDrive):
+        raise LogError(f"joint '{joint}' has no spring")
+    return _spring_regressor(drive)
+
+
+def joint_regressor(robot: Robot, joint: str) -> DriveRegressor:
+    """Return the regressor of what acts beside the drive: parallel spring, joint friction."""
+    return _joint_regressor(robot.drivetrains[joint])
+
+
+@cache
+def _joint_regressor(drive: Drive) -> DriveRegressor:
+    return drive_regressor(joint_equation(drive), drive)
+
+
+@cache
+def _motor_regressor(drive: Drive) -> DriveRegressor:
+    return drive_regressor(motor_equation(drive), drive)
+
+
+@cache
+def _spring_regressor(drive: SeriesElasticDrive) -> DriveRegressor:
+    return drive_regressor(spring_equation(drive), drive)
+
+
+def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
+    """Return the signals of a drive's equations by name, each (T,); no load torque yet.
+
+    theta_L is what the drive turns: the joint, or the sum of joints of its transmission. A speed
+    that is nothing but rounding is zero: what stands still has no direction, and the sign that
+    friction has of it would be the processor's.
+    """
+    position, velocity, acceleration = (
+        at_drives(robot.transmission, state)[:, index] for state in motion.joint_states
+    )
+    return {
+        "theta_M": motion.motor_position[:, index],
+        "theta_M_dot": _moving(motion.motor_velocity[:, index]),
+        "theta_M_ddot": motion.motor_acceleration[:, index],
+        "theta_L": position,
+        "theta_L_dot": _moving(velocity),
+        "theta_L_ddot": acceleration,
+        "tau_M": motion.motor_torque[:, index],
+        "tau_L": np.zeros(len(motion.time)),
+        "i_M": _channel(motion.motor_current, motion, index),
+        "u_M": _channel(motion.motor_voltage, motion, index),
+        "tau_G": _channel(motion.gear_torque, motion, index),
+    }
+
+
+def fed_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
+    """Return `signals` with the torque of a motor without one that the sensor at its load saw.
+
+    That is for stiff drives: their gear hands it on, less its friction.
+    """
+    found, drive = signals(robot, motion, index), robot.drivetrains[robot.joint_names[index]]
+    if np.all(np.isnan(found["tau_M"])) and drive.motor_input == "torque":
+        found["tau_M"] = sensed_torque(robot, motion, index) / drive.ratio
+    return found
+
+
+def _moving(speed: Array) -> Array:
+    return np.where(np.abs(speed) < _STILL, 0.0, speed)
+
+
+def _channel(samples: Array | None, motion: Motion, index: int) -> Array:
+    return np.full(len(motion.time), np.nan) if samples is None else samples[:, index]
+
+
+def sensed_torque(robot: Robot, motion: Motion, index: int) -> Array:
+    """Return the torque (T,) on what a drive turns by the sensors at the joints, NaN without.
+
+    Of a drive that moves several joints it takes the sensors of all joints that are coupled.
+    """
+    return np.asarray(torques_at_drives(robot.transmission, motion.joint_torque)[:, index])

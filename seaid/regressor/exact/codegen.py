@@ -1,0 +1,366 @@
+"""Source text of a robot's regressor: a plain NumPy module, and C99. Both stand alone.
+
+A straight-line program: named sums of products of numbers and names, in the order of evaluation.
+
+Common subexpressions have one name each. Coefficients are rationals until text is made of them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from flint import fmpq
+
+from seaid._arrays import Array
+from seaid._files import write_whole
+from seaid.regressor.exact.geometry import number
+
+if TYPE_CHECKING:
+    from seaid.regressor.exact.form import RigidBodyForm
+
+
+Value = Mapping[tuple[str, ...], fmpq]
+"""A sum: {sorted names of the factors: coefficient}; {} is zero."""
+
+ZERO: Value = {}
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """Steps {name: value}, each from names before it; `circular` are {name: ('sin', 'q1')}."""
+
+    circular: dict[str, tuple[str, str]] = field(default_factory=dict)
+    steps: dict[str, Value] = field(default_factory=dict)
+    known: dict[frozenset[tuple[tuple[str, ...], fmpq]], str] = field(default_factory=dict)
+
+
+def constant(number: Any) -> Value:
+    """Return a number as a value."""
+    return {(): fmpq(number)} if number != 0 else {}
+
+
+def name(text: str) -> Value:
+    """Return a name as a value."""
+    return {(text,): fmpq(1)}
+
+
+def plus(*values: Value) -> Value:
+    """Return the sum."""
+    total: dict[tuple[str, ...], fmpq] = {}
+    for value in values:
+        for factors, x in value.items():
+            total[factors] = total.get(factors, 0) + x
+    return {factors: x for factors, x in total.items() if x != 0}
+
+
+def times(left: Value, right: Value) -> Value:
+    """Return the product."""
+    products = ({tuple(sorted(f + g)): x * y} for f, x in left.items() for g, y in right.items())
+    return plus(*products)
+
+
+def scaled(number: Any, value: Value) -> Value:
+    """Return number * value."""
+    return {factors: number * x for factors, x in value.items()} if number != 0 else {}
+
+
+def dot(left: Iterable[Value], right: Iterable[Value]) -> Value:
+    """Return the sum of the products."""
+    return plus(*(times(x, y) for x, y in zip(left, right, strict=True)))
+
+
+def cross(left: Sequence[Value], right: Sequence[Value]) -> list[Value]:
+    """Return the vector product of two triples."""
+    return [
+        plus(times(left[j], right[k]), scaled(-1, times(left[k], right[j])))
+        for j, k in ((1, 2), (2, 0), (0, 1))
+    ]
+
+
+def combined(matrix: Sequence[Sequence[Any]], vector: Sequence[Value]) -> list[Value]:
+    """Return matrix @ vector for a matrix of numbers."""
+    return [
+        plus(*(scaled(x, value) for x, value in zip(row, vector, strict=True))) for row in matrix
+    ]
+
+
+def named(program: Program, values: Iterable[Value]) -> list[Value]:
+    """Name each value that is more than a number times a name; equal ones share a name."""
+    return [_named(program, value) for value in values]
+
+
+def _named(program: Program, value: Value) -> Value:
+    if not value or (len(value) == 1 and len(next(iter(value))) < 2):
+        return value
+    found = program.known.get(frozenset(value.items()))
+    if found is not None:
+        return name(found)
+    opposite = program.known.get(frozenset(scaled(-1, value).items()))
+    if opposite is not None:
+        return scaled(-1, name(opposite))
+    text = f"x{len(program.steps)}"
+    program.steps[text] = value
+    program.known[frozenset(value.items())] = text
+    return name(text)
+
+
+def needed(program: Program, values: Iterable[Value]) -> set[str]:
+    """Return the names that the values need, directly or through others."""
+    found = {factor for value in values for factors in value for factor in factors}
+    for text in reversed(program.steps):
+        if text in found:
+            found.update(factor for factors in program.steps[text] for factor in factors)
+    found.update(argument for text, (_, argument) in program.circular.items() if text in found)
+    return found
+
+
+_Terms = tuple[tuple[float, tuple[str, ...]], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Numeric:
+    """What entries {place: value} need of a program, with doubles as coefficients."""
+
+    circular: tuple[tuple[str, str, str], ...]
+    steps: tuple[tuple[str, _Terms], ...]
+    entries: tuple[tuple[tuple[int, int], _Terms], ...]
+
+    def evaluate(self, motion: Mapping[str, Array]) -> Iterator[tuple[tuple[int, int], Any]]:
+        """Yield places and their values (T,) along `motion` {name: (T,)}.
+
+        Bit by bit those of the program's text.
+        """
+        known: dict[str, Any] = dict(motion)
+        for text, function, argument in self.circular:
+            known[text] = _CIRCULAR[function](motion[argument])
+        for text, terms in self.steps:
+            known[text] = _sum_of(terms, known)
+        for place, terms in self.entries:
+            yield place, _sum_of(terms, known)
+
+
+def numeric(program: Program, entries: Mapping[tuple[int, int], Value]) -> Numeric:
+    """Return what the entries need of a program, for numbers."""
+    used = needed(program, entries.values())
+    return Numeric(
+        tuple((text, *call) for text, call in program.circular.items() if text in used),
+        tuple((text, _terms(value)) for text, value in program.steps.items() if text in used),
+        tuple((place, _terms(value)) for place, value in entries.items()),
+    )
+
+
+_CIRCULAR: dict[str, Callable[[Array], Array]] = {"sin": np.sin, "cos": np.cos}
+
+
+def _terms(value: Value) -> _Terms:
+    return tuple((int(x.p) / int(x.q), factors) for factors, x in value.items())
+
+
+def _sum_of(terms: _Terms, known: Mapping[str, Any]) -> Any:
+    total: Any = 0.0
+    for x, factors in terms:
+        product: Any = x
+        for factor in factors:
+            product = product * known[factor]
+        total = total + product
+    return total
+
+
+def text_of(value: Value, number: Callable[[fmpq], str]) -> str:
+    """Return a value as an expression that Python and C read alike."""
+    text = ""
+    for factors, x in value.items():
+        sign = ("-" if x < 0 else "") if not text else (" - " if x < 0 else " + ")
+        size = [] if abs(x) == 1 and factors else [number(abs(x))]
+        text += sign + "*".join([*size, *factors])
+    return text or number(fmpq(0))
+
+
+_Entries = Mapping[tuple[int, int], Value]
+
+
+def export_numpy(form: RigidBodyForm, path: str | Path) -> None:
+    """Write the regressor as one Python file that needs NumPy only.
+
+    It has `regressor(q, v, a)`, `base_regressor(q, v, a)` over (T, n) arrays, the names of joints
+    and parameters, and the grouping matrix. Raises SeaidError where it cannot be written.
+    """
+    write_whole(path, numpy_source(form))
+
+
+def export_c(form: RigidBodyForm, path: str | Path) -> None:
+    """Write the regressor as one C99 file that needs <math.h> only.
+
+    It has `<robot>_regressor(q, v, a, Y)` and `<robot>_base_regressor(q, v, a, Y)` with row-major
+    Y. Raises SeaidError where it cannot be written.
+    """
+    write_whole(path, c_source(form))
+
+
+def numpy_source(form: RigidBodyForm) -> str:
+    """Return the text of `export_numpy`."""
+    lists = {
+        "JOINTS": form.joint_names,
+        "PARAMETERS": form.parameter_names,
+        "BASE_PARAMETERS": form.base.expressions,
+    }
+    groups = {
+        (i, j): float(x) for i, row in enumerate(form.base.exact_rows) for j, x in row.items()
+    }
+    shape = form.base.grouping.shape
+    return "\n".join(
+        [
+            '"""' + _about(form),
+            "",
+            "Y[t] @ theta is the inverse dynamics at sample t; base_regressor(q, v, a) @ (GROUPING "
+            "@ theta)",
+            "is the same. Written by seaid; needs NumPy only.",
+            '"""',
+            "",
+            "import numpy as np",
+            "",
+            *(f"{key} = {_tuple(values)}" for key, values in lists.items()),
+            f"BASE_COLUMNS = {form.base.columns!r}",
+            f"GROUPING = np.zeros({shape!r})",
+            *(f"GROUPING[{i}, {j}] = {value!r}" for (i, j), value in groups.items()),
+            "",
+            "",
+            *_numpy_function("regressor", form, form.entries, shape[1]),
+            "",
+            "",
+            *_numpy_function("base_regressor", form, form.base_entries, shape[0]),
+            "",
+        ]
+    )
+
+
+def _tuple(values: Iterable[str]) -> str:
+    return "(\n" + "".join(f"    {value!r},\n" for value in values) + ")"
+
+
+def _about(form: RigidBodyForm) -> str:
+    text = (
+        f"Joint-torque regressor of '{form.robot_name}': {len(form.joint_names)} joints, "
+        f"{len(form.parameter_names)} standard and {form.base.rank} base parameters. SI units; "
+        "inertias about the joint frame; without friction and rotor inertia."
+    )
+    return fill(_as_comment(text), 96)
+
+
+_MOST_OF_A_NAME = 60
+
+
+def _as_comment(text: str) -> str:
+    """Return a text with names of a user in it so that no comment of C or Python ends with it.
+
+    Neither by `*/` or quotes, nor by what a compiler joins first: a backslash, or the trigraph for
+    one, before the end of a line. What is no letter could also hide text from who reads the file.
+    """
+    shown = "".join(one if one.isprintable() else "_" for one in text)
+    plain = shown.translate({ord("\\"): "_", ord("?"): "_", ord('"'): "'"})
+    return re.sub(r"(?<=\*)(?=/)|(?<=/)(?=\*)", " ", plain)
+
+
+def _numpy_function(title: str, form: RigidBodyForm, entries: _Entries, width: int) -> list[str]:
+    n = len(form.joint_names)
+    lines = [f"    {line}" for line in _statements(form.program, entries, "np.", "", _python)]
+    return [
+        f"def {title}(q, v, a):",
+        f'    """Return Y (T, {n}, {width}) of positions, velocities, accelerations (T, {n})."""',
+        "    q, v, a = (np.asarray(x, dtype=float) for x in (q, v, a))",
+        f"    if not q.shape == v.shape == a.shape == (len(q), {n}):",
+        f'        raise ValueError(f"q, v and a must be (T, {n}), found {{q.shape}}, {{v.shape}}, '
+        '{a.shape}")',
+        *_inputs(form.program, entries, n, "    {0}{1} = {0}[:, {1}]"),
+        *lines,
+        f"    Y = np.zeros((len(q), {n}, {width}))",
+        *(
+            f"    Y[:, {i}, {j}] = {text_of(value, _python)}"
+            for (i, j), value in sorted(entries.items())
+        ),
+        "    return Y",
+    ]
+
+
+def c_source(form: RigidBodyForm) -> str:
+    """Return the text of `export_c`."""
+    prefix = re.sub(r"\W", "_", form.robot_name, flags=re.ASCII)[:_MOST_OF_A_NAME] or "robot"
+    prefix = f"robot_{prefix}" if prefix[0].isdigit() else prefix
+    names = "\n".join(
+        f"   {i}: {_as_comment(text)}" for i, text in enumerate(form.base.expressions)
+    )
+    return "\n".join(
+        [
+            "/* " + _about(form).replace("\n", "\n   "),
+            "   Y is row-major, a row a joint. Base parameters:",
+            names,
+            "   Written by seaid; C99, needs <math.h> only. */",
+            "",
+            "#include <math.h>",
+            "#include <string.h>",
+            "",
+            *_c_function(f"{prefix}_regressor", form, form.entries, len(form.parameter_names)),
+            "",
+            *_c_function(f"{prefix}_base_regressor", form, form.base_entries, form.base.rank),
+            "",
+        ]
+    )
+
+
+def _c_function(title: str, form: RigidBodyForm, entries: _Entries, width: int) -> list[str]:
+    n = len(form.joint_names)
+    lines = _statements(form.program, entries, "", "const double ", _c)
+    inputs = ", ".join(f"const double {x}[{n}]" for x in "qva")
+    return [
+        f"void {title}({inputs}, double Y[{n * width}])",
+        "{",
+        "    (void)q, (void)v, (void)a;",
+        *_inputs(form.program, entries, n, "    const double {0}{1} = {0}[{1}];"),
+        *(f"    {line};" for line in lines),
+        f"    memset(Y, 0, {n * width} * sizeof *Y);",
+        *(
+            f"    Y[{i * width + j}] = {text_of(value, _c)};"
+            for (i, j), value in sorted(entries.items())
+        ),
+        "}",
+    ]
+
+
+def _inputs(program: Program, entries: _Entries, n: int, pattern: str) -> list[str]:
+    used = needed(program, entries.values())
+    return [pattern.format(x, i) for x in "qva" for i in range(n) if f"{x}{i}" in used]
+
+
+def _statements(
+    program: Program,
+    entries: _Entries,
+    module: str,
+    declare: str,
+    number_text: Callable[[fmpq], str],
+) -> list[str]:
+    """Return the assignments of what the entries need, in order."""
+    used = needed(program, entries.values())
+    lines = [
+        f"{declare}{text} = {module}{function}({argument})"
+        for text, (function, argument) in program.circular.items()
+        if text in used
+    ]
+    return lines + [
+        f"{declare}{text} = {text_of(value, number_text)}"
+        for text, value in program.steps.items()
+        if text in used
+    ]
+
+
+def _python(x: fmpq) -> str:
+    return str(x) if x.q == 1 else repr(number(x))
+
+
+def _c(x: fmpq) -> str:
+    return repr(number(x))

@@ -1,0 +1,252 @@
+"""The exact joint-torque regressor of a Robot: in sympy, as a numeric function, as source text.
+
+The complete model of a leg as one symbolic system: (7) and (8) of every joint in sympy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from flint import fmpq
+
+from seaid._arrays import Array, frozen
+from seaid.drives import (
+    IDEAL_DRIVE,
+    Drive,
+    N,
+    SeriesElasticDrive,
+    i_M,
+    joint_equation,
+    motor_equation,
+    r_L,
+    spring_force,
+    t,
+    tau_G,
+    tau_L,
+    tau_M,
+    theta_L,
+    theta_M,
+    u_M,
+)
+from seaid.errors import SymbolicError
+from seaid.regressor.exact.base import base_parameters
+from seaid.regressor.exact.codegen import Numeric, Program, Value, numeric
+from seaid.regressor.exact.geometry import exact_tree
+from seaid.regressor.exact.grouping import ExactBaseParameters
+from seaid.regressor.exact.newton_euler import Entries, regressor_program
+from seaid.robot import Robot, coupled_groups
+
+
+@dataclass(frozen=True, eq=False)
+class RigidBodyForm:
+    """The regressor R of (9) for a robot's load side, and R_0 of (14), over exact geometry.
+
+    `base` are the exact base parameters; `program` and `entries` {(joint, parameter): value} the
+    regressor as a straight-line program in q0 .., v0 .., a0 .., the joints in the robot's order.
+    """
+
+    robot_name: str
+    joint_names: tuple[str, ...]
+    parameter_names: tuple[str, ...]
+    base: ExactBaseParameters
+    program: Program = field(repr=False)
+    entries: Entries = field(repr=False)
+
+    @property
+    def base_entries(self) -> Entries:
+        """The elements of R_0: {(joint, base parameter): value}."""
+        places = {column: place for place, column in enumerate(self.base.columns)}
+        return {(i, places[j]): x for (i, j), x in self.entries.items() if j in places}
+
+    @cached_property
+    def motion(self) -> tuple[tuple[sp.Symbol, ...], ...]:
+        """The symbols of positions, velocities and accelerations, each (n,)."""
+        return tuple(tuple(_symbol(f"{x}{i}") for i in range(len(self.joint_names))) for x in "qva")
+
+    @cached_property
+    def subexpressions(self) -> tuple[tuple[sp.Symbol, sp.Expr], ...]:
+        """What R and R_0 are written in: (symbol, expression in symbols before it), as sp.cse."""
+        circular = [
+            (_symbol(text), getattr(sp, function)(_symbol(argument)))
+            for text, (function, argument) in self.program.circular.items()
+        ]
+        steps = [(_symbol(text), _to_sympy(x)) for text, x in self.program.steps.items()]
+        return (*circular, *steps)
+
+    @cached_property
+    def R(self) -> sp.ImmutableMatrix:
+        """R (n, 10n) in the common subexpressions."""
+        return self._matrix(self.entries, len(self.parameter_names))
+
+    @cached_property
+    def R_0(self) -> sp.ImmutableMatrix:
+        """R_0 (n, p) in the common subexpressions."""
+        return self._matrix(self.base_entries, self.base.rank)
+
+    def expanded(self, expression: Any) -> Any:
+        """Return an expression or a matrix such as R in positions, velocities, accelerations alone.
+
+        Nothing is multiplied out; of a long chain the result is deep.
+        """
+        values: dict[sp.Symbol, sp.Expr] = {}
+        for symbol, value in self.subexpressions:
+            values[symbol] = value.xreplace(values)
+        return expression.xreplace(values)
+
+    def regressor(self, q: Array, v: Array, a: Array) -> Array:
+        """Return Y (T, n, 10n) of q, v, a (T, n). Raises SeaidError for wrong shapes."""
+        return self._evaluated(self._numeric, len(self.parameter_names), q, v, a)
+
+    def base_regressor(self, q: Array, v: Array, a: Array) -> Array:
+        """Return the base columns (T, n, p) of `regressor`, computing no others."""
+        return self._evaluated(self._numeric_base, self.base.rank, q, v, a)
+
+    def _matrix(self, entries: Mapping[tuple[int, int], Value], width: int) -> sp.ImmutableMatrix:
+        elements = {place: _to_sympy(value) for place, value in entries.items()}
+        return sp.ImmutableMatrix(sp.SparseMatrix(len(self.joint_names), width, elements))
+
+    @cached_property
+    def _numeric(self) -> Numeric:
+        return numeric(self.program, self.entries)
+
+    @cached_property
+    def _numeric_base(self) -> Numeric:
+        return numeric(self.program, self.base_entries)
+
+    def _evaluated(self, program: Numeric, width: int, q: Array, v: Array, a: Array) -> Array:
+        n = len(self.joint_names)
+        q, v, a = (frozen(x, value, (None, n)) for x, value in zip("qva", (q, v, a), strict=True))
+        if not len(q) == len(v) == len(a):
+            raise SymbolicError(
+                f"q, v and a must have as many rows, found {len(q)}, {len(v)}, {len(a)}"
+            )
+        motion = {
+            f"{x}{i}": value[:, i]
+            for x, value in zip("qva", (q, v, a), strict=True)
+            for i in range(n)
+        }
+        Y = np.zeros((len(q), n, width))
+        for (i, j), values in program.evaluate(motion):
+            Y[:, i, j] = values
+        return Y
+
+
+def rigid_body(robot: Robot) -> RigidBodyForm:
+    """Return the regressor of a robot's load side, exact, in sympy and as a function.
+
+    Without payload, friction and rotor inertia, as `seaid.regressor.rigid_body_regressor`.
+    """
+    program, entries = regressor_program(exact_tree(robot))
+    return RigidBodyForm(
+        robot_name=robot.name,
+        joint_names=robot.joint_names,
+        parameter_names=robot.parameter_names,
+        base=base_parameters(robot),
+        program=program,
+        entries=entries,
+    )
+
+
+def _symbol(text: str) -> sp.Symbol:
+    return sp.Symbol(text, real=True)
+
+
+def _to_sympy(value: Value) -> sp.Expr:
+    return sp.Add(*(sp.Mul(_rational(x), *map(_symbol, f)) for f, x in value.items()))
+
+
+def _rational(x: fmpq) -> sp.Rational:
+    return sp.Rational(int(x.p), int(x.q))
+
+
+@dataclass(frozen=True, eq=False)
+class CompleteModel:
+    """A robot with its drives as equations that are zero, for `separate` or any other use.
+
+    An elastic joint has two, (7) of its motor and (8) of its load, a stiff one the one that joins
+    them. `coordinates` are the joints' and the elastic joints' motors' positions, functions of
+    time; `inputs` the motor torques (at an ideal drive the joint torque). `parameters` are the
+    standard inertial parameters, the other symbols those of `seaid.drives.equations` with the
+    joint's name behind, as k_knee: N, r_M, r_L and I_M are known, the others not. The equations of
+    a drive that moves several joints are those of what it turns; its factors are exact numbers.
+    """
+
+    equations: tuple[sp.Expr, ...]
+    coordinates: tuple[sp.Expr, ...]
+    inputs: tuple[sp.Expr, ...]
+    parameters: tuple[sp.Symbol, ...]
+
+
+def complete_model(robot: Robot) -> CompleteModel:
+    """Return (7) and (8) of a robot: lengths and gravity are exact numbers, the rest symbols."""
+    form = rigid_body(robot)
+    joints = [sp.Function(f"q_{joint}")(t) for joint in robot.joint_names]
+    inertial = tuple(sp.Symbol(text) for text in robot.parameter_names)
+    torques = form.expanded(form.R) * sp.Matrix(inertial)
+    in_time = {
+        symbol: joint.diff(t, order)
+        for order, symbols in enumerate(form.motion)
+        for symbol, joint in zip(symbols, joints, strict=True)
+    }
+    loads = [
+        torque.xreplace(in_time) + _beside(robot.drivetrains[joint], joint, position)
+        for torque, joint, position in zip(torques, robot.joint_names, joints, strict=True)
+    ]
+    turned, loads = _at_drives(robot, joints, loads)
+    equations: list[sp.Expr] = []
+    coordinates, inputs = list(joints), []
+    for joint, position, load in zip(robot.joint_names, turned, loads, strict=True):
+        drive = robot.drivetrains[joint]
+        motor = sp.Function(f"theta_M_{joint}")(t)
+        torque = sp.Function(f"tau_{joint}" if drive is IDEAL_DRIVE else f"tau_M_{joint}")(t)
+        inputs.append(torque)
+        if drive is IDEAL_DRIVE:
+            equations.append(load - torque)
+            continue
+        side = motor_equation(drive).expression
+        if isinstance(drive, SeriesElasticDrive):
+            spring = r_L * spring_force(drive)
+            coordinates.append(motor)
+            equations.append(_of_joint(side, joint, position, motor, torque))
+            equations.append(_of_joint(spring, joint, position, motor, torque) - load)
+        else:
+            side = side.subs(theta_M, N * theta_L).doit()
+            stiff = _of_joint(side, joint, position, motor, torque)
+            equations.append(stiff.subs({tau_L: load, tau_G: load}))
+    return CompleteModel(tuple(equations), tuple(coordinates), tuple(inputs), inertial)
+
+
+def _beside(drive: Drive, joint: str, position: sp.Expr) -> sp.Expr:
+    """Return the torque that acts at the joint itself, beside its drive."""
+    if drive is IDEAL_DRIVE:
+        return sp.Integer(0)
+    return _of_joint(joint_equation(drive).expression + tau_L, joint, position, theta_M, tau_M)
+
+
+def _at_drives(
+    robot: Robot, joints: list[sp.Expr], loads: list[sp.Expr]
+) -> tuple[list[sp.Expr], list[sp.Expr]]:
+    """Return what the drives turn, C q, and the torques on that, C^-T tau."""
+    if not coupled_groups(robot.transmission):
+        return joints, loads
+    factors = sp.Matrix(
+        [[sp.Rational(repr(factor)) for factor in row] for row in robot.transmission.tolist()]
+    )
+    return list(factors * sp.Matrix(joints)), list(factors.inv().T * sp.Matrix(loads))
+
+
+def _of_joint(
+    expression: sp.Expr, joint: str, position: sp.Expr, motor: sp.Expr, torque: sp.Expr
+) -> sp.Expr:
+    """Give the signals and symbols of a drive's equation the name of their joint."""
+    signals = {theta_M: motor, theta_L: position, tau_M: torque, i_M: torque, u_M: torque}
+    symbols = {
+        symbol: sp.Symbol(f"{symbol.name}_{joint}", positive=symbol.is_positive)
+        for symbol in expression.free_symbols - {t}
+    }
+    return expression.subs(signals).doit().xreplace(symbols)

@@ -1,0 +1,402 @@
+"""The exact geometry of a Robot: rational translations, exactly orthogonal rational rotations.
+
+Numbers are the decimals that the file meant, freed of float noise. Angles that are
+multiples of 90 degrees within float noise are so exactly; of any other angle the half tangent is a
+rational, so that sine and cosine are rationals with sin^2 + cos^2 = 1.
+
+How a joint changes what its body's energy is made of: v, v v^T and gravity, as plain sums.
+
+v = (linear, angular) velocity; v v^T is kept as its 21 upper entries. A joint about or along z
+makes v into X(q) v + phi q' with X(q) = A_0 + A_c cos q + A_s sin q or A_0 + A_q q, and so each of
+the three into a sum over monomials of q, after sin^2 = 1 - cos^2: no reduction is left to do.
+The entries may be rationals or polynomials. Motion of the base and bodies: METHOD 2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import product
+from typing import Any
+
+import numpy as np
+from flint import fmpq, fmpq_mat
+
+from seaid._arrays import Array
+from seaid.robot import Robot
+
+_LENGTH_NOISE = 1e-15
+"""Float noise of a translation after merging fixed joints, relative to one metre or itself."""
+
+_FILE_DIGITS = 14
+"""A decimal with more digits is taken as the result of arithmetic."""
+
+_ANGLE_NOISE = 1e-14
+"""Float noise of an angle after merging fixed joints; angles rounded in a file are further off."""
+
+_HALF_TANGENT_ERROR = 1e-16
+
+_IDENTITY = fmpq_mat([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+_HALF_TURN = fmpq_mat([[1, 0, 0], [0, -1, 0], [0, 0, -1]])
+
+
+@dataclass(frozen=True, eq=False)
+class ExactJoint:
+    """One joint between aligned frames, in which the axis of every joint is z.
+
+    `parent` is the place of the parent joint in the tree, -1 for the base, whose aligned frame is
+    its own; `rotation` (3, 3) and `translation` (3, 1) place the joint's aligned frame at zero in
+    the parent's; `alignment` (3, 3) has the axes of the aligned frame in the frame of the body.
+    """
+
+    parent: int
+    is_prismatic: bool
+    rotation: fmpq_mat
+    translation: fmpq_mat
+    alignment: fmpq_mat
+
+
+@dataclass(frozen=True, eq=False)
+class ExactTree:
+    """Joints with parents first, the gravity (3, 1) in the base frame, and whose body is whose.
+
+    `bodies[i]` is the place among the robot's bodies of the body that joint i moves.
+    """
+
+    joints: tuple[ExactJoint, ...]
+    gravity: fmpq_mat
+    bodies: tuple[int, ...]
+
+
+def exact_tree(robot: Robot) -> ExactTree:
+    """Return the exact geometry of a robot."""
+    model = robot.model
+    joints: list[ExactJoint] = []
+    for index in range(1, model.njoints):
+        parent = int(model.parents[index]) - 1
+        placement = model.jointPlacements[index]
+        above = _IDENTITY if parent < 0 else joints[parent].alignment
+        axis = joint_axis(model.joints[index])
+        rotation, alignment = _between_axes(above, exact_rotation(placement.rotation), axis)
+        translation = fmpq_mat([[exact_number(x)] for x in placement.translation])
+        joints.append(
+            ExactJoint(
+                parent=parent,
+                is_prismatic=robot.is_prismatic[robot.model_order[index - 1]],
+                rotation=rotation,
+                translation=above.transpose() * translation,
+                alignment=alignment,
+            )
+        )
+    gravity = fmpq_mat([[exact_number(x)] for x in model.gravity.linear])
+    return ExactTree(tuple(joints), gravity, robot.model_order)
+
+
+def _between_axes(above: fmpq_mat, placed: fmpq_mat, axis: Array) -> tuple[fmpq_mat, fmpq_mat]:
+    """Return a joint's rotation between aligned frames, and its alignment.
+
+    Axes that are parallel but for float noise are made parallel: by the axis where the frames are
+    turned by multiples of 90 degrees, else by the rotation.
+    """
+    alignment = _alignment(axis)
+    rotation = above.transpose() * placed * alignment
+    cosine = rotation[2, 2]
+    sine = math.hypot(number(rotation[0, 2]), number(rotation[1, 2]))
+    if sine > _ANGLE_NOISE or abs(cosine) == 1:
+        return rotation, alignment
+    if any(x.q != 1 for x in placed.entries()):
+        return exact_rotation(as_floats(rotation)), alignment
+    turn = _IDENTITY if cosine > 0 else _HALF_TURN
+    return turn, placed.transpose() * above * turn
+
+
+def joint_axis(joint: object) -> Array:
+    """Return the unit axis of one of Pinocchio's joint models with one coordinate."""
+    name = joint.shortname()  # type: ignore[attr-defined]
+    if name[-1] in "XYZ":
+        return np.array(np.eye(3)["XYZ".index(name[-1])])
+    return np.asarray(joint.extract().axis)  # type: ignore[attr-defined]
+
+
+def exact_number(value: float) -> fmpq:
+    """Return the decimal that a double means, as a rational.
+
+    It is the shortest one of that double; where that is long, a trace of arithmetic, the shortest
+    one within float noise.
+    """
+    value = float(value)
+    exact = Fraction(repr(value))
+    if len(str(exact.numerator)) > _FILE_DIGITS or abs(value) < _LENGTH_NOISE:
+        noise = _LENGTH_NOISE * max(1.0, abs(value))
+        near = (round(value, digits) for digits in range(17))
+        exact = Fraction(repr(next((x for x in near if abs(x - value) <= noise), value)))
+    return fmpq(exact.numerator, exact.denominator)
+
+
+def exact_rotation(rotation: Array) -> fmpq_mat:
+    """Return an exactly orthogonal rational matrix within 1e-15 of a rotation (3, 3).
+
+    Entries that are 0 or 1 but for float noise are so exactly; float noise is 1e-14.
+    """
+    row, column = _special_entry(rotation)
+    before, after = (_alignment(np.eye(3)[place]) for place in (row, column))
+    inner = as_floats(before).T @ rotation @ as_floats(after)
+    # As Rz(a) Rx(b) Rz(c): where b is 0 or 90 degrees, zeros elsewhere come from a and c.
+    tilt = math.atan2(math.hypot(inner[0, 2], inner[1, 2]), inner[2, 2])
+    first = _about_x(tilt)
+    if min(tilt, math.pi - tilt) > _ANGLE_NOISE:
+        first = _about_z(math.atan2(inner[0, 2], -inner[1, 2])) * first
+    # What is left is measured, so that the error of a, large where b is small, does not stay.
+    rest = as_floats(first).T @ inner
+    inner_exact = first * _about_z(math.atan2(rest[1, 0], rest[0, 0]))
+    return before * inner_exact * after.transpose()
+
+
+def _special_entry(rotation: Array) -> tuple[int, int]:
+    """Return the place of an entry that is 1 or -1, else of one that is 0, else the last."""
+    sizes = np.abs(rotation)
+    for special in (sizes > 1 - _ANGLE_NOISE, sizes < _ANGLE_NOISE):
+        if special.any():
+            row, column = np.argwhere(special)[-1]
+            return int(row), int(column)
+    return 2, 2
+
+
+def as_floats(matrix: fmpq_mat) -> Array:
+    """Return a rational matrix as doubles, each the nearest one."""
+    shape = matrix.nrows(), matrix.ncols()
+    return np.array([number(x) for x in matrix.entries()]).reshape(shape)
+
+
+def number(value: fmpq) -> float:
+    """Return the double nearest to a rational."""
+    return int(value.p) / int(value.q)
+
+
+def _alignment(axis: Array) -> fmpq_mat:
+    """Return a rotation whose last column is the axis: a permutation for a coordinate axis."""
+    along = np.flatnonzero(np.abs(axis) == 1.0)
+    if along.size:
+        last = int(along[0])
+        columns = [(last + 1) % 3, (last + 2) % 3, last]
+        turned = fmpq_mat([[int(row == column) for column in columns] for row in range(3)])
+        return turned if axis[last] > 0 else turned * _HALF_TURN
+    # Half a turn about the line between z and the axis.
+    up = 1 if axis[2] >= 0 else -1
+    w = _unit_vector(axis) + fmpq_mat(3, 1, [0, 0, up])
+    turned = 2 / (w.transpose() * w)[0, 0] * (w * w.transpose()) - _IDENTITY
+    return turned if up > 0 else turned * _HALF_TURN
+
+
+def _unit_vector(axis: Array) -> fmpq_mat:
+    """Return an exact unit vector, the same for the same components in any order and sign."""
+    order = np.argsort(np.abs(axis), kind="stable")
+    x, y, z = np.abs(axis)[order]
+    high, low = _cosine_and_sine(math.atan2(x, math.hypot(y, z)))
+    cosine, sine = _cosine_and_sine(math.atan2(y, z))
+    vector = fmpq_mat(3, 1)
+    for place, value in zip(order, (low, high * sine, high * cosine), strict=True):
+        vector[int(place), 0] = value if axis[place] > 0 else -value
+    return vector
+
+
+def _about_z(angle: float) -> fmpq_mat:
+    cosine, sine = _cosine_and_sine(angle)
+    return fmpq_mat([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
+
+
+def _about_x(angle: float) -> fmpq_mat:
+    cosine, sine = _cosine_and_sine(angle)
+    return fmpq_mat([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
+
+
+def _cosine_and_sine(angle: float) -> tuple[fmpq, fmpq]:
+    """Return rationals on the unit circle, in steps of 90 degrees exact."""
+    quarters = round(angle / (math.pi / 2))
+    rest = angle - quarters * (math.pi / 2)
+    t = fmpq(0) if abs(rest) <= _ANGLE_NOISE else _simplest(math.tan(rest / 2))
+    cosine, sine = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
+    for _ in range(quarters % 4):
+        cosine, sine = -sine, cosine
+    return cosine, sine
+
+
+def _simplest(value: float) -> fmpq:
+    """Return the rational of smallest denominator within 1e-16 of a double (continued fraction)."""
+    exact, error = Fraction(value), Fraction(_HALF_TANGENT_ERROR)
+    low, high = 1, 10**18
+    while low < high:
+        middle = (low + high) // 2
+        if abs(exact.limit_denominator(middle) - exact) <= error:
+            high = middle
+        else:
+            low = middle + 1
+    near = exact.limit_denominator(low)
+    return fmpq(near.numerator, near.denominator)
+
+
+Powers = tuple[int, int]
+"""Powers of (cos q, sin q), or of (q, -) where the joint slides."""
+
+Sum = tuple[tuple[int, int, Any], ...]
+"""A sparse matrix of integers or rationals: (row, column, value)."""
+
+_Square = Sequence[Sequence[int]]
+
+PAIRS = tuple((i, j) for i in range(6) for j in range(i, 6))
+"""The entries of a symmetric matrix (6, 6) that are kept, in their order."""
+
+PAIR = {pair: place for place, pair in enumerate(PAIRS)} | {
+    (j, i): place for place, (i, j) in enumerate(PAIRS)
+}
+
+_ONE, _C, _S, _CC, _CS = (0, 0), (1, 0), (0, 1), (2, 0), (1, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class JointKind:
+    """What a joint of a kind does: `axis` is the place of 1 in phi, the rest sums by monomial."""
+
+    axis: int
+    velocity: Mapping[Powers, Sum]
+    square: Mapping[Powers, Sum]
+    gravity: Mapping[Powers, Sum]
+
+
+def _turning() -> JointKind:
+    still, cosine, sine = (
+        ((0, 0, 0), (0, 0, 0), (0, 0, 1)),
+        ((1, 0, 0), (0, 1, 0), (0, 0, 0)),
+        ((0, 1, 0), (-1, 0, 0), (0, 0, 0)),
+    )
+    parts = {_ONE: _both(still), _C: _both(cosine), _S: _both(sine)}
+    square = {
+        _ONE: ((_ONE, _ONE, 1), (_S, _S, 1)),
+        _C: ((_ONE, _C, 1), (_C, _ONE, 1)),
+        _S: ((_ONE, _S, 1), (_S, _ONE, 1)),
+        _CC: ((_C, _C, 1), (_S, _S, -1)),
+        _CS: ((_C, _S, 1), (_S, _C, 1)),
+    }
+    return JointKind(
+        axis=5,
+        velocity={powers: _sparse(part) for powers, part in parts.items()},
+        square={powers: _squared(parts, terms) for powers, terms in square.items()},
+        gravity={_ONE: _sparse(still), _C: _sparse(cosine), _S: _sparse(sine)},
+    )
+
+
+def _sliding() -> JointKind:
+    same = [[int(i == j) for j in range(6)] for i in range(6)]
+    along = [[0] * 6 for _ in range(6)]
+    along[0][4], along[1][3] = 1, -1
+    parts = {_ONE: same, _C: along}
+    square = {
+        _ONE: ((_ONE, _ONE, 1),),
+        _C: ((_ONE, _C, 1), (_C, _ONE, 1)),
+        _CC: ((_C, _C, 1),),
+    }
+    return JointKind(
+        axis=2,
+        velocity={powers: _sparse(part) for powers, part in parts.items()},
+        square={powers: _squared(parts, terms) for powers, terms in square.items()},
+        gravity={_ONE: tuple((i, i, 1) for i in range(3))},
+    )
+
+
+def _both(block: _Square) -> _Square:
+    zero = [0, 0, 0]
+    return [[*row, *zero] for row in block] + [[*zero, *row] for row in block]
+
+
+def _sparse(matrix: _Square) -> Sum:
+    return tuple((i, j, x) for i, row in enumerate(matrix) for j, x in enumerate(row) if x)
+
+
+def _squared(parts: Mapping[Powers, _Square], terms: Sequence[tuple[Powers, Powers, int]]) -> Sum:
+    """Return the sum over (a, b, sign) of A_a w A_b^T as a matrix on the 21 entries of w."""
+    found: dict[tuple[int, int], int] = {}
+    for a, b, sign in terms:
+        for (i, k, x), (j, m, y) in product(_sparse(parts[a]), _sparse(parts[b])):
+            if i <= j:
+                place = PAIR[i, j], PAIR[k, m]
+                found[place] = found.get(place, 0) + sign * x * y
+    return tuple((row, column, value) for (row, column), value in found.items() if value)
+
+
+TURNING, SLIDING = _turning(), _sliding()
+
+TWICE_KINETIC: Sum = (
+    *((0, PAIR[i, i], 1) for i in range(3)),
+    *((1, PAIR[1, 5], 2), (1, PAIR[2, 4], -2)),
+    *((2, PAIR[2, 3], 2), (2, PAIR[0, 5], -2)),
+    *((3, PAIR[0, 4], 2), (3, PAIR[1, 3], -2)),
+    *((4, PAIR[3, 3], 1), (5, PAIR[3, 4], 2), (6, PAIR[4, 4], 1)),
+    *((7, PAIR[3, 5], 2), (8, PAIR[4, 5], 2), (9, PAIR[5, 5], 1)),
+)
+"""2 K of a body, a row for each of its ten parameters, from the 21 entries of v v^T."""
+
+
+def applied(matrix: Sum, vector: Sequence[Any], rows: int, zero: Any) -> list[Any]:
+    """Return matrix @ vector for entries of any ring."""
+    result = [zero] * rows
+    for row, column, value in matrix:
+        entry = vector[column]
+        result[row] = result[row] + (entry if value == 1 else value * entry)
+    return result
+
+
+def with_axis(kind: JointKind, velocity: Sequence[Any], zero: Any) -> list[Any]:
+    """Return the 21 entries of phi v^T + v phi^T."""
+    result = [zero] * 21
+    for place, entry in enumerate(velocity):
+        result[PAIR[place, kind.axis]] = entry if place != kind.axis else 2 * entry
+    return result
+
+
+def twist_transform(rotation: fmpq_mat, translation: fmpq_mat) -> fmpq_mat:
+    """Return (6, 6): the velocity at the frame placed by both, in its axes, from the parent's."""
+    x, y, z = translation.entries()
+    cross = fmpq_mat([[0, z, -y], [-z, 0, x], [y, -x, 0]])
+    turned, moved = rotation.transpose(), rotation.transpose() * cross
+    rows = [[*turned.tolist()[i], *moved.tolist()[i]] for i in range(3)]
+    return fmpq_mat(rows + [[0, 0, 0, *turned.tolist()[i]] for i in range(3)])
+
+
+def inertia_transform(rotation: fmpq_mat, translation: fmpq_mat) -> fmpq_mat:
+    """Return (10, 10): the ten parameters in the frame in which both place the body's frame.
+
+    By the pseudo-inertia T J T^T (Wensing et al. 2018), as `seaid.robot.inertia.in_parent_frame`.
+    """
+    rows = [[*rotation.tolist()[i], translation[i, 0]] for i in range(3)]
+    T = fmpq_mat([*rows, [0, 0, 0, 1]])
+    columns = [_from_pseudo(T * J * T.transpose()) for J in _PSEUDO]
+    return fmpq_mat(columns).transpose()
+
+
+_INERTIA = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+
+
+def _unit_pseudo(place: int) -> fmpq_mat:
+    """Return the pseudo-inertia of a unit parameter."""
+    J = fmpq_mat(4, 4)
+    if place < 4:
+        row, column = (3, 3) if place == 0 else (place - 1, 3)
+        J[row, column] = J[column, row] = 1
+        return J
+    row, column = _INERTIA[place - 4]
+    J[row, column] = J[column, row] = -1
+    if row == column:
+        for axis in range(3):
+            J[axis, axis] = (fmpq_mat([[1]]) / 2)[0, 0] * (-1 if axis == row else 1)
+    return J
+
+
+_PSEUDO = tuple(_unit_pseudo(place) for place in range(10))
+
+
+def _from_pseudo(J: fmpq_mat) -> list[Any]:
+    trace = J[0, 0] + J[1, 1] + J[2, 2]
+    second = [(trace if i == j else 0) - J[i, j] for i, j in _INERTIA]
+    return [J[3, 3], J[0, 3], J[1, 3], J[2, 3], *second]

@@ -1,0 +1,151 @@
+"""Exact base parameters: the echelon form, left to right, as rationals."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from flint import fmpq, fmpq_mat
+
+from seaid._arrays import frozen
+from seaid.regressor.base import BaseParameters
+from seaid.regressor.exact.geometry import number
+
+Way = Literal["recursion", "energy", "torque"]
+
+SparseRow = dict[int, fmpq]
+"""{column: value}, without zeros."""
+
+_LONGEST_FRACTION = 10_000
+
+
+@dataclass(frozen=True, eq=False)
+class ExactBaseParameters(BaseParameters):
+    """Base parameters without rounding, and their certificate. Fields as in BaseParameters.
+
+    `grouping` is the double nearest to each rational of the grouping, `gap` infinite: nothing was
+    close. `rank` is the rank over the rationals, by `through`; the ways by polynomials also count
+    the `fundamental_functions` of the motion and the `different_rows` of B in (12), which
+    are None for the recursion. `exact_rows` hold the grouping as {column: value}.
+    """
+
+    through: Way
+    rank: int
+    fundamental_functions: int | None
+    different_rows: int | None
+    exact_rows: tuple[Mapping[int, Fraction], ...] = field(repr=False)
+
+    @cached_property
+    def exact_grouping(self) -> tuple[tuple[Fraction, ...], ...]:
+        """The grouping matrix (p, m) as rationals. Made when first asked for."""
+        zero, width = Fraction(0), self.grouping.shape[1]
+        return tuple(tuple(row.get(j, zero) for j in range(width)) for row in self.exact_rows)
+
+
+def packed(
+    echelon: Sequence[SparseRow],
+    names: Sequence[str],
+    through: Way,
+    functions: int | None = None,
+    different: int | None = None,
+) -> ExactBaseParameters:
+    """Return the base parameters of an echelon form, a row a base parameter."""
+    rows = tuple(
+        {j: Fraction(int(x.p), int(x.q)) for j, x in sorted(row.items())} for row in echelon
+    )
+    grouping = np.zeros((len(rows), len(names)))
+    for i, row in enumerate(echelon):
+        for j, x in row.items():
+            grouping[i, j] = number(x)
+    columns = tuple(min(row) for row in rows)
+    return ExactBaseParameters(
+        columns=columns,
+        names=tuple(names[column] for column in columns),
+        expressions=tuple(exact_text(row, names) for row in rows),
+        grouping=frozen("grouping", grouping, (None, None)),
+        gap=float("inf"),
+        through=through,
+        rank=len(rows),
+        fundamental_functions=functions,
+        different_rows=different,
+        exact_rows=rows,
+    )
+
+
+def from_null_space(nulls: Iterable[SparseRow], width: int) -> list[SparseRow]:
+    """Return the echelon form whose null space the given rows span.
+
+    Each row ends in a column that depends on those before; reduced, it says how.
+    """
+    dependent: dict[int, SparseRow] = {}
+    for null in nulls:
+        row = dict(null)
+        for column in [j for j in row if j in dependent]:
+            _subtract(row, row[column], dependent[column])
+        last = max(row)
+        row = {j: x / row[last] for j, x in row.items()}
+        for other in dependent.values():
+            if last in other:
+                _subtract(other, other[last], row)
+        dependent[last] = row
+    echelon = {j: {j: fmpq(1)} for j in range(width) if j not in dependent}
+    for column, row in dependent.items():
+        for j, x in row.items():
+            if j != column:
+                echelon[j][column] = -x
+    return list(echelon.values())
+
+
+def _subtract(row: SparseRow, factor: fmpq, other: SparseRow) -> None:
+    """Subtract factor * other from a row, zeros left out."""
+    for j, x in other.items():
+        value = row.get(j, 0) - factor * x
+        if value == 0:
+            row.pop(j, None)
+        else:
+            row[j] = value
+
+
+def from_rows(rows: Iterable[SparseRow], width: int) -> tuple[list[SparseRow], int]:
+    """Return the echelon form of rows of B, and how many differ by more than a factor."""
+    different = {tuple(_primitive(row).items()) for row in rows if row}
+    if not different:
+        return [], 0
+    matrix = fmpq_mat(len(different), width)
+    for i, row in enumerate(different):
+        for j, x in row:
+            matrix[i, j] = x
+    echelon, rank = matrix.rref()
+    table = echelon.tolist()[:rank]
+    return [{j: x for j, x in enumerate(row) if x != 0} for row in table], len(different)
+
+
+def without_columns(echelon: Sequence[SparseRow], known: Collection[int]) -> list[SparseRow]:
+    """Return the echelon form of the other columns, where some parameters are known."""
+    rows = [{j: x for j, x in row.items() if j not in known} for row in echelon]
+    return from_rows(rows, 1 + max((j for row in rows for j in row), default=0))[0]
+
+
+def _primitive(row: SparseRow) -> SparseRow:
+    """Return the multiple of a row that begins with 1."""
+    order = sorted(row)
+    first = row[order[0]]
+    return {j: row[j] / first for j in order}
+
+
+def exact_text(row: Mapping[int, Fraction], names: Sequence[str]) -> str:
+    """Return 'Iyy_thigh + 121/1600 m_shank': short fractions exactly, others to four digits."""
+    text = ""
+    for column, value in sorted(row.items()):
+        size = abs(value)
+        if max(size.numerator, size.denominator) <= _LONGEST_FRACTION:
+            shown = "" if size == 1 else f"{size} "
+        else:
+            shown = f"{float(size):.4g} "
+        sign = ("-" if value < 0 else "") if not text else (" - " if value < 0 else " + ")
+        text += f"{sign}{shown}{names[column]}"
+    return text

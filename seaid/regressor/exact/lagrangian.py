@@ -1,0 +1,263 @@
+"""The energy of every body as exact polynomials, a column for each standard parameter.
+
+The Lagrangian L = K - U is linear in the standard parameters, so it is a table: the rows are
+functions of the motion (monomials in sin q, cos q, q' with sin^2 taken out, which are linearly
+independent), the columns the parameters. Nothing of it is an equation of motion yet.
+
+The rows of B in (12) from the torques: Euler-Lagrange on every function of the energy's table.
+
+L = sum of f_i(q, q') times a row of the table, so the torques are the sum of E(f_i) times the same
+row, E = d/dt d/dq' - d/dq: one small monomial at a time, and the equations of motion are never
+written down. Monomials are numbers: three bits a joint tell its function of q.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import gcd
+
+from flint import Ordering, fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx
+
+from seaid._progress import track
+from seaid.errors import SymbolicError
+from seaid.regressor.exact.geometry import (
+    PAIR,
+    PAIRS,
+    SLIDING,
+    TURNING,
+    TWICE_KINETIC,
+    ExactJoint,
+    ExactTree,
+    Powers,
+    Sum,
+    applied,
+    inertia_transform,
+    twist_transform,
+    with_axis,
+)
+from seaid.regressor.exact.grouping import SparseRow
+
+Monomial = tuple[int, ...]
+"""Exponents: three a joint, of cos q (of q where it slides), of sin q, of q'."""
+
+_GROWTH = 4
+"""About how many times as many terms a body's motion has as its parent's."""
+
+_NO_SHIFT = fmpq_mat(3, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """A body's motion as polynomials: v, v v^T, gravity in its frame, gravity times place."""
+
+    velocity: Sequence[fmpq_mpoly]
+    square: Sequence[fmpq_mpoly]
+    gravity: Sequence[fmpq_mpoly]
+    height: fmpq_mpoly
+
+
+def lagrangian_table(
+    tree: ExactTree, max_terms: int, *, progress: bool = False
+) -> dict[Monomial, SparseRow]:
+    """Return {function of the motion: {parameter: coefficient}} of L, constants left out.
+
+    Raises SymbolicError before there are more than `max_terms` terms in it.
+    """
+    n = len(tree.joints)
+    names = [f"{letter}{i}" for i in range(n) for letter in ("c", "s", "v")]
+    ring = fmpq_mpoly_ctx.get(names, Ordering.lex)
+    zero = ring.constant(0)
+    gravity = [ring.constant(x) for x in tree.gravity.entries()]
+    base = _State([zero] * 6, [zero] * 21, gravity, zero)
+    states: list[_State] = []
+    table: dict[Monomial, SparseRow] = {}
+    still = (0,) * (3 * n)
+    count = 0
+    for place, joint in track(list(enumerate(tree.joints)), "Energies", progress):
+        above = base if joint.parent < 0 else states[joint.parent]
+        expected = count + _GROWTH * sum(map(len, above.square))
+        if expected > max_terms:
+            raise too_large(expected, max_terms, place, n)
+        state = _moved(ring, place, joint, _placed(joint, above, zero), zero)
+        states.append(state)
+        first = 10 * tree.bodies[place]
+        columns = _columns(state, joint, zero)
+        count += sum(map(len, columns)) + sum(map(len, state.square))
+        for column, polynomial in enumerate(columns, first):
+            for monomial, value in polynomial.terms():
+                if monomial != still:
+                    table.setdefault(monomial, {})[column] = value
+    return table
+
+
+def too_large(count: int, max_terms: int, place: int, joints: int) -> SymbolicError:
+    """Return the error for a system that does not fit."""
+    return SymbolicError(
+        f"the system is too large for its polynomials: about {count} terms at joint {place + 1} of "
+        f'{joints}, max_terms={max_terms}; take through="recursion", which has none, fewer joints '
+        "with load_robot(..., joints=[...]), or raise max_terms (about 1 kB a term)"
+    )
+
+
+def _placed(joint: ExactJoint, above: _State, zero: fmpq_mpoly) -> _State:
+    """Return the parent's motion as seen from the joint's frame at zero."""
+    X = _sparse(twist_transform(joint.rotation, joint.translation))
+    turned = _sparse(joint.rotation.transpose())
+    w = [[above.square[PAIR[i, j]] for j in range(6)] for i in range(6)]
+    half = list(zip(*(applied(X, row, 6, zero) for row in w), strict=True))
+    full = [applied(X, row, 6, zero) for row in half]
+    offset = zip(joint.translation.entries(), above.gravity, strict=True)
+    return _State(
+        applied(X, above.velocity, 6, zero),
+        [full[i][j] for i, j in PAIRS],
+        applied(turned, above.gravity, 3, zero),
+        above.height + sum((x * z for x, z in offset if x != 0), zero),
+    )
+
+
+def _sparse(matrix: fmpq_mat) -> Sum:
+    rows = matrix.tolist()
+    return tuple((i, j, x) for i, row in enumerate(rows) for j, x in enumerate(row) if x != 0)
+
+
+def _moved(
+    ring: fmpq_mpoly_ctx, place: int, joint: ExactJoint, above: _State, zero: fmpq_mpoly
+) -> _State:
+    """Return the motion of the body behind a joint."""
+    kind = SLIDING if joint.is_prismatic else TURNING
+    cosine, sine, speed = (ring.gen(3 * place + i) for i in range(3))
+
+    def through(sums: Mapping[Powers, Sum], entries: Sequence[fmpq_mpoly]) -> list[fmpq_mpoly]:
+        result = [zero] * len(entries)
+        for (c, s), part in sums.items():
+            factor = cosine**c * sine**s
+            for i, x in enumerate(applied(part, entries, len(entries), zero)):
+                if not x.is_zero():
+                    result[i] = result[i] + (x * factor if c or s else x)
+        return result
+
+    carried = through(kind.velocity, above.velocity)
+    square = through(kind.square, above.square)
+    for i, x in enumerate(with_axis(kind, carried, zero)):
+        square[i] = square[i] + speed * x
+    axis = PAIR[kind.axis, kind.axis]
+    square[axis] = square[axis] + speed * speed
+    carried[kind.axis] = carried[kind.axis] + speed
+    height = above.height + (cosine * above.gravity[2] if joint.is_prismatic else zero)
+    return _State(carried, square, through(kind.gravity, above.gravity), height)
+
+
+def _columns(state: _State, joint: ExactJoint, zero: fmpq_mpoly) -> list[fmpq_mpoly]:
+    """Return L of a body for each of its ten parameters in its own frame."""
+    half = fmpq(1, 2)
+    columns = [half * x for x in applied(TWICE_KINETIC, state.square, 10, zero)]
+    for i, x in enumerate((state.height, *state.gravity)):
+        columns[i] = columns[i] + x
+    to_aligned = inertia_transform(joint.alignment.transpose(), _NO_SHIFT)
+    return applied(_sparse(to_aligned.transpose()), columns, 10, zero)
+
+
+_CODES: dict[Powers, int] = {(0, 0): 0, (1, 0): 1, (0, 1): 2, (2, 0): 3, (1, 1): 4}
+
+_Slopes = Mapping[int, tuple[tuple[int, int], ...]]
+
+_TURNING_SLOPES: _Slopes = {
+    0: (),
+    1: ((2, -1),),
+    2: ((1, 1),),
+    3: ((4, -2),),
+    4: ((3, 2), (0, -1)),
+}
+"""Derivatives: cos' = -sin, sin' = cos, (cos^2)' = -2 cos sin, (cos sin)' = 2 cos^2 - 1."""
+
+_SLIDING_SLOPES: _Slopes = {0: (), 1: ((0, 1),), 3: ((1, 2),)}
+
+_Row = dict[int, int]
+"""{row of the energy's table: factor}."""
+
+
+def torque_rows(
+    tree: ExactTree,
+    table: Mapping[Monomial, SparseRow],
+    known: Sequence[int],
+    max_terms: int,
+    *,
+    progress: bool = False,
+) -> tuple[list[SparseRow], int]:
+    """Return the rows of B for the torques of the joints `known`, and how many functions there are.
+
+    Rows that are the same sum of rows of the table are left out but for the first. Raises
+    SymbolicError before there are more than `max_terms` terms.
+    """
+    bases: dict[tuple[tuple[int, fmpq], ...], int] = {}
+    n = len(tree.joints)
+    found: dict[int, _Row] = {}
+    slopes = [_SLIDING_SLOPES if joint.is_prismatic else _TURNING_SLOPES for joint in tree.joints]
+    wanted = frozenset(known)
+    for monomial, row in track(list(table.items()), "Torques", progress):
+        base = bases.setdefault(tuple(sorted(row.items())), len(bases))
+        for k, function, factor in _euler_lagrange(monomial, n, slopes, wanted):
+            terms = found.setdefault(function * n + k, {})
+            terms[base] = terms.get(base, 0) + factor
+        if len(found) > max_terms:
+            raise too_large(len(found), max_terms, n - 1, n)
+    functions = {key // n for key, terms in found.items() if any(terms.values())}
+    sums = {_primitive(terms) for terms in found.values()}
+    parts = list(bases)
+    return [_expanded(terms, parts) for terms in sums], len(functions)
+
+
+def _euler_lagrange(
+    monomial: Monomial, n: int, slopes: Sequence[_Slopes], wanted: frozenset[int]
+) -> Iterator[tuple[int, int, int]]:
+    """Yield (joint, function, factor) of the terms of E for one monomial of the energy.
+
+    A function is its part in q and, above those bits, nothing, q_i' q_j' or q_j''.
+    """
+    codes = [_CODES[monomial[3 * i], monomial[3 * i + 1]] for i in range(n)]
+    part = sum(code << 3 * i for i, code in enumerate(codes))
+    derived = {
+        i: [(part + ((new - code) << 3 * i), factor) for new, factor in slopes[i][code]]
+        for i, code in enumerate(codes)
+        if code
+    }
+    speeds = [i for i in range(n) for _ in range(monomial[3 * i + 2])]
+    top = 3 * n
+    if speeds:
+        a, b = speeds
+        for k, other in (a, b), (b, a):
+            if k in wanted:
+                yield k, part + ((1 + n * n + other) << top), 1
+                for i, terms in derived.items():
+                    pair = _pair(i, other, n) << top
+                    for function, factor in terms:
+                        yield k, function + pair, factor
+    pair = _pair(speeds[0], speeds[1], n) << top if speeds else 0
+    for k, terms in derived.items():
+        if k in wanted:
+            for function, factor in terms:
+                yield k, function + pair, -factor
+
+
+def _pair(i: int, j: int, n: int) -> int:
+    return 1 + (i * n + j if i < j else j * n + i)
+
+
+def _primitive(terms: _Row) -> tuple[tuple[int, int], ...]:
+    """Return the terms without zeros and common factor, the first one positive."""
+    left = sorted((base, factor) for base, factor in terms.items() if factor)
+    common = gcd(*(factor for _, factor in left)) if left else 1
+    if left and left[0][1] < 0:
+        common = -common
+    return tuple((base, factor // common) for base, factor in left)
+
+
+def _expanded(
+    terms: tuple[tuple[int, int], ...], parts: Sequence[tuple[tuple[int, fmpq], ...]]
+) -> SparseRow:
+    row: SparseRow = {}
+    for base, factor in terms:
+        for column, value in parts[base]:
+            row[column] = row.get(column, 0) + factor * value
+    return {column: value for column, value in row.items() if value != 0}

@@ -1,0 +1,200 @@
+"""The joint-torque regressor as a straight-line program: Newton and Euler, body by body.
+
+In the aligned frame of a body with origin acceleration a (less gravity), angular velocity w and
+acceleration e, the force is m a + B h and the moment about the origin h x a + I e + w x I w, with
+B = [e]x + [w]x [w]x. Each joint above takes its part by the velocity that it gives the body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from flint import fmpq_mat
+
+from seaid.regressor.exact.codegen import (
+    ZERO,
+    Program,
+    Value,
+    combined,
+    constant,
+    cross,
+    dot,
+    name,
+    named,
+    plus,
+    scaled,
+    times,
+)
+from seaid.regressor.exact.geometry import ExactJoint, ExactTree, inertia_transform
+
+Entries = dict[tuple[int, int], Value]
+"""The elements of the regressor: {(joint, parameter): value}."""
+
+_NO_SHIFT = fmpq_mat(3, 1)
+_NOTHING = [ZERO] * 3
+_UNIT = [[constant(int(i == j)) for i in range(3)] for j in range(3)]
+_AXIS = _UNIT[2]
+_Vector = Sequence[Value]
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """A frame's motion in its own axes: acceleration of its origin, w and e.
+
+    `partial` are, by the joints above, linear and angular velocity for unit joint velocity.
+    """
+
+    acceleration: _Vector
+    angular: _Vector
+    turning: _Vector
+    partial: Mapping[int, tuple[_Vector, _Vector]]
+
+
+def regressor_program(tree: ExactTree) -> tuple[Program, Entries]:
+    """Return the program and the elements that are not zero, in the order of the robot's joints.
+
+    The inputs are q0, q1 ..., v0 ..., a0 ...: positions, velocities, accelerations in that order.
+    """
+    program, entries = Program(), Entries()
+    gravity = [constant(-x) for x in tree.gravity.entries()]
+    base = _Motion(gravity, _NOTHING, _NOTHING, {})
+    motions: list[_Motion] = []
+    for place, (joint, body) in enumerate(zip(tree.joints, tree.bodies, strict=True)):
+        above = base if joint.parent < 0 else motions[joint.parent]
+        placed = _placed(program, joint, above)
+        through = _slid if joint.is_prismatic else _turned
+        motion = _named_motion(program, through(program, place, body, placed))
+        motions.append(motion)
+        for (k, column), value in _columns(program, joint, motion).items():
+            entries[tree.bodies[k], 10 * body + column] = value
+    return program, entries
+
+
+def _placed(program: Program, joint: ExactJoint, above: _Motion) -> _Motion:
+    """Return the parent's motion at the joint's frame at zero."""
+    turned = joint.rotation.transpose().tolist()
+    offset = [constant(x) for x in joint.translation.entries()]
+    B = _shape(program, above.angular, above.turning)
+    at_joint = [plus(x, dot(row, offset)) for x, row in zip(above.acceleration, B, strict=True)]
+    partial = {
+        k: (combined(turned, _added(v, cross(w, offset))), combined(turned, w))
+        for k, (v, w) in above.partial.items()
+    }
+    motion = _Motion(
+        combined(turned, at_joint),
+        combined(turned, above.angular),
+        combined(turned, above.turning),
+        partial,
+    )
+    return _named_motion(program, motion)
+
+
+def _turned(program: Program, place: int, body: int, placed: _Motion) -> _Motion:
+    """Return the motion behind a joint that turns about z."""
+    c, s, speed, rate = (f"{x}{body}" for x in "csva")
+    program.circular[c], program.circular[s] = ("cos", f"q{body}"), ("sin", f"q{body}")
+    carried = named(program, _about_axis(c, s, placed.angular))
+    swept = _times(name(speed), cross(carried, _AXIS))
+    partial = {
+        k: (_about_axis(c, s, v), _about_axis(c, s, w)) for k, (v, w) in placed.partial.items()
+    }
+    return _Motion(
+        _about_axis(c, s, placed.acceleration),
+        _added(carried, _times(name(speed), _AXIS)),
+        _added(_about_axis(c, s, placed.turning), swept, _times(name(rate), _AXIS)),
+        {**partial, place: (_NOTHING, _AXIS)},
+    )
+
+
+def _slid(program: Program, place: int, body: int, placed: _Motion) -> _Motion:
+    """Return the motion behind a joint that slides along z."""
+    q, speed, rate = (name(f"{x}{body}") for x in "qva")
+    B = _shape(program, placed.angular, placed.turning)
+    coriolis = [scaled(2, x) for x in _times(speed, cross(placed.angular, _AXIS))]
+    along = _times(q, [row[2] for row in B])
+    partial = {
+        k: (_added(v, _times(q, cross(w, _AXIS))), w) for k, (v, w) in placed.partial.items()
+    }
+    return _Motion(
+        _added(placed.acceleration, along, coriolis, _times(rate, _AXIS)),
+        placed.angular,
+        placed.turning,
+        {**partial, place: (_AXIS, _NOTHING)},
+    )
+
+
+def _named_motion(program: Program, motion: _Motion) -> _Motion:
+    partial = {k: (named(program, v), named(program, w)) for k, (v, w) in motion.partial.items()}
+    return _Motion(
+        named(program, motion.acceleration),
+        named(program, motion.angular),
+        named(program, motion.turning),
+        partial,
+    )
+
+
+def _added(*vectors: _Vector) -> list[Value]:
+    return [plus(*parts) for parts in zip(*vectors, strict=True)]
+
+
+def _times(factor: Value, vector: _Vector) -> list[Value]:
+    return [times(factor, x) for x in vector]
+
+
+def _about_axis(c: str, s: str, vector: _Vector) -> list[Value]:
+    """Return a vector in the axes turned about z by the joint."""
+    cosine, sine, (x, y, z) = name(c), name(s), vector
+    return [
+        plus(times(cosine, x), times(sine, y)),
+        plus(times(cosine, y), scaled(-1, times(sine, x))),
+        z,
+    ]
+
+
+def _shape(program: Program, w: _Vector, e: _Vector) -> list[list[Value]]:
+    """Return B = [e]x + [w]x [w]x, row by row; formed once, since sums are known by their terms."""
+    columns = [
+        named(program, _added(cross(e, axis), cross(w, named(program, cross(w, axis)))))
+        for axis in _UNIT
+    ]
+    return [[column[row] for column in columns] for row in range(3)]
+
+
+_INERTIA = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+
+
+def _inertia_moments(program: Program, motion: _Motion) -> list[list[Value]]:
+    """Return I e + w x I w for each of the six unit moments of inertia."""
+    moments = []
+    for row, column in _INERTIA:
+        unit = [[0] * 3 for _ in range(3)]
+        unit[row][column] = unit[column][row] = 1
+        spin = cross(motion.angular, combined(unit, motion.angular))
+        spin = [_by_products(program, x) for x in spin]
+        force = combined(unit, motion.turning)
+        moments.append([plus(x, y) for x, y in zip(force, spin, strict=True)])
+    return moments
+
+
+def _by_products(program: Program, value: Value) -> Value:
+    """Name each product of a sum, so that it is formed once."""
+    return plus(*(named(program, [{factors: x}])[0] for factors, x in value.items()))
+
+
+def _columns(program: Program, joint: ExactJoint, motion: _Motion) -> dict[tuple[int, int], Value]:
+    """Return {(joint above, parameter of the body): torque} of what is not zero."""
+    a = motion.acceleration
+    B = _shape(program, motion.angular, motion.turning)
+    forces = [a, *([row[i] for row in B] for i in range(3))]
+    moments = [named(program, cross(axis, a)) for axis in _UNIT]
+    inertial = [named(program, moment) for moment in _inertia_moments(program, motion)]
+    to_aligned = inertia_transform(joint.alignment.transpose(), _NO_SHIFT).transpose().tolist()
+    found = {}
+    for k, (linear, angular) in motion.partial.items():
+        torques = [dot(linear, force) for force in forces]
+        torques[1:] = _added(torques[1:], [dot(angular, moment) for moment in moments])
+        torques += [dot(angular, moment) for moment in inertial]
+        own = named(program, combined(to_aligned, named(program, torques)))
+        found.update({(k, column): value for column, value in enumerate(own) if value})
+    return found

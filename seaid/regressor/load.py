@@ -1,0 +1,323 @@
+"""Columns that drives bring to the load side (8): stiff ones, and what acts beside any.
+
+What the load side (8) can tell: base parameters, and the columns of drives beside them.
+
+The load side (8): base parameters, and what stiff drives add, from the torques on the load.
+
+What a shifted zero of a joint encoder does to the load side (8).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from seaid._arrays import Array, BoolArray, frozen
+from seaid.drives import SeriesElasticDrive, StiffDrive, is_dry
+from seaid.errors import IdentificationError, LogError
+from seaid.log import Motion, in_band_at, joint_standstill, row_samples, standstill, standstill_seen
+from seaid.regressor.base import (
+    BaseParameters,
+    grouped_text,
+    left_to_right,
+    negligible,
+    random_states,
+)
+from seaid.regressor.drive_signals import (
+    INPUTS,
+    fed_signals,
+    joint_regressor,
+    motor_regressor,
+    sensed_torque,
+    signals,
+    spring_regressor,
+)
+from seaid.regressor.regression import Regression
+from seaid.regressor.rigid_body import regressor_at_drives
+from seaid.robot import UNITS, Robot, at_drives, group_of, torques_at_drives
+
+_JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
+
+
+def drive_columns(
+    robot: Robot, rows: Sequence[str], signals_of: Callable[[int], dict[str, Array]]
+) -> tuple[Array, list[tuple[str, str, str]]]:
+    """Return the drives' columns (T, rows, columns) on the load side, and what they are.
+
+    Those of stiff drives, and of what acts beside any drive between the joint's bodies.
+    """
+    blocks, drives = [], []
+    known = [robot.index(joint) for joint in rows]
+    for joint in robot.joint_names:
+        index, drive = robot.index(joint), robot.drivetrains[joint]
+        parts = []
+        if not isinstance(drive, SeriesElasticDrive) and index in known:
+            parts.append((motor_regressor(robot, joint), drive.ratio, np.eye(robot.n)[index]))
+        if drive.parallel_spring or getattr(drive, "joint_friction", ()):
+            at_drive = torques_at_drives(robot.transmission, np.eye(robot.n)[index])
+            parts.append((joint_regressor(robot, joint), 1.0, at_drive))
+        for regressor, factor, share in parts:
+            by_name = signals_of(index)
+            if regressor is not motor_regressor(robot, joint):
+                by_name = {**by_name, **{name: by_name[f"own_{name}"] for name in _JOINT}}
+            R = factor * regressor.evaluate(by_name)[1]
+            blocks.append(R[:, None, :] * share[known][None, :, None])
+            drives += [
+                (joint, name, unit)
+                for name, unit in zip(regressor.names, regressor.units, strict=True)
+            ]
+    length = len(next(iter(signals_of(0).values())))
+    return np.concatenate([*blocks, np.empty((length, len(rows), 0))], axis=2), drives
+
+
+def load_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
+    """Return the signals of a drive, and the states of its own joint as own_theta_L."""
+    own = {
+        f"own_{name}": values[:, index]
+        for name, values in zip(_JOINT, motion.joint_states, strict=True)
+    }
+    return signals(robot, motion, index) | own
+
+
+def stiff_signals(robot: Robot, index: int, q: Array, v: Array, a: Array) -> dict[str, Array]:
+    """Return the signals of a stiff drive at joint states: the motor turns with its joints.
+
+    What is independent of them, current, voltage and the torque through the gear, is random.
+    """
+    ratio, nothing = robot.drivetrains[robot.joint_names[index]].ratio, np.zeros(len(q))
+    own = {f"own_{name}": values[:, index] for name, values in zip(_JOINT, (q, v, a), strict=True)}
+    rng = np.random.default_rng(index)
+    free = {name: rng.normal(size=len(q)) for name in ("i_M", "u_M", "tau_G")}
+    states = {"theta_L": q, "theta_L_dot": v, "theta_L_ddot": a}
+    joint = {
+        name: at_drives(robot.transmission, values)[:, index] for name, values in states.items()
+    }
+    motor = {name.replace("_L", "_M"): ratio * values for name, values in joint.items()}
+    return {**joint, **motor, **own, **free, "tau_M": nothing, "tau_L": nothing}
+
+
+@dataclass(frozen=True, eq=False)
+class LoadModel:
+    """What the load side can tell: base parameters, and the columns of the stiff drives.
+
+    `drives` (p_d) are (joint, parameter, unit) of the drive columns that are identifiable beside
+    the p base columns; the others are part of the base parameters, as `expressions` (p,) say: they
+    are `absorbed` (a), and `absorption` (p + p_d, a) is how much of each is in every column. `rows`
+    are the joints whose equations are used: those of their drives, which for drives that move
+    several joints are the torques on what each of them turns.
+    """
+
+    base: BaseParameters
+    rows: tuple[str, ...]
+    drives: tuple[tuple[str, str, str], ...]
+    expressions: tuple[str, ...]
+    absorbed: tuple[tuple[str, str, str], ...]
+    absorption: Array
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all columns: expressions, then '<parameter> of <joint>'."""
+        return self.expressions + tuple(f"{name} of {joint}" for joint, name, _ in self.drives)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of all columns."""
+        base = tuple(UNITS[column % 10] for column in self.base.columns)
+        return base + tuple(unit for _, _, unit in self.drives)
+
+
+def load_model(robot: Robot, base: BaseParameters, rows: Sequence[str]) -> LoadModel:
+    """Return which columns of stiff drives are identifiable beside the base parameters."""
+    known = [robot.index(joint) for joint in rows]
+    q, v, a = random_states(robot, seed=1, torques=len(known))
+    Y = base.reduce(regressor_at_drives(robot, q, v, a))[:, known]
+    columns, drives = drive_columns(robot, rows, lambda index: stiff_signals(robot, index, q, v, a))
+    H = np.concatenate([Y, columns], axis=2).reshape(len(q) * len(known), -1)
+    p = len(base.columns)
+    bent = [
+        p + place
+        for place, (joint, name, _) in enumerate(drives)
+        if name in _bent_parameters(robot, joint)
+    ]
+    found, grouping = _identifiable(H, bent)
+    names = (*base.expressions, *(f"{name}_{joint}" for joint, name, _ in drives))
+    absorbed = [column for column in range(p, H.shape[1]) if column not in found]
+    expressions = []
+    for row in range(p):
+        wanted = np.zeros(H.shape[1])
+        wanted[[row, *absorbed]] = grouping[row, [row, *absorbed]]
+        expressions.append(grouped_text(wanted, names))
+    return LoadModel(
+        base=base,
+        rows=tuple(rows),
+        drives=tuple(drives[column - p] for column in found if column >= p),
+        expressions=tuple(expressions),
+        absorbed=tuple(drives[column - p] for column in absorbed),
+        absorption=frozen("absorption", grouping[:, absorbed], (len(found), None)),
+    )
+
+
+def _bent_parameters(robot: Robot, joint: str) -> tuple[str, ...]:
+    """Return the parameters in which a stiff drive is not linear."""
+    elastic = isinstance(robot.drivetrains[joint], SeriesElasticDrive)
+    return () if elastic else motor_regressor(robot, joint).non_linear
+
+
+def _identifiable(H: Array, bent: Sequence[int]) -> tuple[list[int], Array]:
+    """Return the columns of H that are identifiable, and how much of each is in every column.
+
+    The slopes of what is `bent` stand beside the others whatever the random states: they live where
+    the motor is slow.
+    """
+    straight = [column for column in range(H.shape[1]) if column not in bent]
+    chosen, grouping, _ = left_to_right(H[:, straight], negligible(H[:, straight]))
+    found = sorted([straight[column] for column in chosen] + list(bent))
+    whole = np.zeros((len(found), H.shape[1]))
+    rows = [found.index(straight[column]) for column in chosen]
+    whole[np.ix_(rows, straight)] = grouping
+    whole[[found.index(column) for column in bent], list(bent)] = 1.0
+    return found, whole
+
+
+def load_columns(
+    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array]
+) -> tuple[Array, Array, Array, Array]:
+    """Return the load side over time: torque (T, rows), what is known of it, H and carried.
+
+    torque = payload + H (T, rows, columns) @ theta; see `load_regression`.
+    """
+    Y = regressor_at_drives(robot, *motion.joint_states)
+    known = [robot.index(joint) for joint in model.rows]
+    signals_of = partial(load_signals, robot, motion)
+    columns, drives = drive_columns(robot, model.rows, signals_of)
+    wanted = [drives.index(drive) for drive in model.drives]
+    flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # no copy: so the regressor lies in memory
+    places = np.add.outer(known, robot.n * np.array(model.base.columns, dtype=np.intp))
+    base = np.take(flat, places.ravel(), axis=1).reshape(len(Y), *places.shape)
+    H = np.concatenate([base, columns[:, :, wanted]], axis=2) if wanted else base
+    torque, carried = _load_targets(robot, motion, model.rows, springs)
+    payload = np.zeros_like(torque)
+    if np.any(robot.known_parameters):
+        payload = (Y @ robot.known_parameters)[:, known]
+    return torque, payload, H, carried
+
+
+def load_regression(
+    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array]
+) -> Regression:
+    """Return the load side (8): base parameters, and friction and rotor inertia of stiff drives.
+
+    `springs` has stiffness and offset of the elastic joints in `model.rows`; one that is not there
+    takes its joint torque from the log. The payload's torque is moved to the known side.
+    """
+    torque, payload, H, carried = load_columns(robot, motion, model, springs)
+    rows = row_samples(motion)
+    y, H, carried = (in_band_at(motion, part, rows) for part in (torque - payload, H, carried))
+    told = np.array([~unknown_friction(robot, motion, joint)[rows] for joint in model.rows])
+    which, kept = np.nonzero(told)
+    return Regression(
+        names=model.names,
+        units=model.units,
+        H=H[kept, which],
+        y=y[kept, which],
+        joint=np.array([robot.index(joint) for joint in model.rows])[which],
+        time=motion.time[rows[kept]],
+        run=np.zeros(len(kept)),
+        left_out=len(rows) * len(model.rows) - len(kept),
+        carried=carried[kept, which],
+        joint_names=robot.joint_names,
+    )
+
+
+def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
+    """Tell the samples (T,) at which the load side of a joint has unknown friction.
+
+    That of a stiff drive with dry friction has where it stands still; an elastic one has it only
+    where the joint itself has dry friction behind the spring.
+    """
+    drive, index = robot.drivetrains[joint], robot.index(joint)
+    unknown = np.zeros(len(motion.time), dtype=bool)
+    if isinstance(drive, StiffDrive) and is_dry(drive):
+        unknown |= standstill(motion, index, standstill_seen(drive))
+    for other in group_of(robot.transmission, index):
+        beside = robot.drivetrains[robot.joint_names[other]]
+        if "coulomb" in getattr(beside, "joint_friction", ()):
+            unknown |= joint_standstill(motion, other)
+    return unknown
+
+
+def _load_targets(
+    robot: Robot, motion: Motion, rows: Sequence[str], springs: Mapping[str, Array]
+) -> tuple[Array, Array]:
+    """Return the torque on the load (T, rows) and its derivative by the springs' parameters."""
+    elastic = [joint for joint in rows if joint in springs]
+    targets = np.empty((len(motion.time), len(rows)))
+    carried = np.zeros((*targets.shape, sum(len(springs[joint]) for joint in elastic)))
+    start = 0
+    for row, joint in enumerate(rows):
+        index, drive = robot.index(joint), robot.drivetrains[joint]
+        if isinstance(drive, SeriesElasticDrive):
+            if joint not in springs:
+                targets[:, row] = sensed_torque(robot, motion, index)
+                continue
+            zeta, R = spring_regressor(robot, joint).evaluate(signals(robot, motion, index))
+            R = drive.load_radius * R
+            targets[:, row] = R @ springs[joint] - drive.load_radius * zeta  # (4b)
+            carried[:, row, start : start + R.shape[1]] = R
+            start += R.shape[1]
+        else:
+            by_name = fed_signals(robot, motion, index)
+            targets[:, row] = drive.ratio * motor_regressor(robot, joint).evaluate(by_name)[0]
+            targets[np.isnan(by_name[INPUTS[drive.motor_input]]), row] = np.nan
+    missing = [joint for row, joint in enumerate(rows) if np.any(np.isnan(targets[:, row]))]
+    if missing:
+        raise LogError(f"no torque in the log at {', '.join(missing)}; name the others with rows=")
+    return targets, carried
+
+
+ZERO_STEP = 1e-4
+"""Shift [rad or m] of an encoder's zero for a difference quotient."""
+
+
+_LARGEST_STD = 1e3
+"""Of a zero [rad or m]: beyond it nothing is known of it, and its square may be no number."""
+
+
+def check_zero_std(joint_zero_std: float) -> None:
+    """Raise IdentificationError for a standard deviation of encoder zeros that is none."""
+    if not 0 <= joint_zero_std <= _LARGEST_STD:
+        raise IdentificationError(
+            f"joint_zero_std must be from 0 to {_LARGEST_STD:g} rad or m, found {joint_zero_std}"
+        )
+
+
+def zero_sensitivity(
+    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
+) -> Regression:
+    """Return the load side with `carried` (R, n): what a shifted zero of each joint encoder does.
+
+    It is minus the change of the computed torque, at the parameters `theta`, a unit of shift.
+    """
+    reference, changes = load_regression(robot, motion, model, springs), []
+    for index in range(robot.n):
+        shifted = load_regression(robot, shifted_zero(robot, motion, index), model, springs)
+        change = (shifted.y - shifted.H @ theta) - (reference.y - reference.H @ theta)
+        changes.append(change / ZERO_STEP)
+    return replace(reference, carried=np.column_stack(changes))
+
+
+def shifted_zero(robot: Robot, motion: Motion, index: int) -> Motion:
+    """Return the motion with the zero of one joint's encoder shifted by a small step.
+
+    The motors of springs go along: the deflection's own zero takes what the shift does to it.
+    """
+    joint, motor = motion.joint_position.copy(), motion.motor_position.copy()
+    joint[:, index] += ZERO_STEP
+    for name in robot.elastic_joints:
+        other, drive = robot.index(name), robot.drivetrains[name]
+        lever = drive.ratio * getattr(drive, "load_radius", 1.0) / getattr(drive, "motor_radius", 1)
+        motor[:, other] += lever * robot.transmission[other, index] * ZERO_STEP
+    return replace(motion, joint_position=joint, motor_position=motor)

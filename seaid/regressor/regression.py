@@ -1,0 +1,189 @@
+"""Regression: y = H theta over time, (15); the actuator side (10).
+
+Regressor and torque pass the same low pass, then every few samples make a row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from seaid._arrays import Array, IndexArray, frozen
+from seaid.drives import DriveRegressor, is_dry
+from seaid.errors import LogError
+from seaid.log import LogPart, LongLog, Motion, in_band_at, row_samples, standstill, standstill_seen
+from seaid.regressor.drive_signals import (
+    INPUTS,
+    motor_regressor,
+    sensed_torque,
+    signals,
+    spring_regressor,
+)
+from seaid.regressor.rigid_body import rigid_body_regressor
+from seaid.robot import Robot
+
+__all__ = [
+    "Regression",
+    "actuator_regression",
+    "motor_regressor",
+    "rigid_body_regressor",
+    "spring_regressor",
+    "stacked",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """Rows y (R,) = H (R, p) theta, each of one equation at one time.
+
+    `joint` (R,) tells the equation, `time` (R,) [s] the instant; `left_out` counts the instants
+    near standstill that are not rows. `carried` (R, s) is the derivative of y with respect to
+    parameters that were estimated before (the springs'), if there are any; `run` (R,) tells the
+    log, where several are stacked; `joint_names` (n,) are those that `joint` counts, if known.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    H: Array
+    y: Array
+    joint: Array
+    time: Array
+    run: Array
+    left_out: int
+    carried: Array
+    joint_names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "H", frozen("H", self.H, (None, len(self.names))))
+        rows = len(self.H)
+        for name in ("y", "joint", "time", "run"):
+            object.__setattr__(self, name, frozen(name, getattr(self, name), (rows,)))
+        object.__setattr__(self, "carried", frozen("carried", self.carried, (rows, None)))
+
+
+def actuator_columns(
+    robot: Robot, motion: Motion, joint: str
+) -> tuple[DriveRegressor, Array, Array]:
+    """Return the regressor of an elastic joint's actuator side, zeta (T,) and R (T, p), (10).
+
+    From the motor torque and (7); where the log has only the spring's torque, from (4b), which
+    tells stiffness and offset. Raises LogError where neither was measured.
+    """
+    regressor, by_name = actuator_equation(robot, motion, joint)
+    return regressor, *regressor.evaluate(by_name)
+
+
+def actuator_equation(
+    robot: Robot, motion: Motion, joint: str
+) -> tuple[DriveRegressor, dict[str, Array]]:
+    """Return the regressor that `actuator_columns` evaluates, and the signals it takes."""
+    index = robot.index(joint)
+    by_name = signals(robot, motion, index)
+    sensed = sensed_torque(robot, motion, index)
+    kind = robot.drivetrains[joint].motor_input
+    if np.all(np.isfinite(by_name[INPUTS[kind]])):
+        return motor_regressor(robot, joint), by_name
+    if np.all(np.isfinite(sensed)):
+        return spring_regressor(robot, joint), {**by_name, "tau_L": sensed}
+    others = [other for other, name in INPUTS.items() if np.all(np.isfinite(by_name[name]))]
+    hint = f"; it has its {others[0]}: say motor_input = '{others[0]}'" if others else ""
+    raise LogError(
+        f"elastic joint '{joint}' has no torque in the log: motor {kind} or joint torque{hint}"
+    )
+
+
+def actuator_regression(robot: Robot, motion: Motion, joint: str) -> Regression:
+    """Return the actuator side (10) over time: friction, stiffness, deflection offset.
+
+    Instants near standstill are left out where dry friction is among them.
+    """
+    index = robot.index(joint)
+    regressor, y, H = actuator_columns(robot, motion, joint)
+    kept, left_out = actuator_rows(robot, motion, joint, regressor)
+    return Regression(
+        names=regressor.names,
+        units=regressor.units,
+        H=in_band_at(motion, H, kept),
+        y=in_band_at(motion, y, kept),
+        joint=np.full(len(kept), index),
+        time=motion.time[kept],
+        run=np.zeros(len(kept)),
+        left_out=left_out,
+        carried=np.empty((len(kept), 0)),
+        joint_names=robot.joint_names,
+    )
+
+
+def actuator_rows(
+    robot: Robot, motion: Motion, joint: str, regressor: DriveRegressor
+) -> tuple[IndexArray, int]:
+    """Return the samples that become rows of an actuator side, and how many are left out.
+
+    The spring equation (4b) has no derivative in it: it holds to the ends of the log.
+    """
+    if "tau_M" not in regressor.signals and not regressor.signals & {"i_M", "u_M"}:
+        return row_samples(replace(motion, trim_s=0.0)), 0
+    rows = row_samples(motion)
+    drive = robot.drivetrains[joint]
+    if not is_dry(drive):
+        return rows, 0
+    kept = rows[~standstill(motion, robot.index(joint), standstill_seen(drive))[rows]]
+    return kept, len(rows) - len(kept)
+
+
+def stacked(regressions: Sequence[Regression]) -> Regression:
+    """Return the regressions of several logs as one, (15).
+
+    Raises LogError where they do not have the same columns.
+    """
+    for one in regressions[1:]:
+        if one.names != regressions[0].names:
+            raise LogError(
+                f"one log tells {', '.join(regressions[0].names)}, another "
+                f"{', '.join(one.names)}: the logs must have the same torque sensors"
+            )
+    return Regression(
+        names=regressions[0].names,
+        units=regressions[0].units,
+        run=np.concatenate([np.full(len(one.y), run) for run, one in enumerate(regressions)]),
+        left_out=sum(one.left_out for one in regressions),
+        joint_names=regressions[0].joint_names,
+        **{
+            name: np.concatenate([getattr(one, name) for one in regressions])
+            for name in ("H", "y", "joint", "time", "carried")
+        },
+    )
+
+
+Regress = Callable[[Motion], Regression]
+"""What makes the rows of a motion."""
+
+
+def regressions_of_parts(
+    long_log: LongLog, equations: Mapping[str, Regress]
+) -> Iterator[tuple[str, Regression]]:
+    """Yield name and rows of each of several equations, part by part: the log is read once.
+
+    Together the rows of an equation are those of the whole log.
+    """
+    for motion, part in long_log.motions():
+        for name, regress in equations.items():
+            yield name, _own_rows(regress(motion), motion, part)
+
+
+def _own_rows(rows: Regression, motion: Motion, part: LogPart) -> Regression:
+    """Return the rows whose instant is the part's own, and how many of those were left out."""
+    instants = motion.time[row_samples(motion)]
+    mine = int(np.sum((instants >= part.start_s) & (instants < part.end_s)))
+    equations = (len(rows.y) + rows.left_out) // max(len(instants), 1)
+    kept = (rows.time >= part.start_s) & (rows.time < part.end_s)
+    return replace(
+        rows,
+        left_out=equations * mine - int(np.sum(kept)),
+        **{
+            name: getattr(rows, name)[kept]
+            for name in ("H", "y", "joint", "time", "run", "carried")
+        },
+    )

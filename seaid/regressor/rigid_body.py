@@ -1,0 +1,58 @@
+"""Regressors over time: the rigid body's by Pinocchio, stacked over samples (15)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from seaid._arrays import Array, frozen
+from seaid.errors import SeaidError
+from seaid.robot import Robot, rows_at_drives
+
+
+def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Return the joint-torque regressor Y (T, n, 10n): Y[t] @ theta is the inverse dynamics at t.
+
+    `q`, `v`, `a` (T, n) are joint position, velocity and acceleration [rad or m, s], in the robot's
+    joint order; theta the standard parameters in the order of `robot.parameter_names`. Without
+    payload, friction and rotor inertia. Raises SeaidError for wrong shapes.
+    """
+    model, data, n = robot.model, robot.model.createData(), robot.n
+    order = list(robot.model_order)
+    as_in_model = order == sorted(order)
+    q, v, a = (frozen(name, value, (None, n)) for name, value in zip("qva", (q, v, a), strict=True))
+    if not as_in_model:
+        q, v, a = q[:, order], v[:, order], a[:, order]
+    if not len(q) == len(v) == len(a):
+        raise SeaidError(f"q, v and a must have as many rows, found {len(q)}, {len(v)}, {len(a)}")
+    pin.computeJointTorqueRegressor(model, data, np.zeros(n), np.zeros(n), np.zeros(n))
+    # Pinocchio's matrix is column-major: its transposed view copies in one run into C order.
+    flat = data.jointTorqueRegressor.T.reshape(-1)
+    stacked, compute = np.empty((len(q), 10 * n * n)), pin.computeJointTorqueRegressor
+    for t, (q_t, v_t, a_t) in enumerate(zip(q, v, a, strict=True)):
+        compute(model, data, q_t, v_t, a_t)
+        stacked[t] = flat
+    Y = stacked.reshape(-1, 10 * n, n).swapaxes(1, 2)
+    if as_in_model:
+        return Y
+    inverse = np.argsort(order)
+    by_body = Y[:, inverse].reshape(len(q), n, n, 10)[:, :, inverse]
+    return by_body.reshape(len(q), n, 10 * n)
+
+
+def regressor_at_drives(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Return `rigid_body_regressor` of the torques on what the drives turn, (T, n, 10n).
+
+    Row i is that of joint i but for drives that move several joints: see `transmission`.
+    """
+    return rows_at_drives(robot.transmission, rigid_body_regressor(robot, q, v, a))
+
+
+def joint_torques(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+    """Return the inverse dynamics (T, n) of the robot with its payloads, by Pinocchio's rnea."""
+    model, data, order = robot.model, robot.model.createData(), list(robot.model_order)
+    states = (np.asarray(state, dtype=np.float64)[:, order] for state in (q, v, a))
+    torques, rnea = np.empty((len(q), robot.n)), pin.rnea
+    for t, (q_t, v_t, a_t) in enumerate(zip(*states, strict=True)):
+        torques[t] = rnea(model, data, q_t, v_t, a_t)
+    return torques[:, np.argsort(order)]

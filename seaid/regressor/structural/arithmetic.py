@@ -1,0 +1,358 @@
+"""Two kinds of numbers in which the same equations are taken: doubles here, residues elsewhere.
+
+`seaid.symbolic.residues` has the exact ones.
+
+Exact arithmetic without growth: numbers modulo a prime, for questions of rank.
+
+What is rational has a value modulo the prime, and what is dependent stays so. A rank comes out too
+small only where a random point happens to be a zero of a polynomial that has some, with a chance of
+its degree over the prime, 1e-15 here (Schwartz 1980, Zippel 1979); never too large.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cache
+from math import isqrt
+from typing import Any, Protocol
+
+import numpy as np
+import sympy as sp
+from flint import nmod_mat
+from numpy.typing import NDArray
+
+from seaid._arrays import Array, safely
+from seaid.errors import SymbolicError
+from seaid.regressor.base import random_states
+from seaid.regressor.exact.codegen import Program, Value, needed
+from seaid.regressor.exact.geometry import exact_number, exact_tree
+from seaid.regressor.exact.newton_euler import Entries, regressor_program
+from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
+from seaid.robot import Robot
+
+Known = dict[sp.Expr, Any]
+"""{symbol or function: its values}, each a number or (T,)."""
+
+
+class Numbers(Protocol):
+    """A kind of numbers, with what is asked of it; arrays are numpy's."""
+
+    def number(self, value: float | Fraction) -> Any:
+        """Return a rational number."""
+
+    def random(self, *shape: int) -> Any:
+        """Return random numbers, none of them zero."""
+
+    def signal(self, count: int) -> Any:
+        """Return random values (count,) of a signal."""
+
+    def states(self, count: int) -> tuple[Any, Any, Any, Any]:
+        """Return random q, its cosine and sine, v and a, each (count, n)."""
+
+    def regressor(self, q: Any, turned: Any, v: Any, a: Any) -> Any:
+        """Return the joint-torque regressor (T, n, 10n)."""
+
+    def torques(self, q: Any, turned: Any, v: Any, a: Any, bodies: Any) -> Any:
+        """Return `regressor` @ bodies, (T, n)."""
+
+    def product(self, left: Any, right: Any) -> Any:
+        """Return left @ right."""
+
+    def solve(self, matrix: Any, right: Any) -> Any:
+        """Return the solutions (T, e) of (T, e, e) and (T, e)."""
+
+    def value(self, expression: sp.Expr, known: Known) -> Any:
+        """Return the values of an expression."""
+
+    def sign(self, values: Any) -> Any:
+        """Return signs: of the values, or any where numbers have none."""
+
+    def over(self, above: Any, below: Any) -> Any:
+        """Return above / below."""
+
+    def reduced(self, values: Any) -> Any:
+        """Return sums and products as plain numbers of the kind."""
+
+
+@dataclass(frozen=True, eq=False)
+class RealNumbers:
+    """Doubles, and the regressor by Pinocchio."""
+
+    robot: Robot
+    rng: np.random.Generator
+
+    def number(self, value: float | Fraction) -> float:
+        """Return the double."""
+        return float(value)
+
+    def random(self, *shape: int) -> Array:
+        """Return numbers between 0.5 and 1.5."""
+        return self.rng.uniform(0.5, 1.5, shape)
+
+    def signal(self, count: int) -> Array:
+        """Return random values of a signal, of both signs."""
+        return self.rng.normal(0, 3, count)
+
+    def states(self, count: int) -> tuple[Array, tuple[Array, Array], Array, Array]:
+        """Return random q, its cosine and sine, v and a, as `base.random_states`."""
+        drawn = [random_states(self.robot, int(self.rng.integers(2**31)))]
+        while sum(len(q) for q, _, _ in drawn) < count:
+            drawn.append(random_states(self.robot, int(self.rng.integers(2**31))))
+        q, v, a = (np.concatenate(parts)[:count] for parts in zip(*drawn, strict=True))
+        return q, (np.cos(q), np.sin(q)), v, a
+
+    def regressor(self, q: Array, turned: object, v: Array, a: Array) -> Array:
+        """Return the joint-torque regressor (T, n, 10n)."""
+        return rigid_body_regressor(self.robot, q, v, a)
+
+    def torques(self, q: Array, turned: object, v: Array, a: Array, bodies: Array) -> Array:
+        """Return `regressor` @ bodies, (T, n)."""
+        own = bodies - self.robot.payload_parameters
+        return joint_torques(self.robot.with_values(own, self.robot.drivetrains), q, v, a)
+
+    def product(self, left: Array, right: Array) -> Array:
+        """Return left @ right."""
+        return np.asarray(left @ right)
+
+    def solve(self, matrix: Array, right: Array) -> Array:
+        """Return the solutions (T, e) of (T, e, e) and (T, e)."""
+        return np.asarray(
+            safely(
+                np.linalg.solve,
+                matrix,
+                right[..., None],
+                what="the motion of the sensors",
+                error=SymbolicError,
+            )[..., 0]
+        )
+
+    def value(self, expression: sp.Expr, known: Known) -> Any:
+        """Return the values of an expression of known symbols."""
+        function, symbols = _compiled(expression)
+        return function(*(known[symbol] for symbol in symbols))
+
+    def sign(self, values: Array) -> Array:
+        """Return the signs."""
+        return np.sign(values)
+
+    def over(self, above: Any, below: Any) -> Any:
+        """Return above / below."""
+        return above / below
+
+    def reduced(self, values: Any) -> Any:
+        """Return the values: doubles always are."""
+        return values
+
+
+@cache
+def _compiled(expression: sp.Expr) -> tuple[Any, list[sp.Symbol]]:
+    symbols = sorted(expression.free_symbols, key=str)
+    return sp.lambdify(symbols, expression, modules="numpy"), symbols
+
+
+PRIME = 2**61 - 1
+"""A Mersenne prime that leaves room in a machine word."""
+
+Residues = NDArray[np.object_]
+"""Integers from 0 to PRIME - 1."""
+
+_inverse = np.frompyfunc(lambda x: pow(x, -1, PRIME), 1, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class ResidueNumbers:
+    """The numbers modulo PRIME, and the regressor of a robot in them.
+
+    A function that is not rational, as exp or tanh, is an independent number at every instant; of
+    sine and cosine of one angle the squares add up to one, and a sign is 1 or -1.
+    """
+
+    robot: Robot
+    rng: np.random.Generator
+    _program: tuple[Program, Entries] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_program", regressor_program(exact_tree(self.robot)))
+
+    def depends(self) -> list[frozenset[int]]:
+        """Return for each joint those whose motion its torque depends on."""
+        program, entries = self._program
+        found = []
+        for row in range(self.robot.n):
+            names = needed(program, [x for (i, _), x in entries.items() if i == row])
+            inputs = {name[1:] for name in names if name[0] in "qva"}
+            found.append(frozenset(map(int, inputs)))
+        return found
+
+    def number(self, value: float | Fraction) -> int:
+        """Return the residue of a rational, of a double as the decimal that it means."""
+        if not isinstance(value, Fraction):
+            exact = exact_number(value)
+            value = Fraction(int(exact.p), int(exact.q))
+        return residue(value)
+
+    def random(self, *shape: int) -> Residues:
+        """Return random numbers, none of them zero."""
+        return self.rng.integers(1, PRIME, shape).astype(object)
+
+    def signal(self, count: int) -> Residues:
+        """Return random values of a signal."""
+        return self.random(count)
+
+    def states(self, count: int) -> tuple[Residues, tuple[Residues, Residues], Residues, Residues]:
+        """Return random q, cosine and sine, v and a, each (count, n).
+
+        Cosine and sine are no function of q: neither is, among polynomials.
+        """
+        q, turn, v, a = (self.random(count, self.robot.n) for _ in range(4))
+        return q, _circle(turn), v, a
+
+    def regressor(
+        self, q: Residues, turned: tuple[Residues, Residues], v: Residues, a: Residues
+    ) -> Residues:
+        """Return the joint-torque regressor (T, n, 10n), as `rigid_body_regressor`."""
+        known = self._steps(q, turned, v, a)
+        Y = np.zeros((len(q), self.robot.n, 10 * self.robot.n), dtype=object)
+        for (row, column), value in self._program[1].items():
+            Y[:, row, column] = _sum(value, known, len(q))
+        return Y
+
+    def torques(
+        self,
+        q: Residues,
+        turned: tuple[Residues, Residues],
+        v: Residues,
+        a: Residues,
+        bodies: Residues,
+    ) -> Residues:
+        """Return `regressor` @ bodies, (T, n)."""
+        known = self._steps(q, turned, v, a)
+        found = np.zeros((len(q), self.robot.n), dtype=object)
+        for (row, column), value in self._program[1].items():
+            found[:, row] += _sum(value, known, len(q)) * bodies[column]
+        return np.asarray(found % PRIME)
+
+    def _steps(
+        self, q: Residues, turned: tuple[Residues, Residues], v: Residues, a: Residues
+    ) -> dict[str, Residues]:
+        """Return every named value of the program."""
+        states = dict(zip("cs", turned, strict=True)) | {"q": q, "v": v, "a": a}
+        known = {f"{x}{i}": column for x, s in states.items() for i, column in enumerate(s.T)}
+        for name, value in self._program[0].steps.items():
+            known[name] = _sum(value, known, len(q))
+        return known
+
+    def product(self, left: Residues, right: Residues) -> Residues:
+        """Return left @ right."""
+        return np.asarray((left @ right) % PRIME)
+
+    def solve(self, matrix: Residues, right: Residues) -> Residues:
+        """Return the solutions (T, e) of systems (T, e, e), (T, e)."""
+        e = right.shape[1]
+        solved = [
+            nmod_mat(e, e, A.ravel().tolist(), PRIME).solve(nmod_mat(e, 1, b.tolist(), PRIME))
+            for A, b in zip(matrix, right, strict=True)
+        ]
+        return np.array([[int(x) for x in one.entries()] for one in solved], dtype=object)
+
+    def sign(self, values: Residues) -> Residues:
+        """Return random signs: residues have none."""
+        return np.where(self.rng.random(len(values)) < 0.5, 1, PRIME - 1).astype(object)
+
+    def over(self, above: Any, below: Any) -> Any:
+        """Return above / below."""
+        return above * _inverse(self.reduced(below)) % PRIME
+
+    def reduced(self, values: Any) -> Any:
+        """Return sums and products modulo the prime."""
+        return values % PRIME
+
+    def value(self, expression: sp.Expr, known: dict[sp.Expr, Any]) -> Any:
+        """Return an expression of known symbols; functions that it needs are added to `known`."""
+        if expression in known:
+            return known[expression]
+        if isinstance(expression, sp.Rational):
+            return residue(Fraction(int(expression.p), int(expression.q)))
+        if isinstance(expression, sp.Add):
+            return sum(self.value(part, known) for part in expression.args) % PRIME
+        if isinstance(expression, sp.Mul):
+            total: Any = 1
+            for part in expression.args:
+                total = total * self.value(part, known) % PRIME
+            return total
+        if isinstance(expression, sp.Pow) and expression.exp.is_Integer:
+            base, power = self.value(expression.base, known), int(expression.exp)
+            return _power(base if power > 0 else _inverse(base), abs(power))
+        if isinstance(expression, sp.Abs):
+            inside = expression.args[0]
+            return self.value(inside, known) * self.value(sp.sign(inside), known) % PRIME
+        known[expression] = self._function(expression, known)
+        return known[expression]
+
+    def _function(self, expression: sp.Expr, known: dict[sp.Expr, Any]) -> Residues:
+        """Return a function that is not rational at as many instants as there are."""
+        count = max(len(x) for x in known.values() if isinstance(x, np.ndarray))
+        if isinstance(expression, sp.sign):
+            return self.sign(self.random(count))
+        if isinstance(expression, sp.sin | sp.cos):
+            angle = expression.args[0]
+            cosine, sine = _circle(self.random(count))
+            known[sp.cos(angle)], known[sp.sin(angle)] = cosine, sine
+            return sine if isinstance(expression, sp.sin) else cosine
+        return self.random(count)
+
+
+def residue(value: Fraction) -> int:
+    """Return a rational modulo PRIME."""
+    return value.numerator * pow(value.denominator, -1, PRIME) % PRIME
+
+
+def echelon(H: Residues) -> tuple[list[int], Residues]:
+    """Return pivots and rows (p, m) of the reduced echelon form of H (R, m), leftmost pivots."""
+    rows, width = H.shape
+    if not rows or not width:
+        return [], np.zeros((0, width), dtype=object)
+    reduced, rank = nmod_mat(rows, width, H.ravel().tolist(), PRIME).rref()
+    table = [[int(reduced[i, j]) for j in range(width)] for i in range(rank)]
+    kept = np.array(table, dtype=object).reshape(rank, width)
+    return [int(np.flatnonzero(row)[0]) for row in kept], kept
+
+
+def short_fraction(value: int) -> Fraction | None:
+    """Return the rational below 1e9 in both parts with this residue, None if there is none.
+
+    By Euclid's algorithm on PRIME and the residue (Wang 1981).
+    """
+    most = isqrt(PRIME // 2)
+    before, here, factor_before, factor = PRIME, value % PRIME, 0, 1
+    while here > most:
+        quotient = before // here
+        before, here = here, before - quotient * here
+        factor_before, factor = factor, factor_before - quotient * factor
+    return Fraction(here, factor) if factor and abs(factor) <= most else None
+
+
+def _circle(t: Residues) -> tuple[Residues, Residues]:
+    """Return cosine and sine of angles with half tangent t."""
+    below = _inverse((1 + t * t) % PRIME)
+    return (1 - t * t) * below % PRIME, 2 * t * below % PRIME
+
+
+def _power(base: Any, exponent: int) -> Any:
+    total: Any = 1
+    for _ in range(exponent):
+        total = total * base % PRIME
+    return total
+
+
+def _sum(value: Value, known: Mapping[str, Residues], count: int) -> Residues:
+    """Return a sum of products of a program."""
+    total = np.zeros(count, dtype=object)
+    for factors, x in value.items():
+        product: Any = residue(Fraction(int(x.p), int(x.q)))
+        for name in factors:
+            product = product * known[name] % PRIME
+        total = total + product
+    return np.asarray(total % PRIME)

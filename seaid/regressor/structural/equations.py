@@ -1,0 +1,430 @@
+"""Which positions the encoders of a robot tell, directly or through others.
+
+The equations of one drive as the sensors of its motor see it, in plain symbols.
+
+The equations of a robot with its drives, and which of them some sensors leave to be used.
+
+Every drive has a motor balance (7) and, if it is elastic, a spring (3); every joint has a load row
+(8). The torques of the motors and those on what the drives turn stand between them: a torque that
+no sensor measures is an unknown function of time, so it has to be eliminated, and a position that
+none measures makes every equation useless in which it stands.
+
+Which equations of a joint its sensors leave to be used, and why not the others, in words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+import sympy as sp
+from flint import fmpq, fmpq_mat
+from numpy.typing import NDArray
+
+from seaid.drives import (
+    PARAMETER_NAMES,
+    SIGNALS,
+    Drive,
+    K_t,
+    K_u,
+    N,
+    SeriesElasticDrive,
+    StiffDrive,
+    flat_names,
+    joint_equation,
+    known_values,
+    motor_equation,
+    r_L,
+    r_M,
+    spring_force,
+    tau_L,
+)
+from seaid.regressor.exact.geometry import exact_number
+from seaid.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Which positions the sensors tell: of motors, of what drives turn, of joints, of springs."""
+
+    motor: tuple[bool, ...]
+    driven: tuple[bool, ...]
+    joint: tuple[bool, ...]
+    stretch: tuple[bool, ...]
+
+
+def positions_seen(robot: Robot, sensors: Mapping[str, frozenset[str]]) -> Seen:
+    """Return what the encoders tell, each directly or through others and the transmission."""
+    n = robot.n
+    C = exact_transmission(robot)
+    rows: list[list[fmpq]] = []
+    motors, driven, stretches = [], [], []
+    for i, joint in enumerate(robot.joint_names):
+        drive = robot.drivetrains[joint]
+        unit = [fmpq(int(j == i)) for j in range(n)]
+        turned = [fmpq(0)] * n + [C[i, j] for j in range(n)]
+        motor = [*unit, *[fmpq(0)] * n]
+        ratio = exact_number(drive.ratio)
+        if isinstance(drive, StiffDrive):
+            stretch = None
+            rows.append([x - ratio * y for x, y in zip(motor, turned, strict=True)])
+        else:
+            in_, out = exact_number(drive.motor_radius) / ratio, exact_number(drive.load_radius)
+            stretch = [in_ * x - out * y for x, y in zip(motor, turned, strict=True)]
+        motors.append(motor)
+        driven.append(turned)
+        stretches.append(stretch)
+        if "motor_position" in sensors[joint]:
+            rows.append(motor)
+        if "joint_position" in sensors[joint]:
+            rows.append([*[fmpq(0)] * n, *unit])
+        if "deflection" in sensors[joint] and stretch is not None:
+            rows.append(stretch)
+    rank = fmpq_mat(rows).rank() if rows else 0
+
+    def told(position: list[fmpq] | None) -> bool:
+        return position is not None and fmpq_mat([*rows, position]).rank() == rank
+
+    joints = [[fmpq(int(j == n + i)) for j in range(2 * n)] for i in range(n)]
+    return Seen(*(tuple(map(told, each)) for each in (motors, driven, joints, stretches)))
+
+
+def exact_transmission(robot: Robot) -> fmpq_mat:
+    """Return C (n, n) of phi = C q as rationals."""
+    return fmpq_mat([[exact_number(x) for x in row] for row in robot.transmission])
+
+
+INPUTS = {"motor_torque": "torque", "motor_current": "current", "motor_voltage": "voltage"}
+"""Sensors of what drives a motor, and the `motor_input` that each is; the best first."""
+
+BACK_EMF = sp.Symbol("back_emf_damping", real=True)
+"""What a voltage loses to the motor's speed, where the torque is measured beside it."""
+
+_REAL = {
+    name: sp.Symbol(name, real=True)
+    for signal in SIGNALS
+    for name in (f"{signal.func}{suffix}" for suffix in ("", "_dot", "_ddot"))
+}
+STRETCH, STRETCH_DOT = (sp.Symbol(f"deflection{suffix}", real=True) for suffix in ("", "_dot"))
+MOTOR_SIGNALS = {"motor_torque": "tau_M", "motor_current": "i_M", "motor_voltage": "u_M"}
+_SCALES = {"motor_torque": sp.Integer(1), "motor_current": K_t, "motor_voltage": K_u}
+
+
+def plain(name: str) -> sp.Symbol:
+    """Return the symbol of a signal, as "theta_M_dot"."""
+    return _REAL[name]
+
+
+@dataclass(frozen=True, eq=False)
+class DriveTerms:
+    """The equations of one drive in plain real symbols.
+
+    `motor` is (7) without the torques on both sides of it: motor + share * tau = tau_M, `share`
+    that of the torque tau on what the drive turns; `spring` is (3), None for a stiff drive;
+    `beside` is what the joint has beside the rigid bodies. `inputs` {sensor: what it says of the
+    motor's torque}; `driver` is the sensor in which the motor balance is written.
+    """
+
+    drive: Drive
+    motor: sp.Expr
+    share: sp.Expr
+    spring: sp.Expr | None
+    beside: sp.Expr
+    inputs: Mapping[str, sp.Expr]
+    driver: str
+    known: Mapping[sp.Symbol, float]
+    unknowns: tuple[sp.Symbol, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the unknown parameters."""
+        return tuple(PARAMETER_NAMES.get(symbol, str(symbol)) for symbol in self.unknowns)
+
+
+@cache
+def drive_terms(drive: Drive, sensors: frozenset[str]) -> DriveTerms:
+    """Return the equations of a drive as the sensors of its motor see it."""
+    own = next(sensor for sensor, name in INPUTS.items() if name == drive.motor_input)
+    sensed = [sensor for sensor in INPUTS if sensor in sensors] or [own]
+    driver = sensed[0]
+    seen, scale, source = _driven_by(drive, INPUTS[driver]), _SCALES[driver], MOTOR_SIGNALS[driver]
+    force = spring_force(seen) if isinstance(seen, SeriesElasticDrive) else None
+    behind = tau_L / N if force is None else r_M / N * force
+    motor = _plain(motor_equation(seen).expression - behind) + scale * plain(source)
+    spring = None if force is None else _by_stretch(_plain(force))
+    beside = _plain(joint_equation(seen).expression + tau_L)
+    inputs = {sensor: _input(sensor, driver) for sensor in sensed}
+    motor, known = _by_stretch(sp.expand(motor)), known_values(seen)
+    expressions = [motor, beside, *inputs.values(), *([] if spring is None else [spring])]
+    return DriveTerms(
+        drive=seen,
+        motor=motor,
+        share=1 / N if force is None else r_M / (N * r_L),
+        spring=spring,
+        beside=beside,
+        inputs=inputs,
+        driver=driver,
+        known=known,
+        unknowns=_unknowns(expressions, known),
+    )
+
+
+def _input(sensor: str, driver: str) -> sp.Expr:
+    """Return what a sensor says of the motor's torque, 0 for one of the torque itself."""
+    if sensor == "motor_torque":
+        return sp.Integer(0)
+    lost = BACK_EMF * plain("theta_M_dot") if sensor == "motor_voltage" != driver else 0
+    return _SCALES[sensor] * plain(MOTOR_SIGNALS[sensor]) - lost
+
+
+def _unknowns(
+    expressions: Iterable[sp.Expr], known: Mapping[sp.Symbol, float]
+) -> tuple[sp.Symbol, ...]:
+    """Return the unknown parameters: those of the catalogue in its order, then others by name."""
+    free = {symbol for expression in expressions for symbol in expression.free_symbols}
+    free -= {*_REAL.values(), STRETCH, STRETCH_DOT, *known}
+    named = [symbol for symbol in PARAMETER_NAMES if symbol in free]
+    return (*named, *sorted(free - set(named), key=str))
+
+
+def _driven_by(drive: Drive, motor_input: str) -> Drive:
+    """Return the drive with another motor input."""
+    if motor_input == drive.motor_input:
+        return drive
+    constants = ("torque_constant", "voltage_constant")
+    wanted = {"current": constants[0], "voltage": constants[1]}.get(motor_input)
+    kept = {name: x for name, x in drive.nominal.items() if name not in constants or name == wanted}
+    known = tuple(name for name in drive.known if name not in constants or name in kept)
+    return replace(drive, motor_input=motor_input, nominal=kept, known=known)
+
+
+def _plain(expression: sp.Expr) -> sp.Expr:
+    """Return an expression with the signals as real symbols."""
+    return flat_names(expression).xreplace({sp.Symbol(name): s for name, s in _REAL.items()})
+
+
+def _by_stretch(expression: sp.Expr) -> sp.Expr:
+    """Write what depends on both positions only through the deflection as a function of that."""
+    found = expression
+    for suffix, stretch in (("", STRETCH), ("_dot", STRETCH_DOT)):
+        motor, load = _REAL[f"theta_M{suffix}"], _REAL[f"theta_L{suffix}"]
+        if load in found.free_symbols and motor in found.free_symbols:
+            through = sp.expand(found.xreplace({motor: N / r_M * (stretch + r_L * load)}))
+            if load not in through.free_symbols:
+                found = through
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Equation:
+    """An equation that is zero along every motion.
+
+    `kind` is "motor", "spring", "input", "load" or "sensor", `index` its drive or joint. Its
+    `parts` are (drive, factor, expression), to be summed; a load row has the rigid bodies' torque
+    of its joint besides, with a minus. `torques` {("motor" or "load", drive): factor} are those of
+    which it is linear. `missing` says in words what no sensor tells, so that it cannot be used.
+    """
+
+    kind: str
+    index: int
+    parts: tuple[tuple[int, fmpq, sp.Expr], ...]
+    torques: Mapping[tuple[str, int], fmpq]
+    missing: tuple[str, ...] = ()
+
+
+def equations_of(
+    robot: Robot,
+    terms: Sequence[DriveTerms],
+    sensors: Mapping[str, frozenset[str]],
+    depends: Sequence[frozenset[int]],
+) -> list[Equation]:
+    """Return all equations, with what is missing to use each.
+
+    `depends` are the joints whose motion the rigid bodies' torque at each joint depends on.
+    """
+    seen = positions_seen(robot, sensors)
+    found: list[Equation] = []
+    for i, (joint, drive) in enumerate(zip(robot.joint_names, terms, strict=True)):
+        found += _drive_equations(i, drive, sensors[joint], seen)
+    found += _load_rows(robot, terms, sensors, seen, depends)
+    return found
+
+
+def _drive_equations(
+    i: int, terms: DriveTerms, sensors: frozenset[str], seen: Seen
+) -> Iterator[Equation]:
+    share = _number(terms.share, terms)
+    one = fmpq(1)
+    yield Equation(
+        "motor",
+        i,
+        ((i, one, terms.motor),),
+        {("motor", i): -one, ("load", i): share},
+        _missing(terms.motor, i, sensors, seen),
+    )
+    if terms.spring is not None:
+        yield Equation(
+            "spring",
+            i,
+            ((i, one, terms.spring),),
+            {("load", i): -1 / _number(r_L, terms)},
+            _missing(terms.spring, i, sensors, seen),
+        )
+    for sensor, expression in terms.inputs.items():
+        missing = _missing(expression, i, sensors, seen)
+        if sensor not in sensors:
+            missing = (f"no {sensor.replace('_', ' ')}",)
+        yield Equation("input", i, ((i, one, expression),), {("motor", i): -one}, missing)
+
+
+def _load_rows(
+    robot: Robot,
+    terms: Sequence[DriveTerms],
+    sensors: Mapping[str, frozenset[str]],
+    seen: Seen,
+    depends: Sequence[frozenset[int]],
+) -> Iterator[Equation]:
+    C = exact_transmission(robot)
+    for j, joint in enumerate(robot.joint_names):
+        factors = {i: C[i, j] for i in range(robot.n) if C[i, j] != 0}
+        parts = tuple((i, -x, terms[i].beside) for i, x in factors.items())
+        unseen = [robot.joint_names[k] for k in sorted(depends[j]) if not seen.joint[k]]
+        missing = [f"the position of {', '.join(unseen)} is not known"] if unseen else []
+        for i, _, expression in parts:
+            missing += [] if missing else _missing(expression, i, sensors[joint], seen)
+        torques = {("load", i): x for i, x in factors.items()}
+        yield Equation("load", j, parts, torques, tuple(missing))
+        if "joint_torque" in sensors[joint]:
+            yield Equation("sensor", j, (), torques)
+
+
+def _missing(expression: sp.Expr, i: int, sensors: frozenset[str], seen: Seen) -> tuple[str, ...]:
+    """Return what an expression of a drive's signals needs and the sensors do not tell."""
+    found = {symbol.name for symbol in expression.free_symbols}
+    names = {name.removesuffix("_ddot").removesuffix("_dot") for name in found}
+    needs = {
+        "theta_M": ("the motor's position is not known", seen.motor[i]),
+        "theta_L": ("the joint's position is not known", seen.driven[i]),
+        "deflection": ("the spring's deflection is not known", seen.stretch[i]),
+        "tau_G": (
+            "its friction needs the torque through the gear",
+            bool(sensors & {*INPUTS, "joint_torque"}),
+        ),
+    }
+    return tuple(words for name, (words, told) in needs.items() if name in names and not told)
+
+
+def _number(expression: sp.Expr, terms: DriveTerms) -> fmpq:
+    """Return an expression of ratio and radii as a rational."""
+    exact = {s: exact_number(x) for s, x in terms.known.items()}
+    found = expression.xreplace({s: sp.Rational(int(x.p), int(x.q)) for s, x in exact.items()})
+    return fmpq(int(found.p), int(found.q))
+
+
+def eliminations(equations: Sequence[Equation]) -> fmpq_mat:
+    """Return the sums (W, E) of usable equations in which no unknown torque is left.
+
+    Echelon from the back, so that as few equations as possible stand in each.
+    """
+    usable = [e for e, equation in enumerate(equations) if not equation.missing]
+    torques = sorted({torque for e in usable for torque in equations[e].torques})
+    rows = []
+    for e in usable:
+        unit = [fmpq(int(e == other)) for other in range(len(equations))]
+        rows.append([equations[e].torques.get(torque, fmpq(0)) for torque in torques] + unit)
+    if not rows:
+        return fmpq_mat(0, len(equations))
+    echelon, rank = fmpq_mat(rows).rref()
+    kept = [row for row in echelon.tolist()[:rank] if not any(row[: len(torques)])]
+    return fmpq_mat([row[len(torques) :] for row in kept]) if kept else fmpq_mat(0, len(equations))
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """The equations that some sensors leave: `sums` (W, E) of them are free of unknown torques.
+
+    `names` are those of the unknown parameters: ten a body, then those of the drives.
+    """
+
+    robot: Robot
+    terms: tuple[DriveTerms, ...]
+    equations: tuple[Equation, ...]
+    sums: NDArray[np.object_]
+    names: tuple[str, ...]
+
+    @property
+    def used(self) -> frozenset[int]:
+        """The places of the equations that are in a sum."""
+        return frozenset(np.flatnonzero(np.any(self.sums != 0, axis=0)).tolist())
+
+
+def system_of(
+    robot: Robot, sensors: Mapping[str, frozenset[str]], depends: Sequence[frozenset[int]]
+) -> System:
+    """Return the equations of a robot that its sensors leave.
+
+    `depends` are the joints whose motion the rigid bodies' torque at each joint depends on.
+    """
+    joints = robot.joint_names
+    terms = tuple(drive_terms(robot.drivetrains[joint], sensors[joint]) for joint in joints)
+    equations = equations_of(robot, terms, sensors, depends)
+    drives = zip(joints, terms, strict=True)
+    names = tuple(f"{name} of {joint}" for joint, drive in drives for name in drive.names)
+    sums = eliminations(equations)
+    table = np.array(sums.entries(), dtype=object).reshape(sums.nrows(), sums.ncols())
+    return System(robot, terms, tuple(equations), table, (*robot.parameter_names, *names))
+
+
+_TITLES = {"motor": "(7) of its motor", "spring": "(4b) of its spring", "load": "(8) of its load"}
+
+_TORQUES = {
+    "stiffness": "spring torque",
+    "torque_constant": "motor torque",
+    "voltage_constant": "motor torque",
+}
+
+
+def words_of(system: System, scaled: Collection[str]) -> dict[str, tuple[str, ...]]:
+    """Return {joint: sentences} of all joints; `scaled` are names known only up to a factor."""
+    return {
+        joint: (*_sentences(system, index), *_scales(joint, scaled))
+        for index, joint in enumerate(system.robot.joint_names)
+    }
+
+
+def _scales(joint: str, scaled: Collection[str]) -> Iterator[str]:
+    """Say which torque of a joint has no scale of its own."""
+    for name, torque in _TORQUES.items():
+        if f"{name} of {joint}" in scaled:
+            yield f"its {torque} is known only up to the scale of its {name.replace('_', ' ')}"
+
+
+def _sentences(system: System, index: int) -> Iterator[str]:
+    own = [(e, one) for e, one in enumerate(system.equations) if one.index == index]
+    inputs = [one for _, one in own if one.kind == "input" and not one.missing]
+    for e, equation in own:
+        if equation.kind not in _TITLES:
+            continue
+        title = _TITLES[equation.kind]
+        if e in system.used:
+            yield f"{title} is used{_by(system, equation)}"
+        elif equation.missing:
+            yield f"{title} cannot be used: {'; '.join(equation.missing)}"
+        elif equation.kind == "motor" and not inputs:
+            yield f"{title} cannot be used: no motor torque, current or voltage"
+        else:
+            yield f"{title} cannot be used: nothing tells the torque on its load"
+
+
+def _by(system: System, equation: Equation) -> str:
+    """Say by what sensor a motor balance is used."""
+    if equation.kind != "motor":
+        return ""
+    terms = system.terms[equation.index]
+    constant = {"motor_current": "torque constant", "motor_voltage": "voltage constant"}
+    text = f", by motor {INPUTS[terms.driver]}"
+    name = constant.get(terms.driver)
+    unknown = name is not None and name.replace(" ", "_") in terms.names
+    return f"{text} times an unknown {name}" if unknown else text

@@ -1,0 +1,386 @@
+"""What a system of sensed equations can tell: exactly by residues, and once more in doubles.
+
+The columns of sensed equations at random instants: in doubles, or modulo a prime.
+
+An instant is free, every signal a random number; or one of a true motion, at which all equations
+hold for true parameters. Free instants tell which combinations of parameters the equations have;
+true ones what a log can tell of them, since there the signals are not independent: the deflection
+of a spring is the torque of the bodies behind it over its stiffness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from flint import fmpq, fmpq_mat
+from scipy.sparse.csgraph import connected_components
+
+from seaid._arrays import Array, BoolArray, frozen, safely
+from seaid.drives import PARAMETERS, K_t, K_u, N, r_L, r_M
+from seaid.errors import SymbolicError
+from seaid.regressor.base import BaseParameters, left_to_right
+from seaid.regressor.exact.grouping import exact_text
+from seaid.regressor.structural.arithmetic import (
+    Known,
+    Numbers,
+    RealNumbers,
+    ResidueNumbers,
+    Residues,
+    echelon,
+    short_fraction,
+)
+from seaid.regressor.structural.equations import (
+    BACK_EMF,
+    MOTOR_SIGNALS,
+    STRETCH,
+    STRETCH_DOT,
+    DriveTerms,
+    System,
+    exact_transmission,
+    plain,
+)
+from seaid.robot import Robot
+
+_STATES = ("", "_dot", "_ddot")
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """True values: of the unknown standard parameters (10n,), and of the symbols of each drive."""
+
+    bodies: Any
+    drives: tuple[Mapping[sp.Expr, Any], ...]
+
+
+def random_truth(numbers: Numbers, system: System) -> Truth:
+    """Return random values of all unknown parameters beside the known ones."""
+    drives = []
+    for drive in system.terms:
+        known: Known = {symbol: numbers.number(x) for symbol, x in drive.known.items()}
+        for symbol, name in zip(drive.unknowns, drive.names, strict=True):
+            value = numbers.random(1)[0]
+            is_speed = name in PARAMETERS and PARAMETERS[name].unit == "rad/s"
+            known[symbol] = (
+                numbers.reduced(value * numbers.number(_speed(drive))) if is_speed else value
+            )
+        drives.append(known)
+    bodies = numbers.random(10 * system.robot.n)
+    bodies[system.robot.is_known] = 0
+    return Truth(bodies, tuple(drives))
+
+
+def _speed(drive: DriveTerms) -> float:
+    """Return how fast a motor turns in random states [rad/s], about."""
+    return 3.0 * (drive.drive.ratio if drive.spring is None else 1.0)
+
+
+def columns_at_instants(
+    numbers: Numbers, system: System, truth: Truth, count: int, payload: Any = None
+) -> Any:
+    """Return (count * W, m): the slopes of the sums of equations by all unknown parameters.
+
+    Instants are free, or of a true motion with `payload` (10n,): what is known
+    of the standard parameters.
+    """
+    robot, terms, sums = system.robot, system.terms, system.sums
+    Y, drives = _instants(numbers, robot, terms, truth, count, payload)
+    starts = np.cumsum([10 * robot.n, *(len(drive.unknowns) for drive in terms)]).tolist()
+    H = np.zeros((count, len(sums), starts[-1]), dtype=Y.dtype)
+    for e in sorted(system.used):
+        equation = system.equations[e]
+        slopes = np.zeros((count, starts[-1]), dtype=Y.dtype)
+        if equation.kind == "load":
+            slopes[:, : 10 * robot.n] = -Y[:, equation.index] * ~robot.is_known
+        for i, factor, expression in equation.parts:
+            for place, symbol in enumerate(terms[i].unknowns, starts[i]):
+                slope = _slope(expression, symbol)
+                if slope != 0:
+                    slopes[:, place] += _number(numbers, factor) * numbers.value(slope, drives[i])
+        for w in np.flatnonzero(sums[:, e] != 0):
+            H[:, w] += _number(numbers, sums[w, e]) * numbers.reduced(slopes)
+    return numbers.reduced(H).reshape(-1, starts[-1])
+
+
+@cache
+def _slope(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
+    """Return the derivative by a parameter; a step has none."""
+    return expression.diff(symbol).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
+
+
+def _number(numbers: Numbers, value: fmpq) -> Any:
+    return numbers.number(Fraction(int(value.p), int(value.q)))
+
+
+def _matrix(numbers: Numbers, matrix: fmpq_mat, dtype: Any) -> Any:
+    rows = [[_number(numbers, x) for x in row] for row in matrix.tolist()]
+    return np.array(rows, dtype=dtype)
+
+
+def _instants(
+    numbers: Numbers,
+    robot: Robot,
+    terms: Sequence[DriveTerms],
+    truth: Truth,
+    count: int,
+    payload: Any,
+) -> tuple[Any, list[Known]]:
+    """Return the regressor (T, n, 10n) at random instants and every drive's signals."""
+    q, turned, v, a = numbers.states(count)
+    exact = exact_transmission(robot)
+    C, C_inv = (_matrix(numbers, x, q.dtype) for x in (exact, exact.inv()))
+    drives: list[Known] = []
+    for i, drive in enumerate(terms):
+        known: Known = dict(truth.drives[i])
+        for suffix, state in zip(_STATES, (q, v, a), strict=True):
+            known[plain(f"theta_L{suffix}")] = numbers.product(state, C[i])
+        own = exact[i, i] == 1 and sum(x != 0 for x in exact.tolist()[i]) == 1
+        if own and not robot.is_prismatic[i]:
+            for function, values in zip((sp.cos, sp.sin), turned, strict=True):
+                known[function(plain("theta_L"))] = values[:, i]
+        _turn_motor(numbers, drive, known, count)
+        drives.append(known)
+    if payload is not None:
+        bodies = numbers.reduced(truth.bodies + payload)
+        a = _held(numbers, terms, drives, (q, turned, v, a), C_inv, bodies)
+        for i, drive in enumerate(terms):
+            drives[i][plain("theta_L_ddot")] = numbers.product(a, C[i])
+            if drive.spring is None:
+                _turn_motor(numbers, drive, drives[i], count)
+    Y = numbers.regressor(q, turned, v, a)
+    loads = None
+    if payload is not None:
+        loads = numbers.product(numbers.product(Y, bodies), C_inv)
+    for i, drive in enumerate(terms):
+        _drive_motor(numbers, drive, drives[i], None if loads is None else loads[:, i], count)
+    return Y, drives
+
+
+def _turn_motor(numbers: Numbers, drive: DriveTerms, known: Known, count: int) -> None:
+    """Add the motor's states: of a stiff drive those of its joint, else random ones."""
+    for suffix in _STATES:
+        load = known[plain(f"theta_L{suffix}")]
+        motor = plain(f"theta_M{suffix}")
+        if drive.spring is None:
+            known[motor] = numbers.reduced(known[N] * load)
+            continue
+        known[motor] = numbers.signal(count)
+        if suffix == "":
+            known[STRETCH] = numbers.signal(count)
+            into = numbers.over(known[N], known[r_M])
+            stretched = numbers.reduced(known[STRETCH] + known[r_L] * load)
+            known[motor] = numbers.reduced(into * stretched)
+        elif suffix == "_dot":
+            rate = numbers.over(known[r_M] * known[motor], known[N])
+            known[STRETCH_DOT] = numbers.reduced(rate - known[r_L] * load)
+
+
+def _held(
+    numbers: Numbers,
+    terms: Sequence[DriveTerms],
+    drives: Sequence[Known],
+    state: tuple[Any, Any, Any, Any],
+    C_inv: Any,
+    bodies: Any,
+) -> Any:
+    """Return accelerations (T, n) with which every spring holds what is behind it, (8)."""
+    q, turned, v, a = state
+    elastic = [i for i, drive in enumerate(terms) if drive.spring is not None]
+    if not elastic:
+        return a
+    pushed = np.concatenate([a, *(a + C_inv[:, i] for i in elastic)])
+    held, *turns, speeds = (np.tile(x, (1 + len(elastic), 1)) for x in (q, *turned, v))
+    torques = numbers.torques(held, tuple(turns), speeds, numbers.reduced(pushed), bodies)
+    loads = numbers.product(torques, C_inv)[:, elastic].reshape(-1, *q[:, elastic].shape)
+    inertia = numbers.reduced(loads[1:] - loads[0]).transpose(1, 2, 0)
+    wanted = -loads[0]
+    for place, i in enumerate(elastic):
+        force = numbers.value(terms[i].spring, drives[i]) * drives[i][r_L]
+        wanted[:, place] += force - numbers.value(terms[i].beside, drives[i])
+    change = numbers.solve(inertia, numbers.reduced(wanted))
+    return numbers.reduced(a + numbers.product(change, C_inv.T[elastic]))
+
+
+def _drive_motor(numbers: Numbers, drive: DriveTerms, known: Known, load: Any, count: int) -> None:
+    """Add the torque, current and voltage of a motor: random ones, or what the motion takes."""
+    tau, current, voltage = (plain(MOTOR_SIGNALS[sensor]) for sensor in MOTOR_SIGNALS)
+    if load is None:
+        for signal in (tau, current, voltage, plain("tau_G")):
+            known[signal] = numbers.signal(count)
+        return
+    load = numbers.reduced(load + numbers.value(drive.beside, known))
+    known[plain("tau_G")] = load
+    torque = numbers.value(drive.share, known) * load + numbers.value(drive.motor, known)
+    known[tau] = numbers.reduced(torque)
+    if K_t in known:
+        known[current] = numbers.over(known[tau], known[K_t])
+    if K_u in known:
+        lost = known.get(BACK_EMF, 0) * known[plain("theta_M_dot")]
+        known[voltage] = numbers.over(numbers.reduced(known[tau] + lost), known[K_u])
+
+
+_MORE_INSTANTS = 6
+_SAME = 1e-7
+_ROUNDING = 1e-9
+
+Decision = tuple[BaseParameters, tuple[tuple[int, ...], ...], int, bool]
+"""Combinations, groups of their places known up to a factor, rank, and whether doubles agree."""
+
+
+def decided(
+    system: System,
+    payloads: Sequence[Array],
+    exact: ResidueNumbers,
+    numeric: RealNumbers,
+) -> Decision:
+    """Return what can be told, with the known `payloads` (10n,) of which there are logs."""
+    columns, rows = _free(system, exact)
+    on_motion = _on_motion(system, payloads, exact, columns)
+    groups = _groups(on_motion, len(columns))
+    rank = len(on_motion[0]) if on_motion is not None else len(columns)
+    grouping, gap, agree = _in_doubles(system, payloads, numeric, columns, rows, rank)
+    names = system.names
+    base = BaseParameters(
+        columns=tuple(columns),
+        names=tuple(names[column] for column in columns),
+        expressions=tuple(
+            exact_text(_fractions(row, values), names)
+            for row, values in zip(rows, grouping, strict=True)
+        ),
+        grouping=frozen("grouping", grouping, (None, len(names))),
+        gap=gap,
+    )
+    return base, groups, rank, agree
+
+
+def _free(system: System, exact: ResidueNumbers) -> tuple[list[int], Residues]:
+    """Return pivots and rows of the echelon form, of as many instants as tell something new."""
+    width, sums = len(system.names), len(system.sums)
+    columns: list[int] = []
+    rows: Residues = np.zeros((0, width), dtype=object)
+    if not sums:
+        return columns, rows
+    truth = random_truth(exact, system)
+    while True:
+        new = columns_at_instants(exact, system, truth, width // sums + _MORE_INSTANTS)
+        found, rows = echelon(np.vstack([rows, new]))
+        if len(found) == len(columns):
+            return found, rows
+        columns = found
+
+
+def _on_motion(
+    system: System, payloads: Sequence[Array], exact: ResidueNumbers, columns: list[int]
+) -> tuple[list[int], Residues] | None:
+    """Return the echelon form of the combinations over true motions, None where it is full."""
+    if not columns or not _can_be_homogeneous(system):
+        return None
+    truth, count = random_truth(exact, system), _count(system, columns)
+    rows = [
+        columns_at_instants(exact, system, truth, count, _numbers(exact, payload))
+        for payload in payloads
+    ]
+    return echelon(np.vstack(rows)[:, columns])
+
+
+def _can_be_homogeneous(system: System) -> bool:
+    """Tell whether a signal that follows from the others stands beside an unknown parameter."""
+    signals = {plain(name) for name in MOTOR_SIGNALS.values()}
+    return any(
+        system.terms[i].spring is not None or expression.free_symbols & signals
+        for e in system.used
+        for i, _, expression in system.equations[e].parts
+    )
+
+
+def _count(system: System, columns: Sequence[int]) -> int:
+    return len(columns) // len(system.sums) * 2 + 2 * _MORE_INSTANTS
+
+
+def _numbers(numbers: Numbers, values: Array) -> Any:
+    return np.array([numbers.number(float(x)) for x in values], dtype=object)
+
+
+def _groups(on_motion: tuple[list[int], Residues] | None, p: int) -> tuple[tuple[int, ...], ...]:
+    """Return the combinations that a direction without any trace moves together."""
+    if on_motion is None:
+        return ()
+    pivots, rows = on_motion
+    links = np.zeros((p, p), dtype=bool)
+    for free in (place for place in range(p) if place not in pivots):
+        links[free, [pivot for pivot, row in zip(pivots, rows, strict=True) if row[free]]] = True
+        links[free, free] = True
+    _, labels = connected_components(links, directed=False)
+    held = np.any(links, axis=0) | np.any(links, axis=1)
+    labelled = [np.flatnonzero((labels == label) & held) for label in dict.fromkeys(labels)]
+    return tuple(tuple(group.tolist()) for group in labelled if len(group))
+
+
+def _in_doubles(
+    system: System,
+    payloads: Sequence[Array],
+    numeric: RealNumbers,
+    columns: list[int],
+    rows: Residues,
+    rank: int,
+) -> tuple[Array, float, bool]:
+    """Return the grouping of the exact base columns, the gap, and whether doubles agree."""
+    width = len(system.names)
+    if not columns:
+        return np.zeros((0, width)), float("inf"), True
+    truth, count = (
+        random_truth(numeric, system),
+        2 * (width // len(system.sums)) + 4 * _MORE_INSTANTS,
+    )
+    H = columns_at_instants(numeric, system, truth, count)
+    found, grouping, gap = left_to_right(H, _negligible(system, H))
+    agree = found == columns
+    if not agree:
+        grouping = safely(
+            np.linalg.lstsq,
+            H[:, columns],
+            H,
+            what="what the sensors tell",
+            error=SymbolicError,
+            rcond=None,
+        )[0]
+    seen = np.abs(grouping) > _SAME * np.max(np.abs(grouping), axis=1, keepdims=True)
+    exact = rows != 0  # what is zero in doubles alone is the trace of an irrational direction
+    agree &= not np.any(seen & ~exact)
+    told = _rank_in_doubles(system, payloads, numeric, columns, truth)
+    return np.where(exact, grouping, 0.0), gap, bool(agree and told == rank)
+
+
+def _rank_in_doubles(
+    system: System,
+    payloads: Sequence[Array],
+    numeric: RealNumbers,
+    columns: list[int],
+    truth: Truth,
+) -> int:
+    if not _can_be_homogeneous(system):
+        return len(columns)
+    count = 2 * _count(system, columns)
+    rows = [columns_at_instants(numeric, system, truth, count, payload) for payload in payloads]
+    return len(left_to_right(np.vstack(rows)[:, columns])[0])
+
+
+def _negligible(system: System, H: Array) -> BoolArray:
+    """Tell columns of bodies that are zero but for rounding, as `base.negligible`."""
+    norms, bodies = np.linalg.norm(H, axis=0), np.arange(H.shape[1]) < 10 * system.robot.n
+    return np.asarray(bodies & (norms < 1e-9 * norms[bodies].max(initial=0.0)))
+
+
+def _fractions(row: Residues, values: Array) -> dict[int, Fraction]:
+    """Return a row of the grouping as rationals: exactly where they are short, else the doubles."""
+    found = {}
+    for column in np.flatnonzero(values).tolist():
+        value = float(values[column])
+        near = short_fraction(int(row[column])), Fraction(round(value)), Fraction(value)
+        found[column] = next(x for x in near if x and abs(x - value) <= _ROUNDING * abs(value))
+    return found

@@ -1,0 +1,9 @@
+from .figures import save_sensitivity_figure as save_sensitivity_figure
+from .figures import sensitivity_table as sensitivity_table
+from .html import write_report as write_report
+from .text import conditions_table as conditions_table
+from .text import identification_table as identification_table
+from .text import sensors_table as sensors_table
+from .text import table as table
+from .text import terms_table as terms_table
+from .text import validation_table as validation_table

@@ -1,0 +1,198 @@
+"""A tree of a URDF assembled into Pinocchio's model, joint by joint.
+
+Fixed and locked joints are merged; every joint has one coordinate (nq = nv = n), where Pinocchio's
+own reader gives two to a continuous one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from seaid._arrays import Array, finite, number, safely
+from seaid.errors import RobotError, unknown_name
+from seaid.robot.inertia import (
+    LARGEST_KG,
+    LARGEST_KG_M2,
+    LARGEST_M,
+    SMALLEST_KG,
+    from_center_of_mass,
+    in_parent_frame,
+)
+from seaid.robot.urdf import UrdfJoint, UrdfTree
+
+TURNING = ("revolute", "continuous")
+_MOVING = (*TURNING, "prismatic")
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A known body fixed to a link: mass [kg], centre of mass [m] in the link's frame, and its
+    inertia at that centre [kg m^2] (a point mass where left out).
+    """
+
+    link: str
+    mass: float
+    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inertia: tuple[tuple[float, float, float], ...] = ((0.0,) * 3,) * 3
+
+    def __post_init__(self) -> None:
+        where = f"of the payload on '{self.link}'"
+        mass = number(f"mass {where}", self.mass, RobotError)
+        if not finite(f"mass {where}", mass, (), RobotError) > 0:
+            raise RobotError(
+                f"payload on '{self.link}' must have a mass of more than zero, found {self.mass}"
+            )
+        com = finite(f"com {where}", self.com, (3,), RobotError)
+        inertia = finite(f"inertia {where}", self.inertia, (3, 3), RobotError)
+        _check_size(f"mass {where}", self.mass, LARGEST_KG, "kg", SMALLEST_KG)
+        _check_size(f"com {where}", float(np.max(np.abs(com))), LARGEST_M, "m")
+        _check_size(f"inertia {where}", float(np.max(np.abs(inertia))), LARGEST_KG_M2, "kg m^2")
+        scale = float(np.max(np.abs(inertia)))
+        least = safely(np.linalg.eigvalsh, inertia, what=f"inertia {where}", error=RobotError)[0]
+        symmetric = np.allclose(inertia, inertia.T, rtol=0, atol=1e-9 * scale)
+        if not symmetric or least < -1e-9 * scale:
+            raise RobotError(
+                f"inertia {where} must be a symmetric matrix without negative principal moments, "
+                f"found {inertia.tolist()}"
+            )
+
+    @property
+    def parameters(self) -> Array:
+        """The ten inertial parameters in the link's frame."""
+        return from_center_of_mass(self.mass, np.array(self.com), np.array(self.inertia))
+
+
+def _check_size(what: str, found: float, most: float, unit: str, least: float = 0.0) -> None:
+    if not least <= found <= most:
+        raise RobotError(
+            f"{what} is beyond what a robot can have, found {found:g}: allowed are {least:g} to "
+            f"{most:g} {unit}"
+        )
+
+
+def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the joints that move, in their order: those asked for, or all of the tree.
+
+    Raises RobotError for a name that is not there or twice, and for a joint that cannot move here.
+    """
+    if joints is None:
+        names = [joint for joint in _depth_first(tree) if tree.joints[joint].type != "fixed"]
+    else:
+        if isinstance(joints, str):
+            raise RobotError(f"joints= must be a list of names, found the text '{joints}'")
+        names = list(joints)
+        for name in names:
+            if name not in tree.joints:
+                raise RobotError(f"'{tree.name}': " + unknown_name("joint", name, tree.joints))
+        if len(set(names)) < len(names):
+            raise RobotError(f"joints= names a joint twice: {names}")
+    for name in names:
+        kind = tree.joints[name].type
+        if kind not in _MOVING:
+            raise RobotError(
+                f"'{tree.name}': joint '{name}' is {kind}; seaid moves {', '.join(_MOVING)} joints "
+                "of a robot with a fixed base: leave it out with joints=[...] (locked at zero)"
+            )
+    if not names:
+        raise RobotError(f"'{tree.name}' has no joint that moves")
+    return tuple(names)
+
+
+def _depth_first(tree: UrdfTree) -> list[str]:
+    order: list[str] = []
+    stack = list(reversed(tree.children(tree.root)))
+    while stack:
+        joint = stack.pop()
+        order.append(joint.name)
+        stack.extend(reversed(tree.children(joint.child)))
+    return order
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """Pinocchio's model (without inertias), and (n, 10) parameters of bodies and of payloads.
+
+    `order` tells which of the n moving joints asked for each joint of the model is.
+    """
+
+    model: pin.Model
+    order: tuple[int, ...]
+    bodies: Array
+    payloads: Array
+
+
+def assemble(
+    tree: UrdfTree, moving: tuple[str, ...], payloads: Sequence[Payload], gravity: Array
+) -> Assembly:
+    """Walk the tree from its root, adding a joint of Pinocchio's for each that moves.
+
+    Raises RobotError for a payload on no link that moves and for inertia without mass.
+    """
+    model = pin.Model()
+    model.name = tree.name
+    model.gravity.linear = np.array(gravity)
+    order: list[int] = []
+    own, loads = np.zeros((len(moving), 10)), np.zeros((len(moving), 10))
+    places = {name: place for place, name in enumerate(moving)}
+    frames = {tree.root: (0, pin.SE3.Identity())}
+    for name in _depth_first(tree):
+        joint = tree.joints[name]
+        parent, placement = frames[joint.parent]
+        placement = placement * joint.placement
+        if name in places:
+            parent = _add_joint(model, parent, placement, joint)
+            order.append(places[name])
+            placement = pin.SE3.Identity()
+        frames[joint.child] = (parent, placement)
+        if parent:
+            own[order[parent - 1]] += in_parent_frame(tree.links[joint.child], placement)
+    for payload in payloads:
+        if payload.link not in tree.links:
+            raise RobotError("payload: " + unknown_name("link", payload.link, tree.links))
+        parent, placement = frames[payload.link]
+        if not parent:
+            raise RobotError(f"payload on '{payload.link}': no joint moves this link")
+        loads[order[parent - 1]] += in_parent_frame(payload.parameters, placement)
+    _check_masses(tree, moving, own)
+    return Assembly(model, tuple(order), own, loads)
+
+
+def _add_joint(model: pin.Model, parent: int, placement: pin.SE3, joint: UrdfJoint) -> int:
+    prismatic = joint.type == "prismatic"
+    aligned = (
+        (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
+        if prismatic
+        else (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
+    )
+    along = np.flatnonzero(joint.axis == 1.0)
+    if along.size:
+        joint_model = aligned[along[0]]()
+    elif prismatic:
+        joint_model = pin.JointModelPrismaticUnaligned(joint.axis)
+    else:
+        joint_model = pin.JointModelRevoluteUnaligned(joint.axis)
+    return int(
+        model.addJoint(
+            parent,
+            joint_model,
+            placement,
+            joint.name,
+            np.array([joint.effort]),
+            np.array([joint.velocity]),
+            np.array([joint.lower]),
+            np.array([joint.upper]),
+        )
+    )
+
+
+def _check_masses(tree: UrdfTree, moving: Sequence[str], own: Array) -> None:
+    for name, parameters in zip(moving, own, strict=True):
+        if parameters[0] == 0.0 and np.any(parameters):
+            raise RobotError(
+                f"'{tree.name}': link '{tree.joints[name].child}' (moved by '{name}') has inertia "
+                "but zero mass; give it a mass of more than zero"
+            )

@@ -1,0 +1,143 @@
+"""Drives that move several joints: phi = C q, and by power tau = C^T tau_phi.
+
+phi_i is the coordinate that drive i turns: behind its gear, in front of its joint. C (n, n) has the
+robot's joint order on both sides, row i the factors of the drive in the table of joint i; it is the
+identity but for the groups of joints that are coupled (a differential, a parallelogram, a wrist).
+A factor on a sliding joint is in rad/m at a drive of a turning one, in m/rad the other way round.
+
+Functions of an array act on its last axis (n) and touch only coupled joints: what is not coupled
+stays what it is bit by bit, and NaN of one group does not reach another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+
+from seaid._arrays import Array, frozen, safely
+from seaid.drives import Drive
+from seaid.errors import RobotError, unknown_name
+
+_SINGULAR = 1e-9
+"""Relative: a group whose drives tell a motion of its joints worse than that does not move it."""
+
+
+def transmission_matrix(joints: Sequence[str], drives: Mapping[str, Drive]) -> Array:
+    """Return C (n, n), read-only, of joints and their drives; rows default to the joint's own."""
+    matrix = np.eye(len(joints))
+    for row, joint in enumerate(joints):
+        factors = drives[joint].transmission if joint in drives else {}
+        if factors:
+            matrix[row] = [factors.get(other, 0.0) for other in joints]
+    return frozen("transmission", matrix, (None, None))
+
+
+def check_transmission(
+    joints: Sequence[str], drives: Mapping[str, Drive], others: Collection[str]
+) -> None:
+    """Raise RobotError for factors on joints that do not move and for a matrix without inverse.
+
+    `others` are the names of the robot's joints that are locked or fixed.
+    """
+    for joint in joints:
+        for name in drives[joint].transmission:
+            where = f"joint '{joint}': the transmission of its drive "
+            if name in others:
+                raise RobotError(
+                    f"{where}has a factor on '{name}', which does not move here (fixed, or locked "
+                    "at zero): let it move with joints=, or leave the factor out"
+                )
+            if name not in joints:
+                raise RobotError(f"{where}names another: " + unknown_name("joint", name, joints))
+    if not any(drives[joint].transmission for joint in joints):
+        return
+    matrix = transmission_matrix(joints, drives)
+    for group in coupled_groups(matrix):
+        block = matrix[np.ix_(group, group)]
+        sizes = np.linalg.norm(block, axis=1, keepdims=True)
+        scaled = block / np.where(sizes > 0, sizes, 1.0)
+        scaled /= np.maximum(np.max(np.abs(scaled), axis=0), _SINGULAR)
+        sizes = safely(
+            np.linalg.svd, scaled, what="a transmission", error=RobotError, compute_uv=False
+        )
+        if sizes[-1] < _SINGULAR:
+            names = ", ".join(joints[index] for index in group)
+            raise RobotError(
+                f"the drives of {names} do not move these joints independently: their "
+                f"transmission matrix {block.tolist()} is singular; as many independent rows are "
+                "needed as joints are coupled"
+            )
+
+
+def coupled_groups(matrix: Array) -> tuple[list[int], ...]:
+    """Return the groups of joints that belong together, without those that have a plain drive."""
+    if np.array_equal(matrix, np.eye(len(matrix))):  # nearly always, and asked for often
+        return ()
+    links = matrix != 0
+    _, labels = connected_components(links | links.T, directed=False)
+    groups = (np.flatnonzero(labels == label).tolist() for label in dict.fromkeys(labels.tolist()))
+    return tuple(group for group in groups if len(group) > 1 or matrix[group[0], group[0]] != 1)
+
+
+def group_of(matrix: Array, index: int) -> list[int]:
+    """Return the joints that are coupled with one, itself among them: alone if it is not."""
+    return next((group for group in coupled_groups(matrix) if index in group), [index])
+
+
+def coupled_names(joints: Sequence[str], matrix: Array) -> tuple[str, ...]:
+    """Return the names of all joints whose drive is not theirs alone, one to one."""
+    coupled = {index for group in coupled_groups(matrix) for index in group}
+    return tuple(joint for index, joint in enumerate(joints) if index in coupled)
+
+
+def named_in_part(joints: Sequence[str], matrix: Array, rows: Collection[str]) -> tuple[str, ...]:
+    """Return the joints of the first coupled group of which `rows` names some, not all; or none."""
+    for group in coupled_groups(matrix):
+        names = tuple(joints[index] for index in group)
+        if 0 < sum(name in rows for name in names) < len(names):
+            return names
+    return ()
+
+
+def at_drives(matrix: Array, states: Array) -> Array:
+    """Return phi = C q of joint positions, or of velocities or accelerations, (..., n)."""
+    return _mapped(matrix, states, lambda block: block.T)
+
+
+def at_joints(matrix: Array, states: Array) -> Array:
+    """Return q of phi, or velocities or accelerations, (..., n)."""
+    return _mapped(matrix, states, lambda block: _inverse(block).T)
+
+
+def torques_at_drives(matrix: Array, torques: Array) -> Array:
+    """Return the torques tau_phi on the drives' coordinates of those at the joints, (..., n)."""
+    return _mapped(matrix, torques, _inverse)
+
+
+def torques_at_joints(matrix: Array, torques: Array) -> Array:
+    """Return tau = C^T tau_phi, (..., n)."""
+    return _mapped(matrix, torques, lambda block: block)
+
+
+def rows_at_drives(matrix: Array, rows: Array) -> Array:
+    """Return rows (T, n, ...) of joint torques, as a regressor has them, at the drives."""
+    flipped = torques_at_drives(matrix, np.moveaxis(rows, 1, -1))
+    return np.moveaxis(flipped, -1, 1)
+
+
+def _inverse(block: Array) -> Array:
+    return np.asarray(
+        safely(np.linalg.inv, block, what="a transmission", error=RobotError), dtype=np.float64
+    )
+
+
+def _mapped(matrix: Array, values: Array, factor: Callable[[Array], Array]) -> Array:
+    groups = coupled_groups(matrix)
+    if not groups:
+        return values
+    found = np.array(values)
+    for group in groups:
+        found[..., group] = values[..., group] @ factor(matrix[np.ix_(group, group)])
+    return found

@@ -1,0 +1,511 @@
+"""The elements of a URDF that count for the dynamics, checked: names, types, ends, numbers.
+
+Angles of a URDF that were rounded when it was written, made the multiples of pi/2 they mean.
+
+The XML of a URDF as elements, counted while it is read: a file too large is refused early.
+
+Where the meshes of a URDF are: package://, file:// and plain names, searched in folders.
+
+A URDF file as a plain tree of joints and link inertias, with its rounded angles made exact.
+
+yourdfpy reads and checks the file; nothing of it leaves this module. Meshes are never opened.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import warnings
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from functools import cached_property
+from io import BytesIO
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from seaid._arrays import Array
+from seaid._files import real_path, working_folder
+from seaid.errors import RobotError, SeaidWarning, reason_of, shortened, unknown_name
+from seaid.robot.inertia import (
+    LARGEST_KG,
+    LARGEST_KG_M2,
+    LARGEST_M,
+    SMALLEST_KG,
+    from_center_of_mass,
+    in_parent_frame,
+)
+
+_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
+_LARGEST_RAD = 1e4
+_LONGEST_NAME = 1000
+
+
+class _Numbers(NamedTuple):
+    """How many numbers an attribute has, and how large they may be, with the unit."""
+
+    many: int
+    largest: float = math.inf
+    unit: str = ""
+
+
+_NUMBERS: Mapping[str, Mapping[str, _Numbers]] = {
+    "origin": {"xyz": _Numbers(3, LARGEST_M, "m"), "rpy": _Numbers(3, _LARGEST_RAD, "rad")},
+    "axis": {"xyz": _Numbers(3)},
+    "mass": {"value": _Numbers(1, LARGEST_KG, "kg")},
+    "inertia": dict.fromkeys(
+        ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), _Numbers(1, LARGEST_KG_M2, "kg m^2")
+    ),
+    "limit": dict.fromkeys(("lower", "upper", "velocity", "effort"), _Numbers(1)),
+}
+"""Attributes of the elements that count for the dynamics."""
+_NEEDED = {"mass": ("value",), "inertia": ("ixx", "iyy", "izz")}
+_ONCE = {
+    "link": ("inertial",),
+    "inertial": ("origin", "mass", "inertia"),
+    "joint": (
+        *("origin", "parent", "child", "axis", "limit"),
+        *("dynamics", "mimic", "calibration", "safety_controller"),
+    ),
+}
+"""Elements of which there is one at most; which of several was meant nobody can know."""
+
+
+def check_elements(path: Path, root: Any) -> None:
+    """Refuse what yourdfpy would trip over, fill in or pass over: names, types, ends, numbers."""
+    _check_length(path, "robot", root.get("name") or "")
+    joints, links = root.findall("joint"), root.findall("link")
+    _check_names(path, "link", links)
+    _check_names(path, "joint", joints)
+    for joint in joints:
+        where = f"URDF '{path}': joint '{joint.get('name')}'"
+        if joint.get("type") not in _TYPES:
+            kind = joint.get("type") or ""
+            raise RobotError(f"{where}: " + unknown_name("joint type", kind, _TYPES))
+        _check_once(where, joint)
+        for tag in ("parent", "child"):
+            end = joint.find(tag)
+            if end is None or not end.get("link"):
+                raise RobotError(f'{where} has no <{tag} link="...">')
+        _check_numbers(where, joint)
+        _check_limit(where, joint.find("limit"))
+    for link in links:
+        where = f"URDF '{path}': link '{link.get('name')}'"
+        _check_once(where, link)
+        for inertial in link.findall("inertial"):
+            _check_once(where, inertial)
+            _check_numbers(where, inertial)
+
+
+def _check_names(path: Path, tag: str, elements: list[Any]) -> None:
+    names = Counter(element.get("name") for element in elements)
+    if not all(names):
+        raise RobotError(f"URDF '{path}': a <{tag}> has no name")
+    repeated = [name for name, count in names.items() if count > 1]
+    if repeated:
+        raise RobotError(
+            f"URDF '{path}': {tag} name used twice: {shortened(', '.join(sorted(repeated)))}"
+        )
+    _check_length(path, tag, max(names, key=len, default=""))
+
+
+def _check_length(path: Path, tag: str, name: str) -> None:
+    if len(name) > _LONGEST_NAME:
+        raise RobotError(
+            f"URDF '{path}': the name of a {tag} has {len(name):,} letters, allowed are "
+            f"{_LONGEST_NAME:,}: '{shortened(name)}'"
+        )
+
+
+def _check_once(where: str, parent: Any) -> None:
+    """Refuse a second element of which one counts: a reader would pass over one of the two."""
+    counts = Counter(element.tag for element in parent)
+    for tag in _ONCE[parent.tag]:
+        if counts[tag] > 1:
+            inside = "" if parent.tag in ("link", "joint") else f" in its <{parent.tag}>"
+            raise RobotError(
+                f"{where} has {counts[tag]} elements <{tag}>{inside}: leave the one that is meant"
+            )
+
+
+def _check_numbers(where: str, parent: Any) -> None:
+    for element in parent:
+        for name, wanted in _NUMBERS.get(element.tag, {}).items():
+            text = element.get(name)
+            if text is not None:
+                _check_number(where, element.tag, name, text, wanted)
+            elif name in _NEEDED.get(element.tag, ()):
+                raise RobotError(f"{where}: <{element.tag}> has no {name}")
+
+
+def _check_number(where: str, tag: str, name: str, text: str, wanted: _Numbers) -> None:
+    try:
+        found = [float(word) for word in text.split()]
+    except ValueError:
+        found = []
+    endless = tag == "limit" and not any(map(math.isnan, found))
+    if len(found) != wanted.many or not (endless or all(map(math.isfinite, found))):
+        raise RobotError(
+            f"{where}: {name} of <{tag}> must be {wanted.many} finite number"
+            f"{'s' if wanted.many > 1 else ''}, found '{shortened(text)}'"
+        )
+    if any(abs(number) > wanted.largest for number in found):
+        allowed = f"-{wanted.largest:g} to {wanted.largest:g} {wanted.unit}"
+        raise RobotError(
+            f"{where}: {name} of <{tag}> is beyond what a robot can have, found "
+            f"'{shortened(text)}': allowed are {allowed}"
+        )
+    if tag == "mass" and 0 < abs(found[0]) < SMALLEST_KG:
+        raise RobotError(
+            f"{where}: its mass is too small to count with, found '{shortened(text)}': allowed "
+            f"are 0 and {SMALLEST_KG:g} to {LARGEST_KG:g} kg"
+        )
+
+
+def _check_limit(where: str, limit: Any) -> None:
+    if limit is None:
+        return
+    lower, upper = (float(limit.get(name, 0.0)) for name in ("lower", "upper"))
+    if lower > upper:
+        raise RobotError(f"{where}: its lower limit {lower} is above its upper limit {upper}")
+    for name in ("velocity", "effort"):
+        if float(limit.get(name, 0.0)) < 0:
+            raise RobotError(f"{where}: its {name} limit is negative, {shortened(limit.get(name))}")
+
+
+FLOAT_NOISE_RAD = 1e-6
+"""Closer than this to a multiple of pi/2 (or to zero) is float noise of an exporter."""
+
+
+def snap(joint: Any, tolerance: float) -> list[str]:
+    """Write the exact multiples of pi/2 into a joint's rpy; return what was rounded before."""
+    origin = joint.find("origin")
+    if origin is None or not origin.get("rpy") or tolerance <= 0:
+        return []
+    snapped, angles = [], []
+    for text in origin.get("rpy").split():
+        exact = _meant_angle(text, tolerance)
+        if exact is not None:
+            snapped.append(text)
+        angles.append(text if exact is None else repr(exact))
+    origin.set("rpy", " ".join(angles))
+    return snapped
+
+
+def _meant_angle(text: str, tolerance: float) -> float | None:
+    """Return the multiple of pi/2 that a rounded angle means, None if it means itself."""
+    try:
+        value, exponent = float(text), Decimal(text).as_tuple().exponent
+    except (ValueError, InvalidOperation):
+        return None  # yourdfpy names the bad number
+    if not math.isfinite(value):
+        return None
+    exact = round(value / (math.pi / 2)) * (math.pi / 2)
+    last_digit = 10.0 ** int(exponent) if exact else 0.0
+    allowed = min(tolerance, max(FLOAT_NOISE_RAD, 2 * last_digit))
+    return exact if 4e-16 * max(1.0, abs(exact)) < abs(value - exact) <= allowed else None
+
+
+LARGEST_BYTES = 64_000_000
+"""Of a URDF file."""
+
+MOST_JOINTS, MOST_ELEMENTS = 5_000, 500_000
+"""Of a URDF: joints, links as many and one more, and elements of all kinds.
+
+Pinocchio keeps for each joint all that are before and behind it: 5,000 in a row take 1 GB.
+"""
+
+_PIECE_BYTES = 65_536
+
+
+def parse_urdf(path: Path, text: bytes) -> Any:
+    """Return the <robot> element of a URDF's text, without comments; `path` names it.
+
+    Raises RobotError for what is not well-formed, for another root, and for more joints, links or
+    elements than allowed, as soon as they are counted.
+    """
+    from lxml import etree
+
+    parser = etree.XMLPullParser(events=("start",), remove_comments=True, remove_pis=True)
+    counts = {"joint": 0, "link": 0}
+    elements = 0
+    try:
+        for start in range(0, max(len(text), 1), _PIECE_BYTES):
+            parser.feed(text[start : start + _PIECE_BYTES])
+            for _, element in parser.read_events():
+                elements += 1
+                if element.tag in counts:
+                    counts[element.tag] += 1
+            _check_counts(path, counts, elements)
+        root = parser.close()
+    except etree.XMLSyntaxError as problem:
+        raise RobotError(f"URDF '{path}' is not well-formed XML: {problem.msg}") from None
+    if root.tag != "robot":
+        raise RobotError(f"'{path}' is not a URDF: its root tag is <{root.tag}>, not <robot>")
+    return root
+
+
+def _check_counts(path: Path, counts: dict[str, int], elements: int) -> None:
+    for what, found, most in (
+        ("joints", counts["joint"], MOST_JOINTS),
+        ("links", counts["link"], MOST_JOINTS + 1),
+        ("elements", elements, MOST_ELEMENTS),
+    ):
+        if found > most:
+            raise RobotError(f"URDF '{path}' has more than the {most:,} {what} that are allowed")
+
+
+def search_folders(urdf: Path, package_dirs: str | Path | Sequence[str | Path]) -> list[Path]:
+    """Return where meshes are searched: the folders given, that of the file and its parents.
+
+    Raises RobotError for a folder that is not there.
+    """
+    several = [package_dirs] if isinstance(package_dirs, str | Path) else package_dirs
+    given = [real_path(folder) for folder in several]
+    for folder in given:
+        if not os.path.isdir(folder):
+            raise RobotError(f"package_dirs: there is no folder '{folder}'")
+    return [*given, *real_path(urdf).parents]
+
+
+def find_mesh(name: str, folders: Sequence[Path]) -> Path | None:
+    """Return the file of a mesh under the name that a URDF has for it, None if it is not there."""
+    candidates = (path for path in _candidates(name, folders) if os.path.isfile(path))
+    return next(candidates, None)
+
+
+def _candidates(name: str, folders: Sequence[Path]) -> Iterator[Path]:
+    """Yield where a mesh may be; a folder given may be that of its package itself."""
+    scheme, _, rest = name.rpartition("://")
+    if scheme == "file":
+        yield Path(rest)
+        return
+    rest = rest.lstrip("/") if scheme else rest
+    package, _, inside = rest.partition("/")
+    for folder in folders:
+        yield folder / rest
+        if scheme and folder.name == package:
+            yield folder / inside
+
+
+SNAP_RAD = 2e-3
+"""How far an angle may be from the multiple of pi/2 that it means, if nothing else is asked."""
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfJoint:
+    """One joint as in the file: type, links, placement in the parent link, unit axis, limits."""
+
+    name: str
+    type: str
+    parent: str
+    child: str
+    placement: pin.SE3
+    axis: Array
+    lower: float
+    upper: float
+    velocity: float
+    effort: float
+    is_mimic: bool
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfTree:
+    """A URDF: its name, joints by name, and the ten inertial parameters a link (in its frame)."""
+
+    name: str
+    root: str
+    joints: dict[str, UrdfJoint]
+    links: dict[str, Array]
+
+    def children(self, link: str) -> list[UrdfJoint]:
+        """Return the joints below a link, sorted by name (the order of Pinocchio's own reader)."""
+        return self._below.get(link, [])
+
+    @cached_property
+    def _below(self) -> dict[str, list[UrdfJoint]]:
+        below: dict[str, list[UrdfJoint]] = {}
+        for joint in sorted(self.joints.values(), key=lambda joint: joint.name):
+            below.setdefault(joint.parent, []).append(joint)
+        return below
+
+
+def urdf_again(path: str | Path, text: bytes | None = None) -> UrdfTree:
+    """Read the URDF of a robot that was loaded before, not warning of rounded angles again.
+
+    `text` is its content where it has been read already.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SeaidWarning)
+        return _urdf_of(Path(path), urdf_text(Path(path)) if text is None else text, SNAP_RAD)
+
+
+def read_urdf(path: str | Path, snap_tolerance_rad: float) -> UrdfTree:
+    """Read a URDF file; angles within the tolerance of the multiple of pi/2 they mean are snapped.
+
+    An angle means a multiple of pi/2 if it is one to the digits that the file writes (1.57, 1.5708,
+    3.14159), or to float noise (1e-6 rad). One warning lists them; tolerance 0 leaves all as they
+    are. Raises RobotError for a file that is missing, broken or not a tree.
+    """
+    path = Path(path)
+    if not 0 <= snap_tolerance_rad < math.pi / 4:
+        raise RobotError(
+            f"snap_tolerance_rad must be between 0 and pi/4, found {snap_tolerance_rad}"
+        )
+    return _urdf_of(path, urdf_text(path), snap_tolerance_rad)
+
+
+def urdf_text(path: Path) -> bytes:
+    """Return the bytes of a URDF file. Raises RobotError where it is missing or too large."""
+    missing = f"no URDF file at '{shortened(str(path), 500)}' ({working_folder()})"
+    try:
+        if not path.is_file():
+            raise RobotError(missing)
+        size = path.stat().st_size
+        if size > LARGEST_BYTES:
+            raise RobotError(
+                f"URDF '{path}' is too large: {size:,} bytes, allowed are {LARGEST_BYTES:,}"
+            )
+        return path.read_bytes()
+    except OSError as problem:
+        raise RobotError(f"{missing}: {reason_of(problem)}") from None
+
+
+def _urdf_of(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
+    """Return the tree of a URDF's text; `path` names it. See `read_urdf`."""
+    root = parse_urdf(path, text)
+    check_elements(path, root)
+    joints_as_written = root.findall("joint")
+    snapped = [text for joint in joints_as_written for text in snap(joint, snap_tolerance_rad)]
+    if snapped:
+        shown = ", ".join(dict.fromkeys(snapped))
+        warnings.warn(
+            f"'{path.name}': {len(snapped)} rounded angles in joint origins taken as the multiples "
+            f"of pi/2 they mean ({shown}); snap_tolerance_rad=0 leaves them as written",
+            SeaidWarning,
+            stacklevel=4,
+        )
+    robot = _parse_robot(path, root)
+    links = {link.name: _link_parameters(path, link) for link in robot.links}
+    noise = FLOAT_NOISE_RAD if snap_tolerance_rad > 0 else 0.0
+    joints = {joint.name: _joint(path, joint, noise) for joint in robot.joints}
+    return UrdfTree(
+        robot.name or path.stem, _root_link(path, links, joints.values()), joints, links
+    )
+
+
+def _parse_robot(path: Path, root: Any) -> Any:
+    """Let yourdfpy read the XML and report what it finds missing."""
+    import logging
+
+    from lxml import etree
+    from yourdfpy import URDF
+
+    logging.getLogger("yourdfpy.urdf").setLevel(logging.ERROR)
+    if not root.get("name"):
+        root.set("name", "".join(one if one.isprintable() else "?" for one in path.stem))
+    try:
+        urdf = URDF.load(BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False)
+    except Exception as problem:  # yourdfpy lets whatever its parsing raises through
+        raise RobotError(
+            f"URDF '{path}' cannot be read: {type(problem).__name__}: {problem}"
+        ) from None
+    return urdf.robot
+
+
+def _joint(path: Path, joint: Any, noise: float) -> UrdfJoint:
+    limit = joint.limit
+    turns_freely = joint.type == "continuous" or limit is None
+
+    def limit_or(name: str, default: float) -> float:
+        value = None if limit is None else getattr(limit, name)
+        return default if value is None else float(value)
+
+    return UrdfJoint(
+        name=joint.name,
+        type=joint.type,
+        parent=joint.parent,
+        child=joint.child,
+        placement=_placement(joint.origin),
+        axis=_axis(path, joint, noise),
+        lower=-math.inf if turns_freely else limit_or("lower", 0.0),
+        upper=math.inf if turns_freely else limit_or("upper", 0.0),
+        velocity=limit_or("velocity", math.inf),
+        effort=limit_or("effort", math.inf),
+        is_mimic=joint.mimic is not None,
+    )
+
+
+def _placement(origin: Any) -> pin.SE3:
+    """Return the joint's placement; entries within float noise of 0 and +-1 made exact."""
+    if origin is None:
+        return pin.SE3.Identity()
+    rotation = np.array(origin[:3, :3])
+    nearest = np.round(rotation)
+    exact = np.abs(rotation - nearest) < 1e-15
+    rotation[exact] = nearest[exact]
+    return pin.SE3(rotation, np.array(origin[:3, 3]))
+
+
+def _axis(path: Path, joint: Any, noise: float) -> Array:
+    axis = np.array([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, dtype=float)
+    if joint.type == "fixed":
+        return np.array([1.0, 0.0, 0.0])
+    largest = float(np.max(np.abs(axis)))
+    if largest == 0.0:
+        raise RobotError(f"URDF '{path}': joint '{joint.name}' has no axis, found {axis.tolist()}")
+    axis = axis / largest  # before the norm, whose squares may overflow
+    axis = axis / np.linalg.norm(axis)
+    axis[np.abs(axis) < noise] = 0.0
+    return np.array(axis / np.linalg.norm(axis))
+
+
+def _link_parameters(path: Path, link: Any) -> Array:
+    inertial = link.inertial
+    if inertial is None:
+        return np.zeros(10)
+    mass = 0.0 if inertial.mass is None else float(inertial.mass)
+    tensor = np.zeros((3, 3)) if inertial.inertia is None else np.array(inertial.inertia, float)
+    if mass < 0:
+        raise RobotError(f"URDF '{path}': link '{link.name}' has a negative mass, {mass} kg")
+    return in_parent_frame(
+        from_center_of_mass(mass, np.zeros(3), tensor),
+        _placement(inertial.origin),
+    )
+
+
+def _root_link(path: Path, links: dict[str, Array], joints: Iterable[UrdfJoint]) -> str:
+    parents: dict[str, str] = {}
+    for joint in joints:
+        for link in (joint.parent, joint.child):
+            if link not in links:
+                raise RobotError(
+                    f"URDF '{path}': joint '{joint.name}' names link '{link}', which is not there"
+                )
+        if joint.child in parents:
+            raise RobotError(f"URDF '{path}': link '{joint.child}' has two parent joints")
+        parents[joint.child] = joint.parent
+    roots = [link for link in links if link not in parents]
+    if len(roots) != 1:
+        found = shortened(roots, 500) if roots else "none"
+        raise RobotError(f"URDF '{path}' is not one tree: links without parent: {found}")
+    _check_reachable(path, roots[0], links, parents)
+    return roots[0]
+
+
+def _check_reachable(
+    path: Path, root: str, links: Iterable[str], parents: Mapping[str, str]
+) -> None:
+    reached = {root}
+    for link in links:
+        way: dict[str, None] = {}
+        while link not in reached:
+            if link in way:
+                raise RobotError(f"URDF '{path}' is not a tree: loop through link '{link}'")
+            way[link] = None
+            link = parents[link]
+        reached.update(way)

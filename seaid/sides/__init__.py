@@ -1,1 +1,0 @@
-"""The two sides of the spring: rows of both, estimated one after the other or at once."""

@@ -1,0 +1,182 @@
+"""A joint controller for simulated experiments: feedforward of the plan, feedback on the motor.
+
+What a log has of motors that are driven by torque, current or voltage.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from scipy.ndimage import gaussian_filter1d
+
+from seaid._arrays import Array
+from seaid.drives import SeriesElasticDrive, key_of, spring_curve, stretch_of, unit_of
+from seaid.errors import RobotError
+from seaid.robot import Robot
+from seaid.simulation.plant import Plant, inverse_inertia
+
+
+@dataclass(frozen=True, eq=False)
+class MotorInputs:
+    """Torque [N m], current [A] and voltage [V] (T, n), NaN where a motor is logged by another.
+
+    Current and voltage are None where no motor is.
+    """
+
+    torque: Array
+    current: Array | None
+    voltage: Array | None
+
+
+def motor_inputs(robot: Robot, torque: Array) -> MotorInputs:
+    """Return what is logged of motors that give torques (T, n) [N m].
+
+    Each is logged by its drive's input: current is torque over torque constant, voltage torque over
+    voltage constant. Raises RobotError naming a joint whose constant has no value.
+    """
+    kinds = np.array([robot.drivetrains[joint].motor_input for joint in robot.joint_names])
+    fed = torque / [input_gain(robot, joint) for joint in robot.joint_names]
+
+    def logged(kind: str) -> Array:
+        return np.where(kinds == kind, fed, np.nan)
+
+    return MotorInputs(
+        torque=logged("torque"),
+        current=logged("current") if "current" in kinds else None,
+        voltage=logged("voltage") if "voltage" in kinds else None,
+    )
+
+
+def input_gain(robot: Robot, joint: str) -> float:
+    """Return the torque [N m] a unit of what the drive of a joint is fed with.
+
+    Raises RobotError where its constant has no value, or is zero.
+    """
+    drive = robot.drivetrains[joint]
+    if drive.motor_input == "torque":
+        return 1.0
+    name = {"current": "torque_constant", "voltage": "voltage_constant"}[drive.motor_input]
+    value = drive.values.get(name, 0.0)
+    if value == 0:
+        raise RobotError(
+            f"joint '{joint}': '{key_of(name, unit_of(drive, name))}' is not given, or zero; a "
+            "simulation needs its value"
+        )
+    return value
+
+
+_LEAST_BANDWIDTH_RAD_S = 60.0
+_DAMPING = 0.7
+_PASSAGE_S = 0.01
+_SLOW = 0.02
+"""Below this part of the highest speed the feedforward of Coulomb friction fades."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointController:
+    """Motor references and feedforward torque (T, n) a tick, and feedback gains (n,)."""
+
+    motor_position: Array
+    motor_velocity: Array
+    feedforward: Array
+    position_gain: Array
+    velocity_gain: Array
+    velocity_filter: Array
+
+    def torque(self, tick: int, position: Array, velocity: Array) -> Array:
+        """Return the motor torque [N m] for the motor angle and speed that were measured."""
+        return np.asarray(
+            self.feedforward[tick]
+            + self.position_gain * (self.motor_position[tick] - position)
+            + self.velocity_gain * (self.motor_velocity[tick] - velocity)
+        )
+
+
+def joint_controller(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float) -> JointController:
+    """Design the controller for a planned joint motion (T, n), sampled at its own rate.
+
+    An elastic joint is flat in its position: (8) gives the motor angle, (7) the motor torque.
+    """
+    planned, load = q, _drive_torques(plant, q, v, a, rate_hz)
+    if plant.coupling is not None:
+        q, v = q @ plant.coupling.T, v @ plant.coupling.T
+    N, r_M, r_L = plant.ratio, plant.motor_radius, plant.load_radius
+    stretch = np.where(
+        plant.elastic, load / (np.where(plant.stiffness > 0, plant.stiffness, 1) * r_L), 0
+    )
+    stiffness = plant.stiffness.copy()
+    for index, _ in plant.acting:
+        if plant.elastic[index]:
+            force = load[:, index] / r_L[index]
+            stretch[:, index], stiffness[index] = _bent_stretch(plant, index, force, rate_hz)
+    motor_position = np.where(plant.elastic, N / r_M * (r_L * q + stretch), N * q)
+    motor_velocity = np.gradient(motor_position, 1 / rate_hz, axis=0)
+    motor_acceleration = np.gradient(motor_velocity, 1 / rate_hz, axis=0)
+    slow = _SLOW * np.maximum(np.max(np.abs(motor_velocity), axis=0), 1e-300)
+    friction = plant.viscous * motor_velocity + plant.coulomb * np.tanh(motor_velocity / slow)
+    for index, drive in plant.acting:
+        turned = (motor_position, motor_velocity, q, v, load)
+        states = np.column_stack([values[:, index] for values in turned])
+        direction = np.tanh(motor_velocity[:, index] / slow[index])
+        friction[:, index] = [drive.friction(*state) for state in states.tolist()]
+        friction[:, index] += direction * [drive.level(*state) for state in states.tolist()]
+    elastic = plant.motor_inertia * motor_acceleration + r_M / N * load / r_L
+    feedforward = friction + np.where(plant.elastic, elastic, load / N)
+    inertia = np.where(plant.elastic, plant.motor_inertia, _least_inertia(plant, planned) / N**2)
+    resonance = np.sqrt(stiffness / np.maximum(plant.motor_inertia, 1e-300)) * r_M / N
+    bandwidth = np.where(plant.elastic, 2 * resonance, 0.0)
+    bandwidth = np.clip(bandwidth, _LEAST_BANDWIDTH_RAD_S, 0.2 * rate_hz)
+    return JointController(
+        motor_position=motor_position,
+        motor_velocity=motor_velocity,
+        feedforward=feedforward,
+        position_gain=inertia * bandwidth**2,
+        velocity_gain=2 * _DAMPING * inertia * bandwidth,
+        velocity_filter=1 - np.exp(-5 * bandwidth / rate_hz),
+    )
+
+
+def _drive_torques(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float) -> Array:
+    """Return the torques (T, n) on what the drives turn, with the rotors of stiff drives.
+
+    Where a joint's own dry friction turns, a spring cannot: it passes within some milliseconds.
+    """
+    data = plant.model.createData()
+    load = np.array([pin.rnea(plant.model, data, *states) for states in zip(q, v, a, strict=True)])
+    for index, drive in plant.acting:
+        pairs = zip(q[:, index].tolist(), v[:, index].tolist(), strict=True)
+        load[:, index] += [drive.beside(*pair) for pair in pairs]
+        turning = gaussian_filter1d(np.sign(v[:, index]), _PASSAGE_S * rate_hz, mode="nearest")
+        load[:, index] += drive.joint_level * turning
+    if plant.rotors is None or plant.uncoupling is None:
+        return load
+    return np.asarray((load + a @ plant.rotors) @ plant.uncoupling)
+
+
+def _bent_stretch(plant: Plant, index: int, force: Array, rate_hz: float) -> tuple[Array, float]:
+    """Return the stretch (T,) of a spring under a force (T,), without jumps, and its stiffness.
+
+    Through a dead zone the motor cannot jump: it passes within some milliseconds.
+    """
+    drive = plant.drives[index]
+    assert isinstance(drive, SeriesElasticDrive)
+    curve = spring_curve(drive)
+    stretch = stretch_of(curve, force)
+    if "dead_zone" in drive.spring:
+        stretch = gaussian_filter1d(stretch, _PASSAGE_S * rate_hz, mode="nearest")
+    return stretch, max(float(np.median(curve.slope(stretch))), 0.0)
+
+
+def _least_inertia(plant: Plant, q: Array) -> Array:
+    """Return the least inertia (n,) that each drive feels along a motion with the others free.
+
+    Gains on the diagonal inertia would be too high where joints are strongly coupled.
+    """
+    data, C = plant.model.createData(), plant.coupling
+    felt = []
+    for configuration in q[:: max(1, len(q) // 50)]:
+        inverse = inverse_inertia(plant.model, data, configuration, plant.rotors)
+        felt.append(1 / np.diag(inverse if C is None else C @ inverse @ C.T))
+    return np.asarray(np.min(felt, axis=0))

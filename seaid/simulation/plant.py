@@ -1,0 +1,277 @@
+"""The numbers and functions of the complete model (7) + (8) that a simulation moves.
+
+All joints are in the order of Pinocchio's model.
+
+The mass matrix of a model, its inverse, and what every drive feels of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, cached_property, partial
+
+import numpy as np
+import pinocchio as pin
+
+from seaid._arrays import Array, BoolArray, IndexArray, safely
+from seaid.drives import (
+    ActingDrive,
+    Drive,
+    SeriesElasticDrive,
+    acting_drive,
+    extra_torque,
+    is_plain,
+)
+from seaid.errors import RobotError
+from seaid.robot import Robot, coupled_groups
+
+_safely = partial(safely, what="the mass matrix", error=RobotError)
+
+
+def mass_matrix(model: pin.Model, data: pin.Data, position: Array) -> Array:
+    """Return the mass matrix (n, n) of a model with its armature."""
+    upper = np.triu(pin.crba(model, data, position))
+    return np.asarray(upper + np.triu(upper, 1).T)
+
+
+def inverse_inertia(
+    model: pin.Model, data: pin.Data, position: Array, rotors: Array | None
+) -> Array:
+    """Return the inverse of the mass matrix (n, n), with `rotors` (n, n) that the model has not."""
+    if rotors is not None:
+        return np.asarray(_safely(np.linalg.inv, mass_matrix(model, data, position) + rotors))
+    inverse = np.array(pin.computeMinverse(model, data, position))
+    below = _below(len(position))
+    inverse[below] = inverse.T[below]
+    return inverse
+
+
+@cache
+def _below(n: int) -> tuple[IndexArray, IndexArray]:
+    """Return the places below the diagonal, which Pinocchio leaves empty."""
+    return np.tril_indices(n, -1)
+
+
+def felt_inertia(model: pin.Model, C: Array, rotors: Array | None) -> Array:
+    """Return the inertia (n,) that each drive feels at zero with the others free."""
+    inertia = mass_matrix(model, model.createData(), np.zeros(model.nv))
+    inertia = inertia if rotors is None else inertia + rotors
+    return np.asarray(1 / np.diag(C @ _safely(np.linalg.solve, inertia, C.T)))
+
+
+POSITION, SPEED, JOINT_POSITION, JOINT_SPEED = range(4)
+"""Rows of a state (4, n): motor angle and speed, joint position and speed."""
+
+_STEP_A_RATE = 1.0
+"""Steps are so many parts of the time in which what damps a joint would stop it."""
+
+_SHORTEST_STEP_S = 1e-6
+
+Extra = Callable[[float, float, float, float], float]
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """Numbers of the complete model, each (n,); stiffness 0 and not `elastic` where stiff.
+
+    `model` carries the rotor inertia of stiff drives as armature, seen at the joint. Where drives
+    move several joints `coupling` is C of phi = C q, and `rotors` (n, n) that rotor inertia, which
+    `model` then has not. Drives with more terms than plain friction and a linear spring are in
+    `acting`, by index, with zeros in `viscous`, `coulomb` and `stiffness`. No step is longer than
+    `longest_step` [s].
+    """
+
+    model: pin.Model
+    drives: tuple[Drive, ...]
+    elastic: BoolArray
+    ratio: Array
+    motor_inertia: Array
+    viscous: Array
+    coulomb: Array
+    motor_radius: Array
+    load_radius: Array
+    stiffness: Array
+    acting: tuple[tuple[int, ActingDrive], ...]
+    longest_step: float
+    coupling: Array | None
+    rotors: Array | None
+
+    @cached_property
+    def motor_lever(self) -> Array:
+        """The lever r_M/N (n,) of a spring at its motor."""
+        return self.motor_radius / self.ratio
+
+    @cached_property
+    def elastic_lever(self) -> Array:
+        """The lever r_L (n,) of a spring at its load, zero where stiff."""
+        return np.where(self.elastic, self.load_radius, 0.0)
+
+    @cached_property
+    def motor_mobility(self) -> Array:
+        """1/I_M (n,), zero where stiff."""
+        return np.where(self.elastic, 1 / np.where(self.elastic, self.motor_inertia, 1.0), 0.0)
+
+    @cached_property
+    def stiff_ratio(self) -> Array:
+        """N (n,), zero where elastic."""
+        return np.where(self.elastic, 0.0, self.ratio)
+
+    @cached_property
+    def extras(self) -> tuple[tuple[int, Extra], ...]:
+        """The extra terms of drives that have some, by index."""
+        pairs = enumerate(self.drives)
+        return tuple((index, extra_torque(drive)) for index, drive in pairs if drive.extra_terms)
+
+    @cached_property
+    def under_load(self) -> tuple[int, ...]:
+        """Indices of the drives whose friction depends on the torque through a stiff gear."""
+        return tuple(index for index, drive in self.acting if drive.is_under_load)
+
+    @cached_property
+    def rubbing(self) -> IndexArray:
+        """Indices (m,) of the joints whose own friction can hold them."""
+        return np.array(
+            [index for index, drive in self.acting if drive.joint_level > 0], dtype=np.intp
+        )
+
+    @cached_property
+    def joint_coulomb(self) -> Array:
+        """The friction (m,) [N m or N] that holds rubbing joints."""
+        return np.array([drive.joint_level for _, drive in self.acting if drive.joint_level > 0])
+
+    @cached_property
+    def is_dry(self) -> BoolArray:
+        """Tells (n + m,) which friction can hold: that of motors, then that of rubbing joints."""
+        dry = self.coulomb > 0
+        for index, drive in self.acting:
+            dry[index] = drive.is_dry
+        return np.append(dry, np.ones(len(self.rubbing), dtype=bool))
+
+    @cached_property
+    def holds_load(self) -> BoolArray:
+        """Tells (n + m,) which friction holds something at the load."""
+        return np.append(~self.elastic, np.ones(len(self.rubbing), dtype=bool))
+
+    @cached_property
+    def places(self) -> IndexArray:
+        """The joints (n + m,) that friction holds, where none are coupled."""
+        return np.append(np.arange(len(self.elastic)), self.rubbing)
+
+    @cached_property
+    def uncoupling(self) -> Array | None:
+        """The inverse of `coupling`."""
+        if self.coupling is None:
+            return None
+        return np.asarray(
+            safely(np.linalg.inv, self.coupling, what="a transmission", error=RobotError)
+        )
+
+
+def plant_of(robot: Robot) -> Plant:
+    """Return the plant of a robot with its payloads and nominal values.
+
+    Raises RobotError naming joint and value where a nominal value is not given.
+    """
+    if not np.all(np.isfinite(robot.parameters)):
+        raise RobotError(f"'{robot.name}' has no inertial parameters: it cannot be simulated")
+    order = list(robot.model_order)
+    names = [robot.joint_names[index] for index in order]
+    drives = [robot.drivetrains[name] for name in names]
+    pairs = list(zip(names, drives, strict=True))
+    elastic = np.array([isinstance(drive, SeriesElasticDrive) for drive in drives])
+    ratio = np.array([drive.ratio for drive in drives])
+    inertia = np.array([_motor_inertia(*pair) for pair in pairs])
+    acting = _acting(names, drives)
+    C = robot.transmission[np.ix_(order, order)]
+    is_coupled = bool(coupled_groups(robot.transmission))
+    armature = np.where(elastic, 0.0, ratio**2 * inertia)
+    rotors = C.T @ np.diag(armature) @ C if is_coupled else None
+    model = robot.model.copy()
+    model.armature = np.zeros(robot.n) if is_coupled else armature
+    felt = felt_inertia(model, C, rotors) if acting else np.ones(robot.n)
+    return Plant(
+        model=model,
+        drives=tuple(drives),
+        elastic=elastic,
+        ratio=ratio,
+        motor_inertia=inertia,
+        viscous=np.array([_friction(*pair, "viscous") for pair in pairs]),
+        coulomb=np.array([_friction(*pair, "coulomb") for pair in pairs]),
+        motor_radius=np.array([getattr(drive, "motor_radius", 1.0) for drive in drives]),
+        load_radius=np.array([getattr(drive, "load_radius", 1.0) for drive in drives]),
+        stiffness=np.array([_nominal(*pair, "stiffness") for pair in pairs]),
+        acting=acting,
+        longest_step=_longest_step(names, drives, acting, felt),
+        coupling=C if is_coupled else None,
+        rotors=rotors,
+    )
+
+
+def _motor_inertia(joint: str, drive: Drive) -> float:
+    inertia = _nominal(joint, drive, "motor_inertia_kg_m2")
+    if inertia == 0 and isinstance(drive, SeriesElasticDrive):
+        raise RobotError(f"joint '{joint}': an elastic drive needs a motor inertia to be simulated")
+    return inertia
+
+
+def _nominal(joint: str, drive: Drive, name: str) -> float:
+    if name == "stiffness" and not (isinstance(drive, SeriesElasticDrive) and is_plain(drive)):
+        return 0.0
+    value = getattr(drive, name)
+    if value is None:
+        raise RobotError(
+            f"joint '{joint}': '{name}' is not given; a simulation needs a nominal value"
+        )
+    return float(value)
+
+
+def _friction(joint: str, drive: Drive, term: str) -> float:
+    name = {"viscous": "viscous_friction_Nms_per_rad", "coulomb": "coulomb_friction_Nm"}[term]
+    is_there = term in drive.friction and is_plain(drive)
+    return _nominal(joint, drive, name) if is_there else 0.0
+
+
+def _acting(names: list[str], drives: list[Drive]) -> tuple[tuple[int, ActingDrive], ...]:
+    found = []
+    for index, (name, drive) in enumerate(zip(names, drives, strict=True)):
+        if not is_plain(drive):
+            try:
+                found.append((index, acting_drive(drive)))
+            except RobotError as problem:
+                raise RobotError(f"joint '{name}': {problem}") from None
+    return tuple(found)
+
+
+def _longest_step(
+    names: list[str],
+    drives: list[Drive],
+    acting: tuple[tuple[int, ActingDrive], ...],
+    felt: Array,
+) -> float:
+    """Return the longest step [s] that what damps the joints allows."""
+    longest = np.inf
+    for index, _ in acting:
+        drive = drives[index]
+        values = drive.values
+        damping = values.get("spring_damping", 0.0)
+        beside = values.get("joint_viscous_friction", 0.0)
+        rate = (beside + damping * getattr(drive, "load_radius", 1.0) ** 2) / felt[index]
+        at_motor = values.get("viscous_friction", 0.0)
+        if "coulomb_width" in values:
+            turning = values.get("coulomb_friction", 0.0) + abs(values.get("stribeck_friction", 0))
+            at_motor += turning / max(values["coulomb_width"], 1e-300)
+        if isinstance(drive, SeriesElasticDrive):
+            inertia = float(drive.motor_inertia_kg_m2 or 0.0)
+            rate += (at_motor + damping * (drive.motor_radius / drive.ratio) ** 2) / inertia
+        else:
+            rate += at_motor * drive.ratio**2 / felt[index]
+        step = _STEP_A_RATE / rate if rate > 0 else np.inf
+        if step < _SHORTEST_STEP_S:
+            raise RobotError(
+                f"joint '{names[index]}': its friction brakes within {1 / rate:.2g} s, too stiff "
+                "to simulate: give a larger coulomb_width_rad_per_s, or take the term 'coulomb' "
+                "(sharp) instead"
+            )
+        longest = min(longest, step)
+    return longest

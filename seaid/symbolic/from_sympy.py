@@ -1,0 +1,278 @@
+"""What the caller declares: equations, motion and unknowns, checked before any work starts.
+
+From sympy to polynomials: equations as ratios of polynomials in the functions of the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import partial
+from typing import Any
+
+import sympy as sp
+from flint import fmpq_mpoly
+from sympy.core.function import AppliedUndef
+
+from seaid._progress import track
+from seaid.errors import SymbolicError
+from seaid.symbolic.generators import (
+    CIRCULAR,
+    bottom_up,
+    expanded_inside,
+    find_functions,
+    located,
+    operands,
+    parts,
+    prepared,
+    root,
+    root_bases,
+    signed,
+    subexpressions,
+    turns,
+)
+from seaid.symbolic.polynomial import (
+    Ratio,
+    Relation,
+    Ring,
+    by_doubling,
+    from_polynomial,
+    multiply,
+    power,
+    product,
+    quotient,
+    rational,
+    total,
+)
+
+
+def declared(
+    equations: Any, motion: Any, unknowns: Any
+) -> tuple[list[sp.Expr], tuple[sp.Expr, ...], tuple[sp.Symbol, ...]]:
+    """Return the three arguments as sequences. Raises SymbolicError for what cannot be used."""
+    expressions = [scalar("an equation", equation) for equation in listed(equations)]
+    signals = tuple(m.expr if isinstance(m, sp.Derivative) else m for m in listed(motion))
+    symbols = tuple(listed(unknowns))
+    for kind, given in (("equations", expressions), ("motion", signals), ("unknowns", symbols)):
+        if not given:
+            raise SymbolicError(f"{kind} is empty; give at least one")
+    for signal in signals:
+        if not isinstance(signal, sp.Symbol | AppliedUndef):
+            raise SymbolicError(
+                f"motion holds {signal!r}; allowed are functions of time such as Function('q')(t), "
+                "and symbols"
+            )
+    for place, symbol in enumerate(symbols):
+        if not isinstance(symbol, sp.Symbol):
+            raise SymbolicError(f"unknowns holds {symbol!r}; allowed are sympy symbols")
+        if symbol in symbols[:place]:
+            raise SymbolicError(f"the unknown {symbol} is listed twice; list it once")
+        if any(symbol == signal or signal.has(symbol) for signal in signals):
+            raise SymbolicError(
+                f"{symbol} is both unknown and known: it stands in unknowns and in motion; take it "
+                "out of one of them"
+            )
+    _check_names(expressions, (*signals, *symbols))
+    return expressions, signals, symbols
+
+
+def listed(given: Any) -> list[Any]:
+    """Return one expression, or several in a list, a tuple or a matrix, as a list."""
+    several = isinstance(given, Iterable | sp.MatrixBase)
+    return list(given) if several and not isinstance(given, str) else [given]
+
+
+def scalar(what: str, given: Any) -> sp.Expr:
+    """Return a scalar sympy expression. Raises SymbolicError naming `what` otherwise."""
+    try:
+        found = sp.sympify(given, strict=True)
+    except sp.SympifyError:
+        found = given
+    if isinstance(found, sp.MatrixBase) and found.shape == (1, 1):
+        found = found[0, 0]
+    if isinstance(found, sp.Eq):
+        found = found.lhs - found.rhs
+    if not isinstance(found, sp.Expr) or found.is_Matrix:
+        raise SymbolicError(f"{what} must be a scalar sympy expression, found {given!r}")
+    return found
+
+
+def _check_names(expressions: Sequence[sp.Expr], declared: Sequence[sp.Expr]) -> None:
+    """Refuse two different symbols of one name, a declared one and one of the equations."""
+    names = {str(x): x for x in declared}
+    for number, expression in enumerate(expressions, 1):
+        for found in subexpressions(expression):
+            if not isinstance(found, sp.Symbol | AppliedUndef):
+                continue
+            twin = names.get(str(found), found)
+            if twin != found:
+                raise SymbolicError(
+                    f"equation {number} holds a {found} that is not the declared {twin}: they "
+                    "share the name but not the assumptions (real, positive ...); make it once and "
+                    "use it everywhere"
+                )
+
+
+_MOST_POWER = 10**9
+"""Of an exponential or a root: exponents of flint's polynomials are machine words."""
+
+_MOST_TURNS = 1000
+"""The sine of n q is a polynomial of n terms with numbers of n digits in sin q and cos q."""
+
+Memory = dict[sp.Expr, Ratio]
+
+
+def read_equations(
+    equations: Sequence[sp.Expr],
+    motion: tuple[sp.Expr, ...],
+    unknowns: tuple[sp.Symbol, ...],
+    max_terms: int,
+    *,
+    progress: bool = False,
+) -> tuple[Ring, list[Ratio]]:
+    """Return the ring of the equations and each of them as a ratio of polynomials in it.
+
+    Floats become the rational numbers they are exactly. Raises SymbolicError, with the equation,
+    the term and the unknown, where an unknown stands inside a function; and where the equations
+    are too large.
+    """
+    equations = [prepared(equation) for equation in equations]
+    ring = find_functions(equations, motion, unknowns, max_terms)
+    _add_relations(ring)
+    memory: Memory = {}
+    ratios = []
+    for number, equation in track(list(enumerate(equations, 1)), "equations read", progress):
+        with located(f"equation {number}"):
+            ratios.append(_read(ring, equation, memory))
+    return ring, ratios
+
+
+def _add_relations(ring: Ring) -> None:
+    """Write the relations down, lowest generator first: each reading uses those below it."""
+    roots = {root(x, unit): (x, unit) for (kind, x), unit in ring.units.items() if kind == "root"}
+    for place in reversed(range(len(ring.generators))):
+        expression, x = ring.generators[place], ring.context.gen(place)
+        degree = 2
+        if expression in roots:
+            base, degree = roots[expression]
+            below = _read(ring, base, {})
+            if not below.denominator.is_one():
+                continue
+            polynomial = x**degree - below.numerator
+        elif isinstance(expression, sp.sign):
+            polynomial = x**2 - 1
+        elif isinstance(expression, sp.sin):
+            polynomial = x**2 + ring.generator(sp.cos(expression.args[0])) ** 2 - 1
+        else:
+            continue
+        ring.relations.insert(0, Relation(place, degree, polynomial))
+
+
+def _read(ring: Ring, expression: sp.Expr, memory: Memory) -> Ratio:
+    def needed(part: sp.Expr) -> tuple[sp.Expr, ...]:
+        return () if part in ring.index else operands(part)
+
+    for part in bottom_up(expression, memory, needed):
+        memory[part] = _read_part(ring, part, memory)
+    return memory[expression]
+
+
+def _read_part(ring: Ring, expression: sp.Expr, memory: Memory) -> Ratio:
+    """Read an expression whose operands have been read."""
+    if expression in ring.index:
+        return from_polynomial(ring, ring.generator(expression))
+    if expression.is_Rational:
+        return from_polynomial(ring, ring.constant(rational(expression)))
+    if expression.is_Add:
+        return total(ring, (memory[part] for part in expression.args))
+    if expression.is_Mul:
+        result = from_polynomial(ring, ring.constant(1))
+        for part in expression.args:
+            result = product(ring, result, memory[part])
+        return result
+    if operands(expression):
+        return power(ring, memory[expression.base], int(expression.exp))
+    return _read_function(ring, expression, memory)
+
+
+def _read_function(ring: Ring, function: sp.Expr, memory: Memory) -> Ratio:
+    if isinstance(function, CIRCULAR):
+        return _read_circular(ring, function, memory)
+    if isinstance(function, sp.exp):
+        factors = [
+            (sp.exp(part / ring.units["exponent", part]), factor * ring.units["exponent", part])
+            for part, factor in parts(function.args[0])
+        ]
+        return _powers(ring, factors)
+    if isinstance(function, sp.Abs | sp.sign):
+        turned, argument = signed(function.args[0])
+        sign = from_polynomial(ring, turned * ring.generator(sp.sign(argument)))
+        if isinstance(function, sp.sign):
+            return sign
+        return product(ring, sign, _read(ring, sp.expand(function.args[0]), memory))
+    if function.is_Pow and function.exp.is_Rational:
+        bases = root_bases(function.base)
+        units = {base: ring.units["root", base] for base in bases}
+        return _powers(
+            ring,
+            [(root(b, units[b]), function.exp * times * units[b]) for b, times in bases.items()],
+        )
+    return from_polynomial(ring, ring.generator(expanded_inside(function)))
+
+
+def _powers(ring: Ring, factors: list[tuple[sp.Expr, sp.Rational]]) -> Ratio:
+    result = from_polynomial(ring, ring.constant(1))
+    for generator, exponent in factors:
+        if abs(exponent) > _MOST_POWER:
+            raise SymbolicError(
+                f"found {generator} to the power {exponent}; up to {_MOST_POWER} are allowed; give "
+                "it as a signal of its own"
+            )
+        base = from_polynomial(ring, ring.generator(generator))
+        result = product(ring, result, power(ring, base, int(exponent)))
+    return result
+
+
+def _read_circular(ring: Ring, function: sp.Expr, memory: Memory) -> Ratio:
+    """Read sin, cos, tan ... of a sum, from the product of cos + i sin of its parts."""
+    pair = (ring.constant(1), ring.constant(0))
+    for turn in turns(function.args[0]):
+        cosine, sine = (_read(ring, f(turn), memory).numerator for f in (sp.cos, sp.sin))
+        pair = _turned(ring, pair, (cosine, sine))
+    for part, factor in parts(function.args[0]):
+        unit = ring.units["angle", part]
+        times = int(factor * unit)
+        cosine, sine = (ring.generator(f(part / unit)) for f in (sp.cos, sp.sin))
+        step = (cosine, sine if times > 0 else -sine)
+        pair = _turned(ring, pair, _times(ring, step, abs(times)))
+    c, s, one = (from_polynomial(ring, x) for x in (*pair, ring.constant(1)))
+    above, below = {
+        sp.sin: (s, one),
+        sp.cos: (c, one),
+        sp.tan: (s, c),
+        sp.cot: (c, s),
+        sp.sec: (one, c),
+        sp.csc: (one, s),
+    }[function.func]
+    return quotient(ring, above, below)
+
+
+Pair = tuple[fmpq_mpoly, fmpq_mpoly]
+
+
+def _turned(ring: Ring, left: Pair, right: Pair) -> Pair:
+    """Cosine and sine of the sum of two angles."""
+    (c, s), (d, t) = left, right
+    return (
+        multiply(ring, c, d) - multiply(ring, s, t),
+        multiply(ring, s, d) + multiply(ring, c, t),
+    )
+
+
+def _times(ring: Ring, step: Pair, times: int) -> Pair:
+    """Cosine and sine of a multiple of an angle, by repeated doubling."""
+    if times > _MOST_TURNS:
+        raise SymbolicError(
+            f"found the sine or cosine of {times} times an angle; "
+            f"up to {_MOST_TURNS} times are allowed; give the multiple as a signal of its own"
+        )
+    return by_doubling(partial(_turned, ring), step, times, (ring.constant(1), ring.constant(0)))

@@ -1,0 +1,511 @@
+"""The command line: every command, what it says where, what it writes and what it leaves alone."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from typer.core import TyperGroup
+from typer.main import get_command
+from typer.testing import CliRunner
+
+import seaid
+from seaid._files import plain
+from seaid.cli import main
+from seaid.cli.commands import app
+from seaid.cli.messages import in_one_line
+
+ROOT = Path(__file__).parents[2]
+HELP_SECONDS = 1.0
+COMMANDS = ("inspect", "crosscheck", "excite", "simulate", "view", "describe", "identify")
+FROM_LOGS = ("validate", "terms", "report", "export")
+
+URDF = """<robot name="small_arm">
+<!-- kept -->
+<link name="base"/>
+<link name="upper"><inertial><origin xyz="0.02 0.01 -0.12"/><mass value="2.0"/>
+  <inertia ixx="0.025" ixy="0.001" ixz="0.002" iyy="0.022" iyz="0.001" izz="0.008"/></inertial>
+</link>
+<link name="lower"><inertial><origin xyz="0.03 0.0 -0.1"/><mass value="1.0"/>
+  <inertia ixx="0.012" ixy="0" ixz="0.001" iyy="0.013" iyz="0" izz="0.004"/></inertial></link>
+<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+  <limit lower="-1.2" upper="1.2" velocity="3" effort="60"/></joint>
+<joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/>
+  <origin xyz="0 0 -0.3"/><axis xyz="0 1 0"/>
+  <limit lower="-1.2" upper="1.2" velocity="3" effort="40"/></joint>
+</robot>
+"""
+DRIVES = """[shoulder]
+type = "stiff"
+gear_ratio = 50.0
+motor_inertia_kg_m2 = 4e-6
+viscous_friction_Nms_per_rad = 5e-5
+coulomb_friction_Nm = 0.003
+
+[elbow]
+type = "series_elastic"
+gear_ratio = 100.0
+motor_inertia_kg_m2 = 4e-6
+stiffness_Nm_per_rad = 250.0
+viscous_friction_Nms_per_rad = 8e-5
+coulomb_friction_Nm = 0.006
+"""
+
+
+class Said:
+    """What a run of the command line said and how it ended."""
+
+    def __init__(self, arguments: list[str]) -> None:
+        result = CliRunner().invoke(app, arguments)
+        if result.exception is not None and not isinstance(result.exception, SystemExit):
+            raise result.exception
+        self.code, self.out, self.err = result.exit_code, result.stdout, result.stderr
+
+
+def run(*arguments: str | Path) -> Said:
+    return Said([str(one) for one in arguments])
+
+
+def done(*arguments: str | Path) -> Said:
+    said = run(*arguments)
+    assert said.code == 0, said.err
+    return said
+
+
+def refused(*arguments: str | Path) -> str:
+    """Return the one line of an error that is ours."""
+    said = run(*arguments)
+    lines = said.err.splitlines()
+    assert said.code == 1
+    assert lines[-1].startswith("error: ")
+    assert not any(line.startswith("error: ") for line in lines[:-1])
+    return lines[-1]
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a small arm, motions planned for it and their logs."""
+    folder = tmp_path_factory.mktemp("arm")
+    (folder / "arm.urdf").write_text(URDF)
+    (folder / "arm.toml").write_text(DRIVES)
+    urdf, drives = folder / "arm.urdf", ("--drives", folder / "arm.toml")
+    for seed, name in ((1, "run"), (2, "other")):
+        search = ("--duration", "2", "--starts", "1", "--iterations", "12", "--seed", str(seed))
+        done("excite", urdf, *search, "-o", folder / f"{name}_plan.json")
+        plan, log = folder / f"{name}_plan.json", folder / f"{name}.csv"
+        noise = ("--torque-std", "0.001", "--seed", str(seed))
+        done("simulate", urdf, plan, *drives, *noise, "-o", log)
+    return folder
+
+
+def robot_and_drives(arm: Path) -> tuple[str | Path, ...]:
+    return (arm / "arm.urdf", "--drives", arm / "arm.toml")
+
+
+def test_walk_from_a_plan_to_the_identified_robot(arm: Path, tmp_path: Path) -> None:
+    robot, log = robot_and_drives(arm), arm / "run.csv"
+    points = np.genfromtxt(arm / "run_plan.csv", delimiter=",", names=True, deletechars="")
+    assert points["time_s"][-1] == 2.0
+
+    identified = done("identify", *robot, log, "-o", tmp_path / "parameters.json")
+    assert identified.out.splitlines()[-1] == f"Results: {tmp_path / 'parameters.json'}"
+    assert "small_arm: 6 base parameters" in identified.out
+    content = json.loads((tmp_path / "parameters.json").read_text())
+    stiffness = content["drivetrains"]["elbow"]["stiffness"]
+    assert abs(stiffness["value"] - 250.0) < 4 * stiffness["standard_error"]
+    assert stiffness["standard_error"] < 10.0
+
+    validated = done("validate", *robot, "--from", log, arm / "other.csv", "--json")
+    errors = json.loads(validated.out)
+    assert errors["load"]["elbow"]["relative_error"] < 0.05
+    assert errors["actuator"]["shoulder"]["relative_error"] is None
+
+    exported = done("export", *robot, "--from", log, "-o", tmp_path / "found.urdf")
+    places = f"Results: {tmp_path / 'found.urdf'}, {tmp_path / 'found.toml'}"
+    assert exported.out.splitlines()[-1] == places
+    found = seaid.load_robot(tmp_path / "found.urdf", tmp_path / "found.toml")
+    truth = seaid.load_robot(arm / "arm.urdf", arm / "arm.toml")
+    drive = found.drivetrains["elbow"]
+    assert isinstance(drive, seaid.SeriesElasticDrive)
+    assert drive.stiffness_Nm_per_rad == pytest.approx(stiffness["value"], rel=0.01)
+    base = seaid.base_parameters(truth)
+    np.testing.assert_allclose(
+        base.project(found.parameters), base.project(truth.parameters), rtol=0.1
+    )
+    assert "<!-- kept -->" in (tmp_path / "found.urdf").read_text()
+
+
+def test_export_of_saved_parameters_writes_the_same_files(arm: Path, tmp_path: Path) -> None:
+    robot, log, saved = robot_and_drives(arm), arm / "run.csv", tmp_path / "parameters.json"
+    done("identify", *robot, log, "--feasible", "-o", saved)
+    done("export", *robot, "--from", log, "-o", tmp_path / "one.urdf")
+    said = done("export", arm / "arm.urdf", "--parameters", saved, "-o", tmp_path / "two.urdf")
+    assert said.out.splitlines()[0] == "small_arm: 2 bodies and their drives written"
+    for ending in (".urdf", ".toml"):
+        one, two = ((tmp_path / name).with_suffix(ending) for name in ("one", "two"))
+        assert one.read_bytes() == two.read_bytes()
+    assert "is of another robot" in refused(
+        *("export", arm / "arm.urdf", "--joints", "elbow", "--parameters", saved),
+        *("-o", tmp_path / "three.urdf"),
+    )
+
+
+def test_export_of_a_mujoco_model(arm: Path, tmp_path: Path) -> None:
+    model = tmp_path / "found.xml"
+    said = done("export", *robot_and_drives(arm), "--from", arm / "run.csv", "-o", model, "--json")
+    assert json.loads(said.out)["drivetrains"] is None
+    assert "note: " in said.err
+    assert said.err.splitlines()[-1] == f"Results: {model}"
+    assert 'name="elbow_spring"' in model.read_text()
+    assert [one.name for one in tmp_path.iterdir()] == ["found.xml"]
+
+
+def test_inspect_shows_tree_drives_base_parameters_and_sensors(arm: Path) -> None:
+    said = done("inspect", *robot_and_drives(arm))
+    assert "  upper  <- shoulder: -1.2 to 1.2 rad, stiff; gear_ratio 50.0" in said.out
+    assert "    lower  <- elbow: -1.2 to 1.2 rad, series_elastic; gear_ratio 100.0" in said.out
+    assert "6 base parameters" in said.out
+    assert "  Iyy_upper + 0.09 m_lower" in said.out
+    assert "joint_position, joint_torque" in said.out
+
+
+def test_inspect_of_a_choice_of_sensors_names_all_that_they_tell(arm: Path) -> None:
+    sensors = ("motor_position", "joint_position", "motor_torque")
+    said = done("inspect", *robot_and_drives(arm), "--sensors", ",".join(sensors))
+    robot = seaid.load_robot(arm / "arm.urdf", arm / "arm.toml")
+    assert str(seaid.identifiability(robot, sensors)) in said.out
+
+
+def test_inspect_as_json_is_what_the_library_says(arm: Path) -> None:
+    content = json.loads(done("inspect", *robot_and_drives(arm), "--json").out)
+    robot = seaid.load_robot(arm / "arm.urdf", arm / "arm.toml")
+    assert content["base_parameters"] == list(seaid.base_parameters(robot).expressions)
+    assert [one["joint"] for one in content["joints"]] == ["shoulder", "elbow"]
+    assert content["joints"][1]["drive"]["stiffness_Nm_per_rad"] == 250.0
+    told = content["sensors"]["motor_position, joint_position, motor_torque"]
+    assert told["base_parameters"] == 6
+
+
+def test_inspect_names_links_that_no_body_can_be(arm: Path, tmp_path: Path) -> None:
+    assert "no body can be" not in done("inspect", arm / "arm.urdf").out
+    text = (arm / "arm.urdf").read_text()
+    tensor = re.search(r'<inertia ixx="[^"]*"', text)
+    assert tensor is not None
+    path = tmp_path / "impossible.urdf"
+    path.write_text(text.replace(tensor.group(), '<inertia ixx="9.0"', 1))
+    said = done("inspect", path)
+    assert "Links that no body can be" in said.out
+    assert "  upper has a principal moment of inertia above the sum of the other two" in said.out
+    content = json.loads(done("inspect", path, "--json").out)
+    assert list(content["impossible_links"]) == ["upper"]
+
+
+def test_joints_that_are_not_asked_for_are_said_not_to_move(arm: Path) -> None:
+    said = done("inspect", arm / "arm.urdf", "--joints", "elbow")
+    assert "upper  <- shoulder: does not move" in said.out
+    assert "lower  <- elbow: -1.2 to 1.2 rad, torque known at the joint" in said.out
+
+
+def test_crosscheck_agrees(arm: Path) -> None:
+    assert "they agree" in done("crosscheck", arm / "arm.urdf").out
+    assert json.loads(done("crosscheck", arm / "arm.urdf", "--json").out)["agree"] is True
+
+
+def test_crosscheck_that_fails_says_so_in_its_exit_code(
+    arm: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    apart = seaid.CrossCheck(False, False, float("inf"), 1.0, (6, 7))
+    monkeypatch.setattr("seaid.regressor.cross_check", lambda *_: apart)
+    said = run("crosscheck", arm / "arm.urdf", "--json")
+    assert said.code == 1
+    assert json.loads(said.out)["max_difference"] is None
+    assert "error: numeric and exact base parameters of 'small_arm' differ" in said.err
+
+
+def test_description_on_stdout_is_toml_and_reads_the_log(arm: Path, tmp_path: Path) -> None:
+    said = done("describe", arm / "run.csv", "--urdf", arm / "arm.urdf")
+    described = tomllib.loads(said.out)
+    assert set(described["joints"]) == {"shoulder", "elbow"}
+    file = tmp_path / "run.toml"
+    written = done("describe", arm / "run.csv", "--urdf", arm / "arm.urdf", "-o", file)
+    assert written.out.splitlines()[-1] == f"Results: {file}"
+    assert tomllib.loads(file.read_text()) == described
+    robot = seaid.load_robot(arm / "arm.urdf", arm / "arm.toml")
+    one = seaid.read_log(arm / "run.csv", robot, description=file)
+    assert one.joint_names == robot.joint_names
+
+
+def test_terms_writes_drives_that_load(arm: Path, tmp_path: Path) -> None:
+    arguments = (*robot_and_drives(arm), arm / "run.csv", "--of", "elbow", "--json")
+    said = done("terms", *arguments, "-o", tmp_path / "drives.toml")
+    content = json.loads(said.out)
+    assert {one["joint"] for one in content["asked"]} == {"elbow"}
+    assert f"Results: {tmp_path / 'drives.toml'}" in said.err
+    loaded = seaid.load_robot(arm / "arm.urdf", tmp_path / "drives.toml")
+    assert loaded.elastic_joints == ("elbow",)
+
+
+def test_json_of_identify_is_what_it_writes(arm: Path, tmp_path: Path) -> None:
+    file = tmp_path / "parameters.json"
+    payload = ("--payload", "lower:0.5:0,0,-0.2", "--rows", "shoulder,elbow")
+    said = done("identify", *robot_and_drives(arm), arm / "run.csv", *payload, "-o", file, "--json")
+    assert json.loads(said.out) == json.loads(file.read_text())
+    assert said.err.splitlines()[-1] == f"Results: {file}"
+
+
+def test_options_of_identify_reach_it(arm: Path, tmp_path: Path) -> None:
+    options = ("--sides", "joint", "--estimator", "huber", "--feasible", "--cutoff-hz", "6")
+    robot, file = robot_and_drives(arm), tmp_path / "p.json"
+    said = done("identify", *robot, arm / "run.csv", *options, "--joint-zero-std", "0", "-o", file)
+    assert "pass band 6 Hz" in said.out
+    assert "both sides" in said.out
+    assert "possible bodies" in said.out
+
+
+def test_logs_read_in_pieces_tell_the_same(arm: Path, tmp_path: Path) -> None:
+    found = []
+    for more in ((), ("--in-pieces",)):
+        file = tmp_path / f"p{len(more)}.json"
+        done("identify", *robot_and_drives(arm), arm / "run.csv", *more, "-o", file)
+        found.append(json.loads(file.read_text())["drivetrains"]["elbow"]["stiffness"]["value"])
+    assert found[1] == pytest.approx(found[0], rel=1e-6)
+
+
+def test_a_plan_with_free_ends_is_run_into_and_told_to_ros(arm: Path, tmp_path: Path) -> None:
+    file, message = tmp_path / "plan.json", tmp_path / "plan.yaml"
+    search = ("--duration", "2", "--starts", "1", "--iterations", "5", "--free-ends")
+    said = done("excite", arm / "arm.urdf", *search, "--joint-trajectory", message, "-o", file)
+    assert said.out.splitlines()[-1] == f"Results: {file}, {file.with_suffix('.csv')}, {message}"
+    assert "a motion of 2 s (with ways in and out " in said.out
+    motion = seaid.load_trajectory(file)
+    begin, end = motion.main_interval
+    assert 0 < begin < end < motion.duration
+    assert yaml.safe_load(message.read_text())["joint_names"] == ["shoulder", "elbow"]
+
+
+def test_a_file_that_is_there_is_overwritten_with_force_only(arm: Path, tmp_path: Path) -> None:
+    file = tmp_path / "x.toml"
+    file.write_text("mine")
+    describe = ("describe", arm / "run.csv", "-o", file)
+    assert refused(*describe) == f"error: '{file}' is there already: name another file, or add " + (
+        "--force"
+    )
+    assert file.read_text() == "mine"
+    done(*describe, "--force")
+    assert "time" in tomllib.loads(file.read_text())
+
+
+@pytest.mark.parametrize("command", ["excite", "export"])
+def test_the_file_beside_is_not_overwritten_either(arm: Path, tmp_path: Path, command: str) -> None:
+    beside = tmp_path / {"excite": "out.csv", "export": "out.toml"}[command]
+    beside.write_text("mine")
+    output = tmp_path / {"excite": "out.json", "export": "out.urdf"}[command]
+    logs = ("--from", arm / "run.csv") if command == "export" else ()
+    assert f"'{beside}' is there already" in refused(
+        command, *robot_and_drives(arm), *logs, "-o", output
+    )
+    assert beside.read_text() == "mine"
+    assert not output.exists()
+
+
+def test_what_is_read_is_never_overwritten(arm: Path) -> None:
+    log = arm / "run.csv"
+    before = log.read_bytes()
+    message = refused("identify", *robot_and_drives(arm), log, "-o", log, "--force")
+    assert f"'{log}' is read by this command" in message
+    assert log.read_bytes() == before
+    assert "is read by this command" in refused(
+        "export", *robot_and_drives(arm), "--from", log, "-o", arm / "arm.urdf", "--force"
+    )
+
+
+def test_a_folder_that_cannot_be_written_is_told_before_the_work(arm: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("no folder")
+    output = tmp_path / "file" / "parameters.json"
+    message = refused("identify", *robot_and_drives(arm), "no_log.csv", "-o", output)
+    assert f"cannot write '{output}': Not a directory" in message
+    assert "name a folder you may write to" in message
+    assert "is a folder" in refused("describe", arm / "run.csv", "-o", tmp_path)
+
+
+def test_a_full_disk_leaves_the_old_file(
+    arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "parameters.json"
+    file.write_text("old")
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    arguments = ("identify", *robot_and_drives(arm), arm / "run.csv", "-o", file, "--force")
+    monkeypatch.setattr(os, "replace", full)
+    assert "No space left on device" in refused(*arguments)
+    assert file.read_text() == "old"
+    assert [one.name for one in tmp_path.iterdir()] == ["parameters.json"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("inspect no.urdf", "no URDF file at 'no.urdf'"),
+        ("inspect arm.urdf --drives no.toml", "cannot read drivetrains 'no.toml'"),
+        ("inspect arm.urdf --joints shouldr", "did you mean 'shoulder'?"),
+        ("inspect arm.urdf --sensors eye", "no sensor is named 'eye'"),
+        ("inspect arm.urdf --payload hand:1", "no link is named 'hand'"),
+        ("identify arm.urdf no.csv", "no log file at 'no.csv'"),
+        ("identify arm.urdf .", "'.'"),
+        ("identify arm.urdf run.csv --rows elbo", "did you mean 'elbow'?"),
+        ("identify arm.urdf run.csv --sides both", "--sides: no sides is named 'both'"),
+        ("identify arm.urdf run.csv --estimator best", "no estimator is named 'best'"),
+        ("terms arm.urdf run.csv --of elbo", "did you mean 'elbow'?"),
+        ("excite arm.urdf --velocity elbo=1", "did you mean 'elbow'?"),
+        ("simulate arm.urdf no.json", "cannot read trajectory 'no.json'"),
+        ("simulate arm.urdf run_plan.json --rate-hz 0", "rate_hz must be more than zero"),
+        ("validate arm.urdf run.csv --from run.csv", "is identified from: validate on a log"),
+        ("describe run_plan.json", "no column looks like the position of a joint"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_one_line(
+    arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: str, words: str
+) -> None:
+    monkeypatch.chdir(arm)
+    command, *others = arguments.split()
+    if command in ("identify", "terms", "excite", "simulate"):
+        file = {"excite": "o.json", "simulate": "o.csv"}.get(command, "o")
+        others += ["-o", str(tmp_path / file)]
+    assert words in refused(command, *others)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("inspect", "Missing argument"),
+        ("identify arm.urdf run.csv --in-pieces --repair", "no --repair, no --description"),
+        ("nothing", "No such command 'nothing'"),
+        ("inspect arm.urdf --payload lower", "is not link:mass:x,y,z"),
+        ("inspect arm.urdf --payload lower:1:0,0", "is not link:mass:x,y,z"),
+        ("inspect arm.urdf --payload lower:1:0,0,0:5", "is not link:mass:x,y,z"),
+        ("excite arm.urdf --velocity fast", "is no number and no list as knee=2,hip=1"),
+        ("excite arm.urdf --rate-hz 0", "is not more than zero"),
+        ("excite arm.urdf -o plan.csv", "must end in .json"),
+        ("simulate arm.urdf run_plan.json -o run.mat", "must end in .csv or .npz"),
+        ("export arm.urdf --from run.csv -o found.toml", "must end in .urdf or .xml"),
+        ("validate arm.urdf run.csv", "Missing option '--from'"),
+        ("export arm.urdf -o found.urdf", "--from, --parameters: give one of the two"),
+        ("export arm.urdf --from run.csv --parameters p -o found.urdf", "give one of the two"),
+    ],
+)
+def test_wrong_usage_has_its_own_exit_code(
+    arm: Path, monkeypatch: pytest.MonkeyPatch, arguments: str, words: str
+) -> None:
+    monkeypatch.chdir(arm)
+    said = run(*arguments.split())
+    assert said.code == 2
+    assert words in " ".join(said.err.split())
+
+
+def test_warnings_are_notes_on_stderr_once(arm: Path, tmp_path: Path) -> None:
+    rounded = (
+        (arm / "arm.urdf")
+        .read_text()
+        .replace('<origin xyz="0 0 -0.3"/>', '<origin xyz="0 0 -0.3" rpy="1.5708 0 0"/>')
+    )
+    (tmp_path / "rounded.urdf").write_text(rounded)
+    said = done("inspect", tmp_path / "rounded.urdf", "--json")
+    json.loads(said.out)
+    (note,) = said.err.splitlines()
+    assert note.startswith("note: ")
+    assert "1.5708" in note
+
+
+@pytest.mark.parametrize("command", [*COMMANDS, *FROM_LOGS])
+def test_help_teaches_with_examples_as_they_are_typed(command: str) -> None:
+    said = done(command, "--help")
+    examples = [line.strip() for line in said.out.splitlines() if line.startswith("  seaid ")]
+    assert examples
+    assert all(example.startswith(f"seaid {command} ") for example in examples)
+
+
+def examples() -> list[str]:
+    """Return all commands in helps and in the README, without their comments."""
+    helps = [done(command, "--help").out for command in (*COMMANDS, *FROM_LOGS)]
+    texts = [done("--help").out, *helps, (ROOT / "README.md").read_text(encoding="utf-8")]
+    whole = [re.sub(r"\s*\\\n\s*", " ", text) for text in texts]
+    lines = [line.strip() for text in whole for line in text.splitlines()]
+    return [line.partition("  ")[0] for line in lines if re.match(r"seaid [a-z]+ [\w/]+\.", line)]
+
+
+def test_every_example_is_right_usage() -> None:
+    group, found = get_command(app), examples()
+    assert isinstance(group, TyperGroup)
+    assert len(found) > 20
+    for example in found:
+        _, name, *arguments = shlex.split(example, comments=True)
+        group.commands[name].make_context(name, arguments)  # raises for wrong usage
+
+
+def test_help_and_version_come_at_once() -> None:
+    def seconds(option: str) -> float:
+        begin = time.perf_counter()
+        subprocess.run([sys.executable, "-m", "seaid", option], check=True, capture_output=True)
+        return time.perf_counter() - begin
+
+    assert min(seconds("--help") for _ in range(3)) < HELP_SECONDS
+    assert done("--version").out == f"seaid {seaid.__version__}\n"
+    assert all(command in done("--help").out for command in (*COMMANDS, *FROM_LOGS))
+
+
+def test_console_script_is_the_command_line() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    module, _, name = project["scripts"]["seaid"].partition(":")
+    assert getattr(importlib.import_module(module), name) is main
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_shell_completion_knows_the_commands(shell: str) -> None:
+    def completed(text: str, **variables: str) -> str:
+        """Return what the program says to a shell that asks."""
+        environment = {**os.environ, "_SEAID_COMPLETE": text, **variables}
+        command = [sys.executable, "-m", "seaid"]
+        said = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        return said.stdout
+
+    assert "_SEAID_COMPLETE=complete_" + shell in completed(f"source_{shell}")
+    asked = {"COMP_WORDS": "seaid va", "COMP_CWORD": "1"}
+    asked |= {"_TYPER_COMPLETE_ARGS": "seaid va", "_TYPER_COMPLETE_FISH_ACTION": "get-args"}
+    assert "validate" in completed(f"complete_{shell}", **asked)
+    assert "simulate" not in completed(f"complete_{shell}", **asked)
+
+
+def test_nothing_heavy_is_imported_for_the_help() -> None:
+    code = "import seaid.cli.commands, sys; print([m for m in ('pinocchio', 'scipy', 'sympy', "
+    code += "'matplotlib') if m in sys.modules])"
+    said = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert said.stdout == "[]\n"
+
+
+def test_keywords_of_the_library_are_said_as_options() -> None:
+    message = "rows= names no joint:\n give feasible=True, or write it with force=True"
+    assert in_one_line(message) == (
+        "--rows names no joint: give --feasible, or add --allow-impossible"
+    )
+    assert in_one_line('estimator="iv" needs sides="sequential"') == (
+        '--estimator "iv" needs --sides "sequential"'
+    )
+
+
+def test_json_has_no_numbers_that_json_has_not() -> None:
+    data = {"a": np.array([1.0, np.nan]), "b": (np.inf, Path("x")), 3: np.float64(2)}
+    assert plain(data) == {"a": [1.0, None], "b": [None, "x"], "3": 2.0}

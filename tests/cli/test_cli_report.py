@@ -1,0 +1,79 @@
+"""seaid report: the page, what is refused, what it says on stdout."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.cli.test_cli import arm, done, refused, robot_and_drives, run
+
+__all__ = ["arm"]
+
+
+def test_report_of_a_validated_identification(arm: Path, tmp_path: Path) -> None:
+    page, other = tmp_path / "report.html", arm / "other.csv"
+    logs = ("--from", arm / "run.csv", "--validate", other)
+    said = done("report", *robot_and_drives(arm), *logs, "-o", page)
+    assert said.out.splitlines()[0] == "small_arm: 6 base parameters and its drives reported"
+    assert said.out.splitlines()[-1] == f"Results: {page}"
+    text = page.read_text(encoding="utf-8")
+    assert "<title>small_arm: identification report</title>" in text
+    assert "Not validated" not in text
+    digest = hashlib.sha256(other.read_bytes()).hexdigest()[:12]
+    assert f"other.csv, {other.stat().st_size} bytes, SHA-256 {digest}…" in text
+    assert "<dt>Estimator</dt><dd>wls</dd>" in text
+    assert [one.name for one in tmp_path.iterdir()] == ["report.html"]
+
+
+def test_report_without_validation_says_so_and_is_json_for_machines(
+    arm: Path, tmp_path: Path
+) -> None:
+    page = tmp_path / "report.html"
+    options = ("--from", arm / "run.csv", "--feasible", "--cutoff-hz", "6", "--json")
+    said = done("report", *robot_and_drives(arm), *options, "-o", page)
+    content = json.loads(said.out)
+    assert content["report"] == str(page)
+    assert content["validations"] == []
+    assert said.err.splitlines()[-1] == f"Results: {page}"
+    text = page.read_text(encoding="utf-8")
+    assert "Not validated on a motion it has not seen" in text
+    assert "<dt>Pass band</dt><dd>6 Hz</dd>" in text
+    assert "Possible bodies" in text
+
+
+def test_report_keeps_what_is_there_and_what_it_reads(arm: Path, tmp_path: Path) -> None:
+    page = tmp_path / "report.html"
+    page.write_text("mine")
+    logs = ("--from", arm / "run.csv")
+    message = refused("report", *robot_and_drives(arm), *logs, "-o", page)
+    assert f"'{page}' is there already" in message
+    assert page.read_text() == "mine"
+    done("report", *robot_and_drives(arm), *logs, "-o", page, "--force")
+    assert page.read_text().startswith("<!DOCTYPE html>")
+
+
+def test_report_does_not_validate_on_what_it_is_identified_from(arm: Path, tmp_path: Path) -> None:
+    logs = ("--from", arm / "run.csv", "--validate", arm / ".." / arm.name / "run.csv")
+    page = tmp_path / "report.html"
+    message = refused("report", *robot_and_drives(arm), *logs, "-o", page)
+    assert "run.csv' is identified from: validate on a log that it has not seen" in message
+    assert not page.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("report arm.urdf --from run.csv -o report.pdf", "must end in .html or .htm"),
+        ("report arm.urdf", "Missing option '--from'"),
+    ],
+)
+def test_wrong_usage_of_report(
+    arm: Path, monkeypatch: pytest.MonkeyPatch, arguments: str, words: str
+) -> None:
+    monkeypatch.chdir(arm)
+    said = run(*arguments.split())
+    assert said.code == 2
+    assert words in " ".join(said.err.split())

@@ -1,0 +1,87 @@
+"""The command line where its streams, its folder or its arguments are not as usual."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TULIP = ROOT / "models" / "tulip_leg.urdf"
+
+
+def shell(line: str, folder: Path, **environment: str) -> tuple[int, bytes, bytes]:
+    """Run a line of bash in which `seaid` is the command line of this tree."""
+    command = f"{shlex.quote(sys.executable)} -m seaid"
+    done = subprocess.run(
+        ["bash", "-c", f'set -o pipefail; seaid() {{ {command} "$@"; }}\n{line}'],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+        capture_output=True,
+        timeout=60,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_full_output_is_said_in_one_line(tmp_path: Path) -> None:
+    code, _, error = shell("seaid describe --help > /dev/full", tmp_path)
+    assert (code, error) == (1, b"error: cannot write the output: No space left on device\n")
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        ("seaid --help | true", 1),
+        ("seaid inspect nothing.urdf 2> /dev/full", 1),
+        ("seaid inspect nothing.urdf > /dev/full 2>&1", 1),
+        ("seaid inspect nothing.urdf 2>&-", 1),
+        ("seaid --help >&-", 0),
+        ("seaid --version >&- 2>&- <&-", 0),
+    ],
+)
+def test_streams_that_are_closed_or_lost_end_it_quietly(
+    tmp_path: Path, line: str, code: int
+) -> None:
+    found, out, error = shell(line, tmp_path)
+    assert (found, out, error) == (code, b"", b"")
+
+
+def test_a_path_that_is_no_text_is_read_and_named(tmp_path: Path) -> None:
+    path = os.fsencode(tmp_path) + b"/caf\xe9.urdf"
+    Path(os.fsdecode(path)).write_bytes(TULIP.read_bytes())
+    line = "seaid crosscheck $'caf\\xe9.urdf'; seaid inspect $'no\\xe9.urdf' >&2"
+    code, out, error = shell(line, tmp_path, PYTHONIOENCODING="utf-8:strict")
+    assert out.startswith(b"tulip_leg: ")
+    assert error.startswith(b"error: no URDF file at 'no\\udce9.urdf' (working folder ")
+    assert (code, error.count(b"\n")) == (1, 1)
+
+
+def test_a_plain_terminal_gets_letters_it_has_not_as_others(tmp_path: Path) -> None:
+    plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "TERM": "dumb"}
+    head = "time,höhe_position\n"
+    (tmp_path / "é.csv").write_text(head + "".join(f"{n},{n}\n" for n in range(60)))
+    code, out, error = shell("seaid describe é.csv", tmp_path, NO_COLOR="1", **plain)
+    assert code == 0, error
+    assert b"Traceback" not in error
+    assert b"\x1b" not in out + error
+
+
+def test_a_deleted_working_folder_is_said(tmp_path: Path) -> None:
+    (tmp_path / "gone").mkdir()
+    line = "cd gone; rmdir ../gone; seaid inspect a.urdf; seaid describe a.csv -o b.toml"
+    code, _, error = shell(line, tmp_path)
+    assert code == 1
+    assert error.count(b"\n") == error.count(b"the working folder has been deleted: change") == 2
+
+
+def test_output_may_be_the_terminal_or_nothing(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("time,angle\n" + "".join(f"{n},{n}\n" for n in range(60)))
+    code, out, error = shell("seaid describe a.csv -o /dev/stdout", tmp_path)
+    assert code == 0, error
+    assert b"[columns]" in out or b"time" in out
+    assert shell("seaid describe a.csv -o /dev/null", tmp_path)[0] == 0
+    assert sorted(os.listdir(tmp_path)) == ["a.csv"]

@@ -1,0 +1,265 @@
+"""Friction, spring and motor terms: their columns, and equations that are not linear in them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from seaid._arrays import Array
+from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive, unit_of
+from seaid.drives.equations import (
+    dry_friction,
+    joint_equation,
+    motor_equation,
+    spring_equation,
+)
+from seaid.drives.regressor import drive_regressor, non_linear
+from seaid.drives.symbols import PARAMETER_NAMES, SYMBOLS
+from seaid.drives.terms import PARAMETERS, PARAMETERS_OF, key_of
+from seaid.drives.toml import drives_from_mapping
+from seaid.errors import RobotError
+
+ELASTIC = SeriesElasticDrive(gear_ratio=50.0, motor_inertia_kg_m2=1e-5)
+STIFF = StiffDrive(gear_ratio=50.0, motor_inertia_kg_m2=1e-5)
+EVERYTHING = replace(
+    ELASTIC,
+    friction=("viscous", "shifted_coulomb", "asymmetric", "quadratic", "load", "stribeck"),
+    spring=("linear", "cubic", "fifth", "dead_zone", "damping", "preload"),
+)
+VALUES = {
+    "viscous_friction": 1e-3,
+    "coulomb_friction": 0.02,
+    "coulomb_width": 1.3,
+    "coulomb_shift": 0.2,
+    "asymmetric_friction": 2e-4,
+    "quadratic_friction": 1e-5,
+    "load_friction": 0.07,
+    "stribeck_friction": 0.01,
+    "stribeck_speed": 4.0,
+    "stiffness": 80.0,
+    "cubic_stiffness": 300.0,
+    "fifth_stiffness": 900.0,
+    "dead_zone": 0.02,
+    "spring_damping": 0.4,
+    "deflection_offset": 0.3,
+    "deflection_zero": 0.05,
+}
+CHOICES = [
+    (("viscous", "coulomb"), ("linear",), ()),
+    (("viscous", "smooth_coulomb"), ("linear",), ("coulomb_width",)),
+    (("viscous", "shifted_coulomb"), ("linear",), ("coulomb_width", "coulomb_shift")),
+    (("coulomb", "stribeck", "quadratic", "asymmetric"), ("linear",), ("stribeck_speed",)),
+    (("viscous", "load"), ("linear",), ("stiffness", "deflection_offset")),
+    (("viscous",), ("linear", "cubic"), ("deflection_zero",)),
+    (("viscous",), ("linear", "damping", "preload"), ()),
+    (("viscous",), ("linear", "dead_zone"), ("dead_zone", "deflection_zero")),
+]
+
+
+def signals(seed: int = 0, count: int = 40) -> dict[str, Array]:
+    rng = np.random.default_rng(seed)
+    names = [
+        *(f"theta_{side}{dots}" for side in "ML" for dots in ("", "_dot", "_ddot")),
+        *("tau_M", "tau_L", "i_M", "u_M", "tau_G"),
+    ]
+    return {name: rng.normal(size=count) for name in names}
+
+
+@pytest.mark.parametrize(("friction", "spring", "expected"), CHOICES)
+def test_what_is_linear_stays_linear(
+    friction: tuple[str, ...], spring: tuple[str, ...], expected: tuple[str, ...]
+) -> None:
+    drive = replace(ELASTIC, friction=friction, spring=spring)
+    bent = non_linear(motor_equation(drive))
+    assert tuple(PARAMETER_NAMES[symbol] for symbol in bent) == expected
+
+
+@pytest.mark.parametrize("equation_of", [motor_equation, spring_equation])
+def test_near_given_values_the_equation_is_exact_and_its_columns_are_its_slopes(
+    equation_of: object,
+) -> None:
+    """zeta - R p is the equation at p_0 for every p_0; R its central difference."""
+    drive = EVERYTHING.with_values(VALUES)
+    regressor = drive_regressor(equation_of(drive), drive)  # type: ignore[operator]
+    s, p_0 = signals(), np.array([VALUES[name] for name in regressor.names])
+
+    def error(p: Array) -> Array:
+        zeta, R = regressor.evaluate(s, dict(zip(regressor.names, p, strict=True)))
+        return zeta - R @ p
+
+    R = regressor.evaluate(s)[1]
+    for column, name in enumerate(regressor.names):
+        step = np.zeros(len(p_0))
+        step[column] = 1e-6 * max(1e-2, VALUES[name])
+        slope = (error(p_0 - step) - error(p_0 + step)) / (2 * step[column])
+        np.testing.assert_allclose(R[:, column], slope, rtol=1e-4, atol=1e-4, err_msg=name)
+
+
+def test_with_the_bent_parameters_given_the_rest_is_the_same_equation() -> None:
+    bent = replace(
+        EVERYTHING, friction=("shifted_coulomb", "load", "stribeck"), spring=("linear", "dead_zone")
+    )
+    drive = bent.with_values(
+        {name: VALUES[name] for name in bent.parameter_names if name in VALUES}
+    )
+    regressor = drive_regressor(motor_equation(drive), drive)
+    assert {"coulomb_shift", "stribeck_speed", "dead_zone"} <= set(regressor.non_linear)
+    s = signals(1)
+    zeta, R = regressor.evaluate(s)
+    zeta_part, R_part = regressor.given(s, {name: VALUES[name] for name in regressor.non_linear})
+    error = zeta - R @ [VALUES[name] for name in regressor.names]
+    np.testing.assert_allclose(error, zeta_part - R_part @ [VALUES[n] for n in regressor.linear])
+
+
+def test_a_term_that_is_not_linear_needs_a_start() -> None:
+    drive = replace(ELASTIC, friction=("coulomb", "stribeck"))
+    with pytest.raises(RobotError, match=r"stribeck_.* needs a value to start from"):
+        drive_regressor(motor_equation(drive), drive).evaluate(signals())
+
+
+def test_friction_under_load_takes_the_direction_of_the_coulomb_friction() -> None:
+    drive = replace(STIFF, friction=("smooth_coulomb", "load")).with_values(
+        {"coulomb_friction": 0.1, "coulomb_width": 2.0, "load_friction": 0.05}
+    )
+    s = signals()
+    R = drive_regressor(motor_equation(drive), drive).evaluate(s)[1]
+    smooth = np.tanh(s["theta_M_dot"] / 2.0)
+    np.testing.assert_allclose(R[:, 0], smooth)
+    np.testing.assert_allclose(R[:, 2], np.abs(s["tau_G"]) / 50 * smooth)
+    assert dry_friction(drive) == 0
+    sharp = replace(drive, friction=("coulomb", "load"), nominal={})
+    R = drive_regressor(motor_equation(sharp), sharp).evaluate(s)[1]
+    np.testing.assert_allclose(R[:, 1], np.abs(s["tau_G"]) / 50 * np.sign(s["theta_M_dot"]))
+
+
+@pytest.mark.parametrize("motor_input", ["torque", "current", "voltage"])
+@pytest.mark.parametrize("friction", [("viscous",), ("viscous", "coulomb", "load"), ("load",)])
+def test_a_row_balances_the_torque_at_the_motor(
+    motor_input: str, friction: tuple[str, ...]
+) -> None:
+    """The load's torque counts 1/N there, whatever scale Algorithm 1 leaves."""
+    drive = replace(STIFF, motor_input=motor_input, friction=friction)
+    regressor = drive_regressor(motor_equation(drive), drive)
+    s = signals()
+    more = {**s, "tau_L": s["tau_L"] + 1.0}
+    change = regressor.evaluate(more)[0] - regressor.evaluate(s)[0]
+    np.testing.assert_allclose(change, -1 / 50, rtol=1e-9)
+
+
+def test_dead_zone_takes_its_width_away_on_both_sides() -> None:
+    drive = replace(ELASTIC, spring=("linear", "dead_zone")).with_values(
+        {"stiffness": 10.0, "dead_zone": 0.1, "deflection_zero": 0.02}
+    )
+    s = {"theta_M": 50 * np.array([-0.38, -0.05, 0.1, 0.42]), "theta_L": np.zeros(4)}
+    s["tau_L"] = np.zeros(4)
+    regressor = drive_regressor(spring_equation(drive), drive)
+    zeta, R = regressor.evaluate(s)
+    values = [drive.values[name] for name in regressor.names]
+    np.testing.assert_allclose(R @ values - zeta, [-3.0, 0.0, 0.0, 3.0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("motor_input", "signal", "name"),
+    [("current", "i_M", "torque_constant"), ("voltage", "u_M", "voltage_constant")],
+)
+def test_current_or_voltage_has_a_constant_as_its_column(
+    motor_input: str, signal: str, name: str
+) -> None:
+    drive = replace(STIFF, motor_input=motor_input)
+    regressor = drive_regressor(motor_equation(drive), drive)
+    s = signals()
+    zeta, R = regressor.evaluate(s)
+    np.testing.assert_array_equal(R[:, regressor.names.index(name)], -s[signal])
+    np.testing.assert_allclose(zeta, -s["tau_L"] / 50 - 1e-5 * s["theta_M_ddot"])
+
+
+def test_what_acts_beside_the_drive_has_columns_at_the_joint() -> None:
+    drive = replace(
+        ELASTIC, parallel_spring=("linear", "preload"), joint_friction=("viscous", "coulomb")
+    )
+    regressor = drive_regressor(joint_equation(drive), drive)
+    assert regressor.units == ("N m/rad", "N m", "N m s/rad", "N m")
+    s = signals()
+    zeta, R = regressor.evaluate(s)
+    np.testing.assert_array_equal(zeta, s["tau_L"])
+    speed = s["theta_L_dot"]
+    np.testing.assert_array_equal(
+        R, np.column_stack([s["theta_L"], np.ones(40), speed, np.sign(speed)])
+    )
+
+
+def test_a_known_parameter_has_no_column() -> None:
+    drive = replace(ELASTIC, stiffness_Nm_per_rad=80.0, known=("stiffness",))
+    regressor = drive_regressor(motor_equation(drive), drive)
+    assert regressor.names == ("viscous_friction", "coulomb_friction", "deflection_offset")
+    free = replace(drive, known=())
+    s = signals()
+    zeta, R = drive_regressor(motor_equation(free), free).evaluate(s)
+    np.testing.assert_allclose(regressor.evaluate(s)[0], zeta - 80.0 * R[:, 2])
+
+
+def test_symbols_and_catalogue_have_the_same_parameters_in_the_same_order() -> None:
+    assert tuple(SYMBOLS) == tuple(PARAMETERS)
+    brought = {
+        name for terms in PARAMETERS_OF.values() for names in terms.values() for name in names
+    }
+    assert brought | {"motor_inertia", "deflection_zero"} == set(PARAMETERS)
+
+
+def test_values_are_read_under_keys_with_units() -> None:
+    table = {
+        "type": "series_elastic",
+        "gear_ratio": 50,
+        "friction": ["coulomb", "stribeck"],
+        "spring": ["linear", "cubic"],
+        "known": ["stribeck_speed"],
+        "stribeck_speed_rad_per_s": 0.4,
+        "cubic_stiffness_Nm_per_rad3": -2.0,
+        "transmission": {"knee": 1, "hip": -0.5},
+    }
+    drive = drives_from_mapping({"knee": table})["knee"]
+    assert drive.values == {"stribeck_speed": 0.4, "cubic_stiffness": -2.0}
+    assert dict(drive.transmission) == {"knee": 1, "hip": -0.5}
+    assert drive.without_nominal().values == {"stribeck_speed": 0.4}
+    keys = {key_of(name, unit_of(drive, name)) for name in PARAMETERS}
+    assert len(keys) == len(PARAMETERS)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"spring": ["linear", "quintic"]}, "no spring term is named 'quintic'"),
+        ({"spring": ["dead_zone"]}, "needs a term that pulls"),
+        (
+            {"friction": ["coulomb", "smooth_coulomb"]},
+            "one of coulomb, smooth_coulomb, shifted_coulomb, found coulomb, sm",
+        ),
+        ({"motor_input": "volts"}, "no motor input is named 'volts'; did you mean 'voltage'?"),
+        ({"parallel_spring": ["cubic"]}, "no parallel spring term is named 'cubic'"),
+        ({"joint_friction": ["viscos"]}, "did you mean 'viscous'?"),
+        ({"known": ["stiffnes"]}, "no known parameter is named 'stiffnes'"),
+        ({"known": ["stiffness"]}, "known names 'stiffness', but it has no value"),
+        ({"dead_zone_rad": 0.1}, "but its term 'dead_zone' of spring is not there"),
+        ({"deflection_zero_rad": 0.1}, "a spring that is not linear"),
+        ({"nominal": {"stifness": 1.0}}, "did you mean 'stiffness'?"),
+        ({"nominal": {"stiffness": 1.0}}, "give it as stiffness_Nm_per_rad"),
+        ({"nominal": 3}, "nominal must be a table of numbers, found 3"),
+        ({"transmission": {"knee": "one"}}, "transmission 'knee' must be a number, found 'one'"),
+        (
+            {"friction": ["load"], "load_friction": -1.0},
+            "'load_friction' must be zero or more and finite, found -1.0",
+        ),
+    ],
+)
+def test_wrong_terms_and_values_are_refused(change: dict[str, object], words: str) -> None:
+    table = {"type": "series_elastic", "gear_ratio": 50, **change}
+    with pytest.raises(RobotError) as caught:
+        drives_from_mapping({"knee": table})
+    assert words in str(caught.value)
+
+
+def test_every_choice_is_hashable_and_survives_a_round_trip_of_its_values() -> None:
+    drive: Drive = EVERYTHING.with_values(VALUES)
+    assert {drive: 1}[replace(drive)] == 1
+    assert drive.values == {**VALUES, "motor_inertia": 1e-5}
+    assert EVERYTHING.with_values(drive.values) == drive

@@ -1,0 +1,142 @@
+"""Several conditions together: what is shared counts once, what is own once a condition."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from seaid.errors import IdentificationError
+from seaid.estimation.estimate import Estimate
+from seaid.identification.conditions import Conditions, identify_conditions
+from seaid.identification.drive_estimates import nominal_values
+from seaid.identification.identification import identify
+from seaid.log.reading import Log
+from seaid.simulation.simulation import Noise, measure
+from tests.experiments import (
+    ELASTIC,
+    LEG_SENSORS,
+    TEST_MASS,
+    arm,
+    arm_motion,
+    leg,
+    leg_motion,
+    perfect_log,
+)
+
+pytestmark = pytest.mark.rounding
+
+WARM = 0.4
+"""Part of the viscous friction that a warm leg lacks."""
+
+
+def warm(log: Log, seed: int | None = None) -> Log:
+    """Return the log of a leg with less viscous friction: the same motion takes less torque."""
+    speed = leg_motion(TEST_MASS).motor_velocity
+    friction = [leg().drivetrains[joint].values["viscous_friction"] for joint in leg().joint_names]
+    return replace(log, motor_torque=log.motor_torque - WARM * np.array(friction) * speed)
+
+
+@cache
+def together(own: tuple[str, ...] = ("deflection_offset", "viscous_friction")) -> Conditions:
+    """Return the leg cold with its bare foot, warm with a test mass."""
+    bare, loaded = leg().without_nominal(), leg(TEST_MASS).without_nominal()
+    return identify_conditions(
+        {
+            "cold": (bare, measure(leg(), leg_motion(), LEG_SENSORS, seed=1)),
+            "warm": (loaded, warm(measure(leg(), leg_motion(TEST_MASS), LEG_SENSORS, seed=2))),
+        },
+        own=own,
+    )
+
+
+def distance(estimate: Estimate, name: str, truth: float) -> float:
+    """Return how many standard errors an estimate is away from the truth."""
+    return abs(estimate.value(name) - truth) / estimate.standard_error(name)
+
+
+@pytest.mark.parametrize("joint", ELASTIC)
+def test_shared_and_own_parameters_hold_the_truth(joint: str) -> None:
+    truth = nominal_values(leg().drivetrains[joint])
+    cold, warmed = (together().found[name].drivetrains[joint] for name in ("cold", "warm"))
+    for name in ("stiffness", "coulomb_friction"):
+        assert cold.value(name) == warmed.value(name)
+        assert distance(cold, name, truth[name]) < 4
+    assert distance(cold, "viscous_friction", truth["viscous_friction"]) < 4
+    assert distance(warmed, "viscous_friction", (1 - WARM) * truth["viscous_friction"]) < 4
+
+
+def test_the_conditions_share_the_bodies_and_the_payload_is_known() -> None:
+    found = together().found
+    np.testing.assert_array_equal(found["cold"].load.values, found["warm"].load.values)
+    load = found["cold"].load
+    exact = found["cold"].base.project(leg().parameters)
+    assert np.all(np.abs(load.values - exact) < 4.5 * load.standard_errors)
+
+
+def test_a_free_foot_learns_its_spring_from_the_loaded_one() -> None:
+    ankle = together().found["cold"].drivetrains["ankle_pitch"]
+    alone = identify(leg().without_nominal(), measure(leg(), leg_motion(), LEG_SENSORS, seed=1))
+    error = alone.drivetrains["ankle_pitch"].standard_error("stiffness")
+    assert ankle.standard_error("stiffness") < 0.3 * error
+
+
+def test_what_differs_is_said_and_what_does_not_too() -> None:
+    differences = together().differences
+    assert all(differences[f"viscous_friction of {joint}"].bic > 0 for joint in ELASTIC)
+    alike = together(("deflection_offset", "coulomb_friction of knee_pitch")).differences
+    assert set(alike) == {
+        *(f"deflection_offset of {joint}" for joint in ELASTIC),
+        "coulomb_friction of knee_pitch",
+    }
+    text = together().summary()
+    assert "2 conditions together" in text
+    line = next(line for line in text.splitlines() if "viscous_friction of hip_pitch" in line)
+    assert line.split()[-1] == "yes"
+
+
+def test_all_shared_is_one_identification_of_both_logs() -> None:
+    logs = [measure(arm(), arm_motion(), Noise(torque_std_Nm=0.003), seed=seed) for seed in (1, 2)]
+    robot = arm().without_nominal()
+    both = identify(robot, logs)
+    apart = identify_conditions({"a": (robot, logs[0]), "b": (robot, logs[1])}, own=())
+    assert not apart.differences
+    for found in apart.found.values():
+        np.testing.assert_allclose(found.load_side.values, both.load_side.values, rtol=1e-9)
+        np.testing.assert_allclose(found.load_side.covariance, both.load_side.covariance, rtol=1e-6)
+        for joint, estimate in both.drivetrains.items():
+            np.testing.assert_allclose(found.drivetrains[joint].values, estimate.values, rtol=1e-9)
+
+
+def test_own_bodies_and_own_friction_of_stiff_drives() -> None:
+    robot, log = arm().without_nominal(), perfect_log(arm(), arm_motion())
+    stiff = next(j for j in robot.joint_names if j not in robot.elastic_joints)
+    friction = f"coulomb_friction of {stiff}"
+    apart = identify_conditions({"a": (robot, log), "b": (robot, log)}, own=("bodies", friction))
+    found = list(apart.found.values())
+    assert {friction, *found[0].load.names} == set(apart.differences)
+    np.testing.assert_allclose(found[0].load.values, found[1].load.values, rtol=1e-6, atol=1e-9)
+
+
+def test_wrong_conditions_are_refused_in_words() -> None:
+    robot, log = arm(), perfect_log(arm(), arm_motion())
+    pairs = {"a": (robot, log), "b": (robot, log)}
+    with pytest.raises(IdentificationError, match="from two on, found 1"):
+        identify_conditions({"a": (robot, log)})
+    with pytest.raises(IdentificationError, match=r"own=: .*did you mean 'stiffness'"):
+        identify_conditions(pairs, own=("stifness",))
+    with pytest.raises(IdentificationError, match="own=: no joint is named 'knee'"):
+        identify_conditions(pairs, own=("stiffness of knee",))
+    other = measure(leg(), leg_motion(), Noise())
+    with pytest.raises(
+        IdentificationError, match=r"'b' hip_yaw, .*: they must be one type of robot"
+    ):
+        identify_conditions({"a": (robot, log), "b": (leg(), other)})
+    drives = dict(robot.drivetrains)
+    stiff = next(j for j in robot.joint_names if j not in robot.elastic_joints)
+    drives[stiff] = replace(drives[stiff], friction=())
+    smooth = robot.with_values(robot.parameters, drives)
+    with pytest.raises(
+        IdentificationError, match="do not have the same base parameters and drives"
+    ):
+        identify_conditions({"a": (robot, log), "b": (smooth, log)})

@@ -1,0 +1,175 @@
+"""Delays put into simulated logs: found again, and none found where there is none."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import seaid
+from seaid.errors import LogError
+from seaid.identification.delays import Delay, correct_delays, estimate_delays
+from seaid.log.reading import Log
+from seaid.robot.robot import Robot
+from seaid.simulation.simulation import measure
+from tests.experiments import LEG_SENSORS, leg, leg_motion, true_value
+
+QUIET = replace(LEG_SENSORS, torque_std_Nm=5e-4)
+ELASTIC = ("hip_pitch", "knee_pitch", "ankle_pitch")
+
+
+@cache
+def known() -> Robot:
+    return leg().without_nominal()
+
+
+def late_log(
+    late: dict[tuple[str, str], float],
+    seed: int = 0,
+    torque_std: float = 5e-4,
+    *,
+    with_springs: bool = False,
+) -> Log:
+    """Return a log of the leg at 500 Hz whose channels {(joint, field): s} are late."""
+    motion = leg_motion()
+    moved = {}
+    for field in ("motor_position", "joint_position", "motor_torque", "joint_torque"):
+        values = getattr(motion, field).copy()
+        for (joint, of), delay in late.items():
+            if of == field:
+                index = leg().index(joint)
+                before = CubicSpline(motion.time, values[:, index])
+                values[:, index] = before(motion.time - delay)
+        moved[field] = values
+    noise = replace(QUIET, torque_std_Nm=torque_std)
+    log = measure(leg(), replace(motion, **moved), noise, seed)
+    if with_springs:
+        log = replace(log, joint_torque=moved["joint_torque"])
+    part: dict[str, Any] = {field: one[20::2] for field, one in log.sensors().items()}
+    return replace(log, time=log.time[20::2], **part)
+
+
+def of(delays: tuple[Delay, ...], joint: str, channel: str) -> Delay:
+    return next(one for one in delays if (one.joint, one.channel) == (joint, channel))
+
+
+@pytest.mark.parametrize("delay", [0.0017, 0.008, -0.008])
+@pytest.mark.parametrize("joint", ["hip_roll", "knee_pitch", "ankle_pitch"])
+def test_a_late_motor_position_is_found(joint: str, delay: float) -> None:
+    found = estimate_delays(known(), late_log({(joint, "motor_position"): delay}))
+    for one in found:
+        if one.channel == "motor_position":
+            expected = delay if one.joint == joint else 0.0
+            assert one.delay_s == pytest.approx(expected, abs=5e-5)
+            assert one.is_significant == (one.joint == joint)
+
+
+@pytest.mark.parametrize("delay", [0.0017, 0.008])
+@pytest.mark.parametrize("joint", ["hip_pitch", "knee_pitch"])
+def test_a_late_motor_torque_is_found(joint: str, delay: float) -> None:
+    found = of(
+        estimate_delays(known(), late_log({(joint, "motor_torque"): delay})), joint, "motor_torque"
+    )
+    assert found.delay_s == pytest.approx(delay, abs=3e-4)
+    assert found.is_significant
+
+
+def test_a_late_torque_of_a_stiff_drive_is_found_as_well_as_it_says() -> None:
+    found = of(
+        estimate_delays(known(), late_log({("hip_yaw", "motor_torque"): 0.008})),
+        "hip_yaw",
+        "motor_torque",
+    )
+    assert found.delay_s == pytest.approx(0.008, abs=4 * found.standard_error_s)
+    assert found.standard_error_s < 1e-3
+    assert found.is_significant
+
+
+@pytest.mark.parametrize("torque_std", [5e-4, 5e-3])
+def test_no_delay_is_not_found(torque_std: float) -> None:
+    for seed in range(6):
+        found = estimate_delays(known(), late_log({}, seed, torque_std))
+        assert len(found) == 10
+        assert [str(one) for one in found if one.is_significant] == []
+
+
+def test_a_torque_sensor_at_the_spring_tells_both() -> None:
+    late = {("knee_pitch", "joint_torque"): 0.008}
+    found = estimate_delays(known(), late_log(late, with_springs=True))
+    torque = of(found, "knee_pitch", "joint_torque")
+    assert torque.delay_s == pytest.approx(0.008, abs=2e-4)
+    motor = of(found, "knee_pitch", "motor_position")
+    assert motor.against == "joint torque"
+    assert not motor.is_significant
+    assert not of(found, "ankle_pitch", "joint_torque").is_significant
+
+
+def test_what_an_uncorrected_delay_costs() -> None:
+    late = late_log({("knee_pitch", "motor_position"): 0.008}, torque_std=5e-3)
+    found = estimate_delays(known(), late)
+    mended = correct_delays(late, found)
+    errors = []
+    for log in (late, mended):
+        estimate = seaid.identify(known(), log)
+        drive = estimate.drivetrains["knee_pitch"]
+        place = drive.names.index("viscous_friction")
+        off = drive.values[place] - true_value(leg(), "knee_pitch", "viscous_friction")
+        load = seaid.validate(estimate, log).load.relative_error[3]
+        errors.append((off / drive.standard_errors[place], load))
+    assert errors[0][0] > 5.0  # friction, in standard errors
+    assert abs(errors[1][0]) < 2.0
+    assert errors[0][1] > 0.3  # torque on the knee
+    assert errors[1][1] < 0.005
+
+
+def test_the_corrected_log_is_shorter_and_says_why() -> None:
+    late = late_log({("knee_pitch", "motor_position"): 0.008})
+    mended = correct_delays(late, estimate_delays(known(), late))
+    true = late_log({})
+    index = leg().index("knee_pitch")
+    kept = np.isin(np.round(true.time, 6), np.round(mended.time, 6))
+    error = mended.motor_position[:, index] - true.motor_position[kept, index]
+    assert np.max(np.abs(error)) < 3 * 2 * np.pi / 2000
+    assert 0.008 <= late.time[-1] - mended.time[-1] < 0.011
+    assert mended.time[0] == late.time[0]
+    assert len(mended.report) == 1
+    assert str(mended.report[0]).startswith("knee_pitch.motor_position_rad: delay, 1 found")
+    assert "8 ms late against the load on its spring" in str(mended.report[0])
+    assert np.array_equal(mended.joint_position, late.joint_position[: len(mended.time)])
+
+
+def test_a_delay_that_is_not_significant_is_left() -> None:
+    log = late_log({})
+    delays = [
+        Delay("knee_pitch", "motor_torque", "the motion", 0.001, 0.0005),
+        Delay("knee_pitch", "motor_position", "joint position", 0.0, math.inf),
+    ]
+    same = correct_delays(log, delays)
+    assert np.array_equal(same.motor_torque, log.motor_torque)
+    assert same.report == log.report
+    assert [str(one) for one in delays] == [
+        "knee_pitch: its motor_torque is 1 ms late against the motion (standard error 0.5 ms, not "
+        "significant)",
+        "knee_pitch: delay of its motor_position against joint position not told",
+    ]
+
+
+def test_a_delay_beyond_the_range_is_not_told() -> None:
+    late = late_log({("knee_pitch", "motor_position"): 0.008})
+    found = estimate_delays(known(), late, largest_s=0.005)
+    assert math.isinf(of(found, "knee_pitch", "motor_position").standard_error_s)
+
+
+def test_what_cannot_be_asked() -> None:
+    log = late_log({})
+    with pytest.raises(LogError, match="largest_s must be above 0 and below a tenth of the log"):
+        estimate_delays(known(), log, largest_s=2.0)
+    with pytest.raises(LogError, match="no joint of the log is named 'knee'; did you mean"):
+        correct_delays(log, [Delay("knee", "motor_torque", "the motion", 0.01, 0.001)])
+    with pytest.raises(LogError, match="no channel is named 'joint_torque'"):
+        correct_delays(log, [Delay("knee_pitch", "joint_torque", "the motion", 0.01, 0.001)])

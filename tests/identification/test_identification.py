@@ -1,0 +1,325 @@
+"""identify: its choices, its result, and logs that have no answer."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seaid._arrays import Array
+from seaid.errors import ExcitationError, IdentificationError, LogError, RobotError
+from seaid.estimation.least_squares import Orthonormal, orthonormal
+from seaid.estimation.qr_factor import Information
+from seaid.identification.identification import Identification, identify
+from seaid.identification.validation import validate
+from seaid.log.reading import Log
+from seaid.regressor.rigid_body import joint_torques
+from seaid.robot.robot import load_robot
+from seaid.simulation.simulation import Noise, measure
+from tests.experiments import (
+    ELASTIC,
+    LEG_SENSORS,
+    TEST_MASS,
+    arm,
+    arm_motion,
+    leg,
+    leg_motion,
+    perfect_log,
+)
+
+pytestmark = pytest.mark.rounding
+
+KNOWN = leg(TEST_MASS).without_nominal()
+
+
+@cache
+def log(seed: int = 1) -> Log:
+    return measure(leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS, seed)
+
+
+@cache
+def found() -> Identification:
+    return identify(KNOWN, log())
+
+
+def changed(field: str, joint: str, value: float) -> Log:
+    """Return the log with one signal of one joint held at a value."""
+    values = getattr(log(), field).copy()
+    values[:, KNOWN.index(joint)] = value
+    return replace(log(), **{field: values})
+
+
+def standing(joint: str) -> Log:
+    return replace(
+        changed("motor_position", joint, 0.3),
+        joint_position=changed("joint_position", joint, 0.1).joint_position,
+    )
+
+
+def test_weights_are_settled_once_a_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    settled: list[int] = []
+
+    def counted(information: Information, theta: Array) -> Orthonormal:
+        settled.append(len(theta))
+        return orthonormal(information, theta)
+
+    monkeypatch.setattr("seaid.estimation.least_squares.orthonormal", counted)
+    identify(KNOWN, log())
+    assert len(settled) == len(ELASTIC) + 1
+
+
+def test_result_has_what_the_design_says() -> None:
+    assert tuple(found().drivetrains) == KNOWN.joint_names
+    for joint in ELASTIC:
+        assert found().drivetrains[joint].names == (
+            "viscous_friction",
+            "coulomb_friction",
+            "stiffness",
+            "deflection_offset",
+        )
+    assert found().drivetrains["hip_yaw"].names == ("viscous_friction", "coulomb_friction")
+    assert len(found().load.values) == len(found().base.columns) == 29
+    assert found().load.names == found().model.expressions
+    assert found().known is KNOWN
+    assert set(found().left_out) == {*ELASTIC, "load"}
+
+
+def test_same_log_gives_the_same_result_twice() -> None:
+    again = identify(KNOWN, log())
+    assert np.array_equal(again.load.values, found().load.values)
+    assert np.array_equal(again.load.covariance, found().load.covariance)
+
+
+def test_found_robot_has_the_found_values() -> None:
+    robot = found().robot
+    assert found().base.project(robot.parameters) == pytest.approx(found().load.values, abs=1e-9)
+    for joint in ELASTIC:
+        stiffness = robot.drivetrains[joint].stiffness  # type: ignore[union-attr]
+        assert stiffness == found().drivetrains[joint].value("stiffness")
+    friction = robot.drivetrains["hip_yaw"].viscous_friction_Nms_per_rad
+    assert friction == found().drivetrains["hip_yaw"].value("viscous_friction")
+
+
+def test_found_robot_moves_like_the_true_one_at_unseen_states() -> None:
+    quiet = perfect_log(leg(TEST_MASS), leg_motion(TEST_MASS))
+    robot = identify(leg(TEST_MASS), quiet, cutoff_hz=20.0).robot
+    rng = np.random.default_rng(0)
+    q, v, a = rng.uniform(-0.5, 0.5, (50, 5)), rng.normal(size=(50, 5)), rng.normal(size=(50, 5))
+    true = joint_torques(leg(TEST_MASS), q, v, a)
+    error = joint_torques(robot, q, v, a) - true
+    assert np.all(np.linalg.norm(error, axis=0) < 0.01 * np.linalg.norm(true, axis=0))
+
+
+def test_torques_of_the_elastic_joints_alone_tell_21() -> None:
+    part = identify(KNOWN, log(), rows=ELASTIC)
+    assert len(part.load.values) == 21
+    assert tuple(part.drivetrains) == ELASTIC
+    assert part.model.rows == ELASTIC
+
+
+def test_stiff_joint_without_torque_is_not_used() -> None:
+    part = identify(KNOWN, changed("motor_torque", "hip_yaw", np.nan))
+    assert part.model.rows == KNOWN.joint_names[1:]
+    assert "hip_yaw" not in part.drivetrains
+
+
+def test_robot_without_drives_is_identified_from_its_joint_torques(tulip_urdf: Path) -> None:
+    robot = load_robot(tulip_urdf, payloads=(TEST_MASS,))
+    motion = leg_motion(TEST_MASS)
+    torques = joint_torques(robot, *motion.joint_states)
+    ideal = replace(log(), joint_position=motion.joint_position, joint_torque=torques)
+    nothing = np.full_like(torques, np.nan)
+    ideal = replace(ideal, motor_torque=nothing, motor_position=nothing)
+    result = identify(robot.without_nominal(), ideal, cutoff_hz=20.0)
+    assert not result.drivetrains
+    true = result.base.project(robot.parameters)
+    assert np.max(np.abs(result.load.values - true)) < 0.002 * np.max(np.abs(true))
+
+
+def test_ordinary_and_weighted_agree_within_their_errors() -> None:
+    plain = identify(KNOWN, log(), estimator="ols")
+    difference = np.abs(plain.load.values - found().load.values)
+    assert np.all(difference < 5 * plain.load.standard_errors)
+    assert not np.array_equal(plain.load.values, found().load.values)
+
+
+def test_springs_make_the_load_side_less_sure() -> None:
+    """The covariance carries what is not known of the springs."""
+    motion = leg_motion(TEST_MASS)
+    measured = replace(log(), joint_torque=motion.joint_torque)
+    sure = identify(KNOWN, measured)
+    assert not sure.springs
+    assert np.median(found().load.standard_errors / sure.load.standard_errors) > 1.5
+
+
+def test_uncertain_joint_zeros_widen_the_errors_and_move_nothing() -> None:
+    wide = identify(KNOWN, log(), joint_zero_std=0.002)
+    assert wide.load.values == pytest.approx(found().load.values, rel=1e-9)
+    ratio = wide.load.standard_errors / found().load.standard_errors
+    assert np.min(ratio) >= 1.0
+    assert np.max(ratio) > 2.0
+
+
+def test_wrong_joint_zeros_are_within_errors_that_know_of_them() -> None:
+    noise = replace(LEG_SENSORS, joint_zero_rad=(0.01, -0.01, 0.01, 0.01, -0.01))
+    shifted = measure(leg(TEST_MASS), leg_motion(TEST_MASS), noise, 1)
+    worst = []
+    for std in (0.0, 0.01):
+        result = identify(KNOWN, shifted, joint_zero_std=std)
+        true = result.base.project(leg(TEST_MASS).parameters)
+        worst.append(np.max(np.abs((result.load.values - true) / result.load.standard_errors)))
+    assert worst[0] > 5.0
+    assert worst[1] < 3.5
+
+
+def test_parameters_json_has_the_fields_of_the_design(tmp_path: Path) -> None:
+    path = tmp_path / "parameters.json"
+    found().save(path, validate(found(), log(2)))
+    content = json.loads(path.read_text())
+    assert content["robot"] == "tulip_leg"
+    assert content["joints"] == list(KNOWN.joint_names)
+    stiffness = content["drivetrains"]["knee_pitch"]["stiffness"]
+    assert stiffness == {
+        "value": found().drivetrains["knee_pitch"].value("stiffness"),
+        "standard_error": found().drivetrains["knee_pitch"].standard_error("stiffness"),
+        "unit": "N/m",
+    }
+    assert len(content["load"]) == len(content["base_columns"]) == len(content["grouping"]) == 29
+    assert set(content["load"][0]) == {"expression", "value", "standard_error", "unit"}
+    assert [entry["value"] for entry in content["load"]] == found().load.values.tolist()
+    assert np.array(content["grouping"]).shape == (29, 50)
+    assert content["validation"]["load"]["knee_pitch"]["relative_error"] < 0.05
+    assert content["validation"]["actuator"]["hip_yaw"]["relative_error"] is None
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_parameters_json_without_validation() -> None:
+    assert found().to_dict()["validation"] == {}
+    json.dumps(found().to_dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ({"estimator": "wsl"}, "no estimator is named 'wsl'; did you mean 'wls'"),
+        ({"estimator": "kalman"}, "no estimator is named 'kalman'; allowed: .*ols"),
+        ({"sides": "sequental"}, "no sides is named 'sequental'; did you mean 'sequential'"),
+    ],
+)
+def test_unknown_choice_names_the_nearest(option: dict[str, str], words: str) -> None:
+    with pytest.raises(IdentificationError, match=words):
+        identify(KNOWN, log(), **option)  # type: ignore[arg-type]
+
+
+def test_no_log_at_all() -> None:
+    with pytest.raises(IdentificationError, match="identify needs a log, found none"):
+        identify(KNOWN, [])
+
+
+@pytest.mark.parametrize(
+    ("rows", "kind", "words"),
+    [
+        (("knee",), RobotError, "no joint is named 'knee'; did you mean 'knee_pitch'"),
+        ((), ExcitationError, "rows= names no joint: give those whose torque is known"),
+    ],
+)
+def test_rows_that_tell_nothing(rows: tuple[str, ...], kind: type[Exception], words: str) -> None:
+    with pytest.raises(kind, match=words):
+        identify(KNOWN, log(), rows=rows)
+
+
+@pytest.mark.parametrize("cutoff_hz", [-1.0, 0.0, 600.0, np.nan])
+def test_cutoff_out_of_range(cutoff_hz: float) -> None:
+    with pytest.raises(LogError, match="cutoff_hz must be between 0 and half the sampling rate"):
+        identify(KNOWN, log(), cutoff_hz=cutoff_hz)
+
+
+def test_log_too_short_for_the_cutoff() -> None:
+    with pytest.raises(LogError, match=r"too short: 0.199 s hold fewer than 10 periods"):
+        identify(KNOWN, log().between(2.0, 2.2))
+
+
+def test_robot_that_stands_still() -> None:
+    still = log()
+    for joint in KNOWN.joint_names:
+        one = standing(joint)
+        still = replace(
+            still,
+            motor_position=np.where(
+                np.array(KNOWN.joint_names) == joint, one.motor_position, still.motor_position
+            ),
+            joint_position=np.where(
+                np.array(KNOWN.joint_names) == joint, one.joint_position, still.joint_position
+            ),
+        )
+    with pytest.raises(ExcitationError, match="the motor of 'hip_pitch' stands still"):
+        identify(KNOWN, still)
+    rng = np.random.default_rng(0)
+    noisy = replace(
+        still, motor_position=still.motor_position + rng.normal(0, 1e-3, still.motor_position.shape)
+    )
+    with pytest.raises(ExcitationError, match=r"'hip_pitch' stands still .* noise 0.001 rad"):
+        identify(KNOWN, noisy)
+
+
+def test_stiff_robot_that_stands_still(tulip_urdf: Path) -> None:
+    robot = load_robot(tulip_urdf, joints=("hip_yaw", "hip_roll"))
+    still = Log(
+        time=np.arange(2000) / 1000,
+        joint_names=robot.joint_names,
+        motor_position=np.full((2000, 2), np.nan),
+        joint_position=np.full((2000, 2), 0.2),
+        motor_torque=np.full((2000, 2), 1.0),
+    )
+    with pytest.raises(ExcitationError, match="no joint moves in the log"):
+        identify(robot, still)
+
+
+def test_elastic_joint_that_does_not_move_is_named() -> None:
+    with pytest.raises(ExcitationError, match="the motor of 'ankle_pitch' stands still"):
+        identify(KNOWN, standing("ankle_pitch"))
+
+
+def test_stiff_joint_that_does_not_move_is_named() -> None:
+    with pytest.raises(ExcitationError, match="viscous_friction of hip_yaw, coulomb"):
+        identify(KNOWN, standing("hip_yaw"))
+
+
+def test_motion_of_one_joint_does_not_tell_the_others() -> None:
+    robot = arm().without_nominal()
+    motion = arm_motion()
+    moved = replace(
+        motion,
+        joint_position=np.where([0, 1, 1, 0], motion.joint_position, 0.2),
+        motor_position=np.where([0, 1, 1, 0], motion.motor_position, 0.2),
+    )
+    with pytest.raises(ExcitationError, match=r"does not excite .* of wrist.* move these joints"):
+        identify(robot, measure(arm(), moved, Noise()), rows=("shoulder", "telescope", "wrist"))
+
+
+def test_log_that_lacks_a_joint_or_a_torque() -> None:
+    fewer = Log(
+        time=log().time,
+        joint_names=KNOWN.joint_names[:4],
+        motor_position=log().motor_position[:, :4],
+        joint_position=log().joint_position[:, :4],
+        motor_torque=log().motor_torque[:, :4],
+    )
+    with pytest.raises(LogError, match="the log has no joint ankle_pitch of 'tulip_leg'"):
+        identify(KNOWN, fewer)
+    with pytest.raises(LogError, match="elastic joint 'knee_pitch' has no torque in the log"):
+        identify(KNOWN, changed("motor_torque", "knee_pitch", np.nan))
+    with pytest.raises(LogError, match="no torque in the log at hip_yaw; name the others with"):
+        identify(KNOWN, changed("motor_torque", "hip_yaw", np.nan), rows=("hip_yaw", "hip_pitch"))
+
+
+def test_logs_with_other_sensors_do_not_go_together() -> None:
+    torque = np.full_like(log().motor_torque, np.nan)
+    torque[:, 3] = leg_motion(TEST_MASS).joint_torque[:, 3]
+    other = replace(changed("motor_torque", "knee_pitch", np.nan), joint_torque=torque)
+    with pytest.raises(LogError, match="the logs must have the same torque sensors"):
+        identify(KNOWN, [log(), other])

@@ -1,0 +1,83 @@
+"""Known bodies: their parameters are not identified, and what they weigh is on the known side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seaid.errors import RobotError
+from seaid.excitation.criteria import pivoted_base
+from seaid.regressor.base import base_parameters, cross_check
+from seaid.regressor.exact.base import base_parameters as exact_base_parameters
+from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
+from seaid.robot.robot import Robot, load_robot
+from tests.experiments import MODELS
+
+pytestmark = pytest.mark.rounding
+
+LEG = (MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml")
+
+
+def leg(*known: str) -> Robot:
+    return load_robot(*LEG, known_bodies=known)
+
+
+@pytest.mark.parametrize(
+    ("known", "count"),
+    [((), 29), (("foot",), 22), (("thigh", "shank"), 17), (("hip_yaw_link",), 29)],
+)
+def test_numeric_and_exact_base_parameters_leave_known_bodies_out(
+    known: tuple[str, ...], count: int
+) -> None:
+    robot = leg(*known)
+    exact = exact_base_parameters(robot)
+    assert cross_check(base_parameters(robot), exact).agree
+    for way in ("energy", "torque"):
+        assert exact_base_parameters(robot, through=way).exact_rows == exact.exact_rows
+    assert exact.rank == len(pivoted_base(robot).columns) == count
+    assert not np.any(exact.grouping[:, robot.is_known])
+
+
+def test_base_parameters_and_known_ones_make_the_whole_torque() -> None:
+    robot = leg("shank")
+    base, rng = base_parameters(robot), np.random.default_rng(1)
+    states = rng.normal(size=(3, 20, robot.n))
+    Y = rigid_body_regressor(robot, *states)
+    told = base.reduce(Y) @ base.project(robot.parameters) + Y @ robot.known_parameters
+    np.testing.assert_allclose(told, joint_torques(robot, *states), atol=1e-10)
+
+
+def test_a_robot_of_known_bodies_has_no_base_parameters() -> None:
+    robot = leg(*leg().body_names)
+    base = base_parameters(robot)
+    assert base.columns == ()
+    assert base.grouping.shape == (0, 50)
+    assert cross_check(base, exact_base_parameters(robot)).agree
+
+
+def test_known_bodies_stay_when_nominal_values_go() -> None:
+    known = leg("foot").without_nominal()
+    np.testing.assert_array_equal(known.parameters[40:], leg().parameters[40:])
+    assert np.all(np.isnan(known.parameters[:40]))
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["shnak"], "known_bodies: no body is named 'shnak'; did you mean 'shank'"),
+        (["trunk"], "no joint that moves carries 'trunk'"),
+        ("foot", "must be a list of names, found the text 'foot'"),
+    ],
+)
+def test_wrong_known_bodies_are_refused(names: list[str], message: str) -> None:
+    with pytest.raises(RobotError, match=message):
+        load_robot(*LEG, known_bodies=names)
+
+
+def test_a_known_body_needs_parameters(write_chain: Callable[..., Path]) -> None:
+    path = write_chain({"one": "continuous", "two": "continuous"}, empty=("one_link",))
+    with pytest.raises(RobotError, match="'one_link' has no inertial parameters in the URDF"):
+        load_robot(path, known_bodies=["one_link"])

@@ -1,0 +1,90 @@
+"""Which terms the data support: what is there is recommended, what is not is not."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from seaid.errors import IdentificationError
+from seaid.identification.model_selection import TermSelection, compare_terms
+from seaid.log.reading import Log
+from seaid.simulation.simulation import measure
+from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion
+
+ROBOT = leg(TEST_MASS).without_nominal()
+
+
+@cache
+def plain_log() -> Log:
+    return measure(leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS, seed=3)
+
+
+@cache
+def with_stribeck() -> TermSelection:
+    """Return what is said of a knee that sticks more than it slides."""
+    torque, speed = plain_log().motor_torque.copy(), leg_motion(TEST_MASS).motor_velocity[:, 3]
+    torque[:, 3] += 0.02 * np.exp(-((speed / 60.0) ** 2)) * np.sign(speed)
+    terms = {"friction": ("stribeck", "quadratic", "asymmetric"), "spring": ("cubic",)}
+    log = replace(plain_log(), motor_torque=torque)
+    return compare_terms(ROBOT, log, joints=["knee_pitch"], terms=terms)
+
+
+def test_a_term_that_is_there_is_recommended_alone() -> None:
+    found = with_stribeck()
+    assert dict(found.recommended) == {"knee_pitch": (("friction", "stribeck"),)}
+    assert found.robot.drivetrains["knee_pitch"].friction == ("viscous", "coulomb", "stribeck")
+    first = [one for one in found.gains if one.step == 0]
+    assert [one.term for one in first] == ["stribeck", "quadratic", "asymmetric", "cubic"]
+    assert {one.term for one in found.gains if one.step == 1} == {
+        "quadratic",
+        "asymmetric",
+        "cubic",
+    }
+    assert [one.term for one in found.gains if one.chosen] == ["stribeck"]
+
+
+def test_the_table_and_the_words_say_what_to_do() -> None:
+    text = str(with_stribeck())
+    assert "knee_pitch: add 'stribeck' to friction; identify(selection.robot, ...)" in text
+    line = next(line for line in text.splitlines() if "friction stribeck" in line)
+    assert line.split()[-1] == "chosen"
+
+
+def test_what_is_not_there_is_not_recommended() -> None:
+    terms = {
+        "friction": ("offset", "quadratic", "load"),
+        "spring": ("dead_zone",),
+        "joint_friction": ("coulomb",),
+    }
+    found = compare_terms(ROBOT, plain_log(), joints=["hip_roll", "ankle_pitch"], terms=terms)
+    assert not found.recommended
+    assert "The data support no term beyond" in str(found)
+    asked = {(one.joint, one.term) for one in found.gains}
+    assert ("ankle_pitch", "offset") not in asked  # an elastic drive cannot have it
+    assert ("hip_roll", "dead_zone") not in asked  # no spring
+    assert ("ankle_pitch", "coulomb") in asked
+
+
+def test_what_a_load_side_lacks_is_found_there() -> None:
+    torque = plain_log().motor_torque.copy()
+    torque[:, 1] += 0.03
+    log = replace(plain_log(), motor_torque=torque)
+    terms = {"friction": ("offset", "asymmetric")}
+    found = compare_terms(ROBOT, log, joints=["hip_roll"], terms=terms)
+    assert dict(found.recommended) == {"hip_roll": (("friction", "offset"),)}
+
+
+@pytest.mark.parametrize(
+    ("terms", "words"),
+    [
+        (
+            {"frictions": ("load",)},
+            r"terms=: no field is named 'frictions'; did you mean 'friction",
+        ),
+        ({"friction": ("lod",)}, r"terms=: no friction term is named 'lod'; did you mean 'load'"),
+    ],
+)
+def test_unknown_terms_are_refused(terms: dict[str, tuple[str, ...]], words: str) -> None:
+    with pytest.raises(IdentificationError, match=words):
+        compare_terms(ROBOT, plain_log(), terms=terms)

@@ -1,0 +1,282 @@
+"""refine: the maximum-likelihood estimate by output error, on known truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from seaid._arrays import Array, FrozenMapping
+from seaid.errors import IdentificationError, LogError
+from seaid.estimation.estimate import Estimate
+from seaid.identification.identification import Identification, identify
+from seaid.identification.output_error import Layout, Run, layout_of, linearised, refine, run_of
+from seaid.log.motion import Motion
+from seaid.log.reading import Log
+from seaid.robot.robot import Payload, Robot, load_robot
+from seaid.simulation.simulation import Noise, measure, simulate_motion
+from tests.experiments import DATA, drive_errors, perfect_log, wiggle
+
+DRIVE = ("stiffness", "viscous_friction", "coulomb_friction")
+REACH = {"rail": (0.0, 0.4), "shoulder": (0.3, 0.8), "telescope": (0.15, 0.2), "wrist": (0.0, 0.9)}
+SENSORS = Noise(
+    motor_resolution_rad=2 * np.pi / 2000,
+    joint_resolution_rad=(2 * np.pi / 2**14, 2e-5),
+    motor_zero_rad=(1.0, -2.0),
+    torque_std_Nm=0.003,
+)
+
+
+@cache
+def robot(*joints: str, load: float = 0.0) -> Robot:
+    """Return some joints of the mixed arm, the others locked, with a load on the tool."""
+    payloads = [Payload("tool", load, (0.05, 0.0, 0.0))] if load else []
+    return load_robot(
+        DATA / "mixed_arm.urdf", DATA / "mixed_arm.toml", joints=joints, payloads=payloads
+    )
+
+
+SPRINGS = robot("shoulder", "telescope")
+
+
+@cache
+def motion(truth: Robot = SPRINGS) -> Motion:
+    """Return four seconds of true motion at 500 Hz."""
+    middle, reach = zip(*(REACH[joint] for joint in truth.joint_names), strict=True)
+    return simulate_motion(truth, wiggle(truth, 4.0, middle, reach, seed=1), rate_hz=500.0)
+
+
+@cache
+def log(truth: Robot = SPRINGS) -> Log:
+    return perfect_log(truth, motion(truth))
+
+
+@cache
+def found(truth: Robot = SPRINGS) -> Identification:
+    return identify(truth.without_nominal(), log(truth))
+
+
+@cache
+def refined(truth: Robot = SPRINGS) -> Identification:
+    return refine(found(truth), log(truth))
+
+
+@cache
+def noisy(seed: int = 0) -> Log:
+    return measure(SPRINGS, motion(), SENSORS, seed)
+
+
+def base_error(one: Identification, truth: Robot) -> float:
+    true = one.base.project(truth.parameters)
+    return float(np.linalg.norm(one.load.values - true) / np.linalg.norm(true))
+
+
+def perturbed(one: Identification, size: float, seed: int = 0) -> Identification:
+    """Return an identification with every value wrong by up to `size` of itself."""
+    rng = np.random.default_rng(seed)
+
+    def wrong(estimate: Estimate) -> Estimate:
+        factor = 1 + size * rng.uniform(-1, 1, len(estimate.values))
+        return replace(estimate, values=estimate.values * factor)
+
+    drives = {joint: wrong(estimate) for joint, estimate in one.drivetrains.items()}
+    return replace(one, drivetrains=FrozenMapping(drives), load_side=wrong(one.load_side))
+
+
+def assert_same(one: Identification, other: Identification, rel: float) -> None:
+    for joint, estimate in one.drivetrains.items():
+        values = other.drivetrains[joint].values
+        assert values == pytest.approx(estimate.values, rel=rel, abs=rel)
+    assert other.load_side.values == pytest.approx(one.load_side.values, rel=rel, abs=rel)
+
+
+# Without noise: the truth.
+
+
+@pytest.mark.parametrize(
+    "truth",
+    [
+        SPRINGS,
+        robot("telescope", "shoulder"),
+        robot("shoulder", "telescope", load=0.8),
+        robot("rail", "shoulder"),
+        robot("rail", "wrist"),
+    ],
+    ids=["springs", "reordered", "payload", "mixed", "stiff"],
+)
+def test_perfect_sensors_lead_to_the_truth(truth: Robot) -> None:
+    one = refined(truth)
+    errors = drive_errors(one, truth, *DRIVE)
+    assert max(map(abs, errors.values())) < 2e-3
+    assert base_error(one, truth) < 2e-4
+    assert not one.flags
+
+
+def test_springs_are_nearer_than_the_linear_regression() -> None:
+    before = drive_errors(found(), SPRINGS, "stiffness")
+    after = drive_errors(refined(), SPRINGS, "stiffness")
+    assert max(map(abs, after.values())) < 1e-4
+    assert max(map(abs, after.values())) < 0.1 * max(map(abs, before.values()))
+
+
+def test_wrong_start_comes_back() -> None:
+    noisy = measure(SPRINGS, motion(), SENSORS, seed=1)
+    one = refine(identify(SPRINGS.without_nominal(), noisy), noisy)
+    other = refine(perturbed(one, 0.2), noisy)
+    for joint, drive in one.drivetrains.items():
+        moved = np.abs(other.drivetrains[joint].values - drive.values)
+        assert np.all(moved < 1e-3 * drive.standard_errors)
+    assert np.all(np.abs(other.load.values - one.load.values) < 1e-3 * one.load.standard_errors)
+
+
+def test_robot_has_the_refined_values() -> None:
+    one = refined(robot("rail", "shoulder"))
+    for joint, drive in one.robot.drivetrains.items():
+        estimate = one.drivetrains[joint]
+        assert drive.viscous_friction_Nms_per_rad == estimate.value("viscous_friction")
+    assert one.springs["shoulder"][0] == one.drivetrains["shoulder"].value("stiffness")
+    assert one.base.project(one.robot.parameters) == pytest.approx(one.load.values, abs=1e-8)
+
+
+def test_spring_torque_of_a_sensor_leaves_nothing_to_simulate() -> None:
+    sensed = replace(log(), joint_torque=motion().joint_torque)
+    start = identify(SPRINGS.without_nominal(), sensed)
+    assert not start.springs
+    one = refine(start, sensed)
+    assert max(map(abs, drive_errors(one, SPRINGS, *DRIVE).values())) < 2e-3
+    assert base_error(one, SPRINGS) < 2e-4
+
+
+# The derivatives are those of the simulation.
+
+
+@pytest.mark.parametrize("zero_std", [0.0, 0.002])
+def test_sensitivities_are_those_of_differences(zero_std: float) -> None:
+    truth = robot("rail", "shoulder")
+    layout = layout_of(refined(truth), zero_std)
+    run = settled(layout, run_of(layout, log(truth)), layout.start)
+    here = linearised(layout, run, layout.start)[0]
+    scale = np.maximum(np.abs(layout.start[: layout.load.stop]), 1e-3)
+    scale = np.append(scale, np.full(len(layout.start) - len(scale), 0.1))
+    for column, size in enumerate(1e-4 * scale):
+        change = np.zeros(len(layout.start))
+        change[column] = size
+        x = layout.start + change
+        moved = settled(layout, shifted(layout, run, change), x)
+        there = linearised(layout, moved, x)[0]
+        difference = (there.residual - here.residual) / size
+        expected = here.jacobian[..., column]
+        for channel in range(expected.shape[2]):
+            largest = np.max(np.abs(expected[..., channel]))
+            gap = np.max(np.abs(difference - expected)[..., channel])
+            assert gap <= 5e-3 * largest + 1e-12 / size
+
+
+def shifted(layout: Layout, run: Run, change: Array) -> Run:
+    """Return a run with the joints without a spring where a change of encoder zeros puts them."""
+    position = run.motion.joint_position.copy()
+    if change[layout.zeros].size:
+        position[:, 0] -= change[layout.zeros][0]
+    return replace(run, motion=replace(run.motion, joint_position=position))
+
+
+def settled(layout: Layout, run: Run, x: Array) -> Run:
+    """Return a run whose simulated joint obeys (8), from the same initial states."""
+    joints = [layout.found.known.index(joint) for joint in layout.simulated]
+    for _ in range(3):
+        answer = linearised(layout, run, x)[1]
+        states = []
+        for state, moves in zip(
+            run.motion.joint_states,
+            (answer.position, answer.velocity, answer.acceleration),
+            strict=True,
+        ):
+            new = state.copy()
+            new[:, joints] += moves[:, :, 0]
+            states.append(new)
+        q, v, a = states
+        moved = replace(run.motion, joint_position=q, joint_velocity=v, joint_acceleration=a)
+        run = replace(run, motion=moved)
+    return run
+
+
+# With noise.
+
+
+def test_noise_is_found_and_errors_are_what_the_intervals_say() -> None:
+    start = identify(SPRINGS.without_nominal(), noisy())
+    one = refine(start, noisy())
+    for joint in SPRINGS.elastic_joints:
+        estimate = one.drivetrains[joint]
+        errors = drive_errors(one, SPRINGS, *DRIVE)
+        for name in DRIVE:
+            relative = estimate.standard_error(name) / estimate.value(name)
+            assert abs(errors[f"{name} of {joint}"]) < 4 * relative
+    true = one.base.project(SPRINGS.parameters)
+    assert np.all(np.abs(one.load.values - true) < 4 * one.load.standard_errors)
+
+
+def test_two_logs_are_known_better_than_one() -> None:
+    start = identify(SPRINGS.without_nominal(), [noisy(0), noisy(1)])
+    both, one = refine(start, [noisy(0), noisy(1)]), refine(start, noisy(0))
+    for joint in SPRINGS.elastic_joints:
+        ratio = both.drivetrains[joint].standard_errors / one.drivetrains[joint].standard_errors
+        assert np.all(ratio < 0.9)
+
+
+def test_refining_again_changes_nothing() -> None:
+    start = identify(SPRINGS.without_nominal(), noisy())
+    one = refine(start, noisy())
+    assert_same(one, refine(one, noisy()), rel=1e-3)
+
+
+def test_joint_zeros_are_estimated_where_they_are_uncertain() -> None:
+    shifted_log = measure(SPRINGS, motion(), Noise(joint_zero_rad=(0.01, 0.0)))
+    start = identify(SPRINGS.without_nominal(), shifted_log)
+    trusting, doubting = (refine(start, shifted_log, joint_zero_std=std) for std in (0.0, 0.01))
+    assert base_error(doubting, SPRINGS) < 0.5 * base_error(trusting, SPRINGS)
+    true = doubting.base.project(SPRINGS.parameters)
+    assert np.all(np.abs(doubting.load.values - true) < 4 * doubting.load.standard_errors)
+
+
+# What cannot be refined.
+
+
+def test_no_log_and_a_wrong_zero_are_said() -> None:
+    with pytest.raises(IdentificationError, match="refine needs a log, found none"):
+        refine(found(), [])
+    with pytest.raises(IdentificationError, match=r"from 0 to 1000 rad or m, found -0\.1"):
+        refine(found(), log(), joint_zero_std=-0.1)
+
+
+def test_too_few_iterations_are_said() -> None:
+    with pytest.raises(IdentificationError, match="did not settle in 0 iterations: its next step"):
+        refine(perturbed(refined(), 0.2), log(), iterations=0)
+
+
+def test_stiffness_below_zero_is_no_start() -> None:
+    shoulder = found().drivetrains["shoulder"]
+    values = np.where(np.array(shoulder.names) == "stiffness", -1.0, shoulder.values)
+    drives = {**found().drivetrains, "shoulder": replace(shoulder, values=values)}
+    with pytest.raises(IdentificationError, match="the stiffness of shoulder was found -1"):
+        refine(replace(found(), drivetrains=FrozenMapping(drives)), log())
+
+
+def test_values_that_are_no_numbers_are_no_start() -> None:
+    bad = replace(found().load_side, values=np.full_like(found().load_side.values, 1e200))
+    with pytest.raises(IdentificationError, match="diverges at this estimate: check"):
+        refine(replace(found(), load_side=bad), log())
+
+
+def test_log_of_other_sensors_and_of_another_robot() -> None:
+    springs_only = replace(
+        log(),
+        motor_torque=np.full_like(motion().motor_torque, np.nan),
+        joint_torque=motion().joint_torque,
+    )
+    with pytest.raises(IdentificationError, match="same torque sensors needed"):
+        refine(found(), springs_only)
+    with pytest.raises(LogError, match="the log has no joint telescope"):
+        refine(found(), log(robot("rail", "shoulder")))

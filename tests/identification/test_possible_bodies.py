@@ -1,0 +1,396 @@
+"""Possible bodies of robots: the truth without noise, possible with noise, bounds, every error."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from seaid._arrays import Array
+from seaid.drives.drives import StiffDrive
+from seaid.errors import IdentificationError, RobotError
+from seaid.estimation.estimate import Estimate
+from seaid.identification.identification import identify
+from seaid.identification.physical.consistency import PossibleBodies, possible_bodies
+from seaid.identification.physical.problem import balls, prior_bodies
+from seaid.log.reading import Log
+from seaid.regressor.base import base_parameters
+from seaid.regressor.load import LoadModel, load_model
+from seaid.robot.inertia import from_center_of_mass, is_physical, pseudo_inertia
+from seaid.robot.robot import Payload, Robot, load_robot
+from seaid.simulation.simulation import measure, simulate_motion
+from tests.experiments import LEG_SENSORS, MODELS, TEST_MASS, arm, leg, leg_motion, wiggle
+
+pytestmark = pytest.mark.rounding
+
+
+@cache
+def model_of(robot: Robot) -> LoadModel:
+    return load_model(robot, base_parameters(robot), robot.joint_names)
+
+
+def true_values(robot: Robot, model: LoadModel) -> Array:
+    """Return the true values of the model's columns; all unknown of drives is 0.1."""
+    values = np.append(model.base.project(robot.parameters), np.full(len(model.drives), 0.1))
+    return np.asarray(values + np.sum(0.1 * model.absorption, axis=1))
+
+
+def estimated(robot: Robot, relative: float, seed: int = 0, correlated: bool = True) -> Estimate:
+    """Return the truth with errors of some part of each value, as they are said to be."""
+    model, rng = model_of(robot), np.random.default_rng(seed)
+    values = true_values(robot, model)
+    p = len(values)
+    half = rng.normal(size=(p, 2 * p)) / np.sqrt(2 * p) if correlated else np.eye(p)
+    half = half * (relative * (np.abs(values) + 1e-3))[:, None]
+    off = half @ rng.normal(size=half.shape[1])
+    return Estimate(model.names, values + off, half @ half.T, model.units, 1.0, 1.0)
+
+
+def found(robot: Robot, estimate: Estimate, **options: object) -> PossibleBodies:
+    return possible_bodies(robot, model_of(robot), estimate, **options)  # type: ignore[arg-type]
+
+
+def assert_possible(result: PossibleBodies) -> None:
+    """Check each body by Pinocchio's pseudo-inertia, and the whole by its mass matrix."""
+    for body in result.parameters.reshape(-1, 10):
+        theirs = pin.PseudoInertia.FromDynamicParameters(body).toMatrix()
+        assert np.linalg.eigvalsh(theirs)[0] > 0
+    model, rng = result.robot.model, np.random.default_rng(0)
+    data = model.createData()
+    for _ in range(50):
+        mass = pin.crba(model, data, rng.uniform(-3, 3, model.nq))
+        mass = np.triu(mass) + np.triu(mass, 1).T
+        assert np.linalg.eigvalsh(mass)[0] > 0
+
+
+@cache
+def panda(path: Path) -> Robot:
+    return load_robot(path, joints=[f"panda_joint{number}" for number in range(1, 8)])
+
+
+@pytest.fixture(params=["leg", "arm", "panda"])
+def robot(request: pytest.FixtureRequest, example_path: Callable[[str], Path]) -> Robot:
+    """Return the TULip leg, the arm with rail and telescope, the Panda arm."""
+    if request.param == "panda":
+        return panda(example_path("panda.urdf"))
+    return leg() if request.param == "leg" else arm()
+
+
+@pytest.mark.parametrize("weight", [None, 0.0])
+def test_without_noise_the_base_parameters_are_the_truth(
+    robot: Robot, weight: float | None
+) -> None:
+    estimate = estimated(robot, 1e-9)
+    result = found(robot.without_nominal(), estimate, weight=weight)
+    truth = true_values(robot, model_of(robot))
+    np.testing.assert_allclose(result.values, truth, rtol=1e-6, atol=1e-9)
+    assert_possible(result)
+
+
+def test_without_covariance_the_base_parameters_are_the_truth() -> None:
+    estimate = estimated(leg(), 0.0)
+    assert not np.any(estimate.covariance)
+    result = found(leg().without_nominal(), estimate)
+    np.testing.assert_allclose(result.values, estimate.values, rtol=1e-6, atol=1e-9)
+
+
+def test_what_the_data_leave_open_is_that_of_the_file(robot: Robot) -> None:
+    result = found(robot, estimated(robot, 1e-9))
+    scale = np.abs(robot.parameters) + 1e-3
+    assert np.max(np.abs(result.parameters - robot.parameters) / scale) < 1e-4
+    assert result.notes == ()
+
+
+def test_noise_makes_the_plain_estimate_impossible_and_the_result_is_possible(
+    robot: Robot,
+) -> None:
+    result = found(robot.without_nominal(), estimated(robot, 2.0, seed=2))
+    assert result.nearest_chi_square > 0.01
+    assert result.held
+    assert result.chi_square >= result.nearest_chi_square
+    assert "a ball of 1 kg stands for" in result.notes[0]
+    assert_possible(result)
+
+
+@settings(max_examples=12)
+@given(st.integers(0, 2**31), st.sampled_from([0.01, 0.3, 3.0, 100.0]), st.booleans())
+def test_result_is_always_possible(seed: int, relative: float, with_file: bool) -> None:
+    robot = arm() if with_file else arm().without_nominal()
+    result = found(robot, estimated(arm(), relative, seed))
+    assert_possible(result)
+    model = model_of(arm())
+    p = len(model.expressions)
+    kept = model.base.project(result.parameters)
+    drives = np.array(
+        [
+            value_of(result.robot, joint, name) if name != "friction_offset" else np.nan
+            for joint, name, _ in model.absorbed
+        ]
+    )
+    assert np.all(drives >= 0)
+    kept = kept + model.absorption[:p] @ drives
+    np.testing.assert_allclose(kept, result.values[:p], rtol=1e-6, atol=1e-7)
+
+
+def value_of(robot: Robot, joint: str, name: str) -> float:
+    fields = {
+        "motor_inertia": "motor_inertia_kg_m2",
+        "viscous_friction": "viscous_friction_Nms_per_rad",
+        "coulomb_friction": "coulomb_friction_Nm",
+    }
+    return float(getattr(robot.drivetrains[joint], fields[name]))
+
+
+def test_prior_near_the_truth_makes_the_estimate_better() -> None:
+    robot, estimate = leg(), estimated(leg(), 0.3, seed=1)
+    truth = true_values(robot, model_of(robot))
+    result = found(robot, estimate)
+    away = [
+        float((values - truth) @ np.linalg.solve(estimate.covariance, values - truth))
+        for values in (estimate.values, result.values)
+    ]
+    assert away[1] < 0.5 * away[0]
+    assert result.freedom < len(truth)
+
+
+def test_possible_robot_simulates() -> None:
+    result = found(leg(), estimated(leg(), 0.1))
+    motion = wiggle(leg(), 0.6, (0.0, 0.0, -0.2, 0.7, 0.0), (0.1,) * 5)
+    moved = simulate_motion(result.robot, motion)
+    assert np.all(np.isfinite(moved.motor_torque))
+    assert np.ptp(moved.joint_position) > 0.1
+
+
+# Drives
+
+
+def stiff_leg() -> Robot:
+    """Return the leg with stiff drives whose friction and rotor inertia are unknown."""
+    drive = StiffDrive(gear_ratio=50.0)
+    return load_robot(MODELS / "tulip_leg.urdf", dict.fromkeys(leg().joint_names, drive))
+
+
+def test_rotor_inertia_that_the_base_absorbs_takes_what_no_body_needs() -> None:
+    robot = stiff_leg()
+    model = model_of(robot)
+    assert ("hip_yaw", "motor_inertia", "kg m^2") in model.absorbed
+    estimate = estimated(robot, 1e-9)  # with rotors of 0.1 kg m^2 behind gears of 50
+    result = found(robot, estimate)
+    np.testing.assert_allclose(result.values, estimate.values, rtol=1e-6, atol=1e-9)
+    inertia = value_of(result.robot, "hip_yaw", "motor_inertia")
+    assert inertia == pytest.approx(0.1, rel=1e-3)
+    np.testing.assert_allclose(result.parameters, robot.parameters, rtol=0, atol=2e-2)
+
+
+def test_negative_friction_becomes_zero_and_is_named() -> None:
+    robot = stiff_leg()
+    estimate = estimated(robot, 0.01, correlated=False)
+    place = estimate.names.index("viscous_friction of knee_pitch")
+    values = estimate.values.copy()
+    values[place] = -5 * estimate.standard_errors[place]
+    result = found(robot, replace(estimate, values=values))
+    assert "viscous friction of knee_pitch is zero" in result.held
+    assert 0 <= result.values[place] < 1e-3 * estimate.standard_errors[place]
+    assert result.distance[place] == pytest.approx(5, rel=1e-3)
+    assert value_of(result.robot, "knee_pitch", "viscous_friction") == result.values[place]
+    others = np.delete(result.distance, place)
+    assert np.max(np.abs(others)) < 5
+
+
+def test_drives_estimated_beside_the_load_side_are_possible_too() -> None:
+    names = ("viscous_friction", "coulomb_friction", "stiffness", "deflection_offset")
+    values, errors = np.array([-1e-5, 0.004, 80000.0, -3.0]), np.array([1e-5, 1e-4, 500.0, 1.0])
+    drive = Estimate(names, values, np.diag(errors**2), ("",) * 4, 1.0, 1.0)
+    result = found(leg(), estimated(leg(), 0.01), drives={"hip_pitch": drive})
+    at = dict(zip(result.names, result.values, strict=True))
+    assert 0 < at["viscous_friction of hip_pitch"] < 1e-9
+    assert at["stiffness of hip_pitch"] == pytest.approx(80000, rel=1e-6)
+    assert at["deflection_offset of hip_pitch"] == pytest.approx(-3, rel=1e-6)
+    assert result.robot.drivetrains["hip_pitch"].stiffness_N_per_m == pytest.approx(80000)  # type: ignore[union-attr]
+    assert result.robot.drivetrains["knee_pitch"] == leg().drivetrains["knee_pitch"]
+    assert "viscous friction of hip_pitch is zero" in result.held
+
+
+# Assumptions that the data contradict
+
+
+@cache
+def log_of_a_leg_without_payload() -> Log:
+    return measure(leg(), leg_motion(), LEG_SENSORS, seed=0)
+
+
+@pytest.mark.parametrize("known", ["file", "nothing"])
+@pytest.mark.parametrize(
+    "payload", [TEST_MASS, Payload("foot", 2.0), Payload("shank", 2.0, (0.0, 0.0, -0.1))]
+)
+def test_payload_that_is_not_on_the_robot_is_named(payload: Payload, known: str) -> None:
+    robot = leg(payload) if known == "file" else leg(payload).without_nominal()
+    result = identify(robot, log_of_a_leg_without_payload(), feasible=True)
+    assert result.possible is not None
+    assert_possible(result.possible)
+    (flag,) = result.possible.flags
+    assert flag.startswith("no physically consistent robot comes near the estimate: chi-square is")
+    assert f"without the payload of 2 kg on {payload.link}: check that it is on the" in flag
+    assert flag in result.flags
+    assert f"! {flag}" in result.summary()
+    assert result.possible.nearest_chi_square > 1000
+
+
+def test_one_of_two_payloads_that_is_not_on_the_robot_is_named() -> None:
+    here, elsewhere = TEST_MASS, Payload("thigh", 3.0, (0.0, 0.0, -0.2))
+    log = measure(leg(here), leg_motion(here), LEG_SENSORS, seed=0)
+    right = identify(leg(here), log, feasible=True).possible
+    assert right is not None
+    assert right.flags == ()
+    wrong = identify(leg(here, elsewhere), log, feasible=True).possible
+    assert wrong is not None
+    assert "without the payload of 3 kg on thigh" in wrong.flags[0]
+
+
+def test_bounds_that_the_data_contradict_are_named() -> None:
+    result = found(leg(), estimated(leg(), 1e-3), mass_bounds={"foot": (8.0, 9.0)})
+    assert "without mass_bounds= and com_boxes=: check them" in result.flags[0]
+
+
+def test_known_bodies_that_the_data_contradict_are_named() -> None:
+    estimate = estimated(leg(), 1e-4)
+    result = found(leg(), replace(estimate, values=-estimate.values))
+    assert "payloads that are missing, encoder zeros, and lengths" in result.flags[0]
+    known = load_robot(MODELS / "tulip_leg.urdf", known_bodies=("thigh", "foot"))
+    estimate = estimated(known, 1e-4)
+    result = found(known, replace(estimate, values=-estimate.values))
+    assert "check known bodies (thigh, foot), " in result.flags[0]
+
+
+# Bounds
+
+
+def test_bounds_of_mass_and_centre_hold() -> None:
+    masses = {"thigh": (3.0, 3.5), "foot": (0.5, 0.5), "shank": (0.0, np.inf)}
+    box = ((-0.01, -0.02, -np.inf), (0.0, 0.02, np.inf))
+    result = found(leg(), estimated(leg(), 0.05), mass_bounds=masses, com_boxes={"shank": box})
+    bodies = dict(zip(leg().body_names, result.parameters.reshape(-1, 10), strict=True))
+    assert 3.0 < bodies["thigh"][0] < 3.5
+    assert bodies["foot"][0] == pytest.approx(0.5, rel=1e-8)
+    center = bodies["shank"][1:4] / bodies["shank"][0]
+    assert np.all(center >= box[0])
+    assert np.all(center <= box[1])
+    assert_possible(result)
+
+
+def test_bounds_against_the_data_are_named() -> None:
+    # the arm's rail is moved by its motor alone: its mass is a base parameter
+    robot = arm()
+    model = model_of(robot)
+    told = next(
+        robot.body_names[column // 10]
+        for row, column in enumerate(model.base.columns)
+        if column % 10 == 0 and np.count_nonzero(model.base.grouping[row, ::10]) > 1
+    )
+    total = true_values(robot, model)[model.base.columns.index(10 * robot.body_names.index(told))]
+    bounds = dict.fromkeys(robot.body_names, (0.0, 0.1 * total / robot.n))
+    result = found(robot, estimated(robot, 0.01), mass_bounds=bounds)
+    assert any(f"mass of {told} is at its upper bound" in words for words in result.held)
+    assert np.all(result.parameters[::10] <= 0.1 * total / robot.n)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"mass_bounds": {"feet": (1, 2)}}, "mass_bounds=: no body is named 'feet'; did you mean"),
+        ({"mass_bounds": {"foot": (2, 1)}}, "mass_bounds of 'foot' leave no mass: found 2 to 1 kg"),
+        ({"mass_bounds": {"foot": (0, 0)}}, "leave no mass"),
+        ({"mass_bounds": {"foot": (-1, 1)}}, "allowed: 0 <= least <= most"),
+        (
+            {"mass_bounds": {"foot": 3.0}},
+            r"must have shape \(2\), found \(\); give \(least, most\)",
+        ),
+        ({"mass_bounds": {"foot": (np.nan, 1)}}, "must be .least, most. in kg, found"),
+        ({"com_boxes": {"foot": ((0, 0, 0), (1, -1, 1))}}, "com_boxes of 'foot' leave no point"),
+        ({"com_boxes": {"foot": ((0, 0), (1, 1))}}, "give two corners of x, y, z in m"),
+        ({"com_boxes": {"sole": ((0, 0, 0), (1, 1, 1))}}, "com_boxes=: no body is named 'sole'"),
+        ({"weight": -1.0}, "weight= must be zero or more and finite .*found -1.0"),
+        ({"weight": np.nan}, "weight= must be zero or more"),
+        ({"white_covariance": np.eye(3)}, "white_covariance must have shape"),
+    ],
+)
+def test_options_that_no_body_can_keep(options: dict[str, object], message: str) -> None:
+    with pytest.raises(IdentificationError, match=message):
+        found(leg(), estimated(leg(), 0.01), **options)
+
+
+def test_estimates_that_do_not_fit() -> None:
+    estimate = estimated(leg(), 0.01)
+    with pytest.raises(IdentificationError, match=r"lacks .*give the one that has the columns"):
+        found(leg(), estimate.part(range(1, 5), estimate.names[1:5]))
+    bad = replace(estimate, values=np.full(len(estimate.names), np.nan))
+    with pytest.raises(IdentificationError, match="the estimate must be finite"):
+        found(leg(), bad)
+    name, joint = estimate.names[-1].split(" of ")  # a stiff drive's: part of the load side
+    drive = Estimate((name,), np.ones(1), np.eye(1), ("",), 1.0, 1.0)
+    with pytest.raises(IdentificationError, match="estimated twice, in load_side and in drives"):
+        found(leg(), estimate, drives={joint: drive})
+
+
+def test_prior_of_another_shape() -> None:
+    with pytest.raises(RobotError, match="prior= must be the 50 standard parameters"):
+        found(leg(), estimated(leg(), 0.01), prior=np.ones(10))
+
+
+# Prior bodies
+
+
+def test_bodies_of_the_file_stay_as_they_are() -> None:
+    bodies, notes = prior_bodies(leg(), leg().parameters)
+    assert np.array_equal(bodies.ravel(), leg().parameters)
+    assert notes == ()
+
+
+@pytest.mark.parametrize(
+    ("body", "kind"),
+    [
+        (np.zeros(10), "degenerate"),
+        (from_center_of_mass(2.0, np.array([0.1, 0.0, 0.3]), np.zeros((3, 3))), "degenerate"),
+        (from_center_of_mass(2.0, np.zeros(3), np.diag([0.1, 0.1, 0.0])), "degenerate"),
+        (from_center_of_mass(2.0, np.zeros(3), np.diag([0.1, 0.1, 0.3])), "impossible"),
+        (-from_center_of_mass(2.0, np.zeros(3), np.diag([0.1, 0.1, 0.1])), "impossible"),
+    ],
+)
+def test_bodies_of_the_file_that_cannot_be_are_mended_a_little_and_named(
+    body: Array, kind: str
+) -> None:
+    given_bodies = leg().parameters.reshape(-1, 10).copy()
+    given_bodies[2] = body
+    bodies, notes = prior_bodies(leg(), given_bodies.ravel())
+    assert len(notes) == 1
+    assert notes[0].startswith(f"thigh is {kind} in the file: 0.001 of a ball of")
+    assert np.linalg.eigvalsh(pseudo_inertia(bodies[2]))[0] > 0
+    if kind == "degenerate":
+        assert np.max(np.abs(bodies[2] - body)) < 0.01 * max(np.max(np.abs(body)), 1.0)
+    assert np.array_equal(np.delete(bodies, 2, 0), np.delete(given_bodies, 2, 0))
+
+
+def test_massless_body_in_the_file_still_gives_a_possible_robot() -> None:
+    given_bodies = leg().parameters.copy()
+    given_bodies[:10] = 0.0
+    result = found(leg(), estimated(leg(), 0.05), prior=given_bodies)
+    assert "hip_yaw_link is degenerate" in result.notes[0]
+    assert_possible(result)
+
+
+def test_balls_lie_along_the_links(robot: Robot) -> None:
+    plain = balls(robot)
+    assert all(is_physical(ball) for ball in plain)
+    np.testing.assert_allclose(plain[:, 0], 1.0)
+    for position, index in enumerate(robot.model_order):
+        children = [
+            child for child, parent in enumerate(robot.model.parents) if parent == position + 1
+        ]
+        if len(children) == 1:
+            end = robot.model.jointPlacements[children[0]].translation
+            np.testing.assert_allclose(plain[index, 1:4], end / 2)

@@ -1,0 +1,76 @@
+"""Measured logs of real robots: every figure of the table, and what is shipped of them."""
+
+import importlib.util
+import sys
+import warnings
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import seaid
+from tests.measured import LOGS
+
+ROOT = Path(__file__).parents[2]
+
+
+def script(name: str) -> ModuleType:
+    """Import a script as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "scripts" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+real_data = script("real_data")
+CASES = real_data.read_cases()
+SLOW = pytest.mark.slow  # friction that is searched for, or simulated sample by sample
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, id=case.name, marks=SLOW if "unseen_half" in case.torque else ())
+        for case in CASES
+        if not case.forward  # long: the script's
+    ],
+)
+def test_every_figure_of_a_measured_set_is_reached(case: ModuleType, tmp_path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", seaid.SeaidWarning)
+        rows = list(real_data.rows_of(case, LOGS, tmp_path))
+    asked = [row for row in rows if row.met is not None]
+    assert asked
+    assert [row.cells() for row in asked if not row.met] == []
+
+
+def test_every_case_has_its_files_and_something_asked() -> None:
+    models = ROOT / "models"
+    for case in CASES:
+        assert (models / case.drives).is_file()
+        assert (models / "logs" / case.description).is_file()
+        assert case.refused or case.weak or case.value or case.torque or case.forward
+        assert "/" in case.robot or (models / case.robot).is_file()
+
+
+def test_robot_of_a_package_that_is_not_installed_is_named() -> None:
+    with pytest.raises(seaid.RobotError, match=r"'ur10.urdf' is a robot of no-such-robots, which"):
+        real_data.packaged("no-such-robots", "ur10.urdf")
+
+
+def test_names_of_cases_are_their_own() -> None:
+    assert len({case.name for case in CASES}) == len(CASES)
+
+
+def test_shipped_logs_are_small_and_keep_their_licences() -> None:
+    files = [path for path in LOGS.rglob("*") if path.is_file()]
+    assert sum(path.stat().st_size for path in files) < 8e6
+    sets = {path.name for path in LOGS.iterdir() if path.is_dir()}
+    readme = (LOGS / "README.md").read_text(encoding="utf-8")
+    for name in sets:
+        assert "opyright" in (LOGS / name / "LICENSE.txt").read_text(encoding="utf-8")
+        assert f"## {name}" in readme
+    assert sets == {Path(case.logs).parts[0] for case in CASES} | {"hebi_x5_unloaded"}

@@ -1,0 +1,344 @@
+"""What was put into a simulation comes out of the identification."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seaid._arrays import Array
+from seaid.drives.drives import SeriesElasticDrive, StiffDrive
+from seaid.estimation.least_squares import ordinary
+from seaid.identification.identification import Identification, identify
+from seaid.log.motion import Motion
+from seaid.log.reading import Log
+from seaid.regressor.base import base_parameters
+from seaid.regressor.load import load_model, load_regression
+from seaid.regressor.regression import actuator_regression
+from seaid.robot.robot import Robot, load_robot
+from seaid.simulation.simulation import Noise, measure, simulate_motion
+from tests.experiments import (
+    ARM_SENSORS,
+    ELASTIC,
+    LEG_SENSORS,
+    MODELS,
+    TEST_MASS,
+    arm,
+    arm_motion,
+    drive_errors,
+    leg,
+    leg_motion,
+    perfect_log,
+    true_value,
+    wiggle,
+)
+
+pytestmark = pytest.mark.rounding
+
+DRIVE = ("viscous_friction", "coulomb_friction", "stiffness", "motor_inertia")
+
+
+def experiments() -> list[tuple[Robot, Motion, Noise]]:
+    return [
+        (leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS),
+        (arm(), arm_motion(), ARM_SENSORS),
+    ]
+
+
+@pytest.fixture(params=[0, 1], ids=["tulip_leg", "mixed_arm"])
+def experiment(request: pytest.FixtureRequest) -> tuple[Robot, Motion, Noise]:
+    number: int = request.param
+    return experiments()[number]
+
+
+Experiment = tuple[Robot, Motion, Noise]
+
+
+def load_error(found: Identification, truth: Robot) -> float:
+    """Return the largest error of a base parameter, relative to the largest one of its unit."""
+    true = found.base.project(truth.parameters)
+    units = np.array(found.load.units)
+    return max(
+        float(
+            np.max(np.abs(found.load.values - true)[units == unit])
+            / np.max(np.abs(true)[units == unit])
+        )
+        for unit in set(found.load.units)
+    )
+
+
+# The true motion, without filter, away from standstill: exact.
+
+
+def test_true_motion_gives_the_exact_drives(experiment: Experiment) -> None:
+    truth, motion, _ = experiment
+    for joint in truth.elastic_joints:
+        found = ordinary(actuator_regression(truth.without_nominal(), motion, joint))
+        expected = [true_value(truth, joint, name) for name in found.names[:3]]
+        assert found.names[:3] == ("viscous_friction", "coulomb_friction", "stiffness")
+        assert found.values[:3] == pytest.approx(expected, rel=1e-8)
+        assert found.value("deflection_offset") == pytest.approx(0.0, abs=1e-8)
+
+
+def test_true_motion_gives_the_exact_base_parameters_and_stiff_drives(
+    experiment: Experiment,
+) -> None:
+    truth, motion, _ = experiment
+    known = truth.without_nominal()
+    springs = {
+        joint: np.array([true_value(truth, joint, "stiffness"), 0.0])
+        for joint in truth.elastic_joints
+    }
+    model = load_model(known, base_parameters(known), known.joint_names)
+    found = ordinary(load_regression(known, motion, model, springs))
+    p = len(model.base.columns)
+    assert found.values[:p] == pytest.approx(model.base.project(truth.parameters), abs=1e-8)
+    expected = [true_value(truth, joint, name) for joint, name, _ in model.drives]
+    assert found.values[p:] == pytest.approx(expected, rel=1e-8)
+    assert len(expected) == 4
+
+
+# Perfect sensors: what is left comes from the filters, and from rows in which dry friction changes
+# sign inside the filter's window.
+
+
+def test_perfect_sensors_give_nearly_the_truth(experiment: Experiment) -> None:
+    truth, motion, _ = experiment
+    found = identify(truth.without_nominal(), perfect_log(truth, motion), cutoff_hz=20.0)
+    errors = drive_errors(found, truth, *DRIVE)
+    sticking = {  # the ankle's motor is slow and sticks; only its friction suffers
+        name: errors.pop(name)
+        for name in ("viscous_friction of ankle_pitch", "coulomb_friction of ankle_pitch")
+        if name in errors
+    }
+    assert len(errors) == (11 if sticking else 10)
+    assert max(map(abs, errors.values())) < 0.005
+    assert all(abs(error) < 0.03 for error in sticking.values())
+    assert load_error(found, truth) < 0.005
+    assert not found.flags
+
+
+# Real sensors: inside the intervals.
+
+
+def z_scores(truth: Robot, motion: Motion, noise: Noise) -> tuple[Array, Array]:
+    """Return errors over standard errors (seeds, p) of drives and base parameters."""
+    drives, loads = [], []
+    for seed in range(6):
+        found = identify(truth.without_nominal(), measure(truth, motion, noise, seed))
+        errors = drive_errors(found, truth, *DRIVE)
+        spread = {
+            f"{name} of {joint}": estimate.standard_error(name) / true_value(truth, joint, name)
+            for joint, estimate in found.drivetrains.items()
+            for name in estimate.names
+            if name in DRIVE
+        }
+        drives.append([errors[name] / spread[name] for name in errors])
+        true = found.base.project(truth.parameters)
+        loads.append((found.load.values - true) / found.load.standard_errors)
+    return np.array(drives), np.array(loads)
+
+
+def test_errors_are_as_large_as_the_standard_errors_say(experiment: Experiment) -> None:
+    for scores in z_scores(*experiment):
+        assert 0.5 < np.sqrt(np.mean(scores**2)) < 2.0
+
+
+def test_nothing_of_the_nominal_values_leaks(experiment: Experiment) -> None:
+    truth, motion, noise = experiment
+    log = measure(truth, motion, noise, seed=7)
+    wrong = truth.with_values(
+        3 * truth.parameters,
+        {joint: _doubled(drive) for joint, drive in truth.drivetrains.items()},
+    )
+    results = [identify(robot, log) for robot in (truth, truth.without_nominal(), wrong)]
+    for other in results[1:]:
+        assert np.array_equal(results[0].load.values, other.load.values)
+        assert np.array_equal(results[0].load.covariance, other.load.covariance)
+        for joint, estimate in results[0].drivetrains.items():
+            assert np.array_equal(estimate.values, other.drivetrains[joint].values)
+            assert np.array_equal(estimate.covariance, other.drivetrains[joint].covariance)
+
+
+def _doubled(drive: StiffDrive | SeriesElasticDrive) -> StiffDrive | SeriesElasticDrive:
+    wrong: dict[str, float] = {"viscous_friction_Nms_per_rad": 1.0, "coulomb_friction_Nm": 1.0}
+    if isinstance(drive, SeriesElasticDrive):
+        wrong["stiffness_N_per_m" if drive.is_linear_spring else "stiffness_Nm_per_rad"] = 1.0
+    return replace(drive, **wrong)  # type: ignore[arg-type]
+
+
+# Other sensors, other knowledge.
+
+
+def test_encoder_zeros_end_up_in_the_deflection_offset() -> None:
+    truth, motion = arm(), arm_motion()
+    zeros = (0.7, -0.4, 2.0, 0.1)
+    log = measure(truth, motion, Noise(motor_zero_rad=zeros))
+    found, plain = (
+        identify(truth.without_nominal(), one) for one in (log, perfect_log(truth, motion))
+    )
+    for joint, zero, lever in (("shoulder", -0.4, 1 / 100.0), ("telescope", 2.0, 0.02 / 20.0)):
+        stiffness = plain.drivetrains[joint].value("stiffness")
+        shift = found.drivetrains[joint].value("deflection_offset") - plain.drivetrains[
+            joint
+        ].value("deflection_offset")
+        assert shift == pytest.approx(-stiffness * lever * zero, rel=1e-3)
+        assert found.drivetrains[joint].value("stiffness") == pytest.approx(stiffness, rel=1e-6)
+    assert found.load.values == pytest.approx(plain.load.values, abs=1e-6)
+
+
+def test_unknown_rotor_inertias_are_found() -> None:
+    truth, motion = arm(), arm_motion()
+    known = truth.without_nominal()
+    unknown = {
+        joint: replace(drive, motor_inertia_kg_m2=None)
+        for joint, drive in known.drivetrains.items()
+    }
+    known = known.with_values(known.parameters, unknown)
+    found = identify(known, perfect_log(truth, motion), cutoff_hz=20.0)
+    errors = drive_errors(found, truth, *DRIVE)
+    assert {name for name in errors if "inertia" in name} == {
+        "motor_inertia of shoulder",
+        "motor_inertia of telescope",
+    }
+    absorbed = [name for name in found.load.names if "motor_inertia" in name]
+    assert absorbed == [
+        "m_carriage + m_upper_arm + 1.6e+05 motor_inertia_rail",
+        "Ixx_tool + 2500 motor_inertia_wrist",
+    ]
+    assert max(map(abs, errors.values())) < 0.01
+
+
+def test_rotor_inertia_that_is_not_identifiable_is_in_an_expression() -> None:
+    truth, motion = arm(), arm_motion()
+    known = truth.without_nominal()
+    unknown = dict(known.drivetrains)
+    unknown["rail"] = replace(unknown["rail"], motor_inertia_kg_m2=None)
+    known = known.with_values(known.parameters, unknown)
+    found = identify(known, perfect_log(truth, motion), cutoff_hz=20.0)
+    assert found.load.names[0] == "m_carriage + m_upper_arm + 1.6e+05 motor_inertia_rail"
+    assert "motor_inertia" not in found.drivetrains["rail"].names
+    masses = truth.parameters[0] + truth.parameters[10]
+    assert found.load.values[0] == pytest.approx(masses + 400.0**2 * 2e-5, rel=0.005)
+
+
+def with_torques(truth: Robot, motion: Motion, joint_torque: Array, motor_torque: Array) -> Log:
+    return replace(perfect_log(truth, motion), joint_torque=joint_torque, motor_torque=motor_torque)
+
+
+def test_spring_from_the_joint_torque_where_the_motor_torque_is_not_known() -> None:
+    truth, motion = arm(), arm_motion()
+    joint_torque = motion.joint_torque.copy()
+    motor_torque = np.where(np.isfinite(joint_torque), np.nan, motion.motor_torque)
+    log = with_torques(truth, motion, joint_torque, motor_torque)
+    found = identify(truth.without_nominal(), log, cutoff_hz=20.0)
+    for joint in truth.elastic_joints:
+        assert found.drivetrains[joint].names == ("stiffness", "deflection_offset")
+    assert max(map(abs, drive_errors(found, truth, *DRIVE).values())) < 0.005
+    assert load_error(found, truth) < 0.005
+
+
+def test_joint_torque_of_stiff_joints_is_the_geared_motor_torque() -> None:
+    truth, motion = arm(), arm_motion()
+    stiff = np.array([joint not in truth.elastic_joints for joint in truth.joint_names])
+    ratios = [truth.drivetrains[joint].ratio for joint in truth.joint_names]
+    joint_torque = np.where(stiff, motion.motor_torque * ratios, np.nan)
+    log = with_torques(truth, motion, joint_torque, np.where(stiff, np.nan, motion.motor_torque))
+    found = identify(truth.without_nominal(), log)
+    expected = identify(truth.without_nominal(), perfect_log(truth, motion))
+    assert found.load_side.values == pytest.approx(expected.load_side.values, rel=1e-9)
+
+
+def test_several_logs_are_one_experiment() -> None:
+    truth, motion, noise = experiments()[0]
+    log = measure(truth, motion, noise, seed=1)
+    parts = [log.between(0.0, 3.0), log.between(3.0, 7.0)]
+    together, *alone = (
+        identify(truth.without_nominal(), logs, cutoff_hz=6.0)
+        for logs in (parts, parts[:1], parts[1:])
+    )
+    assert max(map(abs, drive_errors(together, truth, "stiffness").values())) < 0.02
+    for joint in (*ELASTIC, "load"):
+        assert together.left_out[joint] == sum(one.left_out[joint] for one in alone)
+    for joint in ELASTIC:
+        largest = max(one.drivetrains[joint].standard_error("stiffness") for one in alone)
+        assert together.drivetrains[joint].standard_error("stiffness") < largest
+
+
+def test_irregular_time_stamps_are_resampled() -> None:
+    truth, motion, noise = experiments()[1]
+    log = measure(truth, motion, noise, seed=2)
+    kept = np.random.default_rng(0).random(len(log.time)) < 0.8
+    holes = replace(
+        log,
+        time=log.time[kept],
+        motor_position=log.motor_position[kept],
+        joint_position=log.joint_position[kept],
+        motor_torque=log.motor_torque[kept],
+    )
+    errors = drive_errors(identify(truth.without_nominal(), holes), truth, "stiffness")
+    assert max(map(abs, errors.values())) < 0.04
+    assert abs(errors["stiffness of shoulder"]) < 0.01
+
+
+def test_extra_term_is_found_with_its_value(write_chain: Callable[..., Path]) -> None:
+    """A drag with the cube of the motor's speed, as large as the dry friction."""
+    drive = SeriesElasticDrive(
+        gear_ratio=100.0,
+        motor_inertia_kg_m2=4e-6,
+        stiffness_Nm_per_rad=250.0,
+        viscous_friction_Nms_per_rad=8e-5,
+        coulomb_friction_Nm=0.006,
+        extra_terms=("2e-9*theta_M'**3",),
+    )
+    axis = 'revolute <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="50" velocity="9"/>'
+    path = write_chain({"swing": axis})
+    truth = load_robot(path, {"swing": drive})
+    motion = simulate_motion(truth, wiggle(truth, 5.0, (0.0,), (0.9,)))
+    assert np.max(2e-9 * np.abs(motion.motor_velocity) ** 3) > 0.006
+    known = load_robot(path, {"swing": replace(drive, extra_terms=("c*theta_M'**3",))})
+    noise = Noise(motor_resolution_rad=0.003, torque_std_Nm=0.001)
+    found = identify(known.without_nominal(), measure(truth, motion, noise)).drivetrains["swing"]
+    assert found.value("c") == pytest.approx(2e-9, rel=0.05)
+    assert found.units[found.names.index("c")] == "N m/(theta_M_dot**3)"
+    assert found.value("viscous_friction") == pytest.approx(8e-5, rel=0.05)
+    assert found.value("stiffness") == pytest.approx(250.0, rel=0.01)
+
+
+# The free foot.
+
+
+@cache
+def ankle(with_mass: bool) -> tuple[Robot, Log]:
+    """Return the ankle alone, the rest of the leg locked, and its log."""
+    robot = load_robot(
+        MODELS / "tulip_leg.urdf",
+        MODELS / "tulip_leg.toml",
+        joints=("ankle_pitch",),
+        payloads=(TEST_MASS,) if with_mass else (),
+    )
+    noise = Noise(
+        motor_resolution_rad=2 * np.pi / 2000,
+        joint_resolution_rad=2 * np.pi / 2**14,
+        torque_std_Nm=0.006,
+    )
+    motion = simulate_motion(robot, wiggle(robot, 6.0, (0.0,), (1.1,)))
+    return robot, measure(robot, motion, noise)
+
+
+def test_spring_of_a_free_foot_is_flagged() -> None:
+    robot, log = ankle(with_mass=False)
+    found = identify(robot.without_nominal(), log)
+    assert any("stiffness of ankle_pitch is poorly identified" in flag for flag in found.flags)
+    assert "stiffness of ankle_pitch is poorly identified" in found.summary()
+
+
+def test_test_mass_makes_the_spring_of_the_foot_known() -> None:
+    robot, log = ankle(with_mass=True)
+    found = identify(robot.without_nominal(), log)
+    assert not any("stiffness" in flag for flag in found.flags)
+    assert found.drivetrains["ankle_pitch"].value("stiffness") == pytest.approx(51394, rel=0.03)

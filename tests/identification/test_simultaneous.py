@@ -1,0 +1,414 @@
+"""Both sides at once: rows that the truth solves, and what is found with and without noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.interpolate import make_interp_spline
+
+from seaid._arrays import Array
+from seaid.drives.drives import SeriesElasticDrive
+from seaid.errors import IdentificationError, LogError
+from seaid.estimation.estimate import Estimate
+from seaid.estimation.least_squares import ordinary, weighted
+from seaid.excitation.trajectory import Trajectory
+from seaid.identification.identification import identify
+from seaid.identification.simultaneous import (
+    joint_regression,
+    joint_zero_sensitivity,
+    settled,
+    split_joint,
+    whitened,
+)
+from seaid.log.motion import Motion, reconstruct_motion
+from seaid.log.reading import Log
+from seaid.regressor.base import base_parameters
+from seaid.regressor.load import LoadModel, load_model, zero_sensitivity
+from seaid.regressor.regression import Regression, stacked
+from seaid.regressor.rigid_body import joint_torques
+from seaid.robot.robot import Payload, Robot, load_robot
+from seaid.simulation.simulation import Noise, measure
+from tests.experiments import (
+    ELASTIC,
+    LEG_SENSORS,
+    MODELS,
+    TEST_MASS,
+    arm,
+    leg,
+    leg_trajectory,
+    true_value,
+    wiggle,
+)
+
+pytestmark = pytest.mark.rounding
+
+LEG, FREE = leg(TEST_MASS), leg()
+CUBIC = 2e-9
+
+
+def flat_motion(robot: Robot, trajectory: Trajectory, rate_hz: float) -> Motion:
+    """Return a planned motion with the motor's side that (3), (7) and (8) ask for, exactly.
+
+    An extra term, if a drive has one, is CUBIC times the motor speed cubed.
+    """
+    time = np.arange(round(trajectory.duration * rate_hz) + 1) / rate_hz
+    q, v, a = trajectory.sample(time)
+    load = joint_torques(robot, q, v, a)
+    motor, torque, measured = np.empty((3, *q.shape)), np.empty_like(q), load.copy()
+    for index, joint in enumerate(robot.joint_names):
+        drive = robot.drivetrains[joint]
+        give, lever = 0.0, 1 / drive.ratio
+        if isinstance(drive, SeriesElasticDrive):
+            assert drive.stiffness is not None
+            give = 1 / (drive.load_radius**2 * drive.stiffness)
+            lever = drive.motor_radius / (drive.ratio * drive.load_radius)
+        else:
+            measured[:, index] = np.nan
+        spline = make_interp_spline(time, (q[:, index] + give * load[:, index]) / lever, k=5)
+        for order in range(3):
+            motor[order, :, index] = spline(time, order)
+        speed = motor[1, :, index]
+        torque[:, index] = (
+            true_value(robot, joint, "motor_inertia") * motor[2, :, index]
+            + true_value(robot, joint, "viscous_friction") * speed
+            + true_value(robot, joint, "coulomb_friction") * np.sign(speed)
+            + len(drive.extra_terms) * CUBIC * speed**3
+            + lever * load[:, index]
+        )
+    return Motion(
+        time=time,
+        joint_names=robot.joint_names,
+        joint_position=q,
+        joint_velocity=v,
+        joint_acceleration=a,
+        motor_position=motor[0],
+        motor_velocity=motor[1],
+        motor_acceleration=motor[2],
+        motor_torque=torque,
+        joint_torque=measured,
+        cutoff_hz=np.inf,
+    )
+
+
+@cache
+def leg_case(*payloads: Payload, rate_hz: float = 100.0) -> Motion:
+    return flat_motion(leg(*payloads), leg_trajectory(), rate_hz)
+
+
+@cache
+def reordered() -> Robot:
+    names = ("knee_pitch", "hip_yaw", "ankle_pitch", "hip_roll", "hip_pitch")
+    return load_robot(
+        MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml", joints=names, payloads=(TEST_MASS,)
+    )
+
+
+@cache
+def two_springs() -> Robot:
+    """Return hip and knee of the leg alone, both elastic."""
+    return load_robot(
+        MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml", joints=("hip_pitch", "knee_pitch")
+    )
+
+
+@cache
+def swing(robot: Robot, rate_hz: float = 100.0) -> Motion:
+    """Return the motion of six seconds with any robot."""
+    middle, reach = 0.1 * np.ones(robot.n), np.where(robot.is_prismatic, 0.2, 0.8)
+    return flat_motion(robot, wiggle(robot, 6.0, tuple(middle), tuple(reach)), rate_hz)
+
+
+@cache
+def with_cubic() -> Robot:
+    """Return the two springs with a drive that has a column more."""
+    drives = dict(two_springs().drivetrains)
+    drives["knee_pitch"] = replace(drives["knee_pitch"], extra_terms=("c*theta_M'**3",))
+    return two_springs().with_values(two_springs().parameters, drives)
+
+
+def model_of(robot: Robot, rows: tuple[str, ...] | None = None) -> LoadModel:
+    known = robot.joint_names if rows is None else rows
+    return load_model(robot, base_parameters(robot, rows=known), known)
+
+
+def truth_of(robot: Robot, model: LoadModel, names: tuple[str, ...]) -> Array:
+    """Return the true parameters (p,) in the columns of the joint regression."""
+    count = len(names) - len(model.names)
+    base = dict(zip(model.expressions, model.base.project(robot.parameters), strict=True))
+    own = {"deflection_offset": 0.0, "c": CUBIC}
+    values = []
+    for position, full in enumerate(names):
+        if count <= position < count + len(base):
+            values.append(base[full])
+            continue
+        name, joint = full.split(" of ")
+        values.append(own[name] if name in own else true_value(robot, joint, name))
+    return np.array(values)
+
+
+CASES: dict[str, tuple[Callable[[], Robot], Callable[[], Motion], tuple[str, ...] | None]] = {
+    "mixed drives, test mass": (lambda: LEG, lambda: leg_case(TEST_MASS), None),
+    "free foot": (lambda: FREE, leg_case, None),
+    "springs alone": (lambda: LEG, lambda: leg_case(TEST_MASS), ELASTIC),
+    "one torque": (lambda: LEG, lambda: leg_case(TEST_MASS), ("knee_pitch",)),
+    "rows in another order": (lambda: LEG, lambda: leg_case(TEST_MASS), ELASTIC[::-1]),
+    "joints in another order": (reordered, lambda: swing(reordered()), None),
+    "rotary spring, elastic telescope": (arm, lambda: swing(arm()), None),
+    "extra term": (with_cubic, lambda: swing(with_cubic()), None),
+}
+
+
+@pytest.fixture(params=list(CASES))
+def case(request: pytest.FixtureRequest) -> tuple[Robot, LoadModel, Regression, Array]:
+    robot, motion, rows = CASES[request.param]
+    model = model_of(robot(), rows)
+    both = joint_regression(
+        robot().without_nominal(),
+        motion(),
+        model,
+        [j for j in model.rows if j in robot().elastic_joints],
+    )
+    return robot(), model, both, truth_of(robot(), model, both.names)
+
+
+Case = tuple[Robot, LoadModel, Regression, Array]
+
+
+def scaled_error(found: Array, rows: Regression, truth: Array) -> float:
+    """Return the largest error, as a part of the parameter or of what one column can make of y."""
+    size = np.abs(truth) + np.max(np.abs(rows.H * truth)) / np.max(np.abs(rows.H), axis=0)
+    return float(np.max(np.abs(found - truth) / size))
+
+
+def test_truth_solves_both_sides(case: Case) -> None:
+    _, _, rows, truth = case
+    residual = rows.y - rows.H @ truth
+    assert np.max(np.abs(residual)) < 1e-10 * np.max(np.abs(rows.H * truth))
+
+
+def test_rows_tell_their_equation_and_columns_are_named_once(case: Case) -> None:
+    robot, model, rows, _ = case
+    load = {robot.index(joint) for joint in model.rows}
+    motors = {robot.n + robot.index(joint) for joint in robot.elastic_joints}
+    assert set(rows.joint) == load | motors
+    assert len(set(rows.names)) == len(rows.names) == len(rows.units)
+    assert rows.names[-len(model.names) :] == model.names
+    assert set(rows.run) == {0.0}
+
+
+def test_noise_free_motion_gives_the_truth_from_any_start(case: Case) -> None:
+    robot, _, rows, truth = case
+    stiff = np.array([name.startswith("stiffness") for name in rows.names])
+    for factor in (1.0, 0.2, 5.0, -1.0):
+        found, iterations = settled(robot, rows, np.where(stiff, factor * truth, truth), ordinary)
+        assert scaled_error(found.values, rows, truth) < 1e-6
+        assert np.max(np.abs(found.values[stiff] / truth[stiff] - 1)) < 1e-6
+        assert iterations <= 8
+
+
+def test_noise_of_the_deflection_is_in_the_load_side_alone() -> None:
+    """Its columns are clean then, and the motor equation has no spring."""
+    model = model_of(LEG)
+    rows = joint_regression(LEG, leg_case(TEST_MASS), model, ELASTIC)
+    truth, column = truth_of(LEG, model, rows.names), rows.names.index("stiffness of knee_pitch")
+    load, motor = (rows.joint == offset + LEG.index("knee_pitch") for offset in (0, LEG.n))
+    noise = np.random.default_rng(0).normal(0, 1e-4, len(leg_case(TEST_MASS).time))
+    H = rows.H.copy()
+    H[load, column] -= 0.036 * noise
+    H[motor, column] += 0.02 / 86 * noise[np.searchsorted(rows.time[load], rows.time[motor])]
+    noisy = replace(rows, H=H)
+    found = whitened(LEG, noisy, truth)
+    assert np.max(np.abs(found.H[load] - rows.H[load])) < 1e-12
+    assert found.y[load] - found.H[load] @ truth == pytest.approx(
+        noisy.y[load] - noisy.H[load] @ truth, abs=1e-9
+    )
+    assert np.max(np.abs(found.y[load] - rows.y[load])) > 0.1
+    assert np.max(np.abs(found.H[motor, column])) < 1e-12
+    assert found.y[motor] == pytest.approx(found.H[motor] @ truth, abs=1e-12)
+
+
+def test_noise_of_the_acceleration_leaves_the_motor_equation_what_it_is() -> None:
+    model = model_of(LEG)
+    rows = joint_regression(LEG, leg_case(TEST_MASS), model, ELASTIC)
+    truth = truth_of(LEG, model, rows.names)
+    load, motor = (rows.joint == offset + LEG.index("knee_pitch") for offset in (0, LEG.n))
+    rng = np.random.default_rng(0)
+    noisy = replace(rows, y=rows.y + rng.normal(0, 0.1, len(rows.y)) * load)
+    noisy = replace(noisy, y=noisy.y + rng.normal(0, 1e-3, len(rows.y)) * motor)
+    found = whitened(LEG, noisy, truth)
+    residual = found.y - found.H @ truth
+    assert residual[motor] == pytest.approx((noisy.y - noisy.H @ truth)[motor], abs=2e-4)
+    assert abs(np.corrcoef(residual[motor], residual[load][-np.sum(motor) :])[0, 1]) < 0.2
+
+
+def start_of(robot: Robot, log: Log) -> tuple[Array, Array]:
+    """Return the sequential estimate of all columns, and its standard errors."""
+    found = identify(robot, log)
+    parts = [*(found.drivetrains[joint] for joint in robot.elastic_joints), found.load_side]
+    return (
+        np.concatenate([part.values for part in parts]),
+        np.concatenate([part.standard_errors for part in parts]),
+    )
+
+
+@cache
+def free_foot() -> tuple[Regression, Array, Array, Array, Estimate]:
+    """Return rows, truth, sequential values and errors, and the joint estimate of a noisy log."""
+    log = measure(FREE, leg_case(rate_hz=1000.0), replace(LEG_SENSORS, motor_zero_rad=0.0), 3)
+    known, model = FREE.without_nominal(), model_of(FREE)
+    rows = joint_regression(known, reconstruct_motion(known, log), model, ELASTIC)
+    start, errors = start_of(known, log)
+    found, _ = settled(known, rows, start, weighted)
+    return rows, truth_of(FREE, model, rows.names), start, errors, found
+
+
+def test_hardly_loaded_spring_is_told_by_the_load_side() -> None:
+    rows, truth, start, errors, found = free_foot()
+    ankle = rows.names.index("stiffness of ankle_pitch")
+    assert found.standard_errors[ankle] < 0.2 * errors[ankle]
+    assert abs(found.values[ankle] / truth[ankle] - 1) < 0.02
+    assert abs(start[ankle] / truth[ankle] - 1) > 0.02
+    for joint in ELASTIC:
+        column = rows.names.index(f"stiffness of {joint}")
+        assert abs(found.values[column] - truth[column]) < 3 * found.standard_errors[column]
+
+
+def test_least_squares_on_the_measured_deflection_would_lose_the_spring() -> None:
+    """(8) of an elastic joint is zero on the left: noise in the deflection then eats k."""
+    rows, truth, *_ = free_foot()
+    ankle = rows.names.index("stiffness of ankle_pitch")
+    load, motor = (rows.joint == offset + FREE.index("ankle_pitch") for offset in (0, FREE.n))
+    noise = np.random.default_rng(0).normal(0, 3e-5, np.sum(load))
+    H = rows.H.copy()
+    H[load, ankle] -= 0.03 * noise
+    H[motor, ankle] += 0.02 / 86 * noise[np.searchsorted(rows.time[load], rows.time[motor])]
+    noisy = replace(rows, H=H)
+    assert weighted(noisy).values[ankle] < 0.5 * truth[ankle]
+    found, _ = settled(FREE, noisy, truth, weighted)
+    assert found.standard_errors[ankle] < 0.15 * truth[ankle]
+    assert abs(found.values[ankle] - truth[ankle]) < 3 * found.standard_errors[ankle]
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
+    robot, model = two_springs().without_nominal(), model_of(two_springs())
+    noise = Noise(2 * np.pi / 2000, 2 * np.pi / 2**14, torque_std_Nm=0.005)
+    scores = []
+    for seed in range(30):
+        log = measure(two_springs(), swing(two_springs(), 1000.0), noise, seed)
+        motion = reconstruct_motion(robot, log, 8.0)
+        rows = joint_regression(robot, motion, model, robot.joint_names)
+        truth = truth_of(two_springs(), model, rows.names)
+        found, _ = settled(robot, rows, truth, weighted)
+        scores.append((found.values - truth) / found.standard_errors)
+    within = np.abs(scores) < 1.96
+    assert 0.88 < np.mean(within) < 0.99
+    assert np.min(np.mean(within, axis=0)) > 0.7
+
+
+def test_split_gives_what_an_identification_holds() -> None:
+    rows, _, _, _, found = free_foot()
+    drives, base, load_side = split_joint(FREE, model_of(FREE), found)
+    assert tuple(drives) == FREE.joint_names
+    assert drives["knee_pitch"].names == (
+        "viscous_friction",
+        "coulomb_friction",
+        "stiffness",
+        "deflection_offset",
+    )
+    assert drives["hip_yaw"].names == ("viscous_friction", "coulomb_friction")
+    assert drives["knee_pitch"].units == ("N m s/rad", "N m", "N/m", "N")
+    assert base.names == model_of(FREE).expressions
+    assert load_side.names == model_of(FREE).names
+    for joint, drive in drives.items():
+        for name in drive.names:
+            column = rows.names.index(f"{name} of {joint}")
+            assert drive.value(name) == found.values[column]
+            assert drive.standard_error(name) == found.standard_errors[column]
+    assert any("ankle" in flag for flag in drives["ankle_pitch"].flags) == any(
+        drives["ankle_pitch"].relative_standard_errors[:3] > 0.1
+    )
+    assert np.array_equal(base.covariance, found.covariance[12:41, 12:41])
+    stiffness = rows.names.index("stiffness of knee_pitch")
+    assert np.max(np.abs(found.covariance[stiffness, 12:41])) > 0.0
+
+
+def test_logs_of_one_robot_add_up() -> None:
+    robot, model = two_springs(), model_of(two_springs())
+    one = joint_regression(robot, swing(robot), model, robot.joint_names)
+    both = stacked([one, one])
+    truth = truth_of(robot, model, one.names)
+    found, _ = settled(robot, both, 1.3 * truth, ordinary)
+    assert scaled_error(found.values, one, truth) < 1e-6
+
+
+def test_spring_whose_torque_is_measured_keeps_its_own_equations() -> None:
+    motion, model = leg_case(TEST_MASS), model_of(LEG)
+    rows = joint_regression(LEG, motion, model, ("hip_pitch", "ankle_pitch"))
+    truth = truth_of(LEG, model, rows.names)
+    assert np.max(np.abs(rows.y - rows.H @ truth)) < 1e-9
+    knee, column = LEG.index("knee_pitch"), rows.names.index("stiffness of knee_pitch")
+    assert not np.any(rows.H[rows.joint == knee, column])
+    assert np.any(rows.H[rows.joint == LEG.n + knee, column])
+    found, _ = settled(LEG, rows, 1.5 * truth, ordinary)
+    assert scaled_error(found.values, rows, truth) < 1e-6
+
+
+@pytest.mark.parametrize("springs", [ELASTIC, ("hip_pitch", "ankle_pitch")])
+def test_spring_torque_without_motor_torque(springs: tuple[str, ...]) -> None:
+    """(4b) stands for (7), by itself or freed of the spring by (8)."""
+    motor_torque = leg_case(TEST_MASS).motor_torque.copy()
+    motor_torque[:, LEG.index("knee_pitch")] = np.nan
+    blind = replace(leg_case(TEST_MASS), motor_torque=motor_torque)
+    rows = joint_regression(LEG, blind, model_of(LEG), springs)
+    assert "viscous_friction of knee_pitch" not in rows.names
+    truth = truth_of(LEG, model_of(LEG), rows.names)
+    assert np.max(np.abs(rows.y - rows.H @ truth)) < 1e-9 * np.max(np.abs(rows.H * truth))
+    found, _ = settled(LEG, rows, 1.5 * truth, ordinary)
+    assert scaled_error(found.values, rows, truth) < 1e-6
+
+
+def test_shifted_zero_does_what_it_does_on_the_load_side() -> None:
+    motion, model = swing(arm()), model_of(arm())
+    springs = {
+        joint: np.array([true_value(arm(), joint, "stiffness"), 0.0])
+        for joint in arm().elastic_joints
+    }
+    theta = truth_of(arm(), model, joint_regression(arm(), motion, model, tuple(springs)).names)
+    both = joint_zero_sensitivity(arm(), motion, model, tuple(springs), theta)
+    load = zero_sensitivity(arm(), motion, model, springs, theta[-len(model.names) :])
+    count = len(load.y)
+    assert both.carried[:count] == pytest.approx(load.carried, abs=1e-5)
+    assert np.max(np.abs(load.carried)) > 1.0
+    assert np.max(np.abs(both.carried[count:])) < 1e-9  # (7) does not know where the joint is
+
+
+def test_errors_of_rows_that_cannot_be_made() -> None:
+    blind = replace(leg_case(TEST_MASS), joint_torque=np.full((601, 5), np.nan))
+    with pytest.raises(LogError, match="no torque in the log at knee_pitch; name the others"):
+        joint_regression(LEG, blind, model_of(LEG), ("hip_pitch", "ankle_pitch"))
+    with pytest.raises(LogError, match="joint 'hip_yaw' has no spring"):
+        joint_regression(LEG, blind, model_of(LEG), ("hip_yaw",))
+    nothing = np.full_like(blind.motor_torque, np.nan)
+    with pytest.raises(LogError, match="elastic joint 'hip_pitch' has no torque in the log"):
+        joint_regression(LEG, replace(blind, motor_torque=nothing), model_of(LEG, ELASTIC), ELASTIC)
+
+
+def test_errors_of_iterations() -> None:
+    robot, model = two_springs(), model_of(two_springs())
+    rows = joint_regression(robot, swing(robot), model, robot.joint_names)
+    with pytest.raises(IdentificationError, match="stiffness of zero predicts no deflection"):
+        settled(robot, rows, np.zeros(len(rows.names)), ordinary)
+    count = iter(range(1000))
+
+    def restless(one: Regression) -> Estimate:
+        estimate = ordinary(one)
+        step = (1 - next(count) % 2) * 1e-4 * (np.arange(len(one.names)) == 0)
+        return replace(estimate, values=estimate.values + step)
+
+    words = "not settle in 50 iterations: viscous_friction of hip_pitch still moves by 0.0001 N m s"
+    with pytest.raises(IdentificationError, match=words):
+        settled(robot, rows, truth_of(robot, model, rows.names), restless)

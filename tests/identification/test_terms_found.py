@@ -1,0 +1,431 @@
+"""Every term of a drive is found where it is, and found to be nothing where it is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+
+from seaid.drives.drives import Drive
+from seaid.errors import IdentificationError, LogError
+from seaid.identification.conditions import identify_conditions
+from seaid.identification.identification import Identification, identify
+from seaid.identification.output_error import refine
+from seaid.identification.validation import validate
+from seaid.log.motion import Motion
+from seaid.log.reading import Log
+from seaid.robot.robot import Payload, Robot
+from tests.terms import (
+    ELASTIC,
+    STIFF,
+    arm,
+    exact_motion,
+    free_stretch,
+    identified,
+    noisy_log,
+    with_terms,
+)
+
+Case = tuple[dict[str, Any], dict[str, float]]
+
+FRICTION: dict[str, Case] = {
+    "smooth": ({"friction": ("viscous", "smooth_coulomb")}, {"coulomb_width": 1.5}),
+    "shifted": (
+        {"friction": ("viscous", "shifted_coulomb")},
+        {"coulomb_width": 1.5, "coulomb_shift": 0.4},
+    ),
+    "asymmetric": (
+        {"friction": ("viscous", "coulomb", "asymmetric")},
+        {"asymmetric_friction": 1e-4},
+    ),
+    "quadratic": (
+        {"friction": ("viscous", "coulomb", "quadratic")},
+        {"quadratic_friction": 2e-6},
+    ),
+    "load": ({"friction": ("viscous", "coulomb", "load")}, {"load_friction": 0.1}),
+    "stribeck": (
+        {"friction": ("viscous", "coulomb", "stribeck")},
+        {"stribeck_friction": 0.02, "stribeck_speed": 8.0},
+    ),
+    "smooth, quadratic and stribeck": (
+        {"friction": ("viscous", "smooth_coulomb", "quadratic", "stribeck")},
+        {
+            "coulomb_width": 1.5,
+            "quadratic_friction": 2e-6,
+            "stribeck_friction": 0.02,
+            "stribeck_speed": 20.0,
+        },
+    ),
+}
+"""{term: what a drive then has, and the true values}."""
+
+SPRINGS: dict[str, Case] = {
+    "cubic": (
+        {"spring": ("linear", "cubic")},
+        {"cubic_stiffness": 4000.0, "deflection_zero": 0.02},
+    ),
+    "fifth": (
+        {"spring": ("linear", "fifth")},
+        {"fifth_stiffness": 4e5, "deflection_zero": 0.02},
+    ),
+    "dead zone": (
+        {"spring": ("linear", "dead_zone")},
+        {"dead_zone": 0.02, "deflection_zero": 0.01},
+    ),
+    "damping": ({"spring": ("linear", "damping")}, {"spring_damping": 3.0}),
+    "preload": ({"spring": ("linear", "preload")}, {"deflection_offset": 1.5}),
+    "cubic and preload": (
+        {"spring": ("linear", "cubic", "preload")},
+        {"cubic_stiffness": 4000.0, "deflection_zero": 0.02, "deflection_offset": 1.5},
+    ),
+}
+
+STIFF_FRICTION: dict[str, Case] = {
+    **FRICTION,
+    "offset": (
+        {"friction": ("viscous", "coulomb", "offset")},
+        {"friction_offset": 0.01},
+    ),
+    "parallel spring": (
+        {"parallel_spring": ("linear", "preload")},
+        {"parallel_stiffness": 6.0, "parallel_preload": 2.0},
+    ),
+}
+
+JOINT_FRICTION: Case = (
+    {"joint_friction": ("viscous", "coulomb"), "parallel_spring": ("linear", "preload")},
+    {
+        "joint_viscous_friction": 0.3,
+        "joint_coulomb_friction": 0.2,
+        "parallel_stiffness": 5.0,
+        "parallel_preload": 1.0,
+    },
+)
+
+
+SMOOTH_JOINT: Case = (
+    {"joint_friction": ("viscous",), "parallel_spring": ("linear", "preload")},
+    {"joint_viscous_friction": 0.3, "parallel_stiffness": 5.0, "parallel_preload": 1.0},
+)
+"""The same without steps of the deflection, which derivatives of a log cannot follow."""
+
+
+@cache
+def robot(one: Drive = STIFF, two: Drive = ELASTIC, **options: Any) -> Robot:
+    with TemporaryDirectory() as folder:
+        return arm(Path(folder), one, two, **options)
+
+
+@cache
+def plain_motion() -> Motion:
+    return exact_motion(robot())
+
+
+@cache
+def free_motion() -> Motion:
+    return exact_motion(robot(), {"two": free_stretch(0.15)})
+
+
+def check_values(found: Identification, truth: Robot, joint: str, rel: float = 1e-6) -> None:
+    """Check every parameter of a drive against the truth."""
+    estimate, values = found.drivetrains[joint], truth.drivetrains[joint].values
+    told = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
+    wanted = {name: values.get(name, 0.0) for name in told}
+    assert told == pytest.approx(wanted, rel=rel, abs=1e-9)
+
+
+def check_bodies(found: Identification, truth: Robot) -> None:
+    wanted = found.base.project(truth.parameters)
+    np.testing.assert_allclose(found.load.values, wanted, rtol=1e-6, atol=1e-8)
+
+
+def check_intervals(found: Identification, truth: Robot, joint: str) -> None:
+    """Check that no parameter is farther from the truth than its error says."""
+    estimate, values = found.drivetrains[joint], truth.drivetrains[joint].values
+    wanted = np.array([values.get(name, 0.0) for name in estimate.names])
+    far = (estimate.values - wanted) / estimate.standard_errors
+    assert np.max(np.abs(far)) < 3.3, dict(zip(estimate.names, far, strict=True))
+
+
+@pytest.mark.parametrize("term", FRICTION)
+def test_friction_of_an_elastic_drive_is_found(term: str) -> None:
+    truth = robot(STIFF, with_terms(ELASTIC, *FRICTION[term]))
+    found = identified(truth, exact_motion(truth))
+    assert set(FRICTION[term][1]) <= set(found.drivetrains["two"].names)
+    check_values(found, truth, "two")
+    check_bodies(found, truth)
+
+
+@pytest.mark.parametrize("term", SPRINGS)
+def test_springs_are_found(term: str) -> None:
+    truth = robot(STIFF, with_terms(ELASTIC, *SPRINGS[term]))
+    found = identified(truth, exact_motion(truth, {"two": free_stretch(0.15)}), ["one"])
+    assert set(SPRINGS[term][1]) <= set(found.drivetrains["two"].names)
+    check_values(found, truth, "two")
+
+
+@pytest.mark.parametrize("term", STIFF_FRICTION)
+def test_terms_of_a_stiff_drive_are_found(term: str) -> None:
+    truth = robot(with_terms(STIFF, *STIFF_FRICTION[term]))
+    found = identified(truth, exact_motion(truth))
+    assert set(STIFF_FRICTION[term][1]) <= set(found.drivetrains["one"].names)
+    check_values(found, truth, "one")
+    check_bodies(found, truth)
+
+
+def test_what_acts_beside_a_spring_is_found_on_the_load_side() -> None:
+    truth = robot(STIFF, with_terms(ELASTIC, *JOINT_FRICTION))
+    motion = exact_motion(truth)
+    found = identified(truth, motion)
+    assert {"stiffness", *JOINT_FRICTION[1]} <= set(found.drivetrains["two"].names)
+    check_values(found, truth, "two")
+    check_bodies(found, truth)
+    plain = identified(robot(), plain_motion())
+    assert found.left_out["load"] > plain.left_out["load"]  # the joint's standstill too
+
+
+@pytest.mark.parametrize("kind", ["current", "voltage"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"known_bodies": ("lower",)},
+        {"known_bodies": ("upper", "lower")},
+    ],
+)
+def test_motor_constants_of_stiff_drives_are_found(kind: str, options: dict[str, Any]) -> None:
+    constant = {"current": "torque_constant", "voltage": "voltage_constant"}[kind]
+    drive = with_terms(STIFF, {"motor_input": kind}, {constant: 0.05})
+    unknown = replace(drive, motor_inertia_kg_m2=None)
+    motion = exact_motion(robot(drive, drive, **options))
+    known = robot(unknown, unknown, **options)
+    found = identified(known, motion)
+    for joint in known.joint_names:
+        assert found.drivetrains[joint].value(constant) == pytest.approx(0.05, rel=1e-6)
+        told = found.drivetrains[joint].value("viscous_friction")
+        assert told == pytest.approx(drive.values["viscous_friction"], rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["current", "voltage"])
+def test_motor_constant_beside_a_known_stiffness(kind: str) -> None:
+    constant = {"current": "torque_constant", "voltage": "voltage_constant"}[kind]
+    terms = {"motor_input": kind, "known": ("stiffness",)}
+    truth = robot(STIFF, with_terms(ELASTIC, terms, {constant: 0.03}))
+    found = identified(truth, exact_motion(truth))
+    assert "stiffness" not in found.drivetrains["two"].names
+    check_values(found, truth, "two")
+    check_bodies(found, truth)
+
+
+def test_elastic_drives_alone_with_known_bodies_have_an_empty_load_side() -> None:
+    truth = robot(ELASTIC, ELASTIC, known_bodies=("upper", "lower"))
+    motion = exact_motion(truth)
+    found = identified(truth, motion)
+    assert found.load.names == ()
+    check_values(found, truth, "one")
+
+
+@pytest.mark.parametrize("side", ["one", "two"])
+def test_nothing_known_leaves_no_scale(side: str) -> None:
+    drive = with_terms(
+        STIFF if side == "one" else ELASTIC, {"motor_input": "current"}, {"torque_constant": 0.05}
+    )
+    other = with_terms(STIFF, {"motor_input": "current"}, {"torque_constant": 0.05})
+    pair = (drive, other) if side == "one" else (other, drive)
+    motion = exact_motion(robot(*pair))
+    unknown = robot(*(replace(one, motor_inertia_kg_m2=None) for one in pair))
+    helps = "known bodies" if side == "one" else "the stiffness of its spring"
+    with pytest.raises(
+        IdentificationError, match=f"of {side} only the current.*Give one of: {helps}"
+    ):
+        identified(unknown, motion)
+
+
+def test_a_payload_that_is_always_there_leaves_no_scale() -> None:
+    drive = with_terms(STIFF, {"motor_input": "current"}, {"torque_constant": 0.05})
+    options = {"payloads": (Payload("lower", 0.5, (0.0, 0.0, -0.2)),)}
+    motion = exact_motion(robot(drive, drive, **options))
+    unknown = replace(drive, motor_inertia_kg_m2=None)
+    with pytest.raises(IdentificationError, match="logs with and without a payload"):
+        identified(robot(unknown, unknown, **options), motion)
+
+
+@cache
+def noisy(which: str) -> Log:
+    return noisy_log(plain_motion() if which == "plain" else free_motion(), 0.003, 2e-5)
+
+
+def found_in(log: Log, known: Robot, rows: list[str] | None = None) -> Identification:
+    return identify(known.without_nominal(), log, rows=rows, cutoff_hz=10.0)
+
+
+@pytest.mark.parametrize("term", ["shifted", "load", "stribeck"])
+def test_friction_is_inside_its_interval(term: str) -> None:
+    for joint, drives in (
+        ("one", (with_terms(STIFF, *FRICTION[term]), ELASTIC)),
+        ("two", (STIFF, with_terms(ELASTIC, *FRICTION[term]))),
+    ):
+        truth = robot(*drives)
+        log = noisy_log(exact_motion(truth), 0.003, 2e-5)
+        check_intervals(found_in(log, truth), truth, joint)
+
+
+@pytest.mark.parametrize("term", ["cubic", "dead zone", "damping"])
+def test_springs_are_inside_their_intervals(term: str) -> None:
+    truth = robot(STIFF, with_terms(ELASTIC, *SPRINGS[term]))
+    log = noisy_log(exact_motion(truth, {"two": free_stretch(0.15)}), 0.003, 2e-5)
+    check_intervals(found_in(log, truth, ["one"]), truth, "two")
+
+
+@pytest.mark.parametrize("term", ["asymmetric", "quadratic", "load"])
+def test_friction_that_is_not_there_is_found_to_be_nothing(term: str) -> None:
+    terms, values = FRICTION[term]
+    known = robot(with_terms(STIFF, terms, {}), with_terms(ELASTIC, terms, {}))
+    found = found_in(noisy("plain"), known)
+    for joint in ("one", "two"):
+        check_intervals(found, robot(), joint)
+        name = next(iter(values)).replace("_", " ")
+        assert any(f"{name} of {joint} is poorly identified" in flag for flag in found.flags)
+
+
+@pytest.mark.parametrize("term", ["cubic", "dead zone", "damping"])
+def test_spring_terms_that_are_not_there_are_found_to_be_nothing(term: str) -> None:
+    known = robot(STIFF, with_terms(ELASTIC, SPRINGS[term][0], {}))
+    found = found_in(noisy("free"), known, ["one"])
+    check_intervals(found, robot(), "two")
+    name = next(iter(SPRINGS[term][1])).replace("_", " ")
+    assert any(f"{name} of two is poorly identified" in flag for flag in found.flags)
+
+
+@pytest.mark.parametrize("term", ["smooth", "shifted", "stribeck"])
+def test_bent_friction_that_is_not_there_is_flagged(term: str) -> None:
+    terms = FRICTION[term][0]
+    known = robot(with_terms(STIFF, terms, {}), with_terms(ELASTIC, terms, {}))
+    found = found_in(noisy("plain"), known)
+    bent = {"stribeck": "stribeck friction"}.get(term, "coulomb width")
+    for joint in ("one", "two"):
+        assert any(f"{bent} of {joint} is poorly identified" in flag for flag in found.flags)
+        for name in ("viscous_friction",):
+            told, true = found.drivetrains[joint], robot().drivetrains[joint].values[name]
+            assert abs(told.value(name) - true) < 3.3 * told.standard_error(name)
+
+
+def test_a_zero_that_only_moves_a_preload_is_held_and_said() -> None:
+    known = robot(STIFF, with_terms(ELASTIC, SPRINGS["cubic and preload"][0], {}))
+    found = identified(known, free_motion(), ["one"])
+    assert found.drivetrains["two"].value("stiffness") == pytest.approx(120.0)
+    assert any("deflection zero of two is not told by this motion" in f for f in found.flags)
+    assert "deflection_zero" in found.known.drivetrains["two"].known
+
+
+def test_what_is_held_is_said_of_every_condition_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    def holding(given: Robot, records: Any, rows: Any) -> tuple[Robot, Any]:
+        drive = replace(given.drivetrains["two"], known=("deflection_zero",))
+        return given.with_drivetrains({**given.drivetrains, "two": drive}), records
+
+    monkeypatch.setattr("seaid.identification.conditions.straightened_robot", holding)
+    drive = with_terms(ELASTIC, SPRINGS["cubic"][0], {"deflection_zero": 0.0})
+    known, log = robot(STIFF, drive), noisy("plain")
+    both = identify_conditions({"a": (known, log), "b": (known, log)}, own=())
+    for found in both.found.values():
+        assert any("deflection zero of two is not told by this motion" in f for f in found.flags)
+
+
+def test_found_terms_predict_another_log() -> None:
+    truth = robot(
+        with_terms(STIFF, *FRICTION["smooth"]), with_terms(ELASTIC, *FRICTION["stribeck"])
+    )
+    found = found_in(noisy_log(exact_motion(truth), 0.003, 2e-5), truth)
+    fit = validate(found, noisy_log(exact_motion(truth, seed=2), 0.003, 2e-5, seed=4))
+    assert fit.actuator.moving_relative_error[1] < 0.03
+    assert np.all(fit.load.moving_relative_error < 0.03)
+
+
+def test_possible_bodies_beside_friction_at_the_joint() -> None:
+    truth = robot(STIFF, with_terms(ELASTIC, *SMOOTH_JOINT), known_bodies=("upper",))
+    log = noisy_log(exact_motion(truth), 0.003, 2e-5)
+    found = identify(truth, log, feasible=True, cutoff_hz=10.0)
+    assert found.possible is not None
+    np.testing.assert_array_equal(found.possible.parameters[:10], truth.parameters[:10])
+    told = found.robot.drivetrains["two"].values["joint_viscous_friction"]
+    assert told == pytest.approx(0.3, rel=0.1)
+
+
+@pytest.mark.parametrize("option", [{"sides": "joint"}, {"estimator": "iv"}])
+def test_other_methods_take_friction_and_what_acts_at_the_joint(option: dict[str, str]) -> None:
+    drive = with_terms(ELASTIC, *SMOOTH_JOINT)
+    drive = with_terms(drive, *FRICTION["quadratic"])
+    truth = robot(with_terms(STIFF, *FRICTION["quadratic"]), drive)
+    log = noisy_log(exact_motion(truth), 0.003, 1e-6)
+    found = identify(truth.without_nominal(), log, cutoff_hz=10.0, **option)  # type: ignore[arg-type]
+    check_intervals(found, truth, "two")
+
+
+@pytest.mark.parametrize(
+    ("option", "terms", "message"),
+    [
+        ({"sides": "joint"}, SPRINGS["cubic"], r'that of two has cubic.*sides="sequential"'),
+        (
+            {"sides": "joint"},
+            ({"known": ("stiffness",)}, {}),
+            r"that of two has a known stiffness",
+        ),
+        ({"estimator": "iv"}, SPRINGS["cubic"], r'that of two has cubic.*estimator="wls"'),
+    ],
+)
+def test_methods_that_cannot_take_a_spring_say_which_can(
+    option: dict[str, str], terms: Case, message: str
+) -> None:
+    known = robot(STIFF, with_terms(ELASTIC, *terms))
+    with pytest.raises(IdentificationError, match=message):
+        identify(known, noisy("plain"), cutoff_hz=10.0, **option)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("terms", "message"),
+    [
+        (SPRINGS["damping"], "drive of two, whose spring has damping"),
+        (FRICTION["smooth"], "drive of two, whose equation is not linear"),
+        (JOINT_FRICTION, "drive of two, which has a parallel spring or joint friction"),
+    ],
+)
+def test_refine_says_what_it_does_not_simulate(terms: Case, message: str) -> None:
+    known = robot(STIFF, with_terms(ELASTIC, *terms))
+    found = found_in(noisy("plain"), known)
+    with pytest.raises(IdentificationError, match=message):
+        refine(found, noisy("plain"))
+
+
+def test_an_input_that_was_not_logged_is_named() -> None:
+    drive = with_terms(ELASTIC, {"motor_input": "current"}, {"torque_constant": 0.05})
+    with pytest.raises(
+        LogError, match=r"'two' has no torque in the log: motor current.*say motor_input = 'torque'"
+    ):
+        found_in(noisy("plain"), robot(STIFF, drive))
+
+
+def together(one: Drive, known: Drive) -> Identification:
+    """Return what two conditions tell together, with a payload and without."""
+    conditions = {}
+    for name, payloads in (("with", (Payload("lower", 0.5, (0.0, 0.0, -0.2)),)), ("without", ())):
+        log = noisy_log(exact_motion(robot(one, one, payloads=payloads)), 0.003, 1e-6)
+        conditions[name] = robot(known, known, payloads=payloads).without_nominal(), log
+    return identify_conditions(conditions, cutoff_hz=10.0).found["with"]
+
+
+def test_a_payload_that_comes_and_goes_tells_motor_constants() -> None:
+    drive = with_terms(STIFF, {"motor_input": "current"}, {"torque_constant": 0.05})
+    found = together(drive, replace(drive, motor_inertia_kg_m2=None))
+    for estimate in found.drivetrains.values():
+        assert estimate.value("torque_constant") == pytest.approx(0.05, rel=2e-3)
+
+
+def test_conditions_share_what_bends() -> None:
+    drive = with_terms(STIFF, FRICTION["smooth"][0], {"coulomb_width": 10.0})
+    found = together(drive, drive)
+    for estimate in found.drivetrains.values():
+        assert estimate.value("coulomb_width") == pytest.approx(10.0, rel=0.05)

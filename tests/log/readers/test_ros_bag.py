@@ -1,0 +1,181 @@
+"""ROS bags written here and read back: topics, fields, joints by name, stamps, several senders."""
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from seaid.errors import LogError
+from seaid.log.readers.opening import open_table
+from seaid.log.reading import read_log
+from seaid.robot.robot import Robot
+from tests.one_joint import one_joint
+
+START_NS = 1_700_000_000_123_456_789
+COUNT = 80
+DRIVE = """std_msgs/Header header
+int32 temperature
+float64[2] motor_angle
+my_msgs/Board board
+"""
+BOARD = "float64 current\nstring note\n"
+MOTOR, JOINTS = "/drives", "/joint_states"
+
+
+def store(version: int) -> Any:
+    types = get_typestore(Stores.ROS2_HUMBLE if version == 2 else Stores.ROS1_NOETIC)
+    types.register(get_types_from_msg(DRIVE, "my_msgs/msg/Drive"))
+    types.register(get_types_from_msg(BOARD, "my_msgs/msg/Board"))
+    return types
+
+
+def messages(types: Any, version: int, stamped: bool = True) -> Any:
+    """Yield (topic, type, time, message): two senders of joint states, and motor side."""
+    header, stamp = types.types["std_msgs/msg/Header"], types.types["builtin_interfaces/msg/Time"]
+    state, drive = types.types["sensor_msgs/msg/JointState"], types.types["my_msgs/msg/Drive"]
+    board = types.types["my_msgs/msg/Board"]
+    more = {"seq": 0} if version == 1 else {}
+    for step in range(COUNT):
+        time = START_NS + step * 10_000_000
+        sec, nanosec = divmod(time - 2_000_000, 10**9) if stamped else (0, 0)
+        head = header(stamp=stamp(sec=sec, nanosec=nanosec), frame_id="", **more)
+        nothing = np.zeros(0)
+        for names, values in ((["b", "a"], [2.0 + step, 1.0 + step]), (["grip"], [9.0])):
+            message = state(head, names, np.array(values), nothing, 10 * np.array(values))
+            yield JOINTS, "sensor_msgs/msg/JointState", time, message
+        motor = np.array([100.0 * step, -1.0])
+        yield MOTOR, "my_msgs/msg/Drive", time + 3_000_000, drive(head, 30, motor, board(0.5, "x"))
+
+
+def write_bag(path: Path, version: int = 2, plugin: Any = None, stamped: bool = True) -> Path:
+    types = store(version)
+    arguments: dict[str, Any] = {} if version == 1 else {"version": 9}
+    if plugin is not None:
+        arguments["storage_plugin"] = plugin
+    connections: dict[str, Any] = {}
+    with (Writer1 if version == 1 else Writer2)(path, **arguments) as writer:
+        for topic, kind, time, message in messages(types, version, stamped):
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=types)
+            serialize = types.serialize_ros1 if version == 1 else types.serialize_cdr
+            writer.write(connections[topic], time, serialize(message, kind))
+    return path
+
+
+def bags(folder: Path) -> Sequence[Path]:
+    sqlite = write_bag(folder / "sqlite", plugin=StoragePlugin.SQLITE3)
+    mcap = write_bag(folder / "mcap", plugin=StoragePlugin.MCAP)
+    alone = folder / "alone"
+    alone.mkdir()
+    shutil.copy(next(sqlite.glob("*.db3")), alone / "x.db3")
+    return (
+        sqlite,
+        mcap,
+        next(mcap.glob("*.mcap")),
+        alone,
+        alone / "x.db3",
+        write_bag(folder / "old.bag", version=1),
+    )
+
+
+def test_every_kind_of_bag_gives_the_same_columns(tmp_path: Path) -> None:
+    for path in bags(tmp_path):
+        table = open_table(path)
+        joints, motors = f"{JOINTS}/header.stamp", f"{MOTOR}/header.stamp"
+        wanted = [f"{JOINTS}/position[a]", f"{JOINTS}/effort[grip]", joints, motors]
+        wanted += [f"{MOTOR}/motor_angle[0]", f"{MOTOR}/board.current", f"{MOTOR}/bag_time"]
+        assert set(wanted) <= set(table.names), path
+        assert table.clocks[wanted[0]] == joints
+        assert table.clocks[f"{MOTOR}/motor_angle[0]"] == motors
+        data = table.load(wanted)
+        steps = np.arange(COUNT)
+        position = data[f"{JOINTS}/position[a]"]
+        assert len(position) == 2 * COUNT
+        np.testing.assert_array_equal(position[::2], 1.0 + steps)
+        assert np.all(np.isnan(position[1::2]))  # those are of the other sender
+        assert np.all(data[f"{JOINTS}/effort[grip]"][1::2] == 90.0)
+        np.testing.assert_allclose(data[motors], steps / 100 - 0.002, atol=1e-12)
+        np.testing.assert_allclose(data[f"{MOTOR}/bag_time"], steps / 100 + 0.003, atol=1e-12)
+        np.testing.assert_array_equal(data[f"{MOTOR}/motor_angle[0]"], 100.0 * steps)
+        assert np.all(data[f"{MOTOR}/board.current"] == 0.5)
+
+
+def test_without_stamps_the_time_of_the_bag_counts(tmp_path: Path) -> None:
+    table = open_table(write_bag(tmp_path / "bag", stamped=False))
+    assert table.clocks[f"{JOINTS}/position[a]"] == f"{JOINTS}/bag_time"
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Robot:
+    return one_joint(tmp_path, "continuous", {"type": "series_elastic", "gear_ratio": 100})
+
+
+def described(position: str) -> dict[str, Any]:
+    return {
+        "joints": {
+            "arm": {
+                "joint_position": position,
+                "joint_torque": f"{JOINTS}/effort[a]",
+                "motor_position": {"column": f"{MOTOR}/motor_angle[0]", "sign": -1, "unit": "deg"},
+            }
+        }
+    }
+
+
+def test_topics_with_clocks_of_their_own_become_one_log(tmp_path: Path, arm: Robot) -> None:
+    path = write_bag(tmp_path / "bag")
+    log = read_log(path, arm, description=described(f"{JOINTS}/position[a]"))
+    assert len(log.time) == COUNT
+    steps = np.arange(COUNT)
+    np.testing.assert_allclose(log.joint_position[:, 0], 1.0 + steps, atol=1e-9)
+    np.testing.assert_allclose(log.motor_position[:, 0], -np.deg2rad(100.0) * steps, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("position", "words"),
+    [
+        ("/joint_stat/position[a]", "no topic is named '/joint_stat/position[a]'; did you mean"),
+        ("/other/x", "no topic is named '/other/x'; allowed: /drives, /joint_states"),
+        (f"{JOINTS}/position[c]", "did you mean '/joint_states/position[b]'? allowed: /joint_sta"),
+        ("position[a]", "allowed: /drives, /joint_states"),
+    ],
+)
+def test_bag_without_the_topic_or_field_says_what_is_there(
+    tmp_path: Path, arm: Robot, position: str, words: str
+) -> None:
+    path = write_bag(tmp_path / "bag")
+    with pytest.raises(LogError) as caught:
+        read_log(path, arm, description=described(position))
+    text = str(caught.value)
+    assert text.startswith(f"'{path}': [joints.arm] joint_position: no ")
+    assert words in text
+
+
+@pytest.mark.parametrize("ending", [".db3", ".mcap", ".bag"])
+def test_bag_that_is_cut_off_is_named(tmp_path: Path, arm: Robot, ending: str) -> None:
+    found = next(path for path in bags(tmp_path) if path.suffix == ending)
+    content = found.read_bytes()
+    path = tmp_path / f"cut{ending}"
+    for share in (0.1, 0.5, 0.9):
+        path.write_bytes(content[: int(share * len(content))])
+        with pytest.raises(LogError, match=f"'{path}' is not a ROS bag, or a damaged one"):
+            read_log(path, arm, description=described(f"{JOINTS}/position[a]"))
+
+
+def test_folder_without_a_bag_and_bag_without_messages_are_named(
+    tmp_path: Path, arm: Robot
+) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(LogError, match="is a folder without a ROS bag"):
+        read_log(tmp_path / "empty", arm)
+    with Writer2(tmp_path / "bag", version=9) as writer:
+        writer.add_connection(JOINTS, "sensor_msgs/msg/JointState", typestore=store(2))
+    with pytest.raises(LogError, match="bag' has no message with numbers"):
+        read_log(tmp_path / "bag", arm)

@@ -1,0 +1,129 @@
+"""Low pass, derivatives and the proposed pass band, on signals that are known exactly."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from seaid._arrays import Array
+from seaid.errors import LogError
+from seaid.log.filtering import (
+    decimation,
+    despiked,
+    low_pass,
+    spline_derivatives,
+)
+
+RATE_HZ = 1000.0
+TIME = np.arange(10_000) / RATE_HZ
+INSIDE = slice(1000, -1000)
+
+
+def sine(frequency_hz: float, phase: float = 0.3) -> Array:
+    return np.sin(2 * np.pi * frequency_hz * TIME + phase)[:, None]
+
+
+def gain(frequency_hz: float, cutoff_hz: float) -> float:
+    """Return the gain of two passes of a second-order Butterworth filter, bilinear transform."""
+    warped = np.tan(np.pi * frequency_hz / RATE_HZ) / np.tan(np.pi * cutoff_hz / RATE_HZ)
+    return float(1 / (1 + warped**4))
+
+
+@pytest.mark.parametrize("frequency_hz", [0.5, 2.0, 5.0, 10.0, 30.0])
+def test_sine_keeps_its_phase_and_takes_the_gain_of_two_passes(frequency_hz: float) -> None:
+    filtered = low_pass(sine(frequency_hz), RATE_HZ, 10.0)
+    expected = gain(frequency_hz, 10.0) * sine(frequency_hz)
+    assert np.allclose(filtered[INSIDE], expected[INSIDE], rtol=0, atol=1e-6)
+
+
+def test_pass_band_is_untouched_to_a_thousandth() -> None:
+    for frequency_hz in np.linspace(0.2, 10 / 5.7, 5):
+        assert gain(frequency_hz, 10.0) > 1 - 1e-3
+        error = low_pass(sine(frequency_hz), RATE_HZ, 10.0) - sine(frequency_hz)
+        assert np.max(np.abs(error[INSIDE])) < 1e-3
+
+
+def test_stop_band_is_gone() -> None:
+    assert np.max(np.abs(low_pass(sine(100.0), RATE_HZ, 10.0)[INSIDE])) < 1e-4
+
+
+def test_time_backwards_gives_the_same_backwards() -> None:
+    signal = np.random.default_rng(0).normal(size=(4000, 2)).cumsum(axis=0)
+    forward, backward = low_pass(signal, RATE_HZ, 8.0), low_pass(signal[::-1], RATE_HZ, 8.0)[::-1]
+    assert np.allclose(forward[INSIDE], backward[INSIDE], rtol=0, atol=1e-4 * np.std(signal))
+
+
+@given(seed=st.integers(0, 1000), cutoff_hz=st.floats(1.0, 100.0))
+def test_regressor_and_target_are_filtered_alike(seed: int, cutoff_hz: float) -> None:
+    rng = np.random.default_rng(seed)
+    H, theta = rng.normal(size=(800, 3)), rng.normal(size=(3, 1))
+    together, apart = (low_pass(x, RATE_HZ, cutoff_hz) for x in (H @ theta, H))
+    assert np.allclose(together, apart @ theta, rtol=0, atol=1e-10)
+
+
+def test_line_passes_unchanged_up_to_the_ends() -> None:
+    line = (0.3 + 2.0 * TIME)[:, None]
+    assert np.allclose(low_pass(line, RATE_HZ, 5.0), line, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("cutoff_hz", [400.0, 450.0, 1e6, np.inf])
+def test_too_high_a_cutoff_leaves_signals_alone(cutoff_hz: float) -> None:
+    signal = np.random.default_rng(1).normal(size=(100, 1))
+    assert low_pass(signal, RATE_HZ, cutoff_hz) is signal
+
+
+def test_low_pass_of_few_samples_does_not_fail() -> None:
+    assert low_pass(np.ones((12, 1)), RATE_HZ, 5.0) == pytest.approx(np.ones((12, 1)))
+
+
+@pytest.mark.parametrize("frequency_hz", [0.3, 1.0, 5.0])
+def test_derivatives_of_a_sine_right_up_to_the_ends(frequency_hz: float) -> None:
+    omega = 2 * np.pi * frequency_hz
+    angle = omega * TIME[:2000] + 0.3
+    value, first, second = spline_derivatives(TIME[:2000], np.sin(angle)[:, None])
+    assert np.array_equal(value[:, 0], np.sin(angle))
+    assert np.max(np.abs(first[:, 0] - omega * np.cos(angle))) < 1e-8 * omega
+    assert np.max(np.abs(second[:, 0] + omega**2 * np.sin(angle))) < 1e-6 * omega**2
+
+
+def test_derivatives_of_a_missing_signal_are_missing() -> None:
+    signals = np.column_stack([np.full(100, np.nan), TIME[:100] ** 2])
+    value, first, second = spline_derivatives(TIME[:100], signals)
+    assert np.all(np.isnan([value[:, 0], first[:, 0], second[:, 0]]))
+    assert second[:, 1] == pytest.approx(2.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("cutoff_hz", "step"), [(5.0, 50), (12.0, 20), (100.0, 2), (240.0, 1), (np.inf, 1)]
+)
+def test_four_rows_a_period_of_the_cutoff(cutoff_hz: float, step: int) -> None:
+    assert decimation(RATE_HZ, cutoff_hz) == step
+
+
+def test_spikes_go_and_the_other_samples_stay() -> None:
+    rng = np.random.default_rng(0)
+    clean = np.hstack([3 * sine(2.0), 1e-3 * sine(0.5)]) + rng.normal(size=(10_000, 2)) * [
+        0.1,
+        1e-5,
+    ]
+    bad = rng.random(clean.shape) < 0.01
+    spiky = clean + bad * rng.choice([-1.0, 1.0], clean.shape) * [20.0, 0.02]
+    found = despiked(spiky)
+    assert np.max(np.abs(found - clean) / [0.1, 1e-5]) < 8.0
+    assert np.mean(found[~bad] == clean[~bad]) > 0.995
+
+
+def test_despiking_leaves_a_motion_without_spikes_and_unknown_columns() -> None:
+    signals = np.hstack([sine(5.0), np.full_like(TIME[:, None], np.nan)])
+    found = despiked(signals)
+    bend = 0.5 * (2 * np.pi * 5.0 * 5 / RATE_HZ) ** 2  # of the sine within half a window
+    assert np.max(np.abs(found[:, 0] - signals[:, 0])) < bend
+    assert np.all(np.isnan(found[:, 1]))
+
+
+@pytest.mark.parametrize("setting", [{"half_window": 0}, {"threshold": 0.0}])
+def test_despiking_needs_a_window_and_a_threshold(setting: dict[str, int]) -> None:
+    with pytest.raises(LogError, match="despiked needs half_window of at least 1 and a threshold"):
+        despiked(sine(1.0), **setting)

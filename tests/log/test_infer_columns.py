@@ -1,0 +1,327 @@
+"""describe_log: synthetic foreign logs described as they were made, and all measured sets."""
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from seaid._arrays import Array
+from seaid.errors import LogError
+from seaid.log import infer_columns as describe
+from seaid.log.infer_columns import Description, describe_log, meaning_of
+from seaid.log.readers.table import Table
+from seaid.log.reading import read_log
+from seaid.robot.robot import load_robot
+from tests.measured import LOGS
+from tests.one_joint import BODY
+
+TIME = np.arange(500) / 200
+Columns = dict[str, Array]
+
+
+def wave(hz: float, size: float = 1.0) -> Array:
+    return size * np.sin(2 * np.pi * hz * TIME + hz)
+
+
+def guess(folder: Path, **columns: Array) -> Description:
+    np.savez(folder / "log.npz", **columns)  # type: ignore[arg-type]
+    return describe_log(folder / "log.npz")
+
+
+def plain(found: Description) -> dict[str, Any]:
+    joints: dict[str, Any] = found.description.to_dict()["joints"]
+    return joints
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity", "side", "joint", "unit"),
+    [
+        ("mpos_0", "position", "motor", "0", None),
+        ("pos_12", "position", "", "12", None),
+        ("q1", "position", "", "1", None),
+        ("qd2", "velocity", "", "2", None),
+        ("tau_meas1", "torque", "", "1", None),
+        ("wcur_0", "current", "", "0", None),
+        ("defl_vel_3", "velocity", "", "3", None),
+        ("t_tx_0", "time", "", "tx_0", None),
+        ("knee_motor_angle_deg", "position", "motor", "knee", "deg"),
+        ("kneeMotorAngle", "position", "motor", "knee", None),
+        ("elbow.joint_position_rad", "position", "joint", "elbow", "rad"),
+        ("slide.joint_position_m", "position", "joint", "slide", "m"),
+        ("pos_elbow_joint", "position", "", "elbow_joint", None),
+        ("/joint_states/effort[hip]", "torque", "", "hip", None),
+        ("/drives/motor.angle[2]", "position", "motor", "2", None),
+        ("input_volts", "voltage", "", "input", None),
+        ("timestamp_ms", "time", "", "", "ms"),
+        ("θ_m1", "position", "motor", "1", None),
+        ("τ_knee", "torque", "", "knee", None),
+        ("\N{MATHEMATICAL ITALIC SMALL THETA}2", "position", "", "2", None),
+        ("θ\N{COMBINING DOT ABOVE}", "velocity", "", "", None),
+        ("q\N{COMBINING DIAERESIS}_1", "acceleration", "", "1", None),
+        ("ω", "velocity", "", "", None),
+        ("t_\N{MICRO SIGN}s", "time", "", "", "us"),
+        ("pos_Hüfte", "position", "", "hufte", None),
+        ("pos_肩", "position", "", "肩", None),
+        ("位置", "", "", "位置", None),
+        ("²", "", "", "2", None),
+        ("", "", "", "", None),
+        ("🤖", "", "", "", None),
+    ],
+)
+def test_name_of_a_column_is_read(
+    name: str, quantity: str, side: str, joint: str, unit: str | None
+) -> None:
+    found = meaning_of(name)
+    assert (found.quantity, found.side, found.joint, found.unit) == (quantity, side, joint, unit)
+    assert found.is_raw
+
+
+@pytest.mark.parametrize("name", ["pos_cmd_0", "goal_position", "tau_fric1", "q_des", "pos_filt2"])
+def test_commanded_and_computed_columns_are_no_sensors(name: str) -> None:
+    assert not meaning_of(name).is_raw
+
+
+def test_elastic_joint_in_milliseconds_with_current(tmp_path: Path) -> None:
+    motor = wave(0.7, 80.0)
+    found = guess(
+        tmp_path,
+        time_ms=1e3 * TIME,
+        motor_pos_1=motor,
+        link_pos_1=motor / 100,
+        current_1=wave(1.0),
+        temp_1=wave(0.1) + 40,
+    )
+    assert plain(found) == {
+        "joint_1": {
+            "motor_position": "motor_pos_1",
+            "joint_position": "link_pos_1",
+            "motor_current": "current_1",
+        }
+    }
+    assert found.description.to_dict()["time"] == {"column": "time_ms", "unit": "ms"}
+    assert "joint_1: the motor turns 100 times as far: is that the gear ratio?" in found.unsure
+    assert found.unused == ("temp_1",)
+
+
+def test_degrees_counts_and_nanoseconds_are_told_by_their_size(tmp_path: Path) -> None:
+    found = guess(
+        tmp_path,
+        stamp=1.7e18 + 5e6 * np.arange(500.0),
+        q_knee=wave(0.5, 70.0),
+        tau_knee=wave(0.6, 5.0),
+        q_hip=np.round(wave(0.5, 1800.0) + 2000),
+        tau_hip=wave(0.8),
+    )
+    joints = plain(found)
+    assert joints["knee"]["joint_position"] == {"column": "q_knee", "unit": "deg"}
+    counts = {"column": "q_hip", "unit": "counts", "counts_per_turn": 4096.0}
+    assert joints["hip"]["joint_position"] == counts
+    assert joints["hip"]["motor_torque"] == {"column": "tau_hip", "side": "joint"}
+    assert found.description.to_dict()["time"] == {"column": "stamp", "unit": "ns"}
+    text = "\n".join(found.unsure)
+    assert "q_knee (moves by 140): taken for degrees" in text
+    assert "q_hip: in counts: 4096 a turn is a guess" in text
+    assert "stamp: has steps of 5e+06: taken for ns" in text
+
+
+def test_dead_channels_and_words_are_left_out_and_named(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"{t},{q},0,nan,ok,{q}" for t, q in zip(TIME, wave(0.5), strict=True)]
+    path.write_text("\n".join(["t,pos_0,mpos_0,cur_0,state,eff_0", *rows]) + "\n")
+    found = describe_log(path)
+    assert list(plain(found)["joint_0"]) == ["joint_position", "motor_torque"]
+    assert "mpos_0: 0 all the time: a dead sensor, left out" in found.unsure
+    assert "cur_0: without a number: a dead sensor, left out" in found.unsure
+    assert "state: no column of numbers: left out" in found.unsure
+
+
+def test_names_without_a_latin_letter_are_read_or_left_unused(tmp_path: Path) -> None:
+    data = {"t": TIME, "θ": wave(0.5), "τ": wave(1.0), "位置": wave(2.0), "": wave(3.0)}
+    found = guess(tmp_path, **data)
+    assert set(plain(found)["joint"]) == {"joint_position", "motor_torque"}
+    assert found.unused == ("位置", "")
+    assert tomllib.loads(found.to_toml())["joints"]["joint"]["joint_position"] == "θ"
+    with pytest.raises(LogError, match="no column looks like the position of a joint"):
+        guess(tmp_path, 位置=wave(1.0), 力=wave(2.0))
+
+
+@pytest.mark.parametrize("label", ["²", "٣", "1", "a"])
+def test_a_label_of_a_joint_may_look_like_a_number(tmp_path: Path, label: str) -> None:
+    data = {"t": TIME, f"q[{label}]": wave(0.5), "q[7]": wave(1.0)}
+    assert len(plain(guess(tmp_path, **data))) == 2
+
+
+def test_names_with_line_breaks_and_quotes_make_a_toml_that_reads(tmp_path: Path) -> None:
+    name = 'q_1"\\\n\x7f\x1b[2J]'
+    path = tmp_path / "log.json"
+    data = {"t": TIME.tolist(), name: wave(0.5).tolist(), "x\ny": wave(1.0).tolist()}
+    path.write_text(json.dumps(data))
+    found = describe_log(path)
+    (joint,) = tomllib.loads(found.to_toml())["joints"].values()
+    assert joint["joint_position"] == name
+    assert all(
+        line.startswith("# unsure") for line in found.to_toml().splitlines() if "rad" in line
+    )
+    for line in str(found).splitlines():
+        assert line.isprintable()
+
+
+def test_ten_thousand_columns_are_described_shortly(tmp_path: Path) -> None:
+    path = tmp_path / "log.npz"
+    np.savez(path, t=TIME, q=wave(0.5), x=np.tile(wave(1.0)[:, None], (1, 9_000)))
+    assert len(str(describe_log(path))) < 5_000
+
+
+def test_absurd_samples_are_no_sensors(tmp_path: Path) -> None:
+    found = guess(tmp_path, t=TIME, q=wave(0.5), q_2=wave(0.5, 1e308), tau=wave(1.0, 1e155))
+    assert "q_2, tau: has values beyond 1e+30: no sensor, left out" in found.unsure
+
+
+def test_two_positions_without_sides_are_told_by_how_far_they_move(tmp_path: Path) -> None:
+    found = guess(
+        tmp_path, t=TIME, angle_0=wave(0.5, 90.0), encoder_0=wave(0.5, 0.9), torque_0=wave(1.0)
+    )
+    joint = plain(found)["joint_0"]
+    assert (joint["motor_position"], joint["joint_position"]) == ("angle_0", "encoder_0")
+    assert "angle_0: moves much farther than encoder_0: taken for the motor side" in found.unsure
+
+
+def test_time_may_be_missing_or_without_a_name(tmp_path: Path) -> None:
+    found = guess(tmp_path, x=TIME, q=wave(0.5), tau=wave(1.0))
+    assert found.description.to_dict()["time"] == "x"
+    found = guess(tmp_path, q=wave(0.5), tau=wave(1.0))
+    assert "time: no column looks like it: name it, or say time = { rate_hz" in found.unsure[-1]
+
+
+def test_log_without_positions_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="no column looks like the position of a joint; columns are"):
+        guess(tmp_path, t=TIME, temp=wave(0.1))
+
+
+def test_robot_names_the_joints_and_tells_degrees(tmp_path: Path) -> None:
+    limits = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+    joints = "".join(
+        f'<link name="{child}">{BODY}</link><joint name="{joint}" type="revolute">{limits}'
+        f'<parent link="{parent}"/><child link="{child}"/></joint>'
+        for joint, parent, child in (("hip_pitch", "base", "a"), ("knee_pitch", "a", "b"))
+    )
+    (tmp_path / "leg.urdf").write_text(f'<robot name="leg"><link name="base"/>{joints}</robot>')
+    robot = load_robot(tmp_path / "leg.urdf")
+    path = tmp_path / "log.npz"
+    columns = {"t": TIME, "q_knee": wave(0.5, 5.0), "tau_knee": wave(1.0)}
+    np.savez(path, q_hip=wave(0.5), tau_hip=wave(0.9), **columns)  # type: ignore[arg-type]
+    found = describe_log(path, robot)
+    assert set(plain(found)) == {"hip_pitch", "knee_pitch"}
+    assert plain(found)["knee_pitch"]["joint_position"] == {"column": "q_knee", "unit": "deg"}
+    path.with_suffix(".toml").write_text(found.to_toml())
+    log = read_log(path, robot)
+    np.testing.assert_allclose(log.joint_position[:, 1], np.deg2rad(wave(0.5, 5.0)), rtol=1e-12)
+    assert log.motor_torque.shape == (500, 2)
+    np.savez(path, t=TIME, q1=wave(0.5), q2=wave(0.6), tau1=wave(1.0), tau2=wave(1.1))
+    found = describe_log(path, robot)
+    assert plain(found)["knee_pitch"]["joint_position"] == "q2"
+    assert "1, 2: taken for the robot's joints in their order" in found.unsure
+
+
+def test_description_is_shown_as_a_table_with_its_doubts(tmp_path: Path) -> None:
+    text = str(guess(tmp_path, t=TIME, q=wave(0.5), tau=wave(1.0), extra=wave(2.0)))
+    assert text.splitlines()[0].split() == ["joint", "quantity", "column", "unit", "time"]
+    assert text.splitlines()[1].split() == ["joint", "joint_position", "q", "SI", "t"]
+    assert "unsure: q (moves by 2): taken for rad" in text
+    assert text.endswith("not used: extra")
+
+
+# Measured logs
+
+HEBI = ("motor_position", "joint_position", "joint_torque", "motor_current", "motor_voltage")
+STIFF = ("joint_position", "motor_torque")
+
+
+@pytest.mark.parametrize(
+    ("folder", "ending", "joints", "quantities"),
+    [
+        ("hebi_arms/capstone_repeat_waypoints.npz", "", 5, HEBI),
+        ("hebi_arms/grav_comp_bad.npz", "", 2, HEBI),
+        ("hebi_arms/ps4_repeat_waypoints.npz", "", 3, HEBI),
+        ("hebi_arms/ps5_robot_data.npz", "", 3, HEBI),
+        ("hebi_arms/star_trace.npz", "", 2, HEBI),
+        ("hebi_arms/virtual_spring.npz", "", 2, HEBI),
+        (
+            "hebi_arms/sample.npz",
+            "",
+            2,
+            ("joint_position", "deflection", "joint_torque", "motor_current"),
+        ),
+        ("hebi_x5_unloaded/exampleLog.csv", "", 1, HEBI),
+        pytest.param(
+            "hebi_x5_unloaded/exampleLog.hebilog", "", 1, HEBI[:4], marks=pytest.mark.hebi
+        ),
+        ("ur10_exciting/ur10_exciting_trajectory.npz", "", 6, STIFF),
+        ("ur10_exciting/ur10_exciting_trajectory.db3", "", 6, STIFF),
+        ("double_pendulum_a0/strong_torque", "*.npz", 2, STIFF),
+        ("double_pendulum_a0/weak_torque", "*.npz", 2, STIFF),
+        ("xl330_pendulum/raw", "*.npz", 1, STIFF[:1]),
+    ],
+)
+def test_every_measured_set_is_described(
+    folder: str, ending: str, joints: int, quantities: tuple[str, ...]
+) -> None:
+    for path in sorted((LOGS / folder).glob(ending))[:2] if ending else [LOGS / folder]:
+        found = describe_log(path)
+        assert len(found.description.joints) == joints
+        for sources in found.description.joints.values():
+            assert tuple(sources) == quantities
+        assert found.unsure
+
+
+def test_deflection_of_the_unpowered_arm_has_the_sign_of_its_makers() -> None:
+    found = describe_log(LOGS / "hebi_arms" / "sample.npz")
+    for sources in found.description.joints.values():
+        assert sources["deflection"].sign == -1
+
+
+def counted(names: list[str], texts: set[str]) -> tuple[Table, list[int]]:
+    """Return a table that refuses texts, and the number of columns of each read."""
+    reads: list[int] = []
+
+    def load(wanted: list[str]) -> Columns:
+        reads.append(len(wanted))
+        if texts.intersection(wanted):
+            raise LogError(f"column '{texts.intersection(wanted).pop()}' is a text")
+        return dict.fromkeys(wanted, TIME)
+
+    return Table(names, load), reads
+
+
+def test_a_text_among_many_columns_is_found_in_few_reads(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ["t", "pos_0", "note", *(f"pos_{index}" for index in range(1, 2000))]
+    table, reads = counted(names, {"note"})
+    monkeypatch.setattr(describe, "open_table", lambda path: table)
+    found = describe_log("log.npz")
+    assert len(reads) <= 2 * np.log2(len(names)) + 3
+    assert len(found.description.joints) == 2000
+    assert "note: no column of numbers: left out" in found.unsure
+
+
+def test_many_texts_among_many_columns_are_not_looked_for_for_ever(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    names = ["t", *(f"pos_{index}" for index in range(8000))]
+    table, reads = counted(names, set(names[2::2]))
+    monkeypatch.setattr(describe, "open_table", lambda path: table)
+    found = describe_log("log.npz")
+    assert len(reads) < 1000
+    assert "joint_0" in found.description.joints
+    assert "pos_7999" in found.unused
+
+
+def test_columns_of_arrays_are_described(tmp_path: Path) -> None:
+    sides = np.column_stack([wave(0.5), wave(0.7)])
+    for order in ("C", "F"):
+        found = guess(tmp_path, t=TIME, q=np.array(sides, order=order), tau=np.flip(sides))
+        sources = found.description.joints
+        assert sources["joint_1"]["joint_position"].column == "q[1]"
+        assert sources["joint_1"]["motor_torque"].column == "tau[1]"

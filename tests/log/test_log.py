@@ -1,0 +1,458 @@
+"""Log, read_log and write_log: round trips, foreign columns, and what is wrong named."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from seaid._arrays import Array
+from seaid.errors import LogError, SeaidError
+from seaid.log.log import LARGEST, MINIMUM_SAMPLES, column_names
+from seaid.log.readers.opening import READERS
+from seaid.log.reading import Log, read_log, write_log
+from seaid.robot.robot import Robot
+from tests.one_joint import one_joint
+
+TIME = np.arange(60) / 100
+NAMES = ["time_s", "arm.motor_position_rad", "arm.joint_position_rad", "arm.motor_torque_Nm"]
+VALUES = np.column_stack([TIME, np.sin(TIME), np.cos(TIME), TIME**2])
+Columns = dict[str, Any]
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Robot:
+    return one_joint(tmp_path)
+
+
+@pytest.fixture
+def elastic_arm(tmp_path: Path) -> Robot:
+    return one_joint(tmp_path, drive={"type": "series_elastic", "gear_ratio": 100})
+
+
+@pytest.fixture
+def write_csv(tmp_path: Path) -> Callable[..., Path]:
+    """Return a function that writes names and rows of cells, or a text, as log.csv."""
+
+    def write(names: list[str] = NAMES, rows: Any = VALUES, delimiter: str = ",") -> Path:
+        path = tmp_path / "log.csv"
+        lines = [delimiter.join(names), *(delimiter.join(map(str, row)) for row in rows)]
+        path.write_text("\n".join(lines) + "\n")
+        return path
+
+    return write
+
+
+def read_error(path: Path, robot: Robot, columns: Columns | None = None) -> str:
+    with pytest.raises(LogError) as caught:
+        read_log(path, robot, columns=columns)
+    return str(caught.value)
+
+
+def log_of(n: int = 2, count: int = 60, **other: Any) -> Log:
+    rng = np.random.default_rng(0)
+    position, load, torque = rng.normal(size=(3, count, n))
+    names = tuple("abcdef"[:n])
+    fields: dict[str, Any] = {
+        "time": np.arange(count) / 100,
+        "joint_names": names,
+        "motor_position": position,
+        "joint_position": load,
+        "motor_torque": torque,
+    }
+    return Log(**(fields | other))
+
+
+# Round trips
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.npz", "LOG.CSV", "LOG.NPZ"])
+def test_log_is_the_same_to_the_last_bit_after_writing_and_reading(
+    tmp_path: Path, tulip_leg: Robot, name: str
+) -> None:
+    rng = np.random.default_rng(1)
+    time = np.cumsum(rng.uniform(1e-4, 2e-3, 80))
+    motor, joint, torque, load = rng.normal(size=(4, 80, 5)) * 10.0 ** rng.integers(-9, 9, (80, 5))
+    joint[:, 0] = np.nan  # no such sensor
+    load[:, 1:] = np.nan
+    log = Log(time, tulip_leg.joint_names, motor, joint, torque, load)
+    write_log(log, tmp_path / name)
+    back = read_log(tmp_path / name, tulip_leg)
+    for field in ("time", "motor_position", "joint_position", "motor_torque", "joint_torque"):
+        np.testing.assert_array_equal(getattr(back, field), getattr(log, field))
+    assert back.joint_names == log.joint_names
+    assert os.listdir(tmp_path) == [name]
+
+
+@given(arrays(np.float64, MINIMUM_SAMPLES, elements=st.floats(-LARGEST, LARGEST)))
+def test_any_number_survives_csv(tmp_path_factory: pytest.TempPathFactory, column: Array) -> None:
+    folder = tmp_path_factory.mktemp("log")
+    values = column[:, None]
+    write_log(Log(np.arange(50.0), ("arm",), values, values, values), folder / "log.csv")
+    back = read_log(folder / "log.csv", one_joint(folder))
+    np.testing.assert_array_equal(back.joint_position[:, 0], column)
+
+
+def test_csv_names_its_columns_as_the_design_says(tmp_path: Path) -> None:
+    log = log_of(joint_torque=np.zeros((60, 2)), is_prismatic=(False, True))
+    write_log(log, tmp_path / "log.csv")
+    header = (tmp_path / "log.csv").read_text().splitlines()[0]
+    assert header.split(",") == [
+        "time_s",
+        *("a.motor_position_rad", "a.joint_position_rad", "a.motor_torque_Nm", "a.joint_torque_Nm"),
+        *("b.motor_position_rad", "b.joint_position_m", "b.motor_torque_Nm", "b.joint_force_N"),
+    ]
+    names = list(column_names("b", is_prismatic=True))
+    assert names == [*header.split(",")[5:], "b.motor_current_A", "b.motor_voltage_V"]
+
+
+def test_motor_current_and_voltage_survive_files_and_cuts(tmp_path: Path) -> None:
+    current, voltage = np.arange(60.0)[:, None], np.full((60, 1), 7.4)
+    positions = np.zeros((60, 1))
+    log = Log(
+        np.arange(60.0),
+        ("arm",),
+        np.full((60, 1), np.nan),
+        positions,
+        np.full((60, 1), np.nan),
+        motor_current=current,
+        motor_voltage=voltage,
+    )
+    write_log(log, tmp_path / "log.npz")
+    back = read_log(tmp_path / "log.npz", one_joint(tmp_path)).between(5.0, 55.0)
+    np.testing.assert_array_equal(back.sensors()["motor_current"], current[5:55])
+    np.testing.assert_array_equal(back.sensors()["motor_voltage"], voltage[5:55])
+
+
+def test_prismatic_joint_has_metres_and_newtons(tmp_path: Path) -> None:
+    slide = one_joint(tmp_path, "prismatic")
+    names = ["time_s", "arm.joint_position_m", "arm.joint_force_N"]
+    np.savez(tmp_path / "log.npz", **dict(zip(names, VALUES.T, strict=False)))
+    log = read_log(tmp_path / "log.npz", slide)
+    assert log.joint_torque is not None
+    np.testing.assert_array_equal(log.joint_position[:, 0], VALUES[:, 1])
+    np.testing.assert_array_equal(log.joint_torque[:, 0], VALUES[:, 2])
+    assert np.all(np.isnan(log.motor_position))
+
+
+def test_failing_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("old")
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savetxt", full)
+    with pytest.raises(SeaidError, match=r"cannot write '.*log\.csv': No space left on device"):
+        write_log(log_of(), path)
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["log.csv"]
+
+
+def test_log_cannot_be_written_in_an_unknown_format_or_place(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"cannot write '\.mat' logs; allowed: \.csv, \.npz"):
+        write_log(log_of(), tmp_path / "log.mat")
+    (tmp_path / "file").touch()
+    for name in ("log.csv", "log.npz"):
+        with pytest.raises(SeaidError, match=r"cannot write .* name a folder you may write to"):
+            write_log(log_of(), tmp_path / "file" / name)
+
+
+# The same table written otherwise
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_delimiter_is_found(arm: Robot, write_csv: Callable[..., Path], delimiter: str) -> None:
+    log = read_log(write_csv(delimiter=delimiter), arm)
+    np.testing.assert_array_equal(log.motor_torque[:, 0], VALUES[:, 3])
+
+
+def test_byte_order_mark_quotes_and_windows_lines_are_read(arm: Robot, tmp_path: Path) -> None:
+    lines = [",".join(f'"{name}"' for name in NAMES)]
+    lines += [",".join(map(str, row)) for row in VALUES]
+    path = tmp_path / "log.csv"
+    path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join(lines).encode())
+    np.testing.assert_array_equal(read_log(path, arm).joint_position[:, 0], VALUES[:, 2])
+
+
+def test_columns_not_asked_for_may_hold_anything(
+    arm: Robot, write_csv: Callable[..., Path]
+) -> None:
+    rows = [[*row, "running", ""] for row in VALUES]
+    log = read_log(write_csv([*NAMES, "state", "state"], rows), arm)
+    np.testing.assert_array_equal(log.joint_position[:, 0], VALUES[:, 2])
+
+
+def test_npz_entries_not_asked_for_may_hold_anything(arm: Robot, tmp_path: Path) -> None:
+    data = dict(zip(NAMES, VALUES.T, strict=True))
+    path = tmp_path / "log.npz"
+    np.savez(path, note=np.array("hello"), grid=np.zeros((2, 3)), **data)
+    np.testing.assert_array_equal(read_log(path, arm).time, TIME)
+
+
+# Foreign columns
+
+
+def test_foreign_columns_come_in_by_name_unit_and_factor(
+    arm: Robot, write_csv: Callable[..., Path]
+) -> None:
+    path = write_csv(["t", "angle", "pos", "current"])
+    columns: Columns = {
+        "time_s": ("t", "ms"),
+        "arm.motor_position_rad": ("angle", "turn"),
+        "arm.joint_position_rad": ("pos", "deg"),
+        "arm.motor_torque_Nm": ("current", -0.0302),
+    }
+    log = read_log(path, arm, columns=columns)
+    np.testing.assert_allclose(log.time, 1e-3 * TIME, rtol=1e-15)
+    np.testing.assert_allclose(log.motor_position[:, 0], 2 * np.pi * VALUES[:, 1], rtol=1e-15)
+    np.testing.assert_allclose(log.joint_position[:, 0], np.deg2rad(VALUES[:, 2]), rtol=1e-15)
+    np.testing.assert_allclose(log.motor_torque[:, 0], -0.0302 * VALUES[:, 3], rtol=1e-15)
+
+
+def test_one_foreign_column_may_serve_two_sensors(
+    arm: Robot, write_csv: Callable[..., Path]
+) -> None:
+    columns: Columns = {
+        "arm.joint_position_rad": "arm.motor_position_rad",
+        "arm.motor_position_rad": ("arm.motor_position_rad", 50.0),
+    }
+    log = read_log(write_csv(), arm, columns=columns)
+    np.testing.assert_array_equal(log.motor_position, 50 * log.joint_position)
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        (
+            {"arm.joint_position": "x"},
+            "this robot's log is named 'arm.joint_position'; did you mean",
+        ),
+        ({"time_s": "tme_s"}, "no column is named 'tme_s'; did you mean 'time_s'? allowed: time_s"),
+        ({"time_s": ("time_s", "msec")}, "'time_s': no unit for it is named 'msec'; did you mean"),
+        ({"time_s": ("time_s", "deg")}, "no unit for it is named 'deg'; allowed: s, ms, us, ns"),
+        (
+            {"arm.motor_torque_Nm": (NAMES[3], "rad")},
+            "columns= 'arm.motor_torque_Nm': no unit for it is named 'rad'; allowed: Nm, mNm",
+        ),
+        ({NAMES[1]: (NAMES[1], 0.0)}, "the factor must be finite and not zero, found 0.0"),
+        ({NAMES[1]: (NAMES[1], np.nan)}, "the factor must be finite and not zero, found nan"),
+        ({NAMES[1]: ("x", "rad", 1)}, "must be a column name or (name, unit or factor), found ("),
+        ({NAMES[1]: None}, "must be a column name or (name, unit or factor), found None"),
+    ],
+)
+def test_wrong_mapping_of_columns_is_named(
+    arm: Robot, write_csv: Callable[..., Path], columns: Columns, words: str
+) -> None:
+    assert words in read_error(write_csv(), arm, columns)
+
+
+# Files that are no log
+
+
+def test_missing_file_and_unknown_format_are_named(arm: Robot, tmp_path: Path) -> None:
+    path = tmp_path / "no.csv"
+    assert read_error(path, arm) == f"no log file at '{path}' (working folder {Path.cwd()})"
+    path = tmp_path / "log.mat"
+    assert (
+        read_error(path, arm) == f"'{path}': cannot read '.mat' logs; allowed: {', '.join(READERS)}"
+    )
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "is empty; a log starts with a line of column names"),
+        (b"\n\n", "is empty; a log starts with a line of column names"),
+        (",".join(NAMES).encode() + b"\n", "has column names but no samples"),
+        (bytes(range(256)), "is not a text file in UTF-8"),
+        (b"1,2,3\n4,5,6\n", "no column is named 'time_s'; allowed: 1, 2, 3"),
+        (b"some words\nand more\n", "no column is named 'time_s'; allowed: some words"),
+        (
+            b"time_s,x\n0,1\n",
+            "no column of this robot; expected names as 'arm.motor_position_rad' (or map foreign "
+            "ones with columns=), found: time_s, x",
+        ),
+        (
+            b"time_s,arm.motor_position_rad\n0,1\n1\n",
+            "is not a table: line 3 has 1 cells, the first line 2 column names",
+        ),
+        (
+            b"time_s;arm.motor_position_rad\n0,5;1\n",
+            "line 2: column 'time_s' has '0,5', which is no number",
+        ),
+        (
+            b"time_s,arm.motor_position_rad\n0,1\n\n1,off\n",
+            "line 4: column 'arm.motor_position_rad' has 'off', which is no number",
+        ),
+        (
+            b"time_s,arm.motor_position_rad,arm.motor_position_rad\n0,1,2\n",
+            "column named twice: arm.motor_position_rad",
+        ),
+    ],
+)
+def test_csv_that_is_no_log_is_named(
+    arm: Robot, tmp_path: Path, content: bytes, words: str
+) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes(content)
+    text = read_error(path, arm)
+    assert text.startswith(f"'{path}'")
+    assert words in text
+
+
+@pytest.mark.parametrize("content", [b"", b"junk", b"PK\x03\x04junk"])
+def test_npz_that_is_no_archive_is_named(arm: Robot, tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "log.npz"
+    path.write_bytes(content)
+    words = f"'{path}' is not a NumPy archive (.npz), or a damaged one"
+    assert read_error(path, arm).startswith(words)
+
+
+def test_npz_that_is_damaged_inside_is_named(arm: Robot, tmp_path: Path) -> None:
+    path = tmp_path / "log.npz"
+    np.savez_compressed(path, **dict(zip(NAMES, VALUES.T, strict=True)))
+    content = bytearray(path.read_bytes())
+    content[150:250] = bytes(100)
+    path.write_bytes(content)
+    assert "column 'time_s' cannot be read" in read_error(path, arm)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        (np.zeros((60, 2)), "must be a row of numbers, found float64 of shape (60, 2)"),
+        (np.array("text"), "must be a row of numbers, found <U4 of shape ()"),
+        (np.zeros(60, dtype=complex), "must be a row of numbers, found complex128"),
+        (np.array([{}], dtype=object), "must be a row of numbers, found object"),
+        (np.zeros(7), "columns are not equally long: 'time_s' 60, "),
+    ],
+)
+def test_npz_with_a_bad_column_is_named(
+    arm: Robot, tmp_path: Path, values: Any, words: str
+) -> None:
+    path = tmp_path / "log.npz"
+    data = dict(zip(NAMES, VALUES.T, strict=True))
+    np.savez(path, **(data | {NAMES[1]: values}))
+    text = read_error(path, arm)
+    assert text.startswith(f"'{path}': ")
+    assert words in text
+
+
+# Samples that cannot be
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "cell", "words"),
+    [
+        (
+            5,
+            2,
+            "nan",
+            "column 'arm.joint_position_rad' has 1 values that are not finite, the first ",
+        ),
+        (5, 2, "", "in sample 5 (t = 0.05 s); repair them, or leave the whole column NaN if there"),
+        (5, 2, "inf", "column 'arm.joint_position_rad' has 1 values that are not finite"),
+        (5, 0, "nan", "time_s has a value that is not finite in sample 5"),
+        (5, 0, "0.04", "time_s repeats at sample 5 (0.04 s, then 0.04 s; 1 such places); it must"),
+        (5, 0, "0.01", "time_s goes backwards at sample 5 (0.04 s, then 0.01 s; 1 such places)"),
+    ],
+)
+def test_bad_sample_is_named_with_file_column_and_place(
+    arm: Robot, write_csv: Callable[..., Path], row: int, column: int, cell: str, words: str
+) -> None:
+    rows: list[list[Any]] = VALUES.tolist()
+    rows[row][column] = cell
+    path = write_csv(rows=rows)
+    text = read_error(path, arm)
+    assert text.startswith(f"'{path}': ")
+    assert words in text
+
+
+def test_too_few_samples_are_counted(arm: Robot, write_csv: Callable[..., Path]) -> None:
+    assert MINIMUM_SAMPLES == 50
+    text = read_error(write_csv(rows=VALUES[:49]), arm)
+    assert text.endswith("a log needs 50 samples or more, found 49")
+    assert len(read_log(write_csv(rows=VALUES[:50]), arm).time) == 50
+
+
+# Sensors that a joint needs
+
+
+def without(name: str) -> tuple[list[str], Array]:
+    kept = [index for index, other in enumerate(NAMES) if other != name]
+    return [NAMES[index] for index in kept], VALUES[:, kept]
+
+
+def test_stiff_joint_needs_one_position_and_one_torque(
+    arm: Robot, write_csv: Callable[..., Path]
+) -> None:
+    for name in ("arm.motor_position_rad", "arm.joint_position_rad"):
+        read_log(write_csv(*without(name)), arm)
+    text = read_error(write_csv(*without("arm.motor_torque_Nm")), arm)
+    assert "joint 'arm' needs one position and one torque, found motor_position, joint_" in text
+    assert text.endswith(f"its columns are {', '.join(column_names('arm', is_prismatic=False))}")
+
+
+def test_elastic_joint_needs_both_positions(
+    elastic_arm: Robot, write_csv: Callable[..., Path]
+) -> None:
+    read_log(write_csv(), elastic_arm)
+    words = "joint 'arm' needs both positions and one torque, found motor_position, motor_torque"
+    text = read_error(write_csv(*without("arm.joint_position_rad")), elastic_arm)
+    assert words in text
+    empty = VALUES.copy()
+    empty[:, 2] = np.nan
+    assert words in read_error(write_csv(rows=empty), elastic_arm)
+
+
+@pytest.mark.parametrize("typo", ["arm.motor_torque_nm", "arm.motor_torque", "arm.motortorque_Nm"])
+def test_column_with_nearly_the_name_is_pointed_at(
+    arm: Robot, write_csv: Callable[..., Path], typo: str
+) -> None:
+    text = read_error(write_csv([*NAMES[:3], typo]), arm)
+    assert f"'{typo}' in the file is near 'arm.motor_torque_Nm'" in text
+
+
+# Log itself
+
+
+def test_log_keeps_read_only_copies() -> None:
+    position = np.zeros((60, 2))
+    log = log_of(motor_position=position)
+    position[0, 0] = 1.0
+    assert log.motor_position[0, 0] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        log.time[0] = 1.0
+
+
+def test_between_keeps_the_start_and_leaves_the_end() -> None:
+    log = log_of(count=200, joint_torque=np.full((200, 2), np.nan))
+    part = log.between(0.5, 1.5)
+    assert part.joint_torque is not None
+    assert part.time[[0, -1]].tolist() == [0.5, 1.49]
+    np.testing.assert_array_equal(part.motor_torque, log.motor_torque[50:150])
+    with pytest.raises(LogError, match="a log needs 50 samples or more, found 10"):
+        log.between(0.0, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"motor_position": np.zeros((5, 2))}, r"motor_position must have shape \(60, 2\), found"),
+        ({"joint_torque": np.zeros(60)}, r"joint_torque must have shape \(60, 2\), found \(60,\)"),
+        ({"time": np.zeros((60, 1))}, r"time must have shape \(any\), found \(60, 1\)"),
+        ({"time": 3.0}, r"time must have shape \(any\), found \(\)"),
+        ({"time": np.zeros(60)}, r"time_s repeats at sample 1 \(0 s, then 0 s; 59 such places\)"),
+        ({"joint_names": ("a", "a")}, "joint_names has a joint twice: a, a"),
+        ({"is_prismatic": (True,)}, "is_prismatic needs one entry a joint, 2, found 1"),
+    ],
+)
+def test_log_of_wrong_shape_is_refused(wrong: dict[str, Any], words: str) -> None:
+    with pytest.raises(LogError, match=words):
+        log_of(**wrong)

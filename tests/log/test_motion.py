@@ -1,0 +1,221 @@
+"""Motion from a log: order, derivatives, both sides, and logs that cannot be used."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from seaid.errors import LogError
+from seaid.log.motion import reconstruct_motion, reconstruct_motions
+from seaid.log.reading import Log
+from seaid.log.repair.data import Repair
+from seaid.simulation.simulation import measure
+from tests.experiments import ARM_SENSORS, arm, arm_motion, leg, perfect_log
+
+
+def log() -> Log:
+    return perfect_log(arm(), arm_motion())
+
+
+def without(signal: str, joint: str) -> Log:
+    values = getattr(log(), signal).copy()
+    values[:, arm().index(joint)] = np.nan
+    return replace(log(), **{signal: values})
+
+
+def picked(source: Log, joints: list[int], names: tuple[str, ...]) -> Log:
+    return replace(
+        source,
+        joint_names=names,
+        motor_position=source.motor_position[:, joints],
+        joint_position=source.joint_position[:, joints],
+        motor_torque=source.motor_torque[:, joints],
+        is_prismatic=tuple(source.is_prismatic[joint] for joint in joints),
+    )
+
+
+@pytest.mark.parametrize(
+    ("signal", "allowed"),
+    [
+        ("joint_position", 1e-4),
+        ("motor_position", 1e-4),
+        ("joint_velocity", 2e-3),
+        ("motor_velocity", 2e-3),
+        ("joint_acceleration", 0.05),  # the motor's jumps where friction turns: no encoder sees it
+    ],
+)
+def test_derivatives_are_those_of_the_true_motion(signal: str, allowed: float) -> None:
+    inside = slice(200, -200)
+    found, true = (
+        getattr(motion, signal)[inside]
+        for motion in (reconstruct_motion(arm(), log(), 20.0), arm_motion())
+    )
+    error = np.linalg.norm(found - true, axis=0) / np.linalg.norm(true, axis=0)
+    assert np.max(error) < allowed
+
+
+def test_torques_stay_as_measured() -> None:
+    noisy = measure(arm(), arm_motion(), ARM_SENSORS)
+    motion = reconstruct_motion(arm(), noisy)
+    assert np.array_equal(motion.motor_torque, noisy.motor_torque)
+    assert np.all(np.isnan(motion.joint_torque))
+    assert motion.trim_s == pytest.approx(1 / motion.cutoff_hz)
+    assert motion.rate_hz == pytest.approx(1000.0)
+
+
+def test_joints_come_in_the_robots_order_and_others_are_left_alone() -> None:
+    expected = reconstruct_motion(arm(), log(), 8.0)
+    names = ("wrist", "shoulder", "rail", "telescope", "other")
+    foreign = picked(log(), [3, 1, 0, 2, 2], names)
+    found = reconstruct_motion(arm(), foreign, 8.0)
+    assert found.joint_names == arm().joint_names
+    assert np.array_equal(found.joint_position, expected.joint_position)
+    assert np.array_equal(found.motor_torque, expected.motor_torque)
+
+
+@pytest.mark.parametrize("side", ["motor", "joint"])
+def test_stiff_joint_needs_one_encoder(side: str) -> None:
+    found = reconstruct_motion(arm(), without(f"{side}_position", "rail"), 8.0)
+    expected = reconstruct_motion(arm(), log(), 8.0)
+    assert np.allclose(found.motor_velocity, expected.motor_velocity, rtol=0, atol=1e-6)
+    assert np.allclose(found.joint_velocity, expected.joint_velocity, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("side", ["motor", "joint"])
+def test_elastic_joint_needs_both_encoders(side: str) -> None:
+    blind = without(f"{side}_position", "telescope")
+    with pytest.raises(LogError, match=f"elastic joint 'telescope' needs its {side} position"):
+        reconstruct_motion(arm(), blind)
+
+
+def test_joint_without_any_position_is_named() -> None:
+    nothing = np.full(len(log().time), np.nan)
+    motor, joint = log().motor_position.copy(), log().joint_position.copy()
+    motor[:, 3], joint[:, 3] = nothing, nothing
+    with pytest.raises(LogError, match="joint 'wrist' has no position in the log"):
+        reconstruct_motion(arm(), replace(log(), motor_position=motor, joint_position=joint))
+
+
+def test_log_of_another_robot_is_refused() -> None:
+    with pytest.raises(LogError, match=r"the log has no joint hip_yaw, .* of 'tulip_leg'; its"):
+        reconstruct_motion(leg(), log())
+    with pytest.raises(LogError, match="no joint telescope of 'mixed_arm'"):
+        reconstruct_motion(arm(), picked(log(), [0, 1, 3], ("rail", "shoulder", "wrist")))
+
+
+@pytest.mark.parametrize("cutoff_hz", [-1.0, 0.0, 500.0, 1e4, np.inf, np.nan])
+def test_cutoff_out_of_range_says_the_range(cutoff_hz: float) -> None:
+    with pytest.raises(LogError, match="between 0 and half the sampling rate, 500 Hz, found"):
+        reconstruct_motion(arm(), log(), cutoff_hz)
+
+
+def with_holes(source: Log, *holes: tuple[float, float]) -> Log:
+    """Return a log without the samples inside (start_s, end_s)."""
+    kept = np.ones(len(source.time), dtype=bool)
+    for start, end in holes:
+        kept &= (source.time <= start) | (source.time >= end)
+    parts: dict[str, Any] = {name: one[kept] for name, one in source.sensors().items()}
+    return replace(source, time=source.time[kept], **parts)
+
+
+def test_a_log_with_holes_is_taken_stretch_by_stretch() -> None:
+    holed = with_holes(log(), (2.0, 2.6), (5.0, 5.6))
+    first, second = reconstruct_motions(arm(), holed, 8.0)
+    assert (first.time[0], first.time[-1]) == pytest.approx((0.0, 2.0))
+    assert (second.time[0], second.time[-1]) == pytest.approx((2.6, 5.0))  # the last is too short
+    alone = reconstruct_motion(arm(), log().between(0.0, 2.0005), 8.0)
+    assert np.array_equal(first.joint_acceleration, alone.joint_acceleration)
+    speeds = np.abs(np.concatenate([first.motor_velocity, second.motor_velocity]))
+    for motion in (first, second):
+        assert motion.fastest == pytest.approx(np.max(speeds, axis=0))
+    (repair,) = first.processing.repairs if first.processing else ()
+    assert (repair.kind, repair.count, repair.time_s) == ("holes in time", 2, 2.0)
+    assert "0.6 s at t = 2 s" in repair.action
+    assert "1 stretches between them are too short" in repair.action
+    assert second.processing
+    assert not second.processing.repairs
+
+
+def test_few_missing_samples_are_no_hole() -> None:
+    (motion,) = reconstruct_motions(arm(), with_holes(log(), (2.0, 2.02), (3.0, 3.09)), 8.0)
+    assert motion.processing
+    assert motion.processing.resampled
+    assert not motion.processing.repairs
+    assert np.ptp(np.diff(motion.time)) < 1e-9
+
+
+def test_a_hole_that_takes_most_of_the_log_is_refused_with_its_place() -> None:
+    words = r"1 found, the longest of 5 s at t = 0.5 s\): .* are 83% of 6 s, allowed 50%; .*between"
+    with pytest.raises(LogError, match=words):
+        reconstruct_motions(arm(), with_holes(log(), (0.5, 5.5)))
+    with pytest.raises(LogError, match=r"holes in time \(1 found, the first of 1 s at t = 2 s\)"):
+        reconstruct_motion(arm(), with_holes(log(), (2.0, 3.0)))
+    with pytest.raises(LogError, match="cutoff_hz must be between 0 and half"):
+        reconstruct_motions(arm(), with_holes(log(), (2.0, 3.0)), 0.0)
+
+
+def test_log_too_short_for_the_cutoff_says_what_to_do() -> None:
+    with pytest.raises(LogError, match=r"too short: 0.999 s hold fewer than 10 periods .* 4 Hz"):
+        reconstruct_motion(arm(), log().between(0.0, 1.0), 4.0)
+
+
+def without_samples(share: float) -> Log:
+    """Return the log without a random share of its samples."""
+    kept = np.random.default_rng(0).random(len(log().time)) >= share
+    kept[[0, -1]] = True
+    sensors: dict[str, Any] = {field: values[kept] for field, values in log().sensors().items()}
+    return replace(log(), time=log().time[kept], **sensors)
+
+
+def test_irregular_times_are_resampled_without_bias() -> None:
+    """Straight lines between samples, which cut off bends, would miss each bound by ten times."""
+    holes = without_samples(0.3)
+    found, expected = (reconstruct_motion(arm(), one, 8.0) for one in (holes, log()))
+    assert np.diff(found.time) == pytest.approx(np.mean(np.diff(holes.time)))
+    assert found.time[[0, -1]] == pytest.approx(expected.time[[0, -1]])
+    inside = slice(500, -500)
+    for state, tolerance in (("position", 1e-6), ("velocity", 5e-5), ("acceleration", 2e-3)):
+        exact = getattr(expected, f"joint_{state}")
+        for joint in range(4):
+            again = CubicSpline(expected.time, exact[:, joint])(found.time)
+            error = getattr(found, f"joint_{state}")[:, joint] - again
+            assert np.max(np.abs(error[inside])) < tolerance * np.max(np.abs(again))
+
+
+def test_small_jitter_of_the_clock_is_not_resampled() -> None:
+    jitter = 1e-8 * np.random.default_rng(0).normal(size=len(log().time))
+    found = reconstruct_motion(arm(), replace(log(), time=log().time + jitter), 8.0)
+    assert np.array_equal(found.time, log().time + jitter)
+
+
+def test_proposed_cutoff_is_used_where_none_is_given() -> None:
+    motion = reconstruct_motion(arm(), log())
+    assert 3.0 <= motion.cutoff_hz <= 5.0
+    assert reconstruct_motion(arm(), log(), motion.cutoff_hz).cutoff_hz == motion.cutoff_hz
+    assert motion.processing is not None
+    assert "three times the edge of the motion's speed" in str(motion.processing)
+
+
+def test_motion_tells_what_was_done_to_it() -> None:
+    plain = reconstruct_motion(arm(), log(), 8.0).processing
+    assert plain is not None
+    assert str(plain) == (
+        "1000 Hz, positions below 40 Hz; regressor and torque below 8 Hz, as it was given; "
+        "0.12 s left away at both ends"
+    )
+    thinned = reconstruct_motion(arm(), without_samples(0.3), 8.0).processing
+    assert thinned is not None
+    assert thinned.resampled
+    assert thinned.logged_rate_hz == pytest.approx(700, rel=0.02)
+    assert "uneven steps resampled to" in str(thinned)
+    report = (Repair("rail.motor_torque_Nm", "no numbers", 3, 0.5, "bridged"),)
+    mended = reconstruct_motion(arm(), replace(log(), report=report), 8.0).processing
+    assert mended is not None
+    assert mended.repairs == report
+    assert str(mended).endswith("1 kinds of faults mended on reading")
+    wide = reconstruct_motion(arm(), log(), 100.0).processing
+    assert "positions as they are" in str(wide)

@@ -1,0 +1,554 @@
+"""Which sensors tell what: by hand, by laws, against base parameters, and by solving."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import seaid
+from seaid._arrays import Array
+from seaid.errors import RobotError
+from seaid.regressor.base import base_parameters, random_states
+from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
+from seaid.regressor.structural.identifiability import SENSORS, identifiability
+from seaid.robot.robot import Payload, Robot, load_robot
+
+pytestmark = pytest.mark.rounding
+
+Chain = Callable[..., Path]
+BOTH = ("motor_position", "joint_position")
+ARM = Path(__file__).parents[2] / "models" / "philips_arm"
+TREE = Path(__file__).parents[1] / "data" / "mixed_arm.urdf"
+SPRING: dict[str, Any] = {
+    "type": "series_elastic",
+    "gear_ratio": 100.0,
+    "motor_inertia_kg_m2": 1e-5,
+    "stiffness_Nm_per_rad": 200.0,
+}
+FRICTION = {"viscous_friction of a", "coulomb_friction of a"}
+SPRING_OF_A = {"stiffness of a", "deflection_offset of a"}
+BODY = {"mx_a_link", "mz_a_link", "Iyy_a_link"}
+EVERYTHING = FRICTION | SPRING_OF_A | BODY
+
+
+def pendulum(write_chain: Chain, axis: str = "0 1 0", **options: Any) -> Robot:
+    """Return a body on a spring: three parameters of the body, four of the drive."""
+    drive = {**SPRING, **options.pop("drive", {})}
+    drive = {name: value for name, value in drive.items() if value is not None}
+    return load_robot(
+        write_chain({"a": f'continuous <axis xyz="{axis}"/>'}), {"a": drive}, **options
+    )
+
+
+# One pendulum, by hand: tau = mx, mz, Iyy parts (8), spring k d + f_0 (4b), motor (7).
+
+
+@pytest.mark.parametrize(
+    ("sensors", "alone", "up_to_a_factor"),
+    [
+        ((*BOTH, "motor_torque"), EVERYTHING, set()),
+        (("motor_position", "deflection", "motor_torque"), EVERYTHING, set()),
+        (("joint_position", "deflection", "motor_torque"), EVERYTHING, set()),
+        (BOTH, set(), SPRING_OF_A | BODY),
+        ((*BOTH, "joint_torque"), SPRING_OF_A | BODY, set()),
+        (("joint_position", "joint_torque"), BODY, set()),
+        (("deflection", "joint_torque"), SPRING_OF_A, set()),
+        (("motor_position", "motor_torque", "joint_torque"), FRICTION, set()),
+        (("motor_position", "motor_torque"), set(), set()),
+        (("joint_position", "motor_torque"), set(), set()),
+        (("deflection", "motor_torque"), set(), set()),
+        (("motor_torque", "joint_torque"), set(), set()),
+        ((*BOTH, "motor_current"), EVERYTHING | {"torque_constant of a"}, set()),
+        ((*BOTH, "motor_voltage"), EVERYTHING | {"voltage_constant of a"}, set()),
+        ((*BOTH, "motor_current", "motor_torque"), EVERYTHING | {"torque_constant of a"}, set()),
+        (
+            (*BOTH, "motor_voltage", "motor_torque"),
+            EVERYTHING | {"voltage_constant of a", "back_emf_damping of a"},
+            set(),
+        ),
+    ],
+)
+def test_pendulum_by_hand(
+    sensors: tuple[str, ...], alone: set[str], up_to_a_factor: set[str], write_chain: Chain
+) -> None:
+    found = identifiability(pendulum(write_chain), sensors)
+    assert set(found.identifiable) == alone
+    assert {name for group in found.ratios for name in group} == up_to_a_factor
+    assert len(found.ratios) == bool(up_to_a_factor)
+    assert found.combinations == ()
+    assert set(found.unidentifiable) == set(found.names) - alone - up_to_a_factor
+    assert found.rank == len(alone) + max(len(up_to_a_factor) - 1, 0)
+    assert found.agree
+
+
+def test_vertical_pendulum_has_its_inertia_over_its_stiffness(write_chain: Chain) -> None:
+    found = identifiability(pendulum(write_chain, axis="0 0 1"), BOTH)
+    assert set(found.ratios[0]) == SPRING_OF_A | {"Izz_a_link"}
+    assert found.rank == 2
+
+
+def test_current_alone_has_no_scale_unless_the_rotor_inertia_has_it(write_chain: Chain) -> None:
+    robot = pendulum(write_chain, drive={"motor_inertia_kg_m2": None})
+    found = identifiability(robot, (*BOTH, "motor_current"))
+    everything = EVERYTHING | {"torque_constant of a", "motor_inertia of a"}
+    assert set(found.ratios[0]) == everything
+    assert found.rank == len(everything) - 1
+    words = found.usable["a"]
+    assert "its motor torque is known only up to the scale of its torque constant" in words
+    assert "its spring torque is known only up to the scale of its stiffness" in words
+
+
+@pytest.mark.parametrize("name", ["stiffness", "torque_constant"])
+def test_one_known_constant_gives_the_scale(name: str, write_chain: Chain) -> None:
+    drive: dict[str, Any] = {"motor_inertia_kg_m2": None, "known": [name]}
+    if name == "torque_constant":
+        drive |= {"motor_input": "current", "torque_constant_Nm_per_A": 0.05}
+    found = identifiability(pendulum(write_chain, drive=drive), (*BOTH, "motor_current"))
+    everything = EVERYTHING | {"torque_constant of a", "motor_inertia of a"}
+    assert set(found.identifiable) == everything - {f"{name} of a"}
+    assert found.ratios == ()
+
+
+def test_known_payload_scales_only_beside_a_log_without_it(write_chain: Chain) -> None:
+    """Held all the time it is a part of the body: k (d) = Y (theta + known) has no scale."""
+    bare = pendulum(write_chain)
+    loaded = pendulum(write_chain, payloads=[Payload("a_link", 1.0, (0.1, 0.0, 0.2))])
+    assert set(identifiability(loaded, BOTH).ratios[0]) == SPRING_OF_A | BODY
+    both = identifiability(loaded, BOTH, conditions=[bare])
+    assert set(both.identifiable) == SPRING_OF_A | BODY
+    assert both.ratios == ()
+
+
+def test_known_body_scales_its_spring(write_chain: Chain) -> None:
+    found = identifiability(pendulum(write_chain, known_bodies=["a_link"]), BOTH)
+    assert set(found.identifiable) == SPRING_OF_A
+    assert set(found.unidentifiable) == FRICTION
+
+
+def test_stiff_joint_holds_its_rotor_inertia_with_the_body(write_chain: Chain) -> None:
+    chain = write_chain({"a": 'continuous <axis xyz="0 1 0"/>'})
+    found = identifiability(load_robot(chain, {"a": {"type": "stiff", "gear_ratio": 50.0}}))
+    assert found.combinations == ("Iyy_a_link + 2500 motor_inertia of a",)
+    assert set(found.identifiable) == FRICTION | {"mx_a_link", "mz_a_link"}
+
+
+def test_motor_torque_of_one_spring_scales_those_behind_it(write_chain: Chain) -> None:
+    joints = dict.fromkeys("ab", 'continuous <axis xyz="0 1 0"/>')
+    robot = load_robot(write_chain(joints), dict.fromkeys("ab", SPRING))
+    found = identifiability(robot, {"a": (*BOTH, "motor_torque"), "b": BOTH})
+    assert found.ratios == ()
+    assert "stiffness of b" in found.identifiable
+    assert "viscous_friction of b" in found.unidentifiable
+    assert found.usable["b"][0] == (
+        "(7) of its motor cannot be used: no motor torque, current or voltage"
+    )
+
+
+def test_two_arms_have_a_factor_each(write_urdf: Callable[[str], Path]) -> None:
+    text = '<link name="base"/>'
+    for side in ("left", "right"):
+        text += (
+            f'<link name="{side}_arm"/><joint name="{side}" type="continuous"><axis xyz="0 1 0"/>'
+            f'<parent link="base"/><child link="{side}_arm"/></joint>'
+        )
+    robot = load_robot(write_urdf(text), dict.fromkeys(("left", "right"), SPRING))
+    found = identifiability(robot, BOTH)
+    assert [len(group) for group in found.ratios] == [5, 5]
+    assert all(len({name.rpartition("right")[1] for name in group}) == 1 for group in found.ratios)
+
+
+# The TULip leg, METHOD 1
+
+
+@pytest.mark.parametrize(
+    ("joints", "torques", "count"),
+    [
+        (None, None, 29),
+        (None, ("hip_pitch", "knee_pitch", "ankle_pitch"), 21),
+        (("hip_pitch", "knee_pitch", "ankle_pitch"), None, 9),
+    ],
+)
+def test_tulip_leg_has_its_table(
+    joints: tuple[str, ...] | None,
+    torques: tuple[str, ...] | None,
+    count: int,
+    tulip_urdf: Path,
+) -> None:
+    leg = load_robot(tulip_urdf, tulip_urdf.with_suffix(".toml"), joints=joints)
+    known = torques or leg.joint_names
+    sensors = {name: (*BOTH, *["motor_torque"] * (name in known)) for name in leg.joint_names}
+    found = identifiability(leg, sensors)
+    assert found.body_count == count
+    assert found.rank == count + 4 * 3 + 2 * (len(known) - 3)
+    exact = seaid.symbolic.base_parameters(leg, rows=known)
+    bodies = found.base.grouping[: found.body_count, : 10 * leg.n]
+    assert found.base.columns[:count] == exact.columns
+    np.testing.assert_allclose(bodies, exact.grouping, rtol=1e-9, atol=1e-12)
+    assert found.base.expressions[:count] == exact.expressions
+    assert found.agree
+    assert found.gap > 1e12
+
+
+def test_unknown_position_spoils_all_rows_that_depend_on_it(tulip_leg: Robot) -> None:
+    full = dict.fromkeys(tulip_leg.joint_names, (*BOTH, "motor_torque"))
+    found = identifiability(tulip_leg, full | {"knee_pitch": ("motor_position", "motor_torque")})
+    assert found.body_count == 0
+    for joint in tulip_leg.joint_names:
+        assert any(
+            "(8) of its load cannot be used: the position of knee_pitch is not known" in words
+            for words in found.usable[joint]
+        )
+    assert "stiffness of hip_pitch" in found.identifiable
+    assert "stiffness of knee_pitch" in found.unidentifiable
+
+
+def test_rows_that_do_not_depend_on_it_stay(write_chain: Chain) -> None:
+    slide = '<limit lower="0" upper="1" effort="1" velocity="1"/>'
+    axes = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
+    chain = {name: f'prismatic <axis xyz="{axis}"/>{slide}' for name, axis in axes.items()}
+    robot = load_robot(write_chain(chain))
+    torque = ("joint_position", "motor_torque")
+    found = identifiability(robot, {"x": torque, "y": ("motor_torque",), "z": torque})
+    assert found.combinations == ("m_x_link + m_y_link",)
+    assert found.identifiable == ("m_z_link",)
+
+
+# Against base parameters, over robots of all kinds
+
+DRIVES: dict[str, Any] = {
+    "rail": {
+        "type": "stiff",
+        "gear_ratio_rad_per_m": 400.0,
+        "friction": ["viscous", "coulomb", "load", "offset"],
+    },
+    "shoulder": {
+        "type": "series_elastic",
+        "gear_ratio": 100.0,
+        "spring": ["linear", "cubic", "dead_zone", "damping", "preload"],
+        "friction": ["viscous", "smooth_coulomb", "stribeck"],
+        "parallel_spring": ["linear", "preload"],
+        "joint_friction": ["viscous", "coulomb"],
+    },
+    "telescope": {
+        "type": "series_elastic",
+        "gear_ratio": 20.0,
+        "motor_pulley_radius_m": 0.02,
+        "friction": ["viscous", "coulomb", "quadratic", "asymmetric", "load"],
+        "extra_terms": ["ripple*cos(theta_M)", "tilt*theta_L"],
+        "parallel_spring": ["linear"],
+    },
+    "wrist": {
+        "type": "stiff",
+        "gear_ratio": 50.0,
+        "friction": ["viscous", "coulomb", "stribeck"],
+        "extra_terms": ["gas_spring*sin(theta_L)"],
+        "motor_input": "current",
+    },
+}
+
+
+def test_all_terms_come_along(load_quietly: Callable[..., Robot]) -> None:
+    robot = load_quietly(TREE, DRIVES)
+    found = identifiability(robot)
+    assert found.agree
+    assert found.ratios == ()
+    alone = set(found.identifiable)
+    for joint, names in {
+        "shoulder": ("cubic_stiffness", "dead_zone", "stribeck_speed", "parallel_stiffness"),
+        "telescope": ("quadratic_friction", "load_friction", "ripple", "tilt"),
+        "wrist": ("torque_constant", "stribeck_friction"),
+    }.items():
+        assert {f"{name} of {joint}" for name in names} <= alone
+    assert found.body_count == len(base_parameters(robot).columns)
+    unscaled = identifiability(robot, (*BOTH, "motor_current"))
+    assert [len(group) for group in unscaled.ratios] != []
+    assert unscaled.agree
+
+
+def test_gravity_and_an_extra_term_of_the_same_form_come_together(write_chain: Chain) -> None:
+    drive = {"type": "stiff", "gear_ratio": 50.0, "extra_terms": ["c*cos(theta_L)"]}
+    robot = load_robot(write_chain({"a": 'continuous <axis xyz="0 1 0"/>'}), {"a": drive})
+    found = identifiability(robot)
+    assert "-" in found.combinations[0] or "+" in found.combinations[0]
+    assert found.combinations[0].startswith("mx_a_link")
+    assert found.combinations[0].endswith("c of a")
+
+
+EXAMPLES = (
+    *("ur5_robot.urdf", "xarm7.urdf", "talos_left_arm.urdf", "a1.urdf", "tiago_no_hand.urdf"),
+    *("double_pendulum.urdf", "finger_edu.urdf", "hextilt_flying_arm_5.urdf"),
+)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_all_torques_give_the_base_parameters(
+    name: str, example_path: Callable[[str], Path], load_quietly: Callable[..., Robot]
+) -> None:
+    robot = load_quietly(example_path(name))
+    found = identifiability(robot, ("joint_position", "joint_torque"))
+    exact = seaid.symbolic.base_parameters(robot)
+    assert found.base.columns == exact.columns
+    scale = np.max(np.abs(exact.grouping), axis=1, keepdims=True)
+    assert np.max(np.abs(found.base.grouping - exact.grouping) / scale) < 1e-8
+    assert np.array_equal(found.base.grouping != 0, exact.grouping != 0)
+    assert found.agree
+
+
+def test_coupled_drives(load_quietly: Callable[..., Robot], write_chain: Chain) -> None:
+    plain = {"type": "stiff", "gear_ratio": 50.0, "motor_inertia_kg_m2": 1e-5}
+    drives = {
+        "b": {**plain, "transmission": {"b": 0.5, "c": 0.5}},
+        "c": {**SPRING, "transmission": {"b": 0.5, "c": -0.5}},
+    }
+    axes = {"a": "0 0 1", "b": "0 1 0", "c": "1 0 0"}
+    chain = write_chain({name: f'continuous <axis xyz="{x}"/>' for name, x in axes.items()})
+    robot = load_robot(chain, drives)
+    found = identifiability(robot)
+    assert found.agree
+    assert found.body_count == len(base_parameters(robot).columns)
+    assert "stiffness of c" in found.identifiable
+    sensors = {"a": ("joint_position",), "b": ("motor_position", "motor_torque")}
+    some = identifiability(robot, sensors | {"c": ("motor_position", "deflection")})
+    assert some.agree
+    assert some.ratios == ()
+    part = identifiability(robot, dict.fromkeys("ac", BOTH) | {"b": (*BOTH, "motor_torque")})
+    assert part.rank >= len(base_parameters(robot, rows=["b"]).columns)
+
+
+def test_without_nominal_values_the_answer_is_the_same(tulip_leg: Robot) -> None:
+    assert identifiability(tulip_leg.without_nominal()).base.expressions == (
+        identifiability(tulip_leg).base.expressions
+    )
+
+
+def test_another_seed_gives_the_same_answer(load_quietly: Callable[..., Robot]) -> None:
+    robot = load_quietly(TREE, TREE.with_suffix(".toml"))
+    first, second = (identifiability(robot, BOTH, seed=seed) for seed in (0, 1))
+    assert first.ratios == second.ratios
+    assert first.base.columns == second.base.columns
+
+
+numbers = st.sampled_from(["0", "0", "1", "-1", "0.3", "-0.25"])
+triples = st.tuples(numbers, numbers, numbers).map(" ".join)
+angles = st.sampled_from(["0", "0", "1.5707963267948966", "3.141592653589793", "0.4", "-1.1"])
+sensor_sets = st.frozensets(st.sampled_from(SENSORS))
+random_joints = st.tuples(
+    st.sampled_from(["continuous", "prismatic"]),
+    triples.filter(lambda axis: set(axis.split()) != {"0"}),
+    triples,
+    st.tuples(angles, angles, angles).map(" ".join),
+    st.integers(0, 3),
+    st.sampled_from(["ideal", "stiff", "elastic", "unknown rotor"]),
+    sensor_sets,
+    sensor_sets,
+)
+Joint = tuple[str, str, str, str, int, str, frozenset[str], frozenset[str]]
+SLIDE = '<limit lower="0" upper="1" effort="1" velocity="1"/>'
+
+
+def drive_of(kind: str, drive: str) -> dict[str, Any] | None:
+    ratio = "gear_ratio_rad_per_m" if kind == "prismatic" else "gear_ratio"
+    if drive == "stiff":
+        return {"type": "stiff", ratio: 50.0, "motor_inertia_kg_m2": 1e-5}
+    if drive == "unknown rotor":
+        return {"type": "stiff", ratio: 50.0}
+    radius = {"motor_pulley_radius_m": 0.02} if kind == "prismatic" else {}
+    elastic = {"type": "series_elastic", "gear_ratio": 20.0, "motor_inertia_kg_m2": 1e-5}
+    return {**elastic, **radius} if drive == "elastic" else None
+
+
+@settings(max_examples=20)
+@given(tree=st.lists(random_joints, min_size=1, max_size=4))
+def test_more_sensors_never_tell_less_and_both_ranks_agree(
+    tree: list[Joint], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    text = '<link name="l0"/>'
+    drives: dict[str, Any] = {}
+    for number, (kind, axis, xyz, rpy, parent, drive, *_) in enumerate(tree, 1):
+        text += (
+            f'<link name="l{number}"/><joint name="j{number}" type="{kind}"><axis xyz="{axis}"/>'
+            f'<parent link="l{min(parent, number - 1)}"/><child link="l{number}"/>'
+            f'<origin xyz="{xyz}" rpy="{rpy}"/>{SLIDE}</joint>'
+        )
+        table = drive_of(kind, drive)
+        drives |= {} if table is None else {f"j{number}": table}
+    path = tmp_path_factory.mktemp("tree") / "tree.urdf"
+    path.write_text(f'<robot name="tree">{text}</robot>')
+    robot = load_robot(path, drives)
+    few = {f"j{number}": joint[6] for number, joint in enumerate(tree, 1)}
+    more = {f"j{number}": joint[6] | joint[7] for number, joint in enumerate(tree, 1)}
+    less, greater = identifiability(robot, few), identifiability(robot, more)
+    full = identifiability(robot)
+    assert less.agree
+    assert greater.agree
+    assert full.agree
+    assert less.rank <= greater.rank
+    assert set(less.identifiable) <= set(greater.identifiable)
+    assert full.body_count == len(base_parameters(robot).columns)
+
+
+# By solving: a pendulum with analytic motion, columns and noise-free signals written here
+
+K, F_0, N, I_M, F_V, F_C, K_T = 30.0, 0.4, 20.0, 3e-5, 2e-4, 0.01, 0.05
+TRUE = np.array([0.35, -0.6, 0.21])  # mx, mz, Iyy
+G = 9.81
+
+
+def signals(body: Array, seed: int) -> dict[str, Array]:
+    """Return a motion of the pendulum about y, differentiated exactly by polynomials."""
+    rng = np.random.default_rng(seed)
+    q, v, a, jerk, snap = rng.normal(size=(5, 400))
+    mx, mz, inertia = body
+    c, s = np.cos(q), np.sin(q)
+    torque = inertia * a - G * (mx * c + mz * s)
+    rate = inertia * jerk - G * (-mx * s + mz * c) * v
+    bend = inertia * snap - G * ((-mx * s + mz * c) * a - (mx * c + mz * s) * v**2)
+    stretch, w = (torque - F_0) / K, N * (rate / K + v)
+    turning = N * (bend / K + a)
+    motor = I_M * turning + F_V * w + F_C * np.sign(w) + torque / N
+    Y = np.stack([-G * c, -G * s, a], axis=1)
+    return {"Y": Y, "d": stretch, "w": w, "w_dot": turning, "tau": torque, "tau_M": motor}
+
+
+def load_rows(one: dict[str, Array]) -> Array:
+    """(8): k d + f_0 - Y theta = 0, columns k, f_0, theta."""
+    return np.column_stack([one["d"], np.ones_like(one["d"]), -one["Y"]])
+
+
+def told_by_solving(H: Array, y: Array) -> tuple[Array, int]:
+    """Return the least-squares solution on unit columns and the number of free directions."""
+    scale = np.linalg.norm(H, axis=0)
+    solution, _, rank, _ = np.linalg.lstsq(H / scale, y, rcond=1e-10)
+    return solution / scale, H.shape[1] - int(rank)
+
+
+def test_what_is_identifiable_comes_out_of_least_squares(write_chain: Chain) -> None:
+    robot = pendulum(write_chain)
+    one = signals(TRUE, seed=0)
+    still = np.zeros(400)
+    load = load_rows(one)
+    motor = np.column_stack([one["w"], np.sign(one["w"]), one["d"] / N, np.ones(400) / N])
+    H = np.zeros((800, 7))
+    H[:400, :4], H[400:, 2:] = motor, load
+    y = np.concatenate([one["tau_M"] - I_M * one["w_dot"], still])
+    solution, free = told_by_solving(H, y)
+    assert free == 0
+    np.testing.assert_allclose(solution, [F_V, F_C, K, F_0, *TRUE], rtol=1e-8)
+    assert identifiability(robot, (*BOTH, "motor_torque")).rank == 7
+    by_current = np.column_stack([H, np.concatenate([-one["tau_M"] / K_T, still])])
+    known = np.concatenate([-I_M * one["w_dot"], still])
+    solution, free = told_by_solving(by_current, known)
+    assert free == 0
+    np.testing.assert_allclose(solution[[2, 7]], [K, K_T], rtol=1e-8)
+    rotor = np.column_stack([by_current, np.concatenate([one["w_dot"], still])])
+    assert told_by_solving(rotor, np.zeros(800))[1] == 1
+
+
+def test_null_space_of_least_squares_is_the_common_factor() -> None:
+    H = load_rows(signals(TRUE, seed=1))
+    scale = np.linalg.norm(H, axis=0)
+    _, sizes, directions = np.linalg.svd(H / scale)
+    assert sizes[-2] > 1e-3 * sizes[0]
+    assert sizes[-1] < 1e-12 * sizes[0]
+    factor = directions[-1] / scale
+    np.testing.assert_allclose(factor / factor[0], np.array([K, F_0, *TRUE]) / K, rtol=1e-8)
+
+
+def test_known_payload_by_least_squares() -> None:
+    payload = np.array([0.2, 0.1, 0.05])
+    loaded, bare = signals(TRUE + payload, seed=2), signals(TRUE, seed=3)
+    held = told_by_solving(load_rows(loaded), loaded["Y"] @ payload)
+    assert held[1] == 1
+    rows = np.vstack([load_rows(loaded), load_rows(bare)])
+    solution, free = told_by_solving(rows, np.concatenate([loaded["Y"] @ payload, np.zeros(400)]))
+    assert free == 0
+    np.testing.assert_allclose(solution, [K, F_0, *TRUE], rtol=1e-8)
+
+
+def test_null_space_of_an_arm_on_springs_without_torques() -> None:
+    """The nominal arm by inverse dynamics: all of (8) at once is told but for one factor."""
+    robot = load_robot(ARM.with_suffix(".urdf"), ARM.with_name("philips_arm_elastic.toml"))
+    base = base_parameters(robot)
+    states = random_states(robot, seed=5)
+    torques, Y = joint_torques(robot, *states), base.reduce(rigid_body_regressor(robot, *states))
+    n, count = robot.n, len(torques)
+    springs = [robot.drivetrains[joint].values["stiffness"] for joint in robot.joint_names]
+    H = np.zeros((count, n, 2 * n + len(base.columns)))
+    for i in range(n):
+        H[:, i, i], H[:, i, n + i] = torques[:, i] / springs[i], 1.0
+    H[:, :, 2 * n :] = -Y
+    flat = H.reshape(count * n, -1)
+    scale = np.linalg.norm(flat, axis=0)
+    _, sizes, directions = np.linalg.svd(flat / scale, full_matrices=False)
+    assert sizes[-2] > 1e-6 * sizes[0]
+    assert sizes[-1] < 1e-12 * sizes[0]
+    factor = directions[-1] / scale
+    true = np.concatenate([springs, np.zeros(n), base.project(robot.parameters)])
+    np.testing.assert_allclose(factor / factor[0], true / true[0], rtol=1e-6, atol=1e-9)
+    found = identifiability(robot, BOTH)
+    assert [len(group) for group in found.ratios] == [flat.shape[1]]
+    assert found.rank == flat.shape[1] - 1
+
+
+# Words
+
+
+def test_table_says_all_of_it(write_chain: Chain) -> None:
+    text = str(identifiability(pendulum(write_chain), BOTH))
+    assert "of 14 parameters the sensors tell 4 numbers" in text
+    assert "Only up to one common factor: 5" in text
+    assert "a (motor_position, joint_position): (7) of its motor cannot be used" in text
+    assert "Not at all: 9" in text
+    assert "agree" in text
+    assert max(map(len, text.splitlines())) <= 100
+
+
+def test_no_sensor_tells_nothing(tulip_leg: Robot) -> None:
+    found = identifiability(tulip_leg, ())
+    assert found.rank == 0
+    assert found.base.columns == ()
+    assert found.unidentifiable == found.names
+    assert "no sensor" in found.table()
+
+
+def test_unknown_names_are_refused_with_the_nearest(tulip_leg: Robot, write_chain: Chain) -> None:
+    with pytest.raises(RobotError, match=r"'hip_yaw'.* 'motor_torqe'; did you mean 'motor_torque'"):
+        identifiability(tulip_leg, ("motor_torqe",))
+    with pytest.raises(RobotError, match=r"'knee_pitc'; did you mean 'knee_pitch'"):
+        identifiability(tulip_leg, {"knee_pitc": BOTH})
+    with pytest.raises(RobotError, match=r"must be a list of names, found the text 'deflection'"):
+        identifiability(tulip_leg, "deflection")
+    with pytest.raises(RobotError, match="the same robot with other payloads"):
+        identifiability(tulip_leg, conditions=[pendulum(write_chain)])
+
+
+def script(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run scripts/what_sensors_tell.py on the leg."""
+    root = Path(__file__).parents[2]
+    leg = ("scripts/what_sensors_tell.py", "models/tulip_leg.urdf", "models/tulip_leg.toml")
+    command = [sys.executable, *leg, *arguments]
+    return subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
+
+
+def test_script_compares_choices_of_sensors() -> None:
+    done = script()
+    assert done.returncode == 0, done.stderr
+    cells = [line.strip().split("  ") for line in done.stdout.splitlines()]
+    counts = {line[0]: [cell.strip() for cell in line[1:] if cell] for line in cells}
+    assert counts["both positions, motor torque"][0] == "29"
+    assert counts["the same, no torque at stiff joints"][0] == "21"
+
+
+def test_script_refuses_an_unknown_sensor_in_one_line() -> None:
+    done = script("--sensors", "motor_position", "--of", "hip_pitch", "motor_tork")
+    assert done.returncode == 1
+    assert "did you mean 'motor_torque'" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,232 @@
+"""Regressions: rows, columns, and what each derivative says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seaid._arrays import Array
+from seaid.errors import LogError
+from seaid.log.filtering import low_pass
+from seaid.log.motion import Motion
+from seaid.log.sampling import in_band, standstill
+from seaid.regressor.base import base_parameters
+from seaid.regressor.drive_signals import motor_regressor, signals, spring_regressor
+from seaid.regressor.load import LoadModel, load_model, load_regression, zero_sensitivity
+from seaid.regressor.regression import actuator_columns, actuator_regression, stacked
+from seaid.regressor.rigid_body import joint_torques
+from seaid.robot.robot import Robot, load_robot
+from tests.experiments import ELASTIC, TEST_MASS, arm, arm_motion, leg, leg_motion, true_value
+
+LEG = leg(TEST_MASS)
+
+
+def motion_between(motion: Motion, first: int, last: int) -> Motion:
+    fields = {
+        name: value[first:last]
+        for name, value in vars(motion).items()
+        if isinstance(value, np.ndarray)
+    }
+    return replace(motion, **fields)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def motion() -> Motion:
+    """Return half a second of the leg's true motion, all joints moving."""
+    return motion_between(leg_motion(TEST_MASS), 2000, 2500)
+
+
+def true_springs(robot: Robot) -> dict[str, Array]:
+    return {
+        joint: np.array([true_value(robot, joint, "stiffness"), 0.0])
+        for joint in robot.elastic_joints
+    }
+
+
+@pytest.fixture(scope="module")
+def model() -> LoadModel:
+    return load_model(LEG, base_parameters(LEG), LEG.joint_names)
+
+
+def test_what_stands_still_has_no_direction(motion: Motion) -> None:
+    """The rounding of a motor at rest has a sign of the processor's; friction must not have it."""
+    rest = np.random.default_rng(0).normal(0.0, 1e-10, (len(motion.time), LEG.n))
+    still = replace(motion, motor_velocity=rest, joint_velocity=rest)
+    for joint in LEG.joint_names:
+        by_name = signals(LEG, still, LEG.index(joint))
+        assert not np.any(by_name["theta_M_dot"])
+        assert not np.any(by_name["theta_L_dot"])
+        moving = signals(LEG, motion, LEG.index(joint))["theta_M_dot"]
+        assert np.array_equal(moving, motion.motor_velocity[:, LEG.index(joint)])
+    regressor, _, columns = actuator_columns(LEG, still, "knee_pitch")
+    assert not np.any(columns[:, regressor.names.index("coulomb_friction")])
+
+
+def test_truth_times_the_actuator_regressor_is_the_motor_torque(motion: Motion) -> None:
+    for joint in ELASTIC:
+        rows = actuator_regression(LEG, motion, joint)
+        truth = [true_value(LEG, joint, name) for name in rows.names[:3]]
+        assert rows.y == pytest.approx(rows.H @ [*truth, 0.0], abs=1e-12)
+        assert rows.names[3] == "deflection_offset"
+        assert rows.units == ("N m s/rad", "N m", "N/m", "N")
+        assert np.all(rows.joint == LEG.index(joint))
+
+
+def test_truth_times_the_load_regressor_is_the_torque_without_the_payload(
+    motion: Motion, model: LoadModel
+) -> None:
+    rows = load_regression(LEG, motion, model, true_springs(LEG))
+    base = model.base.project(LEG.parameters)
+    drives = [true_value(LEG, joint, name) for joint, name, _ in model.drives]
+    assert rows.y == pytest.approx(rows.H @ [*base, *drives], abs=1e-9)
+    assert len(rows.names) == len(rows.units) == 29 + 4
+    assert rows.names[-1] == "coulomb_friction of hip_roll"
+    assert rows.units[:2] == ("kg m^2", "kg m")
+
+
+def test_carried_is_the_derivative_by_the_springs(motion: Motion, model: LoadModel) -> None:
+    springs = true_springs(LEG)
+    rows = load_regression(LEG, motion, model, springs)
+    assert rows.carried.shape == (len(rows.y), 6)
+    for position, joint in enumerate(ELASTIC):
+        for entry, step in enumerate((1000.0, 1.0)):
+            shift = np.zeros(2)
+            shift[entry] = step
+            moved = load_regression(LEG, motion, model, {**springs, joint: springs[joint] + shift})
+            derivative = (moved.y - rows.y) / step
+            assert rows.carried[:, 2 * position + entry] == pytest.approx(derivative, abs=1e-9)
+
+
+def test_zero_sensitivity_is_what_a_shifted_encoder_does(motion: Motion, model: LoadModel) -> None:
+    springs = true_springs(LEG)
+    theta = np.concatenate(
+        [
+            model.base.project(LEG.parameters),
+            [true_value(LEG, joint, name) for joint, name, _ in model.drives],
+        ]
+    )
+    found = zero_sensitivity(LEG, motion, model, springs, theta)
+    assert found.carried.shape == (len(found.y), LEG.n)
+    rows = np.searchsorted(motion.time, found.time), found.joint.astype(int)
+    q, v, a = motion.joint_states
+    step = 1e-4
+    for joint in range(LEG.n):
+        shift = step * (np.arange(LEG.n) == joint)
+        change = joint_torques(LEG, q + shift, v, a) - joint_torques(LEG, q, v, a)
+        assert found.carried[:, joint] == pytest.approx(-change[rows] / step, abs=1e-4)
+    assert np.max(np.abs(found.carried[:, 0])) < 1e-6  # yaw does not turn gravity
+    assert np.max(np.abs(found.carried[:, 2])) > 10.0
+
+
+def test_both_sides_of_a_row_pass_the_same_filter(motion: Motion) -> None:
+    joint, index = "knee_pitch", LEG.index("knee_pitch")
+    banded = replace(motion, cutoff_hz=10.0, trim_s=0.1)
+    regressor, zeta, R = actuator_columns(LEG, banded, joint)
+    truth = [*(true_value(LEG, joint, name) for name in regressor.names[:3]), 0.0]
+    torque = motion.motor_torque.copy()
+    torque[:, index] += R @ truth - zeta  # so that (7) holds at standstill too
+    rows = actuator_regression(LEG, replace(banded, motor_torque=torque), joint)
+    assert 5 < len(rows.y) < 20
+    assert rows.y == pytest.approx(rows.H @ truth, abs=1e-12)
+
+
+def test_in_band_filters_every_column_alike(motion: Motion) -> None:
+    banded = replace(motion, cutoff_hz=10.0)
+    columns = np.random.default_rng(0).normal(size=(500, 2, 3))
+    found = in_band(banded, columns)
+    assert found.shape == columns.shape
+    assert np.allclose(found[:, 1, 2], low_pass(columns[:, 1, 2:], 1000.0, 10.0)[:, 0])
+
+
+def test_rows_are_decimated_and_the_ends_left_away() -> None:
+    banded = replace(arm_motion(), cutoff_hz=5.0, trim_s=0.2)
+    rows = actuator_regression(arm(), banded, "shoulder")
+    assert np.min(rows.time) >= 0.2
+    assert np.max(rows.time) <= 5.8
+    assert np.min(np.diff(rows.time)) == pytest.approx(0.05)
+    assert len(rows.y) + rows.left_out == len(np.arange(200, 5801, 50))
+
+
+def test_standstill_rows_are_left_out_and_counted() -> None:
+    motion = arm_motion()
+    speed = np.abs(motion.motor_velocity[:, 1])
+    still = standstill(motion, 1)
+    assert np.array_equal(still, speed < 0.01 * np.max(speed))
+    rows = actuator_regression(arm(), motion, "shoulder")
+    assert rows.left_out == np.sum(still)
+    assert np.array_equal(rows.time, motion.time[~still])
+
+
+def test_joint_that_only_rounds_stands_still() -> None:
+    motion = arm_motion()
+    velocity = motion.motor_velocity.copy()
+    velocity[:, 1] = 1e-13 * np.random.default_rng(0).normal(size=len(velocity))
+    assert np.all(standstill(replace(motion, motor_velocity=velocity), 1))
+
+
+def test_instants_beside_a_stop_are_left_out_with_it() -> None:
+    """A row behind the low pass sees the stop next to it; a reversal without a stop is none."""
+    motion = replace(arm_motion(), cutoff_hz=5.0)
+    velocity = np.ones_like(motion.motor_velocity)
+    velocity[3000:3200, 1] = 0.0
+    velocity[4000:, 1] = -1.0
+    still = np.flatnonzero(standstill(replace(motion, motor_velocity=velocity), 1))
+    assert 2900 < still[0] < 3000
+    assert 3200 < still[-1] < 3300
+
+
+def test_stacked_keeps_the_runs_apart(motion: Motion) -> None:
+    one = actuator_regression(LEG, motion, "knee_pitch")
+    both = stacked([one, one])
+    assert both.run.tolist() == [0.0] * len(one.y) + [1.0] * len(one.y)
+    assert np.array_equal(both.H, np.vstack([one.H, one.H]))
+    assert both.left_out == 2 * one.left_out
+
+
+def test_stacking_logs_with_other_sensors_is_refused(motion: Motion) -> None:
+    no_motor = replace(motion, motor_torque=np.full_like(motion.motor_torque, np.nan))
+    pair = [actuator_regression(LEG, one, "knee_pitch") for one in (motion, no_motor)]
+    assert pair[1].names == ("stiffness", "deflection_offset")
+    with pytest.raises(LogError, match="the logs must have the same torque sensors"):
+        stacked(pair)
+
+
+def test_missing_torques_are_named(motion: Motion, model: LoadModel) -> None:
+    nothing = np.full_like(motion.motor_torque, np.nan)
+    blind = replace(motion, motor_torque=nothing, joint_torque=nothing)
+    with pytest.raises(LogError, match="elastic joint 'knee_pitch' has no torque in the log"):
+        actuator_regression(LEG, blind, "knee_pitch")
+    with pytest.raises(LogError, match="no torque in the log at hip_yaw, hip_roll; name the other"):
+        load_regression(LEG, blind, model, true_springs(LEG))
+
+
+def test_stiff_joint_has_no_spring() -> None:
+    with pytest.raises(LogError, match="joint 'hip_yaw' has no spring"):
+        spring_regressor(LEG, "hip_yaw")
+
+
+def test_ideal_drive_has_no_columns_and_its_torque_is_known(tulip_urdf: Path) -> None:
+    robot = load_robot(tulip_urdf)
+    regressor = motor_regressor(robot, "hip_yaw")
+    torque = np.array([1.0, -2.0])
+    zeta, R = regressor.evaluate({"tau_M": torque, "tau_L": 0 * torque, "theta_M_ddot": torque})
+    assert (regressor.names, regressor.units) == ((), ())
+    assert zeta.tolist() == [1.0, -2.0]
+    assert R.shape == (2, 0)
+    assert load_model(robot, base_parameters(robot), robot.joint_names).drives == ()
+
+
+def test_drive_columns_that_the_base_parameters_hide_are_in_an_expression() -> None:
+    known = arm().without_nominal()
+    unknown = {
+        joint: replace(drive, motor_inertia_kg_m2=None)
+        for joint, drive in known.drivetrains.items()
+    }
+    robot = known.with_values(known.parameters, unknown)
+    model = load_model(robot, base_parameters(robot), robot.joint_names)
+    assert model.expressions[0] == "m_carriage + m_upper_arm + 1.6e+05 motor_inertia_rail"
+    assert {name for _, name, _ in model.drives} == {"viscous_friction", "coulomb_friction"}
+    assert model.names[-1] == "coulomb_friction of wrist"

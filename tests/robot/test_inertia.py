@@ -1,0 +1,168 @@
+"""The ten inertial parameters, each law against Pinocchio."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from seaid._arrays import Array
+from seaid.robot.inertia import (
+    PARAMETERS,
+    UNITS,
+    from_center_of_mass,
+    from_pseudo_inertia,
+    impossibility,
+    in_parent_frame,
+    is_physical,
+    parameter_names,
+    pseudo_inertia,
+    to_pinocchio,
+)
+
+numbers = st.floats(-10, 10, allow_subnormal=False)
+ten = st.lists(numbers, min_size=10, max_size=10).map(np.array)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def random_body(seed: int) -> tuple[pin.Inertia, Array]:
+    """Return a possible body, as Pinocchio's inertia and as ten parameters."""
+    rng = np.random.default_rng(seed)
+    spread = rng.normal(size=(3, 3))
+    second = spread @ spread.T
+    tensor = np.trace(second) * np.eye(3) - second
+    body = pin.Inertia(rng.uniform(0.1, 5), rng.normal(size=3), tensor)
+    return body, np.asarray(body.toDynamicParameters())
+
+
+def random_placement(seed: int) -> pin.SE3:
+    rng = np.random.default_rng(seed)
+    rotation = pin.exp3(rng.uniform(-2, 2, 3))
+    return pin.SE3(rotation, rng.normal(size=3))
+
+
+def test_names_and_units_stand_in_pinocchios_order() -> None:
+    names = parameter_names(["thigh", "foot"])
+    assert len(PARAMETERS) == len(UNITS) == 10
+    assert names[:3] == ("m_thigh", "mx_thigh", "my_thigh")
+    assert names[16] == "Iyy_foot"
+    body = pin.Inertia(2.0, np.array([0.1, 0.2, 0.3]), np.diag([1.0, 2.0, 3.0]))
+    named = dict(zip(PARAMETERS, body.toDynamicParameters(), strict=True))
+    assert named["m"] == 2.0
+    assert named["my"] == pytest.approx(0.4)
+    assert named["Iyy"] == pytest.approx(2.0 + 2.0 * (0.1**2 + 0.3**2))
+    assert named["Ixz"] == pytest.approx(-2.0 * 0.1 * 0.3)
+
+
+@given(ten)
+def test_pseudo_inertia_and_back_is_the_same(parameters: Array) -> None:
+    pseudo = pseudo_inertia(parameters)
+    assert np.array_equal(pseudo, pseudo.T)
+    np.testing.assert_allclose(from_pseudo_inertia(pseudo), parameters, rtol=0, atol=1e-14 * 40)
+
+
+@given(ten, ten, numbers)
+def test_pseudo_inertia_is_linear(one: Array, other: Array, factor: float) -> None:
+    together = pseudo_inertia(one + factor * other)
+    apart = pseudo_inertia(one) + factor * pseudo_inertia(other)
+    np.testing.assert_allclose(together, apart, rtol=0, atol=1e-11)
+
+
+@given(seeds)
+def test_pseudo_inertia_is_that_of_pinocchio(seed: int) -> None:
+    body, parameters = random_body(seed)
+    theirs = pin.PseudoInertia.FromInertia(body).toMatrix()
+    np.testing.assert_allclose(pseudo_inertia(parameters), theirs, rtol=1e-12, atol=1e-12)
+
+
+@given(seeds)
+def test_change_of_frame_is_that_of_pinocchio(seed: int) -> None:
+    body, parameters = random_body(seed)
+    placement = random_placement(seed)
+    theirs = placement.act(body).toDynamicParameters()
+    scale = np.max(np.abs(theirs))
+    ours = in_parent_frame(parameters, placement)
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12 * scale)
+
+
+@given(ten, seeds)
+def test_change_of_frame_and_back_is_the_same_for_impossible_bodies_too(
+    parameters: Array, seed: int
+) -> None:
+    placement = random_placement(seed)
+    there = in_parent_frame(parameters, placement)
+    back = in_parent_frame(there, placement.inverse())
+    np.testing.assert_allclose(back, parameters, rtol=0, atol=1e-10)
+
+
+@given(seeds)
+def test_center_of_mass_and_tensor_give_pinocchios_parameters(seed: int) -> None:
+    body, parameters = random_body(seed)
+    ours = from_center_of_mass(body.mass, body.lever, body.inertia)
+    np.testing.assert_allclose(ours, parameters, rtol=0, atol=1e-12 * np.max(np.abs(parameters)))
+
+
+@given(seeds)
+def test_pinocchios_inertia_has_the_ten_parameters(seed: int) -> None:
+    _, parameters = random_body(seed)
+    back = to_pinocchio(parameters).toDynamicParameters()
+    np.testing.assert_allclose(back, parameters, rtol=0, atol=1e-12 * np.max(np.abs(parameters)))
+
+
+def test_body_of_nothing_becomes_pinocchios_zero() -> None:
+    assert to_pinocchio(np.zeros(10)).isApprox(pin.Inertia.Zero())
+
+
+@given(seeds, st.floats(1.001, 3))
+def test_a_body_is_possible_until_a_moment_exceeds_the_other_two(seed: int, excess: float) -> None:
+    body, parameters = random_body(seed)
+    assert is_physical(parameters)
+    moments, axes = np.linalg.eigh(body.inertia)
+    moments[2] = excess * (moments[0] + moments[1])
+    tensor = axes @ np.diag(moments) @ axes.T
+    assert not is_physical(from_center_of_mass(body.mass, body.lever, tensor))
+
+
+@given(seeds)
+def test_possible_does_not_depend_on_the_frame(seed: int) -> None:
+    _, parameters = random_body(seed)
+    assert is_physical(in_parent_frame(parameters, random_placement(seed)))
+
+
+def test_point_mass_and_nothing_are_possible_negative_mass_is_not() -> None:
+    point = from_center_of_mass(2.0, np.array([0.1, -0.4, 0.3]), np.zeros((3, 3)))
+    assert is_physical(point)
+    assert is_physical(np.zeros(10))
+    assert not is_physical(-point)
+
+
+@given(seeds)
+def test_no_reason_is_found_against_a_possible_body(seed: int) -> None:
+    _, parameters = random_body(seed)
+    assert impossibility(parameters) is None
+
+
+@pytest.mark.parametrize(
+    ("moments", "reason"),
+    [
+        ((1.0, 2.0, 3.0), None),
+        ((1.0, 2.0, 3.002), None),  # a plate, its digits rounded
+        ((0.0, 0.0, 0.0), None),
+        ((1.0, 2.0, 3.1), "above the sum of the other two: 1, 2, 3.1 kg m^2"),
+        ((0.0, 0.0, 1.0), "above the sum of the other two: 0, 0, 1 kg m^2"),
+        ((-0.1, 2.0, 2.0), "a negative principal moment of inertia: -0.1, 2, 2 kg m^2"),
+    ],
+)
+@given(seed=seeds)
+def test_an_impossible_tensor_is_named_wherever_the_body_is(
+    moments: tuple[float, float, float], reason: str | None, seed: int
+) -> None:
+    body = from_center_of_mass(2.0, np.zeros(3), np.diag(moments))
+    found = impossibility(in_parent_frame(body, random_placement(seed)))
+    assert found is None if reason is None else found is not None and reason in found
+
+
+def test_mass_that_no_body_has_is_named() -> None:
+    assert impossibility(np.zeros(10)) is None
+    assert impossibility(np.eye(10)[4]) == "inertia without mass"
+    assert impossibility(-np.eye(10)[0]) == "a negative mass, -1 kg"

@@ -1,0 +1,413 @@
+"""load_robot: the same robot as Pinocchio's own reader has, joints and payloads as asked for."""
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from seaid._arrays import Array
+from seaid.drives.drives import SeriesElasticDrive, StiffDrive
+from seaid.errors import RobotError, SeaidWarning
+from seaid.regressor.rigid_body import joint_torques, rigid_body_regressor
+from seaid.robot.robot import Payload, Robot, load_robot
+
+Load = Callable[..., Robot]
+Chain = Callable[..., Path]
+
+LIMIT = '<limit lower="-1" upper="1" velocity="2" effort="30"/>'
+ARM = {
+    "shoulder": f'revolute {LIMIT}<axis xyz="0 0 1"/><origin xyz="0 0 0.4" rpy="0.3 -0.2 0.1"/>',
+    "slide": f'prismatic {LIMIT}<axis xyz="1 0 0"/>',
+    "elbow": 'continuous <axis xyz="0.6 -0.8 0.3"/>',
+    "wrist": f'revolute {LIMIT}<axis xyz="0 -1 0"/>',
+}
+
+
+def states(n: int, seed: int = 0) -> tuple[Array, Array, Array]:
+    """Return q, v and a, each (5, n)."""
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-2, 2, (5, n)), rng.normal(0, 2, (5, n)), rng.normal(0, 5, (5, n))
+
+
+def pinocchio_torques(model: pin.Model, q: Array, v: Array, a: Array) -> Array:
+    """Return the inverse dynamics of a Pinocchio model, whose continuous joints have cos, sin."""
+    data, torques = model.createData(), np.empty_like(q)
+    for t, row in enumerate(q):
+        full = np.empty(model.nq)
+        for joint, angle in zip(list(model.joints)[1:], row, strict=True):
+            values = [angle] if joint.nq == 1 else [np.cos(angle), np.sin(angle)]
+            full[joint.idx_q : joint.idx_q + joint.nq] = values
+        torques[t] = pin.rnea(model, data, full, v[t], a[t])
+    return torques
+
+
+def own_reader(path: Path) -> pin.Model:
+    return pin.buildModelFromUrdf(str(path), mimic=False)
+
+
+def assert_same(ours: Array, theirs: Array, *, rtol: float = 1e-9) -> None:
+    np.testing.assert_allclose(ours, theirs, rtol=rtol, atol=1e-12 * np.max(np.abs(theirs)))
+
+
+def test_joints_and_torques_are_those_of_pinocchios_own_reader(
+    example_urdf: Path, load_quietly: Load
+) -> None:
+    robot = load_quietly(example_urdf, snap_tolerance_rad=0)
+    theirs = own_reader(example_urdf)
+    assert robot.joint_names == tuple(theirs.names)[1:]
+    assert robot.model.nq == robot.model.nv == robot.n == theirs.nv
+    state = states(robot.n)
+    assert_same(joint_torques(robot, *state), pinocchio_torques(theirs, *state))
+
+
+def test_chain_of_all_joint_kinds_is_that_of_pinocchios_own_reader(write_chain: Chain) -> None:
+    path = write_chain({**ARM, "tool": "fixed", "tip": "fixed"})
+    robot = load_robot(path)
+    assert robot.joint_names == tuple(ARM)
+    assert robot.body_names == ("shoulder_link", "slide_link", "elbow_link", "wrist_link")
+    assert robot.is_prismatic == (False, True, False, False)
+    state = states(4)
+    assert_same(joint_torques(robot, *state), pinocchio_torques(own_reader(path), *state))
+
+
+def test_fixed_joints_before_the_first_moving_one_belong_to_the_base(write_chain: Chain) -> None:
+    path = write_chain({"stand": "fixed", "plate": "fixed", **ARM})
+    robot = load_robot(path)
+    state = states(4)
+    assert robot.parameters.shape == (40,)
+    assert_same(joint_torques(robot, *state), pinocchio_torques(own_reader(path), *state))
+
+
+def test_regressor_times_parameters_is_the_inverse_dynamics(write_chain: Chain) -> None:
+    robot = load_robot(write_chain(ARM))
+    state = states(4)
+    assert_same(
+        rigid_body_regressor(robot, *state) @ robot.parameters, joint_torques(robot, *state)
+    )
+
+
+def test_gravity_is_that_asked_for(write_chain: Chain) -> None:
+    path = write_chain(ARM)
+    robot = load_robot(path, gravity=(1.0, -2.0, 3.0))
+    theirs = own_reader(path)
+    theirs.gravity.linear = np.array([1.0, -2.0, 3.0])
+    state = states(4)
+    assert_same(joint_torques(robot, *state), pinocchio_torques(theirs, *state))
+
+
+@pytest.mark.parametrize(
+    "joints", [("shoulder", "elbow"), ("wrist",), ("slide", "wrist"), ("slide", "elbow", "wrist")]
+)
+def test_joints_not_asked_for_are_locked_at_zero(
+    write_chain: Chain, joints: tuple[str, ...]
+) -> None:
+    path = write_chain(ARM)
+    robot = load_robot(path, joints=joints)
+    full = load_robot(path)
+    state = states(len(joints))
+    at_zero = [np.zeros((5, 4)) for _ in range(3)]
+    columns = [full.index(joint) for joint in joints]
+    for wide, narrow in zip(at_zero, state, strict=True):
+        wide[:, columns] = narrow
+    assert robot.joint_names == joints
+    assert_same(joint_torques(robot, *state), joint_torques(full, *at_zero)[:, columns])
+
+
+def test_joint_order_is_the_users_even_child_before_parent(write_chain: Chain) -> None:
+    path = write_chain(ARM)
+    plain = load_robot(path)
+    order = [3, 0, 2, 1]
+    robot = load_robot(path, joints=[plain.joint_names[index] for index in order])
+    state = states(4)
+    mixed = [part[:, order] for part in state]
+    torques = joint_torques(plain, *state)[:, order]
+    Y = rigid_body_regressor(robot, *mixed)
+    assert robot.model_order == (1, 3, 2, 0)
+    assert robot.body_names[0] == "wrist_link"
+    assert robot.is_prismatic == (False, False, False, True)
+    assert robot.parameter_names[:2] == ("m_wrist_link", "mx_wrist_link")
+    assert_same(joint_torques(robot, *mixed), torques)
+    assert_same(Y @ robot.parameters, torques)
+    by_body = plain.parameters.reshape(4, 10)[order].ravel()
+    np.testing.assert_array_equal(robot.parameters, by_body)
+
+
+def test_limits_are_in_the_users_order_and_endless_where_there_are_none(write_chain: Chain) -> None:
+    limit = '<limit lower="-0.5" upper="1.5" velocity="2" effort="30"/>'
+    path = write_chain({"a": f"revolute {limit}", "b": f"continuous {limit}", "c": "prismatic"})
+    robot = load_robot(path, joints=["c", "b", "a"])
+    assert robot.lower_limits.tolist() == [-np.inf, -np.inf, -0.5]
+    assert robot.upper_limits.tolist() == [np.inf, np.inf, 1.5]
+    assert robot.velocity_limits.tolist() == [np.inf, 2.0, 2.0]
+    assert robot.effort_limits.tolist() == [np.inf, 30.0, 30.0]
+
+
+# Payloads
+
+
+def test_payload_on_a_merged_fixed_link_is_that_of_pinocchio(write_chain: Chain) -> None:
+    path = write_chain({**ARM, "tool": 'fixed <origin xyz="0.1 0 0.2" rpy="0.4 0.5 -0.6"/>'})
+    tensor = ((0.02, 0.001, 0.0), (0.001, 0.03, -0.002), (0.0, -0.002, 0.025))
+    payload = Payload("tool_link", 2.0, (0.15, -0.05, 0.1), tensor)
+    theirs = own_reader(path)
+    frame = theirs.frames[theirs.getFrameId("tool_link")]
+    body = pin.Inertia(2.0, np.array(payload.com), np.array(tensor))
+    theirs.appendBodyToJoint(frame.parentJoint, body, frame.placement)
+    state = states(4)
+    robot = load_robot(path, payloads=[payload])
+    assert_same(joint_torques(robot, *state), pinocchio_torques(theirs, *state))
+
+
+def test_payload_adds_to_the_known_side_and_not_to_the_parameters(write_chain: Chain) -> None:
+    path = write_chain(ARM)
+    payloads = [Payload("wrist_link", 1.5, (0.1, 0.2, 0.0)), Payload("slide_link", 0.5)]
+    joints = ["wrist", "shoulder", "elbow", "slide"]
+    plain, robot = load_robot(path, joints=joints), load_robot(path, None, joints=joints)
+    loaded = load_robot(path, joints=joints, payloads=[*payloads, payloads[1]])
+    state = states(4)
+    Y = rigid_body_regressor(loaded, *state)
+    np.testing.assert_array_equal(loaded.parameters, plain.parameters)
+    assert not np.any(robot.payload_parameters)
+    assert loaded.payload_parameters.reshape(4, 10)[:, 0].tolist() == [1.5, 0.0, 0.0, 1.0]
+    total = Y @ (loaded.parameters + loaded.payload_parameters)
+    assert_same(joint_torques(loaded, *state), total)
+    assert np.max(np.abs(total - joint_torques(plain, *state))) > 1.0
+
+
+@pytest.mark.parametrize(
+    ("mass", "words"),
+    [
+        (0.0, "payload on 'foot' must have a mass of more than zero, found 0.0"),
+        (-2.0, "payload on 'foot' must have a mass of more than zero, found -2.0"),
+        (np.nan, "mass of the payload on 'foot' must be finite, found nan"),
+        (np.inf, "mass of the payload on 'foot' must be finite, found inf"),
+        ("2", "mass of the payload on 'foot' must be a number, found '2'"),
+    ],
+)
+def test_payload_of_impossible_mass_is_refused(mass: float, words: str) -> None:
+    with pytest.raises(RobotError, match=words):
+        Payload("foot", mass)
+
+
+def test_payload_of_impossible_shape_is_refused() -> None:
+    with pytest.raises(RobotError, match=r"com of the payload on 'foot' must .*found \[nan, 0.0"):
+        Payload("foot", 1.0, (np.nan, 0.0, 0.0))
+    with pytest.raises(RobotError, match=r"com of the payload on 'foot' must have shape \(3\)"):
+        Payload("foot", 1.0, (0.0, 0.0))  # type: ignore[arg-type]
+    with pytest.raises(RobotError, match=r"inertia of .*'foot' must be a symmetric matrix"):
+        Payload("foot", 1.0, inertia=((1.0, 0.5, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    with pytest.raises(RobotError, match="without negative principal moments"):
+        Payload("foot", 1.0, inertia=((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+
+
+@pytest.mark.parametrize(
+    ("payload", "words"),
+    [
+        ((1e10, (0.0, 0.0, 0.0)), r"mass .*, found 1e\+10: allowed are 1e-30 to 1e\+09 kg"),
+        ((1e-320, (0.0, 0.0, 0.0)), "mass of the payload on 'foot' is beyond what"),
+        ((1.0, (0.0, -1e200, 0.0)), r"com .*, found 1e\+200: allowed are 0 to 10000 m"),
+        ((1.0, (0.0, 0.0, 0.0), ((1e300, 0, 0), (0, 1e300, 0), (0, 0, 1e300))), "inertia of"),
+    ],
+)
+def test_payload_of_absurd_size_is_refused(payload: tuple[Any, ...], words: str) -> None:
+    with pytest.raises(RobotError, match=words):
+        Payload("foot", *payload)
+
+
+def test_payload_on_a_link_that_is_not_there_or_does_not_move_is_refused(tulip_urdf: Path) -> None:
+    with pytest.raises(RobotError, match=r"no link is named 'foott'; did you mean 'foot'\?"):
+        load_robot(tulip_urdf, payloads=[Payload("foott", 1.0)])
+    with pytest.raises(RobotError, match="payload on 'trunk': no joint moves this link"):
+        load_robot(tulip_urdf, payloads=[Payload("trunk", 1.0)])
+
+
+# Joints that cannot be asked for
+
+
+@pytest.mark.parametrize("kind", ["floating", "planar", "spherical"])
+def test_joint_of_several_axes_is_refused_by_name_and_can_be_left_out(
+    write_chain: Chain, kind: str
+) -> None:
+    path = write_chain({"ball": kind, "elbow": 'revolute <axis xyz="0 1 0"/>'})
+    with pytest.raises(RobotError, match=f"joint 'ball' is {kind}; .*leave it out with joints="):
+        load_robot(path)
+    with pytest.raises(RobotError, match=f"joint 'ball' is {kind}"):
+        load_robot(path, joints=["elbow", "ball"])
+    robot = load_robot(path, joints=["elbow"])
+    welded = load_robot(write_chain({"ball": "fixed", "elbow": 'revolute <axis xyz="0 1 0"/>'}))
+    state = states(1)
+    assert robot.joint_names == ("elbow",)
+    assert_same(joint_torques(robot, *state), joint_torques(welded, *state))
+
+
+def test_mimic_joints_stay_independent_and_one_warning_names_them(write_chain: Chain) -> None:
+    mimic = '<mimic joint="thumb" multiplier="2"/>'
+    path = write_chain(
+        {"thumb": "revolute", "finger": f"revolute {mimic}", "tip": f"revolute {mimic}"}
+    )
+    with pytest.warns(SeaidWarning, match="mimic joints .* independent: finger, tip") as caught:
+        robot = load_robot(path)
+    assert len(caught) == 1
+    assert caught[0].filename == __file__
+    assert robot.joint_names == ("thumb", "finger", "tip")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load_robot(path, joints=["thumb"])
+
+
+def test_joints_that_are_not_there_twice_or_none_are_refused(
+    tulip_urdf: Path, write_chain: Chain
+) -> None:
+    with pytest.raises(RobotError, match=r"'tulip_leg': no joint is named 'knee'; did you mean"):
+        load_robot(tulip_urdf, joints=["hip_yaw", "knee"])
+    with pytest.raises(RobotError, match=r"names a joint twice: \['hip_yaw', 'hip_yaw'\]"):
+        load_robot(tulip_urdf, joints=["hip_yaw", "hip_yaw"])
+    with pytest.raises(RobotError, match=r"joints= must be a list of names, found .*'hip_yaw'"):
+        load_robot(tulip_urdf, joints="hip_yaw")
+    for path, joints in ((tulip_urdf, []), (write_chain({"weld": "fixed"}), None)):
+        with pytest.raises(RobotError, match=r"'(tulip_leg|test)' has no joint that moves"):
+            load_robot(path, joints=joints)
+    with pytest.raises(RobotError, match="joint 'weld' is fixed"):
+        load_robot(write_chain({"weld": "fixed"}), joints=["weld"])
+
+
+@pytest.mark.parametrize("gravity", [(0.0, 0.0), (0.0, 0.0, np.nan), "down"])
+def test_gravity_that_is_no_vector_is_refused(tulip_urdf: Path, gravity: tuple[float, ...]) -> None:
+    with pytest.raises(RobotError, match="gravity must"):
+        load_robot(tulip_urdf, gravity=gravity)
+
+
+def test_inertia_without_mass_is_refused_and_a_link_without_both_is_not(
+    write_chain: Chain, write_urdf: Callable[[str], Path]
+) -> None:
+    path = write_chain({"a": "revolute", "b": "revolute"}, empty=("a_link",))
+    robot = load_robot(path)
+    assert not np.any(robot.parameters[:10])
+    text = path.read_text().replace("mass value", "mass xvalue")
+    with pytest.raises(RobotError, match="link 'b_link': <mass> has no value"):
+        load_robot(write_urdf(text.split("\n", 1)[1].rsplit("</robot>", 1)[0]))
+
+
+# What is known before an identification, and after
+
+
+def test_drives_are_by_joint_and_ideal_where_none_is_given(tulip_leg: Robot) -> None:
+    assert tulip_leg.elastic_joints == ("hip_pitch", "knee_pitch", "ankle_pitch")
+    assert list(tulip_leg.drivetrains) == list(tulip_leg.joint_names)
+    assert isinstance(tulip_leg.drivetrains["hip_yaw"], StiffDrive)
+    knee = tulip_leg.drivetrains["knee_pitch"]
+    assert isinstance(knee, SeriesElasticDrive)
+    assert knee.stiffness == 59966.0
+
+
+def test_joint_without_drive_has_its_torque_known_at_the_joint(tulip_urdf: Path) -> None:
+    robot = load_robot(tulip_urdf, {"knee_pitch": {"type": "stiff", "gear_ratio": 50}})
+    assert robot.drivetrains["knee_pitch"].ratio == 50
+    hip = robot.drivetrains["hip_pitch"]
+    assert hip == StiffDrive(gear_ratio=1.0, motor_inertia_kg_m2=0.0, friction=())
+    assert robot.elastic_joints == ()
+
+
+def test_robot_is_read_only(tulip_leg: Robot) -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        tulip_leg.parameters[0] = 1.0
+    with pytest.raises(TypeError):
+        tulip_leg.drivetrains["knee_pitch"] = StiffDrive(gear_ratio=1)  # type: ignore[index]
+    with pytest.raises(AttributeError):
+        tulip_leg.name = "other"  # type: ignore[misc]
+
+
+def test_index_names_the_nearest_joint(tulip_leg: Robot) -> None:
+    assert tulip_leg.index("knee_pitch") == 3
+    with pytest.raises(RobotError, match="tulip_leg: no joint is named 'kneepitch'; did you mean"):
+        tulip_leg.index("kneepitch")
+
+
+def test_nothing_nominal_is_left_before_an_identification(tulip_urdf: Path) -> None:
+    drives = tulip_urdf.with_suffix(".toml")
+    payload = Payload("foot", 2.0, (0.15, 0.0, 0.0))
+    joints = ["ankle_pitch", "knee_pitch", "hip_pitch", "hip_yaw"]
+    nominal = load_robot(tulip_urdf, drives, joints=joints, payloads=[payload])
+    known = nominal.without_nominal()
+    state = states(4)
+    assert np.all(np.isnan(known.parameters))
+    assert np.all(np.isnan(joint_torques(known, *state)))
+    assert all(not np.any(np.isfinite(body.inertia)) for body in list(known.model.inertias)[1:])
+    for drive in known.drivetrains.values():
+        assert getattr(drive, "stiffness", None) is None
+        assert drive.viscous_friction_Nms_per_rad is None
+        assert drive.coulomb_friction_Nm is None
+        assert drive.ratio > 80
+        assert drive.motor_inertia_kg_m2 == 3.4e-6
+    np.testing.assert_array_equal(known.payload_parameters, nominal.payload_parameters)
+    Y = rigid_body_regressor(known, *state)
+    np.testing.assert_array_equal(Y, rigid_body_regressor(nominal, *state))
+    assert np.all(np.isfinite(nominal.parameters))
+
+
+def test_other_values_and_the_first_again_give_the_first_robot(tulip_urdf: Path) -> None:
+    drives = tulip_urdf.with_suffix(".toml")
+    payload = Payload("shank", 1.0, (0.1, 0.0, 0.0))
+    robot = load_robot(tulip_urdf, drives, payloads=[payload])
+    other = robot.with_values(2 * robot.parameters, robot.drivetrains)
+    back = robot.without_nominal().with_values(robot.parameters, robot.drivetrains)
+    state = states(5)
+    Y = rigid_body_regressor(other, *state)
+    total = Y @ (2 * robot.parameters + robot.payload_parameters)
+    assert_same(joint_torques(other, *state), total)
+    assert_same(joint_torques(back, *state), joint_torques(robot, *state))
+    assert dict(back.drivetrains) == dict(robot.drivetrains)
+    with pytest.raises(RobotError, match=r"parameters must have shape \(50\), found \(49,\)"):
+        robot.with_values(robot.parameters[1:], robot.drivetrains)
+
+
+# Drives that do not fit
+
+
+def fails_with(path: Path, drivetrains: object, words: str) -> None:
+    with pytest.raises(RobotError, match=words):
+        load_robot(path, drivetrains)  # type: ignore[arg-type]
+
+
+def test_drive_of_a_joint_that_the_robot_lacks_offers_the_nearest(tulip_urdf: Path) -> None:
+    words = r"for 'tulip_leg': no joint is named 'kneepitch'; did you mean 'knee_pitch'\? allowed:"
+    fails_with(tulip_urdf, {"kneepitch": StiffDrive(gear_ratio=1.0)}, words)
+
+
+def test_drive_for_the_other_kind_of_joint_is_refused(write_chain: Chain) -> None:
+    path = write_chain({"turn": "revolute", "slide": "prismatic"})
+    per_m, per_turn = {"gear_ratio_rad_per_m": 9.0}, {"gear_ratio": 9.0}
+    radius, both = {"motor_pulley_radius_m": 0.1}, {"load_pulley_radius_m": 0.1}
+    elastic = {"type": "series_elastic", **per_turn}
+    for joint, table, words in (
+        ("turn", {"type": "stiff", **per_m}, "has gear_ratio, found gear_ratio_rad_per_m"),
+        ("slide", {"type": "stiff", **per_turn}, "has gear_ratio_rad_per_m, found gear_ratio"),
+        ("turn", elastic | radius, "turns: its linear spring needs load_pulley_radius_m"),
+        ("slide", elastic, "is prismatic: its elastic drive has motor_pulley_radius_m"),
+        ("slide", elastic | radius | both, "prismatic: .* and no load_pulley_radius_m"),
+    ):
+        fails_with(path, {joint: table}, f"joint '{joint}' .*{words}")
+    load_robot(path, {"turn": elastic | radius | both, "slide": elastic | radius})
+    load_robot(path, {"turn": elastic, "slide": {"type": "stiff", **per_m}})
+
+
+def test_extra_term_that_is_no_expression_names_its_joint(tulip_urdf: Path) -> None:
+    drive = StiffDrive(gear_ratio=1.0, extra_terms=("c*",))
+    words = r"joint 'knee_pitch': extra term 'c\*' is not an expression"
+    fails_with(tulip_urdf, {"knee_pitch": drive}, words)
+
+
+@pytest.mark.parametrize("given", [[1], 3, {"knee_pitch": None}, {"knee_pitch": "stiff"}])
+def test_drives_that_are_no_mapping_of_drives_are_refused(tulip_urdf: Path, given: object) -> None:
+    fails_with(tulip_urdf, given, "must be (the path of a TOML file|a table of a drive)")
+
+
+def test_rows_names_each_joint_once_and_takes_a_plain_name(tulip_leg: Robot) -> None:
+    """A torque counted twice would make the standard errors too small."""
+    assert tulip_leg.rows(["knee_pitch", "hip_yaw", "knee_pitch"]) == ("knee_pitch", "hip_yaw")
+    assert tulip_leg.rows("knee_pitch") == ("knee_pitch",)
+    assert tulip_leg.rows(None) == tulip_leg.joint_names

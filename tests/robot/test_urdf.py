@@ -1,0 +1,413 @@
+"""Reading a URDF: what is wrong is named, what is rounded is snapped."""
+
+import math
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seaid.errors import RobotError, SeaidWarning
+from seaid.robot.robot import Robot, load_robot
+from seaid.robot.urdf import read_urdf
+from tests.one_joint import BODY
+
+Write = Callable[[str], Path]
+Chain = Callable[..., Path]
+
+ELBOW = '<joint name="elbow" type="revolute"><parent link="base"/><child link="arm"/></joint>'
+ARM = f'<link name="base"/><link name="arm">{BODY}</link>{ELBOW}'
+
+
+def load_error(path: Path) -> str:
+    with pytest.raises(RobotError) as caught:
+        load_robot(path)
+    return str(caught.value)
+
+
+# Files that are no URDF
+
+
+def test_missing_file_names_path_and_working_folder(tmp_path: Path) -> None:
+    for path in (tmp_path / "no.urdf", tmp_path):
+        assert load_error(path) == f"no URDF file at '{path}' (working folder {Path.cwd()})"
+
+
+@pytest.mark.parametrize("content", [b"", b"<robot", b"\x00\xff\x01", b"name: robot", b"<robot>"])
+def test_broken_xml_is_said_with_file_and_place(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "broken.urdf"
+    path.write_bytes(content)
+    text = load_error(path)
+    assert text.startswith(f"URDF '{path}' is not well-formed XML: ")
+    assert "line 1" in text
+
+
+def test_xml_that_is_no_robot_names_its_root_tag(tmp_path: Path) -> None:
+    path = tmp_path / "scene.urdf"
+    path.write_text("<mujoco/>")
+    assert load_error(path) == f"'{path}' is not a URDF: its root tag is <mujoco>, not <robot>"
+
+
+def test_robot_without_name_is_named_after_its_file(tmp_path: Path) -> None:
+    path = tmp_path / "leg_a.urdf"
+    path.write_text(f"<robot>{ARM}</robot>")
+    assert load_robot(path).name == "leg_a"
+
+
+# Trees that are none
+
+
+@pytest.mark.parametrize(
+    ("inside", "words"),
+    [
+        (f'{ARM}<link name="arm"/>', "link name used twice: arm"),
+        (f'{ARM}<link name="x"/>{ELBOW.replace("arm", "x")}', "joint name used twice: elbow"),
+        (f"{ARM}<link/>", "a <link> has no name"),
+        (ARM.replace(' name="elbow"', ""), "a <joint> has no name"),
+        (ARM.replace("<parent", "<xparent"), """joint 'elbow' has no <parent link="...">"""),
+        (ARM.replace('<child link="arm"/>', "<child/>"), "joint 'elbow' has no <child link="),
+        (
+            ARM.replace('parent link="base"', 'parent link="bse"'),
+            "joint 'elbow' names link 'bse', which is not there",
+        ),
+        (f'{ARM}<link name="x"/>', "is not one tree: links without parent: ['base', 'x']"),
+        (
+            f'{ARM}<link name="x"/>{ELBOW.replace("base", "x").replace("elbow", "second")}',
+            "link 'arm' has two parent joints",
+        ),
+        (
+            f'{ARM}<link name="x"/><link name="y"/>'
+            '<joint name="there" type="fixed"><parent link="x"/><child link="y"/></joint>'
+            '<joint name="back" type="fixed"><parent link="y"/><child link="x"/></joint>',
+            "is not a tree: loop through link 'x'",
+        ),
+        ("", "is not one tree: links without parent: none"),
+        (
+            ARM.replace("revolute", "revolut"),
+            "joint 'elbow': no joint type is named 'revolut'; did you mean 'revolute'?",
+        ),
+        (ARM.replace(' type="revolute"', ""), "joint 'elbow': no joint type is named ''; allowed:"),
+    ],
+)
+def test_what_is_no_tree_is_named(write_urdf: Write, inside: str, words: str) -> None:
+    path = write_urdf(inside)
+    text = load_error(path)
+    assert text.startswith(f"URDF '{path}'")
+    assert words in text
+
+
+# Numbers that are none
+
+
+@pytest.mark.parametrize(
+    ("element", "words"),
+    [
+        ('<origin xyz="0 1"/>', "xyz of <origin> must be 3 finite numbers, found '0 1'"),
+        ('<origin xyz="1"/>', "xyz of <origin> must be 3 finite numbers, found '1'"),
+        ('<origin rpy="0 0 0 1"/>', "rpy of <origin> must be 3 finite numbers, found '0 0 0 1'"),
+        ('<origin rpy="0,0,1"/>', "rpy of <origin> must be 3 finite numbers, found '0,0,1'"),
+        ('<origin rpy="0 nan 1"/>', "rpy of <origin> must be 3 finite numbers, found '0 nan 1'"),
+        ('<origin xyz="0 inf 1"/>', "xyz of <origin> must be 3 finite numbers, found '0 inf 1'"),
+        ('<axis xyz="0 1"/>', "xyz of <axis> must be 3 finite numbers, found '0 1'"),
+        ('<axis xyz="a b c"/>', "xyz of <axis> must be 3 finite numbers, found 'a b c'"),
+        ('<axis xyz="0 0 0"/>', "joint 'elbow' has no axis, found [0.0, 0.0, 0.0]"),
+        ('<axis xyz="0 inf 0"/>', "xyz of <axis> must be 3 finite numbers, found '0 inf 0'"),
+        ('<limit lower="low"/>', "lower of <limit> must be 1 finite number, found 'low'"),
+        ('<limit lower="1" upper="-1"/>', "lower limit 1.0 is above its upper limit -1.0"),
+        ('<limit velocity="-2" effort="1"/>', "its velocity limit is negative, -2"),
+        ('<limit velocity="2" effort="-1"/>', "its effort limit is negative, -1"),
+    ],
+)
+def test_bad_number_of_a_joint_names_file_joint_and_value(
+    write_chain: Chain, element: str, words: str
+) -> None:
+    path = write_chain({"elbow": f"revolute {element}"})
+    text = load_error(path)
+    assert text.startswith(f"URDF '{path}'")
+    assert "'elbow'" in text
+    assert words in text
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "words"),
+    [
+        ('mass value="1"', 'mass value="-1"', "link 'arm' has a negative mass, -1.0 kg"),
+        (
+            'mass value="1"',
+            'mass value="nan"',
+            "value of <mass> must be 1 finite number, found 'nan'",
+        ),
+        ('mass value="1"', 'mass value="inf"', "value of <mass> must be 1 finite number"),
+        (
+            'mass value="1"',
+            'mass value="1 kg"',
+            "value of <mass> must be 1 finite number, found '1 kg'",
+        ),
+        ('mass value="1"', "mass", "link 'arm': <mass> has no value"),
+        (
+            'mass value="1"',
+            'mass value="0"',
+            "moved by 'elbow') has inertia but zero mass; give it",
+        ),
+        ('<mass value="1"/>', "", "link 'arm' (moved by 'elbow') has inertia but zero mass"),
+        (
+            'ixx="1"',
+            'ixx="${i}"',
+            "link 'arm': ixx of <inertia> must be 1 finite number, found '${i}'",
+        ),
+        ('iyy="1" ', "", "link 'arm': <inertia> has no iyy"),
+        ('izz="1"', 'izz="inf"', "izz of <inertia> must be 1 finite number, found 'inf'"),
+    ],
+)
+def test_bad_inertia_names_link_and_value(
+    write_urdf: Write, good: str, bad: str, words: str
+) -> None:
+    assert words in load_error(write_urdf(ARM.replace(good, bad)))
+
+
+def test_what_does_not_count_is_left_alone(write_urdf: Write) -> None:
+    mesh = '<visual><geometry><mesh filename="package://no/where.stl"/></geometry></visual>'
+    others = '<gazebo reference="arm"/><transmission name="t"><joint name="elbow"/></transmission>'
+    path = write_urdf(f"<!-- a comment -->{ARM.replace(BODY, BODY + mesh)}{others}")
+    assert load_robot(path).joint_names == ("elbow",)
+
+
+def test_axis_is_x_where_none_is_given_and_of_unit_length_always(write_chain: Chain) -> None:
+    path = write_chain({"a": "revolute", "b": 'revolute <axis xyz="0 3 4"/>'})
+    joints = read_urdf(path, 0.0).joints
+    assert joints["a"].axis.tolist() == [1.0, 0.0, 0.0]
+    assert joints["b"].axis.tolist() == pytest.approx([0.0, 0.6, 0.8], abs=1e-15)
+
+
+# Sizes that no robot has
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "words"),
+    [
+        (
+            "<mass",
+            '<origin xyz="0 1e200 0"/><mass',
+            "link 'arm': xyz of <origin> is beyond what a robot can have, found '0 1e200 0': "
+            "allowed are -10000 to 10000 m",
+        ),
+        ("<parent", '<origin xyz="-2e4 0 0"/><parent', "found '-2e4 0 0': allowed are -10000 to"),
+        ("<parent", '<origin rpy="1e5 0 0"/><parent', "allowed are -10000 to 10000 rad"),
+        ('value="1"', 'value="1e10"', "found '1e10': allowed are -1e+09 to 1e+09 kg"),
+        ('value="1"', 'value="1e-320"', "its mass is too small to count with, found '1e-320'"),
+        ('value="1"', f'value="{"1" * 400}"', f"found '{'1' * 78} …'"),
+        ('ixx="1"', 'ixx="1e16"', "found '1e16': allowed are -1e+15 to 1e+15 kg m^2"),
+    ],
+)
+def test_absurd_size_is_refused_with_what_is_allowed(
+    write_urdf: Write, good: str, bad: str, words: str
+) -> None:
+    assert words in load_error(write_urdf(ARM.replace(good, bad, 1)))
+
+
+def test_the_largest_sizes_stay_finite_in_every_frame(write_urdf: Write) -> None:
+    body = BODY.replace('value="1"', 'value="1e9"').replace('ixx="1"', 'ixx="1e15"')
+    far = '<origin xyz="1e4 1e4 1e4"/>'
+    tip = (
+        f'<link name="tip">{body.replace("<mass", far + "<mass")}</link><joint name="f" '
+        f'type="fixed">{far}<parent link="arm"/><child link="tip"/></joint>'
+    )
+    robot = load_robot(write_urdf(ARM + tip))
+    assert np.all(np.isfinite(robot.parameters))
+    assert robot.parameters[0] == pytest.approx(1e9)
+
+
+@pytest.mark.parametrize("axis", ["1e308 1e308 0", "1e-320 1e-320 0", "1e-200 1e-200 0"])
+def test_axis_of_any_length_is_a_direction(write_chain: Chain, axis: str) -> None:
+    path = write_chain({"elbow": f'revolute <axis xyz="{axis}"/>'})
+    found = read_urdf(path, 0.0).joints["elbow"].axis
+    np.testing.assert_allclose(found, [math.sqrt(0.5), math.sqrt(0.5), 0.0], rtol=1e-12)
+
+
+# Elements of which there is one
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (ARM.replace(BODY, BODY * 2), "link 'arm' has 2 elements <inertial>: leave the one that"),
+        (
+            ARM.replace("<mass", '<mass value="2"/><mass'),
+            "link 'arm' has 2 elements <mass> in its <inertial>",
+        ),
+        (ARM.replace("<mass", "<origin/><origin/><mass"), "2 elements <origin> in its <inertial>"),
+        *(
+            (
+                ARM.replace("</joint>", f"{element * 3}</joint>"),
+                f"joint 'elbow' has 3 elements <{t}>",
+            )
+            for t, element in {
+                "axis": '<axis xyz="1 0 0"/>',
+                "origin": "<origin/>",
+                "limit": "<limit/>",
+                "mimic": '<mimic joint="elbow"/>',
+                "dynamics": "<dynamics/>",
+            }.items()
+        ),
+        (
+            ARM.replace("<child", '<parent link="arm"/><child'),
+            "joint 'elbow' has 2 elements <parent>",
+        ),
+        (ARM.replace("<child", '<child link="base"/><child'), "elements <child>: leave the one"),
+    ],
+)
+def test_second_element_is_refused(write_urdf: Write, text: str, words: str) -> None:
+    assert words in load_error(write_urdf(text))
+
+
+# Files too large
+
+
+def test_too_many_joints_are_refused_while_they_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "big.urdf"
+    path.write_text("<robot>" + "<joint/>" * 1_000_000)  # the end is never looked for
+    assert load_error(path) == f"URDF '{path}' has more than the 5,000 joints that are allowed"
+    path.write_text("<robot>" + "<link/>" * 10_000)
+    assert load_error(path) == f"URDF '{path}' has more than the 5,001 links that are allowed"
+    monkeypatch.setattr("seaid.robot.urdf.MOST_ELEMENTS", 1000)
+    path.write_text("<robot>" + "<a/>" * 10_000)
+    assert load_error(path) == f"URDF '{path}' has more than the 1,000 elements that are allowed"
+
+
+def test_giant_file_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "giant.urdf"
+    with path.open("wb") as file:
+        file.truncate(10**12)  # a hole on the disk
+    words = f"URDF '{path}' is too large: 1,000,000,000,000 bytes, allowed are 64,000,000"
+    assert load_error(path) == words
+
+
+def test_long_names_are_refused(tmp_path: Path) -> None:
+    path, long = tmp_path / "a.urdf", "n" * 1001
+    for text in (ARM.replace("arm", long), ARM.replace("elbow", long)):
+        path.write_text(f"<robot>{text}</robot>")
+        assert "has 1,001 letters, allowed are 1,000: 'nnn" in load_error(path)
+    path.write_text(f'<robot name="{long}">{ARM}</robot>')
+    assert "the name of a robot has 1,001 letters" in load_error(path)
+
+
+def test_deep_nesting_and_entities_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.urdf"
+    path.write_text("<robot>" + "<link name='a'>" * 5000)
+    assert "depth" in load_error(path)
+    entities = "".join(f'<!ENTITY e{n} "{f"&e{n - 1};" * 10}">' for n in range(1, 10))
+    path.write_text(f'<!DOCTYPE r [<!ENTITY e0 "aaaaaaaaaa">{entities}]><robot name="&e9;"/>')
+    assert "is not well-formed XML" in load_error(path)
+    (tmp_path / "secret").write_text("secret")
+    path.write_text(
+        f'<!DOCTYPE r [<!ENTITY s SYSTEM "file://{tmp_path}/secret">]><robot name="x">&s;</robot>'
+    )
+    assert "secret" not in load_error(path).replace(str(tmp_path), "")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "iso-8859-1"])
+def test_encodings_are_read(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "a.urdf"
+    head = "" if encoding == "utf-8-sig" else f'<?xml version="1.0" encoding="{encoding}"?>'
+    path.write_bytes(f"{head}<robot>{ARM.replace('elbow', 'é')}</robot>".encode(encoding))
+    assert load_robot(path).joint_names == ("é",)
+
+
+@pytest.mark.parametrize("name", ["\udcff.urdf", "a\nb\x01.urdf"])
+def test_robot_without_name_in_a_file_with_an_odd_one(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_text(f"<robot>{ARM}</robot>")
+    assert load_robot(path).name.isprintable()
+
+
+# Rounded angles
+
+SNAPPED = {
+    "1.5708": 1,
+    "3.14159": 2,
+    "1.57": 1,
+    "-1.5707963259": -1,
+    "-3.1416": -2,
+    "3.14159265359": 2,
+    "4.71239": 3,
+    "1e-7": 0,
+}
+KEPT = ("0.0050", "5.4949E-05", "1.5703", "0", "0.7854", "1.5", "3.1", "-1.5688", "1e-5")
+
+
+@pytest.mark.parametrize(("text", "quarters"), SNAPPED.items())
+def test_rounded_angle_is_snapped_to_the_quarter_turn_it_means(
+    write_chain: Chain, text: str, quarters: int
+) -> None:
+    path = write_chain({"elbow": f'revolute <origin rpy="{text} 0 0"/>'})
+    words = rf"'test\.urdf': 1 rounded angles .*\({text}\); snap_tolerance_rad=0 leaves"
+    with pytest.warns(SeaidWarning, match=words):
+        rotation = read_urdf(path, 2e-3).joints["elbow"].placement.rotation
+    cos, sin = round(math.cos(quarters * math.pi / 2)), round(math.sin(quarters * math.pi / 2))
+    assert rotation.tolist() == [[1, 0, 0], [0, cos, -sin], [0, sin, cos]]
+
+
+@pytest.mark.parametrize("text", KEPT)
+def test_angle_that_means_itself_is_kept(write_chain: Chain, text: str) -> None:
+    path = write_chain({"elbow": f'revolute <origin rpy="{text} 0 0"/>'})
+    rotation = read_urdf(path, 2e-3).joints["elbow"].placement.rotation
+    assert math.atan2(rotation[2, 1], rotation[2, 2]) == pytest.approx(float(text), abs=1e-15)
+
+
+@pytest.mark.parametrize("text", [str(math.pi / 2), str(-math.pi), "1.5707963267948966"])
+def test_angle_in_full_precision_is_no_rounded_one(write_chain: Chain, text: str) -> None:
+    path = write_chain({"elbow": f'revolute <origin rpy="0 {text} 0"/>'})
+    rotation = read_urdf(path, 2e-3).joints["elbow"].placement.rotation
+    assert set(np.abs(rotation).ravel()) == {0.0, 1.0}
+
+
+def test_one_warning_lists_all_and_points_to_the_caller(write_chain: Chain) -> None:
+    path = write_chain(
+        {
+            "a": 'revolute <origin rpy="1.5708 0 -1.57"/>',
+            "b": 'fixed <origin rpy="0 3.14159 1.5703"/>',
+            "c": 'revolute <origin rpy="1.5708 0.0050 5.4949E-05"/>',
+        }
+    )
+    words = r"4 rounded angles .*\(1\.5708, -1\.57, 3\.14159\)"
+    with pytest.warns(SeaidWarning, match=words) as caught:
+        load_robot(path)
+    assert [warning.filename for warning in caught] == [__file__]
+
+
+def test_tolerance_zero_leaves_all_angles_as_they_are(write_chain: Chain) -> None:
+    path = write_chain({"elbow": 'revolute <origin rpy="1.5708 0 0"/><axis xyz="1 1e-8 0"/>'})
+    joint = read_urdf(path, 0.0).joints["elbow"]
+    assert joint.placement.rotation[1, 1] == pytest.approx(math.cos(1.5708), abs=1e-16)
+    assert joint.axis[1] == 1e-8
+
+
+def test_smaller_tolerance_snaps_less(write_chain: Chain) -> None:
+    path = write_chain({"elbow": 'revolute <origin rpy="1.57 0 1.5708"/>'})
+    with pytest.warns(SeaidWarning, match=r"1 rounded angles .*\(1\.5708\)"):
+        read_urdf(path, 1e-5)
+
+
+@pytest.mark.parametrize("tolerance", [-1e-3, math.nan, 1.0, math.inf])
+def test_tolerance_that_is_none_is_refused(write_urdf: Write, tolerance: float) -> None:
+    with pytest.raises(RobotError, match="snap_tolerance_rad must be between 0 and pi/4, found"):
+        load_robot(write_urdf(ARM), snap_tolerance_rad=tolerance)
+
+
+def test_snapping_changes_nothing_where_nothing_is_rounded(tulip_urdf: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        on, off = load_robot(tulip_urdf), load_robot(tulip_urdf, snap_tolerance_rad=0)
+    np.testing.assert_array_equal(on.parameters, off.parameters)
+
+
+def test_snapping_moves_an_example_robot_by_its_rounding_only(
+    example_urdf: Path, load_quietly: Callable[..., Robot]
+) -> None:
+    on = load_quietly(example_urdf)
+    off = load_quietly(example_urdf, snap_tolerance_rad=0)
+    for ours, theirs in zip(on.model.jointPlacements, off.model.jointPlacements, strict=True):
+        np.testing.assert_allclose(ours.homogeneous, theirs.homogeneous, rtol=0, atol=2e-3)

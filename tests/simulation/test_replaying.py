@@ -1,0 +1,102 @@
+"""A model in the place of the robot: the log of a simulation comes back from its inputs."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import seaid
+from seaid.simulation.replaying import replay
+
+MODELS = Path(__file__).parents[2] / "models"
+PENDULUM = seaid.Payload("arm", 0.49, (0.0, 0.0, -0.1))
+DRIVE = seaid.StiffDrive(
+    gear_ratio=10.0,
+    motor_inertia_kg_m2=2e-5,
+    viscous_friction_Nms_per_rad=1e-4,
+    coulomb_friction_Nm=2e-3,
+)
+
+
+def pendulum(drive: seaid.StiffDrive = DRIVE) -> seaid.Robot:
+    return seaid.load_robot(
+        MODELS / "xl330_pendulum.urdf", drivetrains={"pendulum": drive}, payloads=(PENDULUM,)
+    )
+
+
+def swing(robot: seaid.Robot, torque: np.ndarray | None = None) -> seaid.Log:
+    """Return a log that starts at rest at 0.5 rad; only that and the torque matter."""
+    time = np.arange(0.0, 1.2, 0.005)
+    nothing = np.full((len(time), 1), np.nan)
+    start = np.full((len(time), 1), 0.5)
+    given = nothing if torque is None else torque
+    return seaid.Log(time, robot.joint_names, nothing, start, given)
+
+
+def test_a_free_pendulum_keeps_its_energy_and_loses_it_by_friction() -> None:
+    free = replace(
+        DRIVE, viscous_friction_Nms_per_rad=0.0, coulomb_friction_Nm=0.0, motor_inertia_kg_m2=0.0
+    )
+    log = swing(pendulum(), np.zeros((240, 1)))
+    ideal = replay(pendulum(free), log).joint_position[:, 0]
+    damped = replay(pendulum(), log).joint_position[:, 0]
+    assert ideal.min() == pytest.approx(-0.5, abs=1e-3)
+    assert ideal.max() == pytest.approx(0.5, abs=1e-3)
+    assert np.ptp(damped[120:]) < 0.8 * np.ptp(ideal[120:])
+
+
+def test_logged_torques_and_a_servo_that_gives_the_same_move_alike() -> None:
+    robot = pendulum()
+    log = swing(robot)
+
+    def servo(at: float, position: np.ndarray) -> np.ndarray:
+        return np.asarray(0.05 * (np.sin(3 * at) - position))
+
+    fed_back = replay(robot, log, servo)
+    logged = replay(robot, replace(log, motor_torque=fed_back.motor_torque))
+    np.testing.assert_allclose(logged.joint_position, fed_back.joint_position, atol=2e-3)
+    assert np.ptp(fed_back.joint_position) > 0.5
+
+
+def test_a_voltage_acts_through_its_constant() -> None:
+    by_torque = pendulum()
+    by_voltage = pendulum(replace(DRIVE, motor_input="voltage", nominal={"voltage_constant": 0.02}))
+    time = swing(by_torque).time
+    torque = 0.02 * np.sin(4 * time)[:, None]
+    plain = swing(by_torque, torque)
+    electric = replace(swing(by_torque), motor_voltage=torque / 0.02)
+    expected = replay(by_torque, plain)
+    found = replay(by_voltage, electric)
+    np.testing.assert_allclose(found.joint_position, expected.joint_position, atol=1e-9)
+    np.testing.assert_allclose(found.motor_torque, torque, atol=1e-12)
+
+
+def test_two_inertias_on_a_spring_swing_at_their_frequency() -> None:
+    drive = seaid.SeriesElasticDrive(
+        gear_ratio=10.0,
+        motor_inertia_kg_m2=2e-5,
+        stiffness_Nm_per_rad=0.4,
+        viscous_friction_Nms_per_rad=0.0,
+        coulomb_friction_Nm=0.0,
+    )
+    robot = seaid.load_robot(MODELS / "hebi_module.urdf", drivetrains={"joint_0": drive})
+    time = np.arange(0.0, 1.0, 0.005)
+    still = np.zeros((len(time), 1))
+    log = seaid.Log(time, robot.joint_names, still + 1.0, still, still)
+    found = replay(robot, log)
+    motor, load = 10.0**2 * 2e-5, 0.00003
+    speed = np.sqrt(0.4 * (1 / motor + 1 / load))
+    deflection = found.motor_position[:, 0] / 10 - found.joint_position[:, 0]
+    np.testing.assert_allclose(deflection, 0.1 * np.cos(speed * time), atol=2e-4)
+
+
+def test_what_is_missing_is_said() -> None:
+    robot = pendulum()
+    with pytest.raises(seaid.LogError, match="no motor torque of 'pendulum'"):
+        replay(robot, swing(robot))
+    electric = pendulum(replace(DRIVE, motor_input="voltage"))
+    with pytest.raises(seaid.RobotError, match="'voltage_constant' is not given"):
+        replay(electric, replace(swing(robot), motor_voltage=np.zeros((240, 1))))
+    with pytest.raises(seaid.RobotError, match="is not given; a simulation needs"):
+        replay(pendulum(seaid.StiffDrive(gear_ratio=10.0)), swing(robot, np.zeros((240, 1))))

@@ -1,0 +1,352 @@
+"""The plant and the sensors against mechanics that is known exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from seaid._arrays import Array
+from seaid.drives.drives import SeriesElasticDrive, StiffDrive
+from seaid.errors import RobotError, SeaidError
+from seaid.excitation.basis import make_basis
+from seaid.excitation.trajectory import Trajectory
+from seaid.robot.robot import Robot, load_robot
+from seaid.simulation.forward_dynamics import advance
+from seaid.simulation.plant import (
+    JOINT_POSITION,
+    JOINT_SPEED,
+    POSITION,
+    SPEED,
+    Plant,
+    plant_of,
+)
+from seaid.simulation.simulation import Noise, measure, simulate, simulate_motion
+from tests.experiments import LEG_SENSORS, TEST_MASS, arm, arm_motion, leg, leg_motion, wiggle
+
+Chain = Callable[..., Path]
+
+SPRING = SeriesElasticDrive(
+    gear_ratio=50.0,
+    motor_inertia_kg_m2=1e-5,
+    stiffness_Nm_per_rad=40.0,
+    viscous_friction_Nms_per_rad=0.0,
+    coulomb_friction_Nm=0.02,
+)
+STIFF = StiffDrive(
+    gear_ratio=50.0,
+    motor_inertia_kg_m2=1e-5,
+    viscous_friction_Nms_per_rad=0.0,
+    coulomb_friction_Nm=0.3,
+)
+PENDULUM = 'revolute <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="9" velocity="9"/>'
+SLIDER = 'prismatic <axis xyz="1 0 0"/><limit lower="-3" upper="3" effort="9" velocity="9"/>'
+STEP_S = 5e-4
+
+
+def pendulum(write_chain: Chain, drive: SeriesElasticDrive | StiffDrive, g: float = 9.81) -> Robot:
+    return load_robot(write_chain({"swing": PENDULUM}), {"swing": drive}, gravity=(0, 0, -g))
+
+
+def run(
+    plant: Plant, state: Array, torque: Callable[[float], float], duration: float, step: float
+) -> Array:
+    """Return the states (T, 4) of one joint under a motor torque of time."""
+    data, states = plant.model.createData(), [state]
+    for tick in range(round(duration / step)):
+        now, then = torque(tick * step), torque((tick + 1) * step)
+        state = advance(plant, data, state, np.array([now]), np.array([(then - now) / step]), step)
+        states.append(state)
+    return np.array(states)[:, :, 0]
+
+
+def at_rest() -> Array:
+    return np.zeros((4, 1))
+
+
+def test_motor_sticks_while_friction_can_hold_it(write_chain: Chain) -> None:
+    plant = plant_of(pendulum(write_chain, SPRING, g=0.0))
+    states = run(plant, at_rest(), lambda t: 0.0195 * np.sin(40 * t), 0.5, STEP_S)
+    assert not np.any(states)
+
+
+def test_motor_sticks_while_its_load_swings(write_chain: Chain) -> None:
+    plant = plant_of(pendulum(write_chain, SPRING))
+    state = at_rest()
+    state[JOINT_SPEED] = 0.3
+    states = run(plant, state, lambda t: 0.004 * np.sin(30 * t), 0.5, STEP_S)
+    assert np.all(states[:, SPEED] == 0.0)
+    assert np.all(states[:, POSITION] == 0.0)
+    assert np.ptp(states[:, JOINT_POSITION]) > 0.01
+
+
+def test_stiff_joint_is_held_against_gravity_without_creeping(write_chain: Chain) -> None:
+    plant = plant_of(pendulum(write_chain, STIFF))
+    state = at_rest()
+    state[JOINT_POSITION], state[POSITION] = 0.4, 20.0
+    states = run(plant, state, lambda t: 0.1 * np.sin(30 * t), 0.3, STEP_S)
+    assert np.all(states[:, SPEED] == 0.0)
+    assert np.all(states[:, JOINT_POSITION] == 0.4)
+
+
+@pytest.mark.parametrize("drive", [SPRING, STIFF], ids=["elastic", "stiff"])
+def test_motor_breaks_loose_when_the_torque_passes_the_friction(
+    write_chain: Chain, drive: SeriesElasticDrive | StiffDrive
+) -> None:
+    plant = plant_of(pendulum(write_chain, drive, g=0.0))
+    coulomb = float(plant.coulomb[0])
+    states = run(plant, at_rest(), lambda t: 10 * coulomb * t, 0.2, STEP_S)
+    first = int(np.argmax(states[:, SPEED] > 0))
+    assert first * STEP_S == pytest.approx(0.1, abs=2 * STEP_S)
+    assert not np.any(states[: first - 1])
+
+
+def test_slider_stops_where_friction_says_and_stays(write_chain: Chain) -> None:
+    """v^2 = 2 a x under dry friction alone, which brakes evenly."""
+    drive = replace(STIFF, gear_ratio=None, gear_ratio_rad_per_m=100.0)
+    robot = load_robot(write_chain({"slide": SLIDER}), {"slide": drive})
+    mass = robot.parameters[0] + 100.0**2 * 1e-5
+    state = at_rest()
+    state[JOINT_SPEED], state[SPEED] = 0.9, 90.0
+    states = run(plant_of(robot), state, lambda _: 0.0, 0.2, 1e-3)
+    brake = 100.0 * 0.3 / mass
+    assert 0.9 / brake < 0.15
+    assert states[-1, JOINT_POSITION] == pytest.approx(0.9**2 / (2 * brake), rel=1e-9)
+    assert np.all(states[-40:, SPEED] == 0.0)
+    assert states[-1, POSITION] == pytest.approx(100 * states[-1, JOINT_POSITION], rel=1e-9)
+
+
+def energy(plant: Plant, states: Array) -> Array:
+    """Return kinetic, potential and spring energy [J] of one elastic joint."""
+    data, totals = plant.model.createData(), []
+    for motor, speed, q, v in states:
+        stretch = motor / plant.ratio[0] - q
+        totals.append(
+            0.5 * plant.motor_inertia[0] * speed**2
+            + 0.5 * plant.stiffness[0] * stretch**2
+            + pin.computeKineticEnergy(plant.model, data, np.array([q]), np.array([v]))
+            + pin.computePotentialEnergy(plant.model, data, np.array([q]))
+        )
+    return np.array(totals)
+
+
+def test_elastic_pendulum_without_friction_keeps_its_energy(write_chain: Chain) -> None:
+    plant = plant_of(pendulum(write_chain, replace(SPRING, coulomb_friction_Nm=0.0)))
+    state = at_rest()
+    state[JOINT_POSITION], state[POSITION] = 1.0, 40.0
+    states = run(plant, state, lambda _: 0.0, 3.0, 1e-3)
+    total = energy(plant, states)
+    exchanged = np.ptp([0.5 * plant.motor_inertia[0] * s**2 for s in states[:, SPEED]])
+    assert exchanged > 0.1
+    assert np.ptp(total) < 1e-6 * exchanged
+
+
+def test_friction_takes_what_the_energy_loses(write_chain: Chain) -> None:
+    robot = pendulum(write_chain, replace(SPRING, viscous_friction_Nms_per_rad=2e-5))
+    plant = plant_of(robot)
+    state = at_rest()
+    state[JOINT_POSITION] = 1.0
+    states = run(plant, state, lambda _: 0.0, 0.6, 2e-4)
+    speed = states[:, SPEED]
+    lost = np.sum(2e-5 * speed**2 + 0.02 * np.abs(speed)) * 2e-4
+    total = energy(plant, states)
+    assert lost > 0.2
+    assert total[0] - total[-1] == pytest.approx(lost, rel=1e-3)
+
+
+def test_halving_the_step_shows_the_fourth_order(write_chain: Chain) -> None:
+    plant = plant_of(pendulum(write_chain, replace(SPRING, coulomb_friction_Nm=0.0)))
+    state = at_rest()
+    state[JOINT_POSITION] = 1.0
+    runs = [run(plant, state, lambda t: 0.1 * t, 0.32, 1e-3 / 2**halving) for halving in range(3)]
+    steps = [np.max(np.abs(coarse - fine[::2])) for coarse, fine in pairwise(runs)]
+    assert steps[0] / steps[1] == pytest.approx(16, rel=0.1)
+
+
+def test_halving_the_step_converges_through_stick_and_slip(write_chain: Chain) -> None:
+    plant = plant_of(pendulum(write_chain, SPRING))
+    state = at_rest()
+    state[JOINT_POSITION] = 1.0
+    ends = [run(plant, state, lambda _: 0.0, 0.5, h)[-1] for h in (2e-3, 1e-3, 5e-4, 2.5e-4)]
+    errors = [np.linalg.norm(one - ends[-1]) for one in ends[:-1]]
+    assert errors[2] < 0.5 * errors[0]
+    assert errors[2] < 1e-3 * np.linalg.norm(ends[-1])
+
+
+def test_known_numbers_of_extra_terms_act_on_the_motor(write_chain: Chain) -> None:
+    drive = replace(SPRING, coulomb_friction_Nm=0.0, extra_terms=("1e-3*theta_M - 0.5",))
+    state = at_rest()
+    state[JOINT_POSITION], state[POSITION] = 10.0, 500.0
+    robot = pendulum(write_chain, drive, g=0.0)
+    states = run(plant_of(robot), state, lambda _: 0.0, 0.1, STEP_S)
+    assert states[:, SPEED] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_true_motion_obeys_the_equations_it_was_made_of() -> None:
+    """(7) and (8) at every tick that is not at rest, of elastic and stiff joints."""
+    for robot, motion in ((leg(TEST_MASS), leg_motion(TEST_MASS)), (arm(), arm_motion())):
+        plant = plant_of(robot)
+        assert robot.model_order == tuple(range(robot.n))
+        data = robot.model.createData()
+        load = np.array(
+            [pin.rnea(robot.model, data, *s) for s in zip(*motion.joint_states, strict=True)]
+        )
+        speed = motion.motor_velocity
+        friction = plant.viscous * speed + plant.coulomb * np.sign(speed)
+        torque = plant.motor_inertia * motion.motor_acceleration + friction
+        torque += load / np.where(
+            plant.elastic, plant.ratio * plant.load_radius / plant.motor_radius, plant.ratio
+        )
+        moving = np.abs(speed) > 1e-6
+        error = np.where(moving, motion.motor_torque - torque, 0.0)
+        assert np.mean(moving) > 0.9
+        assert np.max(np.abs(error)) < 1e-12
+        elastic = plant.elastic
+        assert motion.joint_torque[:, elastic] == pytest.approx(load[:, elastic], abs=1e-10)
+
+
+def test_robot_follows_its_trajectory() -> None:
+    motion = arm_motion()
+    middle, reach = (0.0, 0.3, 0.15, 0.0), (0.4, 0.8, 0.2, 0.9)
+    planned = wiggle(arm(), 6.0, middle, reach).sample(motion.time)[0]
+    assert np.max(np.abs(motion.joint_position - planned)) < 0.03
+
+
+def short(robot: Robot, duration: float = 0.2) -> Trajectory:
+    basis = make_basis("bspline", duration, 8)
+    random = np.random.default_rng(0).uniform(-0.1, 0.1, (8, robot.n))
+    random[:3], random[-3:] = random[:1], random[-1:]
+    return Trajectory(robot.joint_names, basis, random)
+
+
+def test_same_seed_gives_the_same_log_and_another_only_other_torque_noise(
+    write_chain: Chain,
+) -> None:
+    robot = pendulum(write_chain, SPRING)
+    noise = Noise(motor_resolution_rad=0.01, torque_std_Nm=0.01)
+    logs = [simulate(robot, short(robot), noise=noise, seed=seed) for seed in (3, 3, 4)]
+    for field in ("time", "motor_position", "joint_position", "motor_torque"):
+        assert np.array_equal(getattr(logs[0], field), getattr(logs[1], field))
+    assert np.array_equal(logs[0].motor_position, logs[2].motor_position)
+    assert not np.any(logs[0].motor_torque == logs[2].motor_torque)
+
+
+def test_encoders_read_whole_steps_from_a_shifted_zero() -> None:
+    steps, zeros = (1e-3, 0.0, 2e-3, 5e-3), (0.5, -0.1, 0.0, 3.0)
+    noise = Noise(motor_resolution_rad=steps, motor_zero_rad=zeros, joint_zero_rad=0.01)
+    motion = arm_motion()
+    log = measure(arm(), motion, noise)
+    shifted = motion.motor_position + zeros
+    assert np.array_equal(log.motor_position[:, 1], shifted[:, 1])
+    for joint in (0, 2, 3):
+        counts = log.motor_position[:, joint] / steps[joint]
+        assert np.max(np.abs(counts - np.round(counts))) < 1e-6
+        error = log.motor_position[:, joint] - shifted[:, joint]
+        assert np.max(np.abs(error)) <= 0.5 * steps[joint] * (1 + 1e-9)
+    assert np.array_equal(log.joint_position, motion.joint_position + 0.01)
+    assert log.joint_torque is None
+    assert log.is_prismatic == (True, False, True, False)
+
+
+def test_torque_noise_is_white_and_as_large_as_asked() -> None:
+    stds = np.array([0.1, 0.2, 0.0, 0.4])
+    motion = arm_motion()
+    noise = measure(arm(), motion, Noise(torque_std_Nm=tuple(stds)), seed=1).motor_torque
+    noise = noise - motion.motor_torque
+    assert np.std(noise, axis=0) == pytest.approx(stds, rel=0.03)
+    lagged = np.sum(noise[1:] * noise[:-1], axis=0)[[0, 1, 3]]
+    assert np.max(np.abs(lagged / np.sum(noise**2, axis=0)[[0, 1, 3]])) < 0.05
+
+
+def test_perfect_sensors_add_nothing() -> None:
+    log, motion = measure(arm(), arm_motion(), Noise()), arm_motion()
+    assert np.array_equal(log.motor_position, motion.motor_position)
+    assert np.array_equal(log.joint_position, motion.joint_position)
+    assert np.array_equal(log.motor_torque, motion.motor_torque)
+
+
+def test_joints_in_the_users_order_move_the_same() -> None:
+    usual = leg()
+    names = usual.joint_names[::-1]
+    robot = load_robot(
+        Path(__file__).parents[2] / "models" / "tulip_leg.urdf",
+        dict(usual.drivetrains),
+        joints=names,
+    )
+    trajectory = short(usual)
+    turned = Trajectory(names, trajectory.basis, trajectory.coefficients[:, ::-1])
+    noise = replace(LEG_SENSORS, torque_std_Nm=0.0)
+    assert not isinstance(noise.motor_zero_rad, float)
+    backwards = replace(noise, motor_zero_rad=noise.motor_zero_rad[::-1])
+    one, other = simulate(usual, trajectory, noise=noise), simulate(robot, turned, noise=backwards)
+    assert np.allclose(one.joint_position, other.joint_position[:, ::-1], rtol=0, atol=1e-9)
+    assert np.allclose(one.motor_torque, other.motor_torque[:, ::-1], rtol=0, atol=1e-6)
+
+
+def test_log_ends_within_a_motion_that_does_not_rest_at_its_end(write_chain: Chain) -> None:
+    robot = pendulum(write_chain, SPRING)
+    basis = make_basis("bspline", 0.2006, 8)
+    free = Trajectory(("swing",), basis, np.linspace(0, 0.1, 8)[:, None])
+    motion = simulate_motion(robot, free)
+    assert motion.time[-1] == pytest.approx(0.2)
+    assert len(motion.time) == 201
+
+
+def test_missing_nominal_value_is_named(write_chain: Chain) -> None:
+    robot = pendulum(write_chain, replace(SPRING, stiffness_Nm_per_rad=None))
+    with pytest.raises(RobotError, match="joint 'swing': 'stiffness' is not given; a simulation"):
+        simulate(robot, short(robot))
+    robot = pendulum(write_chain, replace(STIFF, coulomb_friction_Nm=None))
+    with pytest.raises(RobotError, match="'coulomb_friction_Nm' is not given"):
+        simulate(robot, short(robot))
+
+
+def test_friction_that_is_not_modelled_needs_no_value(write_chain: Chain) -> None:
+    drive = replace(SPRING, friction=("viscous",), coulomb_friction_Nm=None)
+    assert plant_of(pendulum(write_chain, drive)).coulomb.tolist() == [0.0]
+
+
+def test_what_is_known_beforehand_cannot_be_simulated() -> None:
+    with pytest.raises(RobotError, match="'tulip_leg' has no inertial parameters: it cannot be"):
+        simulate(leg().without_nominal(), short(leg()))
+
+
+def test_elastic_drive_without_motor_inertia_cannot_be_simulated(write_chain: Chain) -> None:
+    robot = pendulum(write_chain, replace(SPRING, motor_inertia_kg_m2=0.0))
+    with pytest.raises(RobotError, match="'swing': an elastic drive needs a motor inertia"):
+        simulate(robot, short(robot))
+
+
+@pytest.mark.parametrize("rate_hz", [0.0, -100.0, np.inf, np.nan])
+def test_impossible_rate_is_refused(rate_hz: float) -> None:
+    with pytest.raises(SeaidError, match="rate_hz must be more than zero"):
+        simulate(leg(), short(leg()), rate_hz=rate_hz)
+
+
+def test_trajectory_of_other_joints_is_refused() -> None:
+    with pytest.raises(SeaidError, match=r"moves rail, shoulder, telescope, wrist; .* hip_yaw"):
+        simulate(leg(), short(arm()))
+
+
+@pytest.mark.parametrize("std", [1e308, np.nan, -np.inf])
+def test_absurd_noise_is_refused(std: float) -> None:
+    with pytest.raises(SeaidError, match=r"Noise\.torque_std_Nm must be from -1e\+09 to 1e\+09"):
+        measure(leg(), leg_motion(), Noise(torque_std_Nm=std))
+
+
+def test_noise_of_wrong_length_is_refused() -> None:
+    with pytest.raises(SeaidError, match=r"Noise.torque_std_Nm must have shape \(5\)"):
+        measure(leg(), leg_motion(TEST_MASS), Noise(torque_std_Nm=(0.1, 0.2)))
+
+
+@pytest.mark.parametrize("rate_hz", [200.0, 1000.0])
+def test_rate_of_the_log(rate_hz: float, write_chain: Chain) -> None:
+    robot = pendulum(write_chain, SPRING)
+    log = simulate(robot, short(robot, duration=0.3), rate_hz=rate_hz)
+    assert np.diff(log.time) == pytest.approx(1 / rate_hz)
+    assert log.time[[0, -1]] == pytest.approx([0.0, 0.3])

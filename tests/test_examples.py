@@ -1,0 +1,45 @@
+"""The examples in the docstrings of the packages run as they stand."""
+
+from __future__ import annotations
+
+import doctest
+import shutil
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+import seaid
+
+MODELS = Path(__file__).parents[1] / "models"
+PACKAGES = ("drives", "robot", "log", "regressor", "excitation", "simulation", "identification")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with models/ and two logs of the leg, as the examples expect them."""
+    place = tmp_path_factory.mktemp("examples")
+    (place / "models").mkdir()
+    for name in ("tulip_leg.urdf", "tulip_leg.toml", "tulip_plan.json"):
+        shutil.copy(MODELS / name, place / "models" / name)
+    robot = seaid.load_robot(MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml")
+    for name, plan in (("run", "tulip_plan"), ("other", "tulip_validation_plan")):
+        trajectory = seaid.load_trajectory(MODELS / f"{plan}.json")
+        seaid.write_log(seaid.simulate(robot, trajectory, seed=1), place / f"{name}.csv")
+    return place
+
+
+@pytest.mark.parametrize("name", [*PACKAGES, "export", "report"])
+def test_example_of_a_package_runs(
+    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    text = (Path(seaid.__file__).parent / name / "__init__.py").read_text().split('"""')[1]
+    examples = doctest.DocTestParser().get_examples(text)
+    assert len(examples) >= 2
+    values: dict[str, object] = {}
+    for example in examples:
+        exec(compile(example.source, f"seaid.{name}", "single"), values)
+    plt.close("all")
+    assert np.all([value is not None for value in values.values()])
