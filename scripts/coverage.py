@@ -103,12 +103,12 @@ def experiment(way: str, motion: Motion, run: int) -> Outcome | None:
     known, zeros = truth.without_nominal(), JOINT_ZERO_STD_RAD
     try:
         if way == "joint":
-            found = seaid.identify(known, log, sides="joint", joint_zero_std=zeros)
+            found = seaid.identify(known, log, method="simultaneous", encoder_offset_std=zeros)
         elif way == "refine":
-            found = seaid.identify(known, log, joint_zero_std=zeros)
-            found = seaid.refine(found, log, joint_zero_std=zeros)
+            found = seaid.identify(known, log, encoder_offset_std=zeros)
+            found = seaid.refine(found, log, encoder_offset_std=zeros)
         else:
-            found = seaid.identify(known, log, estimator=way, joint_zero_std=zeros)
+            found = seaid.identify(known, log, estimator=way, encoder_offset_std=zeros)
     except seaid.SeaidError as problem:
         print(f"{way}, experiment {run}: {problem}", file=sys.stderr)
         return None
@@ -118,8 +118,8 @@ def experiment(way: str, motion: Motion, run: int) -> Outcome | None:
 def outcome(truth: seaid.Robot, found: seaid.Identification) -> Outcome:
     """Return errors and standard errors: drives with a true value, then base parameters."""
     error, stated, white = [], [], []
-    for joint, estimate in found.drivetrains.items():
-        exact = nominal_values(truth.drivetrains[joint])
+    for joint, estimate in found.drives.items():
+        exact = nominal_values(truth.drives[joint])
         for index, name in enumerate(estimate.names):
             if name in exact:
                 error.append(estimate.values[index] - exact[name])
@@ -144,7 +144,7 @@ def parameter_names(truth: seaid.Robot) -> tuple[list[str], int]:
     drives = [
         f"{name} of {joint}"
         for joint in truth.joint_names
-        for name in nominal_values(truth.drivetrains[joint])
+        for name in nominal_values(truth.drives[joint])
         if name != "motor_inertia"
     ]
     return [*drives, *seaid.base_parameters(truth).names], len(drives)

@@ -43,19 +43,19 @@ def main(arguments: argparse.Namespace) -> None:
         basis=arguments.basis,
         coefficients=arguments.coefficients,
         limits=limits,
-        rest_to_rest=not arguments.free_ends,
-        rows=arguments.rows,
+        rest_to_rest=not arguments.ends_in_motion,
+        torque_joints=arguments.rows,
         criterion=arguments.criterion,
-        drive_columns=arguments.drives,
+        drive_parameters=arguments.drives,
         torque_std=arguments.torque_std,
-        recorded=[seaid.read_log(path, robot) for path in arguments.recorded],
+        previous_logs=[seaid.read_log(path, robot) for path in arguments.previous_logs],
         starts=arguments.starts,
         iterations=arguments.iterations,
         seed=arguments.seed,
         progress=True,
     )
     motion = plan.trajectory
-    if arguments.free_ends:
+    if arguments.ends_in_motion:
         motion = seaid.add_run_in(motion, robot, limits)
 
     print(head(robot, arguments, plan, motion))
@@ -84,16 +84,20 @@ def head(
     """Return what was planned, and how well it tells the parameters before and after."""
     begin, end = motion.main_interval
     ends = (
-        f"run-in to {begin:.3g} s, run-out from {end:.3g} s" if arguments.free_ends else "at rest"
+        f"run-in to {begin:.3g} s, run-out from {end:.3g} s"
+        if arguments.ends_in_motion
+        else "at rest"
     )
-    recorded = f", after {len(arguments.recorded)} recorded logs" if arguments.recorded else ""
+    previous_logs = (
+        f", after {len(arguments.previous_logs)} recorded logs" if arguments.previous_logs else ""
+    )
     first, last = (
         singular[0] / singular[-1]
         for singular in (plan.start_singular_values, plan.singular_values)
     )
     rows = robot.rows(arguments.rows)
     lines = [
-        f"{robot.name}: {len(plan.names)} parameters{recorded}",
+        f"{robot.name}: {len(plan.names)} parameters{previous_logs}",
         f"known torques: {', '.join(rows)}",
         f"motion: {arguments.basis}, {motion.duration:.3g} s, ends: {ends}",
         f"criterion: {CRITERIA[plan.criterion].meaning}, {before(plan)}planned {plan.value:.4g}",
@@ -137,7 +141,7 @@ def nominal_of(robot: seaid.Robot, rows: list[str] | None, plan: seaid.Excitatio
     model = load_model(robot, plan.base, robot.rows(rows))
     drives = {
         (joint, name): value
-        for joint, drive in robot.drivetrains.items()
+        for joint, drive in robot.drives.items()
         for name, value in nominal_values(drive).items()
     }
     values = plan.base.project(robot.parameters)
@@ -199,7 +203,7 @@ def parser() -> argparse.ArgumentParser:
     add("--acceleration", type=float, default=10.0, help="limit of all joints, rad/s2 or m/s2")
     add("--joint-torque", type=float, help="limit of all joints, N m or N; default: the URDF's")
     add("--joints", type=names, help="those that move, as a,b,c; the others are locked at zero")
-    add("--rows", type=names, help="joints whose torque is known, as a,b,c; default: all")
+    add("--torque-joints", type=names, help="joints whose torque is known, as a,b,c; default: all")
     add("--criterion", choices=tuple(CRITERIA), default="condition_number", help="made small")
     add("--drives", action="store_true", help="tell friction and stiffness of the drives as well")
     add("--torque-std", type=float, default=1.0, help="torque noise at the joints, N m")

@@ -29,7 +29,7 @@ def sensors(robot: seaid.Robot) -> seaid.Noise:
 
     The stiff file has its motors at the joints: there both are seen through the gear.
     """
-    gears = [robot.drivetrains[joint].ratio for joint in robot.joint_names]
+    gears = [robot.drives[joint].ratio for joint in robot.joint_names]
     return seaid.Noise(
         motor_resolution_rad=tuple(2 * np.pi / 2000 * gear / 100 for gear in gears),
         joint_resolution_rad=2 * np.pi / 2**16,
@@ -39,9 +39,7 @@ def sensors(robot: seaid.Robot) -> seaid.Noise:
 
 def load_arm(drives: str, gravity: tuple[float, float, float]) -> seaid.Robot:
     """Return the true arm with the drives of a file of `models/`."""
-    return seaid.load_robot(
-        MODELS / "philips_arm.urdf", drivetrains=MODELS / drives, gravity=gravity
-    )
+    return seaid.load_robot(MODELS / "philips_arm.urdf", drives=MODELS / drives, gravity=gravity)
 
 
 def main(output: Path, drives: str, seed: int) -> None:

@@ -37,7 +37,7 @@ JOINT_ZERO_STD_RAD = 0.002
 def load_leg(payloads: tuple[seaid.Payload, ...]) -> seaid.Robot:
     """Return the true leg."""
     return seaid.load_robot(
-        MODELS / "tulip_leg.urdf", drivetrains=MODELS / "tulip_leg.toml", payloads=payloads
+        MODELS / "tulip_leg.urdf", drives=MODELS / "tulip_leg.toml", payloads=payloads
     )
 
 
@@ -116,9 +116,9 @@ def main(output: Path, seed: int, anew: bool) -> None:
         )
 
     found = seaid.identify(
-        known, log, feasible=True, joint_zero_std=JOINT_ZERO_STD_RAD, progress=True
+        known, log, feasible=True, encoder_offset_std=JOINT_ZERO_STD_RAD, progress=True
     )
-    elastic = seaid.identify(known, log, rows=known.elastic_joints)
+    elastic = seaid.identify(known, log, torque_joints=known.elastic_joints)
     free = seaid.identify(load_leg(()).without_nominal(), free_log)
     result = seaid.validate(found, other_log)
 

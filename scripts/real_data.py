@@ -60,7 +60,7 @@ class Case:
         payloads = tuple(seaid.Payload(**one) for one in self.payload)
         return seaid.load_robot(
             urdf,
-            drivetrains=MODELS / self.drives,
+            drives=MODELS / self.drives,
             payloads=payloads,
             known_bodies=self.known_bodies,
         )
@@ -153,8 +153,8 @@ def value_of(found: seaid.Identification, name: str) -> tuple[float, float]:
         return 1.0, 0.0
     joint, _, parameter = name.partition(".")
     estimate, name = (
-        (found.drivetrains[joint], parameter)
-        if joint in found.drivetrains and parameter
+        (found.drives[joint], parameter)
+        if joint in found.drives and parameter
         else (found.load, name)
     )
     place = estimate.names.index(name)
@@ -185,9 +185,9 @@ def value_rows(case: Case, found: seaid.Identification) -> Iterator[Row]:
 def weak_rows(case: Case, found: seaid.Identification) -> Iterator[Row]:
     """Yield which springs the log does not tell: they must be flagged."""
     if case.weak:
-        flagged = {joint: bool(found.drivetrains[joint].flags) for joint in case.weak}
+        flagged = {joint: bool(found.drives[joint].flags) for joint in case.weak}
         values = [
-            f"{joint} {number(found.drivetrains[joint].value('stiffness'))}" for joint in case.weak
+            f"{joint} {number(found.drives[joint].value('stiffness'))}" for joint in case.weak
         ]
         told = f"{sum(flagged.values())} of {len(flagged)} flagged ({', '.join(values)})"
         yield Row(case.name, "springs hardly loaded", told, asked="all", met=all(flagged.values()))
@@ -199,7 +199,7 @@ def gear_rows(case: Case, robot: seaid.Robot, logs: list[seaid.Log], data: Path)
         return
     behind = case.read_logs(robot, data, case.gears)
     for joint in robot.joint_names:
-        index, published = robot.index(joint), robot.drivetrains[joint].ratio
+        index, published = robot.index(joint), robot.drives[joint].ratio
         found = seaid.gear_ratio(
             [log.motor_position[:, index] for log in logs],
             [

@@ -13,7 +13,7 @@ from . import symbolic as symbolic
 from . import view as view
 from .drives import SeriesElasticDrive as SeriesElasticDrive
 from .drives import StiffDrive as StiffDrive
-from .drives import write_drivetrains as write_drivetrains
+from .drives import write_drives as write_drives
 from .errors import ExcitationError as ExcitationError
 from .errors import IdentificationError as IdentificationError
 from .errors import LogError as LogError
@@ -38,8 +38,8 @@ from .export import write_urdf as write_urdf
 from .identification import Conditions as Conditions
 from .identification import CutoffSensitivity as CutoffSensitivity
 from .identification import Delay as Delay
+from .identification import FeasibleParameters as FeasibleParameters
 from .identification import Identification as Identification
-from .identification import PossibleBodies as PossibleBodies
 from .identification import TermSelection as TermSelection
 from .identification import Validation as Validation
 from .identification import compare_terms as compare_terms

@@ -243,7 +243,7 @@ _Place = tuple["_Place", str | int] | None
 def read_toml(path: str | Path, what: str, error: type[SeaidError]) -> dict[str, Any]:
     """Return the tables of a TOML file of at most `MOST_TOML_BYTES`.
 
-    `what` names the file's content in messages, as "drivetrains". Raises `error`, with the file and
+    `what` names the file's content in messages, as "drives". Raises `error`, with the file and
     the place in it, for a file that cannot be read or is no TOML, and for dates, numbers that are
     not finite and tables that lie too deep.
     """

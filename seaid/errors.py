@@ -32,7 +32,7 @@ class SeaidError(Exception):
 
 
 class RobotError(SeaidError):
-    """A robot file, a drivetrain table or a payload that cannot be used."""
+    """A robot file, a drive table or a payload that cannot be used."""
 
 
 class LogError(SeaidError):

@@ -65,7 +65,7 @@ def tulip_urdf() -> Path:
 @pytest.fixture(scope="session")
 def tulip_leg(tulip_urdf: Path) -> Robot:
     """Return the TULip leg with its nominal drives."""
-    return load_robot(tulip_urdf, drivetrains=MODELS / "tulip_leg.toml")
+    return load_robot(tulip_urdf, drives=MODELS / "tulip_leg.toml")
 
 
 @pytest.fixture

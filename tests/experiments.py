@@ -94,7 +94,7 @@ def perfect_log(robot: Robot, motion: Motion) -> Log:
 
 def true_value(robot: Robot, joint: str, name: str) -> float:
     """Return the true value of a drive's parameter by the name of its estimate."""
-    drive: StiffDrive | SeriesElasticDrive = robot.drivetrains[joint]
+    drive: StiffDrive | SeriesElasticDrive = robot.drives[joint]
     values = {
         "viscous_friction": drive.viscous_friction_Nms_per_rad,
         "coulomb_friction": drive.coulomb_friction_Nm,
@@ -110,7 +110,7 @@ def drive_errors(found: Identification, truth: Robot, *names: str) -> dict[str, 
     """Return {'stiffness of knee_pitch': relative error} of what was found."""
     return {
         f"{name} of {joint}": estimate.value(name) / true_value(truth, joint, name) - 1
-        for joint, estimate in found.drivetrains.items()
+        for joint, estimate in found.drives.items()
         for name in names
         if name in estimate.names
     }

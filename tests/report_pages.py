@@ -83,12 +83,14 @@ def made_up(
     load = estimate(expressions, tuple(UNITS[c % 10] for c in columns))
     checks = ModelChecks(
         condition_number=300.0,
-        poorly_told=tuple(f"the data tell 1e-03 of the combination {one}" for one in names[:12]),
+        poorly_determined=tuple(
+            f"the data tell 1e-03 of the combination {one}" for one in names[:12]
+        ),
         terms=(TermTest((f"viscous_friction of {joints[0]}",), 1.001, 1.0, 0.4, -3.0, 100.0),),
         whiteness={joint: Whiteness(0.5, 1.0, 0.1) for joint in joints},
     )
     found = Identification(
-        drivetrains=FrozenMapping(
+        drives=FrozenMapping(
             {
                 joint: estimate(("viscous_friction", "coulomb_friction"), ("N m s/rad", "N m"), k)
                 for k, joint in enumerate(joints)
@@ -102,7 +104,7 @@ def made_up(
         load_side=load,
         springs=FrozenMapping({}),
         cutoff_hz=5.0,
-        left_out=FrozenMapping({"load": 10}),
+        excluded=FrozenMapping({"load": 10}),
         checks=FrozenMapping({"load": checks}),
     )
     return found, prediction(joints, samples)

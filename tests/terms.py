@@ -77,13 +77,13 @@ def exact_motion(robot: Robot, stretch: Mapping[str, Array] | None = None, seed:
     load = joint_torques(robot, q, v, a)
     motor, torque, current, voltage = (np.zeros_like(q) for _ in range(4))
     for index, joint in enumerate(robot.joint_names):
-        drive, states = robot.drivetrains[joint], _states("theta_L", q[:, index])
+        drive, states = robot.drives[joint], _states("theta_L", q[:, index])
         nothing = dict.fromkeys(("tau_L", "tau_M", "i_M", "u_M"), np.zeros(len(q)))
         load[:, index] += value_of(joint_equation(drive), drive, {**states, **nothing})
         turned = drive.ratio * q[:, index]
         if isinstance(drive, SeriesElasticDrive):
             if stretch is None:
-                offset = drive.values.get("deflection_offset", 0.0)
+                offset = drive.values.get("spring_offset", 0.0)
                 d = (load[:, index] / drive.load_radius - offset) / drive.values["stiffness"]
             else:
                 d = stretch[joint]
@@ -95,7 +95,7 @@ def exact_motion(robot: Robot, stretch: Mapping[str, Array] | None = None, seed:
         torque[:, index] = needed
         current[:, index] = needed / drive.values.get("torque_constant", 1.0)
         voltage[:, index] = needed / drive.values.get("voltage_constant", 1.0)
-    kinds = np.array([robot.drivetrains[joint].motor_input for joint in robot.joint_names])
+    kinds = np.array([robot.drives[joint].motor_input for joint in robot.joint_names])
     return Motion(
         time=TIME,
         joint_names=robot.joint_names,
@@ -146,12 +146,12 @@ def identified(robot: Robot, motion: Motion, rows: list[str] | None = None) -> I
     """Do what `identify` does, with a motion instead of a log, from nothing but what is known."""
     known = robot.without_nominal()
     used = known_torques(known, [motion]) if rows is None else tuple(rows)
-    known, records = straightened_robot(known, [motion], used)
-    model = load_model(known, base_parameters(known, rows=used), used)
-    sides = sequential_sides(known, records, model, estimator_named("wls"), 0.0, None, False)
-    drives = with_held_flags(sides.drivetrains, robot, known)
-    sides = replace(sides, drivetrains=drives)
-    return packed(known, model, sides, records)
+    known, datasets = straightened_robot(known, [motion], used)
+    model = load_model(known, base_parameters(known, torque_joints=used), used)
+    sides = sequential_sides(known, datasets, model, estimator_named("wls"), 0.0, None, False)
+    drives = with_held_flags(sides.drives, robot, known)
+    sides = replace(sides, drives=drives)
+    return packed(known, model, sides, datasets)
 
 
 def value_of(equation: DriveEquation, drive: Drive, by_name: Mapping[str, Array]) -> Array:

@@ -128,7 +128,7 @@ def test_json_has_the_keys_of_parameters_json(block: Block, leg_files: dict[str,
     example = json.loads(block.code)
     assert set(example) <= set(found)
     assert set(example["load"][0]) == set(found["load"][0])
-    for drive in example["drivetrains"].values():
+    for drive in example["drives"].values():
         for value in drive.values():
             assert set(value) == set(found["load"][0]) - {"expression"}
 

@@ -115,7 +115,7 @@ def test_regressor_does_not_need_or_use_inertial_values(tulip_leg: Robot) -> Non
 
 def test_rotor_inertia_is_not_in_the_regressor(tulip_leg: Robot) -> None:
     states = few_states(tulip_leg, seed=8)
-    geared = tulip_leg.with_values(tulip_leg.parameters, tulip_leg.drivetrains)
+    geared = tulip_leg.with_values(tulip_leg.parameters, tulip_leg.drives)
     geared.model.armature = np.full(geared.n, 0.1)
     assert np.array_equal(
         rigid_body_regressor(tulip_leg, *states), rigid_body_regressor(geared, *states)

@@ -18,7 +18,7 @@ import seaid.symbolic
 
 IMPORT_SECONDS = 1.0
 FUNCTIONS = {
-    "load_robot": "urdf drivetrains joints payloads gravity snap_tolerance_rad",
+    "load_robot": "urdf drives joints payloads gravity snap_tolerance_rad",
     "load_scene": "urdf robot package_dirs keep_out clearance_m disabled_pairs srdf",
     "base_parameters": "robot motion rows",
     "design_excitation": "robot duration basis coefficients limits rest_to_rest starts seed "
@@ -33,7 +33,7 @@ FUNCTIONS = {
     "write_log": "log path",
     "write_urdf": "found path source force",
     "write_mjcf": "found path force",
-    "write_drivetrains": "drives path",
+    "write_drives": "drives path",
     "read_parameters": "path robot",
     "write_report": "found results path facts",
     "estimate_delays": "robot log largest_s cutoff_hz",
@@ -41,14 +41,14 @@ FUNCTIONS = {
     "gear_ratio": "motor_angle_rad output_angle_rad",
     "replay": "robot log command",
     "reconstruct_motion": "robot log cutoff_hz",
-    "identify": "robot logs rows sides estimator feasible cutoff_hz joint_zero_std executor "
+    "identify": "robot logs rows sides estimator feasible cutoff_hz encoder_offset_std executor "
     "progress",
     "compare_terms": "robot logs joints terms rows cutoff_hz progress",
     "identify_conditions": "conditions own rows estimator cutoff_hz progress",
     "cross_validate": "robot logs parts progress",
     "cutoff_sensitivity": "robot logs cutoffs_hz progress",
     "open_long_log": "path robot columns cutoff_hz chunk_samples",
-    "refine": "found logs joint_zero_std iterations progress",
+    "refine": "found logs encoder_offset_std iterations progress",
     "validate": "found log",
     "view_robot": "robot motions package_dirs host port",
     "regressor.rigid_body_regressor": "robot q v a",
@@ -58,7 +58,7 @@ FUNCTIONS = {
     "symbolic.base_parameters": "robot through",
 }
 CLASSES = {
-    "Robot": "name joint_names model drivetrains parameter_names parameters",
+    "Robot": "name joint_names model drives parameter_names parameters",
     "Payload": "link mass com",
     "Box": "center size rotation_rpy name",
     "StiffDrive": "gear_ratio gear_ratio_rad_per_m motor_inertia_kg_m2 coulomb_friction_Nm "
@@ -86,12 +86,12 @@ CLASSES = {
     "LogDescription": "joints time where repair to_dict to_toml",
     "Description": "description unsure unused to_toml",
     "LongLog": "path cutoff_hz",
-    "PossibleBodies": "robot values estimate distance chi_square held notes",
+    "FeasibleParameters": "robot values estimate distance chi_square held notes",
     "Identifiability": "names identifiable combinations ratios unidentifiable base rank usable gap "
     "agree table body_count",
     "TermSelection": "gains recommended robot",
     "Conditions": "found own differences summary",
-    "Identification": "drivetrains load base robot checks possible summary to_dict save",
+    "Identification": "drives load base robot checks possible summary to_dict save",
     "Estimate": "names values covariance standard_errors units residual_std condition_number "
     "interval",
     "Validation": "joints actuator load",

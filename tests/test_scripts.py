@@ -59,7 +59,7 @@ def test_main_job_writes_every_file_and_says_where(tulip: tuple[Path, str]) -> N
 
 @pytest.mark.slow
 def test_main_job_reaches_the_figures(tulip: tuple[Path, str]) -> None:
-    drives = json.loads((tulip[0] / "parameters.json").read_text())["drivetrains"]
+    drives = json.loads((tulip[0] / "parameters.json").read_text())["drives"]
     truth = {
         "hip_pitch": (83008, 0.01, 0.00456, 8e-5, 0.05),
         "knee_pitch": (59966, 0.01, 0.00268, 8e-5, 0.10),
@@ -86,7 +86,7 @@ def test_results_say_what_the_main_job_finds(tulip: tuple[Path, str]) -> None:
     drives = [cells for cells in lines if cells[1].split()[0] in RESULTS]
     assert len(drives) == 9
     for joint, name, value, error, true, off, _ in drives:
-        entry = found["drivetrains"][joint][RESULTS[name.split()[0]]]
+        entry = found["drives"][joint][RESULTS[name.split()[0]]]
         relative = 100 * (entry["value"] / float(true) - 1)
         assert shows(value, entry["value"])
         assert shows(error, entry["standard_error"])

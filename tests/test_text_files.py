@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 
 from seaid._files import MOST_JSON_BYTES, MOST_TOML_BYTES, numbers, read_json, read_toml
 from seaid.drives.drives import Drive, StiffDrive
-from seaid.drives.toml import read_drivetrains, write_drivetrains
+from seaid.drives.toml import read_drives, write_drives
 from seaid.errors import LogError, RobotError, shortened, shown, unknown_name
 from seaid.log.description import LogDescription, Source, description_for
 
 
 def toml_error(path: Path) -> str:
     with pytest.raises(RobotError) as caught:
-        read_toml(path, "drivetrains", RobotError)
+        read_toml(path, "drives", RobotError)
     text = str(caught.value)
     assert len(text) < 400 + len(str(path))
     assert text.isprintable()
@@ -35,7 +35,7 @@ def test_what_can_be_read_is_plain_data(tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_bytes(b'\xef\xbb\xbfa = 1\n[b."c.d"]\ne = [1.5, "x", true]\n')
     expected = {"a": 1, "b": {"c.d": {"e": [1.5, "x", True]}}}
-    assert read_toml(path, "drivetrains", RobotError) == expected
+    assert read_toml(path, "drives", RobotError) == expected
     path.write_text('{"a": [null, 1e3, "x"]}')
     assert read_json(path, "notes", LogError) == {"a": [None, 1000.0, "x"]}
 
@@ -74,7 +74,7 @@ def test_toml_that_cannot_be_used_is_told_with_its_place(
     path = tmp_path / "file.toml"
     path.write_bytes(text)
     error = toml_error(path)
-    assert error.startswith(f"drivetrains '{path}'")
+    assert error.startswith(f"drives '{path}'")
     assert words in error
 
 
@@ -132,8 +132,8 @@ def test_names_of_any_letters_come_back_from_the_drives(
 ) -> None:
     path = tmp_path_factory.mktemp("drives") / "drives.toml"
     drives: dict[str, Drive] = {name: StiffDrive(gear_ratio=3.0, transmission={name: 2.0})}
-    write_drivetrains(drives, path)
-    assert read_drivetrains(path) == drives
+    write_drives(drives, path)
+    assert read_drives(path) == drives
 
 
 @given(ODD, ODD)

@@ -130,7 +130,7 @@ def told_by(found: seaid.Identification, truth: seaid.Robot) -> dict[str, Array]
     """Return {parameter: errors and standard errors}, (2, 1), and of all base parameters (2, p)."""
     told: dict[str, Array] = {}
     for joint in truth.elastic_joints:
-        estimate, exact = found.drivetrains[joint], nominal_values(truth.drivetrains[joint])
+        estimate, exact = found.drives[joint], nominal_values(truth.drives[joint])
         for name in PARAMETERS:
             error = estimate.value(name) - exact[name]
             told[f"{name} of {joint}"] = np.array([[error], [estimate.standard_error(name)]])

@@ -77,9 +77,9 @@ def errors(name: str, steps: int, seed: int) -> tuple[float, Array, Array]:
     found = [seaid.identify(known, log, cutoff_hz=cutoff) for cutoff in (proposed, *CUTOFFS_HZ)]
     drives = [
         [
-            one.drivetrains[joint].value(entry) - nominal_values(truth.drivetrains[joint])[entry]
+            one.drives[joint].value(entry) - nominal_values(truth.drives[joint])[entry]
             for joint in truth.elastic_joints
-            for entry in one.drivetrains[joint].names
+            for entry in one.drives[joint].names
             if entry in ("viscous_friction", "coulomb_friction", "stiffness")
         ]
         for one in found

@@ -60,7 +60,7 @@ def plan(truth: seaid.Robot, criterion: str, **request: Any) -> seaid.Excitation
         DURATION_S,
         limits=LIMITS,
         criterion=criterion,
-        drive_columns=True,
+        drive_parameters=True,
         torque_std=torque_std(truth),
         coefficients=COEFFICIENTS,
         samples=SAMPLES,
@@ -76,7 +76,7 @@ def run(found: seaid.Excitation, draws: int) -> tuple[Array, Array]:
     both = []
     for draw in range(draws):
         log = measure(truth, motion, sensors(draw), draw)
-        told = seaid.identify(known, log, joint_zero_std=JOINT_ZERO_STD_RAD)
+        told = seaid.identify(known, log, encoder_offset_std=JOINT_ZERO_STD_RAD)
         both.append(errors_of(truth, found, told))
     errors, stated = np.array(both).transpose(1, 0, 2)
     return errors, stated
@@ -91,9 +91,9 @@ def errors_of(
     covariance = grouping @ told.load.covariance @ grouping.T
     errors, stated = list(off), list(np.sqrt(np.diag(covariance)))
     for name, joint in drive_names(found):
-        estimate = told.drivetrains[joint]
+        estimate = told.drives[joint]
         there = name in estimate.names
-        true = nominal_values(truth.drivetrains[joint]).get(name, np.nan)
+        true = nominal_values(truth.drives[joint]).get(name, np.nan)
         errors.append(estimate.value(name) - true if there else np.nan)
         stated.append(estimate.standard_error(name) if there else np.nan)
     return np.array(errors), np.array(stated)
@@ -118,7 +118,7 @@ def value_table(plans: Sequence[seaid.Excitation], draws: int) -> str:
     truth, p, rows = load_leg((TEST_MASS,)), len(plans[0].base.columns), []
     for index, (name, joint) in enumerate(drive_names(plans[0]), p):
         if name in SHOWN and np.all(np.isfinite(ratios[:, :, index])):
-            true = nominal_values(truth.drivetrains[joint])[name]
+            true = nominal_values(truth.drives[joint])[name]
             shown = percent(sizes[-1][1][index] / true)
             rows.append([f"{name} of {joint}", shown, *map(line, ratios[:, :, index])])
     for label, pick in (("median", np.median), ("least", np.min)):
@@ -142,19 +142,19 @@ def sequential_table(truth: seaid.Robot, first: seaid.Excitation, random: seaid.
     """
     alone = plan(truth, "relative_error", seed=4, progress=True)
     target, columns = relative_target(truth, first), []
-    for recorded in (first, random):
-        motion = simulate_motion(truth, recorded.trajectory, noise=sensors(0))
+    for previous_logs in (first, random):
+        motion = simulate_motion(truth, previous_logs.trajectory, noise=sensors(0))
         log = measure(truth, motion, sensors(0), 0)
         told = recorded_factor(target, truth, [log])
-        after = plan(truth, "relative_error", recorded=[log], seed=4, progress=True)
-        motions = (None, recorded, random, alone, after)
+        after = plan(truth, "relative_error", previous_logs=[log], seed=4, progress=True)
+        motions = (None, previous_logs, random, alone, after)
         columns.append([f"{worst_error(target, told, found):.3f}" for found in motions])
     names = (
         "the log alone",
         "and its motion again",
         "and the random motion",
         "and another motion, planned alone",
-        "and a motion planned with recorded=[log]",
+        "and a motion planned with previous_logs=[log]",
     )
     rows = [list(row) for row in zip(names, *columns, strict=True)]
     header = ["told", "log of the planned motion", "log of the random motion"]

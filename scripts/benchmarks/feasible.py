@@ -3,7 +3,7 @@
 The estimate is the truth with noise of a torque sensor, at random states; the robot file the search
 starts from has every body stretched, moved and heavier or lighter by about a tenth.
 
-With `--programmes 10000` random programmes are solved and compared with Clarabel instead, see
+With `--programmes 10000` random programs are solved and compared with Clarabel instead, see
 `scripts.benchmarks.random_programmes`; `OPENBLAS_CORETYPE=Prescott` and others choose the kernel,
 and the table has a row for each that was run:
 
@@ -33,7 +33,7 @@ from scripts.benchmarks.random_programmes import (
 )
 from seaid._arrays import Array
 from seaid.estimation.estimate import Estimate
-from seaid.identification.physical.consistency import PossibleBodies, possible_bodies
+from seaid.identification.physical.consistency import FeasibleParameters, feasible_parameters
 from seaid.regressor.base import base_parameters, random_states
 from seaid.regressor.load import LoadModel, load_model
 from seaid.regressor.rigid_body import rigid_body_regressor
@@ -78,11 +78,11 @@ def row(robot: seaid.Robot) -> list[str]:
     """Return a row of the table."""
     model, estimate, unseen = estimated(robot, 0)
     truth, prior = model.base.project(robot.parameters), distorted(robot, np.random.default_rng(1))
-    possible_bodies(robot, model, estimate, weight=0.0)  # imports
+    feasible_parameters(robot, model, estimate, weight=0.0)  # imports
     seconds, results = [], []
     for weight in (0.0, None):
         begin = time.perf_counter()
-        results.append(possible_bodies(robot, model, estimate, prior=prior, weight=weight))
+        results.append(feasible_parameters(robot, model, estimate, prior=prior, weight=weight))
         seconds.append(time.perf_counter() - begin)
     assert all(physical(one) for one in results)
     scale = np.linalg.norm(unseen @ truth)
@@ -103,7 +103,7 @@ def row(robot: seaid.Robot) -> list[str]:
     ]
 
 
-def physical(found: PossibleBodies) -> bool:
+def physical(found: FeasibleParameters) -> bool:
     """Tell whether every body is possible, by its eigenvalues."""
     return all(is_physical(body, 0.0) for body in found.parameters.reshape(-1, 10))
 
@@ -117,10 +117,10 @@ def robots_table() -> str:
 
 
 def programmes_table(folder: Path) -> str:
-    """Return the table of random programmes, a row for each kernel."""
+    """Return the table of random programs, a row for each kernel."""
     found = {path.stem.split("_")[1]: read(path) for path in sorted(folder.glob("programmes_*"))}
     rows = [summary(name, outcomes) for name, outcomes in found.items()]
-    return table("Random programmes; differences relative to 1 + objective", HEADER, rows)
+    return table("Random programs; differences relative to 1 + objective", HEADER, rows)
 
 
 if __name__ == "__main__":
@@ -129,8 +129,8 @@ if __name__ == "__main__":
     parser.add_argument("--output", type=Path, default=Path("out/feasible"), help="result folder")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore", seaid.SeaidWarning)
-    if arguments.programmes is None:
+    if arguments.programs is None:
         print(robots_table())
     else:
-        run(arguments.programmes, arguments.output)
+        run(arguments.programs, arguments.output)
         print(programmes_table(arguments.output))

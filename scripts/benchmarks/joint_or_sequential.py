@@ -21,7 +21,7 @@ from seaid._progress import track
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import weighted
 from seaid.identification.drive_estimates import nominal_values
-from seaid.identification.simultaneous import joint_zero_sensitivity, settled, split_joint
+from seaid.identification.simultaneous import encoder_offset_sensitivity, settled, split_joint
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.regressor.base import base_parameters
 from seaid.regressor.regression import Regression
@@ -41,16 +41,16 @@ KEYS = tuple(f"{name} of {joint}" for name in NAMES for joint in load_leg(()).el
 
 def three_ways(known: seaid.Robot, log: seaid.Log, zero_std: float) -> tuple[Array, Array]:
     """Return values and standard errors (3, parameters): KEYS, then base parameters, by WAYS."""
-    first = seaid.identify(known, log, joint_zero_std=zero_std)
+    first = seaid.identify(known, log, encoder_offset_std=zero_std)
     start = np.concatenate(
-        [*(first.drivetrains[one].values for one in known.elastic_joints), first.load_side.values]
+        [*(first.drives[one].values for one in known.elastic_joints), first.load_side.values]
     )
     motion, springs = reconstruct_motion(known, log), tuple(first.springs)
-    rows = joint_zero_sensitivity(known, motion, first.model, springs, start)
+    rows = encoder_offset_sensitivity(known, motion, first.model, springs, start)
     zeros = zero_std**2 * np.eye(known.n)
     both, _ = settled(known, rows, start, lambda one: weighted(one, zeros))
     free = weighted(spring_free(known, rows), zeros)
-    sequential = first.drivetrains, first.load
+    sequential = first.drives, first.load
     found = [
         picked(*sequential),
         picked(*split_joint(known, first.model, both)[:2]),
@@ -76,18 +76,18 @@ def picked(drives: object, base: Estimate) -> tuple[Array, Array]:
 
 def spring_free(robot: seaid.Robot, rows: Regression) -> Regression:
     """Return the rows without (8) of the elastic joints, which is added to (7) instead."""
-    H, y, carried = rows.H.copy(), rows.y.copy(), rows.carried.copy()
+    H, y, propagated = rows.H.copy(), rows.y.copy(), rows.propagated.copy()
     for joint in robot.elastic_joints:
-        offset = rows.names.index(f"deflection_offset of {joint}")
+        offset = rows.names.index(f"spring_offset of {joint}")
         load = np.flatnonzero(rows.joint == robot.index(joint))
         motor = np.flatnonzero(rows.joint == robot.n + robot.index(joint))
         load = load[np.searchsorted(rows.time[load], rows.time[motor])]
         lever = -H[motor, offset] / H[load, offset]
         H[motor] += lever[:, None] * H[load]
         y[motor] += lever * y[load]
-        carried[motor] += lever[:, None] * carried[load]
+        propagated[motor] += lever[:, None] * propagated[load]
     kept = ~np.isin(rows.joint, [robot.index(joint) for joint in robot.elastic_joints])
-    spring = ("stiffness", "deflection_offset")
+    spring = ("stiffness", "spring_offset")
     columns = [index for index, name in enumerate(rows.names) if not name.startswith(spring)]
     return replace(
         rows,
@@ -95,7 +95,7 @@ def spring_free(robot: seaid.Robot, rows: Regression) -> Regression:
         units=tuple(rows.units[index] for index in columns),
         H=H[kept][:, columns],
         y=y[kept],
-        carried=carried[kept],
+        propagated=propagated[kept],
         joint=rows.joint[kept],
         time=rows.time[kept],
         run=rows.run[kept],
@@ -133,7 +133,7 @@ def study(foot: str, bits: int, motion: Motion, runs: int, zero_std: float) -> l
             noise = replace(noise, joint_zero_rad=0.0)
         found.append(three_ways(known, measure(truth, motion, noise, run), zero_std))
     values, errors = np.array(found).transpose(1, 2, 0, 3)
-    drives = [nominal_values(truth.drivetrains[key.split(" of ")[1]]) for key in KEYS]
+    drives = [nominal_values(truth.drives[key.split(" of ")[1]]) for key in KEYS]
     true = [drive[key.split(" of ")[0]] for drive, key in zip(drives, KEYS, strict=True)]
     exact = np.append(true, base.project(truth.parameters))
     some = [state[::50] for state in motion.joint_states]

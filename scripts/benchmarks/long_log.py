@@ -24,7 +24,7 @@ import seaid
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.estimation.least_squares import equal_weights, ordinary
-from seaid.estimation.qr_factor import information_of
+from seaid.estimation.qr_factor import qr_factor_of
 from seaid.estimation.streaming import stream_estimate
 from seaid.log.long_log import open_long_log
 from seaid.log.motion import Motion, reconstruct_motion
@@ -48,7 +48,7 @@ def robot() -> seaid.Robot:
 def elastic_robot() -> seaid.Robot:
     """Return the same arm with a rotary spring behind the gear of every joint."""
     drive = seaid.SeriesElasticDrive(gear_ratio=RATIO, motor_inertia_kg_m2=ROTOR_KG_M2)
-    return robot().with_drivetrains(dict.fromkeys(robot().joint_names, drive))
+    return robot().with_drives(dict.fromkeys(robot().joint_names, drive))
 
 
 def write_elastic_log(path: Path, samples: int) -> None:
@@ -133,7 +133,7 @@ def _identified(path: Path) -> dict[str, object]:
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     wall, core = time.perf_counter(), time.process_time()
     found = seaid.identify(elastic_robot(), path, cutoff_hz=CUTOFF_HZ)
-    estimates = [*found.drivetrains.values(), found.load]
+    estimates = [*found.drives.values(), found.load]
     return {
         "wall_s": time.perf_counter() - wall,
         "core_s": time.process_time() - core,
@@ -156,11 +156,11 @@ def rows_to_estimate() -> list[list[str]]:
         joint=np.tile(np.arange(joints), instants),
         time=np.repeat(np.arange(instants) * 0.03, joints),
         run=np.zeros(len(H)),
-        left_out=0,
-        carried=np.empty((len(H), 0)),
+        excluded=0,
+        propagated=np.empty((len(H), 0)),
     )
     cells = []
-    for name, work in (("information (QR)", information_of), ("estimate, covariance", ordinary)):
+    for name, work in (("information (QR)", qr_factor_of), ("estimate, covariance", ordinary)):
         times = []
         for _ in range(9):
             begin = time.perf_counter()

@@ -61,7 +61,7 @@ def true_values(truth: seaid.Robot) -> dict[str, float]:
     """Return the drives' true parameters by 'stiffness of knee_pitch'."""
     return {
         f"{name} of {joint}": value
-        for joint, drive in truth.drivetrains.items()
+        for joint, drive in truth.drives.items()
         for name, value in nominal_values(drive).items()
         if name != "motor_inertia"
     }
@@ -72,7 +72,7 @@ def errors_of(found: seaid.Identification, truth: seaid.Robot) -> tuple[Array, A
     errors, stds = [], []
     for key, true in true_values(truth).items():
         name, joint = key.split(" of ")
-        estimate = found.drivetrains[joint]
+        estimate = found.drives[joint]
         errors.append(estimate.value(name) / true - 1)
         stds.append(estimate.standard_error(name) / true)
     load = found.load.values - found.base.project(truth.parameters)
@@ -83,9 +83,9 @@ def draw(run: int) -> tuple[Array, float]:
     """Return errors and standard errors (2 methods, 2, p) of one draw, and the seconds refining."""
     truth, motion = true_motion()
     log = measure(truth, motion, sensors(run), run)
-    found = seaid.identify(truth.without_nominal(), log, joint_zero_std=JOINT_ZERO_STD_RAD)
+    found = seaid.identify(truth.without_nominal(), log, encoder_offset_std=JOINT_ZERO_STD_RAD)
     begin = time.perf_counter()
-    refined = seaid.refine(found, log, joint_zero_std=JOINT_ZERO_STD_RAD)
+    refined = seaid.refine(found, log, encoder_offset_std=JOINT_ZERO_STD_RAD)
     seconds = time.perf_counter() - begin
     return np.array([errors_of(one, truth) for one in (found, refined)]), seconds
 
@@ -107,7 +107,7 @@ def bound() -> Array:
     others = [
         truth.index(joint) for joint in layout.found.model.rows if joint not in layout.simulated
     ]
-    ratios = [truth.drivetrains[truth.joint_names[index]].ratio for index in others]
+    ratios = [truth.drives[truth.joint_names[index]].ratio for index in others]
     encoder = np.full(len(layout.simulated), noise.joint_resolution_rad / np.sqrt(12))
     stds = np.concatenate([encoder, torque[drives], ratios * torque[others]]) / np.sqrt(run.block)
     residuals = linearised(layout, run, layout.start)[0]

@@ -1,6 +1,6 @@
-"""Random semidefinite programmes of robots, what seaid makes of them, and Clarabel beside it.
+"""Random semidefinite programs of robots, what seaid makes of them, and Clarabel beside it.
 
-Everything about a programme follows from its number: the robot, what is known of its bodies, the
+Everything about a program follows from its number: the robot, what is known of its bodies, the
 estimate and its covariance, the bounds. They are what users can bring about, and beyond: standard
 errors from 1e-6 to 1000 times a value, combinations known up to 1e5 times better than others,
 payloads that are not on the robot, bounds that leave a single mass or contradict the data.
@@ -30,7 +30,7 @@ from seaid.drives.drives import StiffDrive
 from seaid.errors import SeaidError
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.feasible import Possible, chosen, nearest, regularised
-from seaid.estimation.sdp import BARRIER, Programme, least_spread
+from seaid.estimation.sdp import BARRIER, Program, least_spread
 from seaid.identification.physical.problem import body_limits, body_programme, inside, prior_bodies
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_model
@@ -53,7 +53,7 @@ PRIORS = ("file", "distorted", "none", "degenerate")
 
 @dataclass(frozen=True)
 class Kind:
-    """The number of a programme, and in words what kind it is of."""
+    """The number of a program, and in words what kind it is of."""
 
     number: int
     robot: str
@@ -65,9 +65,9 @@ class Kind:
 
 @dataclass(frozen=True, eq=False)
 class Case(Kind):
-    """A programme, and of what kind it is."""
+    """A program, and of what kind it is."""
 
-    programme: Programme
+    program: Program
 
 
 @cache
@@ -80,7 +80,7 @@ def robot_named(name: str) -> seaid.Robot:
         return seaid.load_robot(example_urdf("panda.urdf"), joints=arm)
     urdf = MODELS / ("philips_arm.urdf" if name == "arm" else "tulip_leg.urdf")
     if name == "leg":
-        return seaid.load_robot(urdf, drivetrains=MODELS / "tulip_leg.toml")
+        return seaid.load_robot(urdf, drives=MODELS / "tulip_leg.toml")
     joints = ["knee_pitch", "ankle_pitch"] if name == "stiff knee" else None
     robot = seaid.load_robot(urdf, joints=joints)
     drive = StiffDrive(gear_ratio=50.0)
@@ -95,7 +95,7 @@ def model_of(name: str) -> LoadModel:
 
 
 def random_case(number: int) -> Case:
-    """Return the programme with this number."""
+    """Return the program with this number."""
     rng = np.random.default_rng(number)
     name, prior = str(rng.choice(ROBOTS)), str(rng.choice(PRIORS))
     error, bounds = str(rng.choice(ERRORS)), str(rng.choice(BOUNDS))
@@ -110,8 +110,8 @@ def random_case(number: int) -> Case:
     masses, boxes = _bounds(robot, bounds, rng)
     limits = body_limits(robot, bodies, masses, boxes)
     start = inside(robot, bodies, masses, boxes)
-    programme, _ = body_programme(robot, model, known, bodies, limits, start)
-    return Case(number, name, prior, error, bounds, variance, programme)
+    program, _ = body_programme(robot, model, known, bodies, limits, start)
+    return Case(number, name, prior, error, bounds, variance, program)
 
 
 def _estimate(
@@ -192,9 +192,9 @@ def _bounds(
 
 @dataclass(frozen=True)
 class ConeOptimum:
-    """What Clarabel says of a programme: its status and the least of chi-square + weight tr Q.
+    """What Clarabel says of a program: its status and the least of chi-square + weight tr Q.
 
-    `feasible` is the objective of its point moved towards the programme's start until it is inside
+    `feasible` is the objective of its point moved towards the program's start until it is inside
     all cones: no less than the least, while `objective` is too low by what its point is outside.
     """
 
@@ -209,10 +209,10 @@ class ConeOptimum:
         return self.status == "Solved" and apart < AGREEMENT * (1 + abs(self.objective))
 
 
-def cone_optimum(programme: Programme, weight: float) -> ConeOptimum:
-    """Solve the semidefinite programme by Clarabel: least chi-square + weight times the trace."""
-    p, f = programme.columns.shape
-    (first, blocks), (offset, matrix) = programme.cones, programme.slack
+def cone_optimum(program: Program, weight: float) -> ConeOptimum:
+    """Solve the semidefinite program by Clarabel: least chi-square + weight times the trace."""
+    p, f = program.columns.shape
+    (first, blocks), (offset, matrix) = program.cones, program.slack
     columns, rows = np.tril_indices(4)
     root = np.where(rows == columns, 1.0, np.sqrt(2))
     A = [-matrix, *(-(block[:, rows, columns] * root).T for block in blocks)]
@@ -236,38 +236,38 @@ def cone_optimum(programme: Programme, weight: float) -> ConeOptimum:
     x = np.array(solution.x)
     if not np.all(np.isfinite(x)):
         return ConeOptimum(str(solution.status), np.nan, np.inf)
-    start, part = programme.coordinates(programme.start), 0.0
+    start, part = program.coordinates(program.start), 0.0
     for decade in range(-14, 1):
-        if _is_inside(programme, (1 - part) * x + part * start):
+        if _is_inside(program, (1 - part) * x + part * start):
             break
         part = 10.0**decade
-    inside = objective(programme, (1 - part) * x + part * start, weight)
-    return ConeOptimum(str(solution.status), objective(programme, x, weight), inside)
+    inside = objective(program, (1 - part) * x + part * start, weight)
+    return ConeOptimum(str(solution.status), objective(program, x, weight), inside)
 
 
-def _is_inside(programme: Programme, x: Array) -> bool:
-    (first, blocks), (offset, matrix) = programme.cones, programme.slack
+def _is_inside(program: Program, x: Array) -> bool:
+    (first, blocks), (offset, matrix) = program.cones, program.slack
     bodies = first + np.tensordot(x, blocks, (0, 1))
     return bool(
         np.min(np.linalg.eigvalsh(bodies)) >= 0 and np.min(offset + matrix @ x, initial=0) >= 0
     )
 
 
-def objective(programme: Programme, x: Array, weight: float) -> float:
+def objective(program: Program, x: Array, weight: float) -> float:
     """Return chi-square + weight times the trace of all bodies in units of the prior's."""
-    first, blocks = programme.cones
-    u = x[: len(programme.estimate)]
+    first, blocks = program.cones
+    u = x[: len(program.estimate)]
     trace = np.einsum("nii->", first) + x @ np.einsum("nfii->f", blocks)
     return float(u @ u + weight * trace)
 
 
 @dataclass(frozen=True)
 class Outcome(Kind):
-    """What became of a programme: "solved", or the kind of exception and its words.
+    """What became of a program: "solved", or the kind of exception and its words.
 
     `apart` is by how much the objective of `nearest` is above Clarabel's, beyond what weight and
     barrier explain and relative to 1 + Clarabel's: `worse` against its point made feasible, in all
-    programmes; `apart` where it ends well (else None).
+    programs; `apart` where it ends well (else None).
     """
 
     result: str
@@ -280,27 +280,27 @@ class Outcome(Kind):
 
 
 def outcome(number: int, choose_every: int = 10) -> Outcome:
-    """Solve a programme: nearest, with a random weight, and every tenth with that of the data."""
+    """Solve a program: nearest, with a random weight, and every tenth with that of the data."""
     case = random_case(number)
-    programme = case.programme
+    program = case.program
     weight = float(10 ** np.random.default_rng([number, 1]).uniform(-6, 4))
     result, words, chi_square, worse, apart = "solved", "", np.nan, 0.0, None
     begin = time.process_time()
     status = ""
     try:
-        found = nearest(programme)
-        others = [regularised(programme, weight)]
+        found = nearest(program)
+        others = [regularised(program, weight)]
         if number % choose_every == 0:
-            others.append(chosen(programme, found.chi_square))
+            others.append(chosen(program, found.chi_square))
         seconds = time.process_time() - begin
-        if not all(_is_possible(programme, one) for one in (found, *others)):
+        if not all(_is_possible(program, one) for one in (found, *others)):
             result = "impossible"
         chi_square = found.chi_square
-        theirs = cone_optimum(programme, found.weight)
-        x = np.concatenate([found.distance, found.unknowns[list(programme.free)]])
-        mine = objective(programme, x, found.weight)
-        barrier = max(BARRIER, found.weight) if len(programme.bounds) else 0.0
-        gap = 4 * len(programme.prior) * found.weight + barrier * len(programme.bounds)
+        theirs = cone_optimum(program, found.weight)
+        x = np.concatenate([found.distance, found.unknowns[list(program.free)]])
+        mine = objective(program, x, found.weight)
+        barrier = max(BARRIER, found.weight) if len(program.bounds) else 0.0
+        gap = 4 * len(program.prior) * found.weight + barrier * len(program.bounds)
         status = theirs.status
         worse = max(0.0, mine - theirs.feasible - gap) / (1 + abs(theirs.feasible))
         if theirs.ends_well:
@@ -314,19 +314,19 @@ def outcome(number: int, choose_every: int = 10) -> Outcome:
     return Outcome(number, *kind, result, words, chi_square, seconds, status, worse, apart)
 
 
-def _is_possible(programme: Programme, found: Possible) -> bool:
+def _is_possible(program: Program, found: Possible) -> bool:
     """Tell whether bodies are possible and bounds kept, but for rounding.
 
     A small body is the difference of sums as large as the largest of all. Each of up to a hundred
     steps on the way rounds the sum of its f terms.
     """
-    offset, matrix = programme.span
-    x = np.concatenate([found.distance, found.unknowns[list(programme.free)]])
+    offset, matrix = program.span
+    x = np.concatenate([found.distance, found.unknowns[list(program.free)]])
     largest = np.max(np.abs(offset) + np.abs(matrix) @ np.abs(x))
-    slack = programme.limits @ found.unknowns - programme.bounds
-    sums = np.sum(np.abs(programme.limits), axis=1) * largest + np.abs(programme.bounds)
+    slack = program.limits @ found.unknowns - program.bounds
+    sums = np.sum(np.abs(program.limits), axis=1) * largest + np.abs(program.bounds)
     rounding = 100 * len(x) * np.finfo(float).eps * sums
-    bodies = found.unknowns[: programme.prior.size].reshape(-1, 10)
+    bodies = found.unknowns[: program.prior.size].reshape(-1, 10)
     return all(is_physical(body, 1e-15) for body in bodies) and bool(np.all(slack >= -rounding))
 
 
@@ -336,7 +336,7 @@ def kernel() -> str:
 
 
 def run(count: int, folder: Path) -> None:
-    """Append the outcomes of programmes 0 to count - 1 that are not in the folder yet."""
+    """Append the outcomes of programs 0 to count - 1 that are not in the folder yet."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"programmes_{kernel()}.jsonl"
     done = {one.number for one in read(path)}
@@ -375,7 +375,7 @@ def summary(name: str, outcomes: Sequence[Outcome]) -> list[str]:
 
 HEADER = [
     "kernel",
-    "programmes",
+    "programs",
     "solved",
     "refused by us",
     "other exception",

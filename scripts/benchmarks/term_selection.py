@@ -39,7 +39,7 @@ CHANGES = {
 
 def changed(log: Log, motion: Motion, robot: seaid.Robot, term: str) -> Log:
     """Return the log of a knee with one more term: the same motion takes another torque."""
-    index, drive = robot.index(JOINT), robot.drivetrains[JOINT]
+    index, drive = robot.index(JOINT), robot.drives[JOINT]
     w = motion.motor_velocity[:, index]
     spring = motion.joint_torque[:, index] / getattr(drive, "load_radius", 1.0)
     gear = spring * getattr(drive, "motor_radius", 1.0) / drive.ratio
@@ -56,7 +56,7 @@ def changed(log: Log, motion: Motion, robot: seaid.Robot, term: str) -> Log:
 
 def asked(selection: TermSelection) -> tuple[int, int, int, int]:
     """Return terms asked about and found, drives asked about and changed."""
-    first = [one for one in selection.gains if one.step == 0 and one.gain is not None]
+    first = [one for one in selection.comparisons if one.step == 0 and one.gain is not None]
     joints = {one.joint for one in first}
     found = sum(map(len, selection.recommended.values()))
     return len(first), found, len(joints), len(selection.recommended)

@@ -44,13 +44,13 @@ def main() -> None:
     errors, scores, load_scores = [], [], []
     for run in track(range(RUNS), "identifying", True):
         log = measure(truth, motion, sensors(run), run)
-        found = seaid.identify(known, log, joint_zero_std=JOINT_ZERO_STD_RAD)
+        found = seaid.identify(known, log, encoder_offset_std=JOINT_ZERO_STD_RAD)
         true = found.base.project(truth.parameters)
         load_scores.append((found.load.values - true) / found.load.standard_errors)
         off = {}
         for joint in truth.elastic_joints:
-            for name, exact in nominal_values(truth.drivetrains[joint]).items():
-                estimate = found.drivetrains[joint]
+            for name, exact in nominal_values(truth.drives[joint]).items():
+                estimate = found.drives[joint]
                 if name in estimate.names:
                     error = estimate.value(name) - exact
                     off[joint, name] = error / exact, error / estimate.standard_error(name)

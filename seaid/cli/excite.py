@@ -16,7 +16,7 @@ from seaid.cli.options import (
     Joints,
     Output,
     Payloads,
-    Rows,
+    TorqueJoints,
     Urdf,
     ending,
     logs_of,
@@ -46,18 +46,18 @@ def excite(
         str | None, typer.Option(help=f"[rad/s2 or m/s2], default 10, {_OF_ALL}.")
     ] = None,
     joint_torque: Annotated[str | None, typer.Option(help=f"[N m or N], {_OF_ALL}.")] = None,
-    rows: Rows = None,
+    torque_joints: TorqueJoints = None,
     criterion: Annotated[
         str, typer.Option(help="condition_number, d_optimality or relative_error.")
     ] = "condition_number",
-    drive_columns: Annotated[
+    drive_parameters: Annotated[
         bool, typer.Option("--drive-columns", help="Tell friction and stiffness as well.")
     ] = False,
-    free_ends: Annotated[
+    ends_in_motion: Annotated[
         bool,
         typer.Option("--free-ends", help="Begin and end moving, with a way in from rest and out."),
     ] = False,
-    recorded: Annotated[
+    previous_logs: Annotated[
         list[Path] | None, typer.Option(help="Log that tells already. May be repeated.")
     ] = None,
     description: Description = None,
@@ -79,7 +79,7 @@ def excite(
     at rest; with --free-ends it can tell more. Limits not given are the URDF's.
 
     seaid excite leg.urdf --drives leg.toml --velocity 2.5 -o plan.json
-    seaid excite arm.urdf --duration 20 --velocity shoulder=1,elbow=2 --rows shoulder,elbow
+    seaid excite arm.urdf --duration 20 --velocity shoulder=1,elbow=2 --torque-joints shoulder,elbow
     seaid excite arm.urdf --free-ends --joint-trajectory arm.yaml -o plan.json
     """
     from seaid.excitation import Limits, add_run_in, design_excitation
@@ -90,7 +90,7 @@ def excite(
     limits = {name: values(f"--{name.replace('_', '-')}", text) for name, text in texts.items()}
     if not rate_hz > 0:
         raise typer.BadParameter(f"{rate_hz:g} is not more than zero", param_hint="--rate-hz")
-    read = (urdf, drives, description, *(recorded or ()))
+    read = (urdf, drives, description, *(previous_logs or ()))
     to_be_written(output, set_points, joint_trajectory, force=force, read=read)
     robot = robot_of(urdf, drives, joints, payload)
     asked = Limits(**limits)
@@ -99,17 +99,17 @@ def excite(
         duration,
         basis=basis,
         limits=asked,
-        rest_to_rest=not free_ends,
-        rows=names(rows),
+        rest_to_rest=not ends_in_motion,
+        torque_joints=names(torque_joints),
         criterion=criterion,
-        drive_columns=drive_columns,
-        recorded=logs_of(recorded or [], robot, description),
+        drive_parameters=drive_parameters,
+        previous_logs=logs_of(previous_logs or [], robot, description),
         starts=starts,
         iterations=iterations,
         seed=seed,
         progress=shows_progress(),
     )
-    motion = add_run_in(plan.trajectory, robot, asked) if free_ends else plan.trajectory
+    motion = add_run_in(plan.trajectory, robot, asked) if ends_in_motion else plan.trajectory
     motion.save(output)
     motion.save_set_points(set_points, rate_hz)
     if joint_trajectory is not None:

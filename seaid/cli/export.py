@@ -14,15 +14,15 @@ from seaid.cli.options import (
     CutoffHz,
     Description,
     Drives,
+    EncoderOffsetStd,
     Estimator,
     Force,
     Joints,
-    JointZeroStd,
     KnownBodies,
+    Method,
     Payloads,
     Repair,
-    Rows,
-    Sides,
+    TorqueJoints,
     Urdf,
     ending,
     logs_of,
@@ -52,15 +52,15 @@ def export(
     known_body: KnownBodies = None,
     description: Description = None,
     repair: Repair = False,
-    rows: Rows = None,
-    sides: Sides = "sequential",
+    torque_joints: TorqueJoints = None,
+    method: Method = "two-step",
     estimator: Estimator = "wls",
     feasible: Annotated[bool, typer.Option("--feasible/--as-estimated", help=FEASIBLE)] = True,
-    allow_impossible: Annotated[
+    allow_inconsistent: Annotated[
         bool, typer.Option("--allow-impossible", help="Write bodies that cannot exist.")
     ] = False,
     cutoff_hz: CutoffHz = None,
-    joint_zero_std: JointZeroStd = 0.0,
+    encoder_offset_std: EncoderOffsetStd = 0.0,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -89,27 +89,29 @@ def export(
         robot = read_parameters(parameters, robot)
     else:
         logs = logs_of(from_logs or [], robot, description, repair)
-        found = identified(robot, logs, rows, sides, estimator, feasible, cutoff_hz, joint_zero_std)
+        found = identified(
+            robot, logs, torque_joints, method, estimator, feasible, cutoff_hz, encoder_offset_std
+        )
         robot, flags = found.robot, found.flags
-    drivetrains, notes = _written(robot, output, allow_impossible)
+    tables, notes = _written(robot, output, allow_inconsistent)
     for note in notes:
         typer.echo(f"note: {in_one_line(note)}", err=True)
-    content = {"robot": output, "drivetrains": drivetrains, "notes": notes, "flags": flags}
+    content = {"robot": output, "drives": tables, "notes": notes, "flags": flags}
     text = [f"{robot.name}: {robot.n} bodies and their drives written"]
     text += [f"! {flag}" for flag in flags]
     say("\n".join(text), content, as_json)
-    say_results(as_json, output, drivetrains)
+    say_results(as_json, output, tables)
 
 
 def _written(
-    robot: Robot, output: Path, allow_impossible: bool
+    robot: Robot, output: Path, allow_inconsistent: bool
 ) -> tuple[Path | None, tuple[str, ...]]:
     """Write the robot, and return the file of its drives and what a reader must know."""
     if output.suffix.lower() == ".xml":
         from seaid.export import write_mjcf
 
-        return None, write_mjcf(robot, output, force=allow_impossible).notes
+        return None, write_mjcf(robot, output, force=allow_inconsistent).notes
     from seaid.export import write_urdf
 
-    written = write_urdf(robot, output, force=allow_impossible)
-    return written.drivetrains, written.notes
+    written = write_urdf(robot, output, force=allow_inconsistent)
+    return written.drives, written.notes

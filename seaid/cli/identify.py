@@ -15,18 +15,18 @@ from seaid.cli.options import (
     CutoffHz,
     Description,
     Drives,
+    EncoderOffsetStd,
     Estimator,
     Force,
     FromLogs,
     Joints,
-    JointZeroStd,
     KnownBodies,
     Logs,
+    Method,
     Output,
     Payloads,
     Repair,
-    Rows,
-    Sides,
+    TorqueJoints,
     Urdf,
     check_unseen,
     logs_of,
@@ -35,7 +35,7 @@ from seaid.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from seaid.identification import Identification, Source, TermGain
+    from seaid.identification import Identification, Source, TermComparison
     from seaid.robot import Robot
 
 
@@ -53,12 +53,12 @@ def identify(
     description: Description = None,
     repair: Repair = False,
     in_pieces: Annotated[bool, typer.Option("--in-pieces", help=PIECES)] = False,
-    rows: Rows = None,
-    sides: Sides = "sequential",
+    torque_joints: TorqueJoints = None,
+    method: Method = "two-step",
     estimator: Estimator = "wls",
     feasible: Annotated[bool, typer.Option("--feasible", help=FEASIBLE)] = False,
     cutoff_hz: CutoffHz = None,
-    joint_zero_std: JointZeroStd = 0.0,
+    encoder_offset_std: EncoderOffsetStd = 0.0,
     output: Output = Path("parameters.json"),
     force: Force = False,
     as_json: AsJson = False,
@@ -69,7 +69,7 @@ def identify(
     other numbers in them are nominal. Lines with '!' say what must not be trusted.
 
     seaid identify leg.urdf run.csv --drives leg.toml --payload foot:2.0:0.15,0,0
-    seaid identify arm.urdf a.csv b.csv --drives arm.toml --sides joint -o arm.json
+    seaid identify arm.urdf a.csv b.csv --drives arm.toml --method joint -o arm.json
     seaid identify arm.urdf bag/ --description arm_log.toml --estimator huber
     seaid identify arm.urdf day.parquet --drives arm.toml --in-pieces
     """
@@ -83,12 +83,12 @@ def identify(
     found = identified(
         robot,
         logs if in_pieces else logs_of(logs, robot, description, repair),
-        rows,
-        sides,
+        torque_joints,
+        method,
         estimator,
         feasible,
         cutoff_hz,
-        joint_zero_std,
+        encoder_offset_std,
     )
     found.save(output)
     say(found.summary(), found.to_dict(), as_json)
@@ -98,12 +98,12 @@ def identify(
 def identified(
     robot: Robot,
     logs: Sequence[Source],
-    rows: str | None,
-    sides: str,
+    torque_joints: str | None,
+    method: str,
     estimator: str,
     feasible: bool,
     cutoff_hz: float | None,
-    joint_zero_std: float,
+    encoder_offset_std: float,
 ) -> Identification:
     """Identify as the options tell."""
     from seaid.identification import identify as identify_logs
@@ -111,12 +111,12 @@ def identified(
     return identify_logs(
         robot,
         logs,
-        rows=names(rows),
-        sides=sides,
+        torque_joints=names(torque_joints),
+        method=method,
         estimator=estimator,
         feasible=feasible,
         cutoff_hz=cutoff_hz,
-        joint_zero_std=joint_zero_std,
+        encoder_offset_std=encoder_offset_std,
         progress=shows_progress(),
     )
 
@@ -131,11 +131,11 @@ def validate(
     known_body: KnownBodies = None,
     description: Description = None,
     repair: Repair = False,
-    rows: Rows = None,
-    sides: Sides = "sequential",
+    torque_joints: TorqueJoints = None,
+    method: Method = "two-step",
     estimator: Estimator = "wls",
     cutoff_hz: CutoffHz = None,
-    joint_zero_std: JointZeroStd = 0.0,
+    encoder_offset_std: EncoderOffsetStd = 0.0,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="File for parameters with their validation."),
@@ -155,7 +155,9 @@ def validate(
     to_be_written(output, force=force, read=(urdf, drives, description, log, *from_logs))
     robot = robot_of(urdf, drives, joints, payload, known_body)
     *known, unseen = logs_of([*from_logs, log], robot, description, repair)
-    found = identified(robot, known, rows, sides, estimator, False, cutoff_hz, joint_zero_std)
+    found = identified(
+        robot, known, torque_joints, method, estimator, False, cutoff_hz, encoder_offset_std
+    )
     result = validated(found, unseen)
     if output is not None:
         found.save(output, result)
@@ -176,7 +178,7 @@ def terms(
     of: Annotated[
         str | None, typer.Option(help="Joints asked about, as a,b,c; default: all.")
     ] = None,
-    rows: Rows = None,
+    torque_joints: TorqueJoints = None,
     cutoff_hz: CutoffHz = None,
     output: Annotated[
         Path | None,
@@ -190,7 +192,7 @@ def terms(
     seaid terms leg.urdf run.csv --drives leg.toml -o leg_with_terms.toml
     seaid terms leg.urdf run.csv --drives leg.toml --of knee_pitch
     """
-    from seaid.drives import write_drivetrains
+    from seaid.drives import write_drives
     from seaid.identification import compare_terms
 
     to_be_written(output, force=force, read=(urdf, drives, description, *logs))
@@ -199,21 +201,21 @@ def terms(
         robot,
         logs_of(logs, robot, description, repair),
         joints=names(of),
-        rows=names(rows),
+        torque_joints=names(torque_joints),
         cutoff_hz=cutoff_hz,
         progress=shows_progress(),
     )
     if output is not None:
-        write_drivetrains(selection.robot.drivetrains, output)
+        write_drives(selection.robot.drives, output)
     content = {
         "recommended": selection.recommended,
-        "asked": [_gain_facts(one) for one in selection.gains],
+        "asked": [_gain_facts(one) for one in selection.comparisons],
     }
     say(str(selection), content, as_json)
     say_results(as_json, output)
 
 
-def _gain_facts(one: TermGain) -> dict[str, object]:
+def _gain_facts(one: TermComparison) -> dict[str, object]:
     facts = {"joint": one.joint, "field": one.field, "term": one.term, "step": one.step + 1}
     facts |= {"worth_having": one.is_worth_it, "chosen": one.chosen, "reason": one.reason}
     return facts | {"gain": None if one.gain is None else asdict(one.gain)}

@@ -77,7 +77,7 @@ def _joint_facts(robot: Robot) -> list[dict[str, Any]]:
             "type": "prismatic" if robot.is_prismatic[index] else "revolute",
             "lower": robot.lower_limits[index],
             "upper": robot.upper_limits[index],
-            "drive": drive_table(robot.drivetrains[joint]),
+            "drive": drive_table(robot.drives[joint]),
         }
         for index, joint in enumerate(robot.joint_names)
     ]
@@ -102,7 +102,7 @@ def _motion(robot: Robot, joint: str) -> str:
     index = robot.index(joint)
     unit = "m" if robot.is_prismatic[index] else "rad"
     limits = f"{robot.lower_limits[index]:.4g} to {robot.upper_limits[index]:.4g} {unit}"
-    drive = robot.drivetrains[joint]
+    drive = robot.drives[joint]
     if drive == IDEAL_DRIVE:
         return f"{limits}, torque known at the joint"
     kind, *facts = (

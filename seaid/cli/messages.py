@@ -22,17 +22,18 @@ import typer
 from seaid.errors import SeaidError, SeaidWarning, reason_of
 
 _AS_OPTIONS = {
-    r"write it with force=True": "add --allow-impossible",
+    r"write it with force=True": "add --allow-inconsistent",
     r"repair=seaid\.Repairs\(\)": "--repair",
     r"\bread_log mends": "it is mended",
     r"\blet read_log mend them with": "have them mended with",
     r"\b(feasible|progress)=True": r"--\1",
     r"\bpayloads=": "--payload",
     r"\bknown_bodies=": "--known-body",
-    r"\bjoint_zero_std=": "--joint-zero-std",
+    r"\bencoder_offset_std=": "--encoder-offset-std",
     r"\bcutoff_hz=": "--cutoff-hz",
-    r"\b(sides|estimator|rows|joints|description)=(?=[\w\"])": r"--\1 ",
-    r"\b(sides|estimator|rows|joints|description)=": r"--\1",
+    r"\btorque_joints=": "--torque-joints",
+    r"\b(method|estimator|joints|description)=(?=[\w\"])": r"--\1 ",
+    r"\b(method|estimator|joints|description)=": r"--\1",
 }
 """How what the library asks for is asked for here."""
 

@@ -54,16 +54,18 @@ Description = Annotated[
 Repair = Annotated[
     bool, typer.Option("--repair", help="Mend gaps, repeated times and lost samples of the logs.")
 ]
-Rows = Annotated[
+TorqueJoints = Annotated[
     str | None,
     typer.Option(help="Joints whose torque is used, as a,b,c; default: all that have one."),
 ]
-Sides = Annotated[str, typer.Option(help="sequential: springs, then bodies. joint: both at once.")]
+Method = Annotated[
+    str, typer.Option(help="two-step: springs, then bodies. simultaneous: both at once.")
+]
 Estimator = Annotated[str, typer.Option(help="ols, wls, huber, tukey or iv.")]
 CutoffHz = Annotated[
     float | None, typer.Option(help="Pass band [Hz]; default: proposed from the data.")
 ]
-JointZeroStd = Annotated[
+EncoderOffsetStd = Annotated[
     float, typer.Option(help="How well the zeros of joint encoders are known [rad or m].")
 ]
 Output = Annotated[Path, typer.Option("--output", "-o", help="File for the result.")]

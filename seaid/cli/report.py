@@ -14,16 +14,16 @@ from seaid.cli.options import (
     CutoffHz,
     Description,
     Drives,
+    EncoderOffsetStd,
     Estimator,
     Force,
     FromLogs,
     Joints,
-    JointZeroStd,
     KnownBodies,
+    Method,
     Payloads,
     Repair,
-    Rows,
-    Sides,
+    TorqueJoints,
     Urdf,
     check_unseen,
     ending,
@@ -52,12 +52,12 @@ def report(
     known_body: KnownBodies = None,
     description: Description = None,
     repair: Repair = False,
-    rows: Rows = None,
-    sides: Sides = "sequential",
+    torque_joints: TorqueJoints = None,
+    method: Method = "two-step",
     estimator: Estimator = "wls",
     feasible: Annotated[bool, typer.Option("--feasible", help=FEASIBLE)] = False,
     cutoff_hz: CutoffHz = None,
-    joint_zero_std: JointZeroStd = 0.0,
+    encoder_offset_std: EncoderOffsetStd = 0.0,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -79,10 +79,12 @@ def report(
     robot = robot_of(urdf, drives, joints, payload, known_body)
     logs = logs_of([*from_logs, *unseen], robot, description, repair)
     own, others = logs[: len(from_logs)], logs[len(from_logs) :]
-    found = identified(robot, own, rows, sides, estimator, feasible, cutoff_hz, joint_zero_std)
+    found = identified(
+        robot, own, torque_joints, method, estimator, feasible, cutoff_hz, encoder_offset_std
+    )
     results = [validated(found, log) for log in others]
     facts = _facts(urdf, drives, description, from_logs, unseen)
-    options = {"Estimator": estimator, "Joint zeros known to": f"{joint_zero_std:g} rad or m"}
+    options = {"Estimator": estimator, "Joint zeros known to": f"{encoder_offset_std:g} rad or m"}
     write_report(found, results, output, facts={**facts, **options})
     content = {"report": output, "validations": [one.to_dict() for one in results]}
     text = [f"{robot.name}: {len(found.load.values)} base parameters and its drives reported"]

@@ -14,12 +14,12 @@ from .functions import BentSpring as BentSpring
 from .functions import DriveCurve as DriveCurve
 from .functions import SmoothColumns as SmoothColumns
 from .functions import acting_drive as acting_drive
-from .functions import bent_spring as bent_spring
 from .functions import beside_curve as beside_curve
 from .functions import beside_names as beside_names
 from .functions import friction_curve as friction_curve
 from .functions import is_plain as is_plain
 from .functions import no_value as no_value
+from .functions import nonlinear_spring as nonlinear_spring
 from .functions import smooth_columns as smooth_columns
 from .functions import spring_curve as spring_curve
 from .functions import stretch_of as stretch_of
@@ -48,7 +48,7 @@ from .terms import PARAMETERS_OF as PARAMETERS_OF
 from .terms import key_of as key_of
 from .toml import drive_table as drive_table
 from .toml import drives_from_mapping as drives_from_mapping
-from .toml import read_drivetrains as read_drivetrains
-from .toml import write_drivetrains as write_drivetrains
+from .toml import read_drives as read_drives
+from .toml import write_drives as write_drives
 from .user_terms import extra_terms as extra_terms
 from .user_terms import extra_torque as extra_torque

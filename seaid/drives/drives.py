@@ -2,7 +2,7 @@
 
 What a drive may be: its numbers, its terms and their values, checked where it is made.
 
-The drivetrain of one joint as data: stiff, or series elastic.
+The drive of one joint as data: stiff, or series elastic.
 
 Friction and rotor inertia are at the motor. What a drive leaves at None is not known: known values
 (ratio, radii, rotor inertia, what `known` names) enter the equations, nominal ones (stiffness,
@@ -418,7 +418,7 @@ class SeriesElasticDrive:
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of all parameters that its terms have, known ones too, in the order of columns."""
-        extra = ("deflection_zero",) if self.knows_zero else ("deflection_offset",)
+        extra = ("deflection_zero",) if self.knows_zero else ("spring_offset",)
         return parameter_names(self, tuple(PARAMETERS_OF), extra)
 
     @property

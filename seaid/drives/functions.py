@@ -169,7 +169,7 @@ def _with_values(drive: Drive, expression: sp.Expr, needed: list[str] | None = N
     flat = flat_names(expression).subs(known_values(drive))
     values = dict(drive.values)
     if "preload" not in getattr(drive, "spring", ()):
-        values["deflection_offset"] = 0.0
+        values["spring_offset"] = 0.0
     values.setdefault("deflection_zero", 0.0)
     check_divisors(drive, values)
     if needed is not None and "damping" not in needed:
@@ -247,9 +247,9 @@ def smooth_columns(regressor: DriveRegressor) -> SmoothColumns:
     encoders are zero where they are not given.
     """
     row = tuple(_with_input(flat_names(entry), regressor.drive) for entry in regressor.row)
-    values = {"deflection_zero": 0.0, "deflection_offset": 0.0, **regressor.drive.values}
+    values = {"deflection_zero": 0.0, "spring_offset": 0.0, **regressor.drive.values}
     if "preload" not in getattr(regressor.drive, "spring", ("preload",)):
-        values["deflection_offset"] = 0.0
+        values["spring_offset"] = 0.0
     check_divisors(regressor.drive, values)
     known = {str(SYMBOLS[name]): value for name, value in values.items()}
     known |= {str(symbol): value for symbol, value in known_values(regressor.drive).items()}
@@ -344,7 +344,7 @@ class BentSpring:
         return x * (k + k_3 * x**2 + k_5 * x**4) + (d - x) * stiffness, stiffness
 
 
-def bent_spring(joint: str, drive: SeriesElasticDrive) -> BentSpring:
+def nonlinear_spring(joint: str, drive: SeriesElasticDrive) -> BentSpring:
     """Return the spring of a drive whose values are all given, at rest: damping is left out.
 
     Raises ExcitationError for one without linear stiffness: at zero force its motor would have no
@@ -364,7 +364,7 @@ def bent_spring(joint: str, drive: SeriesElasticDrive) -> BentSpring:
     softest = [float(root.real) for root in squares if root.imag == 0 and root.real > 0]
     return BentSpring(
         coefficients=(k, k_3, k_5),
-        preload=values["deflection_offset"] if "preload" in terms else 0.0,
+        preload=values["spring_offset"] if "preload" in terms else 0.0,
         zero=values.get("deflection_zero", 0.0) if drive.knows_zero else 0.0,
         gap=values["dead_zone"] if "dead_zone" in terms else 0.0,
         end=float(np.sqrt(min(softest))) if softest else np.inf,
@@ -426,7 +426,7 @@ def no_value(joint: str, name: str) -> ExcitationError:
     """Return the error of a nominal value that is missing."""
     return ExcitationError(
         f"joint '{joint}': its drive has no nominal {name.replace('_', ' ')}; "
-        "this criterion or limit needs one: give it in the drivetrains of load_robot"
+        "this criterion or limit needs one: give it in the drives of load_robot"
     )
 
 

@@ -68,8 +68,8 @@ class DriveRegressor:
         """
         near = self.drive.values if values is None else {**self.drive.values, **values}
         zeta, R = _evaluate(self, signals, near, self.names)
-        bent = [self.names.index(name) for name in self.non_linear]
-        return zeta + R[:, bent] @ [near[name] for name in self.non_linear], R
+        nonlinear = [self.names.index(name) for name in self.non_linear]
+        return zeta + R[:, nonlinear] @ [near[name] for name in self.non_linear], R
 
     def given(
         self, signals: Mapping[str, Array], values: Mapping[str, float]
@@ -84,13 +84,13 @@ def drive_regressor(equation: DriveEquation, drive: Drive) -> DriveRegressor:
     Terms that are not linear in their unknowns are taken near the values of the drive. Raises
     SymbolicError where an extra term is not linear in its unknowns.
     """
-    bent = () if _hides_a_parameter(equation) else non_linear(equation)
-    if bent and all(symbol in PARAMETER_NAMES for symbol in bent):
+    nonlinear = () if _hides_a_parameter(equation) else non_linear(equation)
+    if nonlinear and all(symbol in PARAMETER_NAMES for symbol in nonlinear):
         row = tuple(_slope(equation.expression, symbol) for symbol in equation.unknowns)
-        straight = {symbol: 0 for symbol in equation.unknowns if symbol not in bent}
+        straight = {symbol: 0 for symbol in equation.unknowns if symbol not in nonlinear}
         zeta, parameters = -flat_names(equation.expression).subs(straight), equation.unknowns
     else:
-        bent, (zeta, parameters, row) = (), _separated(equation)
+        nonlinear, (zeta, parameters, row) = (), _separated(equation)
     return DriveRegressor(
         names=tuple(PARAMETER_NAMES.get(symbol, str(symbol)) for symbol in parameters),
         units=tuple(
@@ -99,7 +99,7 @@ def drive_regressor(equation: DriveEquation, drive: Drive) -> DriveRegressor:
         zeta=zeta,
         row=row,
         drive=drive,
-        non_linear=tuple(PARAMETER_NAMES[symbol] for symbol in bent),
+        non_linear=tuple(PARAMETER_NAMES[symbol] for symbol in nonlinear),
     )
 
 

@@ -1,4 +1,4 @@
-"""The symbols of the drivetrain's equations: signals over time, known values, parameters."""
+"""The symbols of the drive's equations: signals over time, known values, parameters."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ PARAMETER_NAMES = {
     k_5: "fifth_stiffness",
     g: "dead_zone",
     c_k: "spring_damping",
-    f_0: "deflection_offset",
+    f_0: "spring_offset",
     d_0: "deflection_zero",
     I_M: "motor_inertia",
     K_t: "torque_constant",

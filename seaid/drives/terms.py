@@ -31,7 +31,7 @@ SPRING_TERMS = ("linear", "cubic", "fifth", "dead_zone", "damping", "preload")
 width g away on both sides before anything stretches (backlash); damping c d' beside the spring;
 preload a constant force f_0. A spring that is not linear also has the zero of its deflection as
 an unknown, `deflection_zero`; a linear one has a force at zero deflection instead,
-`deflection_offset`, and its preload is that."""
+`spring_offset`, and its preload is that."""
 
 PARALLEL_TERMS = ("linear", "preload")
 """What `parallel_spring` may name: k_P q and a constant torque, between the joint's two bodies."""
@@ -78,7 +78,7 @@ PARAMETERS = {
     "fifth_stiffness": Parameter("F/L^5", is_positive=False),
     "dead_zone": Parameter("L"),
     "spring_damping": Parameter("F s/L"),
-    "deflection_offset": Parameter("F", is_positive=False),
+    "spring_offset": Parameter("F", is_positive=False),
     "deflection_zero": Parameter("L", is_positive=False),
     "motor_inertia": Parameter("kg m^2"),
     "torque_constant": Parameter("N m/A"),
@@ -118,7 +118,7 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
         "fifth": ("fifth_stiffness",),
         "dead_zone": ("dead_zone",),
         "damping": ("spring_damping",),
-        "preload": ("deflection_offset",),
+        "preload": ("spring_offset",),
     },
     "parallel_spring": {
         "linear": ("parallel_stiffness",),

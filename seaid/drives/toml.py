@@ -1,6 +1,6 @@
-"""Drivetrains from a TOML file or a mapping: one table a joint.
+"""Drives from a TOML file or a mapping: one table a joint.
 
-Drivetrains as a TOML file that `load_robot` reads.
+Drives as a TOML file that `load_robot` reads.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ _TYPES: dict[str, type[StiffDrive] | type[SeriesElasticDrive]] = {
     "stiff": StiffDrive,
     "series_elastic": SeriesElasticDrive,
 }
-_OF_SPRING = ("deflection_offset", "deflection_zero")
+_OF_SPRING = ("spring_offset", "deflection_zero")
 
 
-def read_drivetrains(path: str | Path) -> dict[str, Drive]:
-    """Read a drivetrain TOML, one table a joint. Raises RobotError naming joint and key."""
-    tables = read_toml(path, "drivetrains", RobotError)
+def read_drives(path: str | Path) -> dict[str, Drive]:
+    """Read a drive TOML, one table a joint. Raises RobotError naming joint and key."""
+    tables = read_toml(path, "drives", RobotError)
     return {
         joint: _drive(f"{path}: [{shortened(joint)}]", table) for joint, table in tables.items()
     }
 
 
-def drives_from_mapping(drivetrains: Mapping[str, Any]) -> dict[str, Drive]:
+def drives_from_mapping(drives: Mapping[str, Any]) -> dict[str, Drive]:
     """Return {joint: drive} of a mapping whose values are drives or tables as in the TOML."""
     return {
         joint: value
         if isinstance(value, StiffDrive | SeriesElasticDrive)
-        else _drive(f"drivetrain of '{shortened(joint)}'", value)
-        for joint, value in drivetrains.items()
+        else _drive(f"drive of '{shortened(joint)}'", value)
+        for joint, value in drives.items()
     }
 
 
@@ -98,7 +98,7 @@ def _every_key() -> dict[str, str]:
     }
 
 
-def write_drivetrains(drives: Mapping[str, Drive], path: str | Path) -> None:
+def write_drives(drives: Mapping[str, Drive], path: str | Path) -> None:
     """Write {joint: drive} as TOML, one table a joint, whole or not at all.
 
     Ideal drives are left out: a joint without a table has one. Raises SeaidError where the file

@@ -28,12 +28,12 @@ from .least_squares import ordinary as ordinary
 from .least_squares import settled_weights as settled_weights
 from .least_squares import solve as solve
 from .least_squares import weighted as weighted
-from .qr_factor import Information as Information
+from .qr_factor import QRFactor as QRFactor
 from .qr_factor import directions as directions
 from .qr_factor import first_term as first_term
-from .qr_factor import information_of as information_of
+from .qr_factor import qr_factor_of as qr_factor_of
 from .qr_factor import triangle as triangle
-from .sdp import Programme as Programme
+from .sdp import Program as Program
 from .sdp import least_spread as least_spread
 from .sdp import root_of as root_of
 from .streaming import Change as Change

@@ -19,7 +19,7 @@ from seaid._arrays import Array, BoolArray, safely
 from seaid.errors import IdentificationError, unknown_name
 from seaid.estimation.covariance import by_instant
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.qr_factor import Information, directions, information_of, triangle
+from seaid.estimation.qr_factor import QRFactor, directions, qr_factor_of, triangle
 from seaid.regressor import Regression
 
 POORLY_TOLD = 1e-2
@@ -60,36 +60,36 @@ class Whiteness:
     p_value: float
 
 
-def poorly_told(
-    information: Information, share: float = POORLY_TOLD, factor: Array | None = None
+def poorly_determined(
+    qr_factor: QRFactor, share: float = POORLY_TOLD, factor: Array | None = None
 ) -> list[str]:
     """Return a sentence for each combination of which rows tell less than `share`, worst first.
 
     Columns count with unit norm, and the best combination as 1: 'the data tell 3.1e-04 of the
     combination A - 0.97 B'. `factor` is the weighted one; None: all rows count alike.
     """
-    factor = information.weighted_factor() if factor is None else factor
-    found = directions(factor, information.names)
+    factor = qr_factor.weighted_factor() if factor is None else factor
+    found = directions(factor, qr_factor.names)
     return [
         f"the data tell {found.shares[place]:.1e} of the combination {found.text(int(place))}"
         for place in np.flatnonzero(found.shares < share)[::-1]
     ]
 
 
-def independent_rows(information: Information, estimate: Estimate) -> float:
+def independent_rows(qr_factor: QRFactor, estimate: Estimate) -> float:
     """Return how many independent rows tell as much as the correlated ones of an estimate.
 
     From how much its variances exceed those for white noise, in the middle of all parameters.
     """
     white = estimate.white_standard_errors
     if white is None or not len(white) or not np.all(white > 0):
-        return float(information.count)
+        return float(qr_factor.count)
     inflation = float(np.median((estimate.standard_errors / white) ** 2))
-    return information.count / max(inflation, 1.0)
+    return qr_factor.count / max(inflation, 1.0)
 
 
 def term_test(
-    information: Information,
+    qr_factor: QRFactor,
     weights: Array,
     terms: Sequence[str],
     independent: float | None = None,
@@ -102,19 +102,19 @@ def term_test(
     IdentificationError for unknown terms and for no more independent rows than parameters.
     """
     for term in terms:
-        if term not in information.names:
-            message = unknown_name("parameter", term, information.names)
+        if term not in qr_factor.names:
+            message = unknown_name("parameter", term, qr_factor.names)
             raise IdentificationError(f"terms=: {message}")
-    rows = float(information.count) if independent is None else independent
-    p, q = len(information.names), len(terms)
+    rows = float(qr_factor.count) if independent is None else independent
+    p, q = len(qr_factor.names), len(terms)
     if rows <= p or not q:
         raise IdentificationError(
             f"a test needs terms and more independent rows than parameters, found {q} terms, "
             f"{rows:.1f} rows and {p} parameters"
         )
-    R = information.weighted_factor(weights) if factor is None else factor
-    kept = [place for place, name in enumerate((*information.names, "")) if name not in terms]
-    first = min(place for place, name in enumerate(information.names) if name in terms)
+    R = qr_factor.weighted_factor(weights) if factor is None else factor
+    kept = [place for place, name in enumerate((*qr_factor.names, "")) if name not in terms]
+    first = min(place for place, name in enumerate(qr_factor.names) if name in terms)
     below = [place for place in kept if place >= first]  # what is above stays triangular
     full, fewer = R[-1, -1] ** 2, triangle(R[first:, below])[-1, -1] ** 2
     growth = float(fewer / full) if full > 0 else float("inf")
@@ -204,7 +204,7 @@ def gain(
             f"a comparison needs a larger model and more independent rows than its {len(whole)} "
             f"parameters, found {more} more parameters and {independent:.1f} rows"
         )
-    parts = [information_of(_part(rows, block)) for block in time_blocks(rows)]
+    parts = [qr_factor_of(_part(rows, block)) for block in time_blocks(rows)]
     factors = [part.weighted_factor(_of(part, rows, weights)) for part in parts]
     columns = [[rows.names.index(name) for name in names] for names in (base, whole)]
     growth = _residual(factors, columns[0]) / max(_residual(factors, columns[1]), 1e-300)
@@ -254,7 +254,7 @@ def _part(rows: Regression, block: BoolArray) -> Regression:
     return replace(rows, **arrays)
 
 
-def _of(part: Information, rows: Regression, weights: Array) -> Array:
+def _of(part: QRFactor, rows: Regression, weights: Array) -> Array:
     """Return the weights of the equations that a part has."""
     equations = np.unique(rows.joint).tolist()
     return np.array([weights[equations.index(equation)] for equation in part.equations])
@@ -289,19 +289,19 @@ def _solved(H: Array, y: Array) -> Array:
 class ModelChecks:
     """What speaks for and against the model of one regression.
 
-    `condition_number` is that of columns of unit norm; `poorly_told` names combinations of which
-    the data tell little; `terms` tests each optional term of the drives; `whiteness` {joint: of its
-    residual}, empty where the rows were not kept in memory.
+    `condition_number` is that of columns of unit norm; `poorly_determined` names combinations of
+    which the data tell little; `terms` tests each optional term of the drives; `whiteness` {joint:
+    of its residual}, empty where the rows were not kept in memory.
     """
 
     condition_number: float
-    poorly_told: tuple[str, ...]
+    poorly_determined: tuple[str, ...]
     terms: tuple[TermTest, ...]
     whiteness: Mapping[str, Whiteness]
 
 
 def model_checks(
-    information: Information,
+    qr_factor: QRFactor,
     estimate: Estimate,
     optional: Sequence[str],
     whiteness: Mapping[str, Whiteness],
@@ -311,15 +311,15 @@ def model_checks(
 
     `weights` (E,) of the equations are those that `settled_weights` gives.
     """
-    factor = information.weighted_factor(weights)
-    independent = independent_rows(information, estimate)
+    factor = qr_factor.weighted_factor(weights)
+    independent = independent_rows(qr_factor, estimate)
     return ModelChecks(
         condition_number=estimate.condition_number,
-        poorly_told=tuple(poorly_told(information, factor=factor)),
+        poorly_determined=tuple(poorly_determined(qr_factor, factor=factor)),
         terms=tuple(
-            term_test(information, weights, [name], independent, factor)
+            term_test(qr_factor, weights, [name], independent, factor)
             for name in optional
-            if independent > len(information.names)
+            if independent > len(qr_factor.names)
         ),
         whiteness=whiteness,
     )

@@ -25,7 +25,7 @@ from seaid.estimation.least_squares import (
     solve,
     weighted,
 )
-from seaid.estimation.qr_factor import Information, equation_name, information_of
+from seaid.estimation.qr_factor import QRFactor, equation_name, qr_factor_of
 from seaid.regressor import Regression
 
 HUBER = 1.345
@@ -57,26 +57,26 @@ class Outliers:
     words: tuple[str, ...]
 
 
-def huber(rows: Regression, carried: Array | None = None) -> Estimate:
+def huber(rows: Regression, propagated: Array | None = None) -> Estimate:
     """Return Huber's estimate: rows farther off than 1.345 scales count by their sign alone.
 
     Scale and estimate are iterated together, from ordinary least squares on. The covariance is the
     sandwich with the correlation of the scores in time (Newey-West); `residual_std` is the scale
-    without the outliers. `carried` as in `ordinary`, and so are the errors; IdentificationError too
-    where the iteration does not settle.
+    without the outliers. `propagated` as in `ordinary`, and so are the errors; IdentificationError
+    too where the iteration does not settle.
     """
     theta, scales = _huber(rows)
-    return _estimate(rows, theta, scales, huber_weights, carried)
+    return _estimate(rows, theta, scales, huber_weights, propagated)
 
 
-def tukey(rows: Regression, carried: Array | None = None) -> Estimate:
+def tukey(rows: Regression, propagated: Array | None = None) -> Estimate:
     """Return Tukey's bisquare estimate: rows farther off than 4.685 scales do not count at all.
 
     Iterated from Huber's estimate on, with its scales held. Otherwise as `huber`.
     """
     start, scales = _huber(rows)
     theta, _ = _iterated(rows, start, lambda _: scales, tukey_weights)
-    return _estimate(rows, theta, scales, tukey_weights, carried)
+    return _estimate(rows, theta, scales, tukey_weights, propagated)
 
 
 def outliers(rows: Regression, estimate: Estimate) -> Outliers:
@@ -114,8 +114,8 @@ def tukey_weights(u: Array) -> Array:
 
 def _huber(rows: Regression) -> tuple[Array, Array]:
     """Return Huber's parameters (p,) and the scale of each row (R,)."""
-    information = information_of(rows)
-    start = solve(information, equal_weights(information)).values
+    qr_factor = qr_factor_of(rows)
+    start = solve(qr_factor, equal_weights(qr_factor)).values
     return _iterated(rows, start, lambda residual: _scales(rows, residual), huber_weights)
 
 
@@ -127,8 +127,8 @@ def _iterated(
     for _ in range(_MOST_ITERATIONS):
         residual = rows.y - rows.H @ theta
         scales = scales_of(residual)
-        information = information_of(_scaled(rows, np.sqrt(weigh(residual / scales)) / scales))
-        new = solve(information, equal_weights(information)).values
+        qr_factor = qr_factor_of(_scaled(rows, np.sqrt(weigh(residual / scales)) / scales))
+        new = solve(qr_factor, equal_weights(qr_factor)).values
         moved = np.abs(rows.H @ (new - theta))
         theta = new
         if np.all(moved <= np.maximum(_SETTLED * scales, _EXACT * size)):
@@ -142,7 +142,7 @@ def _iterated(
 
 
 def _estimate(
-    rows: Regression, theta: Array, scales: Array, weigh: Weighing, carried: Array | None
+    rows: Regression, theta: Array, scales: Array, weigh: Weighing, propagated: Array | None
 ) -> Estimate:
     """Return the estimate with its sandwich covariance, at parameters that have settled.
 
@@ -159,10 +159,10 @@ def _estimate(
     root = np.sqrt(weights * slope) / scales
     linear = _scaled(replace(rows, y=rows.H @ theta + residual / slope), root)
     scores = long_run_of(linear.H, linear.y - linear.H @ theta, rows.time, rows.run)
-    information = information_of(linear)
-    found = estimate_of(information, equal_weights(information), scores, carried)
+    qr_factor = qr_factor_of(linear)
+    found = estimate_of(qr_factor, equal_weights(qr_factor), scores, propagated)
     independent = replace(scores, covariance=scores.white)
-    white = estimate_of(information, equal_weights(information), independent, carried)
+    white = estimate_of(qr_factor, equal_weights(qr_factor), independent, propagated)
     return replace(
         found,
         residual_std=float(np.sqrt(np.mean(scales**2))),
@@ -173,7 +173,7 @@ def _estimate(
 def _scaled(rows: Regression, factor: Array) -> Regression:
     """Return the rows times a factor (R,) each."""
     column = factor[:, None]
-    return replace(rows, H=column * rows.H, y=factor * rows.y, carried=column * rows.carried)
+    return replace(rows, H=column * rows.H, y=factor * rows.y, propagated=column * rows.propagated)
 
 
 def _scales(rows: Regression, residual: Array) -> Array:
@@ -215,7 +215,7 @@ class Estimator:
     """
 
     solve: Callable[[Regression, Array | None], Estimate]
-    weigh: Callable[[Information], Array] | None = None
+    weigh: Callable[[QRFactor], Array] | None = None
     seen: Callable[[Regression, Estimate], Regression] = all_alike
 
 

@@ -1,12 +1,12 @@
 """Possible bodies near an estimate and a prior: chi-square plus log-det divergence, and its weight.
 
 Every pseudo-inertia is positive semidefinite (Sousa and Cortesao 2014; Wensing, Kim and Slotine
-2018) and linear inequalities hold, in one convex programme on the estimate and its covariance.
+2018) and linear inequalities hold, in one convex program on the estimate and its covariance.
 
 The unknowns are standard parameters and drive parameters, of which the estimate tells fewer
 combinations. Distance is in standard errors, |u|^2 with estimate + root u, so that it is a
 chi-square; the divergence from the prior is Lee, Wensing and Park's (2020). It makes the minimum
-one point inside the cones: that of the central path of the semidefinite programme where every
+one point inside the cones: that of the central path of the semidefinite program where every
 complementary product is the weight, so a primal-dual interior-point method ends there.
 """
 
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.estimation.sdp import RESOLVED, Programme, minimum
+from seaid.estimation.sdp import RESOLVED, Program, minimum
 from seaid.robot import is_physical
 
 WEIGHTS = tuple(10.0**decade for decade in range(4, -7, -1))
@@ -58,26 +58,26 @@ class Possible:
         return float(self.distance @ self.distance)
 
 
-def regularised(programme: Programme, weight: float) -> Possible:
+def regularised(program: Program, weight: float) -> Possible:
     """Return the possible unknowns that minimise chi-square + weight times the divergence.
 
     The divergence of a body from the prior is tr Q - log det Q - 4, with Q its pseudo-inertia
     where the prior's is 1. Found to rounding; a weight below 1e-9 of chi-square counts as that,
     since less cannot be resolved. Raises IdentificationError where it is not found.
     """
-    found = minimum(programme, weight)
+    found = minimum(program, weight)
     point, used = found.point, found.weight
-    offset, matrix = programme.span
+    offset, matrix = program.span
     u = point.x[: point.p]
     unknowns = offset + matrix @ point.x
-    for body, safe in enumerate(programme.bodies(point.Q)):
+    for body, safe in enumerate(program.bodies(point.Q)):
         own = slice(10 * body, 10 * body + 10)
         if not is_physical(unknowns[own], 0.0):  # a small body beside large ones: their rounding
             unknowns[own] = safe
     pushes = np.linalg.eigvalsh(point.Z)
     return Possible(
         unknowns=unknowns,
-        values=programme.estimate + programme.root @ u,
+        values=program.estimate + program.root @ u,
         distance=u,
         weight=used,
         freedom=found.freedom,
@@ -87,16 +87,16 @@ def regularised(programme: Programme, weight: float) -> Possible:
     )
 
 
-def nearest(programme: Programme) -> Possible:
+def nearest(program: Program) -> Possible:
     """Return the possible unknowns nearest to the estimate; the prior decides what is left open.
 
-    Its chi-square is that of the semidefinite programme without prior, but for 4e-6 a body. Raises
+    Its chi-square is that of the semidefinite program without prior, but for 4e-6 a body. Raises
     as `regularised` does.
     """
-    return regularised(programme, WEIGHTS[-1])
+    return regularised(program, WEIGHTS[-1])
 
 
-def chosen(programme: Programme, least: float, weights: Sequence[float] = WEIGHTS) -> Possible:
+def chosen(program: Program, least: float, weights: Sequence[float] = WEIGHTS) -> Possible:
     """Return `regularised` with the weight of the least risk: that which the data choose.
 
     The risk is Stein's (1981) unbiased estimate of the expected squared distance to the truth, in
@@ -106,17 +106,17 @@ def chosen(programme: Programme, least: float, weights: Sequence[float] = WEIGHT
     chi-square of `nearest`, and no further than where it and the freedom leave no less risk; then
     half-way to the neighbours of the best.
     """
-    p = len(programme.estimate)
+    p = len(program.estimate)
     able = [weight for weight in weights if weight >= RESOLVED * least] or [weights[0]]
-    best = regularised(programme, able[0])
+    best = regularised(program, able[0])
     for weight in able[1:]:
-        one = regularised(programme, weight)
+        one = regularised(program, weight)
         best = min(best, one, key=_risk)
         if least + 2 * one.freedom - p > best.risk:
             break
     around = best.weight * 10**0.5, best.weight / 10**0.5
     inner = [weight for weight in around if able[-1] < weight < able[0]]
-    return min([best, *(regularised(programme, weight) for weight in inner)], key=_risk)
+    return min([best, *(regularised(program, weight) for weight in inner)], key=_risk)
 
 
 def _risk(one: Possible) -> float:

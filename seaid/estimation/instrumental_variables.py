@@ -17,7 +17,7 @@ from seaid.errors import IdentificationError
 from seaid.estimation.covariance import long_run_of
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import estimate_of, score_factors, settled_weights, solve
-from seaid.estimation.qr_factor import information_of, triangle
+from seaid.estimation.qr_factor import qr_factor_of, triangle
 from seaid.regressor import Regression
 
 WEAK = 0.1
@@ -26,36 +26,36 @@ WEAK = 0.1
 _LOST = 1e-10
 
 
-def instrumental(rows: Regression, instruments: Array, carried: Array | None = None) -> Estimate:
+def instrumental(rows: Regression, instruments: Array, propagated: Array | None = None) -> Estimate:
     """Return theta = (Z^T W^2 H)^-1 Z^T W^2 y with instruments Z (R, p) and W that of `weighted`.
 
     Computed in two stages, so that the errors for lost combinations are those of `ordinary`: the
     columns are replaced by what the instruments tell of them. Covariance: the sandwich of
     instrument times residual, Newey-West. A column of which the instruments tell little beside the
     others (partial R^2 of Shea 1997) is flagged: its estimate is then biased after all, and its
-    interval too short. `carried` as in `ordinary`. Raises IdentificationError for instruments of
+    interval too short. `propagated` as in `ordinary`. Raises IdentificationError for instruments of
     another shape, not finite, or zero.
     """
     Z = finite("instruments", _checked(rows, instruments), rows.H.shape, IdentificationError)
-    information = information_of(rows)
-    weights = settled_weights(information)
-    weight = weights[np.searchsorted(information.equations, rows.joint)][:, None]
+    qr_factor = qr_factor_of(rows)
+    weights = settled_weights(qr_factor)
+    weight = weights[np.searchsorted(qr_factor.equations, rows.joint)][:, None]
     stages = _told(weight * Z, weight * rows.H, rows.names)
     told = replace(rows, H=Z @ stages)
-    solution = solve(information_of(told), weights)
+    solution = solve(qr_factor_of(told), weights)
     # the residual is that of the measured columns, not of what the instruments tell of them
     linear = replace(told, y=rows.y - (rows.H - told.H) @ solution.values)
-    of_linear = information_of(linear)
+    of_linear = qr_factor_of(linear)
     factors = score_factors(linear, of_linear, weights, solution.values)
     scores = long_run_of(linear.H, factors, rows.time, rows.run)
-    partial = np.diag(solve(information, weights).inverse) / np.diag(solution.inverse)
+    partial = np.diag(solve(qr_factor, weights).inverse) / np.diag(solution.inverse)
     flags = tuple(
         f"the instruments of {name} are weak: they tell {share:.1%} of what it does beside the "
         "other parameters; its value may be as biased as that of least squares"
         for name, share in zip(rows.names, partial, strict=True)
         if share < WEAK
     )
-    return replace(estimate_of(of_linear, weights, scores, carried), flags=flags)
+    return replace(estimate_of(of_linear, weights, scores, propagated), flags=flags)
 
 
 def _checked(rows: Regression, instruments: Array) -> Array:

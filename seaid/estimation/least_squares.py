@@ -1,4 +1,4 @@
-"""Ordinary and weighted least squares: solved from `Information`, on scaled columns.
+"""Ordinary and weighted least squares: solved from `QRFactor`, on scaled columns.
 
 Residuals of weighted least squares over and over with other weights: cheap, and as exact.
 """
@@ -16,10 +16,10 @@ from seaid.estimation.covariance import LongRun, long_run_of
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.qr_factor import (
     Directions,
-    Information,
+    QRFactor,
     directions,
     first_term,
-    information_of,
+    qr_factor_of,
     telling_joints,
 )
 from seaid.regressor import Regression
@@ -63,11 +63,11 @@ class Orthonormal:
         return np.asarray(np.linalg.norm(self.residuals - self.columns @ z, axis=1))
 
 
-def orthonormal(information: Information, theta: Array) -> Orthonormal:
+def orthonormal(qr_factor: QRFactor, theta: Array) -> Orthonormal:
     """Return the equations of information whose unweighted solution is `theta` (p,), p > 0."""
-    p = len(information.names)
-    factors = information.filled_factors
-    R = information.weighted_factor()[:p, :p]
+    p = len(qr_factor.names)
+    factors = qr_factor.filled_factors
+    R = qr_factor.weighted_factor()[:p, :p]
     residuals = factors @ np.append(-theta, 1.0)
     stacked = factors[:, :, :p].reshape(-1, p)
     columns = safely(
@@ -104,45 +104,45 @@ class Solution:
     condition_number: float
 
 
-def ordinary(rows: Regression, carried: Array | None = None) -> Estimate:
+def ordinary(rows: Regression, propagated: Array | None = None) -> Estimate:
     """Return the ordinary least-squares estimate, all rows alike.
 
-    `carried` (s, s) is the covariance of what the targets were computed from; see `Regression`.
+    `propagated` (s, s) is the covariance of what the targets were computed from; see `Regression`.
     Covariance: Newey-West. Raises IdentificationError for fewer rows than parameters and
     ExcitationError where the data leave a combination of parameters open.
     """
-    information = information_of(rows)
-    return estimate_of_rows(rows, information, equal_weights(information), carried)
+    qr_factor = qr_factor_of(rows)
+    return estimate_of_rows(rows, qr_factor, equal_weights(qr_factor), propagated)
 
 
-def weighted(rows: Regression, carried: Array | None = None) -> Estimate:
+def weighted(rows: Regression, propagated: Array | None = None) -> Estimate:
     """Return the least-squares estimate with rows weighted by their joint's residual.
 
     Iterated until the weights settle (Gautier 1997; Swevers et al. 1997). Otherwise as `ordinary`.
     """
-    information = information_of(rows)
-    return estimate_of_rows(rows, information, settled_weights(information), carried)
+    qr_factor = qr_factor_of(rows)
+    return estimate_of_rows(rows, qr_factor, settled_weights(qr_factor), propagated)
 
 
-def equal_weights(information: Information) -> Array:
+def equal_weights(qr_factor: QRFactor) -> Array:
     """Return weights (E,) of one: all rows alike."""
-    return np.ones(len(information.equations))
+    return np.ones(len(qr_factor.equations))
 
 
-def settled_weights(information: Information) -> Array:
+def settled_weights(qr_factor: QRFactor) -> Array:
     """Return the weights (E,) of the equations: inverse to what their residuals then are.
 
     Relative to the equation with the largest residual. Raises as `ordinary` does.
     """
-    weights = equal_weights(information)
-    theta = solve(information, weights).values
-    equations = orthonormal(information, theta) if len(theta) else None
-    norms: Array | None = information.residual_norms(theta)
-    root_counts = np.sqrt(np.maximum(information.counts, 1))
-    target = np.linalg.norm(information.factors[:, :, -1]) / np.sqrt(max(information.count, 1))
+    weights = equal_weights(qr_factor)
+    theta = solve(qr_factor, weights).values
+    equations = orthonormal(qr_factor, theta) if len(theta) else None
+    norms: Array | None = qr_factor.residual_norms(theta)
+    root_counts = np.sqrt(np.maximum(qr_factor.counts, 1))
+    target = np.linalg.norm(qr_factor.factors[:, :, -1]) / np.sqrt(max(qr_factor.count, 1))
     for _ in range(_MOST_REWEIGHTINGS):
         if norms is None:
-            norms = information.residual_norms(solve(information, weights).values)
+            norms = qr_factor.residual_norms(solve(qr_factor, weights).values)
         std = norms / root_counts
         largest = float(np.max(std))
         if largest <= _ROUNDING * target:
@@ -161,81 +161,79 @@ def settled_weights(information: Information) -> Array:
     return weights
 
 
-def solve(information: Information, weights: Array) -> Solution:
+def solve(qr_factor: QRFactor, weights: Array) -> Solution:
     """Return the least-squares solution with the rows of each equation times its weight (E,).
 
     Raises IdentificationError for fewer rows than parameters, and ExcitationError that names the
     combinations of parameters that the rows leave open and the joints that would tell them.
     """
-    count, p = information.count, len(information.names)
+    count, p = qr_factor.count, len(qr_factor.names)
     if count < p:
-        still = f" ({information.left_out} more are near standstill)" * bool(information.left_out)
+        still = f" ({qr_factor.excluded} more are near standstill)" * bool(qr_factor.excluded)
         raise IdentificationError(
             f"{count} rows{still} cannot tell {p} parameters: record a longer log"
             f"{' with more motion' if still else ''}, or raise cutoff_hz"
         )
-    R = information.weighted_factor(weights)
+    R = qr_factor.weighted_factor(weights)
     dead = np.flatnonzero(np.linalg.norm(R[:p, :p], axis=0) == 0)
     if len(dead):
-        names = ", ".join(first_term(information.names[place]) for place in dead)
+        names = ", ".join(first_term(qr_factor.names[place]) for place in dead)
         raise ExcitationError(f"the motion does not excite {names}: move these joints")
-    found = directions(R, information.names)
+    found = directions(R, qr_factor.names)
     worst = float(found.shares[-1]) if p else 1.0
     if worst < _LOST:
-        raise ExcitationError(_lost(information, found))
+        raise ExcitationError(_lost(qr_factor, found))
     half = (found.vectors.T / (found.largest * found.shares)) / found.norms[:, None]
     return Solution(half @ (found.left.T @ R[:p, p]), half @ half.T, 1 / worst)
 
 
 def estimate_of(
-    information: Information,
+    qr_factor: QRFactor,
     weights: Array,
     scores: LongRun | None = None,
-    carried: Array | None = None,
+    propagated: Array | None = None,
 ) -> Estimate:
     """Return the estimate with weights (E,) of the equations, from the information alone.
 
     `scores` is the covariance of the sum of the scores of all rows (see `score_factors`); None: as
-    if the noise of every equation were white. `carried` (s, s) as in `ordinary`.
+    if the noise of every equation were white. `propagated` (s, s) as in `ordinary`.
     """
-    solution = solve(information, weights)
+    solution = solve(qr_factor, weights)
     inverse, theta = solution.inverse, solution.values
-    white = inverse @ _white(information, weights, theta) @ inverse
-    white *= _freedom(information.count, len(theta))
+    white = inverse @ _white(qr_factor, weights, theta) @ inverse
+    white *= _freedom(qr_factor.count, len(theta))
     covariance = white
     if scores is not None:
-        independent = information.count / scores.inflation(inverse)
+        independent = qr_factor.count / scores.inflation(inverse)
         covariance = inverse @ scores.covariance @ inverse * _freedom(independent, len(theta))
-    if carried is not None and information.carried.shape[2]:
-        moments = np.einsum("e,eps->ps", weights**2, information.carried)
+    if propagated is not None and qr_factor.propagated.shape[2]:
+        moments = np.einsum("e,eps->ps", weights**2, qr_factor.propagated)
         sensitivity = inverse @ moments
-        from_targets = sensitivity @ carried @ sensitivity.T
+        from_targets = sensitivity @ propagated @ sensitivity.T
         covariance, white = covariance + from_targets, white + from_targets
-    squares = float(np.sum(information.residual_norms(theta) ** 2))
+    squares = float(np.sum(qr_factor.residual_norms(theta) ** 2))
     return Estimate(
-        names=information.names,
+        names=qr_factor.names,
         values=theta,
         covariance=0.5 * (covariance + covariance.T),
-        units=information.units,
-        residual_std=float(np.sqrt(squares / information.count)),
+        units=qr_factor.units,
+        residual_std=float(np.sqrt(squares / qr_factor.count)),
         condition_number=solution.condition_number,
         white_standard_errors=np.sqrt(np.diag(white)),
     )
 
 
-def score_factors(
-    rows: Regression, information: Information, weights: Array, theta: Array
-) -> Array:
+def score_factors(rows: Regression, qr_factor: QRFactor, weights: Array, theta: Array) -> Array:
     """Return what makes a score of each row of H (R,): weight squared times residual."""
-    weight = weights[np.searchsorted(information.equations, rows.joint)]
+    weight = weights[np.searchsorted(qr_factor.equations, rows.joint)]
     return np.asarray(weight**2 * (rows.y - rows.H @ theta))
 
 
-def _white(information: Information, weights: Array, theta: Array) -> Array:
+def _white(qr_factor: QRFactor, weights: Array, theta: Array) -> Array:
     """Return the covariance (p, p) of the sum of scores if each equation's noise were white."""
-    p = len(information.names)
-    std = information.residual_norms(theta) / np.sqrt(np.maximum(information.counts, 1))
-    stack = ((weights**2 * std)[:, None, None] * information.factors[:, :, :p]).reshape(
+    p = len(qr_factor.names)
+    std = qr_factor.residual_norms(theta) / np.sqrt(np.maximum(qr_factor.counts, 1))
+    stack = ((weights**2 * std)[:, None, None] * qr_factor.factors[:, :, :p]).reshape(
         len(weights) * (p + 1), p
     )
     return np.asarray(stack.T @ stack)
@@ -250,25 +248,25 @@ def _freedom(independent: float, p: int) -> float:
 
 
 def estimate_of_rows(
-    rows: Regression, information: Information, weights: Array, carried: Array | None
+    rows: Regression, qr_factor: QRFactor, weights: Array, propagated: Array | None
 ) -> Estimate:
     """Return the estimate with weights (E,) of the equations from rows and their information."""
-    theta = solve(information, weights).values
-    factors = score_factors(rows, information, weights, theta)
+    theta = solve(qr_factor, weights).values
+    factors = score_factors(rows, qr_factor, weights, theta)
     scores = long_run_of(rows.H, factors, rows.time, rows.run)
-    return estimate_of(information, weights, scores, carried)
+    return estimate_of(qr_factor, weights, scores, propagated)
 
 
-def _lost(information: Information, found: Directions) -> str:
+def _lost(qr_factor: QRFactor, found: Directions) -> str:
     """Name the combinations that are lost and the joints whose torque they are seen in."""
     lost = [int(place) for place in np.flatnonzero(found.shares < _LOST)][::-1]
     columns = sorted({column for place in lost for column in found.terms(place)})
-    names = ", ".join(first_term(information.names[column]) for column in columns)
+    names = ", ".join(first_term(qr_factor.names[column]) for column in columns)
     texts = "; ".join(found.text(place) for place in lost[:_MOST_NAMED])
     more = f" and {len(lost) - _MOST_NAMED} more" if len(lost) > _MOST_NAMED else ""
     return (
         "the motion does not excite all parameters: it tells nothing about the combination of "
         f"{names} ({texts}{more}; scaled singular value {found.shares[-1]:.1e}, needed "
-        f"{_LOST:.0e}), seen in the torque of {', '.join(telling_joints(information, columns))}; "
-        "move these joints more, or leave torques out with rows="
+        f"{_LOST:.0e}), seen in the torque of {', '.join(telling_joints(qr_factor, columns))}; "
+        "move these joints more, or leave torques out with torque_joints="
     )

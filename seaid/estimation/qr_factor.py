@@ -25,13 +25,13 @@ _BLOCK = 1024
 
 
 @dataclass(frozen=True, eq=False)
-class Information:
+class QRFactor:
     """The rows of a `Regression` without the rows: what does not grow with time.
 
     `factors` (E, p+1, p+1) has the upper triangular factor R of [H y] of each of the `equations`
-    (E), named by their joint's index, from `counts` (E) rows; `carried` (E, p, s) is H^T C with the
-    regression's `carried` C; `left_out` counts the instants that are not rows. Information of
-    chunks, logs and machines adds with `+`.
+    (E), named by their joint's index, from `counts` (E) rows; `propagated` (E, p, s) is H^T C with
+    the regression's `propagated` C; `excluded` counts the instants that are not rows. Information
+    of chunks, logs and machines adds with `+`.
     """
 
     names: tuple[str, ...]
@@ -39,22 +39,24 @@ class Information:
     equations: tuple[int, ...]
     counts: tuple[int, ...]
     factors: Array
-    carried: Array
-    left_out: int = 0
+    propagated: Array
+    excluded: int = 0
     joint_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         equations, p = len(self.equations), len(self.names)
         factors = frozen("factors", self.factors, (equations, p + 1, p + 1))
         object.__setattr__(self, "factors", factors)
-        object.__setattr__(self, "carried", frozen("carried", self.carried, (equations, p, None)))
+        object.__setattr__(
+            self, "carried", frozen("carried", self.propagated, (equations, p, None))
+        )
 
     @property
     def count(self) -> int:
         """Number of rows of all equations."""
         return sum(self.counts)
 
-    def __add__(self, other: Information) -> Information:
+    def __add__(self, other: QRFactor) -> QRFactor:
         """Return the information of both. Raises IdentificationError for other columns."""
         return combined([self, other])
 
@@ -77,12 +79,12 @@ class Information:
         """Return the norm (E,) of each equation's residual y - H theta."""
         return np.asarray(np.linalg.norm(self.factors @ np.append(-theta, 1.0), axis=1))
 
-    def without(self, dropped: Iterable[str]) -> Information:
+    def without(self, dropped: Iterable[str]) -> QRFactor:
         """Return the information of the same rows without some of the columns."""
         dropped = set(dropped)
         kept = [place for place, name in enumerate(self.names) if name not in dropped]
         columns = [*kept, len(self.names)]
-        return Information(
+        return QRFactor(
             names=tuple(self.names[place] for place in kept),
             units=tuple(self.units[place] for place in kept),
             equations=self.equations,
@@ -90,34 +92,34 @@ class Information:
             factors=np.array([triangle(R[:, columns]) for R in self.factors]).reshape(
                 len(self.equations), len(columns), len(columns)
             ),
-            carried=self.carried[:, kept],
-            left_out=self.left_out,
+            propagated=self.propagated[:, kept],
+            excluded=self.excluded,
             joint_names=self.joint_names,
         )
 
     def save(self, path: str | Path) -> None:
-        """Write an NPZ file, whole or not at all, for `load_information`."""
+        """Write an NPZ file, whole or not at all, for `load_qr_factor`."""
         fields = {name: np.asarray(value) for name, value in vars(self).items()}
         content = BytesIO()
         np.savez(content, **fields)  # type: ignore[arg-type]
         write_whole(path, content.getvalue())
 
 
-def load_information(path: str | Path) -> Information:
-    """Read what `Information.save` wrote. Raises IdentificationError for any other file."""
+def load_qr_factor(path: str | Path) -> QRFactor:
+    """Read what `QRFactor.save` wrote. Raises IdentificationError for any other file."""
     path = Path(path)
     if not path.is_file():
         raise IdentificationError(f"no information file at '{path}' ({working_folder()})")
     try:
         with np.load(path) as archive:
-            return Information(
+            return QRFactor(
                 names=tuple(map(str, archive["names"])),
                 units=tuple(map(str, archive["units"])),
                 equations=tuple(map(int, archive["equations"])),
                 counts=tuple(map(int, archive["counts"])),
                 factors=archive["factors"],
-                carried=archive["carried"],
-                left_out=int(archive["left_out"]),
+                propagated=archive["carried"],
+                excluded=int(archive["excluded"]),
                 joint_names=tuple(map(str, archive["joint_names"])),
             )
     except (OSError, ValueError, EOFError, KeyError, AttributeError, TypeError, BadZipFile):
@@ -126,34 +128,34 @@ def load_information(path: str | Path) -> Information:
         ) from None
 
 
-def information_of(rows: Regression) -> Information:
+def qr_factor_of(rows: Regression) -> QRFactor:
     """Return the information of rows. Raises IdentificationError where they are not finite."""
     equations = np.unique(rows.joint)
     of_equation = [np.flatnonzero(rows.joint == equation) for equation in equations]
-    p, s = len(rows.names), rows.carried.shape[1]
-    factors, carried = np.empty((len(equations), p + 1, p + 1)), np.zeros((len(equations), p, s))
+    p, s = len(rows.names), rows.propagated.shape[1]
+    factors, propagated = np.empty((len(equations), p + 1, p + 1)), np.zeros((len(equations), p, s))
     for place, mine in enumerate(of_equation):
         blocks = (mine[start : start + _BLOCK] for start in range(0, len(mine), _BLOCK))
         factors[place] = triangle(
             np.concatenate([triangle(_columns(rows, block)) for block in blocks])
         )
         if s:
-            carried[place] = rows.H[mine].T @ rows.carried[mine]
-    if not (np.all(np.isfinite(factors)) and np.all(np.isfinite(carried))):
+            propagated[place] = rows.H[mine].T @ rows.propagated[mine]
+    if not (np.all(np.isfinite(factors)) and np.all(np.isfinite(propagated))):
         raise IdentificationError(_not_finite(rows))
-    return Information(
+    return QRFactor(
         names=rows.names,
         units=rows.units,
         equations=tuple(map(int, equations)),
         counts=tuple(map(len, of_equation)),
         factors=factors,
-        carried=carried,
-        left_out=rows.left_out,
+        propagated=propagated,
+        excluded=rows.excluded,
         joint_names=rows.joint_names,
     )
 
 
-def combined(parts: Iterable[Information]) -> Information:
+def combined(parts: Iterable[QRFactor]) -> QRFactor:
     """Return the information of all parts together, stacked and factored again.
 
     Raises IdentificationError for none, and where columns or carried parameters differ.
@@ -175,38 +177,38 @@ def triangle(columns: Array) -> Array:
     return R
 
 
-def _sum(one: Information, other: Information) -> Information:
-    same = (one.names, one.units, one.carried.shape[2]) == (
+def _sum(one: QRFactor, other: QRFactor) -> QRFactor:
+    same = (one.names, one.units, one.propagated.shape[2]) == (
         other.names,
         other.units,
-        other.carried.shape[2],
+        other.propagated.shape[2],
     )
     if not same or one.joint_names != other.joint_names:
         raise IdentificationError(
             f"information adds only where the columns are the same: one has "
-            f"{', '.join(one.names)} ({one.carried.shape[2]} carried), the other "
-            f"{', '.join(other.names)} ({other.carried.shape[2]} carried)"
+            f"{', '.join(one.names)} ({one.propagated.shape[2]} propagated), the other "
+            f"{', '.join(other.names)} ({other.propagated.shape[2]} propagated)"
         )
     equations = sorted({*one.equations, *other.equations})
-    factors, carried, counts = [], [], []
+    factors, propagated, counts = [], [], []
     for equation in equations:
         mine = [
-            (part.factors[place], part.carried[place], part.counts[place])
+            (part.factors[place], part.propagated[place], part.counts[place])
             for part in (one, other)
             for place, found in enumerate(part.equations)
             if found == equation
         ]
         factors.append(triangle(np.concatenate([R for R, _, _ in mine])))
-        carried.append(sum(moments for _, moments, _ in mine))
+        propagated.append(sum(moments for _, moments, _ in mine))
         counts.append(sum(count for _, _, count in mine))
-    return Information(
+    return QRFactor(
         names=one.names,
         units=one.units,
         equations=tuple(equations),
         counts=tuple(counts),
         factors=np.array(factors).reshape(len(equations), *one.factors.shape[1:]),
-        carried=np.array(carried).reshape(len(equations), *one.carried.shape[1:]),
-        left_out=one.left_out + other.left_out,
+        propagated=np.array(propagated).reshape(len(equations), *one.propagated.shape[1:]),
+        excluded=one.excluded + other.excluded,
         joint_names=one.joint_names,
     )
 
@@ -294,12 +296,12 @@ def equation_name(joint_names: tuple[str, ...], index: int) -> str:
     return name if index < len(joint_names) else f"motor of {name}"
 
 
-def telling_joints(information: Information, columns: list[int]) -> list[str]:
+def telling_joints(qr_factor: QRFactor, columns: list[int]) -> list[str]:
     """Return the joints whose torque tells columns, by name where names are known.
 
     Of the equations that see a column the one that sees the fewest others: the outermost joint.
     """
-    norms = np.linalg.norm(information.factors[:, :, :-1], axis=1)
+    norms = np.linalg.norm(qr_factor.factors[:, :, :-1], axis=1)
     sees = norms > _SEEN * np.max(norms, axis=0, initial=0.0)
     joints = []
     for column in columns:
@@ -307,8 +309,8 @@ def telling_joints(information: Information, columns: list[int]) -> list[str]:
         if len(seeing):
             fewest = np.sum(sees[seeing], axis=1)
             place = seeing[np.flatnonzero(fewest == fewest.min())[-1]]
-            joints.append(information.equations[place])
-    return [equation_name(information.joint_names, joint) for joint in sorted(set(joints))]
+            joints.append(qr_factor.equations[place])
+    return [equation_name(qr_factor.joint_names, joint) for joint in sorted(set(joints))]
 
 
 def first_term(name: str) -> str:

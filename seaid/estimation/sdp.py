@@ -1,6 +1,6 @@
 """Possible bodies near an estimate, as data: what is told, how well, and what is allowed.
 
-A semidefinite programme to its regularised minimum, by a primal-dual interior-point method.
+A semidefinite program to its regularised minimum, by a primal-dual interior-point method.
 
 The least of chi-square + weight (tr Q - log det Q), the bodies Q positive definite and slacks
 positive. HKM direction (Helmberg, Rendl, Vanderbei and Wolkowicz 1996) with Mehrotra's (1992)
@@ -27,7 +27,7 @@ from seaid.robot import from_pseudo_inertia, pseudo_inertia
 
 
 @dataclass(frozen=True, eq=False)
-class Programme:
+class Program:
     """An estimate of combinations of f unknowns, the first 10n of which are n bodies.
 
     columns (p, f) @ unknowns is what `estimate` (p,) tells with covariance root @ root.T; the
@@ -273,16 +273,16 @@ class _System:
         return np.asarray(np.sum((self.scale[:, None] * inverse) ** 2, axis=1))
 
 
-def minimum(programme: Programme, weight: float) -> Minimum:
+def minimum(program: Program, weight: float) -> Minimum:
     """Return where chi-square + weight times the divergence from the prior is least.
 
     A weight below 1e-9 of chi-square counts as that; where rounding leaves no way there, one below
     1e-7 and then 1e-5 does, and barriers are higher. Raises IdentificationError where none leads to
     an end, and for numbers too large to be squared.
     """
-    start = _start(programme, weight)
+    start = _start(program, weight)
     for resolved, beside in _ATTEMPTS:
-        found = _search(programme, weight, start, resolved, beside)
+        found = _search(program, weight, start, resolved, beside)
         if found is not None:
             return found
     raise IdentificationError(
@@ -294,7 +294,7 @@ def minimum(programme: Programme, weight: float) -> Minimum:
 
 
 def _search(
-    programme: Programme, weight: float, point: Point, resolved: float, beside: float
+    program: Program, weight: float, point: Point, resolved: float, beside: float
 ) -> Minimum | None:
     """Return the minimum, None where it is not found in so many steps.
 
@@ -306,12 +306,12 @@ def _search(
         least = resolved * point.chi_square
         used = max(weight, min(used, least))
         final = used, max(BARRIER, least, beside * used)
-        system = _system(programme, point)
-        step, decrement = _direction(programme, used, point, system, final)
+        system = _system(program, point)
+        step, decrement = _direction(program, used, point, system, final)
         last = all(gap <= 2 * target for gap, target in zip(point.gaps, final, strict=True))
         if not (last and decrement <= used):
-            step = _corrected(programme, used, point, system, final, step)
-        moved, length = _moved(programme, point, step)
+            step = _corrected(program, used, point, system, final, step)
+        moved, length = _moved(program, point, step)
         late += last
         enough = _SETTLED * used + _ROUNDING * point.chi_square
         if length < _STUCK or late > _LATE:
@@ -327,20 +327,20 @@ def _search(
     return None
 
 
-def _start(programme: Programme, weight: float) -> Point:
-    """Return the point of the programme's start, with multipliers that balance its merit."""
+def _start(program: Program, weight: float) -> Point:
+    """Return the point of the program's start, with multipliers that balance its merit."""
     with np.errstate(over="ignore", invalid="ignore"):
-        x = programme.coordinates(programme.start)
-        Q = programme.scaled(programme.start)
-        slack = programme.limits @ programme.start - programme.bounds
-        u = x[: len(programme.estimate)]
+        x = program.coordinates(program.start)
+        Q = program.scaled(program.start)
+        slack = program.limits @ program.start - program.bounds
+        u = x[: len(program.estimate)]
         gap = max(weight, float(u @ u + weight * np.einsum("nii->", Q)) / (4 * len(Q)))
     root = _root(Q) if np.isfinite(gap) else None
     if root is None or np.min(slack, initial=1.0) <= 0:
         raise IdentificationError(
             "possible bodies: estimate, standard errors, prior and bounds are too different in "
-            f"size to be compared: estimates up to {_largest(programme.estimate)}, standard errors "
-            f"up to {_largest(programme.root)}, prior up to {_largest(programme.prior)}; check "
+            f"size to be compared: estimates up to {_largest(program.estimate)}, standard errors "
+            f"up to {_largest(program.root)}, prior up to {_largest(program.prior)}; check "
             "their units"
         )
     half = np.linalg.inv(root)
@@ -356,14 +356,14 @@ def _largest(values: Array) -> str:
     return f"{np.max(np.abs(values), initial=0.0):.3g}"
 
 
-def _inside(programme: Programme, x: Array) -> tuple[Array, Array]:
+def _inside(program: Program, x: Array) -> tuple[Array, Array]:
     """Return the bodies and the slacks of unknowns."""
-    (first, blocks), (offset, matrix) = programme.cones, programme.slack
+    (first, blocks), (offset, matrix) = program.cones, program.slack
     return first + np.tensordot(x, blocks, (0, 1)), offset + matrix @ x
 
 
-def _system(programme: Programme, point: Point) -> _System:
-    blocks, matrix = programme.cones[1], programme.slack[1]
+def _system(program: Program, point: Point) -> _System:
+    blocks, matrix = program.cones[1], program.slack[1]
     f, (half, _), (_, dual) = len(point.x), point.halves, point.roots
     flat = (half[:, None] @ blocks @ dual[:, None]).transpose(0, 2, 3, 1).reshape(-1, f)
     steep = np.sqrt(point.multipliers / point.slack)[:, None] * matrix
@@ -378,7 +378,7 @@ def _system(programme: Programme, point: Point) -> _System:
 
 
 def _direction(
-    programme: Programme,
+    program: Program,
     weight: float,
     point: Point,
     system: _System,
@@ -390,7 +390,7 @@ def _direction(
 
     `ahead` is a step whose second order is made good for, in part.
     """
-    blocks, matrix = programme.cones[1], programme.slack[1]
+    blocks, matrix = program.cones[1], program.slack[1]
     (root, _), (half, other) = point.roots, point.halves
     turned, product = np.zeros_like(point.Q), np.zeros_like(point.slack)
     if ahead is not None:
@@ -409,7 +409,7 @@ def _direction(
 
 
 def _corrected(
-    programme: Programme,
+    program: Program,
     weight: float,
     point: Point,
     system: _System,
@@ -428,7 +428,7 @@ def _corrected(
     )
     best, longest = ahead, 0.0
     for part in (1.0, reach, 0.0):
-        step, _ = _direction(programme, weight, point, system, (bodies, limits), ahead, part)
+        step, _ = _direction(program, weight, point, system, (bodies, limits), ahead, part)
         length = _length(point, step)
         if length > longest:
             best, longest = step, length
@@ -437,12 +437,12 @@ def _corrected(
     return best
 
 
-def _moved(programme: Programme, point: Point, step: _Step) -> tuple[Point | None, float]:
+def _moved(program: Program, point: Point, step: _Step) -> tuple[Point | None, float]:
     """Return the point after a step that stays inside, and its length; None where none does."""
     length = _length(point, step)
     for _ in range(_MOST_CUTS):
         x = point.x + length * step.x
-        Q, slack = _inside(programme, x)
+        Q, slack = _inside(program, x)
         root = _root(Q)
         if root is None:  # the sum of x may be all rounding: what was added is exact
             Q = point.Q + length * step.Q

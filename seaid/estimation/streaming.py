@@ -21,11 +21,11 @@ from seaid.errors import LogError, reason_of
 from seaid.estimation.covariance import at_slots, long_run, slots
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import estimate_of, score_factors, settled_weights, solve
-from seaid.estimation.qr_factor import Information, combined, information_of
+from seaid.estimation.qr_factor import QRFactor, combined, qr_factor_of
 from seaid.log import LongLog
 from seaid.regressor import Regress, Regression, regressions_of_parts
 
-Weigh = Callable[[Information], Array]
+Weigh = Callable[[QRFactor], Array]
 Change = Callable[[Regression], Regression]
 
 _ARRAYS = ("H", "y", "joint", "time", "run", "carried")
@@ -36,7 +36,7 @@ def unchanged(rows: Regression) -> Regression:
     return rows
 
 
-def stream_information(logs: Sequence[LongLog], regress: Regress) -> Information:
+def stream_qr_factor(logs: Sequence[LongLog], regress: Regress) -> QRFactor:
     """Return the information of long logs, each read once.
 
     `regress` makes the rows of a motion: lambda motion: actuator_regression(robot, motion, joint),
@@ -44,7 +44,7 @@ def stream_information(logs: Sequence[LongLog], regress: Regress) -> Information
     their columns.
     """
     return combined(
-        information_of(rows) for log in logs for _, rows in regressions_of_parts(log, {"": regress})
+        qr_factor_of(rows) for log in logs for _, rows in regressions_of_parts(log, {"": regress})
     )
 
 
@@ -52,15 +52,15 @@ def stream_estimate(
     logs: Sequence[LongLog],
     regress: Regress,
     weigh: Weigh = settled_weights,
-    carried: Array | None = None,
-) -> tuple[Estimate, Information]:
+    propagated: Array | None = None,
+) -> tuple[Estimate, QRFactor]:
     """Return estimate and information of long logs; the covariance is that of all rows in memory.
 
-    `weigh` gives the weights of the equations (`settled_weights` or `equal_weights`), `carried` as
-    in `ordinary`. Each log is read once. Raises as `stream_information` and `ordinary` do.
+    `weigh` gives the weights of the equations (`settled_weights` or `equal_weights`), `propagated`
+    as in `ordinary`. Each log is read once. Raises as `stream_qr_factor` and `ordinary` do.
     """
     with stored_rows(logs, {"": regress}) as stored:
-        return stored_estimate(stored[""], weigh, carried)
+        return stored_estimate(stored[""], weigh, propagated)
 
 
 @dataclass(eq=False)
@@ -132,19 +132,19 @@ def _room_needed() -> Iterator[None]:
 def stored_estimate(
     stored: StoredRows,
     weigh: Weigh,
-    carried: Array | None = None,
+    propagated: Array | None = None,
     change: Change = unchanged,
-) -> tuple[Estimate, Information]:
+) -> tuple[Estimate, QRFactor]:
     """Return estimate and information of stored rows, as `stream_estimate`.
 
     `change` makes the rows out of those that were stored, with the same instants.
     """
-    information = combined(information_of(rows) for _, rows in stored.pieces(change))
-    weights = weigh(information)
-    theta = solve(information, weights).values
+    qr_factor = combined(qr_factor_of(rows) for _, rows in stored.pieces(change))
+    weights = weigh(qr_factor)
+    theta = solve(qr_factor, weights).values
 
     def factors(rows: Regression) -> Array:
-        return score_factors(rows, information, weights, theta)
+        return score_factors(rows, qr_factor, weights, theta)
 
     pieces = ((log, rows) for log, rows in stored.pieces(change) if len(rows.y))
     scores = (
@@ -154,7 +154,7 @@ def stored_estimate(
     instants = sum(
         round((end - start) / stored.steps_s[log]) + 1 for log, (start, end) in stored.spans.items()
     )
-    return estimate_of(information, weights, long_run(scores, instants), carried), information
+    return estimate_of(qr_factor, weights, long_run(scores, instants), propagated), qr_factor
 
 
 def _scores(

@@ -27,9 +27,9 @@ _FEW_STEPS, _MOST_TRIED = 8, 12
 
 @dataclass(frozen=True, eq=False)
 class Projected:
-    """The best `bent` (b,) and `linear` (p,) values, and the norm of the residual there."""
+    """The best `nonlinear` (b,) and `linear` (p,) values, and the norm of the residual there."""
 
-    bent: Array
+    nonlinear: Array
     linear: Array
     residual: float
 

@@ -1,7 +1,7 @@
 from .basis import Basis as Basis
 from .basis import JoinedBasis as JoinedBasis
 from .basis import make_basis as make_basis
-from .boundary import FREE as FREE
+from .boundary import IN_MOTION as IN_MOTION
 from .boundary import EndState as EndState
 from .boundary import MotionSpace as MotionSpace
 from .boundary import limit_rows as limit_rows

@@ -38,7 +38,7 @@ class EndState:
     acceleration: EndValue = 0.0
 
 
-FREE = EndState(None, None, None)
+IN_MOTION = EndState(None, None, None)
 """An end at which nothing is asked."""
 
 
@@ -160,7 +160,7 @@ def _end_values(name: str, given: Any, joint_names: tuple[str, ...]) -> Array:
     return finite(name, wanted, (len(joint_names),), ExcitationError)
 
 
-__all__ = ["FREE", "EndState", "MotionSpace", "limit_rows", "motion_space", "with_room"]
+__all__ = ["IN_MOTION", "EndState", "MotionSpace", "limit_rows", "motion_space", "with_room"]
 
 _WAY_SHARE, _WAY_DENSITY = 0.98, 4
 
@@ -250,7 +250,7 @@ def with_room(
 ) -> MotionSpace:
     """Return the space with a home that has room on all sides, for the joints `moved` (n,).
 
-    It is the centre of the largest ball of free variables within limits, from a linear programme.
+    It is the centre of the largest ball of free variables within limits, from a linear program.
     Raises ExcitationError, naming joint and limit, where nothing is within.
     """
     blocks, home = _blocks(space, limits), space.home.copy()

@@ -153,7 +153,7 @@ _ALIKE = 1e-6
 """Relative difference of condition numbers that does not decide."""
 
 
-def pivoted_base(robot: Robot, rows: Sequence[str] | None = None) -> BaseParameters:
+def pivoted_base(robot: Robot, torque_joints: Sequence[str] | None = None) -> BaseParameters:
     """Return the base parameters whose columns QR with column pivoting picks at random states.
 
     The pivoting (Businger and Golub 1965) is repeated over 16 draws of states; the columns kept are
@@ -163,8 +163,8 @@ def pivoted_base(robot: Robot, rows: Sequence[str] | None = None) -> BaseParamet
     columns. The choice depends on the robot and on `rows` alone. Raises ExcitationError where
     nothing is identifiable.
     """
-    leftmost = base_parameters(robot, rows=rows)
-    known = [robot.index(joint) for joint in robot.rows(rows)]
+    leftmost = base_parameters(robot, torque_joints=torque_joints)
+    known = [robot.index(joint) for joint in robot.rows(torque_joints)]
     draws = [_random_rows(robot, known, draw) for draw in range(_DRAWS)]
     columns = _best_pivots(draws, len(leftmost.columns))
     grouping = _safely_grouped(np.linalg.solve, leftmost.grouping[:, columns], leftmost.grouping)

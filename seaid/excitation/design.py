@@ -13,7 +13,7 @@ import numpy as np
 from seaid._arrays import Array, safely, seed_of
 from seaid.errors import ExcitationError, SeaidWarning
 from seaid.excitation.basis import make_basis
-from seaid.excitation.boundary import FREE, EndState, motion_space
+from seaid.excitation.boundary import IN_MOTION, EndState, motion_space
 from seaid.excitation.collision import Scene
 from seaid.excitation.criteria import (
     criterion_named,
@@ -81,11 +81,11 @@ def design_excitation(
     rest_to_rest: bool = True,
     start: EndState | None = None,
     end: EndState | None = None,
-    rows: Sequence[str] | None = None,
+    torque_joints: Sequence[str] | None = None,
     criterion: str = "condition_number",
-    drive_columns: bool = False,
+    drive_parameters: bool = False,
     torque_std: float | Sequence[float] | dict[str, float] = 1.0,
-    recorded: Sequence[Log] = (),
+    previous_logs: Sequence[Log] = (),
     scene: Scene | None = None,
     starts: int = 3,
     iterations: int = 150,
@@ -104,12 +104,12 @@ def design_excitation(
     `criterion`: "condition_number" (16), "d_optimality" (log det of the information), or
     "relative_error" (the worst expected standard error relative to the parameter's nominal size).
     It is that of the base parameters, from the torques of the joints `rows` (default all), and with
-    `drive_columns` of friction, stiffness and what else the drives have as well. Rows are torques
-    at the joints over their `torque_std` [N m or N], a number, one a joint or {joint: value}. Base
-    columns are raw in a condition number; drive columns are scaled to the same mean norm there.
-    `recorded` logs count as told already: the motion is the one that helps most after them. Only
-    "relative_error", the drive columns of elastic joints, and limits on torque or drives use the
-    robot's nominal values; otherwise they may be NaN.
+    `drive_parameters` of friction, stiffness and what else the drives have as well. Rows are
+    torques at the joints over their `torque_std` [N m or N], a number, one a joint or {joint:
+    value}. Base columns are raw in a condition number; drive columns are scaled to the same mean
+    norm there. `previous_logs` logs count as told already: the motion is the one that helps most
+    after them. Only "relative_error", the drive columns of elastic joints, and limits on torque or
+    drives use the robot's nominal values; otherwise they may be NaN.
 
     The search is SLSQP with the exact gradient: a third of the `iterations` from each of the random
     `starts`, then all of them from the best; it looks at so many `samples` (default: four a
@@ -127,21 +127,21 @@ def design_excitation(
     function = make_basis(basis, duration, count)
     bounds = joint_limits(robot, limits)
     drives = drive_limits(robot, limits or Limits(), bounds.velocity)
-    others = EndState() if rest_to_rest else FREE
+    others = EndState() if rest_to_rest else IN_MOTION
     space = motion_space(function, robot.joint_names, bounds, start or others, end or others)
     if not rest_to_rest:
         space = with_run_in(space, robot.joint_names, bounds)
-    base = pivoted_base(robot, rows)
+    base = pivoted_base(robot, torque_joints)
     target = (
-        drive_target(robot, rows, base, bounds.velocity)
-        if drive_columns
-        else load_target(robot, rows, base)
+        drive_target(robot, torque_joints, base, bounds.velocity)
+        if drive_parameters
+        else load_target(robot, torque_joints, base)
     )
     instants = _samples(target, function.size, samples)
     problem = make_problem(target, criterion, space, instants, bounds, drives, scene)
     problem = with_feasible_home(problem, seed)
     target = scaled_target(problem, robot, base, torque_std, measure.needs_nominal)
-    target = replace(target, known=recorded_factor(target, robot, recorded))
+    target = replace(target, known=recorded_factor(target, robot, previous_logs))
     problem = replace(problem, target=target)
     found, begin = search(problem, starts, iterations, seed, executor=executor, progress=progress)
     _warn_if_early(found, measure.meaning)

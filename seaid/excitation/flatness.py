@@ -20,10 +20,10 @@ from seaid.drives import (
     Drive,
     DriveCurve,
     SeriesElasticDrive,
-    bent_spring,
     beside_curve,
     beside_names,
     no_value,
+    nonlinear_spring,
 )
 from seaid.errors import ExcitationError
 from seaid.excitation.criteria import States, torque_derivatives
@@ -44,15 +44,15 @@ class Transmission:
 
     phi = C q is what the drives turn, C the `matrix` (n, n), and tau the torque on it. `ratio` is
     N r_L / r_M, `lever` N / r_M and `compliance` 1 / (r_L k), the deflection a unit of torque; the
-    last two are zero where the drive is stiff. Springs that are no straight lines are in `bent`, by
-    index, with their r_L.
+    last two are zero where the drive is stiff. Springs that are no straight lines are in
+    `nonlinear`, by index, with their r_L.
     """
 
     ratio: Array
     lever: Array
     compliance: Array
     matrix: Array
-    bent: tuple[tuple[int, float, BentSpring], ...] = ()
+    nonlinear: tuple[tuple[int, float, BentSpring], ...] = ()
 
     @property
     def is_elastic(self) -> bool:
@@ -66,9 +66,9 @@ class Transmission:
         """
         deflection = self.compliance * torque
         slope = np.broadcast_to(self.compliance, torque.shape)
-        if self.bent:
+        if self.nonlinear:
             slope = slope.copy()
-        for index, radius, spring in self.bent:
+        for index, radius, spring in self.nonlinear:
             deflection[:, index], by_force = spring.stretch(torque[:, index] / radius)
             slope[:, index] = by_force / radius
         return deflection, slope
@@ -77,7 +77,7 @@ class Transmission:
     def zero(self) -> Array:
         """Where the springs are not stretched (n,), in rad or m."""
         zeros = np.zeros(len(self.ratio))
-        for index, _, spring in self.bent:
+        for index, _, spring in self.nonlinear:
             zeros[index] = spring.zero
         return zeros
 
@@ -85,9 +85,9 @@ class Transmission:
 def transmission(robot: Robot) -> Transmission:
     """Return every joint's transmission. Raises ExcitationError where a spring has no value."""
     ratio, lever, compliance = np.zeros((3, robot.n))
-    bent = []
+    nonlinear = []
     for index, joint in enumerate(robot.joint_names):
-        drive = robot.drivetrains[joint]
+        drive = robot.drives[joint]
         ratio[index] = drive.ratio
         if not isinstance(drive, SeriesElasticDrive):
             continue
@@ -97,8 +97,8 @@ def transmission(robot: Robot) -> Transmission:
         if set(drive.spring) <= {"linear", "damping"}:
             compliance[index] = 1.0 / (drive.load_radius * drive.values["stiffness"])
         else:
-            bent.append((index, drive.load_radius, bent_spring(joint, drive)))
-    return Transmission(ratio, lever, compliance, robot.transmission, tuple(bent))
+            nonlinear.append((index, drive.load_radius, nonlinear_spring(joint, drive)))
+    return Transmission(ratio, lever, compliance, robot.transmission, tuple(nonlinear))
 
 
 def rigid_transmission(robot: Robot) -> Transmission:
@@ -131,7 +131,7 @@ def besides(robot: Robot, top_speed: Array, joints: Sequence[str]) -> Besides:
     return tuple(
         (index, beside_curve(joint, drive), SIGN_WIDTH * float(top_speed[index]))
         for index, joint in enumerate(robot.joint_names)
-        if index in wanted and beside_names(drive := robot.drivetrains[joint])
+        if index in wanted and beside_names(drive := robot.drives[joint])
     )
 
 

@@ -284,9 +284,9 @@ def drive_limits(robot: Robot, limits: Limits, top_speed: Array) -> DriveLimits 
     inertia = np.zeros(robot.n)
     for index in motors:
         joint = robot.joint_names[index]
-        inertia[index] = nominal(joint, robot.drivetrains[joint], "motor_inertia")
+        inertia[index] = nominal(joint, robot.drives[joint], "motor_inertia")
     names = [robot.joint_names[index] for index in motors]
-    curves = [friction_curve(joint, robot.drivetrains[joint]) for joint in names]
+    curves = [friction_curve(joint, robot.drives[joint]) for joint in names]
     return DriveLimits(
         robot=robot,
         most=most,
@@ -300,14 +300,14 @@ def drive_limits(robot: Robot, limits: Limits, top_speed: Array) -> DriveLimits 
 
 def _knows_beside(robot: Robot) -> BoolArray:
     """Tell for each joint (n,) whether what acts beside its drive has values."""
-    drives = [robot.drivetrains[joint] for joint in robot.joint_names]
+    drives = [robot.drives[joint] for joint in robot.joint_names]
     return np.array([set(beside_names(drive)) <= set(drive.values) for drive in drives])
 
 
 def _check_flat(robot: Robot, limited: BoolArray) -> None:
     """Raise ExcitationError for limits on what jumps, or remembers."""
     for index, joint in enumerate(robot.joint_names):
-        for term in getattr(robot.drivetrains[joint], "spring", ()):
+        for term in getattr(robot.drives[joint], "spring", ()):
             kinds = [
                 kind for kind in _NOT_FLAT.get(term, ()) if limited[DRIVE_KINDS.index(kind), index]
             ]

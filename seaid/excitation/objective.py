@@ -104,21 +104,21 @@ class Target:
         return f"{len(self.names)} {'parameters' if self.blocks else 'base parameters'}"
 
 
-def load_target(robot: Robot, rows: Sequence[str] | None, base: BaseParameters) -> Target:
+def load_target(robot: Robot, torque_joints: Sequence[str] | None, base: BaseParameters) -> Target:
     """Return the target of the base parameters alone, unscaled, as (16) has it.
 
     It needs the geometry alone: the robot is kept without parameters and drives. Raises
     ExcitationError for rows that are some of the joints that drives move together.
     """
-    group = named_in_part(robot.joint_names, robot.transmission, robot.rows(rows))
+    group = named_in_part(robot.joint_names, robot.transmission, robot.rows(torque_joints))
     if group:
         raise ExcitationError(
-            f"the drives of {', '.join(group)} move these joints together: rows= must name all of "
-            "them or none to plan a motion"
+            f"the drives of {', '.join(group)} move these joints together: torque_joints= must "
+            "name all of them or none to plan a motion"
         )
-    bare = replace(robot.with_values(np.zeros(10 * robot.n), robot.drivetrains), drivetrains={})
+    bare = replace(robot.with_values(np.zeros(10 * robot.n), robot.drives), drives={})
     p = len(base.columns)
-    known = tuple(map(robot.index, robot.rows(rows)))
+    known = tuple(map(robot.index, robot.rows(torque_joints)))
     return Target(
         robot=bare,
         rows=known,
@@ -137,7 +137,7 @@ def load_target(robot: Robot, rows: Sequence[str] | None, base: BaseParameters) 
 
 
 def drive_target(
-    robot: Robot, rows: Sequence[str] | None, base: BaseParameters, top_speed: Array
+    robot: Robot, torque_joints: Sequence[str] | None, base: BaseParameters, top_speed: Array
 ) -> Target:
     """Return the target of base parameters and drives: friction, stiffness, rotor inertia.
 
@@ -145,9 +145,9 @@ def drive_target(
     spring's deflection follow from the nominal model; raises ExcitationError where an elastic drive
     or a body has none, and where a column is a slope near a value that is not given.
     """
-    known, drives = robot.rows(rows), transmission(robot)
+    known, drives = robot.rows(torque_joints), transmission(robot)
     parts = _drive_blocks(robot, drives, known, top_speed)
-    plain, model = load_target(robot, rows, base), load_model(robot, base, known)
+    plain, model = load_target(robot, torque_joints, base), load_model(robot, base, known)
     names, units = list(model.expressions), list(plain.units)
     blocks = []
     for block in parts:
@@ -194,7 +194,7 @@ def _drive_blocks(
         if np.any(shares):
             columns = _valued(joint, motor_regressor(robot, joint))
             blocks.append(DriveBlock(index, shares, columns, (), (), motors[index], False))
-        if beside_names(robot.drivetrains[joint]):
+        if beside_names(robot.drives[joint]):
             shares = np.zeros(len(shares))
             shares[: len(known)] = torque_map(robot)[load_rows, index]
             columns, width = _valued(joint, joint_regressor(robot, joint)), top_speed[index]

@@ -420,7 +420,7 @@ def _sizes(target: Target, robot: Robot, base: BaseParameters) -> Array:
     check_nominal_bodies(robot)
     sizes = list(np.abs(base.project(robot.parameters)))
     for block in target.blocks:
-        values = robot.drivetrains[robot.joint_names[block.joint]].values
+        values = robot.drives[robot.joint_names[block.joint]].values
         sizes += [values.get(block.regressor.names[index], np.nan) for index in block.picked]
     found, units = np.array(sizes), np.array(target.units)
     for unit in set(target.units):

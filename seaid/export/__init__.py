@@ -4,7 +4,7 @@ An `Identification`, or a `Robot` with its values, comes in; files go out:
 
 - `write_urdf`: the same file with the identified inertias, all else byte for byte as it was;
 - `write_mjcf`: a MuJoCo model with the springs, the armature and the friction of the drives;
-- `parameters.json`, which `read_parameters` reads back; drive tables by `write_drivetrains`.
+- `parameters.json`, which `read_parameters` reads back; drive tables by `write_drives`.
 
 >>> import seaid
 >>> robot = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")

@@ -51,7 +51,7 @@ def _rates(robot: Robot) -> np.ndarray:
     mass, spring, damping = (np.zeros((2 * n, 2 * n)) for _ in range(3))
     mass[:n, :n] = mass_matrix(model, model.createData(), np.zeros(n))[np.ix_(order, order)]
     for index, joint in enumerate(robot.joint_names):
-        drive = robot.drivetrains[joint]
+        drive = robot.drives[joint]
         values = drive.values
         at_joint, at_motor = np.zeros(2 * n), np.zeros(2 * n)
         at_joint[:n], at_motor[n + index] = C[index], 1.0

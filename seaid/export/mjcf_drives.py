@@ -32,11 +32,11 @@ def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
     lost += [f"extra term {term}" for term in drive.extra_terms]
     if lost:
         notes.append(f"joint '{joint}': left out, MuJoCo cannot say it: {', '.join(lost)}")
-    offset = drive.values.get("deflection_offset", 0.0)
+    offset = drive.values.get("spring_offset", 0.0)
     if offset and "preload" not in getattr(drive, "spring", ()):
         notes.append(
             f"joint '{joint}': its deflection offset ({offset:.4g} "
-            f"{unit_of(drive, 'deflection_offset')}) is what the encoders' zeros leave and not in "
+            f"{unit_of(drive, 'spring_offset')}) is what the encoders' zeros leave and not in "
             "the model, where the spring is at rest when both sides are at zero"
         )
     if drive.motor_input != "torque":
@@ -58,7 +58,7 @@ def note_drives(robot: Robot, step: float, notes: list[str]) -> None:
             "masses, and gyroscopic torques of rotors are not there, as in the method's equations"
         )
     dry = ("coulomb_friction", "joint_coulomb_friction")
-    if any(drive.values.get(name) for drive in robot.drivetrains.values() for name in dry):
+    if any(drive.values.get(name) for drive in robot.drives.values() for name in dry):
         notes.append(
             f"MuJoCo's friction loss is soft: it brakes within a step ({step:g} s), and what it "
             "holds creeps a little"
@@ -95,7 +95,7 @@ def add_drives(
     tendons, actuators = parts
     taken = {*robot.joint_names, *robot.body_names, "world"}
     for index, joint in enumerate(robot.joint_names):
-        drive, C = robot.drivetrains[joint], robot.transmission[index]
+        drive, C = robot.drives[joint], robot.transmission[index]
         note_drive(joint, drive, notes)
         turned = {robot.joint_names[at]: float(C[at]) for at in np.flatnonzero(C)}
         beside, gear = _beside(joint, drive), _Line()
@@ -172,10 +172,10 @@ def _motor(joint: str, drive: Drive) -> _Line:
 
 def _spring(joint: str, drive: SeriesElasticDrive) -> _Line:
     """Return the spring of a drive over its deflection."""
-    bent = [term for term in drive.spring if term in ("cubic", "fifth")]
-    if bent:
+    nonlinear = [term for term in drive.spring if term in ("cubic", "fifth")]
+    if nonlinear:
         raise RobotError(
-            f"joint '{joint}': the spring has the term '{bent[0]}', and MuJoCo's are straight "
+            f"joint '{joint}': the spring has the term '{nonlinear[0]}', and MuJoCo's are straight "
             "lines: give or identify one with spring=('linear',)"
         )
     stiffness = _value(joint, drive, "stiffness")
@@ -188,7 +188,7 @@ def _spring(joint: str, drive: SeriesElasticDrive) -> _Line:
             )
         zero, half = drive.values.get("deflection_zero", 0.0), _value(joint, drive, "dead_zone")
         return _Line(damping=damping, stiffness=stiffness, rest=(zero - half, zero + half))
-    preload = _value(joint, drive, "deflection_offset") if "preload" in drive.spring else 0.0
+    preload = _value(joint, drive, "spring_offset") if "preload" in drive.spring else 0.0
     return _Line(damping=damping, stiffness=stiffness, rest=(-preload / stiffness,))
 
 

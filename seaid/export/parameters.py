@@ -17,15 +17,15 @@ from seaid.robot import PARAMETERS, Robot, check_kind, check_transmission
 
 if TYPE_CHECKING:
     from seaid.estimation import Estimate, ModelChecks
-    from seaid.identification import Identification, PossibleBodies, Validation
+    from seaid.identification import FeasibleParameters, Identification, Validation
 
 
-_FORMAT = "seaid parameters 1"
+_FORMAT = "seaid parameters 2"
 _KEYS = (
     "format",
     "robot",
     "joints",
-    "drivetrains",
+    "drives",
     "load",
     "base_columns",
     "grouping",
@@ -34,10 +34,10 @@ _KEYS = (
     "cutoff_hz",
     "flags",
     "bodies",
-    "drives",
-    "possible",
+    "drive_tables",
+    "feasible",
     "checks",
-    "left_out",
+    "excluded",
     "processing",
     "seaid",
 )
@@ -58,7 +58,7 @@ def content_of(found: Identification, validation: Validation | None = None) -> d
         "format": _FORMAT,
         "robot": robot.name,
         "joints": robot.joint_names,
-        "drivetrains": {joint: _values(one) for joint, one in found.drivetrains.items()},
+        "drives": {joint: _values(one) for joint, one in found.drives.items()},
         "load": [{"expression": name, **value} for name, value in _values(found.load).items()],
         "base_columns": found.base.columns,
         "grouping": found.base.grouping,
@@ -67,10 +67,10 @@ def content_of(found: Identification, validation: Validation | None = None) -> d
         "cutoff_hz": found.cutoff_hz,
         "flags": found.flags,
         "bodies": {link: dict(zip(PARAMETERS, ten, strict=True)) for link, ten in bodies},
-        "drives": {joint: drive_table(drive) for joint, drive in robot.drivetrains.items()},
-        "possible": None if found.possible is None else _possible(found.possible),
+        "drive_tables": {joint: drive_table(drive) for joint, drive in robot.drives.items()},
+        "feasible": None if found.feasible is None else _feasible(found.feasible),
         "checks": {side: _checks(one) for side, one in found.checks.items()},
-        "left_out": found.left_out,
+        "excluded": found.excluded,
         "processing": [asdict(one) for one in found.processing],
         "seaid": __version__,
     }
@@ -103,10 +103,10 @@ def read_parameters(path: str | Path, robot: Robot) -> Robot:
                 f"here they are {', '.join(robot.joint_names)}; joints= chooses"
             )
         values = np.array([_body(link, table) for link, table in bodies.items()]).ravel()
-        _check_keys("drives", content["drives"], robot.joint_names)
+        _check_keys("drive_tables", content["drive_tables"], robot.joint_names)
         drives = {
             joint: IDEAL_DRIVE if drive == IDEAL_DRIVE else drive
-            for joint, drive in drives_from_mapping(content["drives"]).items()
+            for joint, drive in drives_from_mapping(content["drive_tables"]).items()
         }
         for joint, slides in zip(robot.joint_names, robot.is_prismatic, strict=True):
             check_kind(joint, "prismatic" if slides else "revolute", drives[joint])
@@ -158,7 +158,7 @@ def _values(estimate: Estimate) -> dict[str, dict[str, Any]]:
     }
 
 
-def _possible(possible: PossibleBodies) -> dict[str, Any]:
+def _feasible(possible: FeasibleParameters) -> dict[str, Any]:
     columns = (possible.names, possible.values, possible.estimate, possible.distance)
     keys = ("name", "value", "estimate", "distance", "unit")
     return {
@@ -178,7 +178,7 @@ def _possible(possible: PossibleBodies) -> dict[str, Any]:
 def _checks(checks: ModelChecks) -> Mapping[str, Any]:
     return {
         "condition_number": checks.condition_number,
-        "poorly_told": checks.poorly_told,
+        "poorly_determined": checks.poorly_determined,
         "terms": [asdict(one) for one in checks.terms],
         "whiteness": {joint: asdict(one) for joint, one in checks.whiteness.items()},
     }

@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from seaid._arrays import Array
 from seaid._files import real_path, whole_file
-from seaid.drives import IDEAL_DRIVE, StiffDrive, write_drivetrains
+from seaid.drives import IDEAL_DRIVE, StiffDrive, write_drives
 from seaid.errors import RobotError, unknown_name
 from seaid.identification import Identification
 from seaid.robot import (
@@ -193,7 +193,7 @@ class WrittenUrdf:
     """The files written, and in words what a reader of them must know."""
 
     urdf: Path
-    drivetrains: Path | None
+    drives: Path | None
     notes: tuple[str, ...]
 
 
@@ -225,7 +225,7 @@ def write_urdf(
     if not path.name or path.suffix.lower() == ".toml":
         raise RobotError(f"'{path}' is no name for a URDF: name a file that ends in .urdf")
     drives = None
-    if any(drive != IDEAL_DRIVE for drive in robot.drivetrains.values()):
+    if any(drive != IDEAL_DRIVE for drive in robot.drives.values()):
         drives = path.with_suffix(".toml")
     for written in (path, drives):
         if written is not None and real_path(written) == real_path(source):
@@ -243,7 +243,7 @@ def write_urdf(
     with whole_file(path) as temporary:
         temporary.write_bytes(edited(text, edits))
         if drives is not None:
-            write_drivetrains(robot.drivetrains, drives)
+            write_drives(robot.drives, drives)
     return WrittenUrdf(path, drives, tuple(notes))
 
 
@@ -275,9 +275,9 @@ def _bodies(robot: Robot, tree: UrdfTree, notes: list[str], force: bool) -> dict
     for joint, body, lump in zip(
         robot.joint_names, robot.body_names, robot.parameters.reshape(-1, 10), strict=True
     ):
-        carried = _carried(tree, joint, moving)
-        fixed = {link: tree.links[link] for link in carried if np.any(tree.links[link])}
-        rest = _rest(lump, [in_parent_frame(own, carried[link]) for link, own in fixed.items()])
+        propagated = _carried(tree, joint, moving)
+        fixed = {link: tree.links[link] for link in propagated if np.any(tree.links[link])}
+        rest = _rest(lump, [in_parent_frame(own, propagated[link]) for link, own in fixed.items()])
         alone = is_physical(rest, THIN) and not _is_massless(rest)
         if fixed and not alone and is_physical(lump, THIN):
             notes.append(
@@ -363,7 +363,7 @@ def _dynamics(text: bytes, root: Element, robot: Robot) -> list[Edit]:
     """Return what writes damping and friction of stiff drives as they are at their own joints."""
     joints, coupled = root.named("joint"), _coupled(robot)
     edits: list[Edit] = []
-    for joint, drive in robot.drivetrains.items():
+    for joint, drive in robot.drives.items():
         if not isinstance(drive, StiffDrive) or drive == IDEAL_DRIVE or joint in coupled:
             continue
         viscous, coulomb = (drive.values.get(f"{kind}_friction") for kind in ("viscous", "coulomb"))
@@ -389,7 +389,7 @@ def _note_left_out(robot: Robot, path: Path, source: Path, root: Element, notes:
     if np.any(robot.payload_parameters):
         notes.append("the payload that was known is not in the file: give it with payloads=")
     coupled = _coupled(robot)
-    for joint, drive in robot.drivetrains.items():
+    for joint, drive in robot.drives.items():
         if isinstance(drive, StiffDrive) and drive != IDEAL_DRIVE and joint in coupled:
             notes.append(
                 f"joint '{joint}': its drive moves other joints, and <dynamics> cannot say its "

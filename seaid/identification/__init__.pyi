@@ -12,11 +12,11 @@ from .identification import Identification as Identification
 from .identification import identify as identify
 from .linearisation import under_load as under_load
 from .linearisation import with_gear_torque as with_gear_torque
-from .model_selection import TermGain as TermGain
+from .model_selection import TermComparison as TermComparison
 from .model_selection import TermSelection as TermSelection
 from .model_selection import compare_terms as compare_terms
 from .output_error import refine as refine
-from .physical.consistency import PossibleBodies as PossibleBodies
+from .physical.consistency import FeasibleParameters as FeasibleParameters
 from .validation import Fit as Fit
 from .validation import Validation as Validation
 from .validation import compared as compared

@@ -28,11 +28,11 @@ from seaid.estimation import (
     TermTest,
     estimator_named,
     independent_rows,
-    information_of,
+    qr_factor_of,
     settled_weights,
     term_test,
 )
-from seaid.identification.datasets import Record, Source, records_of, rows_of, sources_of
+from seaid.identification.datasets import Dataset, Source, records_of, rows_of, sources_of
 from seaid.identification.drive_estimates import joined, spring_of, with_flags
 from seaid.identification.identification import Identification, packed
 from seaid.identification.linearisation import straightened_robot
@@ -104,7 +104,7 @@ def shared_rows(rows: Mapping[str, Regression], own: Sequence[bool]) -> SharedRo
 
 def placed_carried(rows: Regression, places: Sequence[int], count: int) -> Regression:
     """Return the rows with what they carry at `places` among `count` parameters."""
-    return replace(rows, carried=_placed(rows.carried, places, count))
+    return replace(rows, propagated=_placed(rows.propagated, places, count))
 
 
 def _columns(names: Sequence[str], own: Sequence[bool], conditions: Sequence[str]) -> list[str]:
@@ -148,13 +148,13 @@ class ConditionSide:
         for columns in groups.values():  # the first is what is common, the others differ from it
             change[columns, columns[0]] = 1.0
         rows = self.shared.rows
-        information = information_of(replace(rows, H=rows.H @ change))
-        independent = independent_rows(self.fit.information, self.fit.estimate)
+        qr_factor = qr_factor_of(replace(rows, H=rows.H @ change))
+        independent = independent_rows(self.fit.qr_factor, self.fit.estimate)
         if independent <= len(names):
             return {}
-        weights = settled_weights(information)
+        weights = settled_weights(qr_factor)
         return {
-            name: term_test(information, weights, [names[c] for c in columns[1:]], independent)
+            name: term_test(qr_factor, weights, [names[c] for c in columns[1:]], independent)
             for name, columns in groups.items()
         }
 
@@ -181,7 +181,7 @@ class ConditionSides:
         """Return one condition's part of all fits, as `identify` would."""
         robot, model = self.robots[condition], self.models[condition]
         drives = {
-            joint: with_flags(side.of(condition), joint, information_of(side.rows[condition]))
+            joint: with_flags(side.of(condition), joint, qr_factor_of(side.rows[condition]))
             for joint, side in self.actuators.items()
         }
         load_side, fit = self.load.of(condition), self.load.fit
@@ -190,13 +190,13 @@ class ConditionSides:
         found = joined(drives, others)
         sides = {**self.actuators, "load": self.load}
         return Sides(
-            drivetrains={joint: found[joint] for joint in robot.joint_names if joint in found},
+            drives={joint: found[joint] for joint in robot.joint_names if joint in found},
             load=base,
             load_side=load_side,
             springs={
                 joint: spring_of(robot, drives[joint], joint).values for joint in self.springs
             },
-            left_out={name: side.rows[condition].left_out for name, side in sides.items()},
+            excluded={name: side.rows[condition].excluded for name, side in sides.items()},
             checks={name: side.fit.checks(robot.joint_names, ()) for name, side in sides.items()},
             white_covariance=self.load.shared.of(condition, white).covariance,
         )
@@ -204,7 +204,7 @@ class ConditionSides:
 
 def condition_sides(
     robots: Mapping[str, Robot],
-    records: Mapping[str, Sequence[Record]],
+    datasets: Mapping[str, Sequence[Dataset]],
     models: Mapping[str, LoadModel],
     own: Sequence[str],
     solver: Estimator,
@@ -214,23 +214,23 @@ def condition_sides(
     Raises IdentificationError where the conditions do not have the same columns.
     """
     name, first = next(iter(robots.items()))
-    springs = sprung(first, records[name], models[name])
+    springs = sprung(first, datasets[name], models[name])
     actuators = {
-        joint: _actuator(robots, records, joint, own, solver) for joint in first.elastic_joints
+        joint: _actuator(robots, datasets, joint, own, solver) for joint in first.elastic_joints
     }
-    load = _load(robots, records, models, springs, actuators, own, solver)
+    load = _load(robots, datasets, models, springs, actuators, own, solver)
     return ConditionSides(robots, models, actuators, load, springs)
 
 
 def _actuator(
     robots: Mapping[str, Robot],
-    records: Mapping[str, Sequence[Record]],
+    datasets: Mapping[str, Sequence[Dataset]],
     joint: str,
     own: Sequence[str],
     solver: Estimator,
 ) -> ConditionSide:
     rows = {
-        name: rows_of(records[name], partial(_actuator_rows, robots[name], joint))
+        name: rows_of(datasets[name], partial(_actuator_rows, robots[name], joint))
         for name in robots
     }
     names = next(iter(rows.values())).names
@@ -244,7 +244,7 @@ def _actuator_rows(robot: Robot, joint: str, motion: Motion) -> Regression:
 
 def _load(
     robots: Mapping[str, Robot],
-    records: Mapping[str, Sequence[Record]],
+    datasets: Mapping[str, Sequence[Dataset]],
     models: Mapping[str, LoadModel],
     joints: Sequence[str],
     actuators: Mapping[str, ConditionSide],
@@ -260,7 +260,7 @@ def _load(
     for name, robot in robots.items():
         springs = {joint: spring_of(robot, actuators[joint].of(name), joint) for joint in joints}
         values = {joint: spring.values for joint, spring in springs.items()}
-        one = rows_of(records[name], partial(_load_rows, robot, models[name], values))
+        one = rows_of(datasets[name], partial(_load_rows, robot, models[name], values))
         places = [
             int(start)
             + actuators[joint].shared.places[name][actuators[joint].shared.names.index(p)]
@@ -272,8 +272,8 @@ def _load(
     is_own = [BODIES in own] * bodies + [
         name in own or name.split(" of ")[0] in own for name in models[first].names[bodies:]
     ]
-    carried = linalg.block_diag(*covariances) if covariances else None
-    return _fitted(rows, is_own, solver, carried)
+    propagated = linalg.block_diag(*covariances) if covariances else None
+    return _fitted(rows, is_own, solver, propagated)
 
 
 def _load_rows(
@@ -283,15 +283,15 @@ def _load_rows(
 
 
 def _fitted(
-    rows: Mapping[str, Regression], own: Sequence[bool], solver: Estimator, carried: Array | None
+    rows: Mapping[str, Regression], own: Sequence[bool], solver: Estimator, propagated: Array | None
 ) -> ConditionSide:
     shared = shared_rows(rows, own)
-    estimate = solver.solve(shared.rows, carried)
+    estimate = solver.solve(shared.rows, propagated)
     seen = solver.seen(shared.rows, estimate)
-    return ConditionSide(rows, shared, Fit(estimate, information_of(seen), seen, carried))
+    return ConditionSide(rows, shared, Fit(estimate, qr_factor_of(seen), seen, propagated))
 
 
-OWN = ("deflection_offset", "deflection_zero")
+OWN = ("spring_offset", "deflection_zero")
 """Own by default: encoders are zeroed anew when a robot is switched on."""
 
 
@@ -319,7 +319,7 @@ def identify_conditions(
     conditions: Mapping[str, tuple[Robot, Source | Sequence[Source]]],
     *,
     own: Sequence[str] = OWN,
-    rows: Sequence[str] | None = None,
+    torque_joints: Sequence[str] | None = None,
     estimator: str = "wls",
     cutoff_hz: float | None = None,
     progress: bool = False,
@@ -333,24 +333,24 @@ def identify_conditions(
     IdentificationError for less than two conditions, unknown names and robots that do not have the
     same joints, drives and base parameters.
     """
-    robots, records = _records(conditions, cutoff_hz, progress)
+    robots, datasets = _records(conditions, cutoff_hz, progress)
     first = robots[next(iter(robots))]
     _check_own(first, own)
-    used = _used(robots, records) if rows is None else first.rows(rows)
+    used = _used(robots, datasets) if torque_joints is None else first.rows(torque_joints)
     given = robots
-    robots, records = _straightened(robots, records, used)
+    robots, datasets = _straightened(robots, datasets, used)
     models = {
-        name: load_model(robot, base_parameters(robot, rows=used), used)
+        name: load_model(robot, base_parameters(robot, torque_joints=used), used)
         for name, robot in robots.items()
     }
     _check_models(models)
-    sides = condition_sides(robots, records, models, own, estimator_named(estimator))
+    sides = condition_sides(robots, datasets, models, own, estimator_named(estimator))
     found = {}
     for name, robot in robots.items():
         part = sides.of(name)
-        drives = with_held_flags(part.drivetrains, given[name], robot)
-        part = replace(part, drivetrains=drives)
-        found[name] = packed(robot, models[name], part, records[name])
+        drives = with_held_flags(part.drives, given[name], robot)
+        part = replace(part, drives=drives)
+        found[name] = packed(robot, models[name], part, datasets[name])
     return Conditions(FrozenMapping(found), tuple(own), FrozenMapping(sides.differences()))
 
 
@@ -358,7 +358,7 @@ def _records(
     conditions: Mapping[str, tuple[Robot, Source | Sequence[Source]]],
     cutoff_hz: float | None,
     progress: bool,
-) -> tuple[dict[str, Robot], dict[str, list[Record]]]:
+) -> tuple[dict[str, Robot], dict[str, list[Dataset]]]:
     """Return robots and records of all conditions, in one pass band."""
     if len(conditions) < 2:
         raise IdentificationError(
@@ -368,33 +368,33 @@ def _records(
     _check_joints(robots)
     sources = {name: sources_of(logs) for name, (_, logs) in conditions.items()}
 
-    def read(cutoff: float | None) -> dict[str, list[Record]]:
+    def read(cutoff: float | None) -> dict[str, list[Dataset]]:
         return {
             name: records_of(robots[name], sources[name], cutoff, None, progress)
             for name in conditions
         }
 
-    records = read(cutoff_hz)
-    bands = {one.cutoff_hz for found in records.values() for one in found}
-    return robots, records if len(bands) == 1 else read(min(bands))
+    datasets = read(cutoff_hz)
+    bands = {one.cutoff_hz for found in datasets.values() for one in found}
+    return robots, datasets if len(bands) == 1 else read(min(bands))
 
 
 def _straightened(
-    robots: Mapping[str, Robot], records: Mapping[str, list[Record]], used: Sequence[str]
-) -> tuple[dict[str, Robot], dict[str, list[Record]]]:
+    robots: Mapping[str, Robot], datasets: Mapping[str, list[Dataset]], used: Sequence[str]
+) -> tuple[dict[str, Robot], dict[str, list[Dataset]]]:
     """Return robots near whose values drives that bend are taken: those of the first condition."""
     found, known = dict(robots), {}
     for place, (name, robot) in enumerate(robots.items()):
-        straight, known[name] = straightened_robot(found[name], records[name], used)
+        straight, known[name] = straightened_robot(found[name], datasets[name], used)
         if place == 0 and straight is not robot:
-            alike = {x: one for x, one in robots.items() if one.drivetrains == robot.drivetrains}
-            found |= {x: one.with_drivetrains(straight.drivetrains) for x, one in alike.items()}
+            alike = {x: one for x, one in robots.items() if one.drives == robot.drives}
+            found |= {x: one.with_drives(straight.drives) for x, one in alike.items()}
     return found, known
 
 
-def _used(robots: Mapping[str, Robot], records: Mapping[str, list[Record]]) -> tuple[str, ...]:
+def _used(robots: Mapping[str, Robot], datasets: Mapping[str, list[Dataset]]) -> tuple[str, ...]:
     """Return the joints whose torque is measured in every condition."""
-    known = [known_torques(robots[name], records[name]) for name in robots]
+    known = [known_torques(robots[name], datasets[name]) for name in robots]
     return tuple(joint for joint in known[0] if all(joint in one for one in known))
 
 

@@ -117,14 +117,14 @@ def cutoff_sensitivity(
 
 
 def _names(found: Identification) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    drives = found.drivetrains.items()
+    drives = found.drives.items()
     names = [f"{name} of {joint}" for joint, one in drives for name in one.names]
     units = [unit for _, one in drives for unit in one.units]
     return (*names, *found.load.names), (*units, *found.load.units)
 
 
 def _estimates(found: Identification) -> tuple[Array, Array]:
-    estimates = [*found.drivetrains.values(), found.load]
+    estimates = [*found.drives.values(), found.load]
     return (
         np.concatenate([one.values for one in estimates]),
         np.concatenate([one.standard_errors for one in estimates]),

@@ -16,10 +16,10 @@ from seaid.errors import IdentificationError
 from seaid.log import (
     FEWEST_PERIODS,
     SHORTEST_STRETCH,
+    CutoffSelection,
     Log,
     LongLog,
     Motion,
-    PassBand,
     Processing,
     open_long_log,
     reconstruct_motions,
@@ -30,7 +30,7 @@ from seaid.robot import Robot
 Source = Log | LongLog | str | Path
 """A log in memory, a log file opened by `open_long_log`, or the path of one with our names."""
 
-Record = Motion | LongLog
+Dataset = Motion | LongLog
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -55,7 +55,7 @@ def records_of(
     cutoff_hz: float | None,
     executor: Executor | None,
     progress: bool,
-) -> list[Record]:
+) -> list[Dataset]:
     """Return the motions of all logs in one pass band: the given one, or the narrowest proposed.
 
     Not narrower, though, than the shortest log allows. A log with holes in time has one motion for
@@ -65,7 +65,7 @@ def records_of(
     allowed = [
         1.001 * max(FEWEST_PERIODS / sum(lengths), SHORTEST_STRETCH / max(lengths))
         for group in groups
-        for lengths in [[_duration(record) for record in group]]
+        for lengths in [[_duration(dataset) for dataset in group]]
         if cutoff_hz is None and isinstance(group[0], Motion)
     ]
     common = max([min(group[0].cutoff_hz for group in groups), *allowed])
@@ -73,39 +73,39 @@ def records_of(
     again = [sources[place] for place in others]
     redone = _mapped(partial(_records, robot, common), again, executor, progress)
     for place, group in zip(others, redone, strict=True):
-        groups[place] = [_in_common(record) for record in group]
-    return [record for group in groups for record in group]
+        groups[place] = [_in_common(dataset) for dataset in group]
+    return [dataset for group in groups for dataset in group]
 
 
-def _duration(record: Record) -> float:
-    return float(record.time[-1] - record.time[0]) if isinstance(record, Motion) else np.inf
+def _duration(dataset: Dataset) -> float:
+    return float(dataset.time[-1] - dataset.time[0]) if isinstance(dataset, Motion) else np.inf
 
 
-def _in_common(record: Record) -> Record:
-    if isinstance(record, LongLog) or record.processing is None:
-        return record
-    band = PassBand(record.cutoff_hz, "which suits all the logs together")
-    return replace(record, processing=replace(record.processing, pass_band=band))
+def _in_common(dataset: Dataset) -> Dataset:
+    if isinstance(dataset, LongLog) or dataset.processing is None:
+        return dataset
+    band = CutoffSelection(dataset.cutoff_hz, "which suits all the logs together")
+    return replace(dataset, processing=replace(dataset.processing, cutoff_selection=band))
 
 
-def processing_of(records: Sequence[Record]) -> tuple[Processing, ...]:
+def processing_of(datasets: Sequence[Dataset]) -> tuple[Processing, ...]:
     """Return what was done to each log; of a long one, to its first piece."""
-    return tuple(record.processing for record in records if record.processing is not None)
+    return tuple(dataset.processing for dataset in datasets if dataset.processing is not None)
 
 
-def first_motion(record: Record) -> Motion:
+def first_motion(dataset: Dataset) -> Motion:
     """Return the motion, or that of the first piece of a long log: it has the same sensors."""
-    return record if isinstance(record, Motion) else next(record.motions())[0]
+    return dataset if isinstance(dataset, Motion) else next(dataset.motions())[0]
 
 
 def rows_of(
-    records: Sequence[Record], regress: Regress, executor: Executor | None = None
+    datasets: Sequence[Dataset], regress: Regress, executor: Executor | None = None
 ) -> Regression:
     """Return the rows of all records as one regression, those of each by the executor."""
-    return stacked(_map(partial(_rows, regress), records, executor))
+    return stacked(_map(partial(_rows, regress), datasets, executor))
 
 
-def _records(robot: Robot, cutoff_hz: float | None, source: Source) -> list[Record]:
+def _records(robot: Robot, cutoff_hz: float | None, source: Source) -> list[Dataset]:
     """Return a log file read in pieces, or the motions between the holes of a log in memory."""
     if isinstance(source, Log):
         return list(reconstruct_motions(robot, source, cutoff_hz))
@@ -124,10 +124,10 @@ def _records(robot: Robot, cutoff_hz: float | None, source: Source) -> list[Reco
     return [open_long_log(source, robot, cutoff_hz=cutoff_hz)]
 
 
-def _rows(regress: Regress, record: Record) -> Regression:
-    if isinstance(record, Motion):
-        return regress(record)
-    rows = stacked([rows for _, rows in regressions_of_parts(record, {"": regress})])
+def _rows(regress: Regress, dataset: Dataset) -> Regression:
+    if isinstance(dataset, Motion):
+        return regress(dataset)
+    rows = stacked([rows for _, rows in regressions_of_parts(dataset, {"": regress})])
     return replace(rows, run=np.zeros(len(rows.y)))
 
 

@@ -155,7 +155,7 @@ def _as_repair(log: Log, delay: Delay) -> Repair:
 def _of_positions(robot: Robot, motion: Motion) -> Iterator[_Agreement]:
     rows = row_samples(motion)
     for index, joint in enumerate(robot.joint_names):
-        drive = robot.drivetrains[joint]
+        drive = robot.drives[joint]
         motor, position = motion.motor_position[:, index], signals(robot, motion, index)["theta_L"]
         one = np.ones((len(motor), 1))
         if not isinstance(drive, SeriesElasticDrive):
@@ -178,7 +178,7 @@ def _of_positions(robot: Robot, motion: Motion) -> Iterator[_Agreement]:
 def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Agreement]:
     rows = row_samples(motion)
     for index, joint in enumerate(robot.joint_names):
-        drive = robot.drivetrains[joint]
+        drive = robot.drives[joint]
         by_name = signals(robot, motion, index)
         nothing = np.zeros(len(motion.time))
         told = rows[~standstill(motion, index)[rows]]

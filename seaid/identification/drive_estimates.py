@@ -9,7 +9,7 @@ import numpy as np
 from scipy import linalg
 
 from seaid.drives import PARAMETERS, Drive
-from seaid.estimation import Estimate, Information, triangle
+from seaid.estimation import Estimate, QRFactor, triangle
 from seaid.regressor import spring_regressor
 from seaid.robot import Robot
 
@@ -52,7 +52,7 @@ BENT = ("coulomb_width", "stribeck_speed", "dead_zone")
 """Positive parameters that were searched for: a minus is not that of a torque in the log."""
 
 _ZEROS = (
-    "deflection_offset",
+    "spring_offset",
     "deflection_zero",
     "friction_offset",
     "coulomb_shift",
@@ -86,10 +86,10 @@ def nominal_values(drive: Drive) -> dict[str, float]:
     return dict(drive.values)
 
 
-def with_flags(estimate: Estimate, joint: str, information: Information | None) -> Estimate:
+def with_flags(estimate: Estimate, joint: str, qr_factor: QRFactor | None) -> Estimate:
     """Return the estimate of a drive with its flags: poorly identified, or impossible.
 
-    `information` is that of the actuator side (10), None for a drive without a spring.
+    `qr_factor` is that of the actuator side (10), None for a drive without a spring.
     """
     flags = []
     for name, value, error in zip(
@@ -101,8 +101,8 @@ def with_flags(estimate: Estimate, joint: str, information: Information | None) 
         reasons = []
         if error > POORLY_IDENTIFIED * abs(value):
             reasons.append(f"standard error {error / abs(value):.0%}" if value else "found zero")
-        if name == "stiffness" and information is not None and _is_straight(estimate):
-            reasons += _weak_spring(estimate, information)
+        if name == "stiffness" and qr_factor is not None and _is_straight(estimate):
+            reasons += _weak_spring(estimate, qr_factor)
         if reasons:
             flags.append(f"{text} is poorly identified: {'; '.join(reasons)}")
         if value < 0 and name in BENT:
@@ -114,26 +114,26 @@ def with_flags(estimate: Estimate, joint: str, information: Information | None) 
 
 def _is_straight(estimate: Estimate) -> bool:
     """Tell whether the spring is k times the deflection and an offset, and nothing else."""
-    bent = ("deflection_zero", "cubic_stiffness", "fifth_stiffness", "dead_zone")
-    return "deflection_offset" in estimate.names and not set(bent) & set(estimate.names)
+    nonlinear = ("deflection_zero", "cubic_stiffness", "fifth_stiffness", "dead_zone")
+    return "spring_offset" in estimate.names and not set(nonlinear) & set(estimate.names)
 
 
-def _weak_spring(estimate: Estimate, information: Information) -> list[str]:
+def _weak_spring(estimate: Estimate, qr_factor: QRFactor) -> list[str]:
     """Say how far noise in the deflection may have pulled a stiffness down.
 
     Least squares with noise in a column gives too little; the regression the other way round gives
     too much. Their ratio is the column's partial R^2 (Frisch 1934).
     """
-    names = information.names
-    k, offset, p = names.index("stiffness"), names.index("deflection_offset"), len(names)
+    names = qr_factor.names
+    k, offset, p = names.index("stiffness"), names.index("spring_offset"), len(names)
     others = [place for place in range(p) if place not in (k, offset)]
-    R = triangle(information.weighted_factor()[:, [*others, offset, k, p]])[-2:, -2:]
+    R = triangle(qr_factor.weighted_factor()[:, [*others, offset, k, p]])[-2:, -2:]
     share = R[0, 1] ** 2 / max(R[0, 1] ** 2 + R[1, 1] ** 2, 1e-300)
     if share > 1 - POORLY_IDENTIFIED:
         return []
     value = estimate.value("stiffness")
-    about_mean = triangle(information.weighted_factor()[:, [offset, k]])[1, 1]
-    swing = np.sqrt(2.0 / information.count) * abs(about_mean * value)
+    about_mean = triangle(qr_factor.weighted_factor()[:, [offset, k]])[1, 1]
+    swing = np.sqrt(2.0 / qr_factor.count) * abs(about_mean * value)
     return [
         f"regressed both ways it is between {value:.3g} and {value / share:.3g} "
         f"{estimate.units[k]}",

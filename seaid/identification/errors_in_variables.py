@@ -14,7 +14,7 @@ import numpy as np
 
 from seaid._arrays import Array, safely
 from seaid.estimation import Estimate, instrumental
-from seaid.identification.datasets import Record, first_motion
+from seaid.identification.datasets import Dataset, first_motion
 from seaid.log import Motion
 from seaid.regressor import Regression, actuator_equation, sensed_torque, signals, spring_regressor
 from seaid.robot import Robot
@@ -23,11 +23,11 @@ _BAND = (2.5, 4.0)
 """The noise is looked at between so many times the cutoff; positions are filtered at five times."""
 
 
-def springs_torque_alone(robot: Robot, records: Sequence[Record], joint: str) -> bool:
+def springs_torque_alone(robot: Robot, datasets: Sequence[Dataset], joint: str) -> bool:
     """Tell whether a plain spring is found from its torque, the motor's not being in the log."""
     spring = spring_regressor(robot, joint)
-    used = [actuator_equation(robot, first_motion(one), joint)[0] for one in records]
-    plain = spring.names == ("stiffness", "deflection_offset")
+    used = [actuator_equation(robot, first_motion(one), joint)[0] for one in datasets]
+    plain = spring.names == ("stiffness", "spring_offset")
     return plain and all(regressor is spring for regressor in used)
 
 
@@ -64,13 +64,13 @@ def deming(x: Array, y: Array, ratio: float) -> float:
     return float((half + np.sqrt(half**2 + ratio * xy**2)) / xy)
 
 
-def noise_ratio(robot: Robot, records: Sequence[Record], joint: str) -> float:
+def noise_ratio(robot: Robot, datasets: Sequence[Dataset], joint: str) -> float:
     """Return the noise variance of a joint's torque over that of its deflection, (4b).
 
     The median of the spectra's ratio between 2.5 and 4 times the cutoff; inf, so that the
     deflection counts as exact, where it has none.
     """
-    ratios = [_spectra(robot, first_motion(record), joint) for record in records]
+    ratios = [_spectra(robot, first_motion(dataset), joint) for dataset in datasets]
     return float(np.median(ratios))
 
 

@@ -31,7 +31,7 @@ from seaid._arrays import Array
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Estimator, instrumental
-from seaid.identification.datasets import Record
+from seaid.identification.datasets import Dataset
 from seaid.identification.drive_estimates import spring_of
 from seaid.identification.method_limits import check_instruments, straight_spring
 from seaid.identification.simulated_joints import driven_motion
@@ -82,14 +82,14 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
     angle = low_pass(motion.motor_position, motion.rate_hz, band)
     for index, joint in enumerate(robot.joint_names):
         if joint not in robot.elastic_joints:
-            angle[:, index] = robot.drivetrains[joint].ratio * turned[:, index]
+            angle[:, index] = robot.drives[joint].ratio * turned[:, index]
     reference = _with_motors(
         replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a), angle
     )
     _, payload, H, _ = load_columns(robot, reference, fitted.model, fitted.springs)
     torque = payload + H @ fitted.load_side
     for row, joint in enumerate(fitted.model.rows):
-        drive, index = robot.drivetrains[joint], robot.index(joint)
+        drive, index = robot.drives[joint], robot.index(joint)
         if joint in fitted.springs and isinstance(drive, SeriesElasticDrive):
             spring = straight_spring(robot, joint, fitted.springs[joint])
             force = torque[:, row] / drive.load_radius - spring.offset
@@ -167,10 +167,10 @@ _MOST_ITERATIONS = 20
 
 def instrumental_sides(
     robot: Robot,
-    records: Sequence[Record],
+    datasets: Sequence[Dataset],
     model: LoadModel,
     start: Sides,
-    joint_zero_std: float,
+    encoder_offset_std: float,
     executor: Executor | None,
 ) -> Sides:
     """Return both sides, one after the other, from a `start` as least squares gives it.
@@ -185,9 +185,9 @@ def instrumental_sides(
     run = partial(
         _settled,
         robot,
-        records,
+        datasets,
         model,
-        joint_zero_std=joint_zero_std,
+        encoder_offset_std=encoder_offset_std,
         executor=executor,
     )
     found = run(start, make=instrument_motion)
@@ -214,11 +214,11 @@ def _flagged(found: Sides, flag: str) -> Sides:
 
 def _settled(
     robot: Robot,
-    records: Sequence[Record],
+    datasets: Sequence[Dataset],
     model: LoadModel,
     found: Sides,
     make: Maker,
-    joint_zero_std: float,
+    encoder_offset_std: float,
     executor: Executor | None,
 ) -> Sides:
     """Return both sides once new instruments change nothing; `make` is for the load side's."""
@@ -232,7 +232,7 @@ def _settled(
         before, found = (
             found,
             sequential_sides(
-                robot, records, model, estimator, joint_zero_std, executor, False, regressions
+                robot, datasets, model, estimator, encoder_offset_std, executor, False, regressions
             ),
         )
         moved = {name: step for name, step in _moved(before, found).items() if step > SETTLED}
@@ -248,7 +248,7 @@ def _settled(
 
 def _fitted(robot: Robot, model: LoadModel, sides: Sides) -> FittedModel:
     springs = {
-        joint: spring_of(robot, sides.drivetrains[joint], joint).values
+        joint: spring_of(robot, sides.drives[joint], joint).values
         for joint in model.rows
         if joint in robot.elastic_joints
     }
@@ -266,8 +266,8 @@ def _fitted(robot: Robot, model: LoadModel, sides: Sides) -> FittedModel:
     return FittedModel(model, sides.load_side.values, springs)
 
 
-def _solve(rows: Regression, carried: Array | None) -> Estimate:
-    return instrumental(*apart(rows), carried)
+def _solve(rows: Regression, propagated: Array | None) -> Estimate:
+    return instrumental(*apart(rows), propagated)
 
 
 def _seen(rows: Regression, estimate: Estimate) -> Regression:
@@ -278,7 +278,7 @@ def _moved(before: Sides, after: Sides) -> dict[str, float]:
     """Return how far each parameter moved, in standard errors."""
     moved: dict[str, float] = {}
     pairs = [("load", before.load_side, after.load_side)] + [
-        (joint, before.drivetrains[joint], one) for joint, one in after.drivetrains.items()
+        (joint, before.drives[joint], one) for joint, one in after.drives.items()
     ]
     for where, old, new in pairs:
         steps = np.abs(new.values - old.values) / np.maximum(new.standard_errors, 1e-300)

@@ -16,12 +16,12 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.drives import Drive
 from seaid.errors import IdentificationError
-from seaid.identification.datasets import Record, first_motion
+from seaid.identification.datasets import Dataset, first_motion
 from seaid.identification.nonlinear_terms import (
-    bent_joints,
     fit_load,
-    straightened,
-    straightened_load,
+    linearised,
+    linearised_load,
+    nonlinear_joints,
 )
 from seaid.log import Motion
 from seaid.regressor import LoadModel, load_columns, motor_regressor
@@ -35,7 +35,7 @@ def under_load(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
     return tuple(
         joint
         for joint in used
-        if joint not in robot.elastic_joints and "load" in robot.drivetrains[joint].friction
+        if joint not in robot.elastic_joints and "load" in robot.drives[joint].friction
     )
 
 
@@ -48,22 +48,22 @@ def with_gear_torques(
     """
     joints = under_load(robot, used)
     if not joints:
-        return straightened_load(robot, motions, used), list(motions)
-    drives = {joint: _without_load(robot.drivetrains[joint]) for joint in joints}
-    plain = robot.with_drivetrains(drives)
-    found = straightened_load(plain, motions, used)
+        return linearised_load(robot, motions, used), list(motions)
+    drives = {joint: _without_load(robot.drives[joint]) for joint in joints}
+    plain = robot.with_drives(drives)
+    found = linearised_load(plain, motions, used)
     known = _known(found, motions, used)
     for _ in range(_SEARCHES):
         starts = {joint: _with_values_of(robot, found, joint) for joint in robot.joint_names}
-        found = straightened_load(robot.with_drivetrains(starts), known, used)
+        found = linearised_load(robot.with_drives(starts), known, used)
         known = _settled(found, known, used)
     return found, known
 
 
 def _with_values_of(robot: Robot, other: Robot, joint: str) -> Drive:
     """Return a drive with what was found of it without, or with, friction under load."""
-    drive = robot.drivetrains[joint]
-    values = other.drivetrains[joint].values
+    drive = robot.drives[joint]
+    values = other.drives[joint].values
     return drive.with_values({n: values[n] for n in drive.parameter_names if n in values})
 
 
@@ -125,22 +125,22 @@ def _change(before: Sequence[Motion], after: Sequence[Motion]) -> float:
 
 
 def straightened_robot(
-    robot: Robot, records: Sequence[Record], used: Sequence[str]
-) -> tuple[Robot, list[Record]]:
+    robot: Robot, datasets: Sequence[Dataset], used: Sequence[str]
+) -> tuple[Robot, list[Dataset]]:
     """Return the robot near whose values its drives' equations are taken, and its records.
 
     The records know the load's torque where friction depends on it. Of logs that are read in
     pieces the first piece is searched. Drives that are linear stay as they are. Raises
     IdentificationError for friction under load of a stiff drive in a log that is read in pieces.
     """
-    motions = [first_motion(record) for record in records]
-    robot = straightened(robot, motions)
-    if not bent_joints(robot, used) and not under_load(robot, used):
-        return robot, list(records)
+    motions = [first_motion(dataset) for dataset in datasets]
+    robot = linearised(robot, motions)
+    if not nonlinear_joints(robot, used) and not under_load(robot, used):
+        return robot, list(datasets)
     robot, known = with_gear_torques(robot, motions, used)
     if not under_load(robot, used):
-        return robot, list(records)
-    if not all(isinstance(record, Motion) for record in records):
+        return robot, list(datasets)
+    if not all(isinstance(dataset, Motion) for dataset in datasets):
         raise IdentificationError(
             "friction under load of a stiff drive needs the log in memory: read it with read_log"
         )

@@ -60,7 +60,7 @@ def sign_flags(found: Identification) -> tuple[str, ...]:
 
 def _own_signs(found: Identification, joint: str) -> Iterator[tuple[str, int]]:
     """Return what has a known sign in a drive: 1 as it should be, -1 the other way, 0 not sure."""
-    drive = found.drivetrains.get(joint)
+    drive = found.drives.get(joint)
     if drive is None:
         return
     for place, name in enumerate(drive.names):

@@ -10,7 +10,7 @@ from seaid.errors import IdentificationError
 from seaid.regressor import motor_regressor, spring_regressor
 from seaid.robot import Robot
 
-_STRAIGHT = {"stiffness", "spring_damping", "deflection_offset"}
+_STRAIGHT = {"stiffness", "spring_damping", "spring_offset"}
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,10 @@ def straight_spring(robot: Robot, joint: str, values: Iterable[float]) -> Straig
     is possible.
     """
     found = dict(zip(spring_regressor(robot, joint).names, values, strict=True))
-    drive = robot.drivetrains[joint]
+    drive = robot.drives[joint]
     known = {name: drive.values[name] for name in drive.known if name in _STRAIGHT}
     known |= {name: float(value) for name, value in found.items()}
-    names = ("stiffness", "deflection_offset", "spring_damping")
+    names = ("stiffness", "spring_offset", "spring_damping")
     return Straight(*(known.get(name, 0.0) for name in names))
 
 
@@ -40,10 +40,10 @@ def check_joint_sides(robot: Robot, springs: Iterable[str]) -> None:
     """Raise IdentificationError for springs that both sides at once cannot share."""
     for joint in springs:
         names = set(spring_regressor(robot, joint).names)
-        if not {"stiffness", "deflection_offset"} <= names <= _STRAIGHT:
+        if not {"stiffness", "spring_offset"} <= names <= _STRAIGHT:
             raise IdentificationError(
-                f'sides="joint" shares a spring of unknown stiffness and offset; that of {joint} '
-                f'{_kind(robot, joint)}: use sides="sequential"'
+                'method="simultaneous" shares a spring of unknown stiffness and offset; that of '
+                f'{joint} {_kind(robot, joint)}: use method="two-step"'
             )
 
 
@@ -59,7 +59,7 @@ def check_instruments(robot: Robot, springs: Iterable[str]) -> None:
 
 def check_refinable(robot: Robot) -> None:
     """Raise IdentificationError for terms of drives that the refinement does not simulate."""
-    for joint, drive in robot.drivetrains.items():
+    for joint, drive in robot.drives.items():
         reason = _not_refinable(robot, joint, drive)
         if reason:
             raise IdentificationError(
@@ -78,14 +78,14 @@ def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
         return "whose equation is not linear in its parameters"
     if isinstance(drive, SeriesElasticDrive):
         names = spring_regressor(robot, joint).names
-        if names != ("stiffness", "deflection_offset"):
+        if names != ("stiffness", "spring_offset"):
             return f"whose spring {_kind(robot, joint)}"
     return ""
 
 
 def _kind(robot: Robot, joint: str) -> str:
     """Say what a spring has that is not stiffness and offset, or that they are known."""
-    regressor, drive = spring_regressor(robot, joint), robot.drivetrains[joint]
+    regressor, drive = spring_regressor(robot, joint), robot.drives[joint]
     others = [name.replace("_", " ") for name in regressor.names if name not in _STRAIGHT]
     if others:
         return f"has {', '.join(others)}"

@@ -22,13 +22,13 @@ from seaid.estimation import (
     common_rows,
     gain,
     independent_rows,
-    information_of,
+    qr_factor_of,
     settled_weights,
     weighted,
 )
 from seaid.identification.datasets import Source, first_motion, records_of, sources_of
 from seaid.identification.linearisation import with_gear_torques
-from seaid.identification.nonlinear_terms import fit_load, straightened
+from seaid.identification.nonlinear_terms import fit_load, linearised
 from seaid.identification.two_step import known_torques
 from seaid.log import Motion
 from seaid.regressor import Regression, actuator_regression, stacked
@@ -48,7 +48,7 @@ _MOST_STEPS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class TermGain:
+class TermComparison:
     """What one more term of a joint's drive is worth beside those it has at `step`.
 
     `gain` is None where the term could not be asked about: `reason` says why. Of those worth having
@@ -77,7 +77,7 @@ class TermSelection:
     identified.
     """
 
-    gains: tuple[TermGain, ...]
+    comparisons: tuple[TermComparison, ...]
     recommended: Mapping[str, tuple[tuple[str, str], ...]]
     robot: Robot
 
@@ -94,7 +94,7 @@ def compare_terms(
     *,
     joints: Sequence[str] | None = None,
     terms: Mapping[str, Sequence[str]] | None = None,
-    rows: Sequence[str] | None = None,
+    torque_joints: Sequence[str] | None = None,
     cutoff_hz: float | None = None,
     progress: bool = False,
 ) -> TermSelection:
@@ -105,18 +105,20 @@ def compare_terms(
     `identify` for logs that cannot answer.
     """
     asked = _asked(terms)
-    records = records_of(robot, sources_of(logs), cutoff_hz, None, progress)
-    motions = [first_motion(record) for record in records]
-    used = known_torques(robot, records) if rows is None else robot.rows(rows)
-    gains: list[TermGain] = []
+    datasets = records_of(robot, sources_of(logs), cutoff_hz, None, progress)
+    motions = [first_motion(dataset) for dataset in datasets]
+    used = known_torques(robot, datasets) if torque_joints is None else robot.rows(torque_joints)
+    comparisons: list[TermComparison] = []
     for joint in track(robot.rows(joints), "terms", progress):
-        robot = _grown(_Question(robot, motions, used, joint), asked, gains)
+        robot = _grown(_Question(robot, motions, used, joint), asked, comparisons)
     recommended = {
-        joint: tuple((one.field, one.term) for one in gains if one.joint == joint and one.chosen)
+        joint: tuple(
+            (one.field, one.term) for one in comparisons if one.joint == joint and one.chosen
+        )
         for joint in robot.joint_names
     }
     return TermSelection(
-        gains=tuple(gains),
+        comparisons=tuple(comparisons),
         recommended=FrozenMapping({joint: found for joint, found in recommended.items() if found}),
         robot=robot,
     )
@@ -145,29 +147,31 @@ def _asked(terms: Mapping[str, Sequence[str]] | None) -> Mapping[str, Sequence[s
     return terms
 
 
-def _grown(question: _Question, asked: Mapping[str, Sequence[str]], gains: list[TermGain]) -> Robot:
+def _grown(
+    question: _Question, asked: Mapping[str, Sequence[str]], comparisons: list[TermComparison]
+) -> Robot:
     """Return the robot with the terms that one joint is worth; all that was asked goes to gains."""
     for step in range(_MOST_STEPS):
         candidates = _candidates(question, asked)
         found = _gains(question, candidates, step)
         worth = [one for one in found if one.is_worth_it]
         best = max(worth, key=_bic, default=None)
-        gains += [replace(one, chosen=one is best) for one in found]
+        comparisons += [replace(one, chosen=one is best) for one in found]
         if best is None:
             break
-        drive = with_term(question.robot.drivetrains[question.joint], best.field, best.term)
-        robot = question.robot.with_drivetrains({question.joint: drive})
-        question = replace(question, robot=straightened(robot, question.motions))
+        drive = with_term(question.robot.drives[question.joint], best.field, best.term)
+        robot = question.robot.with_drives({question.joint: drive})
+        question = replace(question, robot=linearised(robot, question.motions))
     return question.robot
 
 
-def _bic(one: TermGain) -> float:
+def _bic(one: TermComparison) -> float:
     return -float("inf") if one.gain is None else one.gain.bic
 
 
 def _candidates(question: _Question, asked: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
     """Return the terms that a drive does not have and can have."""
-    drive, found = question.robot.drivetrains[question.joint], []
+    drive, found = question.robot.drives[question.joint], []
     for field, terms in asked.items():
         told = question.is_motor_side(field) or question.joint in question.used
         for term in terms if told and hasattr(drive, field) else ():
@@ -194,10 +198,10 @@ class _Question:
     def rows(self, robot: Robot, motor_side: bool) -> Regression:
         """Return the rows of one side with the drives of a robot, bent ones near their best."""
         if motor_side:
-            straight = straightened(robot, self.motions)
+            straight = linearised(robot, self.motions)
             return stacked([actuator_regression(straight, one, self.joint) for one in self.motions])
         straight, motions = with_gear_torques(
-            straightened(robot, self.motions), self.motions, self.used
+            linearised(robot, self.motions), self.motions, self.used
         )
         return fit_load(straight, motions, self.used).rows
 
@@ -212,12 +216,14 @@ class _Base:
 
 
 def _base(rows: Regression) -> _Base:
-    information, estimate = information_of(rows), weighted(rows)
-    weights = settled_weights(information)
-    return _Base(rows, weights, independent_rows(information, estimate))
+    qr_factor, estimate = qr_factor_of(rows), weighted(rows)
+    weights = settled_weights(qr_factor)
+    return _Base(rows, weights, independent_rows(qr_factor, estimate))
 
 
-def _gains(question: _Question, candidates: Sequence[tuple[str, str]], step: int) -> list[TermGain]:
+def _gains(
+    question: _Question, candidates: Sequence[tuple[str, str]], step: int
+) -> list[TermComparison]:
     """Return what each candidate is worth."""
     bases: dict[bool, _Base] = {}
     found = []
@@ -231,12 +237,12 @@ def _gains(question: _Question, candidates: Sequence[tuple[str, str]], step: int
 
 def _gain(
     question: _Question, base: _Base, field: str, term: str, step: int, asked: int
-) -> TermGain:
+) -> TermComparison:
     joint, rows = question.joint, base.rows
-    drive = with_term(question.robot.drivetrains[joint], field, term)
-    nothing = TermGain(joint, field, term, step, None)
+    drive = with_term(question.robot.drives[joint], field, term)
+    nothing = TermComparison(joint, field, term, step, None)
     try:
-        robot = question.robot.with_drivetrains({joint: drive})
+        robot = question.robot.with_drives({joint: drive})
         larger = question.rows(robot, question.is_motor_side(field))
         rows, larger = common_rows(rows, larger)
         names = tuple(f"{name} with {term}" for name in larger.names)
@@ -245,7 +251,7 @@ def _gain(
             names=(*rows.names, *names),
             units=(*rows.units, *larger.units),
             H=np.hstack([rows.H, larger.H]),
-            carried=np.empty((len(rows.y), 0)),
+            propagated=np.empty((len(rows.y), 0)),
         )
         worth = gain(both, base.weights, rows.names, names, base.independent, asked)
     except SeaidError as problem:

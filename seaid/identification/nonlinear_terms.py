@@ -23,12 +23,12 @@ from seaid.drives import COULOMB, PARAMETERS, Drive, DriveRegressor, SeriesElast
 from seaid.errors import IdentificationError
 from seaid.estimation import (
     Estimate,
-    Information,
+    QRFactor,
     equal_weights,
     estimate_of,
-    information_of,
     ordinary,
     projected,
+    qr_factor_of,
     solve,
 )
 from seaid.identification.drive_estimates import spring_of, with_values
@@ -58,8 +58,9 @@ _LEVEL = {"stribeck_speed": "stribeck_friction", "stribeck_friction": "stribeck_
 """What has no meaning without the other."""
 
 
-def told(drive: Drive, names: Sequence[str], H: Array, bent: Sequence[str]) -> Drive:
-    """Return the drive with those of its `bent` parameters known that the columns H do not tell.
+def told(drive: Drive, names: Sequence[str], H: Array, nonlinear: Sequence[str]) -> Drive:
+    """Return the drive with those of its `nonlinear` parameters known that the columns H do not
+    tell.
 
     H (R, p) has the columns `names` at the drive's values. A dead zone of zero beside no other
     curve, a Stribeck speed where nothing sticks: the equations are singular in them.
@@ -67,7 +68,7 @@ def told(drive: Drive, names: Sequence[str], H: Array, bent: Sequence[str]) -> D
     held: list[str] = []
     while True:
         kept = [place for place, name in enumerate(names) if name not in held]
-        name = _lost([names[place] for place in kept], H[:, kept], [*bent, *_LEVEL])
+        name = _lost([names[place] for place in kept], H[:, kept], [*nonlinear, *_LEVEL])
         if name is None:
             return replace(drive, known=(*drive.known, *held)) if held else drive
         held.append(name)
@@ -100,7 +101,7 @@ def with_held_flags(
     """Return estimates of drives with a flag for every parameter that became known by a search."""
     flagged = dict(drives)
     for joint, estimate in drives.items():
-        drive, before = robot.drivetrains[joint], given.drivetrains[joint].known
+        drive, before = robot.drives[joint], given.drives[joint].known
         held = tuple(
             f"{name.replace('_', ' ')} of {joint} is not told by this motion: taken as "
             f"{drive.values[name]:.3g} {unit_of(drive, name)}; leave its term out, or excite it"
@@ -125,7 +126,7 @@ _LEAST, _MOST = 1e-4, 2.0
 """Bounds of what is positive, in the same parts."""
 
 
-def straightened(robot: Robot, motions: Sequence[Motion]) -> Robot:
+def linearised(robot: Robot, motions: Sequence[Motion]) -> Robot:
     """Return the robot with the values near which its elastic drives' equations are taken.
 
     Drives whose equations are linear stay as they are. Raises IdentificationError where a spring
@@ -136,11 +137,11 @@ def straightened(robot: Robot, motions: Sequence[Motion]) -> Robot:
         for joint in robot.elastic_joints
         if actuator_equation(robot, motions[0], joint)[0].non_linear
     }
-    return robot.with_drivetrains(found) if found else robot
+    return robot.with_drives(found) if found else robot
 
 
 def _straight_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Drive:
-    drive = robot.drivetrains[joint]
+    drive = robot.drives[joint]
     assert isinstance(drive, SeriesElasticDrive)
     scale = _scale_of(robot, motions, joint)
     start = _linear_start(robot, motions, joint, drive)
@@ -155,7 +156,7 @@ def _straight_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Driv
         lower,
         upper,
     )
-    values = dict(zip(names, found.bent.tolist(), strict=True))
+    values = dict(zip(names, found.nonlinear.tolist(), strict=True))
     values |= dict(zip(search.regressor.linear, found.linear.tolist(), strict=True))
     drive = with_values(drive, values)
     return told(drive, search.regressor.names, search.all_columns(drive.values), names)
@@ -179,15 +180,15 @@ class _MotorSearch:
     signals: Sequence[Mapping[str, Array]]
     rows: Sequence[IndexArray]
 
-    def columns(self, bent: Array) -> tuple[Array, Array]:
+    def columns(self, nonlinear: Array) -> tuple[Array, Array]:
         """Return y and the linear columns of all motions in their band."""
-        values = dict(zip(self.regressor.non_linear, bent.tolist(), strict=True))
+        values = dict(zip(self.regressor.non_linear, nonlinear.tolist(), strict=True))
         pairs = [self.regressor.given(one, values) for one in self.signals]
         return self._banded([y for y, _ in pairs]), self._banded([H for _, H in pairs])
 
-    def slopes(self, bent: Array, linear: Array) -> Array:
+    def slopes(self, nonlinear: Array, linear: Array) -> Array:
         """Return the columns of the bent parameters."""
-        values = dict(zip(self.regressor.non_linear, bent.tolist(), strict=True))
+        values = dict(zip(self.regressor.non_linear, nonlinear.tolist(), strict=True))
         values |= dict(zip(self.regressor.linear, linear.tolist(), strict=True))
         bent_places = [self.regressor.names.index(name) for name in self.regressor.non_linear]
         return self._banded(
@@ -215,7 +216,7 @@ def _motor_search(robot: Robot, motions: Sequence[Motion], joint: str) -> _Motor
 
 
 def _scale_of(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
-    index, drive = robot.index(joint), robot.drivetrains[joint]
+    index, drive = robot.index(joint), robot.drives[joint]
     assert isinstance(drive, SeriesElasticDrive)
     by_name = [actuator_equation(robot, motion, joint)[1] for motion in motions]
     stretch = np.concatenate(
@@ -242,14 +243,14 @@ def _linear_start(
         known=known,
         nominal={},
     )
-    simple = robot.with_drivetrains({joint: plain})
+    simple = robot.with_drives({joint: plain})
     rows = stacked([actuator_regression(simple, motion, joint) for motion in motions])
     found = ordinary(rows)
     values = {**plain.values, **dict(zip(found.names, found.values.tolist(), strict=True))}
     stiffness = values.get("stiffness", 0.0)
     if stiffness == 0:
         raise IdentificationError(f"joint '{joint}': no stiffness to start a search from")
-    values["deflection_zero"] = -values.get("deflection_offset", 0.0) / stiffness
+    values["deflection_zero"] = -values.get("spring_offset", 0.0) / stiffness
     return values
 
 
@@ -301,10 +302,10 @@ class LoadFit:
     springs: Mapping[str, Array]
     estimate: Estimate
     rows: Regression
-    information: Information
+    qr_factor: QRFactor
 
 
-def bent_joints(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
+def nonlinear_joints(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
     """Return the joints among `used` whose stiff drive is not linear in its parameters."""
     return tuple(
         joint
@@ -313,23 +314,23 @@ def bent_joints(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def straightened_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> Robot:
+def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> Robot:
     """Return the robot with the values near which its stiff drives' equations are taken."""
-    bent = bent_joints(robot, used)
-    if not bent:
+    nonlinear = nonlinear_joints(robot, used)
+    if not nonlinear:
         return robot
-    scales = {joint: _scale(robot, motions, joint) for joint in bent}
-    given, robot = robot.drivetrains, _started(robot, scales)
-    for sweep in range(1 if len(bent) == 1 else _SWEEPS):
-        for joint in bent:
+    scales = {joint: _scale(robot, motions, joint) for joint in nonlinear}
+    given, robot = robot.drives, _started(robot, scales)
+    for sweep in range(1 if len(nonlinear) == 1 else _SWEEPS):
+        for joint in nonlinear:
             grid = [] if sweep else _grid(robot, joint, given[joint], scales[joint])
             robot = _searched(robot, motions, used, joint, scales[joint], grid)
-    for joint in bent:
+    for joint in nonlinear:
         search = _load_search(robot, motions, joint, fit_load(robot, motions, used))
-        drive, names = robot.drivetrains[joint], search.regressor.non_linear
+        drive, names = robot.drives[joint], search.regressor.non_linear
         columns = search.all_columns(drive.values)
         held = told(drive, (*search.linear, *names), columns, names)
-        robot = robot.with_drivetrains({joint: held})
+        robot = robot.with_drives({joint: held})
     return robot
 
 
@@ -340,7 +341,7 @@ def _grid(robot: Robot, joint: str, given: Drive, scale: Scale) -> list[Array]:
 
 def fit_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> LoadFit:
     """Fit the load side by weighted least squares, the springs by ordinary ones before it."""
-    model = load_model(robot, base_parameters(robot, rows=used), used)
+    model = load_model(robot, base_parameters(robot, torque_joints=used), used)
     springs = {}
     for joint in (joint for joint in used if joint in robot.elastic_joints):
         index = robot.index(joint)
@@ -348,20 +349,20 @@ def fit_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> Lo
             rows = stacked([actuator_regression(robot, motion, joint) for motion in motions])
             springs[joint] = spring_of(robot, ordinary(rows), joint).values
     rows = stacked([load_regression(robot, motion, model, springs) for motion in motions])
-    information = information_of(rows)
-    estimate = estimate_of(information, _weights(information))
-    return LoadFit(model, springs, estimate, rows, information)
+    qr_factor = qr_factor_of(rows)
+    estimate = estimate_of(qr_factor, _weights(qr_factor))
+    return LoadFit(model, springs, estimate, rows, qr_factor)
 
 
-def _weights(information: Information) -> Array:
+def _weights(qr_factor: QRFactor) -> Array:
     """Return weights (E,) of the equations by what an ordinary fit leaves, within limits.
 
     Settled ones are for the estimate: here the model is not right yet.
     """
-    theta = solve(information, equal_weights(information)).values
-    std = information.residual_norms(theta) / np.sqrt(np.maximum(information.counts, 1))
+    theta = solve(qr_factor, equal_weights(qr_factor)).values
+    std = qr_factor.residual_norms(theta) / np.sqrt(np.maximum(qr_factor.counts, 1))
     largest = float(np.max(std))
-    return largest / np.maximum(std, _FEW * largest) if largest else equal_weights(information)
+    return largest / np.maximum(std, _FEW * largest) if largest else equal_weights(qr_factor)
 
 
 def _scale(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
@@ -371,7 +372,7 @@ def _scale(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
 
 def _started(robot: Robot, scales: Mapping[str, Scale]) -> Robot:
     """Return the robot with a value of every bent parameter, and small ones of what bends them."""
-    drives = dict(robot.drivetrains)
+    drives = dict(robot.drives)
     for joint, scale in scales.items():
         drive, regressor = drives[joint], motor_regressor(robot, joint)
         values = {
@@ -380,7 +381,7 @@ def _started(robot: Robot, scales: Mapping[str, Scale]) -> Robot:
             if name in PARAMETERS and name not in drive.values
         }
         drives[joint] = drive.with_values(values)
-    return robot.with_drivetrains(drives)
+    return robot.with_drives(drives)
 
 
 def _searched(
@@ -392,15 +393,15 @@ def _searched(
     starts: Sequence[Array],
 ) -> Robot:
     """Return the robot with better bent parameters of one joint, all others held."""
-    fit, drive = fit_load(robot, motions, used), robot.drivetrains[joint]
+    fit, drive = fit_load(robot, motions, used), robot.drives[joint]
     search = _load_search(robot, motions, joint, fit)
     names = search.regressor.non_linear
     starts = [np.array([drive.values[name] for name in names]), *starts]
     lower, upper = (np.array([bounds_of(name, scale)[end] for name in names]) for end in (0, 1))
     found = projected(search.columns, search.slopes, starts, lower, upper)
-    values = dict(zip(names, found.bent.tolist(), strict=True))
+    values = dict(zip(names, found.nonlinear.tolist(), strict=True))
     values |= dict(zip(search.linear, found.linear.tolist(), strict=True))
-    return robot.with_drivetrains({joint: with_values(drive, values)})
+    return robot.with_drives({joint: with_values(drive, values)})
 
 
 @dataclass(frozen=True, eq=False)
@@ -424,9 +425,9 @@ class _LoadSearch:
     weight: float
     others: Array
 
-    def columns(self, bent: Array) -> tuple[Array, Array]:
+    def columns(self, nonlinear: Array) -> tuple[Array, Array]:
         """Return y and the drive's linear columns, both without what the others make up for."""
-        values = dict(zip(self.regressor.non_linear, bent.tolist(), strict=True))
+        values = dict(zip(self.regressor.non_linear, nonlinear.tolist(), strict=True))
         places = [self.regressor.linear.index(name) for name in self.linear]
         pairs = [self.regressor.given(one, values) for one in self.signals]
         changes = [zeta - old for (zeta, _), old in zip(pairs, self.zeta, strict=True)]
@@ -434,10 +435,10 @@ class _LoadSearch:
         y[self.mine] += self._banded(changes)
         return self._alone(y), self._alone(self._placed([H[:, places] for _, H in pairs]))
 
-    def slopes(self, bent: Array, linear: Array) -> Array:
+    def slopes(self, nonlinear: Array, linear: Array) -> Array:
         """Return the columns of the bent parameters in the same way."""
         drive = self.regressor.drive.values
-        values = {**drive, **dict(zip(self.regressor.non_linear, bent.tolist(), strict=True))}
+        values = {**drive, **dict(zip(self.regressor.non_linear, nonlinear.tolist(), strict=True))}
         values |= dict(zip(self.linear, linear.tolist(), strict=True))
         places = [self.regressor.names.index(name) for name in self.regressor.non_linear]
         parts = [self.regressor.evaluate(one, values)[1][:, places] for one in self.signals]
@@ -445,9 +446,9 @@ class _LoadSearch:
 
     def all_columns(self, values: Mapping[str, float]) -> Array:
         """Return the linear columns and then the bent ones near some values."""
-        bent = np.array([values[name] for name in self.regressor.non_linear])
+        nonlinear = np.array([values[name] for name in self.regressor.non_linear])
         linear = np.array([values[name] for name in self.linear])
-        return np.hstack([self.columns(bent)[1], self.slopes(bent, linear)])
+        return np.hstack([self.columns(nonlinear)[1], self.slopes(nonlinear, linear)])
 
     def _placed(self, parts: Sequence[Array]) -> Array:
         columns = np.zeros((len(self.y), parts[0].shape[1]))
@@ -464,12 +465,12 @@ class _LoadSearch:
 
 
 def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadFit) -> _LoadSearch:
-    rows, index, drive = fit.rows, robot.index(joint), robot.drivetrains[joint]
+    rows, index, drive = fit.rows, robot.index(joint), robot.drives[joint]
     regressor = motor_regressor(robot, joint)
     own = [f"{name} of {joint}" for name in regressor.names]
-    information = fit.information
-    weights = _weights(information)
-    of_row = weights[np.searchsorted(information.equations, rows.joint)]
+    qr_factor = fit.qr_factor
+    weights = _weights(qr_factor)
+    of_row = weights[np.searchsorted(qr_factor.equations, rows.joint)]
     rest = [place for place, name in enumerate(rows.names) if name not in own]
     H = of_row[:, None] * rows.H[:, rest]
     norms = np.linalg.norm(H, axis=0)
@@ -484,7 +485,7 @@ def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadF
         zeta=[regressor.evaluate(one)[0] for one in by_motion],
         mine=np.flatnonzero(rows.joint == index),
         y=of_row * rows.y,
-        weight=float(weights[information.equations.index(index)]),
+        weight=float(weights[qr_factor.equations.index(index)]),
         others=safely(
             linalg.orth,
             H / np.where(norms > 0, norms, 1.0),

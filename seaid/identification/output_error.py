@@ -44,7 +44,7 @@ from seaid.log import (
     reconstruct_motion,
     stretches,
 )
-from seaid.regressor import actuator_columns, check_zero_std, load_columns
+from seaid.regressor import actuator_columns, check_offset_std, load_columns
 from seaid.robot import Robot, coupled_names
 
 WIDER = 3.0
@@ -77,15 +77,15 @@ class Layout:
         """The values (p,) of the identification; zeros are as they were read."""
         values = np.zeros(len(self.names))
         for joint, columns in self.drives.items():
-            values[columns] = self.found.drivetrains[joint].values
+            values[columns] = self.found.drives[joint].values
         values[self.load] = self.found.load_side.values
         return values
 
     def spring(self, joint: str) -> list[int]:
         """Return the columns of stiffness and deflection offset of a joint."""
-        names = self.found.drivetrains[joint].names
+        names = self.found.drives[joint].names
         first = self.drives[joint].start
-        return [first + names.index(name) for name in ("stiffness", "deflection_offset")]
+        return [first + names.index(name) for name in ("stiffness", "spring_offset")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,21 +101,23 @@ class Run:
     block: int
 
 
-def layout_of(found: Identification, joint_zero_std: float) -> Layout:
+def layout_of(found: Identification, encoder_offset_std: float) -> Layout:
     """Return where the parameters of an identification are in one vector."""
     robot = found.known
     names: list[str] = []
     drives: dict[str, slice] = {}
     for joint in robot.elastic_joints:
-        mine = found.drivetrains[joint].names
+        mine = found.drives[joint].names
         drives[joint] = slice(len(names), len(names) + len(mine))
         names += [f"{name} of {joint}" for name in mine]
     load = slice(len(names), len(names) + len(found.model.names))
     names += found.model.names
-    zeros = slice(len(names), len(names) + (robot.n if joint_zero_std else 0))
-    names += [f"encoder zero of {joint}" for joint in robot.joint_names] if joint_zero_std else []
+    zeros = slice(len(names), len(names) + (robot.n if encoder_offset_std else 0))
+    names += (
+        [f"encoder zero of {joint}" for joint in robot.joint_names] if encoder_offset_std else []
+    )
     precision = np.zeros(len(names))
-    precision[zeros] = 1 / joint_zero_std if joint_zero_std else 0.0
+    precision[zeros] = 1 / encoder_offset_std if encoder_offset_std else 0.0
     return Layout(
         found=found,
         simulated=tuple(joint for joint in found.model.rows if joint in found.springs),
@@ -162,7 +164,7 @@ def robot_at(layout: Layout, x: Array) -> Robot:
     base, robot = layout.found.base, layout.found.robot
     load = x[layout.load][: len(base.columns)]
     correction = base.least(load - base.project(robot.parameters))
-    return robot.with_values(robot.parameters + correction, robot.drivetrains)
+    return robot.with_values(robot.parameters + correction, robot.drives)
 
 
 def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Answer]:
@@ -207,13 +209,13 @@ def _load_error(layout: Layout, run: Run, x: Array) -> tuple[Array, Array, Torqu
     """Return what (8) lacks (T, rows), its derivative by x (T, rows, p), and by the motion."""
     found, motion = layout.found, run.motion
     springs = {joint: x[layout.spring(joint)] for joint in found.springs}
-    torque, payload, H, carried = load_columns(found.known, motion, found.model, springs)
+    torque, payload, H, propagated = load_columns(found.known, motion, found.model, springs)
     jacobians = torque_jacobians(robot_at(layout, x), *motion.joint_states)
     by_x = np.zeros((*torque.shape, len(x)))
     by_x[:, :, layout.load] = -H
     elastic = [joint for joint in found.model.rows if joint in found.springs]
     columns = [column for joint in elastic for column in layout.spring(joint)]
-    by_x[:, :, columns] = carried
+    by_x[:, :, columns] = propagated
     if layout.precision.any():
         rows = [found.known.index(joint) for joint in found.model.rows]
         by_x[:, :, layout.zeros] = jacobians.position[:, rows]
@@ -224,7 +226,7 @@ def _load_error(layout: Layout, run: Run, x: Array) -> tuple[Array, Array, Torqu
 
 def _spring_rate(robot: Robot, joint: str) -> float:
     """Return how the spring's torque on the load falls with the joint's position, for k = 1."""
-    drive = robot.drivetrains[joint]
+    drive = robot.drives[joint]
     assert isinstance(drive, SeriesElasticDrive)
     return drive.load_radius**2
 
@@ -236,10 +238,10 @@ def _drive_error(layout: Layout, run: Run, x: Array, answer: Answer) -> Array:
     nudged = replace(motion, joint_position=motion.joint_position + 1e-6)
     for row, (joint, columns) in enumerate(layout.drives.items()):
         regressor, zeta, R = actuator_columns(known, motion, joint)
-        if regressor.names != layout.found.drivetrains[joint].names:
+        if regressor.names != layout.found.drives[joint].names:
             raise IdentificationError(
                 f"the log tells {', '.join(regressor.names)} of {joint}, the identification has "
-                f"{', '.join(layout.found.drivetrains[joint].names)}: same torque sensors needed"
+                f"{', '.join(layout.found.drives[joint].names)}: same torque sensors needed"
             )
         found[:, row, 0] = zeta - R @ x[columns]
         found[:, row, 1 + columns.start : 1 + columns.stop] = -R
@@ -255,7 +257,7 @@ def _drive_error(layout: Layout, run: Run, x: Array, answer: Answer) -> Array:
 
 def _turning(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     """Tell the samples (T,) near which a motor with dry friction stands or turns back."""
-    if "coulomb" not in robot.drivetrains[joint].friction:
+    if "coulomb" not in robot.drives[joint].friction:
         return np.zeros(len(motion.time), dtype=bool)
     speed = motion.motor_velocity[:, robot.index(joint)]
     still = np.abs(speed) < max(STANDSTILL * np.max(np.abs(speed)), REST_RAD_S)
@@ -299,7 +301,7 @@ def refine(
     found: Identification,
     logs: Log | Sequence[Log],
     *,
-    joint_zero_std: float = 0.0,
+    encoder_offset_std: float = 0.0,
     iterations: int = 20,
     progress: bool = False,
 ) -> Identification:
@@ -308,8 +310,8 @@ def refine(
     Output error (Gautier, Janot, Vandanjon 2013) by Gauss-Newton with forward sensitivities: the
     joints behind springs are simulated from the measured motor angles; their encoders, and every
     measured torque, are outputs with white noise whose size is estimated too. Rows in which a motor
-    stands still or turns back are left out, as its dry friction is unknown. `joint_zero_std` [rad
-    or m]: how well the zeros of the joint encoders are known; they are then estimated as well.
+    stands still or turns back are left out, as its dry friction is unknown. `encoder_offset_std`
+    [rad or m]: how well the zeros of the joint encoders are known; they are then estimated as well.
     The covariance counts the autocorrelation of the residuals. Rows are averages over blocks of
     samples; `residual_std` is theirs: of a drive's torque (or spring force), and on the load side
     of the stiff joints' torques (where there are none: of the joint encoders).
@@ -320,9 +322,9 @@ def refine(
     logs = [logs] if isinstance(logs, Log) else list(logs)
     if not logs:
         raise IdentificationError("refine needs a log, found none")
-    check_zero_std(joint_zero_std)
+    check_offset_std(encoder_offset_std)
     _check_start(found)
-    layout = layout_of(found, joint_zero_std)
+    layout = layout_of(found, encoder_offset_std)
     shortest_s = SHORTEST_STRETCH / found.cutoff_hz
     runs = [run_of(layout, part) for log in logs for part in stretches(log, shortest_s)]
     start = here = _simulated(layout, _point(layout, runs, layout.start))
@@ -344,11 +346,12 @@ def _check_start(found: Identification) -> None:
     if coupled:
         raise IdentificationError(
             f"the drives of {', '.join(coupled)} move several joints, which the refinement cannot "
-            "simulate; take what identify found, or estimator='iv' or sides='joint' of identify"
+            "simulate; take what identify found, or estimator='iv' or method='simultaneous' of "
+            "identify"
         )
     check_refinable(found.known)
     for joint in found.springs:
-        stiffness = found.drivetrains[joint].value("stiffness")
+        stiffness = found.drives[joint].value("stiffness")
         if not (np.isfinite(stiffness) and stiffness > 0):
             raise IdentificationError(
                 f"the refinement cannot start: the stiffness of {joint} was found "
@@ -436,17 +439,15 @@ def _refined(layout: Layout, here: Point, worse: bool) -> Identification:
     actuators, load_side = _estimates(layout, here, worse)
     load, beside = split_load_side(found.model, load_side)
     refined = joined(actuators, beside)
-    drives = {joint: refined[joint] for joint in found.drivetrains}
+    drives = {joint: refined[joint] for joint in found.drives}
     robot = robot_at(layout, x)
     known = {
-        joint: with_estimate(found.known.drivetrains[joint], drives[joint])
-        if joint in drives
-        else drive
-        for joint, drive in robot.drivetrains.items()
+        joint: with_estimate(found.known.drives[joint], drives[joint]) if joint in drives else drive
+        for joint, drive in robot.drives.items()
     }
     return replace(
         found,
-        drivetrains=FrozenMapping(drives),
+        drives=FrozenMapping(drives),
         load=load,
         load_side=load_side,
         robot=robot.with_values(robot.parameters, known),
@@ -473,7 +474,7 @@ def _estimates(layout: Layout, here: Point, worse: bool) -> tuple[dict[str, Esti
 
     first = len(layout.simulated)
     drives = {
-        joint: with_flags(part(found.drivetrains[joint], columns, float(std)), joint, None)
+        joint: with_flags(part(found.drives[joint], columns, float(std)), joint, None)
         for (joint, columns), std in zip(layout.drives.items(), step.stds[first:], strict=False)
     }
     rest = step.stds[first + len(layout.drives) :]

@@ -188,7 +188,7 @@ def finer_side(robot: Robot, motion: Motion) -> Motion:
     """
     q, v, a = (at_drives(robot.transmission, state).copy() for state in motion.joint_states)
     for index, joint in enumerate(robot.joint_names):
-        drive = robot.drivetrains[joint]
+        drive = robot.drives[joint]
         if isinstance(drive, SeriesElasticDrive):
             continue
         if np.std(motion.motor_acceleration[:, index]) < drive.ratio * np.std(a[:, index]):
@@ -207,7 +207,7 @@ def _turned(motion: Motion, matrix: Array, to: Callable[[Array, Array], Array]) 
 
 
 def _load_radius(robot: Robot, joint: str) -> float:
-    return float(getattr(robot.drivetrains[joint], "load_radius", 1.0))
+    return float(getattr(robot.drives[joint], "load_radius", 1.0))
 
 
 def _fitted_robot(robot: Robot, model: LoadModel, load_side: Array) -> Robot:
@@ -216,7 +216,7 @@ def _fitted_robot(robot: Robot, model: LoadModel, load_side: Array) -> Robot:
     prior[::10] = 1.0
     prior[robot.is_known] = robot.parameters[robot.is_known]
     missing = load_side[: len(base.columns)] - base.project(prior)
-    return robot.with_values(prior + base.least(missing), robot.drivetrains)
+    return robot.with_values(prior + base.least(missing), robot.drives)
 
 
 def _beside(robot: Robot, model: LoadModel, load_side: Array, name: str) -> Array:
@@ -224,7 +224,7 @@ def _beside(robot: Robot, model: LoadModel, load_side: Array, name: str) -> Arra
     found = dict(zip(model.names, load_side, strict=True))
     values = [
         drive.values[name] if name in drive.known else found.get(f"{name} of {joint}", 0.0)
-        for joint, drive in robot.drivetrains.items()
+        for joint, drive in robot.drives.items()
     ]
     return np.diag(values)
 

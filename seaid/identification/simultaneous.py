@@ -28,19 +28,19 @@ import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid.errors import IdentificationError
-from seaid.estimation import Estimate, Estimator, information_of
-from seaid.identification.datasets import Record, rows_of
+from seaid.estimation import Estimate, Estimator, qr_factor_of
+from seaid.identification.datasets import Dataset, rows_of
 from seaid.identification.drive_estimates import spring_of, with_flags
 from seaid.identification.method_limits import check_joint_sides
 from seaid.identification.two_step import Fit, Sides
 from seaid.log import Motion
 from seaid.regressor import (
-    ZERO_STEP,
+    OFFSET_STEP,
     LoadModel,
     Regression,
     actuator_regression,
     load_regression,
-    shifted_zero,
+    shifted_encoder,
     spring_regressor,
     stacked,
 )
@@ -54,7 +54,7 @@ SETTLED = 1e-3
 _ROUNDING = 1e-11
 """Part of the torque below which it changes nothing either: where there is no noise."""
 
-_SPRING = ("stiffness", "deflection_offset")
+_SPRING = ("stiffness", "spring_offset")
 
 
 def joint_regression(
@@ -85,7 +85,7 @@ def joint_regression(
         names=(*names, *load.names),
         units=tuple(unit for one in actuators.values() for unit in one.units) + load.units,
         H=np.hstack([_spring_columns(robot, load, zero, names), load.H]),
-        carried=np.empty((len(load.y), 0)),
+        propagated=np.empty((len(load.y), 0)),
     )
     motors = [_motor_rows(robot, one, joint, load) for joint, one in actuators.items()]
     both = stacked([load, *motors])
@@ -99,7 +99,7 @@ def _spring_columns(
     columns, start = np.zeros((len(load.y), len(names))), 0
     for joint in springs:
         for name in spring_regressor(robot, joint).names:
-            columns[:, names.index(f"{name} of {joint}")] = -load.carried[:, start]
+            columns[:, names.index(f"{name} of {joint}")] = -load.propagated[:, start]
             start += 1
     return columns
 
@@ -120,7 +120,7 @@ def whitened(robot: Robot, rows: Regression, theta: Array) -> Regression:
     `theta` stays what it is; the motor equation of the joint is freed of what its residual has in
     common with that of (8).
     """
-    H, y, carried = rows.H.copy(), rows.y.copy(), rows.carried.copy()
+    H, y, propagated = rows.H.copy(), rows.y.copy(), rows.propagated.copy()
     residual = rows.y - rows.H @ theta
     for stiffness, offset, load, motor, beside in _springs(robot, rows):
         H[load, stiffness] += residual[load] / theta[stiffness]
@@ -129,10 +129,10 @@ def whitened(robot: Robot, rows: Regression, theta: Array) -> Regression:
         shared = lever[:, 0] * residual[beside]
         power = float(shared @ shared)
         in_deflection = np.clip(-(residual[motor] @ shared) / power, 0.0, 1.0) if power else 1.0
-        for new, old in ((H, rows.H), (y[:, None], rows.y[:, None]), (carried, rows.carried)):
+        for new, old in ((H, rows.H), (y[:, None], rows.y[:, None]), (propagated, rows.propagated)):
             spring_free = old[motor] + lever * old[beside]
             new[motor] = spring_free - (1 - in_deflection) * lever * new[beside]
-    return replace(rows, H=H, y=y, carried=carried)
+    return replace(rows, H=H, y=y, propagated=propagated)
 
 
 def _springs(
@@ -184,7 +184,7 @@ def settled(
     raise IdentificationError(
         f"both sides at once did not settle in {MOST_ITERATIONS} iterations: {found.names[worst]} "
         f"still moves by {moved[worst]:.2g} {found.units[worst]}; move that joint more, or use "
-        'sides="sequential"'
+        'method="two-step"'
     )
 
 
@@ -211,29 +211,29 @@ def split_joint(
     return drives, estimate.part(base, model.expressions), load_side
 
 
-def joint_zero_sensitivity(
+def encoder_offset_sensitivity(
     robot: Robot, motion: Motion, model: LoadModel, springs: Collection[str], theta: Array
 ) -> Regression:
-    """Return `joint_regression` with `carried` (R, n): what a shifted zero of each joint does.
+    """Return `joint_regression` with `propagated` (R, n): what a shifted zero of each joint does.
 
     It is minus the change of the residual, at the parameters `theta`, a unit of shift; see
-    `joint_zeros.zero_sensitivity`.
+    `joint_zeros.offset_sensitivity`.
     """
     reference, changes = joint_regression(robot, motion, model, springs), []
     for index in range(robot.n):
-        shifted = joint_regression(robot, shifted_zero(robot, motion, index), model, springs)
+        shifted = joint_regression(robot, shifted_encoder(robot, motion, index), model, springs)
         change = (shifted.y - shifted.H @ theta) - (reference.y - reference.H @ theta)
-        changes.append(change / ZERO_STEP)
-    return replace(reference, carried=np.column_stack(changes))
+        changes.append(change / OFFSET_STEP)
+    return replace(reference, propagated=np.column_stack(changes))
 
 
 def simultaneous_sides(
     robot: Robot,
-    records: Sequence[Record],
+    datasets: Sequence[Dataset],
     model: LoadModel,
     start: Sides,
     estimator: Estimator,
-    joint_zero_std: float,
+    encoder_offset_std: float,
     executor: Executor | None,
 ) -> Sides:
     """Return both sides at once; `whole` has the covariance between them.
@@ -245,31 +245,33 @@ def simultaneous_sides(
     check_joint_sides(robot, springs)
     regress: Callable[[Motion], Regression]
     regress = partial(joint_regression, robot, model=model, springs=springs)
-    rows = rows_of(records, regress, executor)
+    rows = rows_of(datasets, regress, executor)
     whole, _ = settled(
         robot, rows, _values(rows, start), lambda found: estimator.solve(found, None)
     )
     zeros: Array | None = None
-    if joint_zero_std > 0:
+    if encoder_offset_std > 0:
         theta = whole.values
-        regress = partial(joint_zero_sensitivity, robot, model=model, springs=springs, theta=theta)
-        rows = rows_of(records, regress, executor)
-        zeros = joint_zero_std**2 * np.eye(robot.n)
+        regress = partial(
+            encoder_offset_sensitivity, robot, model=model, springs=springs, theta=theta
+        )
+        rows = rows_of(datasets, regress, executor)
+        zeros = encoder_offset_std**2 * np.eye(robot.n)
         whole, _ = settled(robot, rows, theta, lambda found: estimator.solve(found, zeros))
     drives, load, load_side = split_joint(robot, model, whole)
     solved = estimator.seen(whitened(robot, rows, whole.values), whole)
-    fit = Fit(whole, information_of(solved), solved, zeros)
+    fit = Fit(whole, qr_factor_of(solved), solved, zeros)
     optional = [
         name
         for name in whole.names
-        if name not in model.expressions and not name.startswith(("stiffness", "deflection_offset"))
+        if name not in model.expressions and not name.startswith(("stiffness", "spring_offset"))
     ]
     return Sides(
-        drivetrains=drives,
+        drives=drives,
         load=load,
         load_side=load_side,
         springs={joint: spring_of(robot, drives[joint], joint).values for joint in springs},
-        left_out=start.left_out,
+        excluded=start.excluded,
         checks={"both": fit.checks(robot.joint_names, optional)},
         white_covariance=fit.white_covariance,
         whole=whole,
@@ -280,7 +282,7 @@ def _values(rows: Regression, start: Sides) -> Array:
     """Return the sequential estimate in the columns of the rows."""
     known = {
         f"{name} of {joint}": value
-        for joint, drive in start.drivetrains.items()
+        for joint, drive in start.drives.items()
         for name, value in zip(drive.names, drive.values, strict=True)
     }
     known |= dict(zip(start.load_side.names, start.load_side.values, strict=True))

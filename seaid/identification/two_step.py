@@ -20,20 +20,20 @@ from seaid.estimation import (
     Change,
     Estimate,
     Estimator,
-    Information,
     ModelChecks,
+    QRFactor,
     StoredRows,
     estimate_of,
     estimate_of_rows,
-    information_of,
     model_checks,
+    qr_factor_of,
     settled_weights,
     stored_estimate,
     stored_rows,
     unchanged,
     whiteness,
 )
-from seaid.identification.datasets import Record, first_motion, rows_of
+from seaid.identification.datasets import Dataset, first_motion, rows_of
 from seaid.identification.drive_estimates import joined, spring_of, with_flags
 from seaid.identification.errors_in_variables import both_noisy, noise_ratio, springs_torque_alone
 from seaid.log import LongLog, Motion
@@ -42,8 +42,8 @@ from seaid.regressor import (
     Regression,
     actuator_regression,
     load_regression,
+    offset_sensitivity,
     spring_regressor,
-    zero_sensitivity,
 )
 from seaid.robot import Robot, group_of
 
@@ -59,7 +59,7 @@ _LOAD_SIDE = "known bodies (known_bodies=), logs with and without a payload (ide
 _SPRING = "the stiffness of its spring (known = ['stiffness']), "
 
 
-def check_scale(information: Information) -> None:
+def check_scale(qr_factor: QRFactor) -> None:
     """Raise IdentificationError where a motor constant is unknown and nothing fixes the scale.
 
     Then the equations are homogeneous, and least squares finds zero for all that is in them. A
@@ -67,12 +67,12 @@ def check_scale(information: Information) -> None:
     """
     places = {
         place: name.split(" of ", 1)
-        for place, name in enumerate(information.names)
+        for place, name in enumerate(qr_factor.names)
         if name.split(" of ", 1)[0] in CONSTANTS
     }
-    if not places or not information.count:  # without any row `solve` says so
+    if not places or not qr_factor.count:  # without any row `solve` says so
         return
-    R, p = information.weighted_factor(), len(information.names)
+    R, p = qr_factor.weighted_factor(), len(qr_factor.names)
     norms = np.linalg.norm(R[:, :p], axis=0)
     U, sizes, Vt = safely(
         np.linalg.svd, R[:p, :p] / np.where(norms > 0, norms, 1.0), what="the scale of the torques"
@@ -83,7 +83,7 @@ def check_scale(information: Information) -> None:
     open_part = np.max(np.abs(Vt[~told]), axis=0, initial=0.0)
     for place, (name, *where) in places.items():
         if abs(theta[place]) <= least or open_part[place] > _PART:
-            joint = where[0] if where else information.joint_names[information.equations[0]]
+            joint = where[0] if where else qr_factor.joint_names[qr_factor.equations[0]]
             raise IdentificationError(
                 f"of the motor of {joint} only the {CONSTANTS[name]} was logged, and nothing known "
                 f"tells its {name.replace('_', ' ')}: all torques could be larger by a factor. "
@@ -95,7 +95,7 @@ def check_scale(information: Information) -> None:
 _LOAD_KEY = ""
 """Names the load side among equations that are named by their joint."""
 
-_NEEDED = ("stiffness", "deflection_offset", "deflection_zero")
+_NEEDED = ("stiffness", "spring_offset", "deflection_zero")
 
 INPUT_FIELDS = {
     "torque": "motor_torque",
@@ -110,16 +110,16 @@ class Sides:
     """What both sides of the springs told, as `Identification` has it.
 
     `springs` {joint: stiffness and offset} whose torque is that on the load; `checks` and
-    `left_out` by joint, and "load" for the load side. `whole` is the estimate of both sides where
+    `excluded` by joint, and "load" for the load side. `whole` is the estimate of both sides where
     it is one; `white_covariance` (p, p) what the covariance of that, or else of `load_side`, would
     be if the noise were white.
     """
 
-    drivetrains: Mapping[str, Estimate]
+    drives: Mapping[str, Estimate]
     load: Estimate
     load_side: Estimate
     springs: Mapping[str, Array]
-    left_out: Mapping[str, int]
+    excluded: Mapping[str, int]
     checks: Mapping[str, ModelChecks]
     white_covariance: Array
     whole: Estimate | None = None
@@ -141,83 +141,83 @@ class Fit:
     """
 
     estimate: Estimate
-    information: Information
+    qr_factor: QRFactor
     rows: Regression | None
-    carried: Array | None
+    propagated: Array | None
     settled: Array | None = None
 
     @cached_property
     def weights(self) -> Array:
         """The weights (E,) of the equations that settle, whatever the estimator weighs by."""
-        return settled_weights(self.information) if self.settled is None else self.settled
+        return settled_weights(self.qr_factor) if self.settled is None else self.settled
 
     @property
     def white_covariance(self) -> Array:
         """The covariance (p, p) if the noise of every equation were white."""
-        return estimate_of(self.information, self.weights, None, self.carried).covariance
+        return estimate_of(self.qr_factor, self.weights, None, self.propagated).covariance
 
     def checks(self, joints: Sequence[str], optional: Sequence[str]) -> ModelChecks:
         """Return what speaks for and against the model; `joints` are those of the robot."""
         found = {} if self.rows is None else whiteness(self.rows, self.estimate.values)
         named = {joints[index % len(joints)]: one for index, one in found.items()}
-        return model_checks(self.information, self.estimate, optional, named, self.weights)
+        return model_checks(self.qr_factor, self.estimate, optional, named, self.weights)
 
 
 def fitted(
-    records: Sequence[Record],
+    datasets: Sequence[Dataset],
     regress: Callable[[Motion], Regression],
     estimator: Estimator,
-    carried: Array | None,
+    propagated: Array | None,
     executor: Executor | None,
 ) -> Fit:
     """Return the fit of the rows of all records: in memory, or streamed where all are long logs.
 
     The weights of the equations are settled once, and handed on with the fit.
     """
-    long_logs = _streamed(records, estimator, executor)
+    long_logs = _streamed(datasets, estimator, executor)
     if long_logs:
         with stored_rows(long_logs, {"": regress}) as stored:
-            return _fitted_to(stored[""], estimator, carried)
-    rows = rows_of(records, regress, executor)
+            return _fitted_to(stored[""], estimator, propagated)
+    rows = rows_of(datasets, regress, executor)
     if estimator.weigh is not None:
-        information = information_of(rows)
-        check_scale(information)
-        weights = estimator.weigh(information)
-        estimate = estimate_of_rows(rows, information, weights, carried)
+        qr_factor = qr_factor_of(rows)
+        check_scale(qr_factor)
+        weights = estimator.weigh(qr_factor)
+        estimate = estimate_of_rows(rows, qr_factor, weights, propagated)
         settled = weights if estimator.weigh is settled_weights else None
-        return Fit(estimate, information, rows, carried, settled)
+        return Fit(estimate, qr_factor, rows, propagated, settled)
     if any(name.split(" of ")[0] in CONSTANTS for name in rows.names):
-        check_scale(information_of(rows))
-    estimate = estimator.solve(rows, carried)
+        check_scale(qr_factor_of(rows))
+    estimate = estimator.solve(rows, propagated)
     seen = estimator.seen(rows, estimate)
-    return Fit(estimate, information_of(seen), seen, carried)
+    return Fit(estimate, qr_factor_of(seen), seen, propagated)
 
 
 def _streamed(
-    records: Sequence[Record], estimator: Estimator, executor: Executor | None
+    datasets: Sequence[Dataset], estimator: Estimator, executor: Executor | None
 ) -> list[LongLog]:
     """Return the long logs if the records are nothing else and can be streamed, otherwise none."""
-    long_logs = [record for record in records if isinstance(record, LongLog)]
-    streamed = len(long_logs) == len(records) and executor is None and estimator.weigh is not None
+    long_logs = [dataset for dataset in datasets if isinstance(dataset, LongLog)]
+    streamed = len(long_logs) == len(datasets) and executor is None and estimator.weigh is not None
     return long_logs if streamed else []
 
 
 def _fitted_to(
-    stored: StoredRows, estimator: Estimator, carried: Array | None, change: Change = unchanged
+    stored: StoredRows, estimator: Estimator, propagated: Array | None, change: Change = unchanged
 ) -> Fit:
     """Return the fit of stored rows."""
     weigh = estimator.weigh or settled_weights
-    estimate, information = stored_estimate(stored, weigh, carried, change)
-    check_scale(information)
-    return Fit(estimate, information, None, carried)
+    estimate, qr_factor = stored_estimate(stored, weigh, propagated, change)
+    check_scale(qr_factor)
+    return Fit(estimate, qr_factor, None, propagated)
 
 
 def sequential_sides(
     robot: Robot,
-    records: Sequence[Record],
+    datasets: Sequence[Dataset],
     model: LoadModel,
     estimator: Estimator,
-    joint_zero_std: float,
+    encoder_offset_std: float,
     executor: Executor | None,
     progress: bool,
     regressions: Regressions = Regressions(),
@@ -227,65 +227,65 @@ def sequential_sides(
     `regressions` make the rows, in columns that `estimator` knows and `seen` turns into the plain
     ones.
     """
-    drives, checks, left_out = {}, {}, {}
-    joints = sprung(robot, records, model)
+    drives, checks, excluded = {}, {}, {}
+    joints = sprung(robot, datasets, model)
     equations = {
         joint: partial(_of_actuator, robot, regressions, joint) for joint in robot.elastic_joints
     }
-    long_logs = _streamed(records, estimator, executor)
+    long_logs = _streamed(datasets, estimator, executor)
     unloaded = partial(_of_load, robot, regressions, model, _without_torque(robot, joints))
     with stored_rows(long_logs, {**equations, _LOAD_KEY: unloaded} if long_logs else {}) as stored:
         for joint, regress in track(list(equations.items()), "actuator side", progress):
             if stored:
                 fit = _fitted_to(stored[joint], estimator, None)
             else:
-                fit = fitted(records, regress, estimator, None, executor)
+                fit = fitted(datasets, regress, estimator, None, executor)
                 if (
                     estimator.weigh
-                    and springs_torque_alone(robot, records, joint)
+                    and springs_torque_alone(robot, datasets, joint)
                     and fit.rows is not None
                 ):
-                    noisy = both_noisy(fit.rows, noise_ratio(robot, records, joint))
+                    noisy = both_noisy(fit.rows, noise_ratio(robot, datasets, joint))
                     fit = replace(fit, estimate=noisy)
-            drives[joint] = with_flags(fit.estimate, joint, fit.information)
+            drives[joint] = with_flags(fit.estimate, joint, fit.qr_factor)
             optional = [name for name in fit.estimate.names if name not in _NEEDED]
             checks[joint] = fit.checks(robot.joint_names, optional)
-            left_out[joint] = fit.information.left_out
+            excluded[joint] = fit.qr_factor.excluded
         springs = {joint: spring_of(robot, drives[joint], joint) for joint in joints}
         for _ in track([0], "load side", progress):
             load = _load_side(
-                *(robot, records, model, springs, estimator),
-                *(joint_zero_std, executor, regressions, stored.get(_LOAD_KEY)),
+                *(robot, datasets, model, springs, estimator),
+                *(encoder_offset_std, executor, regressions, stored.get(_LOAD_KEY)),
             )
     base, beside = split_load_side(model, load.estimate)
     found = joined(drives, beside)
     return Sides(
-        drivetrains={joint: found[joint] for joint in robot.joint_names if joint in found},
+        drives={joint: found[joint] for joint in robot.joint_names if joint in found},
         load=base,
         load_side=load.estimate,
         springs={joint: spring.values for joint, spring in springs.items()},
-        left_out=left_out | {"load": load.information.left_out},
+        excluded=excluded | {"load": load.qr_factor.excluded},
         checks=checks
         | {"load": load.checks(robot.joint_names, model.names[len(model.expressions) :])},
         white_covariance=load.white_covariance,
     )
 
 
-def known_torques(robot: Robot, records: Sequence[Record]) -> tuple[str, ...]:
+def known_torques(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, ...]:
     """Return the joints whose torque is measured, by a sensor or by a spring."""
-    motions = [first_motion(record) for record in records]
+    motions = [first_motion(dataset) for dataset in datasets]
     return tuple(
         joint
         for joint in robot.joint_names
         if joint in robot.elastic_joints
-        or _all_measured(robot, motions, joint, INPUT_FIELDS[robot.drivetrains[joint].motor_input])
+        or _all_measured(robot, motions, joint, INPUT_FIELDS[robot.drives[joint].motor_input])
         or _all_measured(robot, motions, joint, "joint_torque")
     )
 
 
-def sprung(robot: Robot, records: Sequence[Record], model: LoadModel) -> tuple[str, ...]:
+def sprung(robot: Robot, datasets: Sequence[Dataset], model: LoadModel) -> tuple[str, ...]:
     """Return the joints of the model whose torque on the load is that of their spring."""
-    motions = [first_motion(record) for record in records]
+    motions = [first_motion(dataset) for dataset in datasets]
     return tuple(
         joint
         for joint in model.rows
@@ -303,11 +303,11 @@ def _all_measured(robot: Robot, motions: Sequence[Motion], joint: str, signal: s
 
 def _load_side(
     robot: Robot,
-    records: Sequence[Record],
+    datasets: Sequence[Dataset],
     model: LoadModel,
     springs: Mapping[str, Estimate],
     estimator: Estimator,
-    joint_zero_std: float,
+    encoder_offset_std: float,
     executor: Executor | None,
     regressions: Regressions,
     stored: StoredRows | None,
@@ -318,19 +318,19 @@ def _load_side(
     regress: Callable[[Motion], Regression]
     regress = partial(_of_load, robot, regressions, model, values)
     sprung_rows = partial(_with_torque, values)
-    if joint_zero_std > 0:
+    if encoder_offset_std > 0:
         theta = (
             _fitted_to(stored, estimator, None, sprung_rows)
             if stored
-            else fitted(records, regress, estimator, None, executor)
+            else fitted(datasets, regress, estimator, None, executor)
         ).estimate.values
         stored = None
         regress = partial(_with_zeros, robot, regressions, model, values, theta)
-        covariances.append(joint_zero_std**2 * np.eye(robot.n))
-    carried = linalg.block_diag(*covariances) if covariances else None
+        covariances.append(encoder_offset_std**2 * np.eye(robot.n))
+    propagated = linalg.block_diag(*covariances) if covariances else None
     if stored:
-        return _fitted_to(stored, estimator, carried, sprung_rows)
-    return fitted(records, regress, estimator, carried, executor)
+        return _fitted_to(stored, estimator, propagated, sprung_rows)
+    return fitted(datasets, regress, estimator, propagated, executor)
 
 
 def _without_torque(robot: Robot, joints: Sequence[str]) -> dict[str, Array]:
@@ -342,7 +342,7 @@ def _with_torque(springs: Mapping[str, Array], rows: Regression) -> Regression:
     """Return rows of the load side made without the springs' force as they are with it, by (4b)."""
     if not springs:
         return rows
-    return replace(rows, y=rows.y + rows.carried @ np.concatenate(list(springs.values())))
+    return replace(rows, y=rows.y + rows.propagated @ np.concatenate(list(springs.values())))
 
 
 def _of_actuator(robot: Robot, regressions: Regressions, joint: str, motion: Motion) -> Regression:
@@ -369,8 +369,8 @@ def _with_zeros(
 ) -> Regression:
     """Return the load side, carrying the springs first and then the zeros of the joints."""
     plain = regressions.load(robot, motion, model, springs)
-    zeros = zero_sensitivity(robot, motion, model, springs, theta)
-    return replace(plain, carried=np.hstack([plain.carried, zeros.carried]))
+    zeros = offset_sensitivity(robot, motion, model, springs, theta)
+    return replace(plain, propagated=np.hstack([plain.propagated, zeros.propagated]))
 
 
 def split_load_side(model: LoadModel, load_side: Estimate) -> tuple[Estimate, dict[str, Estimate]]:

@@ -117,7 +117,7 @@ def _actuator(found: Identification, motion: Motion) -> tuple[Array, Array]:
     measured = np.full_like(motion.motor_torque, np.nan)
     computed = measured.copy()
     for joint in found.robot.elastic_joints:
-        index, estimate = found.robot.index(joint), found.drivetrains[joint]
+        index, estimate = found.robot.index(joint), found.drives[joint]
         regressor, zeta, R = actuator_columns(found.known, motion, joint)
         if not set(regressor.names) <= set(estimate.names):
             continue
@@ -125,7 +125,7 @@ def _actuator(found: Identification, motion: Motion) -> tuple[Array, Array]:
         error = R @ values - zeta
         measured[:, index] = _input_torque(found, motion, joint)
         if np.any(np.isnan(measured[:, index])):
-            drive = found.known.drivetrains[joint]
+            drive = found.known.drives[joint]
             lever = getattr(drive, "motor_radius", 1.0) / drive.ratio
             force = motion.joint_torque[:, index] / getattr(drive, "load_radius", 1.0)
             measured[:, index], error = lever * force, lever * error
@@ -135,7 +135,7 @@ def _actuator(found: Identification, motion: Motion) -> tuple[Array, Array]:
 
 def _input_torque(found: Identification, motion: Motion, joint: str) -> Array:
     """Return the motor's torque (T,) by what is logged of it, with the constant that was found."""
-    drive, estimate = found.known.drivetrains[joint], found.drivetrains[joint]
+    drive, estimate = found.known.drives[joint], found.drives[joint]
     values = {**drive.values, **dict(zip(estimate.names, estimate.values, strict=True))}
     factor = {
         "torque": 1.0,

@@ -1,5 +1,5 @@
 from .description import LogDescription as LogDescription
-from .filtering import PassBand as PassBand
+from .filtering import CutoffSelection as CutoffSelection
 from .filtering import decimation as decimation
 from .filtering import low_pass as low_pass
 from .filtering import spline_derivatives as spline_derivatives

@@ -60,7 +60,7 @@ def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
         name = next((one for one in picked if one.startswith(f"{joint}.deflection_")), None)
         if name is None:
             continue
-        deflection, drive = found.pop(name), robot.drivetrains[joint]
+        deflection, drive = found.pop(name), robot.drives[joint]
         if not isinstance(drive, SeriesElasticDrive):
             raise LogError(f"joint '{joint}' has a stiff drive, which has no deflection")
         _check_own_drive(robot, joint, "a deflection does not tell its position")
@@ -131,7 +131,7 @@ def _channel(
 def _name_of(robot: Robot, joint: str, quantity: str) -> tuple[str, str]:
     """Return the name of a channel, and the SI unit with which it ends."""
     is_prismatic = robot.is_prismatic[robot.index(joint)]
-    drive = robot.drivetrains[joint]
+    drive = robot.drives[joint]
     if quantity == "deflection":
         is_linear = isinstance(drive, SeriesElasticDrive) and drive.is_linear_spring
         unit = "m" if is_linear else "rad"
@@ -148,7 +148,7 @@ def _unit_factor(
     factor = 1.0
     if source.side not in (None, own_side):
         _check_own_drive(robot, joint, f"nothing turns its {source.side} side into the other")
-        drive = robot.drivetrains[joint]
+        drive = robot.drives[joint]
         ratio = drive.ratio
         if isinstance(drive, SeriesElasticDrive):
             ratio *= drive.load_radius / drive.motor_radius

@@ -108,7 +108,7 @@ _ON_GRID = 0.95
 
 
 @dataclass(frozen=True)
-class PassBand:
+class CutoffSelection:
     """A cutoff [Hz] and where it comes from; str() says why in words.
 
     `motion_hz` (narrowest, widest) is between twice the edge of the motion and three times that of
@@ -141,7 +141,9 @@ class _Spectrum:
     moves: bool
 
 
-def propose_pass_band(joint: Array, motor: Array, rate_hz: float, names: Sequence[str]) -> PassBand:
+def propose_pass_band(
+    joint: Array, motor: Array, rate_hz: float, names: Sequence[str]
+) -> CutoffSelection:
     """Return the pass band for positions (T, n) of both sides, NaN columns where no encoder is.
 
     The widest in which noise is at most one percent (rms) of each joint's acceleration, and of each
@@ -164,7 +166,7 @@ def propose_pass_band(joint: Array, motor: Array, rate_hz: float, names: Sequenc
                 found[f"{side} side of {name}"] = _spectrum(samples, rate_hz, order)
     telling = {name: one for name, one in found.items() if one.moves}
     if not telling:
-        return PassBand(
+        return CutoffSelection(
             highest, "an eighth of the rate: nothing moves", (np.nan, np.nan), rate_limit_hz=highest
         )
     narrowest = _NARROW * max(one.position_hz for one in telling.values())
@@ -182,7 +184,7 @@ def propose_pass_band(joint: Array, motor: Array, rate_hz: float, names: Sequenc
         reason = f"twice the edge of the motion, although noise of the {channel} asks for less"
     if cutoff < shortest:
         cutoff, reason = shortest, "fifteen periods in the log, which is short for its motion"
-    return PassBand(
+    return CutoffSelection(
         cutoff_hz=float(cutoff),
         reason=reason,
         motion_hz=(narrowest, widest),

@@ -281,7 +281,7 @@ def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]
 
 
 def _check_sensors(robot: Robot, joint: str, found: list[str], hint: str) -> None:
-    elastic = isinstance(robot.drivetrains[joint], SeriesElasticDrive)
+    elastic = isinstance(robot.drives[joint], SeriesElasticDrive)
     positions = [field for field in found if field.endswith("position")]
     torques = [field for field in found if not field.endswith("position")]
     if len(positions) < (2 if elastic else 1) or not torques:

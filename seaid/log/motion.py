@@ -14,7 +14,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError
-from seaid.log.filtering import PassBand, low_pass, propose_pass_band, spline_derivatives
+from seaid.log.filtering import CutoffSelection, low_pass, propose_pass_band, spline_derivatives
 from seaid.log.gaps import HOLES, check_whole, holes, stretches
 from seaid.log.reading import Log
 from seaid.log.repair.clocks import longest_bridge, typical_step
@@ -41,7 +41,7 @@ class Processing:
     rate_hz: float
     resampled: bool
     position_low_pass_hz: float
-    pass_band: PassBand
+    cutoff_selection: CutoffSelection
     trim_s: float
     repairs: tuple[Repair, ...] = ()
 
@@ -57,10 +57,12 @@ class Processing:
         low_pass = f"positions below {self.position_low_pass_hz:.3g} Hz"
         if self.position_low_pass_hz >= 0.4 * self.rate_hz:
             low_pass = "positions as they are"
-        mended = f"; {len(self.repairs)} kinds of faults mended on reading" if self.repairs else ""
+        repaired = (
+            f"; {len(self.repairs)} kinds of faults mended on reading" if self.repairs else ""
+        )
         return (
-            f"{grid}, {low_pass}; regressor and torque below {self.pass_band}; "
-            f"{self.trim_s:.2g} s left away at both ends{mended}"
+            f"{grid}, {low_pass}; regressor and torque below {self.cutoff_selection}; "
+            f"{self.trim_s:.2g} s left away at both ends{repaired}"
         )
 
 
@@ -161,8 +163,8 @@ def reconstruct_motions(
     return tuple(replace(one, fastest=fastest) for one in motions)
 
 
-def _given(cutoff_hz: float) -> PassBand:
-    return PassBand(cutoff_hz, "as it was given")
+def _given(cutoff_hz: float) -> CutoffSelection:
+    return CutoffSelection(cutoff_hz, "as it was given")
 
 
 def _sampled(robot: Robot, log: Log) -> tuple[Array, dict[str, Array]]:
@@ -172,7 +174,7 @@ def _sampled(robot: Robot, log: Log) -> tuple[Array, dict[str, Array]]:
     return time, signals
 
 
-def _proposed(robot: Robot, time: Array, signals: dict[str, Array]) -> PassBand:
+def _proposed(robot: Robot, time: Array, signals: dict[str, Array]) -> CutoffSelection:
     joint, motor = signals["joint_position"], signals["motor_position"]
     return propose_pass_band(joint, motor, _rate_hz(time), robot.joint_names)
 
@@ -180,7 +182,7 @@ def _proposed(robot: Robot, time: Array, signals: dict[str, Array]) -> PassBand:
 def _motion(
     robot: Robot,
     log: Log,
-    band: PassBand | None,
+    band: CutoffSelection | None,
     fewest: float = FEWEST_PERIODS,
 ) -> Motion:
     """Return the motion of a log without a hole; `band` None: proposed from the spectra."""
@@ -215,14 +217,14 @@ def _motion(
     )
 
 
-def _processing(log: Log, time: Array, band: PassBand) -> Processing:
+def _processing(log: Log, time: Array, band: CutoffSelection) -> Processing:
     """Return what was done to a log that is now at other times, or at its own."""
     return Processing(
         logged_rate_hz=_rate_hz(log.time),
         rate_hz=_rate_hz(time),
         resampled=time is not log.time,
         position_low_pass_hz=float(POSITION_BAND * band.cutoff_hz),
-        pass_band=band,
+        cutoff_selection=band,
         trim_s=float(1.0 / band.cutoff_hz),
         repairs=log.report,
     )
@@ -272,7 +274,7 @@ def _check_sides(robot: Robot, joint: Array, motor: Array) -> None:
     coupled = {index for group in coupled_groups(robot.transmission) for index in group}
     for index, name in enumerate(robot.joint_names):
         no_joint, no_motor = np.isnan(joint[0, index]), np.isnan(motor[0, index])
-        if isinstance(robot.drivetrains[name], SeriesElasticDrive):
+        if isinstance(robot.drives[name], SeriesElasticDrive):
             if no_joint or no_motor:
                 side = "joint" if no_joint else "motor"
                 raise LogError(f"elastic joint '{name}' needs its {side} position in the log")
@@ -300,7 +302,7 @@ def _both_sides(robot: Robot, signal: Array) -> Array:
     """Return joint and motor side (T, 2n) with what stiff drives have no encoder for."""
     both, n = signal.copy(), robot.n
     joint, motor = both[:, :n], both[:, n:]
-    ratio = np.array([robot.drivetrains[name].ratio for name in robot.joint_names])
+    ratio = np.array([robot.drives[name].ratio for name in robot.joint_names])
     unseen, blind = np.isnan(joint[0]), np.isnan(motor[0])
     joint[:, unseen] = at_joints(robot.transmission, motor / ratio)[:, unseen]
     motor[:, blind] = (at_drives(robot.transmission, joint) * ratio)[:, blind]

@@ -65,7 +65,7 @@ def base_parameters(
     robot: Robot,
     motion: Motion | None = None,
     *,
-    rows: Sequence[str] | None = None,
+    torque_joints: Sequence[str] | None = None,
     seed: int = 0,
 ) -> BaseParameters:
     """Return the base parameters of a robot: structural, or what one motion can tell.
@@ -74,10 +74,10 @@ def base_parameters(
     torques are known (default all): those of their drives. Columns of known bodies are left
     out; where all are known there are none. Raises ExcitationError where nothing is identifiable.
     """
-    torques = robot.rows(rows)
+    torques = robot.rows(torque_joints)
     known = [robot.index(joint) for joint in torques]
     if not known:
-        raise ExcitationError("rows= names no joint: give those whose torque is known")
+        raise ExcitationError("torque_joints= names no joint: give those whose torque is known")
     states = random_states(robot, seed, len(known)) if motion is None else motion.joint_states
     _check_memory(robot, len(states[0]))
     Y = regressor_at_drives(robot, *states)

@@ -30,12 +30,12 @@ rounding of speeds, about 1e-10, is far enough below for no sample to stand at t
 
 def motor_regressor(robot: Robot, joint: str) -> DriveRegressor:
     """Return the regressor derived from the motor equation (7) of a joint."""
-    return _motor_regressor(robot.drivetrains[joint])
+    return _motor_regressor(robot.drives[joint])
 
 
 def spring_regressor(robot: Robot, joint: str) -> DriveRegressor:
     """Return the regressor derived from the spring equation (4b) of an elastic joint."""
-    drive = robot.drivetrains[joint]
+    drive = robot.drives[joint]
     if not isinstance(drive, SeriesElasticDrive):
         raise LogError(f"joint '{joint}' has no spring")
     return _spring_regressor(drive)
@@ -43,7 +43,7 @@ def spring_regressor(robot: Robot, joint: str) -> DriveRegressor:
 
 def joint_regressor(robot: Robot, joint: str) -> DriveRegressor:
     """Return the regressor of what acts beside the drive: parallel spring, joint friction."""
-    return _joint_regressor(robot.drivetrains[joint])
+    return _joint_regressor(robot.drives[joint])
 
 
 @cache
@@ -91,7 +91,7 @@ def fed_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
 
     That is for stiff drives: their gear hands it on, less its friction.
     """
-    found, drive = signals(robot, motion, index), robot.drivetrains[robot.joint_names[index]]
+    found, drive = signals(robot, motion, index), robot.drives[robot.joint_names[index]]
     if np.all(np.isnan(found["tau_M"])) and drive.motor_input == "torque":
         found["tau_M"] = sensed_torque(robot, motion, index) / drive.ratio
     return found

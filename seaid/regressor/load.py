@@ -42,7 +42,7 @@ from seaid.robot import UNITS, Robot, at_drives, group_of, torques_at_drives
 _JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
 
 
-def drive_columns(
+def drive_parameters(
     robot: Robot, rows: Sequence[str], signals_of: Callable[[int], dict[str, Array]]
 ) -> tuple[Array, list[tuple[str, str, str]]]:
     """Return the drives' columns (T, rows, columns) on the load side, and what they are.
@@ -52,7 +52,7 @@ def drive_columns(
     blocks, drives = [], []
     known = [robot.index(joint) for joint in rows]
     for joint in robot.joint_names:
-        index, drive = robot.index(joint), robot.drivetrains[joint]
+        index, drive = robot.index(joint), robot.drives[joint]
         parts = []
         if not isinstance(drive, SeriesElasticDrive) and index in known:
             parts.append((motor_regressor(robot, joint), drive.ratio, np.eye(robot.n)[index]))
@@ -87,7 +87,7 @@ def stiff_signals(robot: Robot, index: int, q: Array, v: Array, a: Array) -> dic
 
     What is independent of them, current, voltage and the torque through the gear, is random.
     """
-    ratio, nothing = robot.drivetrains[robot.joint_names[index]].ratio, np.zeros(len(q))
+    ratio, nothing = robot.drives[robot.joint_names[index]].ratio, np.zeros(len(q))
     own = {f"own_{name}": values[:, index] for name, values in zip(_JOINT, (q, v, a), strict=True)}
     rng = np.random.default_rng(index)
     free = {name: rng.normal(size=len(q)) for name in ("i_M", "u_M", "tau_G")}
@@ -134,15 +134,17 @@ def load_model(robot: Robot, base: BaseParameters, rows: Sequence[str]) -> LoadM
     known = [robot.index(joint) for joint in rows]
     q, v, a = random_states(robot, seed=1, torques=len(known))
     Y = base.reduce(regressor_at_drives(robot, q, v, a))[:, known]
-    columns, drives = drive_columns(robot, rows, lambda index: stiff_signals(robot, index, q, v, a))
+    columns, drives = drive_parameters(
+        robot, rows, lambda index: stiff_signals(robot, index, q, v, a)
+    )
     H = np.concatenate([Y, columns], axis=2).reshape(len(q) * len(known), -1)
     p = len(base.columns)
-    bent = [
+    nonlinear = [
         p + place
         for place, (joint, name, _) in enumerate(drives)
         if name in _bent_parameters(robot, joint)
     ]
-    found, grouping = _identifiable(H, bent)
+    found, grouping = _identifiable(H, nonlinear)
     names = (*base.expressions, *(f"{name}_{joint}" for joint, name, _ in drives))
     absorbed = [column for column in range(p, H.shape[1]) if column not in found]
     expressions = []
@@ -162,23 +164,23 @@ def load_model(robot: Robot, base: BaseParameters, rows: Sequence[str]) -> LoadM
 
 def _bent_parameters(robot: Robot, joint: str) -> tuple[str, ...]:
     """Return the parameters in which a stiff drive is not linear."""
-    elastic = isinstance(robot.drivetrains[joint], SeriesElasticDrive)
+    elastic = isinstance(robot.drives[joint], SeriesElasticDrive)
     return () if elastic else motor_regressor(robot, joint).non_linear
 
 
-def _identifiable(H: Array, bent: Sequence[int]) -> tuple[list[int], Array]:
+def _identifiable(H: Array, nonlinear: Sequence[int]) -> tuple[list[int], Array]:
     """Return the columns of H that are identifiable, and how much of each is in every column.
 
-    The slopes of what is `bent` stand beside the others whatever the random states: they live where
-    the motor is slow.
+    The slopes of what is `nonlinear` stand beside the others whatever the random states: they live
+    where the motor is slow.
     """
-    straight = [column for column in range(H.shape[1]) if column not in bent]
+    straight = [column for column in range(H.shape[1]) if column not in nonlinear]
     chosen, grouping, _ = left_to_right(H[:, straight], negligible(H[:, straight]))
-    found = sorted([straight[column] for column in chosen] + list(bent))
+    found = sorted([straight[column] for column in chosen] + list(nonlinear))
     whole = np.zeros((len(found), H.shape[1]))
     rows = [found.index(straight[column]) for column in chosen]
     whole[np.ix_(rows, straight)] = grouping
-    whole[[found.index(column) for column in bent], list(bent)] = 1.0
+    whole[[found.index(column) for column in nonlinear], list(nonlinear)] = 1.0
     return found, whole
 
 
@@ -192,17 +194,17 @@ def load_columns(
     Y = regressor_at_drives(robot, *motion.joint_states)
     known = [robot.index(joint) for joint in model.rows]
     signals_of = partial(load_signals, robot, motion)
-    columns, drives = drive_columns(robot, model.rows, signals_of)
+    columns, drives = drive_parameters(robot, model.rows, signals_of)
     wanted = [drives.index(drive) for drive in model.drives]
     flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # no copy: so the regressor lies in memory
     places = np.add.outer(known, robot.n * np.array(model.base.columns, dtype=np.intp))
     base = np.take(flat, places.ravel(), axis=1).reshape(len(Y), *places.shape)
     H = np.concatenate([base, columns[:, :, wanted]], axis=2) if wanted else base
-    torque, carried = _load_targets(robot, motion, model.rows, springs)
+    torque, propagated = _load_targets(robot, motion, model.rows, springs)
     payload = np.zeros_like(torque)
     if np.any(robot.known_parameters):
         payload = (Y @ robot.known_parameters)[:, known]
-    return torque, payload, H, carried
+    return torque, payload, H, propagated
 
 
 def load_regression(
@@ -213,9 +215,11 @@ def load_regression(
     `springs` has stiffness and offset of the elastic joints in `model.rows`; one that is not there
     takes its joint torque from the log. The payload's torque is moved to the known side.
     """
-    torque, payload, H, carried = load_columns(robot, motion, model, springs)
+    torque, payload, H, propagated = load_columns(robot, motion, model, springs)
     rows = row_samples(motion)
-    y, H, carried = (in_band_at(motion, part, rows) for part in (torque - payload, H, carried))
+    y, H, propagated = (
+        in_band_at(motion, part, rows) for part in (torque - payload, H, propagated)
+    )
     told = np.array([~unknown_friction(robot, motion, joint)[rows] for joint in model.rows])
     which, kept = np.nonzero(told)
     return Regression(
@@ -226,8 +230,8 @@ def load_regression(
         joint=np.array([robot.index(joint) for joint in model.rows])[which],
         time=motion.time[rows[kept]],
         run=np.zeros(len(kept)),
-        left_out=len(rows) * len(model.rows) - len(kept),
-        carried=carried[kept, which],
+        excluded=len(rows) * len(model.rows) - len(kept),
+        propagated=propagated[kept, which],
         joint_names=robot.joint_names,
     )
 
@@ -238,12 +242,12 @@ def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     That of a stiff drive with dry friction has where it stands still; an elastic one has it only
     where the joint itself has dry friction behind the spring.
     """
-    drive, index = robot.drivetrains[joint], robot.index(joint)
+    drive, index = robot.drives[joint], robot.index(joint)
     unknown = np.zeros(len(motion.time), dtype=bool)
     if isinstance(drive, StiffDrive) and is_dry(drive):
         unknown |= standstill(motion, index, standstill_seen(drive))
     for other in group_of(robot.transmission, index):
-        beside = robot.drivetrains[robot.joint_names[other]]
+        beside = robot.drives[robot.joint_names[other]]
         if "coulomb" in getattr(beside, "joint_friction", ()):
             unknown |= joint_standstill(motion, other)
     return unknown
@@ -255,10 +259,10 @@ def _load_targets(
     """Return the torque on the load (T, rows) and its derivative by the springs' parameters."""
     elastic = [joint for joint in rows if joint in springs]
     targets = np.empty((len(motion.time), len(rows)))
-    carried = np.zeros((*targets.shape, sum(len(springs[joint]) for joint in elastic)))
+    propagated = np.zeros((*targets.shape, sum(len(springs[joint]) for joint in elastic)))
     start = 0
     for row, joint in enumerate(rows):
-        index, drive = robot.index(joint), robot.drivetrains[joint]
+        index, drive = robot.index(joint), robot.drives[joint]
         if isinstance(drive, SeriesElasticDrive):
             if joint not in springs:
                 targets[:, row] = sensed_torque(robot, motion, index)
@@ -266,7 +270,7 @@ def _load_targets(
             zeta, R = spring_regressor(robot, joint).evaluate(signals(robot, motion, index))
             R = drive.load_radius * R
             targets[:, row] = R @ springs[joint] - drive.load_radius * zeta  # (4b)
-            carried[:, row, start : start + R.shape[1]] = R
+            propagated[:, row, start : start + R.shape[1]] = R
             start += R.shape[1]
         else:
             by_name = fed_signals(robot, motion, index)
@@ -274,11 +278,13 @@ def _load_targets(
             targets[np.isnan(by_name[INPUTS[drive.motor_input]]), row] = np.nan
     missing = [joint for row, joint in enumerate(rows) if np.any(np.isnan(targets[:, row]))]
     if missing:
-        raise LogError(f"no torque in the log at {', '.join(missing)}; name the others with rows=")
-    return targets, carried
+        raise LogError(
+            f"no torque in the log at {', '.join(missing)}; name the others with torque_joints="
+        )
+    return targets, propagated
 
 
-ZERO_STEP = 1e-4
+OFFSET_STEP = 1e-4
 """Shift [rad or m] of an encoder's zero for a difference quotient."""
 
 
@@ -286,38 +292,40 @@ _LARGEST_STD = 1e3
 """Of a zero [rad or m]: beyond it nothing is known of it, and its square may be no number."""
 
 
-def check_zero_std(joint_zero_std: float) -> None:
+def check_offset_std(encoder_offset_std: float) -> None:
     """Raise IdentificationError for a standard deviation of encoder zeros that is none."""
-    if not 0 <= joint_zero_std <= _LARGEST_STD:
+    if not 0 <= encoder_offset_std <= _LARGEST_STD:
         raise IdentificationError(
-            f"joint_zero_std must be from 0 to {_LARGEST_STD:g} rad or m, found {joint_zero_std}"
+            f"encoder_offset_std must be from 0 to {_LARGEST_STD:g} rad or m, found "
+            f"{encoder_offset_std}"
         )
 
 
-def zero_sensitivity(
+def offset_sensitivity(
     robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
 ) -> Regression:
-    """Return the load side with `carried` (R, n): what a shifted zero of each joint encoder does.
+    """Return the load side with `propagated` (R, n): what a shifted zero of each joint encoder
+    does.
 
     It is minus the change of the computed torque, at the parameters `theta`, a unit of shift.
     """
     reference, changes = load_regression(robot, motion, model, springs), []
     for index in range(robot.n):
-        shifted = load_regression(robot, shifted_zero(robot, motion, index), model, springs)
+        shifted = load_regression(robot, shifted_encoder(robot, motion, index), model, springs)
         change = (shifted.y - shifted.H @ theta) - (reference.y - reference.H @ theta)
-        changes.append(change / ZERO_STEP)
-    return replace(reference, carried=np.column_stack(changes))
+        changes.append(change / OFFSET_STEP)
+    return replace(reference, propagated=np.column_stack(changes))
 
 
-def shifted_zero(robot: Robot, motion: Motion, index: int) -> Motion:
+def shifted_encoder(robot: Robot, motion: Motion, index: int) -> Motion:
     """Return the motion with the zero of one joint's encoder shifted by a small step.
 
     The motors of springs go along: the deflection's own zero takes what the shift does to it.
     """
     joint, motor = motion.joint_position.copy(), motion.motor_position.copy()
-    joint[:, index] += ZERO_STEP
+    joint[:, index] += OFFSET_STEP
     for name in robot.elastic_joints:
-        other, drive = robot.index(name), robot.drivetrains[name]
+        other, drive = robot.index(name), robot.drives[name]
         lever = drive.ratio * getattr(drive, "load_radius", 1.0) / getattr(drive, "motor_radius", 1)
-        motor[:, other] += lever * robot.transmission[other, index] * ZERO_STEP
+        motor[:, other] += lever * robot.transmission[other, index] * OFFSET_STEP
     return replace(motion, joint_position=joint, motor_position=motor)

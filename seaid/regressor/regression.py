@@ -38,8 +38,8 @@ __all__ = [
 class Regression:
     """Rows y (R,) = H (R, p) theta, each of one equation at one time.
 
-    `joint` (R,) tells the equation, `time` (R,) [s] the instant; `left_out` counts the instants
-    near standstill that are not rows. `carried` (R, s) is the derivative of y with respect to
+    `joint` (R,) tells the equation, `time` (R,) [s] the instant; `excluded` counts the instants
+    near standstill that are not rows. `propagated` (R, s) is the derivative of y with respect to
     parameters that were estimated before (the springs'), if there are any; `run` (R,) tells the
     log, where several are stacked; `joint_names` (n,) are those that `joint` counts, if known.
     """
@@ -51,8 +51,8 @@ class Regression:
     joint: Array
     time: Array
     run: Array
-    left_out: int
-    carried: Array
+    excluded: int
+    propagated: Array
     joint_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -60,7 +60,7 @@ class Regression:
         rows = len(self.H)
         for name in ("y", "joint", "time", "run"):
             object.__setattr__(self, name, frozen(name, getattr(self, name), (rows,)))
-        object.__setattr__(self, "carried", frozen("carried", self.carried, (rows, None)))
+        object.__setattr__(self, "carried", frozen("carried", self.propagated, (rows, None)))
 
 
 def actuator_columns(
@@ -82,7 +82,7 @@ def actuator_equation(
     index = robot.index(joint)
     by_name = signals(robot, motion, index)
     sensed = sensed_torque(robot, motion, index)
-    kind = robot.drivetrains[joint].motor_input
+    kind = robot.drives[joint].motor_input
     if np.all(np.isfinite(by_name[INPUTS[kind]])):
         return motor_regressor(robot, joint), by_name
     if np.all(np.isfinite(sensed)):
@@ -101,7 +101,7 @@ def actuator_regression(robot: Robot, motion: Motion, joint: str) -> Regression:
     """
     index = robot.index(joint)
     regressor, y, H = actuator_columns(robot, motion, joint)
-    kept, left_out = actuator_rows(robot, motion, joint, regressor)
+    kept, excluded = actuator_rows(robot, motion, joint, regressor)
     return Regression(
         names=regressor.names,
         units=regressor.units,
@@ -110,8 +110,8 @@ def actuator_regression(robot: Robot, motion: Motion, joint: str) -> Regression:
         joint=np.full(len(kept), index),
         time=motion.time[kept],
         run=np.zeros(len(kept)),
-        left_out=left_out,
-        carried=np.empty((len(kept), 0)),
+        excluded=excluded,
+        propagated=np.empty((len(kept), 0)),
         joint_names=robot.joint_names,
     )
 
@@ -126,7 +126,7 @@ def actuator_rows(
     if "tau_M" not in regressor.signals and not regressor.signals & {"i_M", "u_M"}:
         return row_samples(replace(motion, trim_s=0.0)), 0
     rows = row_samples(motion)
-    drive = robot.drivetrains[joint]
+    drive = robot.drives[joint]
     if not is_dry(drive):
         return rows, 0
     kept = rows[~standstill(motion, robot.index(joint), standstill_seen(drive))[rows]]
@@ -148,7 +148,7 @@ def stacked(regressions: Sequence[Regression]) -> Regression:
         names=regressions[0].names,
         units=regressions[0].units,
         run=np.concatenate([np.full(len(one.y), run) for run, one in enumerate(regressions)]),
-        left_out=sum(one.left_out for one in regressions),
+        excluded=sum(one.excluded for one in regressions),
         joint_names=regressions[0].joint_names,
         **{
             name: np.concatenate([getattr(one, name) for one in regressions])
@@ -177,11 +177,11 @@ def _own_rows(rows: Regression, motion: Motion, part: LogPart) -> Regression:
     """Return the rows whose instant is the part's own, and how many of those were left out."""
     instants = motion.time[row_samples(motion)]
     mine = int(np.sum((instants >= part.start_s) & (instants < part.end_s)))
-    equations = (len(rows.y) + rows.left_out) // max(len(instants), 1)
+    equations = (len(rows.y) + rows.excluded) // max(len(instants), 1)
     kept = (rows.time >= part.start_s) & (rows.time < part.end_s)
     return replace(
         rows,
-        left_out=equations * mine - int(np.sum(kept)),
+        excluded=equations * mine - int(np.sum(kept)),
         **{
             name: getattr(rows, name)[kept]
             for name in ("H", "y", "joint", "time", "run", "carried")

@@ -154,7 +154,7 @@ def _parameters(found: Identification) -> dict[str, Any]:
         "drives": drive_tables(found),
         "base": base_rows(found),
         "has_white": has_white(found),
-        "possible": found.possible,
+        "feasible": found.feasible,
         "terms": term_rows(found),
         "residuals": residual_rows(found),
         "conditions": condition_rows(found),

@@ -77,7 +77,7 @@ def _measured(robot: Robot, motion: Motion | None) -> Iterator[tuple[str, str]]:
 
 
 def _processed(processing: Processing) -> Iterator[tuple[str, str]]:
-    band = processing.pass_band
+    band = processing.cutoff_selection
     yield "Pass band", str(band)
     if np.isfinite(band.noise_limit_hz):
         yield "Noise", f"1 % of what moves the {band.channel} at {band.noise_limit_hz:.3g} Hz"
@@ -91,7 +91,7 @@ def _processed(processing: Processing) -> Iterator[tuple[str, str]]:
 
 def _positions(robot: Robot, motion: Motion) -> str:
     """Say which joints have an encoder on both sides: one of a stiff drive may be computed."""
-    ratio = np.array([robot.drivetrains[name].ratio for name in robot.joint_names])
+    ratio = np.array([robot.drives[name].ratio for name in robot.joint_names])
     turned = at_drives(robot.transmission, motion.joint_position) * ratio
     scale = np.max(np.abs(turned), axis=0, initial=0.0)
     off = np.max(np.abs(turned - motion.motor_position), axis=0, initial=0.0)
@@ -147,8 +147,8 @@ def known_rows(found: Identification) -> list[tuple[str, str, str]]:
     """Return of each joint its drive, what of it was known, and what was identified."""
     rows = []
     for joint in found.known.joint_names:
-        drive = found.known.drivetrains[joint]
-        estimate = found.drivetrains.get(joint)
+        drive = found.known.drives[joint]
+        estimate = found.drives.get(joint)
         names = () if estimate is None else estimate.names
         identified = ", ".join(name.replace("_", " ") for name in names)
         rows.append((joint, _known_text(drive), identified or "nothing"))

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.estimation import POORLY_TOLD, directions, first_term, information_of, settled_weights
+from seaid.estimation import POORLY_TOLD, directions, first_term, qr_factor_of, settled_weights
 from seaid.identification import Fit, Identification, Validation, under_load, with_gear_torque
 from seaid.log import Motion
 from seaid.regressor import load_regression, stacked
@@ -50,10 +50,10 @@ def singular_values(found: Identification) -> SingularValues | None:
     if not found.motions or not found.model.names:
         return None
     motions = [_with_gear_torque(found, motion) for motion in found.motions]
-    information = information_of(
+    qr_factor = qr_factor_of(
         stacked([load_regression(found.known, m, found.model, found.springs) for m in motions])
     )
-    told = directions(information.weighted_factor(settled_weights(information)), information.names)
+    told = directions(qr_factor.weighted_factor(settled_weights(qr_factor)), qr_factor.names)
     last = range(len(told.shares) - 1, max(len(told.shares) - 4, -1), -1)
     return SingularValues(told.shares, tuple(told.text(place) for place in last))
 
@@ -124,7 +124,7 @@ def _estimates(found: Identification) -> tuple[list[str], list[int], list[Array]
 
     load = found.load_side
     for joint in found.known.elastic_joints:
-        drive = found.drivetrains[joint]
+        drive = found.drives[joint]
         own = [i for i, name in enumerate(drive.names) if f"{name} of {joint}" not in load.names]
         if own:
             named = [_spoken(f"{drive.names[i]} of {joint}") for i in own]

@@ -155,7 +155,7 @@ def drive_tables(found: Identification) -> list[DriveTable]:
     """Return a table of every joint whose drive has parameters."""
     return [
         DriveTable(joint, tuple(_rows(estimate, _spoken)))
-        for joint, estimate in found.drivetrains.items()
+        for joint, estimate in found.drives.items()
     ]
 
 
@@ -204,7 +204,7 @@ def _white(estimate: Estimate) -> Array:
 
 def has_white(found: Identification) -> bool:
     """Tell whether any estimate has standard errors for white noise."""
-    every = (found.load, *found.drivetrains.values())
+    every = (found.load, *found.drives.values())
     return any(one.white_standard_errors is not None for one in every)
 
 
@@ -283,14 +283,14 @@ def condition_rows(found: Identification) -> list[CheckRow]:
     rows = []
     for side, checks in found.checks.items():
         elastic = side not in ("load", "both")
-        estimate = found.drivetrains[side] if elastic else found.load_side
+        estimate = found.drives[side] if elastic else found.load_side
         unit = "" if not elastic and any(found.robot.is_prismatic) else "N m"
-        left_out = sum(found.left_out.values()) if side == "both" else found.left_out.get(side)
+        excluded = sum(found.excluded.values()) if side == "both" else found.excluded.get(side)
         cells = (
             f"actuator side of {side}" if elastic else side_name(side),
             short(checks.condition_number),
             f"{short(estimate.residual_std)} {unit}".strip(),
-            "–" if left_out is None else str(left_out),
+            "–" if excluded is None else str(excluded),
         )
         rows.append(CheckRow(cells, False))
     return rows

@@ -91,7 +91,7 @@ def _sources(found: Identification, side: str) -> list[str]:
 
 
 def _motor_source(found: Identification, joint: str) -> str:
-    kind = found.known.drivetrains[joint].motor_input
+    kind = found.known.drives[joint].motor_input
     if kind != "torque":
         return f"the torque of the motor's {kind} by the found constant"
     if not _has_motor_torque(found, joint):
@@ -100,7 +100,7 @@ def _motor_source(found: Identification, joint: str) -> str:
 
 
 def _load_source(found: Identification, joint: str) -> str:
-    drive = found.known.drivetrains[joint]
+    drive = found.known.drives[joint]
     if joint in found.springs:
         return "the torque of the identified spring by its measured deflection, (4b)"
     if joint in found.robot.elastic_joints:

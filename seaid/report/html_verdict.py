@@ -43,7 +43,7 @@ class Doubts:
 def verdict(found: Identification, runs: Sequence[Run], doubts: Sequence[Doubts]) -> str:
     """Return in a sentence what was found, how well it predicts, and how many doubts there are."""
     counted = (
-        (_relative_errors(found.drivetrains.values()), "drive parameter"),
+        (_relative_errors(found.drives.values()), "drive parameter"),
         (_relative_errors([found.load]), "base parameter"),
     )
     told = [
@@ -117,7 +117,7 @@ def _of_bodies(found: Identification) -> Iterator[str]:
         for name, body in zip(found.robot.body_names, bodies, strict=True)
         if not (np.all(np.isfinite(body)) and is_physical(body, THIN))
     ]
-    if wrong and found.possible is None:
+    if wrong and found.feasible is None:
         yield (
             f"{_listed(wrong)}: no body can have the inertial parameters of the found robot. They "
             "give the identified base parameters, and right torques with them; a simulator may "
@@ -130,7 +130,7 @@ def _of_bodies(found: Identification) -> Iterator[str]:
 def _poorly_told(found: Identification) -> Iterator[str]:
     for side, checks in found.checks.items():
         where = f"{side_name(side)}{'' if side in ('load', 'both') else f' of {side}'}"
-        for text in checks.poorly_told:
+        for text in checks.poorly_determined:
             yield _sentence(f"{where}: {text}")
 
 
@@ -157,7 +157,7 @@ def _correlated(found: Identification) -> Iterator[str]:
 
 def _left_out(found: Identification) -> Iterator[str]:
     instants = sum(len(row_samples(motion)) for motion in found.motions)
-    for side, count in found.left_out.items():
+    for side, count in found.excluded.items():
         rows = instants * (len(found.model.rows) if side == "load" else 1)
         if rows and count > _MUCH_LEFT_OUT * rows:
             where = "The load side" if side == "load" else f"The actuator side of {side}"

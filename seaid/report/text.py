@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from seaid.estimation import Estimate, TermTest
     from seaid.identification import (
         Conditions,
+        FeasibleParameters,
         Identification,
-        PossibleBodies,
-        TermGain,
+        TermComparison,
         TermSelection,
         Validation,
     )
@@ -53,8 +53,8 @@ def drive_table(title: str, found: Identification, truth: Robot | None = None) -
     """Return Table 1 of the paper: drive parameters with standard errors, beside a known truth."""
     header = ["joint", "parameter", "estimated", "std. error", "rel."]
     rows = []
-    for joint, estimate in found.drivetrains.items():
-        true = {} if truth is None else nominal_values(truth.drivetrains[joint])
+    for joint, estimate in found.drives.items():
+        true = {} if truth is None else nominal_values(truth.drives[joint])
         for name, value, error, unit in _entries(estimate):
             exact = true.get(name, np.nan)
             beside = [] if truth is None else [number(exact), percent(value / exact - 1)]
@@ -89,7 +89,7 @@ def identification_table(found: Identification) -> str:
         drive_table("Drives", found),
         load_table("Base parameters", found),
         checks_table(found),
-        *(_possible_text(found.possible) if found.possible is not None else []),
+        *(_possible_text(found.feasible) if found.feasible is not None else []),
         *(f"! {flag}" for flag in found.flags),
     ]
     return "\n".join(parts)
@@ -125,7 +125,7 @@ def checks_table(found: Identification) -> str:
         f"(columns of unit norm): {checks.condition_number:.3g}"
         for side, checks in found.checks.items()
     ]
-    poorly = [f"! {text}" for checks in found.checks.values() for text in checks.poorly_told]
+    poorly = [f"! {text}" for checks in found.checks.values() for text in checks.poorly_determined]
     header = ["term", "residual without", "F", "BIC", "worth having"]
     parts = [table("Is each term of the drives worth having?", header, terms)] if terms else []
     if residuals:
@@ -142,7 +142,7 @@ def _term_numbers(term: TermTest) -> list[str]:
     return [f"x {np.sqrt(term.growth):.3g}", number(term.F), number(term.bic), worth]
 
 
-def _possible_text(possible: PossibleBodies) -> list[str]:
+def _possible_text(possible: FeasibleParameters) -> list[str]:
     """Say how the possible bodies came about."""
     return [
         f"possible bodies: chi-square {possible.chi_square:.3g} over {len(possible.values)} values "
@@ -263,24 +263,24 @@ def _text(found: Identification, name: str) -> str:
         estimate, key = found.load_side, name
     else:
         key, joint = name.split(" of ", 1)
-        estimate = found.drivetrains[joint]
+        estimate = found.drives[joint]
     return f"{number(estimate.value(key))} +- {estimate.standard_error(key):.2g}"
 
 
 def terms_table(selection: TermSelection) -> str:
     """Return all terms that were asked about, step by step, and what is recommended."""
     header = ["joint: term", "step", "F", "BIC", "blocks left out", "better", "worth having"]
-    rows = [_row(one) for one in selection.gains]
-    notes = [f"! {_name(one)}: {one.reason}" for one in selection.gains if one.reason]
+    rows = [_row(one) for one in selection.comparisons]
+    notes = [f"! {_name(one)}: {one.reason}" for one in selection.comparisons if one.reason]
     title = "Is one more term worth having? BIC above zero, and error of blocks left out smaller"
     return "\n".join([table(title, header, rows), *notes, *_words(selection)])
 
 
-def _row(one: TermGain) -> list[str]:
+def _row(one: TermComparison) -> list[str]:
     if one.gain is None:
         return [_name(one), str(one.step + 1), *["-"] * 4, "not asked"]
     gain = one.gain
-    left_out = f"{percent(gain.improvement)} +- {percent(gain.improvement_std)}"
+    excluded = f"{percent(gain.improvement)} +- {percent(gain.improvement_std)}"
     worth = "chosen" if one.chosen else "yes" if gain.is_worth_it else "no"
     blocks = f"{gain.better} of {gain.blocks}"
     return [
@@ -288,13 +288,13 @@ def _row(one: TermGain) -> list[str]:
         str(one.step + 1),
         number(gain.F),
         number(gain.bic),
-        left_out,
+        excluded,
         blocks,
         worth,
     ]
 
 
-def _name(one: TermGain) -> str:
+def _name(one: TermComparison) -> str:
     return f"{one.joint}: {one.field.replace('_', ' ')} {one.term}"
 
 

@@ -1,4 +1,4 @@
-"""Robot and load_robot: a URDF, its drivetrains and known payloads as one frozen piece of data."""
+"""Robot and load_robot: a URDF, its drives and known payloads as one frozen piece of data."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from seaid.drives import (
     SeriesElasticDrive,
     StiffDrive,
     drives_from_mapping,
-    read_drivetrains,
+    read_drives,
 )
 from seaid.errors import RobotError, SeaidWarning, unknown_name
 from seaid.robot.inertia import parameter_names, to_pinocchio
@@ -48,7 +48,7 @@ class Robot:
     is_prismatic: tuple[bool, ...]
     model: pin.Model
     model_order: tuple[int, ...]
-    drivetrains: Mapping[str, Drive]
+    drives: Mapping[str, Drive]
     parameters: Array
     payload_parameters: Array
     lower_limits: Array
@@ -84,7 +84,7 @@ class Robot:
         return tuple(
             joint
             for joint in self.joint_names
-            if isinstance(self.drivetrains[joint], SeriesElasticDrive)
+            if isinstance(self.drives[joint], SeriesElasticDrive)
         )
 
     @property
@@ -93,7 +93,7 @@ class Robot:
 
         Rows are drives, by the joint in whose table they stand; see `seaid.robot.transmission`.
         """
-        return transmission_matrix(self.joint_names, self.drivetrains)
+        return transmission_matrix(self.joint_names, self.drives)
 
     def index(self, joint: str) -> int:
         """Return the column of a joint. Raises RobotError with the nearest name."""
@@ -102,7 +102,8 @@ class Robot:
         return self.joint_names.index(joint)
 
     def rows(self, names: str | Sequence[str] | None) -> tuple[str, ...]:
-        """Return the joints that `rows=` means, each once: all for None, one for a plain name.
+        """Return the joints that `torque_joints=` means, each once: all for None, one for a plain
+        name.
 
         Raises RobotError with the nearest name for one that is not there.
         """
@@ -113,21 +114,21 @@ class Robot:
             self.index(name)
         return tuple(dict.fromkeys(chosen))
 
-    def with_values(self, parameters: Array, drivetrains: Mapping[str, Drive]) -> Robot:
+    def with_values(self, parameters: Array, drives: Mapping[str, Drive]) -> Robot:
         """Return the same robot with other standard parameters (10n,) and drives."""
         parameters = frozen("parameters", parameters, (10 * self.n,), RobotError)
         model = self.model.copy()
         loaded = (parameters + self.payload_parameters).reshape(self.n, 10)
         for position, index in enumerate(self.model_order):
             model.inertias[position + 1] = to_pinocchio(loaded[index])
-        drives = FrozenMapping({joint: drivetrains[joint] for joint in self.joint_names})
-        return replace(self, model=model, parameters=parameters, drivetrains=drives)
+        given = FrozenMapping({joint: drives[joint] for joint in self.joint_names})
+        return replace(self, model=model, parameters=parameters, drives=given)
 
-    def with_drivetrains(self, drivetrains: Mapping[str, Drive]) -> Robot:
+    def with_drives(self, drives: Mapping[str, Drive]) -> Robot:
         """Return the same robot with other drives at some joints. Raises RobotError for others."""
-        for joint in drivetrains:
+        for joint in drives:
             self.index(joint)
-        return self.with_values(self.parameters, {**self.drivetrains, **drivetrains})
+        return self.with_values(self.parameters, {**self.drives, **drives})
 
     def without_nominal(self) -> Robot:
         """Return what is known before an identification: geometry, ratios, rotor inertias, payload.
@@ -135,13 +136,13 @@ class Robot:
         The standard parameters are NaN but for known bodies, and the drives have no stiffness and
         no friction, so no result computed from this robot can lean on them.
         """
-        known = {joint: drive.without_nominal() for joint, drive in self.drivetrains.items()}
+        known = {joint: drive.without_nominal() for joint, drive in self.drives.items()}
         return self.with_values(np.where(self.is_known, self.parameters, np.nan), known)
 
 
 def load_robot(
     urdf: str | Path,
-    drivetrains: str | Path | Mapping[str, Any] | None = None,
+    drives: str | Path | Mapping[str, Any] | None = None,
     *,
     joints: Sequence[str] | None = None,
     payloads: Sequence[Payload] = (),
@@ -151,7 +152,7 @@ def load_robot(
 ) -> Robot:
     """Load a URDF with its base fixed.
 
-    `drivetrains`: TOML path, {joint: drive or table}, or None; a joint not named has an ideal stiff
+    `drives`: TOML path, {joint: drive or table}, or None; a joint not named has an ideal stiff
     drive (its torque is known at the joint). `joints`: those that move, in this order; the rest is
     locked at zero; None = all, in Pinocchio's order. `payloads` are known and not identified; so
     are the bodies of the links that `known_bodies` names, with what is fixed to them, as they are
@@ -170,9 +171,9 @@ def load_robot(
             SeaidWarning,
             stacklevel=2,
         )
-    drives = _drives(tree, moving, drivetrains)
+    by_joint = _drives(tree, moving, drives)
     built = assemble(tree, moving, payloads, finite("gravity", gravity, (3,), RobotError))
-    robot = replace(_robot(tree, moving, drives, built), urdf=Path(urdf))
+    robot = replace(_robot(tree, moving, by_joint, built), urdf=Path(urdf))
     return replace(robot, known_bodies=_known_bodies(robot, tree, known_bodies))
 
 
@@ -191,7 +192,7 @@ def _robot(
         is_prismatic=tuple(joint.type == "prismatic" for joint in moved),
         model=built.model,
         model_order=built.order,
-        drivetrains=FrozenMapping(drives),
+        drives=FrozenMapping(drives),
         parameters=built.bodies.ravel(),
         payload_parameters=frozen("payload", built.payloads.ravel(), (None,)),
         lower_limits=limits("lower"),
@@ -220,29 +221,29 @@ def _known_bodies(robot: Robot, tree: UrdfTree, names: Sequence[str]) -> tuple[s
 
 
 def _drives(
-    tree: UrdfTree, moving: Sequence[str], drivetrains: str | Path | Mapping[str, Any] | None
+    tree: UrdfTree, moving: Sequence[str], drives: str | Path | Mapping[str, Any] | None
 ) -> dict[str, Drive]:
-    if drivetrains is None:
+    if drives is None:
         given: dict[str, Drive] = {}
-    elif isinstance(drivetrains, str | Path):
-        given = read_drivetrains(drivetrains)
-    elif isinstance(drivetrains, Mapping):
-        given = drives_from_mapping(drivetrains)
+    elif isinstance(drives, str | Path):
+        given = read_drives(drives)
+    elif isinstance(drives, Mapping):
+        given = drives_from_mapping(drives)
     else:
         raise RobotError(
-            "drivetrains= must be the path of a TOML file or {joint: drive}, found "
-            f"{type(drivetrains).__name__}"
+            "drives= must be the path of a TOML file or {joint: drive}, found "
+            f"{type(drives).__name__}"
         )
     for name in given:
         if name not in tree.joints:
             raise RobotError(
-                f"drivetrains for '{tree.name}': " + unknown_name("joint", name, tree.joints)
+                f"drives for '{tree.name}': " + unknown_name("joint", name, tree.joints)
             )
     for name in moving:
         check_kind(name, tree.joints[name].type, given.get(name, IDEAL_DRIVE))
-    drives = {name: given.get(name, IDEAL_DRIVE) for name in moving}
-    check_transmission(moving, drives, tree.joints.keys() - set(moving))
-    return drives
+    by_joint = {name: given.get(name, IDEAL_DRIVE) for name in moving}
+    check_transmission(moving, by_joint, tree.joints.keys() - set(moving))
+    return by_joint
 
 
 def check_kind(joint: str, kind: str, drive: Drive) -> None:

@@ -36,7 +36,7 @@ def motor_inputs(robot: Robot, torque: Array) -> MotorInputs:
     Each is logged by its drive's input: current is torque over torque constant, voltage torque over
     voltage constant. Raises RobotError naming a joint whose constant has no value.
     """
-    kinds = np.array([robot.drivetrains[joint].motor_input for joint in robot.joint_names])
+    kinds = np.array([robot.drives[joint].motor_input for joint in robot.joint_names])
     fed = torque / [input_gain(robot, joint) for joint in robot.joint_names]
 
     def logged(kind: str) -> Array:
@@ -54,7 +54,7 @@ def input_gain(robot: Robot, joint: str) -> float:
 
     Raises RobotError where its constant has no value, or is zero.
     """
-    drive = robot.drivetrains[joint]
+    drive = robot.drives[joint]
     if drive.motor_input == "torque":
         return 1.0
     name = {"current": "torque_constant", "voltage": "voltage_constant"}[drive.motor_input]

@@ -177,7 +177,7 @@ def plant_of(robot: Robot) -> Plant:
         raise RobotError(f"'{robot.name}' has no inertial parameters: it cannot be simulated")
     order = list(robot.model_order)
     names = [robot.joint_names[index] for index in order]
-    drives = [robot.drivetrains[name] for name in names]
+    drives = [robot.drives[name] for name in names]
     pairs = list(zip(names, drives, strict=True))
     elastic = np.array([isinstance(drive, SeriesElasticDrive) for drive in drives])
     ratio = np.array([drive.ratio for drive in drives])

@@ -44,13 +44,13 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
     check_whole(log)
     plant, order = plant_of(robot), list(robot.model_order)
     given = _logged(robot, log) if command is None else command
-    gains = np.array([_gain(robot, joint) for joint in robot.joint_names])
+    comparisons = np.array([_gain(robot, joint) for joint in robot.joint_names])
     data, state, back = plant.model.createData(), _start(robot, log)[:, order], np.argsort(order)
     shape = (len(log.time), robot.n)
     joint, motor, torques = np.empty(shape), np.empty(shape), np.empty(shape)
 
     def torque(at: float, now: Array) -> Array:
-        return (gains * given(at, now[JOINT_POSITION, back]))[order]
+        return (comparisons * given(at, now[JOINT_POSITION, back]))[order]
 
     for tick, at in enumerate(log.time):
         joint[tick], motor[tick] = state[JOINT_POSITION, back], state[POSITION, back]
@@ -74,7 +74,7 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
 
 def _gain(robot: Robot, joint: str) -> float:
     """Return the torque [N m] a unit of what the drive of a joint is fed with."""
-    drive = robot.drivetrains[joint]
+    drive = robot.drives[joint]
     parameter = _INPUTS[drive.motor_input][1]
     if parameter is None:
         return 1.0
@@ -95,9 +95,7 @@ def _column(robot: Robot, log: Log, field: str, joint: str) -> Array:
 
 
 def _logged(robot: Robot, log: Log) -> Command:
-    fields = {
-        joint: _INPUTS[robot.drivetrains[joint].motor_input][0] for joint in robot.joint_names
-    }
+    fields = {joint: _INPUTS[robot.drives[joint].motor_input][0] for joint in robot.joint_names}
     inputs = [_column(robot, log, field, joint) for joint, field in fields.items()]
 
     def given(at: float, _: Array) -> Array:
@@ -115,7 +113,7 @@ def _start(robot: Robot, log: Log) -> Array:
         state[JOINT_SPEED, index] = spline_derivatives(log.time, position)[1][0, 0]
     position, speed = at_drives(robot.transmission, state[[JOINT_POSITION, JOINT_SPEED]])
     for index, joint in enumerate(robot.joint_names):
-        drive = robot.drivetrains[joint]
+        drive = robot.drives[joint]
         if isinstance(drive, SeriesElasticDrive):
             turned = _column(robot, log, "motor_position", joint)[:, None]
             state[POSITION, index] = turned[0, 0]

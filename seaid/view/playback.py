@@ -109,7 +109,7 @@ def _nominal_deflection(robot: Robot, states: tuple[Array, Array, Array]) -> Arr
     check_nominal_bodies(robot)
     beside = besides(robot, np.max(np.abs(states[1]), axis=0), robot.elastic_joints)
     torque = torques_at_drives(robot.transmission, load_torques(robot, beside, states))
-    radius = [getattr(robot.drivetrains[joint], "load_radius", 1.0) for joint in robot.joint_names]
+    radius = [getattr(robot.drives[joint], "load_radius", 1.0) for joint in robot.joint_names]
     deflection: Array = drives.stretch(torque)[0] / np.array(radius)
     return deflection
 
@@ -133,7 +133,7 @@ def _recorded(robot: Robot, motion: Log | Motion, name: str) -> Playback:
 
 def _ratios(robot: Robot) -> Array:
     """Return N r_L / r_M of all drives (n,), motor angle a coordinate of what they turn."""
-    drives = [robot.drivetrains[joint] for joint in robot.joint_names]
+    drives = [robot.drives[joint] for joint in robot.joint_names]
     levers = [
         getattr(drive, "load_radius", 1.0) / getattr(drive, "motor_radius", 1.0) for drive in drives
     ]

@@ -191,7 +191,7 @@ def test_map_reads_names_and_value_of_a_cell(opened: Opened) -> None:
     opened.page.locator("#map").hover(position={"x": 255, "y": 25})
     said = opened.page.locator("#correlation").inner_text()
     assert said.startswith("coulomb friction of shoulder and viscous friction of shoulder: ")
-    expected = arm_found().drivetrains["shoulder"].correlation[0, 1]
+    expected = arm_found().drives["shoulder"].correlation[0, 1]
     assert float(said.split(": ")[1].replace("−", "-")) == pytest.approx(expected, abs=0.006)
 
 

@@ -47,7 +47,7 @@ def view(leg: Robot) -> Iterator[View]:
     t = np.linspace(0.0, 2.0, 201)[:, None]
     joint = np.array([0.3, 0.2, 0.4, 0.5, 0.5]) * np.sin(np.pi * t) + [0.0, 0.0, -0.2, 0.6, 0.0]
     deflection = np.array([0.0, 0.0, 0.05, -0.04, 0.02]) * np.cos(np.pi * t)
-    drives = [leg.drivetrains[name] for name in leg.joint_names]
+    drives = [leg.drives[name] for name in leg.joint_names]
     levers = [
         getattr(one, "load_radius", 1.0) / getattr(one, "motor_radius", 1.0) for one in drives
     ]

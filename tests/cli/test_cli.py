@@ -122,7 +122,7 @@ def test_walk_from_a_plan_to_the_identified_robot(arm: Path, tmp_path: Path) -> 
     assert identified.out.splitlines()[-1] == f"Results: {tmp_path / 'parameters.json'}"
     assert "small_arm: 6 base parameters" in identified.out
     content = json.loads((tmp_path / "parameters.json").read_text())
-    stiffness = content["drivetrains"]["elbow"]["stiffness"]
+    stiffness = content["drives"]["elbow"]["stiffness"]
     assert abs(stiffness["value"] - 250.0) < 4 * stiffness["standard_error"]
     assert stiffness["standard_error"] < 10.0
 
@@ -136,7 +136,7 @@ def test_walk_from_a_plan_to_the_identified_robot(arm: Path, tmp_path: Path) -> 
     assert exported.out.splitlines()[-1] == places
     found = seaid.load_robot(tmp_path / "found.urdf", tmp_path / "found.toml")
     truth = seaid.load_robot(arm / "arm.urdf", arm / "arm.toml")
-    drive = found.drivetrains["elbow"]
+    drive = found.drives["elbow"]
     assert isinstance(drive, seaid.SeriesElasticDrive)
     assert drive.stiffness_Nm_per_rad == pytest.approx(stiffness["value"], rel=0.01)
     base = seaid.base_parameters(truth)
@@ -164,7 +164,7 @@ def test_export_of_saved_parameters_writes_the_same_files(arm: Path, tmp_path: P
 def test_export_of_a_mujoco_model(arm: Path, tmp_path: Path) -> None:
     model = tmp_path / "found.xml"
     said = done("export", *robot_and_drives(arm), "--from", arm / "run.csv", "-o", model, "--json")
-    assert json.loads(said.out)["drivetrains"] is None
+    assert json.loads(said.out)["drives"] is None
     assert "note: " in said.err
     assert said.err.splitlines()[-1] == f"Results: {model}"
     assert 'name="elbow_spring"' in model.read_text()
@@ -258,18 +258,18 @@ def test_terms_writes_drives_that_load(arm: Path, tmp_path: Path) -> None:
 
 def test_json_of_identify_is_what_it_writes(arm: Path, tmp_path: Path) -> None:
     file = tmp_path / "parameters.json"
-    payload = ("--payload", "lower:0.5:0,0,-0.2", "--rows", "shoulder,elbow")
+    payload = ("--payload", "lower:0.5:0,0,-0.2", "--torque-joints", "shoulder,elbow")
     said = done("identify", *robot_and_drives(arm), arm / "run.csv", *payload, "-o", file, "--json")
     assert json.loads(said.out) == json.loads(file.read_text())
     assert said.err.splitlines()[-1] == f"Results: {file}"
 
 
 def test_options_of_identify_reach_it(arm: Path, tmp_path: Path) -> None:
-    options = ("--sides", "joint", "--estimator", "huber", "--feasible", "--cutoff-hz", "6")
+    options = ("--method", "joint", "--estimator", "huber", "--feasible", "--cutoff-hz", "6")
     robot, file = robot_and_drives(arm), tmp_path / "p.json"
     said = done("identify", *robot, arm / "run.csv", *options, "--joint-zero-std", "0", "-o", file)
     assert "pass band 6 Hz" in said.out
-    assert "both sides" in said.out
+    assert "both method" in said.out
     assert "possible bodies" in said.out
 
 
@@ -278,7 +278,7 @@ def test_logs_read_in_pieces_tell_the_same(arm: Path, tmp_path: Path) -> None:
     for more in ((), ("--in-pieces",)):
         file = tmp_path / f"p{len(more)}.json"
         done("identify", *robot_and_drives(arm), arm / "run.csv", *more, "-o", file)
-        found.append(json.loads(file.read_text())["drivetrains"]["elbow"]["stiffness"]["value"])
+        found.append(json.loads(file.read_text())["drives"]["elbow"]["stiffness"]["value"])
     assert found[1] == pytest.approx(found[0], rel=1e-6)
 
 
@@ -359,14 +359,14 @@ def test_a_full_disk_leaves_the_old_file(
     ("arguments", "words"),
     [
         ("inspect no.urdf", "no URDF file at 'no.urdf'"),
-        ("inspect arm.urdf --drives no.toml", "cannot read drivetrains 'no.toml'"),
+        ("inspect arm.urdf --drives no.toml", "cannot read drives 'no.toml'"),
         ("inspect arm.urdf --joints shouldr", "did you mean 'shoulder'?"),
         ("inspect arm.urdf --sensors eye", "no sensor is named 'eye'"),
         ("inspect arm.urdf --payload hand:1", "no link is named 'hand'"),
         ("identify arm.urdf no.csv", "no log file at 'no.csv'"),
         ("identify arm.urdf .", "'.'"),
-        ("identify arm.urdf run.csv --rows elbo", "did you mean 'elbow'?"),
-        ("identify arm.urdf run.csv --sides both", "--sides: no sides is named 'both'"),
+        ("identify arm.urdf run.csv --torque-joints elbo", "did you mean 'elbow'?"),
+        ("identify arm.urdf run.csv --method both", "--method: no method is named 'both'"),
         ("identify arm.urdf run.csv --estimator best", "no estimator is named 'best'"),
         ("terms arm.urdf run.csv --of elbo", "did you mean 'elbow'?"),
         ("excite arm.urdf --velocity elbo=1", "did you mean 'elbow'?"),
@@ -497,12 +497,12 @@ def test_nothing_heavy_is_imported_for_the_help() -> None:
 
 
 def test_keywords_of_the_library_are_said_as_options() -> None:
-    message = "rows= names no joint:\n give feasible=True, or write it with force=True"
+    message = "torque_joints= names no joint:\n give feasible=True, or write it with force=True"
     assert in_one_line(message) == (
-        "--rows names no joint: give --feasible, or add --allow-impossible"
+        "--torque-joints names no joint: give --feasible, or add --allow-inconsistent"
     )
-    assert in_one_line('estimator="iv" needs sides="sequential"') == (
-        '--estimator "iv" needs --sides "sequential"'
+    assert in_one_line('estimator="iv" needs method="two-step"') == (
+        '--estimator "iv" needs --method "two-step"'
     )
 
 

@@ -11,7 +11,7 @@ from seaid.drives.drives import (
     SeriesElasticDrive,
     StiffDrive,
 )
-from seaid.drives.toml import drives_from_mapping, read_drivetrains
+from seaid.drives.toml import drives_from_mapping, read_drives
 from seaid.errors import RobotError
 
 ELASTIC = '[knee]\ntype = "series_elastic"\ngear_ratio = 100.0\n'
@@ -21,7 +21,7 @@ STIFF = '[knee]\ntype = "stiff"\ngear_ratio = 100.0\n'
 def read(folder: Path, text: str) -> Drive:
     path = folder / "drives.toml"
     path.write_text(text)
-    return read_drivetrains(path)["knee"]
+    return read_drives(path)["knee"]
 
 
 def read_error(folder: Path, text: str) -> str:
@@ -31,7 +31,7 @@ def read_error(folder: Path, text: str) -> str:
 
 
 def test_toml_of_the_tulip_leg_is_read_number_by_number(tulip_urdf: Path) -> None:
-    drives = read_drivetrains(tulip_urdf.with_suffix(".toml"))
+    drives = read_drives(tulip_urdf.with_suffix(".toml"))
     assert list(drives) == ["hip_yaw", "hip_roll", "hip_pitch", "knee_pitch", "ankle_pitch"]
     assert drives["hip_yaw"] == StiffDrive(
         gear_ratio=86.0,
@@ -113,16 +113,16 @@ def test_unknown_is_none_and_known_values_stay_without_the_nominal_ones() -> Non
 
 def test_file_that_is_no_toml_is_named(tmp_path: Path) -> None:
     path = tmp_path / "no.toml"
-    with pytest.raises(RobotError, match=r"cannot read drivetrains '.*no\.toml': No such file"):
-        read_drivetrains(path)
-    with pytest.raises(RobotError, match=r"cannot read drivetrains '.*': Is a directory"):
-        read_drivetrains(tmp_path)
+    with pytest.raises(RobotError, match=r"cannot read drives '.*no\.toml': No such file"):
+        read_drives(path)
+    with pytest.raises(RobotError, match=r"cannot read drives '.*': Is a directory"):
+        read_drives(tmp_path)
     path.write_text("[knee\n")
     with pytest.raises(RobotError, match=r"no\.toml' is not valid TOML: .*line 1"):
-        read_drivetrains(path)
+        read_drives(path)
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(RobotError, match=r"no\.toml' is not valid TOML: 'utf-8' codec"):
-        read_drivetrains(path)
+        read_drives(path)
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ from seaid.drives.symbols import (
     theta_L,
     theta_M,
 )
-from seaid.drives.toml import read_drivetrains
+from seaid.drives.toml import read_drives
 from seaid.drives.user_terms import extra_torque
 from seaid.errors import RobotError, SymbolicError
 
@@ -71,7 +71,7 @@ def test_motor_equation_is_7_with_the_force_of_unknown_zeros() -> None:
 def test_7_gives_exactly_the_columns_of_10() -> None:
     form = motor_regressor(LINEAR)
     deflection = r_M / N * theta_M - r_L * theta_L
-    assert form.names == ("viscous_friction", "coulomb_friction", "stiffness", "deflection_offset")
+    assert form.names == ("viscous_friction", "coulomb_friction", "stiffness", "spring_offset")
     assert same([form.zeta], [tau_M - I_M * acceleration])
     assert same([form.row], [[speed, sp.sign(speed), r_M / N * deflection, r_M / N]])
 
@@ -87,7 +87,7 @@ def test_spring_equation_is_4b_and_tells_stiffness_and_offset() -> None:
     regressor = drive_regressor(spring_equation(LINEAR), LINEAR)
     assert same([regressor.zeta], [tau_L / r_L])
     assert same([regressor.row], [[r_M / N * theta_M - r_L * theta_L, 1]])
-    assert regressor.names == ("stiffness", "deflection_offset")
+    assert regressor.names == ("stiffness", "spring_offset")
     assert regressor.units == ("N/m", "N")
 
 
@@ -107,7 +107,7 @@ def test_stiff_drive_has_the_joint_torque_behind_its_gear() -> None:
 def test_friction_has_the_terms_that_the_drive_names(friction: tuple[str, ...]) -> None:
     names = motor_regressor(replace(LINEAR, friction=friction)).names
     expected = [f"{term}_friction" for term in ("viscous", "coulomb") if term in friction]
-    assert names == (*expected, "stiffness", "deflection_offset")
+    assert names == (*expected, "stiffness", "spring_offset")
 
 
 # Names and units
@@ -124,7 +124,7 @@ def test_columns_have_the_names_and_units_of_the_design(
         "viscous_friction": "N m s/rad",
         "coulomb_friction": "N m",
         "stiffness": stiffness,
-        "deflection_offset": offset,
+        "spring_offset": offset,
     }
 
 
@@ -324,7 +324,7 @@ def test_a_name_that_python_would_normalise_to_eval_runs_nothing(tmp_path: Path)
     trace, path = tmp_path / "ran", tmp_path / "drives.toml"
     term = f"\U0001d41eval(open('{trace}', 'w'))"
     path.write_text(f'[a]\ntype = "stiff"\ngear_ratio = 2\nextra_terms = ["{term}"]\n')
-    (drive,) = read_drivetrains(path).values()
+    (drive,) = read_drives(path).values()
     with pytest.raises(RobotError, match="is not an expression"):
         motor_equation(drive)
     assert not trace.exists()

@@ -41,7 +41,7 @@ VALUES = {
     "fifth_stiffness": 900.0,
     "dead_zone": 0.02,
     "spring_damping": 0.4,
-    "deflection_offset": 0.3,
+    "spring_offset": 0.3,
     "deflection_zero": 0.05,
 }
 CHOICES = [
@@ -49,7 +49,7 @@ CHOICES = [
     (("viscous", "smooth_coulomb"), ("linear",), ("coulomb_width",)),
     (("viscous", "shifted_coulomb"), ("linear",), ("coulomb_width", "coulomb_shift")),
     (("coulomb", "stribeck", "quadratic", "asymmetric"), ("linear",), ("stribeck_speed",)),
-    (("viscous", "load"), ("linear",), ("stiffness", "deflection_offset")),
+    (("viscous", "load"), ("linear",), ("stiffness", "spring_offset")),
     (("viscous",), ("linear", "cubic"), ("deflection_zero",)),
     (("viscous",), ("linear", "damping", "preload"), ()),
     (("viscous",), ("linear", "dead_zone"), ("dead_zone", "deflection_zero")),
@@ -70,8 +70,8 @@ def test_what_is_linear_stays_linear(
     friction: tuple[str, ...], spring: tuple[str, ...], expected: tuple[str, ...]
 ) -> None:
     drive = replace(ELASTIC, friction=friction, spring=spring)
-    bent = non_linear(motor_equation(drive))
-    assert tuple(PARAMETER_NAMES[symbol] for symbol in bent) == expected
+    nonlinear = non_linear(motor_equation(drive))
+    assert tuple(PARAMETER_NAMES[symbol] for symbol in nonlinear) == expected
 
 
 @pytest.mark.parametrize("equation_of", [motor_equation, spring_equation])
@@ -96,11 +96,11 @@ def test_near_given_values_the_equation_is_exact_and_its_columns_are_its_slopes(
 
 
 def test_with_the_bent_parameters_given_the_rest_is_the_same_equation() -> None:
-    bent = replace(
+    nonlinear = replace(
         EVERYTHING, friction=("shifted_coulomb", "load", "stribeck"), spring=("linear", "dead_zone")
     )
-    drive = bent.with_values(
-        {name: VALUES[name] for name in bent.parameter_names if name in VALUES}
+    drive = nonlinear.with_values(
+        {name: VALUES[name] for name in nonlinear.parameter_names if name in VALUES}
     )
     regressor = drive_regressor(motor_equation(drive), drive)
     assert {"coulomb_shift", "stribeck_speed", "dead_zone"} <= set(regressor.non_linear)
@@ -191,7 +191,7 @@ def test_what_acts_beside_the_drive_has_columns_at_the_joint() -> None:
 def test_a_known_parameter_has_no_column() -> None:
     drive = replace(ELASTIC, stiffness_Nm_per_rad=80.0, known=("stiffness",))
     regressor = drive_regressor(motor_equation(drive), drive)
-    assert regressor.names == ("viscous_friction", "coulomb_friction", "deflection_offset")
+    assert regressor.names == ("viscous_friction", "coulomb_friction", "spring_offset")
     free = replace(drive, known=())
     s = signals()
     zeta, R = drive_regressor(motor_equation(free), free).evaluate(s)

@@ -12,12 +12,12 @@ from seaid._arrays import Array
 from seaid.errors import IdentificationError
 from seaid.estimation.diagnostics import (
     independent_rows,
-    poorly_told,
+    poorly_determined,
     term_test,
     whiteness,
 )
 from seaid.estimation.least_squares import ordinary
-from seaid.estimation.qr_factor import directions, information_of
+from seaid.estimation.qr_factor import directions, qr_factor_of
 from seaid.regressor.regression import Regression
 
 pytestmark = pytest.mark.rounding
@@ -34,8 +34,8 @@ def rows_of(H: Array, y: Array, names: str = "abcdef") -> Regression:
         joint=np.zeros(len(y)),
         time=np.arange(len(y)) / 20,
         run=np.zeros(len(y)),
-        left_out=0,
-        carried=np.empty((len(y), 0)),
+        excluded=0,
+        propagated=np.empty((len(y), 0)),
     )
 
 
@@ -54,7 +54,7 @@ def test_f_and_bic_are_those_of_two_fits() -> None:
     squares = [
         float(np.linalg.lstsq(H, rows.y, rcond=None)[1][0]) for H in (rows.H, rows.H[:, [0]])
     ]
-    found = term_test(information_of(rows), ONE, ["b", "c"])
+    found = term_test(qr_factor_of(rows), ONE, ["b", "c"])
     assert found.growth == pytest.approx(squares[1] / squares[0], rel=1e-10)
     assert pytest.approx((squares[1] - squares[0]) / 2 / (squares[0] / 197), rel=1e-9) == found.F
     bic = [
@@ -66,15 +66,15 @@ def test_f_and_bic_are_those_of_two_fits() -> None:
 
 
 def test_superfluous_term_is_rejected_at_the_rate_of_the_test() -> None:
-    p_values = [term_test(information_of(noisy(seed)), ONE, ["c"]).p_value for seed in range(400)]
+    p_values = [term_test(qr_factor_of(noisy(seed)), ONE, ["c"]).p_value for seed in range(400)]
     assert np.mean(np.array(p_values) < 0.05) == pytest.approx(0.05, abs=0.03)
-    needed = term_test(information_of(noisy(0)), ONE, ["b"])
+    needed = term_test(qr_factor_of(noisy(0)), ONE, ["b"])
     assert needed.p_value < 1e-9
     assert (
         needed.bic
         > 10
         > 0
-        > np.median([term_test(information_of(noisy(seed)), ONE, ["c"]).bic for seed in range(20)])
+        > np.median([term_test(qr_factor_of(noisy(seed)), ONE, ["c"]).bic for seed in range(20)])
     )
 
 
@@ -84,31 +84,31 @@ def test_effective_rows_keep_the_rate_under_autocorrelation() -> None:
     for seed in range(200):
         rng = np.random.default_rng(seed)
         rows = rows_of(slow(rng, 600), slow(rng, 600)[:, 0])
-        information = information_of(rows)
-        independent = independent_rows(information, ordinary(rows))
-        naive.append(term_test(information, ONE, ["a"]).p_value < 0.05)
-        corrected.append(term_test(information, ONE, ["a"], independent).p_value < 0.05)
+        qr_factor = qr_factor_of(rows)
+        independent = independent_rows(qr_factor, ordinary(rows))
+        naive.append(term_test(qr_factor, ONE, ["a"]).p_value < 0.05)
+        corrected.append(term_test(qr_factor, ONE, ["a"], independent).p_value < 0.05)
     assert np.mean(naive) > 0.25
     assert np.mean(corrected) < 0.12
 
 
 def test_white_rows_are_all_independent() -> None:
     rows = noisy(1, count=4000)
-    found = independent_rows(information_of(rows), ordinary(rows))
+    found = independent_rows(qr_factor_of(rows), ordinary(rows))
     assert 0.75 * 4000 < found <= 4000
     exact = rows_of(rows.H, rows.H @ [1.0, 2.0, 3.0])
     without = replace(ordinary(rows), white_standard_errors=None)
-    assert independent_rows(information_of(exact), without) == 4000
+    assert independent_rows(qr_factor_of(exact), without) == 4000
 
 
 def test_terms_that_cannot_be_tested() -> None:
-    information = information_of(noisy(0))
+    qr_factor = qr_factor_of(noisy(0))
     with pytest.raises(IdentificationError, match="terms=: no parameter is named 'z'"):
-        term_test(information, ONE, ["z"])
+        term_test(qr_factor, ONE, ["z"])
     with pytest.raises(IdentificationError, match=r"found 1 terms, 2\.5 rows and 3 parameters"):
-        term_test(information, ONE, ["a"], independent=2.5)
+        term_test(qr_factor, ONE, ["a"], independent=2.5)
     with pytest.raises(IdentificationError, match="found 0 terms"):
-        term_test(information, ONE, [])
+        term_test(qr_factor, ONE, [])
 
 
 @pytest.mark.parametrize("phi", [0.0, 0.6])
@@ -126,7 +126,7 @@ def test_rows_left_out_do_not_look_correlated() -> None:
     fewer = replace(
         rows,
         **{name: getattr(rows, name)[kept] for name in ("H", "y", "joint", "time", "run")},
-        carried=rows.carried[kept],
+        propagated=rows.propagated[kept],
     )
     found = whiteness(fewer, np.array([2.0, -1.0, 0.0]))[0]
     assert abs(found.first) < 0.06
@@ -151,22 +151,22 @@ def test_poorly_told_combination_is_named_with_its_size() -> None:
     rng = np.random.default_rng(4)
     H = rng.normal(size=(1000, 3))
     H[:, 2] = 2 * H[:, 1] + 2e-3 * rng.normal(size=1000)
-    information = information_of(rows_of(H, np.zeros(1000)))
-    sentence = poorly_told(information)
+    qr_factor = qr_factor_of(rows_of(H, np.zeros(1000)))
+    sentence = poorly_determined(qr_factor)
     assert len(sentence) == 1
     assert sentence[0].startswith("the data tell ")
     assert "of the combination " in sentence[0]
-    found = directions(information.weighted_factor(), information.names)
+    found = directions(qr_factor.weighted_factor(), qr_factor.names)
     assert found.shares[-1] == pytest.approx(np.sqrt(0.5) * 1e-3 / np.sqrt(2), rel=0.1)
     assert f"{found.shares[-1]:.1e}" in sentence[0]
     assert found.text(2) in ("b - 2 c", "c - 0.5 b")
-    assert not poorly_told(information, share=1e-6)
+    assert not poorly_determined(qr_factor, share=1e-6)
 
 
 def test_long_combinations_are_cut() -> None:
     H = np.random.default_rng(5).normal(size=(200, 6))
     H[:, 5] = np.sum(H[:, :5], axis=1) + 1e-4 * H[:, 5]
-    found = directions(information_of(rows_of(H, np.zeros(200))).weighted_factor(), tuple("abcdef"))
+    found = directions(qr_factor_of(rows_of(H, np.zeros(200))).weighted_factor(), tuple("abcdef"))
     assert found.text(5).endswith(" and 2 more")
     assert found.text(5).startswith("f - ")
 

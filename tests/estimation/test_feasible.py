@@ -1,4 +1,4 @@
-"""Possible bodies as a programme: optimal by its definition, the risk by differences, errors."""
+"""Possible bodies as a program: optimal by its definition, the risk by differences, errors."""
 
 import warnings
 from dataclasses import replace
@@ -23,7 +23,7 @@ from seaid.errors import IdentificationError, SeaidWarning
 from seaid.estimation import feasible
 from seaid.estimation import sdp as interior_point
 from seaid.estimation.feasible import WEIGHTS, Possible, chosen, nearest, regularised
-from seaid.estimation.sdp import BARRIER, RESOLVED, Programme, least_spread, root_of
+from seaid.estimation.sdp import BARRIER, RESOLVED, Program, least_spread, root_of
 from seaid.robot.inertia import from_center_of_mass, is_physical, pseudo_inertia
 
 pytestmark = pytest.mark.rounding
@@ -39,7 +39,7 @@ def body(rng: np.random.Generator) -> Array:
     return from_center_of_mass(rng.uniform(0.5, 3), 0.1 * rng.normal(size=3), tensor)
 
 
-def programme(seed: int, noise: float = 1.0, shift: Array | None = None) -> Programme:
+def program(seed: int, noise: float = 1.0, shift: Array | None = None) -> Program:
     """Return two bodies and a friction (at least 0), of which 12 combinations are estimated."""
     rng = np.random.default_rng(seed)
     prior = np.array([body(rng) for _ in range(BODIES)])
@@ -54,7 +54,7 @@ def programme(seed: int, noise: float = 1.0, shift: Array | None = None) -> Prog
     limit = np.zeros((1, len(truth)))
     limit[0, 20] = 1.0
     estimate = values + noise * root @ rng.normal(size=TOLD + 1)
-    return Programme(
+    return Program(
         columns=columns,
         pivots=pivots,
         estimate=estimate if shift is None else estimate + root @ shift,
@@ -66,7 +66,7 @@ def programme(seed: int, noise: float = 1.0, shift: Array | None = None) -> Prog
     )
 
 
-def merit(one: Programme, unknowns: Array, weight: float) -> float:
+def merit(one: Program, unknowns: Array, weight: float) -> float:
     """Return chi-square + weight times divergence from their definitions; infinite outside."""
     u = np.linalg.solve(one.root, one.columns @ unknowns - one.estimate)
     total = float(u @ u)
@@ -81,7 +81,7 @@ def merit(one: Programme, unknowns: Array, weight: float) -> float:
 @settings(max_examples=10)
 @given(SEEDS, st.sampled_from([1e-2, 1.0, 1e2]))
 def test_no_step_from_the_minimum_goes_lower(seed: int, weight: float) -> None:
-    one = programme(seed % 1000)
+    one = program(seed % 1000)
     found = regularised(one, weight)
     least = merit(one, found.unknowns, weight)
     np.testing.assert_allclose(found.values, one.columns @ found.unknowns, rtol=0, atol=1e-9)
@@ -95,7 +95,7 @@ def test_no_step_from_the_minimum_goes_lower(seed: int, weight: float) -> None:
 @settings(max_examples=10)
 @given(SEEDS)
 def test_nearest_is_what_a_cone_solver_finds(seed: int) -> None:
-    one = programme(seed % 1000)
+    one = program(seed % 1000)
     found = nearest(one)
     theirs = cone_optimum(one, WEIGHTS[-1])
     assert theirs.ends_well
@@ -107,7 +107,7 @@ def test_nearest_is_what_a_cone_solver_finds(seed: int) -> None:
 
 
 def test_chi_square_falls_and_freedom_rises_with_falling_weight() -> None:
-    one = programme(3, noise=2.0)
+    one = program(3, noise=2.0)
     found = [regularised(one, weight) for weight in (1e3, 1e1, 1e-1, 1e-3)]
     assert np.all(np.diff([each.chi_square for each in found]) < 0)
     assert np.all(np.diff([each.freedom for each in found]) > 0)
@@ -115,7 +115,7 @@ def test_chi_square_falls_and_freedom_rises_with_falling_weight() -> None:
 
 
 def test_what_a_great_weight_leaves_of_the_data_falls_as_its_inverse() -> None:
-    one = programme(4)
+    one = program(4)
     prior = one.prior.ravel()
     far, near = (regularised(one, weight).unknowns[:20] - prior for weight in (1e8, 1e10))
     assert np.linalg.norm(near) < 1e-4 * np.linalg.norm(prior)
@@ -127,14 +127,14 @@ def test_freedom_is_the_derivative_of_the_values_by_the_estimate() -> None:
     for column in range(TOLD + 1):
         shift = np.zeros(TOLD + 1)
         shift[column] = step
-        ends = [regularised(programme(5, shift=sign * shift), 0.3) for sign in (1, -1)]
-        root = programme(5).root
+        ends = [regularised(program(5, shift=sign * shift), 0.3) for sign in (1, -1)]
+        root = program(5).root
         trace += np.linalg.solve(root, ends[0].values - ends[1].values)[column] / (2 * step)
-    assert regularised(programme(5), 0.3).freedom == pytest.approx(trace, rel=1e-5)
+    assert regularised(program(5), 0.3).freedom == pytest.approx(trace, rel=1e-5)
 
 
 def test_data_choose_the_weight_of_least_risk() -> None:
-    one = programme(6, noise=1.0)
+    one = program(6, noise=1.0)
     found = chosen(one, nearest(one).chi_square)
     for weight in (1e4, 1e2, 1.0, 1e-2, 1e-4):
         assert found.risk <= regularised(one, weight).risk
@@ -143,10 +143,10 @@ def test_data_choose_the_weight_of_least_risk() -> None:
 def test_risk_is_the_mean_squared_distance_to_the_truth() -> None:
     weight, runs = 1.0, 60
     rng = np.random.default_rng(0)
-    exact = programme(7, noise=0.0)
+    exact = program(7, noise=0.0)
     estimated, real = [], []
     for _ in range(runs):
-        one = programme(7, noise=0.0, shift=rng.normal(size=TOLD + 1))
+        one = program(7, noise=0.0, shift=rng.normal(size=TOLD + 1))
         found = regularised(one, weight)
         away = np.linalg.solve(exact.root, found.values - exact.estimate)
         estimated.append(found.risk)
@@ -159,7 +159,7 @@ def test_risk_is_the_mean_squared_distance_to_the_truth() -> None:
 def test_impossible_moments_are_held_at_a_flat_plate_and_a_negative_friction_at_zero() -> None:
     impossible = from_center_of_mass(1.0, np.zeros(3), np.diag([1.0, 1.0, 2.5]))
     estimate = np.append(impossible, -0.3)
-    one = Programme(
+    one = Program(
         columns=np.eye(11),
         pivots=tuple(range(11)),
         estimate=estimate,
@@ -210,17 +210,17 @@ def test_no_combination_is_known_better_than_white_noise_allows() -> None:
 def test_minimum_that_is_not_found_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(interior_point, "_MOST_STEPS", 2)
     with pytest.raises(IdentificationError, match=r"with weight 0\.1 were not found: .* payloads"):
-        regularised(programme(0), 0.1)
+        regularised(program(0), 0.1)
 
 
 def test_numbers_too_different_in_size_are_an_error() -> None:
-    one = programme(0)
+    one = program(0)
     with pytest.raises(IdentificationError, match=r"too different in size .* check their units"):
         nearest(replace(one, estimate=1e200 * one.estimate))
 
 
 def test_numbers_that_are_not_finite_are_stopped_at_the_entrance() -> None:
-    one = programme(0)
+    one = program(0)
     for name in ("columns", "estimate", "root", "prior", "bounds", "start"):
         bad = getattr(one, name).copy()
         bad.flat[0] = np.nan
@@ -231,14 +231,14 @@ def test_numbers_that_are_not_finite_are_stopped_at_the_entrance() -> None:
 def test_no_weight_is_tried_that_cannot_be_resolved(monkeypatch: pytest.MonkeyPatch) -> None:
     tried: list[float] = []
 
-    def watched(one: Programme, weight: float) -> Possible:
+    def watched(one: Program, weight: float) -> Possible:
         tried.append(weight)
         return regularised(one, weight)
 
     monkeypatch.setattr(feasible, "regularised", watched)
     for least in (0.0, 1e6, 1e20):
         tried.clear()
-        chosen(programme(3), least)
+        chosen(program(3), least)
         assert max(tried) <= WEIGHTS[0]
         assert min(tried) >= min(max(WEIGHTS[-1], RESOLVED * least), WEIGHTS[0])
 

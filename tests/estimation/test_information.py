@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from seaid._arrays import Array
 from seaid.errors import IdentificationError
 from seaid.estimation.qr_factor import (
-    Information,
+    QRFactor,
     combined,
-    information_of,
-    load_information,
+    load_qr_factor,
+    qr_factor_of,
     triangle,
 )
 from seaid.regressor.regression import Regression
@@ -38,8 +38,8 @@ def some_rows(count: int = 300, seed: int = 0) -> Regression:
         joint=rng.choice([0, 2, 3], count),
         time=np.arange(count) / 20,
         run=np.zeros(count),
-        left_out=count // 10,
-        carried=rng.normal(size=(count, 2)),
+        excluded=count // 10,
+        propagated=rng.normal(size=(count, 2)),
         joint_names=("hip", "fixed", "knee", "ankle"),
     )
 
@@ -47,29 +47,29 @@ def some_rows(count: int = 300, seed: int = 0) -> Regression:
 def of(rows: Regression, picked: slice) -> Regression:
     return replace(
         rows,
-        left_out=0,
+        excluded=0,
         **{name: getattr(rows, name)[picked] for name in ("H", "y", "joint", "time", "run")},
-        carried=rows.carried[picked],
+        propagated=rows.propagated[picked],
     )
 
 
-def gram(information: Information) -> Array:
-    R = information.factors
+def gram(qr_factor: QRFactor) -> Array:
+    R = qr_factor.factors
     return np.asarray(np.swapaxes(R, 1, 2) @ R)
 
 
-def assert_same(found: Information, expected: Information) -> None:
+def assert_same(found: QRFactor, expected: QRFactor) -> None:
     norms = np.linalg.norm(expected.factors, axis=1)
     scale = norms[:, :, None] * norms[:, None, :]
     assert np.max(np.abs(gram(found) - gram(expected)) / scale) < 1e-13
-    assert np.allclose(found.carried, expected.carried, rtol=1e-11, atol=1e-9)
-    for name in ("names", "units", "equations", "counts", "left_out", "joint_names"):
+    assert np.allclose(found.propagated, expected.propagated, rtol=1e-11, atol=1e-9)
+    for name in ("names", "units", "equations", "counts", "excluded", "joint_names"):
         assert getattr(found, name) == getattr(expected, name)
 
 
 def test_factors_have_the_second_moments_of_each_equation() -> None:
     rows = some_rows()
-    found = information_of(rows)
+    found = qr_factor_of(rows)
     assert found.equations == (0, 2, 3)
     assert found.count == sum(found.counts) == 300
     for place, equation in enumerate(found.equations):
@@ -77,7 +77,7 @@ def test_factors_have_the_second_moments_of_each_equation() -> None:
         both = np.column_stack([rows.H, rows.y])[mine]
         assert found.counts[place] == np.sum(mine)
         assert np.allclose(gram(found)[place], both.T @ both, rtol=1e-11, atol=1e-9)
-        assert np.allclose(found.carried[place], rows.H[mine].T @ rows.carried[mine])
+        assert np.allclose(found.propagated[place], rows.H[mine].T @ rows.propagated[mine])
         assert np.array_equal(found.factors[place], np.triu(found.factors[place]))
 
 
@@ -85,7 +85,7 @@ def test_blocks_of_a_long_regression_are_put_together() -> None:
     rows = some_rows(9000)
     both = np.column_stack([rows.H, rows.y])[rows.joint == 0]
     assert len(both) > 2 * 1024
-    assert np.allclose(gram(information_of(rows))[0], both.T @ both, rtol=1e-11, atol=1e-7)
+    assert np.allclose(gram(qr_factor_of(rows))[0], both.T @ both, rtol=1e-11, atol=1e-7)
 
 
 @given(cuts=st.lists(st.integers(0, 300), max_size=5))
@@ -93,8 +93,8 @@ def test_parts_add_up_to_the_whole(cuts: list[int]) -> None:
     """Some parts are shorter than the parameters, some empty, some lack an equation."""
     rows = some_rows()
     ends = [0, *sorted(cuts), 300]
-    parts = [information_of(of(rows, slice(*pair))) for pair in pairwise(ends)]
-    whole = replace(information_of(rows), left_out=0)
+    parts = [qr_factor_of(of(rows, slice(*pair))) for pair in pairwise(ends)]
+    whole = replace(qr_factor_of(rows), excluded=0)
     assert_same(combined(parts), whole)
     assert_same(sum(parts[1:], parts[0]), whole)
 
@@ -103,50 +103,50 @@ def test_weighted_factor_is_that_of_weighted_rows() -> None:
     rows = some_rows()
     weight = WEIGHTS[np.searchsorted([0, 2, 3], rows.joint)]
     both = np.column_stack([rows.H, rows.y]) * weight[:, None]
-    found = information_of(rows).weighted_factor(WEIGHTS)
+    found = qr_factor_of(rows).weighted_factor(WEIGHTS)
     assert np.allclose(found.T @ found, both.T @ both, rtol=1e-11, atol=1e-9)
-    plain = information_of(rows).weighted_factor()
-    assert np.allclose(plain, information_of(rows).weighted_factor(np.ones(3)))
+    plain = qr_factor_of(rows).weighted_factor()
+    assert np.allclose(plain, qr_factor_of(rows).weighted_factor(np.ones(3)))
 
 
 def test_residual_norms_are_those_of_the_rows() -> None:
     rows, theta = some_rows(), np.array([1.0, 2e-6, 3e6, -1.0])
     residual = rows.y - rows.H @ theta
     expected = [np.linalg.norm(residual[rows.joint == joint]) for joint in (0, 2, 3)]
-    assert information_of(rows).residual_norms(theta) == pytest.approx(expected, rel=1e-12)
+    assert qr_factor_of(rows).residual_norms(theta) == pytest.approx(expected, rel=1e-12)
 
 
 def test_without_is_the_information_of_fewer_columns() -> None:
     rows = some_rows()
     fewer = replace(rows, names=("b", "d"), units=("m", "N"), H=rows.H[:, [1, 3]])
-    assert_same(information_of(rows).without(["a", "c"]), information_of(fewer))
+    assert_same(qr_factor_of(rows).without(["a", "c"]), qr_factor_of(fewer))
 
 
 def test_saved_and_loaded_is_the_same(tmp_path: Path) -> None:
-    path, found = tmp_path / "day" / "monday.npz", information_of(some_rows())
+    path, found = tmp_path / "day" / "monday.npz", qr_factor_of(some_rows())
     found.save(path)
-    again = load_information(path)
+    again = load_qr_factor(path)
     assert again.factors.tolist() == found.factors.tolist()
-    assert again.carried.tolist() == found.carried.tolist()
-    for name in ("names", "units", "equations", "counts", "left_out", "joint_names"):
+    assert again.propagated.tolist() == found.propagated.tolist()
+    for name in ("names", "units", "equations", "counts", "excluded", "joint_names"):
         assert getattr(again, name) == getattr(found, name)
     assert_same(again + found, combined([found, found]))
 
 
 def test_file_that_is_none_is_refused(tmp_path: Path) -> None:
     with pytest.raises(IdentificationError, match="no information file at"):
-        load_information(tmp_path / "nothing.npz")
+        load_qr_factor(tmp_path / "nothing.npz")
     text = tmp_path / "text.npz"
     text.write_text("a,b\n1,2\n")
     other = tmp_path / "log.npz"
     np.savez(other, time_s=np.zeros(3))
     for path in (text, other):
         with pytest.raises(IdentificationError, match="is not a file of information"):
-            load_information(path)
+            load_qr_factor(path)
 
 
 def test_other_columns_do_not_add() -> None:
-    one = information_of(some_rows())
+    one = qr_factor_of(some_rows())
     with pytest.raises(IdentificationError, match=r"columns are the same: one has a, b, c, d .*b"):
         one + one.without(["a"])
     with pytest.raises(IdentificationError, match="found none"):
@@ -159,7 +159,7 @@ def test_rows_that_are_not_finite_are_named() -> None:
     H[5, 1] = np.nan
     y[7] = np.inf
     with pytest.raises(IdentificationError, match="rows that are not finite: b, the torque"):
-        information_of(replace(rows, H=H, y=y))
+        qr_factor_of(replace(rows, H=H, y=y))
 
 
 def test_triangle_of_fewer_rows_than_columns() -> None:

@@ -40,8 +40,8 @@ def experiment(
         joint=joint,
         time=np.tile(0.05 * np.arange(count), len(stds)),
         run=np.zeros(len(H)),
-        left_out=0,
-        carried=np.empty((len(H), 0)),
+        excluded=0,
+        propagated=np.empty((len(H), 0)),
     )
     return rows, Z
 
@@ -97,7 +97,7 @@ def test_units_do_not_matter(exponent: list[int]) -> None:
 def test_what_is_carried_adds_what_targets_really_do() -> None:
     rows, Z = experiment(3)
     direction = rows.H[:, :1] + Z[:, 1:2] ** 2
-    rows = replace(rows, carried=direction)
+    rows = replace(rows, propagated=direction)
     plain, carrying = instrumental(rows, Z), instrumental(rows, Z, np.array([[1e-8]]))
     moved = instrumental(replace(rows, y=rows.y + 1e-4 * direction[:, 0]), Z).values - plain.values
     added = carrying.covariance - plain.covariance

@@ -7,7 +7,7 @@ import pytest
 
 from seaid.errors import IdentificationError
 from seaid.estimation.diagnostics import gain, term_test, time_blocks
-from seaid.estimation.qr_factor import information_of
+from seaid.estimation.qr_factor import qr_factor_of
 from seaid.regressor.regression import Regression
 
 pytestmark = pytest.mark.rounding
@@ -28,8 +28,8 @@ def rows(
         joint=np.arange(count, dtype=float) % 2,
         time=np.arange(count, dtype=float) // 2 * 0.01,
         run=np.zeros(count),
-        left_out=0,
-        carried=np.empty((count, 0)),
+        excluded=0,
+        propagated=np.empty((count, 0)),
     )
 
 
@@ -69,7 +69,7 @@ def test_the_criterion_is_that_of_a_term_test_less_what_asking_costs() -> None:
     data = rows((1.0, -2.0, 0.05, 0.0))
     found = gain(data, np.ones(2), NAMES[:2], NAMES[:3], 400.0, 5)
     less = replace(data, names=NAMES[:3], units=("1",) * 3, H=data.H[:, :3])
-    test = term_test(information_of(less), np.ones(2), ["c"], 400.0)
+    test = term_test(qr_factor_of(less), np.ones(2), ["c"], 400.0)
     assert pytest.approx(test.F) == found.F
     assert found.bic == pytest.approx(test.bic - 2 * np.log(5))
 

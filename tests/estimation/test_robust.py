@@ -53,8 +53,8 @@ def experiment(
         joint=np.repeat(np.arange(len(stds)), count),
         time=np.tile(0.05 * np.arange(count), len(stds)),
         run=np.zeros(len(H)),
-        left_out=0,
-        carried=np.empty((len(H), 0)),
+        excluded=0,
+        propagated=np.empty((len(H), 0)),
         joint_names=("hip", "knee", "ankle")[: len(stds)],
     )
 
@@ -160,7 +160,7 @@ def test_what_is_carried_adds_what_targets_really_do(estimator: Solver) -> None:
     data = spoiled(experiment(5, 3000), 0.1)
     direction = data.H[:, :1] + 0.3 * data.H[:, 1:2] ** 2
     plain = estimator(data)
-    carrying = estimator(replace(data, carried=direction), np.array([[1e-4]]))  # type: ignore[call-arg]
+    carrying = estimator(replace(data, propagated=direction), np.array([[1e-4]]))  # type: ignore[call-arg]
     moved = estimator(replace(data, y=data.y + 0.01 * direction[:, 0])).values - plain.values
     added = carrying.covariance - plain.covariance
     assert added == pytest.approx(np.outer(moved, moved), abs=0.08 * float(moved @ moved))
@@ -232,7 +232,7 @@ def test_a_saturated_amplifier_in_a_log(name: str) -> None:
     joint = arm().joint_names[1]
     truth = true_value(arm(), joint, "stiffness")
     plain, robust = (
-        abs(identify(known, log, estimator=one).drivetrains[joint].value("stiffness") / truth - 1)
+        abs(identify(known, log, estimator=one).drives[joint].value("stiffness") / truth - 1)
         for one in ("wls", name)
     )
     assert plain > 0.1
@@ -251,6 +251,6 @@ def test_spikes_in_a_log(name: str) -> None:
         identify(known, one, estimator=name) for one in (replace(log, motor_torque=torque), log)
     )
     for joint in known.elastic_joints:
-        off = spiky.drivetrains[joint].value("stiffness") / true_value(arm(), joint, "stiffness")
+        off = spiky.drives[joint].value("stiffness") / true_value(arm(), joint, "stiffness")
         assert off == pytest.approx(1.0, abs=0.05)
         assert spiky.checks[joint].condition_number < 3 * clean.checks[joint].condition_number

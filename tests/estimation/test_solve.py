@@ -20,7 +20,7 @@ TRUTH = np.array([2.0, -1.0, 0.5])
 
 
 def rows(
-    H: Array, y: Array, joint: Array | None = None, carried: Array | None = None
+    H: Array, y: Array, joint: Array | None = None, propagated: Array | None = None
 ) -> Regression:
     """Return a regression whose rows follow each other in time, joint by joint."""
     joint = np.zeros(len(y)) if joint is None else joint
@@ -35,8 +35,8 @@ def rows(
         joint=joint,
         time=time,
         run=np.zeros(len(y)),
-        left_out=0,
-        carried=np.empty((len(y), 0)) if carried is None else carried,
+        excluded=0,
+        propagated=np.empty((len(y), 0)) if propagated is None else propagated,
     )
 
 
@@ -147,7 +147,7 @@ def test_uncertainty_of_the_target_is_carried_along(estimator: type) -> None:
     """y was computed with a factor known to 10 %: so are the parameters."""
     H = experiment(5).H
     y = H @ TRUTH
-    data = rows(H, y, carried=y[:, None])
+    data = rows(H, y, propagated=y[:, None])
     found = estimator(data, np.array([[0.01]]))
     assert found.covariance == pytest.approx(0.01 * np.outer(TRUTH, TRUTH), rel=1e-9)
 
@@ -171,7 +171,7 @@ def test_columns_that_cannot_be_told_apart_are_named(estimator: type) -> None:
     with pytest.raises(ExcitationError, match="nothing about the combination of a, c ") as caught:
         estimator(rows(H, np.ones(len(H))))
     assert "(a - 3 c; " in str(caught.value) or "(c - 0.33 a; " in str(caught.value)
-    assert "rows=" in str(caught.value)
+    assert "torque_joints=" in str(caught.value)
     assert "needed 1e-07" in str(caught.value)
 
 

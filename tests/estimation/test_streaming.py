@@ -16,7 +16,7 @@ from seaid._arrays import Array
 from seaid.errors import IdentificationError, LogError
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import equal_weights, ordinary, settled_weights, weighted
-from seaid.estimation.streaming import stream_estimate, stream_information
+from seaid.estimation.streaming import stream_estimate, stream_qr_factor
 from seaid.identification.drive_estimates import spring_of
 from seaid.identification.identification import identify
 from seaid.log.long_log import LongLog, iterate_log, open_long_log
@@ -113,7 +113,7 @@ def test_rows_are_those_of_the_whole_log(path: Path) -> None:
     whole = actuator(motion())
     found = stacked([rows for _, rows in regressions_of_parts(opened(path), {"": actuator})])
     assert np.array_equal(found.time, whole.time)
-    assert found.left_out == whole.left_out > 0
+    assert found.excluded == whole.excluded > 0
     scale = np.max(np.abs(whole.H), axis=0)
     assert np.max(np.abs(found.H - whole.H) / scale) < 1e-9
     assert np.max(np.abs(found.y - whole.y)) < 1e-9 * np.max(np.abs(whole.y))
@@ -126,9 +126,9 @@ def test_size_of_the_pieces_does_not_matter(npz: Path, chunk: int) -> None:
 
 
 def test_load_side_with_springs_from_the_first_part(npz: Path) -> None:
-    regress, carried = load_side()
-    expected = weighted(regress(motion()), carried)
-    assert_same(stream_estimate([opened(npz)], regress, settled_weights, carried)[0], expected)
+    regress, propagated = load_side()
+    expected = weighted(regress(motion()), propagated)
+    assert_same(stream_estimate([opened(npz)], regress, settled_weights, propagated)[0], expected)
 
 
 def test_a_file_is_read_once_for_all_equations(npz: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -148,7 +148,7 @@ def test_a_file_is_read_once_for_all_equations(npz: Path, monkeypatch: pytest.Mo
     whole = identify(ROBOT, log(), cutoff_hz=CUTOFF_HZ)
     assert_same(found.load, whole.load)
     for joint in ROBOT.elastic_joints:
-        assert_same(found.drivetrains[joint], whole.drivetrains[joint])
+        assert_same(found.drives[joint], whole.drives[joint])
 
 
 def test_no_room_for_rows_is_said(npz: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -165,10 +165,10 @@ def test_logs_are_stacked(npz: Path, tmp_path: Path) -> None:
     logs = [opened(npz), opened(tmp_path / "other.npz")]
     both = stacked([actuator(motion()), actuator(motion(1))])
     assert_same(stream_estimate(logs, actuator)[0], ordinary(both))
-    information = stream_information(logs, actuator)
-    assert information.count == len(both.y)
-    assert information.left_out == both.left_out
-    assert information.joint_names == ROBOT.joint_names
+    qr_factor = stream_qr_factor(logs, actuator)
+    assert qr_factor.count == len(both.y)
+    assert qr_factor.excluded == both.excluded
+    assert qr_factor.joint_names == ROBOT.joint_names
 
 
 def test_fastest_speed_is_that_of_the_whole_log(npz: Path) -> None:

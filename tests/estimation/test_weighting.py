@@ -7,18 +7,18 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.estimation.least_squares import equal_weights, orthonormal, settled_weights, solve
-from seaid.estimation.qr_factor import Information, information_of
+from seaid.estimation.qr_factor import QRFactor, qr_factor_of
 from seaid.regressor.regression import Regression
 
 
-def information(seed: int, badly: float = 1.0) -> Information:
+def qr_factor(seed: int, badly: float = 1.0) -> QRFactor:
     """Return what four equations of 40 rows tell of six columns; the noise of each is its own."""
     rng = np.random.default_rng(seed)
     joint = np.repeat(np.arange(4), 40)
     H = rng.normal(size=(160, 6)) * np.logspace(0, 6, 6)
     H[:, 5] = 1e6 * H[:, 0] + badly * rng.normal(size=160)
     noise = np.array([0.1, 1.0, 10.0, 300.0])[joint] * rng.normal(size=160)
-    return information_of(
+    return qr_factor_of(
         Regression(
             names=tuple("abcdef"),
             units=("",) * 6,
@@ -27,13 +27,13 @@ def information(seed: int, badly: float = 1.0) -> Information:
             joint=joint.astype(float),
             time=np.tile(np.arange(40) * 0.1, 4),
             run=np.zeros(160),
-            left_out=0,
-            carried=np.empty((160, 0)),
+            excluded=0,
+            propagated=np.empty((160, 0)),
         )
     )
 
 
-def weights_one_by_one(found: Information) -> Array:
+def weights_one_by_one(found: QRFactor) -> Array:
     weights = equal_weights(found)
     for _ in range(1000):
         std = found.residual_norms(solve(found, weights).values) / np.sqrt(found.counts)
@@ -47,7 +47,7 @@ def weights_one_by_one(found: Information) -> Array:
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("badly", [1e6, 1.0])
 def test_residuals_are_those_of_the_whole_solution(seed: int, badly: float) -> None:
-    found = information(seed, badly)
+    found = qr_factor(seed, badly)
     cheap = orthonormal(found, solve(found, equal_weights(found)).values)
     assert np.sum(cheap.products, axis=0) == pytest.approx(np.eye(6), abs=1e-8)
     weights = np.random.default_rng(seed).uniform(1, 1000, 4)
@@ -58,5 +58,5 @@ def test_residuals_are_those_of_the_whole_solution(seed: int, badly: float) -> N
 
 @pytest.mark.parametrize("seed", range(5))
 def test_weights_settle_where_they_did(seed: int) -> None:
-    found = information(seed)
+    found = qr_factor(seed)
     assert settled_weights(found) == pytest.approx(weights_one_by_one(found), rel=1e-8)

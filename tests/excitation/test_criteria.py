@@ -23,16 +23,16 @@ pytestmark = pytest.mark.rounding
 @given(
     name=st.sampled_from(sorted(CRITERIA)),
     columns=st.integers(1, 12),
-    recorded=st.integers(0, 4),
+    previous_logs=st.integers(0, 4),
     seed=st.integers(0, 10**6),
 )
 def test_slope_equals_central_differences(
-    name: str, columns: int, recorded: int, seed: int
+    name: str, columns: int, previous_logs: int, seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
     sizes = 10 ** rng.uniform(-2, 0, columns)
     H = rng.normal(size=(40, columns)) * sizes
-    known = rng.normal(size=(recorded, columns)) * sizes
+    known = rng.normal(size=(previous_logs, columns)) * sizes
     smooth = CRITERIA[name].smooth
     value, slope = smooth(triangular_factor(H, known))
     direction = rng.normal(size=H.shape) * sizes

@@ -97,7 +97,7 @@ def test_more_search_is_never_worse_and_starts_help(leg: Robot) -> None:
 
 
 def test_only_some_torques_known(leg: Robot) -> None:
-    found = plan(leg, rows=["hip_pitch", "knee_pitch", "ankle_pitch"])
+    found = plan(leg, torque_joints=["hip_pitch", "knee_pitch", "ankle_pitch"])
     assert len(found.base.columns) == 21
     assert np.isfinite(found.condition_number)
 
@@ -182,7 +182,7 @@ def test_a_trial_step_that_tells_nothing_does_not_end_the_search(
         ({"iterations": 0}, "iterations must be at least 1, found 0"),
         ({"samples": 2}, "2 samples of 3 torques cannot tell 7 base parameters; give at least 3"),
         ({"limits": Limits(velocity=0.0)}, "joint 'rail': velocity limit must be more than zero"),
-        ({"rows": []}, "rows= names no joint"),
+        ({"torque_joints": []}, "torque_joints= names no joint"),
     ],
 )
 def test_bad_requests_say_what_is_wrong(

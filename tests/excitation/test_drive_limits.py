@@ -24,7 +24,7 @@ EVERYTHING = Limits(joint_torque=5.0, motor_torque=0.05, motor_speed=400.0, defl
 
 @pytest.fixture(scope="module")
 def elastic_leg() -> Robot:
-    return load_robot(MODELS / "tulip_leg.urdf", drivetrains=MODELS / "tulip_leg.toml")
+    return load_robot(MODELS / "tulip_leg.urdf", drives=MODELS / "tulip_leg.toml")
 
 
 def plan(robot: Robot, **options: Any) -> Excitation:
@@ -41,7 +41,7 @@ def test_loads_are_those_of_the_simulated_leg(elastic_leg: Robot) -> None:
     """
     drives = {
         joint: replace(drive, coulomb_friction_Nm=0.0)
-        for joint, drive in elastic_leg.drivetrains.items()
+        for joint, drive in elastic_leg.drives.items()
     }
     elastic_leg = elastic_leg.with_values(elastic_leg.parameters, drives)
     found = plan(elastic_leg, limits=Limits(velocity=2.0, acceleration=6.0))
@@ -172,7 +172,7 @@ def test_limits_on_drives_need_nominal_values(elastic_leg: Robot) -> None:
     unknown = elastic_leg.without_nominal()
     with pytest.raises(ExcitationError, match=r"no nominal inertial parameters .* \(NaN\)"):
         plan(unknown, limits=Limits(joint_torque=10.0))
-    bodies = elastic_leg.with_values(elastic_leg.parameters, unknown.drivetrains)
+    bodies = elastic_leg.with_values(elastic_leg.parameters, unknown.drives)
     for limits, words in (
         (Limits(deflection=0.1), "'hip_pitch': its drive has no nominal stiffness"),
         (Limits(motor_torque=0.1), "its drive has no nominal (viscous friction|stiffness)"),

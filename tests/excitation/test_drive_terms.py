@@ -15,7 +15,13 @@ import pytest
 from seaid._arrays import Array
 from seaid.drives.drives import Drive, SeriesElasticDrive
 from seaid.drives.equations import joint_equation, motor_equation, spring_equation
-from seaid.drives.functions import SMOOTH_SIGNALS, STATES, bent_spring, smooth_columns, spring_curve
+from seaid.drives.functions import (
+    SMOOTH_SIGNALS,
+    STATES,
+    nonlinear_spring,
+    smooth_columns,
+    spring_curve,
+)
 from seaid.errors import ExcitationError
 from seaid.excitation import Limits, design_excitation
 from seaid.excitation.flatness import differentiation, motor_signals, transmission
@@ -59,7 +65,7 @@ def elastic(values: Mapping[str, float], **terms: Any) -> SeriesElasticDrive:
 
 
 CUBIC = elastic(
-    {"cubic_stiffness": 2e4, "deflection_zero": 0.01, "deflection_offset": 1.0, **FRICTION},
+    {"cubic_stiffness": 2e4, "deflection_zero": 0.01, "spring_offset": 1.0, **FRICTION},
     spring=("linear", "cubic", "preload"),
     friction=TERMS,
 )
@@ -93,14 +99,14 @@ def robot_of(folder: Path, one: Drive, two: Drive, is_coupled: bool = False) -> 
     [
         elastic({"cubic_stiffness": 2e4, "deflection_zero": 0.01}, spring=("linear", "cubic")),
         elastic(
-            {"fifth_stiffness": 1e7, "cubic_stiffness": -1e3, "deflection_offset": 2.0},
+            {"fifth_stiffness": 1e7, "cubic_stiffness": -1e3, "spring_offset": 2.0},
             spring=("linear", "cubic", "fifth", "preload"),
         ),
-        elastic({"deflection_offset": 2.0, "spring_damping": 1.0}, spring=(*BOTH, "damping")),
+        elastic({"spring_offset": 2.0, "spring_damping": 1.0}, spring=(*BOTH, "damping")),
     ],
 )
 def test_stretch_of_a_spring_gives_back_its_force(drive: SeriesElasticDrive) -> None:
-    spring, curve = bent_spring("two", drive), spring_curve(drive)
+    spring, curve = nonlinear_spring("two", drive), spring_curve(drive)
     force = np.linspace(-20, 20, 81)
     stretch, by_force = spring.stretch(force)
     np.testing.assert_allclose(curve.force(stretch + spring.zero), force, atol=1e-11)
@@ -110,7 +116,7 @@ def test_stretch_of_a_spring_gives_back_its_force(drive: SeriesElasticDrive) -> 
 def test_spring_that_gives_way_is_continued_straight() -> None:
     """k - 3 |k_3| d^2 is a tenth of k at the end; beyond, the force grows by that."""
     drive = elastic({"cubic_stiffness": -2e3}, spring=("linear", "cubic"))
-    spring, end = bent_spring("two", drive), np.sqrt(0.9 * 120 / 6e3)
+    spring, end = nonlinear_spring("two", drive), np.sqrt(0.9 * 120 / 6e3)
     peak = 120 * end - 2e3 * end**3
     assert spring.stretch(np.array([-peak]))[0] == pytest.approx(-end)
     assert spring.stretch(np.array([peak + 12 * 0.1]))[0] == pytest.approx(end + 0.1)
@@ -118,7 +124,7 @@ def test_spring_that_gives_way_is_continued_straight() -> None:
 
 def test_dead_zone_is_crossed_smoothly_and_whole_outside() -> None:
     drive = elastic({"dead_zone": 0.01}, spring=("linear", "dead_zone"))
-    spring = bent_spring("two", drive)
+    spring = nonlinear_spring("two", drive)
     force = np.linspace(-12, 12, 2401)
     stretch, by_force = spring.stretch(force)
     outside = np.abs(force) > 4
@@ -149,7 +155,7 @@ def test_loads_obey_the_equations(
     signals = motor_signals(limits.drives, states, through, differentiation(time))
     inside, bodies = slice(20, -20), joint_torques(robot, *states)
     for index, joint in enumerate(robot.joint_names):
-        drive = robot.drivetrains[joint]
+        drive = robot.drives[joint]
         nothing = dict.fromkeys(("tau_L", "tau_M", "i_M", "u_M"), np.zeros(len(time)))
         own = dict(zip(STATES[3:], [state[:, index] for state in states], strict=True))
         beside = value_of(joint_equation(drive), drive, {**nothing, **own})
@@ -215,8 +221,8 @@ def test_gradient_of_the_columns_of_all_terms(
 ) -> None:
     robot = robot_of(tmp_path, one, two, is_coupled)
     target = drive_target(robot, None, base_parameters(robot), np.full(2, 2.0))
-    bent = {"cubic_stiffness", "coulomb_shift", "dead_zone", "torque_constant"}
-    assert bent & {name.split(" of ")[0] for name in target.names}
+    nonlinear = {"cubic_stiffness", "coulomb_shift", "dead_zone", "torque_constant"}
+    assert nonlinear & {name.split(" of ")[0] for name in target.names}
     time = np.linspace(0.0, 4.9, 60)
     c = 0.2 * np.random.default_rng(0).normal(size=(9, 2))
     q, v, a = (matrix @ c for matrix in FourierBasis(4, 5.0).matrices(time))
@@ -240,14 +246,14 @@ def test_columns_times_true_parameters_are_the_torques(is_coupled: bool, tmp_pat
     assert limits is not None
     loads = drive_loads(limits, time, (states[0], states[1], states[2]))
     through = loads[0] @ np.linalg.inv(robot.transmission)
-    drives, p = robot.drivetrains, len(base.columns)
+    drives, p = robot.drives, len(base.columns)
     true = np.array([drives[joint].values[name] for joint, name, _ in model.drives])
     absorbed = [drives[joint].values[name] for joint, name, _ in model.absorbed]
     theta = np.concatenate([base.project(robot.parameters), true]) + model.absorption @ absorbed
     names = [*model.expressions, *(f"{name} of {joint}" for joint, name, _ in model.drives)]
     values = dict(zip(names, theta, strict=True))
     values |= {f"{name} of two": value for name, value in drives["two"].values.items()}
-    values["deflection_offset of two"] = 0.0
+    values["spring_offset of two"] = 0.0
     assert set(target.names) <= set(values)
     assert len(target.names) > p
     told = H @ np.array([values[name] for name in target.names])
@@ -280,7 +286,7 @@ def test_excitation_is_found_for_drives_with_terms(tmp_path: Path) -> None:
     options: dict[str, Any] = {"starts": 1, "iterations": 6, "coefficients": 12}
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "the search for an excitation ended early")
-        found = design_excitation(robot, 4.0, limits=limits, drive_columns=True, **options)
+        found = design_excitation(robot, 4.0, limits=limits, drive_parameters=True, **options)
     assert np.isfinite(found.condition_number)
     assert found.margins.motor_torque is not None
     assert np.all(found.margins.motor_torque >= 0)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from seaid._arrays import Array
 from seaid.errors import ExcitationError
-from seaid.excitation import FREE, EndState, JointLimits, MotionSpace, Trajectory, make_basis
+from seaid.excitation import IN_MOTION, EndState, JointLimits, MotionSpace, Trajectory, make_basis
 from seaid.excitation.boundary import limit_rows, motion_space
 
 pytestmark = pytest.mark.rounding
@@ -58,7 +58,7 @@ def test_rest_is_rest_wherever_it_is(name: str, count: int) -> None:
 
 @pytest.mark.parametrize(("name", "count"), BASES)
 def test_free_ends_leave_all_variables_of_like_size(name: str, count: int) -> None:
-    found = space(FREE, FREE, name, count)
+    found = space(IN_MOTION, IN_MOTION, name, count)
     np.testing.assert_array_equal(found.free, found.basis.natural)
 
 
@@ -108,7 +108,7 @@ def test_no_limit_is_broken_at_100_kHz(case: tuple[str, int], ends: str, n: int,
     speed = 0.1 * np.minimum(bounds.velocity, bounds.acceleration * duration)
     speed = np.minimum(speed, 0.05 * range_ / duration)
     middle = EndState(bounds.middle, speed * rng.uniform(-1, 1, n), None)
-    state = {"rest": EndState(), "free": FREE, "given": middle}[ends]
+    state = {"rest": EndState(), "free": IN_MOTION, "given": middle}[ends]
     names = [f"joint{j}" for j in range(n)]
     found = motion_space(make_basis(case[0], duration, case[1]), names, bounds, state, state)
     motion = Trajectory(tuple(names), found.basis, found.coefficients(filling(found, bounds, rng)))

@@ -27,7 +27,7 @@ LIMITS = Limits(velocity=2.5, acceleration=10.0)
 
 @pytest.fixture(scope="module")
 def elastic_leg() -> Robot:
-    return load_robot(MODELS / "tulip_leg.urdf", drivetrains=MODELS / "tulip_leg.toml")
+    return load_robot(MODELS / "tulip_leg.urdf", drives=MODELS / "tulip_leg.toml")
 
 
 def plan(robot: Robot, duration: float = 6.0, **options: Any) -> Excitation:
@@ -54,7 +54,7 @@ def log_of(robot: Robot, found: Excitation) -> Log:
 @pytest.mark.parametrize("drives", [False, True])
 def test_each_criterion_is_best_at_its_own(elastic_leg: Robot, drives: bool) -> None:
     plans = {
-        name: plan(elastic_leg, criterion=name, drive_columns=drives, iterations=60)
+        name: plan(elastic_leg, criterion=name, drive_parameters=drives, iterations=60)
         for name in CRITERIA
     }
     kappa = {
@@ -117,7 +117,7 @@ def test_a_motion_that_helps_after_what_was_recorded(leg: Robot) -> None:
     first = plan(leg, limits=Limits(velocity=[2.5e-3, 2.5e-3, 2.5, 2.5, 2.5]))
     log = log_of(leg, first)
     others = Limits(velocity=[2.5, 2.5, 2.5e-2, 2.5e-2, 2.5e-2])
-    after = plan(leg, recorded=[log], limits=others, iterations=80)
+    after = plan(leg, previous_logs=[log], limits=others, iterations=80)
     alone = plan(leg, limits=others, iterations=80)
     assert after.singular_values[-1] > first.singular_values[-1] * 2
 
@@ -138,7 +138,7 @@ def test_a_motion_that_helps_after_what_was_recorded(leg: Robot) -> None:
 def test_one_long_log_counts_as_its_parts(leg: Robot) -> None:
     first = plan(leg, iterations=5)
     log = log_of(leg, first)
-    once, twice = (plan(leg, iterations=1, recorded=logs) for logs in ([log], [log, log]))
+    once, twice = (plan(leg, iterations=1, previous_logs=logs) for logs in ([log], [log, log]))
     assert np.all(twice.start_singular_values >= once.start_singular_values * (1 - 1e-9))
 
 

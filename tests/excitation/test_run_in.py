@@ -8,7 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seaid.errors import ExcitationError
-from seaid.excitation import FREE, EndState, Limits, Trajectory, joint_limits, make_basis, margins
+from seaid.excitation import (
+    IN_MOTION,
+    EndState,
+    Limits,
+    Trajectory,
+    joint_limits,
+    make_basis,
+    margins,
+)
 from seaid.excitation.basis import JoinedBasis
 from seaid.excitation.boundary import limit_rows, motion_space
 from seaid.excitation.run_in import add_run_in, with_run_in
@@ -23,7 +31,7 @@ def free_motion(
     """Return a motion with free ends that can be run into and is at a limit somewhere."""
     bounds = joint_limits(robot, LIMITS)
     basis = make_basis(name, duration, count)
-    space = motion_space(basis, robot.joint_names, bounds, FREE, FREE)
+    space = motion_space(basis, robot.joint_names, bounds, IN_MOTION, IN_MOTION)
     space = with_run_in(space, robot.joint_names, bounds)
     rows, _ = limit_rows(space, bounds)
     x = np.random.default_rng(seed).normal(size=space.shape)

@@ -35,7 +35,7 @@ States = tuple[Array, Array, Array]
 
 
 def elastic_leg() -> Robot:
-    return load_robot(MODELS / "tulip_leg.urdf", drivetrains=MODELS / "tulip_leg.toml")
+    return load_robot(MODELS / "tulip_leg.urdf", drives=MODELS / "tulip_leg.toml")
 
 
 def mixed_tiago() -> Robot:
@@ -57,7 +57,7 @@ def mixed_tiago() -> Robot:
         "arm_4_joint": StiffDrive(80.0, friction=("viscous", "coulomb", "offset")),
         "arm_3_joint": spring,
     }
-    return example_robot("tiago_no_hand.urdf", drivetrains=drives, joints=TIAGO[::-1])
+    return example_robot("tiago_no_hand.urdf", drives=drives, joints=TIAGO[::-1])
 
 
 def smooth_motion(robot: Robot, samples: int = 60) -> tuple[Array, States]:
@@ -128,7 +128,7 @@ def test_motor_rows_are_the_regressor_of_the_motion_that_springs_make() -> None:
     target = drive_target(robot, None, pivoted_base(robot), np.full(5, 1e-9))
     time, motion = smooth_motion(robot, 400)
     H = stacked_regressor(target, time, motion).reshape(len(time), 8, -1)
-    index, drive = robot.index("knee_pitch"), robot.drivetrains["knee_pitch"]
+    index, drive = robot.index("knee_pitch"), robot.drives["knee_pitch"]
     assert isinstance(drive, SeriesElasticDrive)
     k, r_M, r_L = 59966.0, drive.motor_radius, drive.load_radius
     q, v, a = (state[:, index] for state in motion)
@@ -229,6 +229,6 @@ def test_drives_need_nominal_values() -> None:
     with pytest.raises(ExcitationError, match=r"'hip_pitch': its drive has no nominal stiffness"):
         drive_target(elastic_leg().without_nominal(), None, base, np.ones(5))
     known = elastic_leg()
-    unknown = known.with_values(np.full(50, np.nan), known.drivetrains)
+    unknown = known.with_values(np.full(50, np.nan), known.drives)
     with pytest.raises(ExcitationError, match=r"no nominal inertial parameters of hip_yaw_link"):
         drive_target(unknown, None, base, np.ones(5))

@@ -39,8 +39,8 @@ SLIDE = f'prismatic <axis xyz="0 0.6 0.8"/>{LIMIT}'
 
 
 def without_friction(robot: Robot) -> Robot:
-    drives = robot.drivetrains.items()
-    return robot.with_drivetrains(
+    drives = robot.drives.items()
+    return robot.with_drives(
         {joint: replace(drive, coulomb_friction_Nm=0.0) for joint, drive in drives}
     )
 
@@ -187,7 +187,7 @@ def elastic(values: Mapping[str, float], **terms: Any) -> Drive:
 PULLED = {"parallel_stiffness": 7.0, "parallel_preload": -1.5}
 TERMS: dict[str, Drive] = {
     "damping": elastic({"spring_damping": 0.4}, spring=("linear", "damping")),
-    "preload": elastic({"deflection_offset": 2.0}, spring=("linear", "preload")),
+    "preload": elastic({"spring_offset": 2.0}, spring=("linear", "preload")),
     "dead zone": elastic(
         {"dead_zone": 0.02, "deflection_zero": 0.01, "spring_damping": 0.1},
         spring=("linear", "dead_zone", "damping"),
@@ -285,7 +285,7 @@ def torques_of(robot: Robot, duration: float, step: float) -> tuple[Array, Array
         still = np.zeros(robot.n)
         return np.array([start[0][0], still, start[1][0], still]), np.array(columns).T
     rng, time = np.random.default_rng(0), np.arange(round(duration / step)) * step
-    ratio = np.array([robot.drivetrains[joint].ratio for joint in robot.joint_names])
+    ratio = np.array([robot.drives[joint].ratio for joint in robot.joint_names])
     waves = np.sin(2 * np.pi * time[:, None] * rng.uniform(0.5, 2, robot.n) + rng.uniform(size=1))
     return np.zeros((4, robot.n)), 4.0 / ratio * waves
 
@@ -330,11 +330,11 @@ def test_motion_without_dry_friction_is_the_plants(name: str, tmp_path: Path) ->
 
 def test_a_thousandth_of_a_stiffness_is_seen_in_the_motion(tmp_path: Path) -> None:
     robot = without_friction(arm())
-    drives = dict(robot.drivetrains)
+    drives = dict(robot.drives)
     stiffness = drives["shoulder"].values["stiffness"]
     drives["shoulder"] = drives["shoulder"].with_values({"stiffness": 1.001 * stiffness})
     own, found = run(robot, tmp_path, 0.3)
-    other = run(robot.with_drivetrains(drives), tmp_path, 0.3)[1]
+    other = run(robot.with_drives(drives), tmp_path, 0.3)[1]
     assert np.max(np.abs(other - own)) > 1e6 * np.max(np.abs(found - own))
 
 
@@ -378,10 +378,9 @@ def test_motion_of_a_simulated_experiment_is_repeated(name: str, tmp_path: Path)
 def test_friction_that_holds_creeps_little(kind: str, tmp_path: Path) -> None:
     robot = two_joints(tmp_path, STIFF, STIFF if kind == "stiff" else ELASTIC)
     drives = {
-        joint: drive.with_values({"coulomb_friction": 1.0})
-        for joint, drive in robot.drivetrains.items()
+        joint: drive.with_values({"coulomb_friction": 1.0}) for joint, drive in robot.drives.items()
     }
-    twin = Twin(robot.with_drivetrains(drives), tmp_path)
+    twin = Twin(robot.with_drives(drives), tmp_path)
     state = np.zeros((4, 2))
     state[2] = (0.6, 0.3)
     state[0] = state[2] * twin.plant.ratio
@@ -407,7 +406,7 @@ def test_an_identified_robot_moves_as_the_true_one(tmp_path: Path) -> None:
 def test_springs_pull_motor_and_joint_as_the_equations_say(tmp_path: Path) -> None:
     robot = without_friction(leg())
     twin, joint = Twin(robot, tmp_path), "knee_pitch"
-    drive = robot.drivetrains[joint]
+    drive = robot.drives[joint]
     assert isinstance(drive, SeriesElasticDrive)
     twin.data.joint(joint).qpos, twin.data.joint(f"{joint}_motor").qpos = 0.3, 60.0
     mujoco.mj_forward(twin.model, twin.data)
@@ -487,7 +486,7 @@ def test_names_that_mujoco_has_itself_and_odd_ones_load(tmp_path: Path) -> None:
 def body(robot: Robot, index: int, place: int, value: float) -> Robot:
     parameters = robot.parameters.copy()
     parameters[10 * index + place] = value
-    return robot.with_values(parameters, robot.drivetrains)
+    return robot.with_values(parameters, robot.drives)
 
 
 def test_impossible_bodies_are_refused_unless_forced(tmp_path: Path) -> None:
@@ -509,7 +508,7 @@ def test_bodies_without_mass_or_thickness_load(write_chain: Any, tmp_path: Path)
     point[14:] = 0.0
     point[10:14] = (2.0, 0.4, 0.0, 0.0)
     point[16] = point[19] = 0.08  # 2 kg at x = 0.2 m
-    pointed = robot.with_values(point, robot.drivetrains)
+    pointed = robot.with_values(point, robot.drives)
     assert rigid_errors(pointed, loaded(pointed, tmp_path)) < 1e-9
 
 
@@ -522,7 +521,7 @@ REFUSED: dict[str, Drive] = {
         {"cubic_stiffness": 1.0}, spring=("linear", "cubic")
     ),
     "has a dead zone and a preload": elastic(
-        {"dead_zone": 0.1, "deflection_offset": 1.0}, spring=("linear", "dead_zone", "preload")
+        {"dead_zone": 0.1, "spring_offset": 1.0}, spring=("linear", "dead_zone", "preload")
     ),
     "no parallel preload without": stiff({"parallel_preload": 1.0}, parallel_spring=("preload",)),
     "negative stiffness, found -2 N m/rad": stiff(

@@ -52,7 +52,7 @@ def test_checks_of_the_model_are_there_by_side(tmp_path: Path) -> None:
     assert set(checks) == set(found().checks)
     for side, own in found().checks.items():
         assert checks[side]["condition_number"] == own.condition_number
-        assert checks[side]["poorly_told"] == list(own.poorly_told)
+        assert checks[side]["poorly_determined"] == list(own.poorly_determined)
         assert [one["terms"] for one in checks[side]["terms"]] == [
             [*one.terms] for one in own.terms
         ]
@@ -63,21 +63,23 @@ def test_checks_of_the_model_are_there_by_side(tmp_path: Path) -> None:
 
 
 def test_possible_bodies_are_told_with_their_distance(tmp_path: Path) -> None:
-    told, own = content(tmp_path)["possible"], found().possible
+    told, own = content(tmp_path)["feasible"], found().feasible
     assert own is not None
     assert told["chi_square"] == own.chi_square
     assert [one["name"] for one in told["combinations"]] == list(own.names)
     assert [one["distance"] for one in told["combinations"]] == own.distance.tolist()
-    assert identify(KNOWN, perfect_log(KNOWN, arm_motion())).to_dict()["possible"] is None
+    assert identify(KNOWN, perfect_log(KNOWN, arm_motion())).to_dict()["feasible"] is None
 
 
 def test_processing_of_each_log_is_there_with_its_pass_band(tmp_path: Path) -> None:
     (told,), (own,) = content(tmp_path)["processing"], found().processing
-    assert told["pass_band"]["cutoff_hz"] == own.pass_band.cutoff_hz == found().cutoff_hz
-    assert told["pass_band"]["reason"] == own.pass_band.reason
+    assert (
+        told["cutoff_selection"]["cutoff_hz"] == own.cutoff_selection.cutoff_hz == found().cutoff_hz
+    )
+    assert told["cutoff_selection"]["reason"] == own.cutoff_selection.reason
     assert told["rate_hz"] == own.rate_hz
     assert told["repairs"] == []
-    assert content(tmp_path)["left_out"] == dict(found().left_out)
+    assert content(tmp_path)["excluded"] == dict(found().excluded)
 
 
 def test_numbers_that_are_not_finite_are_null() -> None:
@@ -98,7 +100,7 @@ def test_numbers_that_are_not_finite_are_null() -> None:
 def test_the_robot_comes_back_exactly(tmp_path: Path, nominal: Robot) -> None:
     back = read_parameters(saved(tmp_path), nominal)
     np.testing.assert_array_equal(back.parameters, found().robot.parameters)
-    assert back.drivetrains == found().robot.drivetrains
+    assert back.drives == found().robot.drives
     assert (
         content(tmp_path)["bodies"]["boom"]["mx"]
         == back.parameters[10 * back.body_names.index("boom") + PARAMETERS.index("mx")]
@@ -168,8 +170,8 @@ SLIDING, TURNING = (
     ("place", "value", "words"),
     [
         (f"drives.{TURNING}", ..., f"drives: key '{TURNING}' is missing"),
-        ("drives", ..., "key 'drives' is missing"),
-        ("drives", [], r"drives must be an object, found \[\]"),
+        ("drive_tables", ..., "key 'drive_tables' is missing"),
+        ("drive_tables", [], r"drive_tables must be an object, found \[\]"),
         ("drives.more", ROTARY, "drives: no key is named 'more'"),
         (f"drives.{SLIDING}", ROTARY, f"joint '{SLIDING}' is prismatic: its elastic drive has"),
         (f"drives.{TURNING}", {"type": "stiff", "gear_ratio_rad_per_m": 3.0}, "found gear_ratio_"),

@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 
 from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
-from seaid.drives.toml import read_drivetrains, write_drivetrains
+from seaid.drives.toml import read_drives, write_drives
 from seaid.errors import RobotError, SeaidError
 from seaid.export.mjcf import write_mjcf
 from seaid.export.urdf import write_urdf
@@ -61,7 +61,7 @@ def changed(robot: Robot, seed: int = 0) -> Robot:
     for body in bodies:
         turned = np.diag(rng.uniform(1e-3, 2e-3, 3))
         body[:] = 1.1 * body + from_center_of_mass(0.1, rng.uniform(-0.1, 0.1, 3), turned)
-    return robot.with_values(bodies.ravel(), robot.drivetrains)
+    return robot.with_values(bodies.ravel(), robot.drives)
 
 
 def outside_of_inertials(path: Path) -> bytes:
@@ -118,14 +118,14 @@ def test_stiff_friction_stands_at_the_joint_and_all_drives_beside_the_file(tmp_p
     robot = fixed_robot(tmp_path)
     written = write_urdf(robot, tmp_path / "out.urdf")
     assert '<dynamics damping="0.2" friction="0.5"/>' in written.urdf.read_text()
-    assert written.drivetrains == tmp_path / "out.toml"
-    assert load_robot(written.urdf, written.drivetrains).drivetrains == robot.drivetrains
+    assert written.drives == tmp_path / "out.toml"
+    assert load_robot(written.urdf, written.drives).drives == robot.drives
 
 
 def test_a_lump_lighter_than_what_is_fixed_goes_to_the_moving_link_whole(tmp_path: Path) -> None:
     robot = fixed_robot(tmp_path)
     light = robot.with_values(
-        from_center_of_mass(0.1, np.array([0, 0, -0.1]), 1e-4 * np.eye(3)), robot.drivetrains
+        from_center_of_mass(0.1, np.array([0, 0, -0.1]), 1e-4 * np.eye(3)), robot.drives
     )
     written = write_urdf(light, tmp_path / "out.urdf")
     assert "link 'thigh' has the inertia of all that is fixed to it (camera)" in written.notes[0]
@@ -138,7 +138,7 @@ def test_impossible_bodies_are_refused_unless_forced(tmp_path: Path) -> None:
     robot = fixed_robot(tmp_path)
     parameters = robot.parameters.copy()
     parameters[4] = -1.0
-    wrong = robot.with_values(parameters, robot.drivetrains)
+    wrong = robot.with_values(parameters, robot.drives)
     with pytest.raises(RobotError, match=r"'thigh' would be no possible body .*feasible=True, or"):
         write_urdf(wrong, tmp_path / "out.urdf")
     assert not (tmp_path / "out.urdf").exists()
@@ -228,15 +228,15 @@ def test_friction_of_drives_that_move_other_joints_is_left_to_the_file_of_drives
     robot = load_robot(urdf, MODELS / "differential_wrist.toml")
     stiff = {
         joint: StiffDrive(gear_ratio=5.0, coulomb_friction_Nm=0.1, transmission=drive.transmission)
-        for joint, drive in robot.drivetrains.items()
+        for joint, drive in robot.drives.items()
     }
-    written = write_urdf(robot.with_drivetrains(stiff), tmp_path / "out.urdf")
+    written = write_urdf(robot.with_drives(stiff), tmp_path / "out.urdf")
     coupled = [joint for joint, drive in stiff.items() if drive.transmission]
     assert len(coupled) == 2
     assert written.urdf.read_text().count("<dynamics") == len(stiff) - len(coupled)
     for joint, note in zip(coupled, written.notes, strict=True):
         assert note.startswith(f"joint '{joint}': its drive moves other joints")
-    assert load_robot(urdf, written.drivetrains).drivetrains == stiff
+    assert load_robot(urdf, written.drives).drives == stiff
 
 
 def test_the_payload_is_no_part_of_the_file(tmp_path: Path) -> None:
@@ -246,16 +246,14 @@ def test_the_payload_is_no_part_of_the_file(tmp_path: Path) -> None:
     assert written.notes == (
         "the payload that was known is not in the file: give it with payloads=",
     )
-    assert written.drivetrains is None
+    assert written.drives is None
     np.testing.assert_allclose(load_robot(written.urdf).parameters, robot.parameters, rtol=1e-12)
 
 
 @pytest.mark.parametrize("robot", [leg(), arm()], ids=lambda robot: robot.name)
 def test_drives_survive_their_file(robot: Robot, tmp_path: Path) -> None:
-    write_drivetrains(robot.drivetrains, tmp_path / "drives.toml")
-    assert load_robot(robot.urdf or MODELS, tmp_path / "drives.toml").drivetrains == (
-        robot.drivetrains
-    )
+    write_drives(robot.drives, tmp_path / "drives.toml")
+    assert load_robot(robot.urdf or MODELS, tmp_path / "drives.toml").drives == (robot.drives)
 
 
 def test_drives_with_every_kind_of_field_survive(tmp_path: Path) -> None:
@@ -275,8 +273,8 @@ def test_drives_with_every_kind_of_field_survive(tmp_path: Path) -> None:
             gear_ratio=2.0, motor_input="current", friction=(), extra_terms=("c*theta_M_dot**3",)
         ),
     }
-    write_drivetrains(drives, tmp_path / "drives.toml")
-    assert read_drivetrains(tmp_path / "drives.toml") == drives
+    write_drives(drives, tmp_path / "drives.toml")
+    assert read_drives(tmp_path / "drives.toml") == drives
 
 
 # Odd robots, odd paths
@@ -290,7 +288,7 @@ def test_a_link_that_has_only_what_is_fixed_to_it_gets_nothing_but_rounding(tmp_
     (tmp_path / "leg.urdf").write_text(FIXED.replace(inertial.group(), "", 1))
     lump = load_robot(tmp_path / "leg.urdf").parameters
     jitter = 1 + 1e-15 * np.random.default_rng(0).uniform(-1, 1, 10)
-    written = write_urdf(robot.with_values(lump * jitter, robot.drivetrains), tmp_path / "o.urdf")
+    written = write_urdf(robot.with_values(lump * jitter, robot.drives), tmp_path / "o.urdf")
     assert written.urdf.read_text().count("<inertial>") == 1
     np.testing.assert_allclose(load_robot(written.urdf).parameters, lump, rtol=1e-12, atol=1e-15)
 
@@ -321,7 +319,7 @@ def test_absurd_bodies_are_refused_even_by_force(
     robot = fixed_robot(tmp_path)
     parameters = robot.parameters.copy()
     parameters[place] = value
-    absurd = robot.with_values(parameters, robot.drivetrains)
+    absurd = robot.with_values(parameters, robot.drives)
     for write in (write_urdf, write_mjcf):
         with pytest.raises(RobotError, match=words):
             write(absurd, tmp_path / "out.urdf", force=True)
@@ -368,5 +366,5 @@ def test_a_source_that_is_gone_or_damaged_meanwhile_is_said(tmp_path: Path, harm
 
 
 def test_a_stiff_drive_without_a_ratio_is_written_with_the_one_it_has(tmp_path: Path) -> None:
-    write_drivetrains({"hip": StiffDrive(motor_inertia_kg_m2=1e-4)}, tmp_path / "d.toml")
-    assert read_drivetrains(tmp_path / "d.toml")["hip"].ratio == 1.0
+    write_drives({"hip": StiffDrive(motor_inertia_kg_m2=1e-4)}, tmp_path / "d.toml")
+    assert read_drives(tmp_path / "d.toml")["hip"].ratio == 1.0

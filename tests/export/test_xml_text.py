@@ -60,7 +60,7 @@ def test_a_strange_file_stays_as_it_is_but_for_its_bodies(tmp_path: Path) -> Non
     robot = load_robot(path)
     bodies = robot.parameters.copy()
     bodies *= 1.5
-    written = write_urdf(robot.with_values(bodies, robot.drivetrains), tmp_path / "out.urdf")
+    written = write_urdf(robot.with_values(bodies, robot.drives), tmp_path / "out.urdf")
     found = written.urdf.read_bytes()
     np.testing.assert_allclose(load_robot(written.urdf).parameters, bodies, rtol=1e-12, atol=1e-18)
     lines = [line for line in found.split(b"\r\n") if line not in text.split(b"\r\n")]

@@ -30,7 +30,7 @@ from typer.testing import CliRunner
 
 import seaid
 from seaid.cli.commands import app
-from seaid.drives.toml import read_drivetrains
+from seaid.drives.toml import read_drives
 from seaid.errors import RobotError, SeaidError
 from seaid.log.description import description_for
 from seaid.log.log import column_names
@@ -121,9 +121,9 @@ def drives(rng: Random, folder: Path) -> Check:
 
     def check() -> None:
         robot = seaid.load_robot(seeds.ARM_URDF, folder / "drives.toml")
-        seaid.write_drivetrains(robot.drivetrains, folder / "again.toml")
-        again = read_drivetrains(folder / "again.toml")
-        law(all(robot.drivetrains[one] == drive for one, drive in again.items()), "drives differ")
+        seaid.write_drives(robot.drives, folder / "again.toml")
+        again = read_drives(folder / "again.toml")
+        law(all(robot.drives[one] == drive for one, drive in again.items()), "drives differ")
         for joint in robot.elastic_joints:
             with suppress(SeaidError):
                 actuator_regression(robot, seeds.motion(), joint)
@@ -146,13 +146,13 @@ def _export(robot: Robot, folder: Path) -> None:
         seaid.write_mjcf(robot, folder / "forced" / "robot.xml", force=True)
     written = seaid.write_urdf(robot, folder / "out" / "robot.urdf")
     try:
-        again = seaid.load_robot(written.urdf, written.drivetrains, joints=robot.joint_names)
+        again = seaid.load_robot(written.urdf, written.drives, joints=robot.joint_names)
     except SeaidError as problem:
         raise LawError("the written URDF does not load") from problem
     size = float(np.max(np.abs(robot.parameters)))
     same = np.allclose(again.parameters, robot.parameters, rtol=1e-9, atol=1e-9 * size)
     law(same, "parameters of the written URDF differ")
-    law(again.drivetrains == robot.drivetrains, "drives of the written URDF differ")
+    law(again.drives == robot.drives, "drives of the written URDF differ")
     etree.parse(seaid.write_mjcf(robot, folder / "out" / "robot.xml").path)
 
 
@@ -407,13 +407,13 @@ def identify(rng: Random, folder: Path) -> Check:
     robot, repair = seeds.robot(), rng.random() < 0.3
     columns = damaged_samples(rng, {"time_s": seeds.log().time, **seeds.log().columns()})
     options: dict[str, Any] = {"feasible": rng.random() < 0.3}
-    options["sides"] = rng.choice(("sequential", "sequential", "joint"))
-    ways = ("ols", "wls", "huber", "tukey", *(("iv",) if options["sides"] == "sequential" else ()))
+    options["method"] = rng.choice(("two-step", "two-step", "simultaneous"))
+    ways = ("ols", "wls", "huber", "tukey", *(("iv",) if options["method"] == "two-step" else ()))
     options["estimator"] = rng.choice(ways)
     odd = {
         "cutoff_hz": (5.0, 40.0, 1e-3, 1e9, 124.9, float("nan"), -1.0),
-        "joint_zero_std": (1e-3, 1e200, float("nan"), -1.0),
-        "rows": (("wrist",), ("telescope", "rail"), (), ("rail", "rail"), ("θ",)),
+        "encoder_offset_std": (1e-3, 1e200, float("nan"), -1.0),
+        "torque_joints": (("wrist",), ("telescope", "rail"), (), ("rail", "rail"), ("θ",)),
         "estimator": ("", "IV"),
     }
     key = rng.choice(list(odd))
@@ -421,7 +421,7 @@ def identify(rng: Random, folder: Path) -> Check:
 
     def check() -> None:
         found = seaid.identify(robot.without_nominal(), _log_of(robot, columns, repair), **options)
-        for one in (found.load, *found.drivetrains.values()):
+        for one in (found.load, *found.drives.values()):
             law(bool(np.all(np.isfinite(one.values))), "estimates are not finite")
             law(not np.any(one.standard_errors < 0), "a standard error is negative")
         found.summary()
@@ -458,7 +458,7 @@ _COMMANDS = (
     "crosscheck arm.urdf --drives arm.toml",
     "describe run.npz --urdf arm.urdf -o new.toml",
     "identify arm.urdf run.npz --drives arm.toml --payload tool:1.0:0,0,0.1 -o new.json",
-    "identify arm.urdf run.npz --drives arm.toml --sides joint --repair -o new.json",
+    "identify arm.urdf run.npz --drives arm.toml --method simultaneous --repair -o new.json",
     "validate arm.urdf other.npz --from run.npz --drives arm.toml -o new.json",
     "export arm.urdf --parameters parameters.json --drives arm.toml -o new.urdf",
     "export arm.urdf --from run.npz --drives arm.toml --cutoff-hz 8 -o new.xml",

@@ -22,7 +22,7 @@ import pyarrow.parquet as parquet
 import pytest
 
 import seaid
-from seaid.drives.toml import read_drivetrains
+from seaid.drives.toml import read_drives
 from seaid.errors import SeaidError
 from tests.fuzz import seeds
 
@@ -43,7 +43,7 @@ def read_as(ending: str) -> Use:
 
 READERS: dict[str, Use] = {
     "urdf": seaid.load_robot,
-    "drives": read_drivetrains,
+    "drives": read_drives,
     "scene": lambda path: seaid.load_scene(path, seeds.robot()),
     "srdf": lambda path: seaid.load_scene(seeds.ARM_URDF, seeds.robot(), srdf=path),
     "parameters": lambda path: seaid.read_parameters(path, seeds.robot()),
@@ -246,7 +246,7 @@ def writers() -> dict[str, Use]:
         ".json": found.save,
         ".urdf": lambda path: seaid.write_urdf(robot, path),
         ".xml": lambda path: seaid.write_mjcf(robot, path),
-        ".toml": lambda path: seaid.write_drivetrains(robot.drivetrains, path),
+        ".toml": lambda path: seaid.write_drives(robot.drives, path),
         ".html": lambda path: seaid.write_report(found, (), path),
     }
 

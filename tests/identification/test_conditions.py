@@ -33,12 +33,12 @@ WARM = 0.4
 def warm(log: Log, seed: int | None = None) -> Log:
     """Return the log of a leg with less viscous friction: the same motion takes less torque."""
     speed = leg_motion(TEST_MASS).motor_velocity
-    friction = [leg().drivetrains[joint].values["viscous_friction"] for joint in leg().joint_names]
+    friction = [leg().drives[joint].values["viscous_friction"] for joint in leg().joint_names]
     return replace(log, motor_torque=log.motor_torque - WARM * np.array(friction) * speed)
 
 
 @cache
-def together(own: tuple[str, ...] = ("deflection_offset", "viscous_friction")) -> Conditions:
+def together(own: tuple[str, ...] = ("spring_offset", "viscous_friction")) -> Conditions:
     """Return the leg cold with its bare foot, warm with a test mass."""
     bare, loaded = leg().without_nominal(), leg(TEST_MASS).without_nominal()
     return identify_conditions(
@@ -57,8 +57,8 @@ def distance(estimate: Estimate, name: str, truth: float) -> float:
 
 @pytest.mark.parametrize("joint", ELASTIC)
 def test_shared_and_own_parameters_hold_the_truth(joint: str) -> None:
-    truth = nominal_values(leg().drivetrains[joint])
-    cold, warmed = (together().found[name].drivetrains[joint] for name in ("cold", "warm"))
+    truth = nominal_values(leg().drives[joint])
+    cold, warmed = (together().found[name].drives[joint] for name in ("cold", "warm"))
     for name in ("stiffness", "coulomb_friction"):
         assert cold.value(name) == warmed.value(name)
         assert distance(cold, name, truth[name]) < 4
@@ -75,18 +75,18 @@ def test_the_conditions_share_the_bodies_and_the_payload_is_known() -> None:
 
 
 def test_a_free_foot_learns_its_spring_from_the_loaded_one() -> None:
-    ankle = together().found["cold"].drivetrains["ankle_pitch"]
+    ankle = together().found["cold"].drives["ankle_pitch"]
     alone = identify(leg().without_nominal(), measure(leg(), leg_motion(), LEG_SENSORS, seed=1))
-    error = alone.drivetrains["ankle_pitch"].standard_error("stiffness")
+    error = alone.drives["ankle_pitch"].standard_error("stiffness")
     assert ankle.standard_error("stiffness") < 0.3 * error
 
 
 def test_what_differs_is_said_and_what_does_not_too() -> None:
     differences = together().differences
     assert all(differences[f"viscous_friction of {joint}"].bic > 0 for joint in ELASTIC)
-    alike = together(("deflection_offset", "coulomb_friction of knee_pitch")).differences
+    alike = together(("spring_offset", "coulomb_friction of knee_pitch")).differences
     assert set(alike) == {
-        *(f"deflection_offset of {joint}" for joint in ELASTIC),
+        *(f"spring_offset of {joint}" for joint in ELASTIC),
         "coulomb_friction of knee_pitch",
     }
     text = together().summary()
@@ -104,8 +104,8 @@ def test_all_shared_is_one_identification_of_both_logs() -> None:
     for found in apart.found.values():
         np.testing.assert_allclose(found.load_side.values, both.load_side.values, rtol=1e-9)
         np.testing.assert_allclose(found.load_side.covariance, both.load_side.covariance, rtol=1e-6)
-        for joint, estimate in both.drivetrains.items():
-            np.testing.assert_allclose(found.drivetrains[joint].values, estimate.values, rtol=1e-9)
+        for joint, estimate in both.drives.items():
+            np.testing.assert_allclose(found.drives[joint].values, estimate.values, rtol=1e-9)
 
 
 def test_own_bodies_and_own_friction_of_stiff_drives() -> None:
@@ -132,7 +132,7 @@ def test_wrong_conditions_are_refused_in_words() -> None:
         IdentificationError, match=r"'b' hip_yaw, .*: they must be one type of robot"
     ):
         identify_conditions({"a": (robot, log), "b": (leg(), other)})
-    drives = dict(robot.drivetrains)
+    drives = dict(robot.drives)
     stiff = next(j for j in robot.joint_names if j not in robot.elastic_joints)
     drives[stiff] = replace(drives[stiff], friction=())
     smooth = robot.with_values(robot.parameters, drives)

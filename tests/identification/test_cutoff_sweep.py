@@ -34,7 +34,7 @@ def scanned(steps: int = 2**17) -> CutoffSensitivity:
 
 def test_a_band_that_tells_other_parameters_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     plain = identify(KNOWN, log())
-    fewer = replace(plain, drivetrains=dict(list(plain.drivetrains.items())[1:]))
+    fewer = replace(plain, drives=dict(list(plain.drives.items())[1:]))
 
     def identified(*_: object, cutoff_hz: float | None = None) -> Identification:
         return plain if cutoff_hz is None else fewer
@@ -53,7 +53,7 @@ def test_rows_are_those_of_identify_and_the_proposed_band_is_among_them() -> Non
     for cutoff, found in ((plain.cutoff_hz, plain), (6.0, six)):
         row = result.cutoffs_hz.tolist().index(cutoff)
         for joint in KNOWN.elastic_joints:
-            estimate = found.drivetrains[joint]
+            estimate = found.drives[joint]
             place = result.names.index(f"stiffness of {joint}")
             assert result.values[row, place] == estimate.value("stiffness")
             assert result.standard_errors[row, place] == estimate.standard_error("stiffness")

@@ -112,11 +112,11 @@ def test_a_torque_sensor_at_the_spring_tells_both() -> None:
 def test_what_an_uncorrected_delay_costs() -> None:
     late = late_log({("knee_pitch", "motor_position"): 0.008}, torque_std=5e-3)
     found = estimate_delays(known(), late)
-    mended = correct_delays(late, found)
+    repaired = correct_delays(late, found)
     errors = []
-    for log in (late, mended):
+    for log in (late, repaired):
         estimate = seaid.identify(known(), log)
-        drive = estimate.drivetrains["knee_pitch"]
+        drive = estimate.drives["knee_pitch"]
         place = drive.names.index("viscous_friction")
         off = drive.values[place] - true_value(leg(), "knee_pitch", "viscous_friction")
         load = seaid.validate(estimate, log).load.relative_error[3]
@@ -129,18 +129,18 @@ def test_what_an_uncorrected_delay_costs() -> None:
 
 def test_the_corrected_log_is_shorter_and_says_why() -> None:
     late = late_log({("knee_pitch", "motor_position"): 0.008})
-    mended = correct_delays(late, estimate_delays(known(), late))
+    repaired = correct_delays(late, estimate_delays(known(), late))
     true = late_log({})
     index = leg().index("knee_pitch")
-    kept = np.isin(np.round(true.time, 6), np.round(mended.time, 6))
-    error = mended.motor_position[:, index] - true.motor_position[kept, index]
+    kept = np.isin(np.round(true.time, 6), np.round(repaired.time, 6))
+    error = repaired.motor_position[:, index] - true.motor_position[kept, index]
     assert np.max(np.abs(error)) < 3 * 2 * np.pi / 2000
-    assert 0.008 <= late.time[-1] - mended.time[-1] < 0.011
-    assert mended.time[0] == late.time[0]
-    assert len(mended.report) == 1
-    assert str(mended.report[0]).startswith("knee_pitch.motor_position_rad: delay, 1 found")
-    assert "8 ms late against the load on its spring" in str(mended.report[0])
-    assert np.array_equal(mended.joint_position, late.joint_position[: len(mended.time)])
+    assert 0.008 <= late.time[-1] - repaired.time[-1] < 0.011
+    assert repaired.time[0] == late.time[0]
+    assert len(repaired.report) == 1
+    assert str(repaired.report[0]).startswith("knee_pitch.motor_position_rad: delay, 1 found")
+    assert "8 ms late against the load on its spring" in str(repaired.report[0])
+    assert np.array_equal(repaired.joint_position, late.joint_position[: len(repaired.time)])
 
 
 def test_a_delay_that_is_not_significant_is_left() -> None:

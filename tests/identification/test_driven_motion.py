@@ -108,7 +108,7 @@ def test_without_springs_only_the_encoder_is_chosen() -> None:
 @pytest.mark.parametrize("side", ["joint", "motor"])
 def test_stiff_joint_moves_with_its_finer_encoder(side: str) -> None:
     robot, _, motion, _ = noise_free()
-    wrist, ratio = robot.index("wrist"), robot.drivetrains["wrist"].ratio
+    wrist, ratio = robot.index("wrist"), robot.drives["wrist"].ratio
     noise = np.zeros_like(motion.joint_position)
     noise[:, wrist] = 50 * np.random.default_rng(0).normal(size=len(noise))
     shifted = motion.motor_position.copy()

@@ -24,15 +24,15 @@ def rows(torque_std: float, deflection_std: float, seed: int = 0, count: int = 2
     d = 0.05 * np.sin(time) + 0.02 * np.sin(2.7 * time)
     torque = STIFFNESS * d + OFFSET + torque_std * rng.normal(size=count)
     return Regression(
-        names=("stiffness", "deflection_offset"),
+        names=("stiffness", "spring_offset"),
         units=("N m/rad", "N m"),
         H=np.column_stack([d + deflection_std * rng.normal(size=count), np.ones(count)]),
         y=torque,
         joint=np.zeros(count),
         time=time,
         run=np.zeros(count),
-        left_out=0,
-        carried=np.empty((count, 0)),
+        excluded=0,
+        propagated=np.empty((count, 0)),
     )
 
 
@@ -63,7 +63,7 @@ def test_noise_in_both_leaves_the_stiffness_unbiased(
     assert abs(np.mean(values) - STIFFNESS) < 3.5 * error
     stated = np.mean([one.standard_error("stiffness") for one in found])
     assert 0.7 * np.std(values) < stated < 1.5 * np.std(values)
-    offsets = [one.value("deflection_offset") for one in found]
+    offsets = [one.value("spring_offset") for one in found]
     assert np.mean(offsets) == pytest.approx(OFFSET, abs=0.05)
 
 
@@ -82,15 +82,15 @@ def test_an_exact_deflection_is_plain_least_squares() -> None:
 def test_the_ratio_is_read_from_the_spectra_above_the_pass_band() -> None:
     robot, motion = leg(), leg_motion()
     joint, rng = "knee_pitch", np.random.default_rng(3)
-    drive = robot.drivetrains[joint]
+    drive = robot.drives[joint]
     assert isinstance(drive, SeriesElasticDrive)
     shape = motion.joint_torque.shape
     steps = rng.normal(size=shape) * 1e-3
     log = perfect_log(robot, motion)
     torque = motion.joint_torque + 0.5 * rng.normal(size=shape)
     sensed = replace(log, joint_torque=torque, joint_position=log.joint_position + steps)
-    record = reconstruct_motion(robot, sensed, 6.0)
+    dataset = reconstruct_motion(robot, sensed, 6.0)
     force_noise = 0.5 / drive.load_radius
     deflection_noise = 1e-3 * drive.load_radius
     expected = (force_noise / deflection_noise) ** 2
-    assert noise_ratio(robot, [record], joint) == pytest.approx(expected, rel=0.4)
+    assert noise_ratio(robot, [dataset], joint) == pytest.approx(expected, rel=0.4)

@@ -13,7 +13,7 @@ import pytest
 from seaid._arrays import Array
 from seaid.errors import ExcitationError, IdentificationError, LogError, RobotError
 from seaid.estimation.least_squares import Orthonormal, orthonormal
-from seaid.estimation.qr_factor import Information
+from seaid.estimation.qr_factor import QRFactor
 from seaid.identification.identification import Identification, identify
 from seaid.identification.validation import validate
 from seaid.log.reading import Log
@@ -63,9 +63,9 @@ def standing(joint: str) -> Log:
 def test_weights_are_settled_once_a_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     settled: list[int] = []
 
-    def counted(information: Information, theta: Array) -> Orthonormal:
+    def counted(qr_factor: QRFactor, theta: Array) -> Orthonormal:
         settled.append(len(theta))
-        return orthonormal(information, theta)
+        return orthonormal(qr_factor, theta)
 
     monkeypatch.setattr("seaid.estimation.least_squares.orthonormal", counted)
     identify(KNOWN, log())
@@ -73,19 +73,19 @@ def test_weights_are_settled_once_a_fit(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_result_has_what_the_design_says() -> None:
-    assert tuple(found().drivetrains) == KNOWN.joint_names
+    assert tuple(found().drives) == KNOWN.joint_names
     for joint in ELASTIC:
-        assert found().drivetrains[joint].names == (
+        assert found().drives[joint].names == (
             "viscous_friction",
             "coulomb_friction",
             "stiffness",
-            "deflection_offset",
+            "spring_offset",
         )
-    assert found().drivetrains["hip_yaw"].names == ("viscous_friction", "coulomb_friction")
+    assert found().drives["hip_yaw"].names == ("viscous_friction", "coulomb_friction")
     assert len(found().load.values) == len(found().base.columns) == 29
     assert found().load.names == found().model.expressions
     assert found().known is KNOWN
-    assert set(found().left_out) == {*ELASTIC, "load"}
+    assert set(found().excluded) == {*ELASTIC, "load"}
 
 
 def test_same_log_gives_the_same_result_twice() -> None:
@@ -98,10 +98,10 @@ def test_found_robot_has_the_found_values() -> None:
     robot = found().robot
     assert found().base.project(robot.parameters) == pytest.approx(found().load.values, abs=1e-9)
     for joint in ELASTIC:
-        stiffness = robot.drivetrains[joint].stiffness  # type: ignore[union-attr]
-        assert stiffness == found().drivetrains[joint].value("stiffness")
-    friction = robot.drivetrains["hip_yaw"].viscous_friction_Nms_per_rad
-    assert friction == found().drivetrains["hip_yaw"].value("viscous_friction")
+        stiffness = robot.drives[joint].stiffness  # type: ignore[union-attr]
+        assert stiffness == found().drives[joint].value("stiffness")
+    friction = robot.drives["hip_yaw"].viscous_friction_Nms_per_rad
+    assert friction == found().drives["hip_yaw"].value("viscous_friction")
 
 
 def test_found_robot_moves_like_the_true_one_at_unseen_states() -> None:
@@ -115,16 +115,16 @@ def test_found_robot_moves_like_the_true_one_at_unseen_states() -> None:
 
 
 def test_torques_of_the_elastic_joints_alone_tell_21() -> None:
-    part = identify(KNOWN, log(), rows=ELASTIC)
+    part = identify(KNOWN, log(), torque_joints=ELASTIC)
     assert len(part.load.values) == 21
-    assert tuple(part.drivetrains) == ELASTIC
+    assert tuple(part.drives) == ELASTIC
     assert part.model.rows == ELASTIC
 
 
 def test_stiff_joint_without_torque_is_not_used() -> None:
     part = identify(KNOWN, changed("motor_torque", "hip_yaw", np.nan))
     assert part.model.rows == KNOWN.joint_names[1:]
-    assert "hip_yaw" not in part.drivetrains
+    assert "hip_yaw" not in part.drives
 
 
 def test_robot_without_drives_is_identified_from_its_joint_torques(tulip_urdf: Path) -> None:
@@ -135,7 +135,7 @@ def test_robot_without_drives_is_identified_from_its_joint_torques(tulip_urdf: P
     nothing = np.full_like(torques, np.nan)
     ideal = replace(ideal, motor_torque=nothing, motor_position=nothing)
     result = identify(robot.without_nominal(), ideal, cutoff_hz=20.0)
-    assert not result.drivetrains
+    assert not result.drives
     true = result.base.project(robot.parameters)
     assert np.max(np.abs(result.load.values - true)) < 0.002 * np.max(np.abs(true))
 
@@ -157,7 +157,7 @@ def test_springs_make_the_load_side_less_sure() -> None:
 
 
 def test_uncertain_joint_zeros_widen_the_errors_and_move_nothing() -> None:
-    wide = identify(KNOWN, log(), joint_zero_std=0.002)
+    wide = identify(KNOWN, log(), encoder_offset_std=0.002)
     assert wide.load.values == pytest.approx(found().load.values, rel=1e-9)
     ratio = wide.load.standard_errors / found().load.standard_errors
     assert np.min(ratio) >= 1.0
@@ -169,7 +169,7 @@ def test_wrong_joint_zeros_are_within_errors_that_know_of_them() -> None:
     shifted = measure(leg(TEST_MASS), leg_motion(TEST_MASS), noise, 1)
     worst = []
     for std in (0.0, 0.01):
-        result = identify(KNOWN, shifted, joint_zero_std=std)
+        result = identify(KNOWN, shifted, encoder_offset_std=std)
         true = result.base.project(leg(TEST_MASS).parameters)
         worst.append(np.max(np.abs((result.load.values - true) / result.load.standard_errors)))
     assert worst[0] > 5.0
@@ -182,10 +182,10 @@ def test_parameters_json_has_the_fields_of_the_design(tmp_path: Path) -> None:
     content = json.loads(path.read_text())
     assert content["robot"] == "tulip_leg"
     assert content["joints"] == list(KNOWN.joint_names)
-    stiffness = content["drivetrains"]["knee_pitch"]["stiffness"]
+    stiffness = content["drives"]["knee_pitch"]["stiffness"]
     assert stiffness == {
-        "value": found().drivetrains["knee_pitch"].value("stiffness"),
-        "standard_error": found().drivetrains["knee_pitch"].standard_error("stiffness"),
+        "value": found().drives["knee_pitch"].value("stiffness"),
+        "standard_error": found().drives["knee_pitch"].standard_error("stiffness"),
         "unit": "N/m",
     }
     assert len(content["load"]) == len(content["base_columns"]) == len(content["grouping"]) == 29
@@ -207,7 +207,7 @@ def test_parameters_json_without_validation() -> None:
     [
         ({"estimator": "wsl"}, "no estimator is named 'wsl'; did you mean 'wls'"),
         ({"estimator": "kalman"}, "no estimator is named 'kalman'; allowed: .*ols"),
-        ({"sides": "sequental"}, "no sides is named 'sequental'; did you mean 'sequential'"),
+        ({"method": "two-stp"}, "no method is named 'two-stp'; did you mean 'two-step'"),
     ],
 )
 def test_unknown_choice_names_the_nearest(option: dict[str, str], words: str) -> None:
@@ -224,12 +224,12 @@ def test_no_log_at_all() -> None:
     ("rows", "kind", "words"),
     [
         (("knee",), RobotError, "no joint is named 'knee'; did you mean 'knee_pitch'"),
-        ((), ExcitationError, "rows= names no joint: give those whose torque is known"),
+        ((), ExcitationError, "torque_joints= names no joint: give those whose torque is known"),
     ],
 )
 def test_rows_that_tell_nothing(rows: tuple[str, ...], kind: type[Exception], words: str) -> None:
     with pytest.raises(kind, match=words):
-        identify(KNOWN, log(), rows=rows)
+        identify(KNOWN, log(), torque_joints=rows)
 
 
 @pytest.mark.parametrize("cutoff_hz", [-1.0, 0.0, 600.0, np.nan])
@@ -298,7 +298,9 @@ def test_motion_of_one_joint_does_not_tell_the_others() -> None:
         motor_position=np.where([0, 1, 1, 0], motion.motor_position, 0.2),
     )
     with pytest.raises(ExcitationError, match=r"does not excite .* of wrist.* move these joints"):
-        identify(robot, measure(arm(), moved, Noise()), rows=("shoulder", "telescope", "wrist"))
+        identify(
+            robot, measure(arm(), moved, Noise()), torque_joints=("shoulder", "telescope", "wrist")
+        )
 
 
 def test_log_that_lacks_a_joint_or_a_torque() -> None:
@@ -314,7 +316,11 @@ def test_log_that_lacks_a_joint_or_a_torque() -> None:
     with pytest.raises(LogError, match="elastic joint 'knee_pitch' has no torque in the log"):
         identify(KNOWN, changed("motor_torque", "knee_pitch", np.nan))
     with pytest.raises(LogError, match="no torque in the log at hip_yaw; name the others with"):
-        identify(KNOWN, changed("motor_torque", "hip_yaw", np.nan), rows=("hip_yaw", "hip_pitch"))
+        identify(
+            KNOWN,
+            changed("motor_torque", "hip_yaw", np.nan),
+            torque_joints=("hip_yaw", "hip_pitch"),
+        )
 
 
 def test_logs_with_other_sensors_do_not_go_together() -> None:

@@ -42,7 +42,7 @@ def log(seed: int = 1) -> Log:
 
 @cache
 def found(**options: Any) -> Identification:
-    return identify(KNOWN, log(), joint_zero_std=0.002, **options)
+    return identify(KNOWN, log(), encoder_offset_std=0.002, **options)
 
 
 def assert_same(one: Estimate, other: Estimate, tolerance: float = 1e-9) -> None:
@@ -58,13 +58,13 @@ def truth_of(identified: Identification) -> Any:
 
 
 def test_both_sides_at_once_tell_the_springs_better() -> None:
-    both = found(sides="joint")
+    both = found(method="simultaneous")
     for joint in ELASTIC:
-        true = TRUTH.drivetrains[joint].stiffness  # type: ignore[union-attr]
-        error = both.drivetrains[joint].standard_error("stiffness")
+        true = TRUTH.drives[joint].stiffness  # type: ignore[union-attr]
+        error = both.drives[joint].standard_error("stiffness")
         assert true is not None
-        assert abs(both.drivetrains[joint].value("stiffness") - true) < 3 * error
-        assert error < found().drivetrains[joint].standard_error("stiffness")
+        assert abs(both.drives[joint].value("stiffness") - true) < 3 * error
+        assert error < found().drives[joint].standard_error("stiffness")
     z = (both.load.values - truth_of(both)) / both.load.standard_errors
     assert np.sqrt(np.mean(z**2)) < 1.5
     assert both.load.names == found().load.names
@@ -76,11 +76,11 @@ def test_possible_bodies_are_possible_and_near_the_estimate() -> None:
     possible = found(feasible=True)
     bodies = possible.robot.parameters.reshape(-1, 10)
     assert all(is_physical(body, 0.0) for body in bodies)
-    assert possible.possible is not None
-    assert possible.possible.robot is possible.robot
+    assert possible.feasible is not None
+    assert possible.feasible.robot is possible.robot
     projected = possible.base.project(possible.robot.parameters)
     np.testing.assert_allclose(
-        projected, possible.possible.values[: len(projected)], rtol=1e-9, atol=1e-9
+        projected, possible.feasible.values[: len(projected)], rtol=1e-9, atol=1e-9
     )
     off = (projected - possible.load.values) / possible.load.standard_errors
     assert np.sqrt(np.mean(off**2)) < 2.0
@@ -92,7 +92,7 @@ def test_possible_bodies_are_possible_and_near_the_estimate() -> None:
 
 
 def test_possible_bodies_of_both_sides_at_once() -> None:
-    possible = identify(KNOWN, log(), sides="joint", feasible=True)
+    possible = identify(KNOWN, log(), method="simultaneous", feasible=True)
     assert all(is_physical(body, 0.0) for body in possible.robot.parameters.reshape(-1, 10))
 
 
@@ -100,15 +100,15 @@ def test_possible_bodies_of_both_sides_at_once() -> None:
 def test_a_file_is_identified_as_the_log_in_memory(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"log{suffix}"
     write_log(log(), path)
-    whole = identify(KNOWN, str(path), joint_zero_std=0.002)
+    whole = identify(KNOWN, str(path), encoder_offset_std=0.002)
     opened = open_long_log(path, KNOWN, cutoff_hz=found().cutoff_hz, chunk_samples=3000)
-    pieces = identify(KNOWN, opened, joint_zero_std=0.002)
+    pieces = identify(KNOWN, opened, encoder_offset_std=0.002)
     for one in (whole, pieces):
         assert one.cutoff_hz == found().cutoff_hz
-        assert one.left_out == found().left_out
+        assert one.excluded == found().excluded
         assert_same(one.load, found().load, 1e-7)
         for joint in ELASTIC:
-            assert_same(one.drivetrains[joint], found().drivetrains[joint], 1e-7)
+            assert_same(one.drives[joint], found().drives[joint], 1e-7)
         assert not one.checks["load"].whiteness  # its rows are not kept
         assert one.flags == found().flags
 
@@ -131,7 +131,7 @@ def test_an_executor_works_on_the_logs(executor: type[Executor], tmp_path: Path)
         )
     assert_same(there.load, here.load)
     for joint in ELASTIC:
-        assert_same(there.drivetrains[joint], here.drivetrains[joint])
+        assert_same(there.drives[joint], here.drives[joint])
 
 
 def test_two_logs_tell_more_than_one() -> None:
@@ -163,8 +163,8 @@ def test_a_term_that_is_not_there_is_not_worth_having() -> None:
     robot = arm()
     known = robot.without_nominal()
     joint = known.elastic_joints[0]
-    more = replace(known.drivetrains[joint], extra_terms=("c*theta_M_dot**3",))
-    known = known.with_values(known.parameters, {**known.drivetrains, joint: more})
+    more = replace(known.drives[joint], extra_terms=("c*theta_M_dot**3",))
+    known = known.with_values(known.parameters, {**known.drives, joint: more})
     identified = identify(known, measure(robot, arm_motion(), ARM_SENSORS, 3))
     tests = {term.terms[0]: term for term in identified.checks[joint].terms}
     assert tests["c"].bic < 0 < tests["viscous_friction"].bic
@@ -208,7 +208,7 @@ def test_a_file_that_is_not_there() -> None:
 
 def test_unknown_choices_offer_the_nearest() -> None:
     with pytest.raises(IdentificationError, match="did you mean 'joint'"):
-        identify(KNOWN, log(), sides="joints")
+        identify(KNOWN, log(), method="joints")
     with pytest.raises(IdentificationError, match=r"estimator=: .*did you mean 'wls'"):
         identify(KNOWN, log(), estimator="wlss")
 
@@ -223,15 +223,17 @@ def test_unknown_choices_offer_the_nearest() -> None:
         ("motor_position", "hip_yaw", "motor position of 'hip_yaw' is 0.4 all the time"),
     ],
 )
-@pytest.mark.parametrize("sides", ["sequential", "joint"])
-def test_a_dead_channel_is_named(field: str, joint: str, words: str, sides: str) -> None:
+@pytest.mark.parametrize("method", ["two-step", "simultaneous"])
+def test_a_dead_channel_is_named(field: str, joint: str, words: str, method: str) -> None:
     values = getattr(log(), field).copy()
     values[:, KNOWN.index(joint)] = 0.4
     with pytest.raises(LogError, match=f"{words}, while its .* moves: a dead channel"):
-        identify(KNOWN, replace(log(), **{field: values}), sides=sides)
+        identify(KNOWN, replace(log(), **{field: values}), method=method)
 
 
 @pytest.mark.parametrize("std", [-0.1, float("nan"), float("inf"), 1e200])
 def test_a_standard_deviation_of_zeros_that_is_none_is_refused(std: float) -> None:
-    with pytest.raises(IdentificationError, match="joint_zero_std must be from 0 to 1000 rad or m"):
-        identify(KNOWN, log(), joint_zero_std=std)
+    with pytest.raises(
+        IdentificationError, match="encoder_offset_std must be from 0 to 1000 rad or m"
+    ):
+        identify(KNOWN, log(), encoder_offset_std=std)

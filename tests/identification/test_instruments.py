@@ -134,17 +134,17 @@ def test_stiff_drives_have_no_instruments_and_that_is_said(tmp_path: Path) -> No
 def test_errors(monkeypatch: pytest.MonkeyPatch) -> None:
     robot, model, motion, _, sides = noise_free()
     log = measure(arm(), arm_motion(), Noise(torque_std_Nm=0.01), 0)
-    with pytest.raises(IdentificationError, match='estimator="iv" needs sides="sequential"'):
-        identify(robot, log, estimator="iv", sides="joint")
+    with pytest.raises(IdentificationError, match='estimator="iv" needs method="two-step"'):
+        identify(robot, log, estimator="iv", method="simultaneous")
     with pytest.raises(IdentificationError, match="did you mean 'iv'"):
         identify(robot, log, estimator="ivv")
     run = partial(instrumental_sides, robot, [motion], model)
     joint = robot.elastic_joints[0]
-    drive = sides.drivetrains[joint]
+    drive = sides.drives[joint]
     flipped = replace(drive, values=-drive.values)
     with pytest.raises(IdentificationError, match=f"stiffness of {joint} was found not positive"):
-        run(replace(sides, drivetrains={**sides.drivetrains, joint: flipped}), 0.0, None)
+        run(replace(sides, drives={**sides.drives, joint: flipped}), 0.0, None)
     monkeypatch.setattr("seaid.identification.instrumental._MOST_ITERATIONS", 1)
     away = replace(drive, values=0.5 * drive.values)
     with pytest.raises(IdentificationError, match=r"did not settle in 1 iterations: .* moves"):
-        run(replace(sides, drivetrains={**sides.drivetrains, joint: away}), 0.0, None)
+        run(replace(sides, drives={**sides.drives, joint: away}), 0.0, None)

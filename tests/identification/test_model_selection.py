@@ -33,15 +33,15 @@ def with_stribeck() -> TermSelection:
 def test_a_term_that_is_there_is_recommended_alone() -> None:
     found = with_stribeck()
     assert dict(found.recommended) == {"knee_pitch": (("friction", "stribeck"),)}
-    assert found.robot.drivetrains["knee_pitch"].friction == ("viscous", "coulomb", "stribeck")
-    first = [one for one in found.gains if one.step == 0]
+    assert found.robot.drives["knee_pitch"].friction == ("viscous", "coulomb", "stribeck")
+    first = [one for one in found.comparisons if one.step == 0]
     assert [one.term for one in first] == ["stribeck", "quadratic", "asymmetric", "cubic"]
-    assert {one.term for one in found.gains if one.step == 1} == {
+    assert {one.term for one in found.comparisons if one.step == 1} == {
         "quadratic",
         "asymmetric",
         "cubic",
     }
-    assert [one.term for one in found.gains if one.chosen] == ["stribeck"]
+    assert [one.term for one in found.comparisons if one.chosen] == ["stribeck"]
 
 
 def test_the_table_and_the_words_say_what_to_do() -> None:
@@ -60,7 +60,7 @@ def test_what_is_not_there_is_not_recommended() -> None:
     found = compare_terms(ROBOT, plain_log(), joints=["hip_roll", "ankle_pitch"], terms=terms)
     assert not found.recommended
     assert "The data support no term beyond" in str(found)
-    asked = {(one.joint, one.term) for one in found.gains}
+    asked = {(one.joint, one.term) for one in found.comparisons}
     assert ("ankle_pitch", "offset") not in asked  # an elastic drive cannot have it
     assert ("hip_roll", "dead_zone") not in asked  # no spring
     assert ("ankle_pitch", "coulomb") in asked

@@ -87,17 +87,17 @@ def test_nonlinear_friction_from_a_sensor_at_the_joint(
 ) -> None:
     """The torque of a stiff drive without a sensor of its own is that of the one at its joint."""
     terms = friction if "smooth_coulomb" in friction else (*friction, "coulomb")
-    robot = pendulum.with_drivetrains({"hinge": StiffDrive(friction=terms)})
+    robot = pendulum.with_drives({"hinge": StiffDrive(friction=terms)})
     at_joint = seaid.identify(robot, log_of(ANGLE, joint_torque=torque(pendulum)))
     at_motor = seaid.identify(robot, log_of(ANGLE, motor_torque=torque(pendulum)))
     assert at_joint.load_side.values == pytest.approx(at_motor.load_side.values, rel=1e-9)
     if "smooth_coulomb" in friction:
-        assert at_joint.drivetrains["hinge"].value("coulomb_friction") == pytest.approx(0.3, 0.02)
+        assert at_joint.drives["hinge"].value("coulomb_friction") == pytest.approx(0.3, 0.02)
 
 
 @pytest.mark.parametrize("estimator", ["wls", "tukey"])
 def test_a_motor_fed_with_current_that_hardly_moves(pendulum: Robot, estimator: str) -> None:
-    robot = pendulum.with_drivetrains({"hinge": StiffDrive(motor_input="current")})
+    robot = pendulum.with_drives({"hinge": StiffDrive(motor_input="current")})
     slow = np.where(TIME < 5.0, 1e-12 * ANGLE, 0.0)
     with pytest.raises(IdentificationError, match=r"0 rows \(.* near standstill\) cannot tell"):
         seaid.identify(robot, log_of(slow, motor_current=ANGLE), estimator=estimator)

@@ -81,13 +81,13 @@ def perturbed(one: Identification, size: float, seed: int = 0) -> Identification
         factor = 1 + size * rng.uniform(-1, 1, len(estimate.values))
         return replace(estimate, values=estimate.values * factor)
 
-    drives = {joint: wrong(estimate) for joint, estimate in one.drivetrains.items()}
-    return replace(one, drivetrains=FrozenMapping(drives), load_side=wrong(one.load_side))
+    drives = {joint: wrong(estimate) for joint, estimate in one.drives.items()}
+    return replace(one, drives=FrozenMapping(drives), load_side=wrong(one.load_side))
 
 
 def assert_same(one: Identification, other: Identification, rel: float) -> None:
-    for joint, estimate in one.drivetrains.items():
-        values = other.drivetrains[joint].values
+    for joint, estimate in one.drives.items():
+        values = other.drives[joint].values
         assert values == pytest.approx(estimate.values, rel=rel, abs=rel)
     assert other.load_side.values == pytest.approx(one.load_side.values, rel=rel, abs=rel)
 
@@ -125,18 +125,18 @@ def test_wrong_start_comes_back() -> None:
     noisy = measure(SPRINGS, motion(), SENSORS, seed=1)
     one = refine(identify(SPRINGS.without_nominal(), noisy), noisy)
     other = refine(perturbed(one, 0.2), noisy)
-    for joint, drive in one.drivetrains.items():
-        moved = np.abs(other.drivetrains[joint].values - drive.values)
+    for joint, drive in one.drives.items():
+        moved = np.abs(other.drives[joint].values - drive.values)
         assert np.all(moved < 1e-3 * drive.standard_errors)
     assert np.all(np.abs(other.load.values - one.load.values) < 1e-3 * one.load.standard_errors)
 
 
 def test_robot_has_the_refined_values() -> None:
     one = refined(robot("rail", "shoulder"))
-    for joint, drive in one.robot.drivetrains.items():
-        estimate = one.drivetrains[joint]
+    for joint, drive in one.robot.drives.items():
+        estimate = one.drives[joint]
         assert drive.viscous_friction_Nms_per_rad == estimate.value("viscous_friction")
-    assert one.springs["shoulder"][0] == one.drivetrains["shoulder"].value("stiffness")
+    assert one.springs["shoulder"][0] == one.drives["shoulder"].value("stiffness")
     assert one.base.project(one.robot.parameters) == pytest.approx(one.load.values, abs=1e-8)
 
 
@@ -209,7 +209,7 @@ def test_noise_is_found_and_errors_are_what_the_intervals_say() -> None:
     start = identify(SPRINGS.without_nominal(), noisy())
     one = refine(start, noisy())
     for joint in SPRINGS.elastic_joints:
-        estimate = one.drivetrains[joint]
+        estimate = one.drives[joint]
         errors = drive_errors(one, SPRINGS, *DRIVE)
         for name in DRIVE:
             relative = estimate.standard_error(name) / estimate.value(name)
@@ -222,7 +222,7 @@ def test_two_logs_are_known_better_than_one() -> None:
     start = identify(SPRINGS.without_nominal(), [noisy(0), noisy(1)])
     both, one = refine(start, [noisy(0), noisy(1)]), refine(start, noisy(0))
     for joint in SPRINGS.elastic_joints:
-        ratio = both.drivetrains[joint].standard_errors / one.drivetrains[joint].standard_errors
+        ratio = both.drives[joint].standard_errors / one.drives[joint].standard_errors
         assert np.all(ratio < 0.9)
 
 
@@ -235,7 +235,7 @@ def test_refining_again_changes_nothing() -> None:
 def test_joint_zeros_are_estimated_where_they_are_uncertain() -> None:
     shifted_log = measure(SPRINGS, motion(), Noise(joint_zero_rad=(0.01, 0.0)))
     start = identify(SPRINGS.without_nominal(), shifted_log)
-    trusting, doubting = (refine(start, shifted_log, joint_zero_std=std) for std in (0.0, 0.01))
+    trusting, doubting = (refine(start, shifted_log, encoder_offset_std=std) for std in (0.0, 0.01))
     assert base_error(doubting, SPRINGS) < 0.5 * base_error(trusting, SPRINGS)
     true = doubting.base.project(SPRINGS.parameters)
     assert np.all(np.abs(doubting.load.values - true) < 4 * doubting.load.standard_errors)
@@ -248,7 +248,7 @@ def test_no_log_and_a_wrong_zero_are_said() -> None:
     with pytest.raises(IdentificationError, match="refine needs a log, found none"):
         refine(found(), [])
     with pytest.raises(IdentificationError, match=r"from 0 to 1000 rad or m, found -0\.1"):
-        refine(found(), log(), joint_zero_std=-0.1)
+        refine(found(), log(), encoder_offset_std=-0.1)
 
 
 def test_too_few_iterations_are_said() -> None:
@@ -257,11 +257,11 @@ def test_too_few_iterations_are_said() -> None:
 
 
 def test_stiffness_below_zero_is_no_start() -> None:
-    shoulder = found().drivetrains["shoulder"]
+    shoulder = found().drives["shoulder"]
     values = np.where(np.array(shoulder.names) == "stiffness", -1.0, shoulder.values)
-    drives = {**found().drivetrains, "shoulder": replace(shoulder, values=values)}
+    drives = {**found().drives, "shoulder": replace(shoulder, values=values)}
     with pytest.raises(IdentificationError, match="the stiffness of shoulder was found -1"):
-        refine(replace(found(), drivetrains=FrozenMapping(drives)), log())
+        refine(replace(found(), drives=FrozenMapping(drives)), log())
 
 
 def test_values_that_are_no_numbers_are_no_start() -> None:

@@ -16,7 +16,7 @@ from seaid.drives.drives import StiffDrive
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation.estimate import Estimate
 from seaid.identification.identification import identify
-from seaid.identification.physical.consistency import PossibleBodies, possible_bodies
+from seaid.identification.physical.consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.physical.problem import balls, prior_bodies
 from seaid.log.reading import Log
 from seaid.regressor.base import base_parameters
@@ -51,11 +51,11 @@ def estimated(robot: Robot, relative: float, seed: int = 0, correlated: bool = T
     return Estimate(model.names, values + off, half @ half.T, model.units, 1.0, 1.0)
 
 
-def found(robot: Robot, estimate: Estimate, **options: object) -> PossibleBodies:
-    return possible_bodies(robot, model_of(robot), estimate, **options)  # type: ignore[arg-type]
+def found(robot: Robot, estimate: Estimate, **options: object) -> FeasibleParameters:
+    return feasible_parameters(robot, model_of(robot), estimate, **options)  # type: ignore[arg-type]
 
 
-def assert_possible(result: PossibleBodies) -> None:
+def assert_possible(result: FeasibleParameters) -> None:
     """Check each body by Pinocchio's pseudo-inertia, and the whole by its mass matrix."""
     for body in result.parameters.reshape(-1, 10):
         theirs = pin.PseudoInertia.FromDynamicParameters(body).toMatrix()
@@ -143,7 +143,7 @@ def value_of(robot: Robot, joint: str, name: str) -> float:
         "viscous_friction": "viscous_friction_Nms_per_rad",
         "coulomb_friction": "coulomb_friction_Nm",
     }
-    return float(getattr(robot.drivetrains[joint], fields[name]))
+    return float(getattr(robot.drives[joint], fields[name]))
 
 
 def test_prior_near_the_truth_makes_the_estimate_better() -> None:
@@ -203,16 +203,16 @@ def test_negative_friction_becomes_zero_and_is_named() -> None:
 
 
 def test_drives_estimated_beside_the_load_side_are_possible_too() -> None:
-    names = ("viscous_friction", "coulomb_friction", "stiffness", "deflection_offset")
+    names = ("viscous_friction", "coulomb_friction", "stiffness", "spring_offset")
     values, errors = np.array([-1e-5, 0.004, 80000.0, -3.0]), np.array([1e-5, 1e-4, 500.0, 1.0])
     drive = Estimate(names, values, np.diag(errors**2), ("",) * 4, 1.0, 1.0)
     result = found(leg(), estimated(leg(), 0.01), drives={"hip_pitch": drive})
     at = dict(zip(result.names, result.values, strict=True))
     assert 0 < at["viscous_friction of hip_pitch"] < 1e-9
     assert at["stiffness of hip_pitch"] == pytest.approx(80000, rel=1e-6)
-    assert at["deflection_offset of hip_pitch"] == pytest.approx(-3, rel=1e-6)
-    assert result.robot.drivetrains["hip_pitch"].stiffness_N_per_m == pytest.approx(80000)  # type: ignore[union-attr]
-    assert result.robot.drivetrains["knee_pitch"] == leg().drivetrains["knee_pitch"]
+    assert at["spring_offset of hip_pitch"] == pytest.approx(-3, rel=1e-6)
+    assert result.robot.drives["hip_pitch"].stiffness_N_per_m == pytest.approx(80000)  # type: ignore[union-attr]
+    assert result.robot.drives["knee_pitch"] == leg().drives["knee_pitch"]
     assert "viscous friction of hip_pitch is zero" in result.held
 
 
@@ -231,23 +231,23 @@ def log_of_a_leg_without_payload() -> Log:
 def test_payload_that_is_not_on_the_robot_is_named(payload: Payload, known: str) -> None:
     robot = leg(payload) if known == "file" else leg(payload).without_nominal()
     result = identify(robot, log_of_a_leg_without_payload(), feasible=True)
-    assert result.possible is not None
-    assert_possible(result.possible)
-    (flag,) = result.possible.flags
+    assert result.feasible is not None
+    assert_possible(result.feasible)
+    (flag,) = result.feasible.flags
     assert flag.startswith("no physically consistent robot comes near the estimate: chi-square is")
     assert f"without the payload of 2 kg on {payload.link}: check that it is on the" in flag
     assert flag in result.flags
     assert f"! {flag}" in result.summary()
-    assert result.possible.nearest_chi_square > 1000
+    assert result.feasible.nearest_chi_square > 1000
 
 
 def test_one_of_two_payloads_that_is_not_on_the_robot_is_named() -> None:
     here, elsewhere = TEST_MASS, Payload("thigh", 3.0, (0.0, 0.0, -0.2))
     log = measure(leg(here), leg_motion(here), LEG_SENSORS, seed=0)
-    right = identify(leg(here), log, feasible=True).possible
+    right = identify(leg(here), log, feasible=True).feasible
     assert right is not None
     assert right.flags == ()
-    wrong = identify(leg(here, elsewhere), log, feasible=True).possible
+    wrong = identify(leg(here, elsewhere), log, feasible=True).feasible
     assert wrong is not None
     assert "without the payload of 3 kg on thigh" in wrong.flags[0]
 

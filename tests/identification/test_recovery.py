@@ -81,7 +81,7 @@ def test_true_motion_gives_the_exact_drives(experiment: Experiment) -> None:
         expected = [true_value(truth, joint, name) for name in found.names[:3]]
         assert found.names[:3] == ("viscous_friction", "coulomb_friction", "stiffness")
         assert found.values[:3] == pytest.approx(expected, rel=1e-8)
-        assert found.value("deflection_offset") == pytest.approx(0.0, abs=1e-8)
+        assert found.value("spring_offset") == pytest.approx(0.0, abs=1e-8)
 
 
 def test_true_motion_gives_the_exact_base_parameters_and_stiff_drives(
@@ -133,7 +133,7 @@ def z_scores(truth: Robot, motion: Motion, noise: Noise) -> tuple[Array, Array]:
         errors = drive_errors(found, truth, *DRIVE)
         spread = {
             f"{name} of {joint}": estimate.standard_error(name) / true_value(truth, joint, name)
-            for joint, estimate in found.drivetrains.items()
+            for joint, estimate in found.drives.items()
             for name in estimate.names
             if name in DRIVE
         }
@@ -153,15 +153,15 @@ def test_nothing_of_the_nominal_values_leaks(experiment: Experiment) -> None:
     log = measure(truth, motion, noise, seed=7)
     wrong = truth.with_values(
         3 * truth.parameters,
-        {joint: _doubled(drive) for joint, drive in truth.drivetrains.items()},
+        {joint: _doubled(drive) for joint, drive in truth.drives.items()},
     )
     results = [identify(robot, log) for robot in (truth, truth.without_nominal(), wrong)]
     for other in results[1:]:
         assert np.array_equal(results[0].load.values, other.load.values)
         assert np.array_equal(results[0].load.covariance, other.load.covariance)
-        for joint, estimate in results[0].drivetrains.items():
-            assert np.array_equal(estimate.values, other.drivetrains[joint].values)
-            assert np.array_equal(estimate.covariance, other.drivetrains[joint].covariance)
+        for joint, estimate in results[0].drives.items():
+            assert np.array_equal(estimate.values, other.drives[joint].values)
+            assert np.array_equal(estimate.covariance, other.drives[joint].covariance)
 
 
 def _doubled(drive: StiffDrive | SeriesElasticDrive) -> StiffDrive | SeriesElasticDrive:
@@ -182,12 +182,12 @@ def test_encoder_zeros_end_up_in_the_deflection_offset() -> None:
         identify(truth.without_nominal(), one) for one in (log, perfect_log(truth, motion))
     )
     for joint, zero, lever in (("shoulder", -0.4, 1 / 100.0), ("telescope", 2.0, 0.02 / 20.0)):
-        stiffness = plain.drivetrains[joint].value("stiffness")
-        shift = found.drivetrains[joint].value("deflection_offset") - plain.drivetrains[
-            joint
-        ].value("deflection_offset")
+        stiffness = plain.drives[joint].value("stiffness")
+        shift = found.drives[joint].value("spring_offset") - plain.drives[joint].value(
+            "spring_offset"
+        )
         assert shift == pytest.approx(-stiffness * lever * zero, rel=1e-3)
-        assert found.drivetrains[joint].value("stiffness") == pytest.approx(stiffness, rel=1e-6)
+        assert found.drives[joint].value("stiffness") == pytest.approx(stiffness, rel=1e-6)
     assert found.load.values == pytest.approx(plain.load.values, abs=1e-6)
 
 
@@ -195,8 +195,7 @@ def test_unknown_rotor_inertias_are_found() -> None:
     truth, motion = arm(), arm_motion()
     known = truth.without_nominal()
     unknown = {
-        joint: replace(drive, motor_inertia_kg_m2=None)
-        for joint, drive in known.drivetrains.items()
+        joint: replace(drive, motor_inertia_kg_m2=None) for joint, drive in known.drives.items()
     }
     known = known.with_values(known.parameters, unknown)
     found = identify(known, perfect_log(truth, motion), cutoff_hz=20.0)
@@ -216,12 +215,12 @@ def test_unknown_rotor_inertias_are_found() -> None:
 def test_rotor_inertia_that_is_not_identifiable_is_in_an_expression() -> None:
     truth, motion = arm(), arm_motion()
     known = truth.without_nominal()
-    unknown = dict(known.drivetrains)
+    unknown = dict(known.drives)
     unknown["rail"] = replace(unknown["rail"], motor_inertia_kg_m2=None)
     known = known.with_values(known.parameters, unknown)
     found = identify(known, perfect_log(truth, motion), cutoff_hz=20.0)
     assert found.load.names[0] == "m_carriage + m_upper_arm + 1.6e+05 motor_inertia_rail"
-    assert "motor_inertia" not in found.drivetrains["rail"].names
+    assert "motor_inertia" not in found.drives["rail"].names
     masses = truth.parameters[0] + truth.parameters[10]
     assert found.load.values[0] == pytest.approx(masses + 400.0**2 * 2e-5, rel=0.005)
 
@@ -237,7 +236,7 @@ def test_spring_from_the_joint_torque_where_the_motor_torque_is_not_known() -> N
     log = with_torques(truth, motion, joint_torque, motor_torque)
     found = identify(truth.without_nominal(), log, cutoff_hz=20.0)
     for joint in truth.elastic_joints:
-        assert found.drivetrains[joint].names == ("stiffness", "deflection_offset")
+        assert found.drives[joint].names == ("stiffness", "spring_offset")
     assert max(map(abs, drive_errors(found, truth, *DRIVE).values())) < 0.005
     assert load_error(found, truth) < 0.005
 
@@ -245,7 +244,7 @@ def test_spring_from_the_joint_torque_where_the_motor_torque_is_not_known() -> N
 def test_joint_torque_of_stiff_joints_is_the_geared_motor_torque() -> None:
     truth, motion = arm(), arm_motion()
     stiff = np.array([joint not in truth.elastic_joints for joint in truth.joint_names])
-    ratios = [truth.drivetrains[joint].ratio for joint in truth.joint_names]
+    ratios = [truth.drives[joint].ratio for joint in truth.joint_names]
     joint_torque = np.where(stiff, motion.motor_torque * ratios, np.nan)
     log = with_torques(truth, motion, joint_torque, np.where(stiff, np.nan, motion.motor_torque))
     found = identify(truth.without_nominal(), log)
@@ -263,10 +262,10 @@ def test_several_logs_are_one_experiment() -> None:
     )
     assert max(map(abs, drive_errors(together, truth, "stiffness").values())) < 0.02
     for joint in (*ELASTIC, "load"):
-        assert together.left_out[joint] == sum(one.left_out[joint] for one in alone)
+        assert together.excluded[joint] == sum(one.excluded[joint] for one in alone)
     for joint in ELASTIC:
-        largest = max(one.drivetrains[joint].standard_error("stiffness") for one in alone)
-        assert together.drivetrains[joint].standard_error("stiffness") < largest
+        largest = max(one.drives[joint].standard_error("stiffness") for one in alone)
+        assert together.drives[joint].standard_error("stiffness") < largest
 
 
 def test_irregular_time_stamps_are_resampled() -> None:
@@ -302,7 +301,7 @@ def test_extra_term_is_found_with_its_value(write_chain: Callable[..., Path]) ->
     assert np.max(2e-9 * np.abs(motion.motor_velocity) ** 3) > 0.006
     known = load_robot(path, {"swing": replace(drive, extra_terms=("c*theta_M'**3",))})
     noise = Noise(motor_resolution_rad=0.003, torque_std_Nm=0.001)
-    found = identify(known.without_nominal(), measure(truth, motion, noise)).drivetrains["swing"]
+    found = identify(known.without_nominal(), measure(truth, motion, noise)).drives["swing"]
     assert found.value("c") == pytest.approx(2e-9, rel=0.05)
     assert found.units[found.names.index("c")] == "N m/(theta_M_dot**3)"
     assert found.value("viscous_friction") == pytest.approx(8e-5, rel=0.05)
@@ -341,4 +340,4 @@ def test_test_mass_makes_the_spring_of_the_foot_known() -> None:
     robot, log = ankle(with_mass=True)
     found = identify(robot.without_nominal(), log)
     assert not any("stiffness" in flag for flag in found.flags)
-    assert found.drivetrains["ankle_pitch"].value("stiffness") == pytest.approx(51394, rel=0.03)
+    assert found.drives["ankle_pitch"].value("stiffness") == pytest.approx(51394, rel=0.03)

@@ -18,8 +18,8 @@ from seaid.estimation.least_squares import ordinary, weighted
 from seaid.excitation.trajectory import Trajectory
 from seaid.identification.identification import identify
 from seaid.identification.simultaneous import (
+    encoder_offset_sensitivity,
     joint_regression,
-    joint_zero_sensitivity,
     settled,
     split_joint,
     whitened,
@@ -27,7 +27,7 @@ from seaid.identification.simultaneous import (
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.log.reading import Log
 from seaid.regressor.base import base_parameters
-from seaid.regressor.load import LoadModel, load_model, zero_sensitivity
+from seaid.regressor.load import LoadModel, load_model, offset_sensitivity
 from seaid.regressor.regression import Regression, stacked
 from seaid.regressor.rigid_body import joint_torques
 from seaid.robot.robot import Payload, Robot, load_robot
@@ -46,7 +46,7 @@ from tests.experiments import (
 
 pytestmark = pytest.mark.rounding
 
-LEG, FREE = leg(TEST_MASS), leg()
+LEG, IN_MOTION = leg(TEST_MASS), leg()
 CUBIC = 2e-9
 
 
@@ -60,7 +60,7 @@ def flat_motion(robot: Robot, trajectory: Trajectory, rate_hz: float) -> Motion:
     load = joint_torques(robot, q, v, a)
     motor, torque, measured = np.empty((3, *q.shape)), np.empty_like(q), load.copy()
     for index, joint in enumerate(robot.joint_names):
-        drive = robot.drivetrains[joint]
+        drive = robot.drives[joint]
         give, lever = 0.0, 1 / drive.ratio
         if isinstance(drive, SeriesElasticDrive):
             assert drive.stiffness is not None
@@ -125,21 +125,21 @@ def swing(robot: Robot, rate_hz: float = 100.0) -> Motion:
 @cache
 def with_cubic() -> Robot:
     """Return the two springs with a drive that has a column more."""
-    drives = dict(two_springs().drivetrains)
+    drives = dict(two_springs().drives)
     drives["knee_pitch"] = replace(drives["knee_pitch"], extra_terms=("c*theta_M'**3",))
     return two_springs().with_values(two_springs().parameters, drives)
 
 
 def model_of(robot: Robot, rows: tuple[str, ...] | None = None) -> LoadModel:
     known = robot.joint_names if rows is None else rows
-    return load_model(robot, base_parameters(robot, rows=known), known)
+    return load_model(robot, base_parameters(robot, torque_joints=known), known)
 
 
 def truth_of(robot: Robot, model: LoadModel, names: tuple[str, ...]) -> Array:
     """Return the true parameters (p,) in the columns of the joint regression."""
     count = len(names) - len(model.names)
     base = dict(zip(model.expressions, model.base.project(robot.parameters), strict=True))
-    own = {"deflection_offset": 0.0, "c": CUBIC}
+    own = {"spring_offset": 0.0, "c": CUBIC}
     values = []
     for position, full in enumerate(names):
         if count <= position < count + len(base):
@@ -152,7 +152,7 @@ def truth_of(robot: Robot, model: LoadModel, names: tuple[str, ...]) -> Array:
 
 CASES: dict[str, tuple[Callable[[], Robot], Callable[[], Motion], tuple[str, ...] | None]] = {
     "mixed drives, test mass": (lambda: LEG, lambda: leg_case(TEST_MASS), None),
-    "free foot": (lambda: FREE, leg_case, None),
+    "free foot": (lambda: IN_MOTION, leg_case, None),
     "springs alone": (lambda: LEG, lambda: leg_case(TEST_MASS), ELASTIC),
     "one torque": (lambda: LEG, lambda: leg_case(TEST_MASS), ("knee_pitch",)),
     "rows in another order": (lambda: LEG, lambda: leg_case(TEST_MASS), ELASTIC[::-1]),
@@ -248,7 +248,7 @@ def test_noise_of_the_acceleration_leaves_the_motor_equation_what_it_is() -> Non
 def start_of(robot: Robot, log: Log) -> tuple[Array, Array]:
     """Return the sequential estimate of all columns, and its standard errors."""
     found = identify(robot, log)
-    parts = [*(found.drivetrains[joint] for joint in robot.elastic_joints), found.load_side]
+    parts = [*(found.drives[joint] for joint in robot.elastic_joints), found.load_side]
     return (
         np.concatenate([part.values for part in parts]),
         np.concatenate([part.standard_errors for part in parts]),
@@ -258,12 +258,12 @@ def start_of(robot: Robot, log: Log) -> tuple[Array, Array]:
 @cache
 def free_foot() -> tuple[Regression, Array, Array, Array, Estimate]:
     """Return rows, truth, sequential values and errors, and the joint estimate of a noisy log."""
-    log = measure(FREE, leg_case(rate_hz=1000.0), replace(LEG_SENSORS, motor_zero_rad=0.0), 3)
-    known, model = FREE.without_nominal(), model_of(FREE)
+    log = measure(IN_MOTION, leg_case(rate_hz=1000.0), replace(LEG_SENSORS, motor_zero_rad=0.0), 3)
+    known, model = IN_MOTION.without_nominal(), model_of(IN_MOTION)
     rows = joint_regression(known, reconstruct_motion(known, log), model, ELASTIC)
     start, errors = start_of(known, log)
     found, _ = settled(known, rows, start, weighted)
-    return rows, truth_of(FREE, model, rows.names), start, errors, found
+    return rows, truth_of(IN_MOTION, model, rows.names), start, errors, found
 
 
 def test_hardly_loaded_spring_is_told_by_the_load_side() -> None:
@@ -281,14 +281,16 @@ def test_least_squares_on_the_measured_deflection_would_lose_the_spring() -> Non
     """(8) of an elastic joint is zero on the left: noise in the deflection then eats k."""
     rows, truth, *_ = free_foot()
     ankle = rows.names.index("stiffness of ankle_pitch")
-    load, motor = (rows.joint == offset + FREE.index("ankle_pitch") for offset in (0, FREE.n))
+    load, motor = (
+        rows.joint == offset + IN_MOTION.index("ankle_pitch") for offset in (0, IN_MOTION.n)
+    )
     noise = np.random.default_rng(0).normal(0, 3e-5, np.sum(load))
     H = rows.H.copy()
     H[load, ankle] -= 0.03 * noise
     H[motor, ankle] += 0.02 / 86 * noise[np.searchsorted(rows.time[load], rows.time[motor])]
     noisy = replace(rows, H=H)
     assert weighted(noisy).values[ankle] < 0.5 * truth[ankle]
-    found, _ = settled(FREE, noisy, truth, weighted)
+    found, _ = settled(IN_MOTION, noisy, truth, weighted)
     assert found.standard_errors[ankle] < 0.15 * truth[ankle]
     assert abs(found.values[ankle] - truth[ankle]) < 3 * found.standard_errors[ankle]
 
@@ -311,18 +313,18 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
 
 def test_split_gives_what_an_identification_holds() -> None:
     rows, _, _, _, found = free_foot()
-    drives, base, load_side = split_joint(FREE, model_of(FREE), found)
-    assert tuple(drives) == FREE.joint_names
+    drives, base, load_side = split_joint(IN_MOTION, model_of(IN_MOTION), found)
+    assert tuple(drives) == IN_MOTION.joint_names
     assert drives["knee_pitch"].names == (
         "viscous_friction",
         "coulomb_friction",
         "stiffness",
-        "deflection_offset",
+        "spring_offset",
     )
     assert drives["hip_yaw"].names == ("viscous_friction", "coulomb_friction")
     assert drives["knee_pitch"].units == ("N m s/rad", "N m", "N/m", "N")
-    assert base.names == model_of(FREE).expressions
-    assert load_side.names == model_of(FREE).names
+    assert base.names == model_of(IN_MOTION).expressions
+    assert load_side.names == model_of(IN_MOTION).names
     for joint, drive in drives.items():
         for name in drive.names:
             column = rows.names.index(f"{name} of {joint}")
@@ -378,12 +380,12 @@ def test_shifted_zero_does_what_it_does_on_the_load_side() -> None:
         for joint in arm().elastic_joints
     }
     theta = truth_of(arm(), model, joint_regression(arm(), motion, model, tuple(springs)).names)
-    both = joint_zero_sensitivity(arm(), motion, model, tuple(springs), theta)
-    load = zero_sensitivity(arm(), motion, model, springs, theta[-len(model.names) :])
+    both = encoder_offset_sensitivity(arm(), motion, model, tuple(springs), theta)
+    load = offset_sensitivity(arm(), motion, model, springs, theta[-len(model.names) :])
     count = len(load.y)
-    assert both.carried[:count] == pytest.approx(load.carried, abs=1e-5)
-    assert np.max(np.abs(load.carried)) > 1.0
-    assert np.max(np.abs(both.carried[count:])) < 1e-9  # (7) does not know where the joint is
+    assert both.propagated[:count] == pytest.approx(load.propagated, abs=1e-5)
+    assert np.max(np.abs(load.propagated)) > 1.0
+    assert np.max(np.abs(both.propagated[count:])) < 1e-9  # (7) does not know where the joint is
 
 
 def test_errors_of_rows_that_cannot_be_made() -> None:

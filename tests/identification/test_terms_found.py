@@ -78,10 +78,10 @@ SPRINGS: dict[str, Case] = {
         {"dead_zone": 0.02, "deflection_zero": 0.01},
     ),
     "damping": ({"spring": ("linear", "damping")}, {"spring_damping": 3.0}),
-    "preload": ({"spring": ("linear", "preload")}, {"deflection_offset": 1.5}),
+    "preload": ({"spring": ("linear", "preload")}, {"spring_offset": 1.5}),
     "cubic and preload": (
         {"spring": ("linear", "cubic", "preload")},
-        {"cubic_stiffness": 4000.0, "deflection_zero": 0.02, "deflection_offset": 1.5},
+        {"cubic_stiffness": 4000.0, "deflection_zero": 0.02, "spring_offset": 1.5},
     ),
 }
 
@@ -133,7 +133,7 @@ def free_motion() -> Motion:
 
 def check_values(found: Identification, truth: Robot, joint: str, rel: float = 1e-6) -> None:
     """Check every parameter of a drive against the truth."""
-    estimate, values = found.drivetrains[joint], truth.drivetrains[joint].values
+    estimate, values = found.drives[joint], truth.drives[joint].values
     told = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
     wanted = {name: values.get(name, 0.0) for name in told}
     assert told == pytest.approx(wanted, rel=rel, abs=1e-9)
@@ -146,7 +146,7 @@ def check_bodies(found: Identification, truth: Robot) -> None:
 
 def check_intervals(found: Identification, truth: Robot, joint: str) -> None:
     """Check that no parameter is farther from the truth than its error says."""
-    estimate, values = found.drivetrains[joint], truth.drivetrains[joint].values
+    estimate, values = found.drives[joint], truth.drives[joint].values
     wanted = np.array([values.get(name, 0.0) for name in estimate.names])
     far = (estimate.values - wanted) / estimate.standard_errors
     assert np.max(np.abs(far)) < 3.3, dict(zip(estimate.names, far, strict=True))
@@ -156,7 +156,7 @@ def check_intervals(found: Identification, truth: Robot, joint: str) -> None:
 def test_friction_of_an_elastic_drive_is_found(term: str) -> None:
     truth = robot(STIFF, with_terms(ELASTIC, *FRICTION[term]))
     found = identified(truth, exact_motion(truth))
-    assert set(FRICTION[term][1]) <= set(found.drivetrains["two"].names)
+    assert set(FRICTION[term][1]) <= set(found.drives["two"].names)
     check_values(found, truth, "two")
     check_bodies(found, truth)
 
@@ -165,7 +165,7 @@ def test_friction_of_an_elastic_drive_is_found(term: str) -> None:
 def test_springs_are_found(term: str) -> None:
     truth = robot(STIFF, with_terms(ELASTIC, *SPRINGS[term]))
     found = identified(truth, exact_motion(truth, {"two": free_stretch(0.15)}), ["one"])
-    assert set(SPRINGS[term][1]) <= set(found.drivetrains["two"].names)
+    assert set(SPRINGS[term][1]) <= set(found.drives["two"].names)
     check_values(found, truth, "two")
 
 
@@ -173,7 +173,7 @@ def test_springs_are_found(term: str) -> None:
 def test_terms_of_a_stiff_drive_are_found(term: str) -> None:
     truth = robot(with_terms(STIFF, *STIFF_FRICTION[term]))
     found = identified(truth, exact_motion(truth))
-    assert set(STIFF_FRICTION[term][1]) <= set(found.drivetrains["one"].names)
+    assert set(STIFF_FRICTION[term][1]) <= set(found.drives["one"].names)
     check_values(found, truth, "one")
     check_bodies(found, truth)
 
@@ -182,11 +182,11 @@ def test_what_acts_beside_a_spring_is_found_on_the_load_side() -> None:
     truth = robot(STIFF, with_terms(ELASTIC, *JOINT_FRICTION))
     motion = exact_motion(truth)
     found = identified(truth, motion)
-    assert {"stiffness", *JOINT_FRICTION[1]} <= set(found.drivetrains["two"].names)
+    assert {"stiffness", *JOINT_FRICTION[1]} <= set(found.drives["two"].names)
     check_values(found, truth, "two")
     check_bodies(found, truth)
     plain = identified(robot(), plain_motion())
-    assert found.left_out["load"] > plain.left_out["load"]  # the joint's standstill too
+    assert found.excluded["load"] > plain.excluded["load"]  # the joint's standstill too
 
 
 @pytest.mark.parametrize("kind", ["current", "voltage"])
@@ -205,8 +205,8 @@ def test_motor_constants_of_stiff_drives_are_found(kind: str, options: dict[str,
     known = robot(unknown, unknown, **options)
     found = identified(known, motion)
     for joint in known.joint_names:
-        assert found.drivetrains[joint].value(constant) == pytest.approx(0.05, rel=1e-6)
-        told = found.drivetrains[joint].value("viscous_friction")
+        assert found.drives[joint].value(constant) == pytest.approx(0.05, rel=1e-6)
+        told = found.drives[joint].value("viscous_friction")
         assert told == pytest.approx(drive.values["viscous_friction"], rel=1e-6)
 
 
@@ -216,7 +216,7 @@ def test_motor_constant_beside_a_known_stiffness(kind: str) -> None:
     terms = {"motor_input": kind, "known": ("stiffness",)}
     truth = robot(STIFF, with_terms(ELASTIC, terms, {constant: 0.03}))
     found = identified(truth, exact_motion(truth))
-    assert "stiffness" not in found.drivetrains["two"].names
+    assert "stiffness" not in found.drives["two"].names
     check_values(found, truth, "two")
     check_bodies(found, truth)
 
@@ -260,7 +260,7 @@ def noisy(which: str) -> Log:
 
 
 def found_in(log: Log, known: Robot, rows: list[str] | None = None) -> Identification:
-    return identify(known.without_nominal(), log, rows=rows, cutoff_hz=10.0)
+    return identify(known.without_nominal(), log, torque_joints=rows, cutoff_hz=10.0)
 
 
 @pytest.mark.parametrize("term", ["shifted", "load", "stribeck"])
@@ -306,26 +306,26 @@ def test_bent_friction_that_is_not_there_is_flagged(term: str) -> None:
     terms = FRICTION[term][0]
     known = robot(with_terms(STIFF, terms, {}), with_terms(ELASTIC, terms, {}))
     found = found_in(noisy("plain"), known)
-    bent = {"stribeck": "stribeck friction"}.get(term, "coulomb width")
+    nonlinear = {"stribeck": "stribeck friction"}.get(term, "coulomb width")
     for joint in ("one", "two"):
-        assert any(f"{bent} of {joint} is poorly identified" in flag for flag in found.flags)
+        assert any(f"{nonlinear} of {joint} is poorly identified" in flag for flag in found.flags)
         for name in ("viscous_friction",):
-            told, true = found.drivetrains[joint], robot().drivetrains[joint].values[name]
+            told, true = found.drives[joint], robot().drives[joint].values[name]
             assert abs(told.value(name) - true) < 3.3 * told.standard_error(name)
 
 
 def test_a_zero_that_only_moves_a_preload_is_held_and_said() -> None:
     known = robot(STIFF, with_terms(ELASTIC, SPRINGS["cubic and preload"][0], {}))
     found = identified(known, free_motion(), ["one"])
-    assert found.drivetrains["two"].value("stiffness") == pytest.approx(120.0)
+    assert found.drives["two"].value("stiffness") == pytest.approx(120.0)
     assert any("deflection zero of two is not told by this motion" in f for f in found.flags)
-    assert "deflection_zero" in found.known.drivetrains["two"].known
+    assert "deflection_zero" in found.known.drives["two"].known
 
 
 def test_what_is_held_is_said_of_every_condition_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    def holding(given: Robot, records: Any, rows: Any) -> tuple[Robot, Any]:
-        drive = replace(given.drivetrains["two"], known=("deflection_zero",))
-        return given.with_drivetrains({**given.drivetrains, "two": drive}), records
+    def holding(given: Robot, datasets: Any, rows: Any) -> tuple[Robot, Any]:
+        drive = replace(given.drives["two"], known=("deflection_zero",))
+        return given.with_drives({**given.drives, "two": drive}), datasets
 
     monkeypatch.setattr("seaid.identification.conditions.straightened_robot", holding)
     drive = with_terms(ELASTIC, SPRINGS["cubic"][0], {"deflection_zero": 0.0})
@@ -349,13 +349,13 @@ def test_possible_bodies_beside_friction_at_the_joint() -> None:
     truth = robot(STIFF, with_terms(ELASTIC, *SMOOTH_JOINT), known_bodies=("upper",))
     log = noisy_log(exact_motion(truth), 0.003, 2e-5)
     found = identify(truth, log, feasible=True, cutoff_hz=10.0)
-    assert found.possible is not None
-    np.testing.assert_array_equal(found.possible.parameters[:10], truth.parameters[:10])
-    told = found.robot.drivetrains["two"].values["joint_viscous_friction"]
+    assert found.feasible is not None
+    np.testing.assert_array_equal(found.feasible.parameters[:10], truth.parameters[:10])
+    told = found.robot.drives["two"].values["joint_viscous_friction"]
     assert told == pytest.approx(0.3, rel=0.1)
 
 
-@pytest.mark.parametrize("option", [{"sides": "joint"}, {"estimator": "iv"}])
+@pytest.mark.parametrize("option", [{"method": "simultaneous"}, {"estimator": "iv"}])
 def test_other_methods_take_friction_and_what_acts_at_the_joint(option: dict[str, str]) -> None:
     drive = with_terms(ELASTIC, *SMOOTH_JOINT)
     drive = with_terms(drive, *FRICTION["quadratic"])
@@ -368,9 +368,9 @@ def test_other_methods_take_friction_and_what_acts_at_the_joint(option: dict[str
 @pytest.mark.parametrize(
     ("option", "terms", "message"),
     [
-        ({"sides": "joint"}, SPRINGS["cubic"], r'that of two has cubic.*sides="sequential"'),
+        ({"method": "simultaneous"}, SPRINGS["cubic"], r'that of two has cubic.*method="two-step"'),
         (
-            {"sides": "joint"},
+            {"method": "simultaneous"},
             ({"known": ("stiffness",)}, {}),
             r"that of two has a known stiffness",
         ),
@@ -420,12 +420,12 @@ def together(one: Drive, known: Drive) -> Identification:
 def test_a_payload_that_comes_and_goes_tells_motor_constants() -> None:
     drive = with_terms(STIFF, {"motor_input": "current"}, {"torque_constant": 0.05})
     found = together(drive, replace(drive, motor_inertia_kg_m2=None))
-    for estimate in found.drivetrains.values():
+    for estimate in found.drives.values():
         assert estimate.value("torque_constant") == pytest.approx(0.05, rel=2e-3)
 
 
 def test_conditions_share_what_bends() -> None:
     drive = with_terms(STIFF, FRICTION["smooth"][0], {"coulomb_width": 10.0})
     found = together(drive, drive)
-    for estimate in found.drivetrains.values():
+    for estimate in found.drives.values():
         assert estimate.value("coulomb_width") == pytest.approx(10.0, rel=0.05)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.log.filtering import PassBand, propose_pass_band
+from seaid.log.filtering import CutoffSelection, propose_pass_band
 
 RATE_HZ = 1000.0
 TIME = np.arange(20_000) / RATE_HZ
@@ -21,7 +21,7 @@ def noise(seed: int, size: float) -> Array:
     return np.random.default_rng(seed).normal(0.0, size, (len(TIME), 1))
 
 
-def proposed(joint: Array, motor: Array | None = None, rate_hz: float = RATE_HZ) -> PassBand:
+def proposed(joint: Array, motor: Array | None = None, rate_hz: float = RATE_HZ) -> CutoffSelection:
     motor = np.full_like(joint, np.nan) if motor is None else motor
     return propose_pass_band(joint, motor, rate_hz, NAMES[: joint.shape[1]])
 

@@ -143,7 +143,7 @@ def test_a_damaged_log_is_mended_and_its_estimate_holds(damage: Damage) -> None:
     assert log.report
     found, before = seaid.identify(robot, log), seaid.identify(robot, clean())
     for joint in ELASTIC:
-        drive, plain = found.drivetrains[joint], before.drivetrains[joint]
+        drive, plain = found.drives[joint], before.drives[joint]
         for name in ("viscous_friction", "coulomb_friction", "stiffness"):
             place = drive.names.index(name)
             error = drive.values[place] - true_value(leg(), joint, name)
@@ -171,7 +171,7 @@ def test_a_hole_is_excluded_and_said(hole: tuple[float, float], described: bool)
     found = seaid.identify(robot, log)
     assert sum("holes in time, 1 found, the first at t = " in flag for flag in found.flags) == 1
     for joint in ELASTIC:
-        drive = found.drivetrains[joint]
+        drive = found.drives[joint]
         for name in ("viscous_friction", "coulomb_friction", "stiffness"):
             place = drive.names.index(name)
             error = drive.values[place] - true_value(leg(), joint, name)
@@ -192,7 +192,7 @@ def test_a_refinement_leaves_the_hole_out() -> None:
     log = replace(clean(), time=clean().time[kept], **sensors)
     refined = seaid.refine(seaid.identify(leg().without_nominal(), log), log)
     for joint in ELASTIC:
-        stiffness = refined.drivetrains[joint].value("stiffness")
+        stiffness = refined.drives[joint].value("stiffness")
         assert stiffness == pytest.approx(true_value(leg(), joint, "stiffness"), rel=0.03)
 
 
@@ -211,7 +211,7 @@ def test_unmended_clocks_would_have_been_seen() -> None:
     motor = clean().motor_position.copy()
     motor[5:] = motor[:-5]
     found = seaid.identify(robot, replace(clean(), motor_position=motor))
-    drive = found.drivetrains["knee_pitch"]
+    drive = found.drives["knee_pitch"]
     place = drive.names.index("viscous_friction")
     error = drive.values[place] - true_value(leg(), "knee_pitch", "viscous_friction")
     assert abs(error) > 5.0 * drive.standard_errors[place]

@@ -128,8 +128,8 @@ def test_deflection_and_one_side_give_the_other(tmp_path: Path, drive: Table, ki
     path = log_file(tmp_path, motor=motor, load=load, twist=-1e3 * twist)
     deflection = {"column": "twist", "sign": -1, "scale": 1e-3}
     given = {"motor_position": "motor", "joint_position": "load"}
-    for left_out in given:
-        arm: Table = given | {"deflection": deflection, left_out: None}
+    for excluded in given:
+        arm: Table = given | {"deflection": deflection, excluded: None}
         log = read_log(path, robot, description=described(**arm))
         np.testing.assert_allclose(log.motor_position[:, 0], motor, atol=1e-12 * 5000)
         np.testing.assert_allclose(log.joint_position[:, 0], load, atol=1e-12)

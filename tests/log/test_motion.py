@@ -213,9 +213,9 @@ def test_motion_tells_what_was_done_to_it() -> None:
     assert thinned.logged_rate_hz == pytest.approx(700, rel=0.02)
     assert "uneven steps resampled to" in str(thinned)
     report = (Repair("rail.motor_torque_Nm", "no numbers", 3, 0.5, "bridged"),)
-    mended = reconstruct_motion(arm(), replace(log(), report=report), 8.0).processing
-    assert mended is not None
-    assert mended.repairs == report
-    assert str(mended).endswith("1 kinds of faults mended on reading")
+    repaired = reconstruct_motion(arm(), replace(log(), report=report), 8.0).processing
+    assert repaired is not None
+    assert repaired.repairs == report
+    assert str(repaired).endswith("1 kinds of faults mended on reading")
     wide = reconstruct_motion(arm(), log(), 100.0).processing
     assert "positions as they are" in str(wide)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.log.repair.data import Channel, Repair, Repairs
-from seaid.log.repair.repair import repaired
+from seaid.log.repair.repair import repaired as repaired_channels
 from seaid.log.repair.resampling import interpolated
 
 RATE = 500.0
@@ -57,7 +57,7 @@ def off(time: Array, values: Array) -> float:
 def test_a_log_without_faults_comes_out_as_it_went_in() -> None:
     time = regular()
     position, force = pair(time)
-    grid, values, found = repaired([position, force])
+    grid, values, found = repaired_channels([position, force])
     assert found == ()
     assert np.array_equal(grid, time)
     assert np.array_equal(values[POSITION], position.values)
@@ -67,7 +67,7 @@ def test_a_log_without_faults_comes_out_as_it_went_in() -> None:
 def test_a_coarse_encoder_at_rest_and_in_motion_is_no_fault() -> None:
     time = regular()
     slow = np.round(angle(time) / 0.05) * 0.05
-    _, values, found = repaired([Channel(POSITION, time, slow)])
+    _, values, found = repaired_channels([Channel(POSITION, time, slow)])
     assert found == ()
     assert np.array_equal(values[POSITION], slow)
 
@@ -77,7 +77,7 @@ def test_a_coarse_encoder_at_rest_and_in_motion_is_no_fault() -> None:
 def test_irregular_steps_cost_far_less_than_an_encoder_step(seed: int) -> None:
     steps = np.random.default_rng(seed).uniform(0.002, 0.010, 1500)
     time = np.cumsum(steps)
-    grid, values, found = repaired([Channel(POSITION, time, angle(time))])
+    grid, values, found = repaired_channels([Channel(POSITION, time, angle(time))])
     inner = slice(5, -5)
     error = values[POSITION][inner] - angle(grid[inner])
     lines = np.interp(grid[inner], time, angle(time)) - angle(grid[inner])
@@ -91,7 +91,7 @@ def test_irregular_steps_cost_far_less_than_an_encoder_step(seed: int) -> None:
 def test_torques_are_not_dulled_in_the_pass_band() -> None:
     time = np.cumsum(np.random.default_rng(1).uniform(0.002, 0.010, 2000))
     wave = np.sin(2 * np.pi * 8.0 * time)
-    grid, values, _ = repaired([Channel(TORQUE, time, wave)])
+    grid, values, _ = repaired_channels([Channel(TORQUE, time, wave)])
     truth = np.sin(2 * np.pi * 8.0 * grid)
     assert float(values[TORQUE] @ truth / (truth @ truth)) == pytest.approx(1.0, abs=2e-3)
     assert float(np.interp(grid, time, wave) @ truth / (truth @ truth)) < 0.993
@@ -101,14 +101,14 @@ def test_a_burst_of_noisy_samples_is_no_slope() -> None:
     steps = np.tile([0.0098, 0.0002], 400)
     time = np.cumsum(steps)
     noisy = angle(time) + np.random.default_rng(0).normal(0.0, ENCODER, len(time))
-    grid, values, _ = repaired([Channel(POSITION, time, noisy)])
+    grid, values, _ = repaired_channels([Channel(POSITION, time, noisy)])
     assert off(grid, values[POSITION]) < 8.0
 
 
 def test_a_lower_rate_passes_a_low_pass_first() -> None:
     time = regular()
     whistle = np.sin(2 * np.pi * 0.5 * time) + 0.5 * np.sin(2 * np.pi * 98.0 * time)
-    grid, values, _ = repaired([Channel(TORQUE, time, whistle)], Repairs(rate_hz=100.0))
+    grid, values, _ = repaired_channels([Channel(TORQUE, time, whistle)], Repairs(rate_hz=100.0))
     inner = slice(20, -20)
     assert np.diff(grid) == pytest.approx(0.01)
     assert np.max(np.abs(values[TORQUE] - np.sin(2 * np.pi * 0.5 * grid))[inner]) < 0.02
@@ -124,7 +124,7 @@ def test_one_clock_a_joint(offset: float, drift: float, seed: int) -> None:
         Channel(POSITION, time, angle(time)),
         Channel("hip.joint_position_rad", other, angle(time, 1.0)),
     ]
-    grid, values, found = repaired(channels)
+    grid, values, found = repaired_channels(channels)
     shift = 1e-3 + 2 / RATE  # what an offset or a drift below one step may leave
     speed = np.max(np.abs(np.gradient(angle(time), time)))
     error = values["hip.joint_position_rad"] - angle(grid, 1.0)
@@ -141,16 +141,16 @@ def test_clocks_that_cannot_belong_together_are_refused() -> None:
     time = regular()
     other = Channel("hip.joint_position_rad", time * 1.01, angle(time))
     with pytest.raises(LogError, match=r"hip.* drifts by 0\.01 s/s .*allowed 0\.002"):
-        repaired([*pair(time), other])
+        repaired_channels([*pair(time), other])
     far = Channel("hip.joint_position_rad", time[:-7] + 100.0, angle(time[:-7]))
     with pytest.raises(LogError, match=r"share 0 s of 7\.998 s: 'hip.*with the same zero"):
-        repaired([*pair(time), far])
+        repaired_channels([*pair(time), far])
 
 
 def test_channels_of_different_length_share_the_time_that_all_have() -> None:
     time = regular()
     late = Channel("hip.joint_position_rad", time[300::2], angle(time[300::2]))
-    grid, values, _ = repaired([*pair(time), late])
+    grid, values, _ = repaired_channels([*pair(time), late])
     assert grid[0] == time[300]
     assert grid[-1] <= time[-2] + 1e-9
     assert off(grid, values["hip.joint_position_rad"]) < 0.01
@@ -161,7 +161,7 @@ def test_a_gap_after_which_the_robot_is_back_is_no_jump_of_the_clock() -> None:
     time = regular()
     keep = np.ones(len(time), dtype=bool)
     keep[346:362] = False  # it turns there
-    grid, values, found = repaired(pair(time[keep]))
+    grid, values, found = repaired_channels(pair(time[keep]))
     assert kinds(found) == {"gaps": 1}
     assert off(grid, values[POSITION]) < 1.0
 
@@ -173,7 +173,7 @@ def test_gaps_are_bridged(places: set[int], length: int) -> None:
     keep = np.ones(len(time), dtype=bool)
     for place in {100 * round(place / 100) for place in places}:  # none runs into another
         keep[place : place + length] = False
-    grid, values, found = repaired(pair(time[keep]))
+    grid, values, found = repaired_channels(pair(time[keep]))
     assert kinds(found)["gaps"] <= len(places)
     assert off(grid, values[POSITION]) < 30.0
     assert np.ptp(np.diff(grid)) < 1e-12
@@ -184,17 +184,17 @@ def test_gaps_beyond_the_limits_are_refused() -> None:
     keep = np.ones(len(time), dtype=bool)
     keep[1500:1800] = False
     with pytest.raises(LogError, match=r"gap of 0\.602 s at t = 2\.998 s, allowed 0\.1 s"):
-        repaired(pair(time[keep]), Repairs(longest_gap_s=0.1))
+        repaired_channels(pair(time[keep]), Repairs(longest_gap_s=0.1))
     few = keep.copy()
     few[500:545] = few[2500:2545] = False
     with pytest.raises(LogError, match=r"gap of 0\.092 s .* is what bridging .*most_gap_error"):
-        repaired([Channel(POSITION, time[few], angle(20 * time[few]))])
+        repaired_channels([Channel(POSITION, time[few], angle(20 * time[few]))])
     with pytest.raises(LogError, match="too short to tell what bridging"):
         short = time[400:580][few[400:580]]
-        repaired([Channel(POSITION, short, angle(short))], Repairs(most_missing=0.9))
+        repaired_channels([Channel(POSITION, short, angle(short))], Repairs(most_missing=0.9))
     keep[1000:3000] = False
     with pytest.raises(LogError, match=r"1 gaps with 50\.0% of the time .*most_missing"):
-        repaired(pair(time[keep]), Repairs(longest_gap_s=10.0))
+        repaired_channels(pair(time[keep]), Repairs(longest_gap_s=10.0))
 
 
 def test_a_hole_of_one_channel_is_a_hole_of_the_log() -> None:
@@ -205,7 +205,7 @@ def test_a_hole_of_one_channel_is_a_hole_of_the_log() -> None:
         Channel(POSITION, time, angle(time)),
         Channel(TORQUE, time[keep], torque(time[keep])),
     ]
-    grid, values, found = repaired(channels)
+    grid, values, found = repaired_channels(channels)
     assert kinds(found) == {"gaps": 1}
     assert "1 above 0.1 s excluded" in found[0].action
     steps = np.diff(grid)
@@ -214,7 +214,7 @@ def test_a_hole_of_one_channel_is_a_hole_of_the_log() -> None:
     assert grid[place] == pytest.approx(time[1499])
     assert np.ptp(np.delete(steps, place)) < 1e-12
     assert np.max(np.abs(values[TORQUE] - torque(grid))) < 1e-9
-    bridged = repaired(channels, Repairs(longest_gap_s=1.0))[0]
+    bridged = repaired_channels(channels, Repairs(longest_gap_s=1.0))[0]
     assert np.ptp(np.diff(bridged)) < 1e-12
 
 
@@ -234,7 +234,7 @@ def test_late_samples_go_back_into_place() -> None:
     order = np.arange(len(time))
     for place in (400, 1200, 2500):
         order[place : place + 3] = order[[place + 2, place, place + 1]]
-    grid, values, found = repaired(pair(time[order]))
+    grid, values, found = repaired_channels(pair(time[order]))
     assert kinds(found) == {"late samples": 6}
     assert grid == pytest.approx(time)
     assert off(grid, values[POSITION]) < 1e-6
@@ -244,14 +244,14 @@ def test_too_many_late_samples_are_refused() -> None:
     time = regular()
     order = np.arange(len(time)).reshape(-1, 2)[:, ::-1].ravel()
     with pytest.raises(LogError, match=r"stamps are late, repeated .*most_disordered"):
-        repaired(pair(time[order]))
+        repaired_channels(pair(time[order]))
 
 
 def test_repeated_samples_are_taken_once() -> None:
     time = regular()
     rows = np.sort(np.concatenate([np.arange(len(time)), [50, 51, 52, 3000]]))
     twice = [Channel(one.name, one.time[rows], one.values[rows]) for one in pair(time)]
-    grid, values, found = repaired(twice)
+    grid, values, found = repaired_channels(twice)
     assert kinds(found) == {"repeated stamps": 4}
     assert grid == pytest.approx(time)
     assert off(grid, values[POSITION]) < 1e-6
@@ -261,7 +261,7 @@ def test_stamps_with_too_few_digits_are_refused() -> None:
     time = regular()
     coarse = np.round(time, 2)
     with pytest.raises(LogError, match="does the time have all its digits"):
-        repaired([Channel(POSITION, coarse, angle(time))])
+        repaired_channels([Channel(POSITION, coarse, angle(time))])
 
 
 @given(back=st.floats(0.004, 3.0), place=st.integers(200, 3800))
@@ -273,7 +273,7 @@ def test_a_clock_that_is_set_back_while_the_robot_goes_on(back: float, place: in
     if abs(back * RATE - round(back * RATE)) < 1e-6:
         wrong[place:] -= 0.3 / RATE
     given_ = [Channel(one.name, wrong, one.values) for one in pair(time)]
-    grid, values, found = repaired(given_)
+    grid, values, found = repaired_channels(given_)
     assert kinds(found) == {"clock jumps": 1}
     assert grid == pytest.approx(time, abs=1e-6)
     assert off(grid, values[POSITION]) < 0.1
@@ -283,7 +283,7 @@ def test_a_clock_that_is_set_on_while_the_robot_goes_on() -> None:
     time = regular()
     wrong = time.copy()
     wrong[1700:] += 30.0
-    grid, values, found = repaired([Channel(POSITION, wrong, angle(time))])
+    grid, values, found = repaired_channels([Channel(POSITION, wrong, angle(time))])
     assert kinds(found) == {"clock jumps": 1}
     assert "30 s" in str(found[0])
     assert off(grid, values[POSITION]) < 1e-3
@@ -293,7 +293,7 @@ def test_two_recordings_in_one_are_refused() -> None:
     time = regular()
     twice, values = np.concatenate([time, time]), np.concatenate([angle(time), angle(time, 1.5)])
     with pytest.raises(LogError, match=r"goes backwards at sample 4000 .* two recordings in one"):
-        repaired([Channel(POSITION, twice, values)])
+        repaired_channels([Channel(POSITION, twice, values)])
 
 
 @given(bad=st.sets(st.integers(10, 3980), min_size=1, max_size=60), kind=st.sampled_from("nzh"))
@@ -308,12 +308,12 @@ def test_dropouts_are_found_and_bridged(bad: set[int], kind: str) -> None:
     if kind == "h":
         for place in places:
             damaged[place] = damaged[place - 1]
-    grid, mended, found = repaired([Channel(POSITION, time, damaged)])
+    grid, repaired, found = repaired_channels([Channel(POSITION, time, damaged)])
     count = sum(kinds(found).values())
     assert len(grid) == len(time)
     if kind != "h":
         assert count == len(places)
-        assert np.max(np.abs(mended[POSITION] - 3.0 - angle(grid))) < 3 * ENCODER
+        assert np.max(np.abs(repaired[POSITION] - 3.0 - angle(grid))) < 3 * ENCODER
     else:
         assert count >= 0.5 * fast.sum()
         assert count <= len(places)
@@ -322,7 +322,7 @@ def test_dropouts_are_found_and_bridged(bad: set[int], kind: str) -> None:
 def test_a_slower_sensor_gives_the_samples_that_are_new() -> None:
     time = regular()
     held = angle(time[(np.arange(len(time)) // 5) * 5])
-    grid, values, found = repaired([Channel(POSITION, time, held)])
+    grid, values, found = repaired_channels([Channel(POSITION, time, held)])
     plain = np.max(np.abs(held - angle(time)))
     assert "values of a slower sensor" in kinds(found)
     assert np.max(np.abs(values[POSITION] - angle(grid))) < 0.05 * plain
@@ -334,7 +334,7 @@ def test_too_many_dropouts_are_refused() -> None:
     values[2000:] = 0.0
     message = r"'knee.joint_position_rad' lacks 2000 of 4000 samples .* allowed 25\.0%"
     with pytest.raises(LogError, match=message):
-        repaired([Channel(POSITION, time, values)])
+        repaired_channels([Channel(POSITION, time, values)])
 
 
 @pytest.mark.parametrize("period", [2 * np.pi, np.pi / 2, 4096 * ENCODER / 4, 0.7])
@@ -343,7 +343,7 @@ def test_encoders_that_wrap_around(period: float, is_given: bool) -> None:
     time = regular()
     true = np.round(2 * period * angle(time) / ENCODER) * ENCODER
     channel = Channel(POSITION, time, np.mod(true, period), period if is_given else None)
-    _, values, found = repaired([channel])
+    _, values, found = repaired_channels([channel])
     assert kinds(found)["wraps"] > 5
     moved = values[POSITION] - true
     assert np.ptp(moved) < (1e-9 if is_given else ENCODER)
@@ -354,7 +354,7 @@ def test_a_motor_that_turns_more_than_half_a_period_a_sample() -> None:
     true = 3000.0 * np.sin(2 * np.pi * 0.25 * time) ** 2
     assert np.max(np.abs(np.diff(true))) > np.pi
     wrapped = Channel("knee.motor_position_rad", time, np.mod(true, 2 * np.pi), 2 * np.pi)
-    _, values, _ = repaired([wrapped])
+    _, values, _ = repaired_channels([wrapped])
     assert values["knee.motor_position_rad"] == pytest.approx(true, abs=1e-6)
 
 
@@ -362,7 +362,7 @@ def test_wraps_that_cannot_be_told_are_refused() -> None:
     time = regular()
     wild = np.mod(np.random.default_rng(0).uniform(0.0, 60.0, len(time)), 2 * np.pi)
     with pytest.raises(LogError, match=r"wraps around every 6\.28319: how often cannot be told"):
-        repaired([Channel(POSITION, time, wild, 2 * np.pi)])
+        repaired_channels([Channel(POSITION, time, wild, 2 * np.pi)])
 
 
 def test_a_step_and_a_glitch_are_no_wrap() -> None:
@@ -371,15 +371,15 @@ def test_a_step_and_a_glitch_are_no_wrap() -> None:
     step[2000:] += 1.0
     glitch[1000] += 6.0
     for values in (step, glitch):
-        _, mended, found = repaired([Channel(POSITION, time, values)])
+        _, repaired, found = repaired_channels([Channel(POSITION, time, values)])
         assert "wraps" not in kinds(found)
-        assert np.array_equal(mended[POSITION], values)
+        assert np.array_equal(repaired[POSITION], values)
 
 
 def test_a_dead_channel_is_named_and_left() -> None:
     time = regular()
     dead = Channel("knee.motor_position_rad", time, np.zeros(len(time)))
-    _, values, found = repaired([*pair(time), dead])
+    _, values, found = repaired_channels([*pair(time), dead])
     assert [str(one) for one in found] == [
         "knee.motor_position_rad: constant channel, 1 found, the first at t = 0 s: it is 0 all the "
         "time; left as it is"
@@ -390,7 +390,7 @@ def test_a_dead_channel_is_named_and_left() -> None:
 def test_a_channel_without_numbers_is_no_sensor() -> None:
     time = regular()
     nothing = Channel("knee.joint_torque_Nm", time, np.full(len(time), np.nan))
-    grid, values, found = repaired([*pair(time), nothing])
+    grid, values, found = repaired_channels([*pair(time), nothing])
     assert found == ()
     assert np.array_equal(grid, time)
     assert np.all(np.isnan(values["knee.joint_torque_Nm"]))
@@ -402,8 +402,8 @@ def test_saturation_is_counted_and_beyond_the_limit_refused() -> None:
         clipped = Channel(TORQUE, time, np.clip(torque(time), -level, level))
         if refused:
             with pytest.raises(LogError, match=r"stuck at its extreme \(1\.9\) in .*most_saturat"):
-                repaired([clipped])
-        _, values, found = repaired([clipped], Repairs(most_saturated=0.4))
+                repaired_channels([clipped])
+        _, values, found = repaired_channels([clipped], Repairs(most_saturated=0.4))
         stuck = np.abs(clipped.values) == level
         assert 0 < kinds(found)["saturated samples"] <= stuck.sum()
         assert np.array_equal(values[TORQUE], clipped.values)
@@ -413,7 +413,7 @@ def test_a_coarse_torque_is_not_saturated() -> None:
     time = regular()
     for values in (torque(time), 2.0 * np.cos(2 * np.pi * 0.4 * time)):
         coarse = np.round(values / 0.05) * 0.05
-        assert repaired([Channel(TORQUE, time, coarse)])[2] == ()
+        assert repaired_channels([Channel(TORQUE, time, coarse)])[2] == ()
 
 
 @pytest.mark.parametrize(
@@ -449,13 +449,13 @@ def _without_numbers(time: Array) -> list[Channel]:
 )
 def test_nothing_to_repair(make: Callable[[Array], list[Channel]], message: str) -> None:
     with pytest.raises(LogError, match=message):
-        repaired(make(regular()))
+        repaired_channels(make(regular()))
 
 
 def test_stamps_that_are_not_finite_are_left_out() -> None:
     time = regular()
     torn = time.copy()
     torn[[7, 100, 101]] = np.nan
-    grid, values, found = repaired([Channel(POSITION, torn, angle(time))])
+    grid, values, found = repaired_channels([Channel(POSITION, torn, angle(time))])
     assert kinds(found) == {"stamps that are not finite": 3, "irregular steps": 2}
     assert off(grid, values[POSITION]) < 0.01

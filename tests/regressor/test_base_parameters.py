@@ -121,7 +121,7 @@ def _joint(axis: str, origin: str = "") -> str:
 def test_tulip_leg_has_29_and_21_and_9(tulip_leg: Robot, tulip_urdf: Path) -> None:
     pitch = tulip_leg.joint_names[2:]
     assert len(base_parameters(tulip_leg).columns) == 29
-    assert len(base_parameters(tulip_leg, rows=pitch).columns) == 21
+    assert len(base_parameters(tulip_leg, torque_joints=pitch).columns) == 21
     assert len(base_parameters(load_robot(tulip_urdf, joints=pitch)).columns) == 9
 
 
@@ -129,7 +129,7 @@ def test_every_body_counts_whatever_the_joint_order(tulip_urdf: Path, tulip_leg:
     robot = load_robot(tulip_urdf, joints=tulip_leg.joint_names[::-1])
     assert len(base_parameters(robot).columns) == 29
     pitch = tulip_leg.joint_names[2:]
-    assert len(base_parameters(robot, rows=pitch).columns) == 21
+    assert len(base_parameters(robot, torque_joints=pitch).columns) == 21
 
 
 def test_names_and_grouping_agree(tulip_leg: Robot) -> None:
@@ -172,15 +172,15 @@ def test_motion_of_one_joint_tells_what_a_pendulum_tells(write_chain: Chain) -> 
     time = np.linspace(0, 5, 300)
     q, v, a = (np.column_stack([f(time), 0 * time]) for f in (np.sin, np.cos, lambda t: -np.sin(t)))
     motion = _motion(robot, time, q, v, a)
-    alone = base_parameters(robot, motion, rows=("one",))
+    alone = base_parameters(robot, motion, torque_joints=("one",))
     assert alone.names == ("mx_one_link", "mz_one_link", "Iyy_one_link")
     assert len(base_parameters(robot, motion).columns) == 6
-    assert len(base_parameters(robot, rows=("one",)).columns) == 6
+    assert len(base_parameters(robot, torque_joints=("one",)).columns) == 6
 
 
 def test_unknown_row_names_the_nearest(tulip_leg: Robot) -> None:
     with pytest.raises(RobotError, match="did you mean 'knee_pitch'"):
-        base_parameters(tulip_leg, rows=("knee_pich",))
+        base_parameters(tulip_leg, torque_joints=("knee_pich",))
 
 
 def test_nothing_identifiable_is_an_error(write_chain: Chain) -> None:

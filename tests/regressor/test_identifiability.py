@@ -34,7 +34,7 @@ SPRING: dict[str, Any] = {
     "stiffness_Nm_per_rad": 200.0,
 }
 FRICTION = {"viscous_friction of a", "coulomb_friction of a"}
-SPRING_OF_A = {"stiffness of a", "deflection_offset of a"}
+SPRING_OF_A = {"stiffness of a", "spring_offset of a"}
 BODY = {"mx_a_link", "mz_a_link", "Iyy_a_link"}
 EVERYTHING = FRICTION | SPRING_OF_A | BODY
 
@@ -188,7 +188,7 @@ def test_tulip_leg_has_its_table(
     found = identifiability(leg, sensors)
     assert found.body_count == count
     assert found.rank == count + 4 * 3 + 2 * (len(known) - 3)
-    exact = seaid.symbolic.base_parameters(leg, rows=known)
+    exact = seaid.symbolic.base_parameters(leg, torque_joints=known)
     bodies = found.base.grouping[: found.body_count, : 10 * leg.n]
     assert found.base.columns[:count] == exact.columns
     np.testing.assert_allclose(bodies, exact.grouping, rtol=1e-9, atol=1e-12)
@@ -320,7 +320,7 @@ def test_coupled_drives(load_quietly: Callable[..., Robot], write_chain: Chain) 
     assert some.agree
     assert some.ratios == ()
     part = identifiability(robot, dict.fromkeys("ac", BOTH) | {"b": (*BOTH, "motor_torque")})
-    assert part.rank >= len(base_parameters(robot, rows=["b"]).columns)
+    assert part.rank >= len(base_parameters(robot, torque_joints=["b"]).columns)
 
 
 def test_without_nominal_values_the_answer_is_the_same(tulip_leg: Robot) -> None:
@@ -480,7 +480,7 @@ def test_null_space_of_an_arm_on_springs_without_torques() -> None:
     states = random_states(robot, seed=5)
     torques, Y = joint_torques(robot, *states), base.reduce(rigid_body_regressor(robot, *states))
     n, count = robot.n, len(torques)
-    springs = [robot.drivetrains[joint].values["stiffness"] for joint in robot.joint_names]
+    springs = [robot.drives[joint].values["stiffness"] for joint in robot.joint_names]
     H = np.zeros((count, n, 2 * n + len(base.columns)))
     for i in range(n):
         H[:, i, i], H[:, i, n + i] = torques[:, i] / springs[i], 1.0

@@ -15,7 +15,7 @@ from seaid.log.motion import Motion
 from seaid.log.sampling import in_band, standstill
 from seaid.regressor.base import base_parameters
 from seaid.regressor.drive_signals import motor_regressor, signals, spring_regressor
-from seaid.regressor.load import LoadModel, load_model, load_regression, zero_sensitivity
+from seaid.regressor.load import LoadModel, load_model, load_regression, offset_sensitivity
 from seaid.regressor.regression import actuator_columns, actuator_regression, stacked
 from seaid.regressor.rigid_body import joint_torques
 from seaid.robot.robot import Robot, load_robot
@@ -70,7 +70,7 @@ def test_truth_times_the_actuator_regressor_is_the_motor_torque(motion: Motion) 
         rows = actuator_regression(LEG, motion, joint)
         truth = [true_value(LEG, joint, name) for name in rows.names[:3]]
         assert rows.y == pytest.approx(rows.H @ [*truth, 0.0], abs=1e-12)
-        assert rows.names[3] == "deflection_offset"
+        assert rows.names[3] == "spring_offset"
         assert rows.units == ("N m s/rad", "N m", "N/m", "N")
         assert np.all(rows.joint == LEG.index(joint))
 
@@ -90,14 +90,14 @@ def test_truth_times_the_load_regressor_is_the_torque_without_the_payload(
 def test_carried_is_the_derivative_by_the_springs(motion: Motion, model: LoadModel) -> None:
     springs = true_springs(LEG)
     rows = load_regression(LEG, motion, model, springs)
-    assert rows.carried.shape == (len(rows.y), 6)
+    assert rows.propagated.shape == (len(rows.y), 6)
     for position, joint in enumerate(ELASTIC):
         for entry, step in enumerate((1000.0, 1.0)):
             shift = np.zeros(2)
             shift[entry] = step
             moved = load_regression(LEG, motion, model, {**springs, joint: springs[joint] + shift})
             derivative = (moved.y - rows.y) / step
-            assert rows.carried[:, 2 * position + entry] == pytest.approx(derivative, abs=1e-9)
+            assert rows.propagated[:, 2 * position + entry] == pytest.approx(derivative, abs=1e-9)
 
 
 def test_zero_sensitivity_is_what_a_shifted_encoder_does(motion: Motion, model: LoadModel) -> None:
@@ -108,17 +108,17 @@ def test_zero_sensitivity_is_what_a_shifted_encoder_does(motion: Motion, model: 
             [true_value(LEG, joint, name) for joint, name, _ in model.drives],
         ]
     )
-    found = zero_sensitivity(LEG, motion, model, springs, theta)
-    assert found.carried.shape == (len(found.y), LEG.n)
+    found = offset_sensitivity(LEG, motion, model, springs, theta)
+    assert found.propagated.shape == (len(found.y), LEG.n)
     rows = np.searchsorted(motion.time, found.time), found.joint.astype(int)
     q, v, a = motion.joint_states
     step = 1e-4
     for joint in range(LEG.n):
         shift = step * (np.arange(LEG.n) == joint)
         change = joint_torques(LEG, q + shift, v, a) - joint_torques(LEG, q, v, a)
-        assert found.carried[:, joint] == pytest.approx(-change[rows] / step, abs=1e-4)
-    assert np.max(np.abs(found.carried[:, 0])) < 1e-6  # yaw does not turn gravity
-    assert np.max(np.abs(found.carried[:, 2])) > 10.0
+        assert found.propagated[:, joint] == pytest.approx(-change[rows] / step, abs=1e-4)
+    assert np.max(np.abs(found.propagated[:, 0])) < 1e-6  # yaw does not turn gravity
+    assert np.max(np.abs(found.propagated[:, 2])) > 10.0
 
 
 def test_both_sides_of_a_row_pass_the_same_filter(motion: Motion) -> None:
@@ -147,7 +147,7 @@ def test_rows_are_decimated_and_the_ends_left_away() -> None:
     assert np.min(rows.time) >= 0.2
     assert np.max(rows.time) <= 5.8
     assert np.min(np.diff(rows.time)) == pytest.approx(0.05)
-    assert len(rows.y) + rows.left_out == len(np.arange(200, 5801, 50))
+    assert len(rows.y) + rows.excluded == len(np.arange(200, 5801, 50))
 
 
 def test_standstill_rows_are_left_out_and_counted() -> None:
@@ -156,7 +156,7 @@ def test_standstill_rows_are_left_out_and_counted() -> None:
     still = standstill(motion, 1)
     assert np.array_equal(still, speed < 0.01 * np.max(speed))
     rows = actuator_regression(arm(), motion, "shoulder")
-    assert rows.left_out == np.sum(still)
+    assert rows.excluded == np.sum(still)
     assert np.array_equal(rows.time, motion.time[~still])
 
 
@@ -183,13 +183,13 @@ def test_stacked_keeps_the_runs_apart(motion: Motion) -> None:
     both = stacked([one, one])
     assert both.run.tolist() == [0.0] * len(one.y) + [1.0] * len(one.y)
     assert np.array_equal(both.H, np.vstack([one.H, one.H]))
-    assert both.left_out == 2 * one.left_out
+    assert both.excluded == 2 * one.excluded
 
 
 def test_stacking_logs_with_other_sensors_is_refused(motion: Motion) -> None:
     no_motor = replace(motion, motor_torque=np.full_like(motion.motor_torque, np.nan))
     pair = [actuator_regression(LEG, one, "knee_pitch") for one in (motion, no_motor)]
-    assert pair[1].names == ("stiffness", "deflection_offset")
+    assert pair[1].names == ("stiffness", "spring_offset")
     with pytest.raises(LogError, match="the logs must have the same torque sensors"):
         stacked(pair)
 
@@ -222,8 +222,7 @@ def test_ideal_drive_has_no_columns_and_its_torque_is_known(tulip_urdf: Path) ->
 def test_drive_columns_that_the_base_parameters_hide_are_in_an_expression() -> None:
     known = arm().without_nominal()
     unknown = {
-        joint: replace(drive, motor_inertia_kg_m2=None)
-        for joint, drive in known.drivetrains.items()
+        joint: replace(drive, motor_inertia_kg_m2=None) for joint, drive in known.drives.items()
     }
     robot = known.with_values(known.parameters, unknown)
     model = load_model(robot, base_parameters(robot), robot.joint_names)

@@ -101,10 +101,10 @@ def unpacked(trace: dict[str, Any]) -> Array:
 def test_page_has_every_parameter_with_its_exact_value_and_interval(page: Page) -> None:
     found = arm_found()
     values = [float(value) for name, value in page.attributes if name == "value" and "." in value]
-    every = [*found.drivetrains.values(), found.load]
+    every = [*found.drives.values(), found.load]
     expected = np.concatenate([one.values for one in every])
     assert values == expected.tolist()
-    for joint, estimate in found.drivetrains.items():
+    for joint, estimate in found.drives.items():
         assert joint in page.words
         for name in estimate.names:
             assert name.replace("_", " ") in page.words
@@ -131,7 +131,7 @@ def test_page_says_how_well_the_unseen_motion_is_predicted(page: Page) -> None:
 def test_page_has_logs_known_drives_conditions_facts_and_versions(page: Page) -> None:
     assert "6001 in 6 s (1000 Hz)" in page.words
     assert "Torques used on the load side all 4 joints" in page.words
-    assert str(arm_found().processing[0].pass_band) in page.words
+    assert str(arm_found().processing[0].cutoff_selection) in page.words
     assert "gear_ratio_rad_per_m" in page.words
     assert "seed 1" in page.words
     assert "who <me> & you" in page.words
@@ -283,10 +283,10 @@ def test_bodies_that_cannot_exist_are_named() -> None:
     impossible = arm_found().robot.parameters.copy()
     impossible[0] = -1.0
     robot = arm_found().robot
-    found = replace(arm_found(), robot=robot.with_values(impossible, robot.drivetrains))
+    found = replace(arm_found(), robot=robot.with_values(impossible, robot.drives))
     (sentence,) = doubts(found, arm_result())["Bodies"]
     assert sentence.startswith(robot.body_names[0])
-    possible = replace(found, robot=arm_found().known.with_values(_bodies(), robot.drivetrains))
+    possible = replace(found, robot=arm_found().known.with_values(_bodies(), robot.drives))
     assert "Bodies" not in doubts(possible, arm_result())
 
 
@@ -303,7 +303,7 @@ def test_checks_that_fail_are_flagged() -> None:
     found = replace(
         arm_found(),
         checks=FrozenMapping({"load": bad}),
-        left_out=FrozenMapping({"load": 10**6}),
+        excluded=FrozenMapping({"load": 10**6}),
     )
     said = doubts(found, arm_result())
     assert said["Combinations that the data hardly tell"] == (
@@ -346,7 +346,7 @@ def test_correlations_are_those_of_the_estimates_and_none_between_what_was_apart
     count = len(load)
     np.testing.assert_allclose(shown.values[-count:, -count:], load)
     assert np.all(np.isnan(shown.values[:-count, -count:]))
-    first = found.drivetrains["shoulder"]
+    first = found.drives["shoulder"]
     np.testing.assert_allclose(shown.values[:4, :4], first.correlation[:4, :4])
     data = np.frombuffer(base64.b64decode(packed_correlations(shown)), dtype=np.int8)
     np.testing.assert_allclose(

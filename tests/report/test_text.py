@@ -70,7 +70,7 @@ def test_summary_has_every_parameter_with_error_and_unit() -> None:
     summary = found().summary()
     assert summary == identification_table(found())
     assert summary.startswith("mixed_arm: 14 base parameters from the torques at rail, shoulder,")
-    for joint, estimate in found().drivetrains.items():
+    for joint, estimate in found().drives.items():
         for name, value, error, unit in zip(
             estimate.names, estimate.values, estimate.standard_errors, estimate.units, strict=True
         ):
@@ -103,7 +103,7 @@ def test_flags_are_in_the_summary() -> None:
 
 def test_truth_stands_beside_the_estimate() -> None:
     (line,) = lines(drive_table("Table 1", found(), arm()), "shoulder", "stiffness")
-    value = found().drivetrains["shoulder"].value("stiffness")
+    value = found().drives["shoulder"].value("stiffness")
     assert " 250 " in line
     assert f" {percent(value / 250 - 1)} " in line
     (line,) = lines(load_table("Base", found(), arm()), "m_carriage + m_upper_arm")

@@ -297,17 +297,17 @@ def test_inertia_without_mass_is_refused_and_a_link_without_both_is_not(
 
 def test_drives_are_by_joint_and_ideal_where_none_is_given(tulip_leg: Robot) -> None:
     assert tulip_leg.elastic_joints == ("hip_pitch", "knee_pitch", "ankle_pitch")
-    assert list(tulip_leg.drivetrains) == list(tulip_leg.joint_names)
-    assert isinstance(tulip_leg.drivetrains["hip_yaw"], StiffDrive)
-    knee = tulip_leg.drivetrains["knee_pitch"]
+    assert list(tulip_leg.drives) == list(tulip_leg.joint_names)
+    assert isinstance(tulip_leg.drives["hip_yaw"], StiffDrive)
+    knee = tulip_leg.drives["knee_pitch"]
     assert isinstance(knee, SeriesElasticDrive)
     assert knee.stiffness == 59966.0
 
 
 def test_joint_without_drive_has_its_torque_known_at_the_joint(tulip_urdf: Path) -> None:
     robot = load_robot(tulip_urdf, {"knee_pitch": {"type": "stiff", "gear_ratio": 50}})
-    assert robot.drivetrains["knee_pitch"].ratio == 50
-    hip = robot.drivetrains["hip_pitch"]
+    assert robot.drives["knee_pitch"].ratio == 50
+    hip = robot.drives["hip_pitch"]
     assert hip == StiffDrive(gear_ratio=1.0, motor_inertia_kg_m2=0.0, friction=())
     assert robot.elastic_joints == ()
 
@@ -316,7 +316,7 @@ def test_robot_is_read_only(tulip_leg: Robot) -> None:
     with pytest.raises(ValueError, match="read-only"):
         tulip_leg.parameters[0] = 1.0
     with pytest.raises(TypeError):
-        tulip_leg.drivetrains["knee_pitch"] = StiffDrive(gear_ratio=1)  # type: ignore[index]
+        tulip_leg.drives["knee_pitch"] = StiffDrive(gear_ratio=1)  # type: ignore[index]
     with pytest.raises(AttributeError):
         tulip_leg.name = "other"  # type: ignore[misc]
 
@@ -337,7 +337,7 @@ def test_nothing_nominal_is_left_before_an_identification(tulip_urdf: Path) -> N
     assert np.all(np.isnan(known.parameters))
     assert np.all(np.isnan(joint_torques(known, *state)))
     assert all(not np.any(np.isfinite(body.inertia)) for body in list(known.model.inertias)[1:])
-    for drive in known.drivetrains.values():
+    for drive in known.drives.values():
         assert getattr(drive, "stiffness", None) is None
         assert drive.viscous_friction_Nms_per_rad is None
         assert drive.coulomb_friction_Nm is None
@@ -353,24 +353,24 @@ def test_other_values_and_the_first_again_give_the_first_robot(tulip_urdf: Path)
     drives = tulip_urdf.with_suffix(".toml")
     payload = Payload("shank", 1.0, (0.1, 0.0, 0.0))
     robot = load_robot(tulip_urdf, drives, payloads=[payload])
-    other = robot.with_values(2 * robot.parameters, robot.drivetrains)
-    back = robot.without_nominal().with_values(robot.parameters, robot.drivetrains)
+    other = robot.with_values(2 * robot.parameters, robot.drives)
+    back = robot.without_nominal().with_values(robot.parameters, robot.drives)
     state = states(5)
     Y = rigid_body_regressor(other, *state)
     total = Y @ (2 * robot.parameters + robot.payload_parameters)
     assert_same(joint_torques(other, *state), total)
     assert_same(joint_torques(back, *state), joint_torques(robot, *state))
-    assert dict(back.drivetrains) == dict(robot.drivetrains)
+    assert dict(back.drives) == dict(robot.drives)
     with pytest.raises(RobotError, match=r"parameters must have shape \(50\), found \(49,\)"):
-        robot.with_values(robot.parameters[1:], robot.drivetrains)
+        robot.with_values(robot.parameters[1:], robot.drives)
 
 
 # Drives that do not fit
 
 
-def fails_with(path: Path, drivetrains: object, words: str) -> None:
+def fails_with(path: Path, drives: object, words: str) -> None:
     with pytest.raises(RobotError, match=words):
-        load_robot(path, drivetrains)  # type: ignore[arg-type]
+        load_robot(path, drives)  # type: ignore[arg-type]
 
 
 def test_drive_of_a_joint_that_the_robot_lacks_offers_the_nearest(tulip_urdf: Path) -> None:

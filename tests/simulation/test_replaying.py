@@ -21,7 +21,7 @@ DRIVE = seaid.StiffDrive(
 
 def pendulum(drive: seaid.StiffDrive = DRIVE) -> seaid.Robot:
     return seaid.load_robot(
-        MODELS / "xl330_pendulum.urdf", drivetrains={"pendulum": drive}, payloads=(PENDULUM,)
+        MODELS / "xl330_pendulum.urdf", drives={"pendulum": drive}, payloads=(PENDULUM,)
     )
 
 
@@ -80,7 +80,7 @@ def test_two_inertias_on_a_spring_swing_at_their_frequency() -> None:
         viscous_friction_Nms_per_rad=0.0,
         coulomb_friction_Nm=0.0,
     )
-    robot = seaid.load_robot(MODELS / "hebi_module.urdf", drivetrains={"joint_0": drive})
+    robot = seaid.load_robot(MODELS / "hebi_module.urdf", drives={"joint_0": drive})
     time = np.arange(0.0, 1.0, 0.005)
     still = np.zeros((len(time), 1))
     log = seaid.Log(time, robot.joint_names, still + 1.0, still, still)

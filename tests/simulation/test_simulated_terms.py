@@ -83,9 +83,9 @@ SPRINGS: dict[str, Drive] = {
     "fifth alone": elastic({"fifth_stiffness": 1e7}, spring=("fifth",)),
     "dead zone": elastic({"dead_zone": 0.01}, spring=("linear", "dead_zone")),
     "damping": elastic({"spring_damping": 0.5}, spring=("linear", "damping")),
-    "preload": elastic({"deflection_offset": 1.0}, spring=("linear", "preload")),
+    "preload": elastic({"spring_offset": 1.0}, spring=("linear", "preload")),
     "preload of a bent one": elastic(
-        {"deflection_offset": 1.0, "cubic_stiffness": 2e4}, spring=("linear", "cubic", "preload")
+        {"spring_offset": 1.0, "cubic_stiffness": 2e4}, spring=("linear", "cubic", "preload")
     ),
     "parallel": elastic(
         {"parallel_stiffness": 3.0, "parallel_preload": 1.0}, parallel_spring=("linear", "preload")
@@ -129,14 +129,14 @@ def residuals(robot: Robot, plant: Plant, state: Array, torque: Array) -> list[f
     beside = [
         value(
             joint_equation,
-            robot.drivetrains[name],
+            robot.drives[name],
             {"theta_L": position[index], "theta_L_dot": speed[index], "tau_L": 0.0},
         )
         for index, name in enumerate(robot.joint_names)
     ]
     on_drives = np.linalg.solve(C.T, bodies + beside)
     for index, name in enumerate(robot.joint_names):
-        drive = robot.drivetrains[name]
+        drive = robot.drives[name]
         by_name = {
             "theta_M": state[POSITION, index],
             "theta_M_dot": state[SPEED, index],
@@ -163,7 +163,7 @@ def random_state(robot: Robot, rng: np.random.Generator) -> Array:
     C = robot.transmission
     turning = rng.uniform(0.3, 1, robot.n) * rng.choice([-1, 1], robot.n)
     state[JOINT_SPEED] = np.linalg.solve(C, turning)
-    ratio = np.array([robot.drivetrains[joint].ratio for joint in robot.joint_names])
+    ratio = np.array([robot.drives[joint].ratio for joint in robot.joint_names])
     state[POSITION] = ratio * (C @ state[JOINT_POSITION])
     state[SPEED] = ratio * (C @ state[JOINT_SPEED])
     for index, joint in enumerate(robot.joint_names):
@@ -315,7 +315,7 @@ def test_friction_offset_pushes_a_motor_that_nothing_else_holds(write_chain: Cha
 
 
 def test_deflection_offset_of_encoder_zeros_does_not_act(write_chain: Chain) -> None:
-    found = elastic({"deflection_offset": 5.0})
+    found = elastic({"spring_offset": 5.0})
     for drive in (found, replace(found, friction=(*DRY, "load")).with_values({"load_friction": 0})):
         plant = plant_of(pendulum(write_chain, drive, g=0.0))
         assert not np.any(run(plant, np.zeros((4, 1)), lambda _: np.zeros(1), 0.02, 1e-3))
@@ -592,7 +592,7 @@ EXPERIMENTS: dict[str, tuple[Drive, Drive]] = {
         elastic(
             {
                 "load_friction": 0.08,
-                "deflection_offset": 1.0,
+                "spring_offset": 1.0,
                 "joint_viscous_friction": 0.1,
                 "joint_coulomb_friction": 0.15,
             },
@@ -615,8 +615,8 @@ def test_what_was_simulated_is_found_again(terms: str, tmp_path: Path) -> None:
     trajectory = wiggle(robot, 6.0, (0.0, 0.0), (1.2, 1.5))
     log = simulate(robot, trajectory, rate_hz=500.0, noise=_SENSORS, seed=1)
     found = identify(robot.without_nominal(), log, cutoff_hz=_CUTOFF_HZ)
-    for joint, estimate in found.drivetrains.items():
-        drive = robot.drivetrains[joint]
+    for joint, estimate in found.drives.items():
+        drive = robot.drives[joint]
         plain = STIFF if isinstance(drive, StiffDrive) else ELASTIC
         wanted = [name for name, one in drive.values.items() if plain.values.get(name) != one]
         assert set(wanted) <= set(estimate.names)

@@ -275,7 +275,7 @@ def test_joints_in_the_users_order_move_the_same() -> None:
     names = usual.joint_names[::-1]
     robot = load_robot(
         Path(__file__).parents[2] / "models" / "tulip_leg.urdf",
-        dict(usual.drivetrains),
+        dict(usual.drives),
         joints=names,
     )
     trajectory = short(usual)

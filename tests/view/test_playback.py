@@ -159,15 +159,15 @@ def test_plan_is_played_with_the_deflections_of_the_nominal_model(robot: Robot) 
     assert played.notes == ("planned; deflections are those of the nominal model",)
 
     run = simulate(robot, trajectory, rate_hz=500.0)
-    recorded = playback_of(robot, run, "run")
-    size = np.max(np.abs(recorded.deflection[:, :2]))
+    previous_logs = playback_of(robot, run, "run")
+    size = np.max(np.abs(previous_logs.deflection[:, :2]))
     np.testing.assert_allclose(
-        played.deflection[:, :2], recorded.deflection[:, :2], atol=0.05 * size
+        played.deflection[:, :2], previous_logs.deflection[:, :2], atol=0.05 * size
     )
 
     motion = reconstruct_motion(robot, run, 20.0)
     filtered = playback_of(robot, motion, "motion")
-    np.testing.assert_allclose(filtered.position, recorded.position, atol=1e-4)
+    np.testing.assert_allclose(filtered.position, previous_logs.position, atol=1e-4)
 
 
 def test_plan_without_nominal_values_says_why(robot: Robot) -> None:
@@ -249,7 +249,7 @@ def test_legend_says_units_and_what_is_not_known(robot: Robot) -> None:
     assert "about its mean" in text
     assert "zeros of encoders are not known" in text
     assert "no deflection is known" in legend(robot, np.zeros(3))
-    rigid = robot.with_drivetrains({"turn": STIFF, "slide": StiffDrive()})
+    rigid = robot.with_drives({"turn": STIFF, "slide": StiffDrive()})
     assert "no joint has a spring" in legend(rigid, np.zeros(3))
 
 

@@ -1,8 +1,9 @@
 """Possible bodies of a robot: what an estimate says, made physically possible body by body.
 
 An estimate tells fewer combinations than there are standard parameters; noise may put it where no
-body can be. `possible_bodies` returns the physically possible robot nearest to both the estimate
-and the robot file, the weight between them chosen by the data (`seaid.estimation.feasible`).
+body can be. `feasible_parameters` returns the physically possible robot nearest to both the
+estimate and the robot file, the weight between them chosen by the data
+(`seaid.estimation.feasible`).
 
 Where no physically consistent bodies come near an estimate: which assumption is to blame.
 """
@@ -21,7 +22,7 @@ from seaid.estimation import (
     WEIGHTS,
     Estimate,
     Possible,
-    Programme,
+    Program,
     chosen,
     least_spread,
     nearest,
@@ -47,14 +48,14 @@ _EXPLAINED = 0.9
 """Part of chi-square that an assumption must explain to be named as the one to blame."""
 
 
-def contradiction(robot: Robot, programme: Programme, least: float, bounds: int) -> str | None:
+def contradiction(robot: Robot, program: Program, least: float, bounds: int) -> str | None:
     """Say what the data contradict, None where bodies come as near as errors of `least` explain.
 
-    `least` is the least chi-square of a programme whose first `bounds` limits are those of a user.
+    `least` is the least chi-square of a program whose first `bounds` limits are those of a user.
     Each payload, all of them, and the bounds are left out in turn: what takes most of chi-square
     away is named. Raises as `nearest` does.
     """
-    count = len(programme.estimate)
+    count = len(program.estimate)
     if least <= count + _DEVIATIONS * np.sqrt(2.0 * count):
         return None
     text = (
@@ -63,7 +64,7 @@ def contradiction(robot: Robot, programme: Programme, least: float, bounds: int)
     )
     found = [
         (nearest(without).chi_square, words)
-        for words, without in _assumptions(robot, programme, bounds)
+        for words, without in _assumptions(robot, program, bounds)
     ]
     smallest, words = min(found, default=(least, ""))
     if smallest < (1 - _EXPLAINED) * least:
@@ -75,10 +76,8 @@ def contradiction(robot: Robot, programme: Programme, least: float, bounds: int)
     )
 
 
-def _assumptions(
-    robot: Robot, programme: Programme, bounds: int
-) -> Iterator[tuple[str, Programme]]:
-    """Return what may be wrong, in words with the remedy, and the programme without it."""
+def _assumptions(robot: Robot, program: Program, bounds: int) -> Iterator[tuple[str, Program]]:
+    """Return what may be wrong, in words with the remedy, and the program without it."""
     payloads = robot.payload_parameters.reshape(-1, 10)
     loaded = np.flatnonzero(payloads[:, 0]).tolist()
     for bodies in [[body] for body in loaded] + ([loaded] if len(loaded) > 1 else []):
@@ -88,19 +87,19 @@ def _assumptions(
             f"the payload of {payloads[body, 0]:.4g} kg on {robot.body_names[body]}"
             for body in bodies
         )
-        yield f"{each}: check that it is on the robot, its mass and its place", _off(programme, one)
+        yield f"{each}: check that it is on the robot, its mass and its place", _off(program, one)
     if bounds:
-        limits, values = programme.limits[bounds:], programme.bounds[bounds:]
+        limits, values = program.limits[bounds:], program.bounds[bounds:]
         yield (
             "mass_bounds= and com_boxes=: check them, or leave them out",
-            replace(programme, limits=limits, bounds=values),
+            replace(program, limits=limits, bounds=values),
         )
 
 
-def _off(programme: Programme, payloads: Array) -> Programme:
-    """Return the programme for a robot without payloads (n, 10): its bodies carry their torque."""
-    carried = programme.columns[:, : payloads.size] @ payloads.ravel()
-    return replace(programme, estimate=programme.estimate + carried)
+def _off(program: Program, payloads: Array) -> Program:
+    """Return the program for a robot without payloads (n, 10): its bodies carry their torque."""
+    propagated = program.columns[:, : payloads.size] @ payloads.ravel()
+    return replace(program, estimate=program.estimate + propagated)
 
 
 _SHAPES = ("without mass", "a point mass", "a thin rod", "a flat plate")
@@ -108,7 +107,7 @@ _SHAPES = ("without mass", "a point mass", "a thin rod", "a flat plate")
 
 
 @dataclass(frozen=True, eq=False)
-class PossibleBodies:
+class FeasibleParameters:
     """A possible robot and how far it is from the estimate.
 
     `robot` has the possible bodies, their `parameters` (10n,), and the drives found. `names`,
@@ -137,7 +136,7 @@ class PossibleBodies:
     flags: tuple[str, ...] = ()
 
 
-def possible_bodies(
+def feasible_parameters(
     robot: Robot,
     model: LoadModel,
     load_side: Estimate,
@@ -148,7 +147,7 @@ def possible_bodies(
     com_boxes: Boxes | None = None,
     weight: float | None = None,
     white_covariance: Array | None = None,
-) -> PossibleBodies:
+) -> FeasibleParameters:
     """Return the possible bodies nearest to an estimate of the load side and to a prior.
 
     `load_side` has the columns of `model`, and those of elastic drives as '<parameter> of <joint>'
@@ -163,7 +162,7 @@ def possible_bodies(
     `load_side` would be for white noise: no combination counts as known better.
 
     Raises IdentificationError for bounds that no body can keep, for estimates that do not fit the
-    model, and where the programme is not solved; RobotError for a prior of another shape.
+    model, and where the program is not solved; RobotError for a prior of another shape.
     """
     if white_covariance is not None:
         size = len(load_side.names)
@@ -177,18 +176,18 @@ def possible_bodies(
     for body in robot.known_bodies:
         if body in {**masses, **boxes}:
             raise IdentificationError(f"'{body}' is a known body: it has no bounds")
-    programme, words = body_programme(robot, model, known, bodies, limits, start)
-    bound = nearest(programme)
-    flag = contradiction(robot, programme, bound.chi_square, len(limits))
-    found = _weighted(programme, weight, bound.chi_square)
-    return PossibleBodies(
+    program, words = body_programme(robot, model, known, bodies, limits, start)
+    bound = nearest(program)
+    flag = contradiction(robot, program, bound.chi_square, len(limits))
+    found = _weighted(program, weight, bound.chi_square)
+    return FeasibleParameters(
         robot=_robot(robot, model, known, found),
         parameters=_bodies(robot, found),
         names=known.names,
         units=known.units,
         values=found.values,
         estimate=known.values,
-        distance=(found.values - known.values) / _errors(programme),
+        distance=(found.values - known.values) / _errors(program),
         chi_square=found.chi_square,
         nearest_chi_square=bound.chi_square,
         weight=found.weight,
@@ -233,14 +232,14 @@ def _together(model: LoadModel, load_side: Estimate, drives: Mapping[str, Estima
     )
 
 
-def _weighted(programme: Programme, weight: float | None, least: float) -> Possible:
+def _weighted(program: Program, weight: float | None, least: float) -> Possible:
     if weight is None:
-        return chosen(programme, least)
+        return chosen(program, least)
     if not (np.isfinite(weight) and weight >= 0):
         raise IdentificationError(
             f"weight= must be zero or more and finite (None: chosen by the data), found {weight}"
         )
-    return regularised(programme, max(weight, WEIGHTS[-1]))
+    return regularised(program, max(weight, WEIGHTS[-1]))
 
 
 def _bodies(robot: Robot, found: Possible) -> Array:
@@ -253,7 +252,7 @@ def _robot(robot: Robot, model: LoadModel, known: Estimate, found: Possible) -> 
     m, names = 10 * robot.n, dict(zip(known.names, found.values, strict=True))
     for (joint, name, _), value in zip(model.absorbed, found.unknowns[m:], strict=False):
         names[f"{name} of {joint}"] = value
-    drives = dict(robot.drivetrains)
+    drives = dict(robot.drives)
     for joint, drive in drives.items():
         own = {
             (name := full.removesuffix(f" of {joint}")): _rounded(name, value)
@@ -269,8 +268,8 @@ def _rounded(name: str, value: float) -> float:
     return max(value, 0.0) if name in NON_NEGATIVE else value
 
 
-def _errors(programme: Programme) -> Array:
-    return np.asarray(np.linalg.norm(programme.root, axis=1))
+def _errors(program: Program) -> Array:
+    return np.asarray(np.linalg.norm(program.root, axis=1))
 
 
 def _held(robot: Robot, bound: Possible, words: list[str]) -> tuple[str, ...]:

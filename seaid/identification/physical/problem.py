@@ -2,7 +2,7 @@
 
 Bodies before any data: those of the robot file, mended where impossible, or plain balls.
 
-The programme whose solution are possible bodies: its unknowns, their limits, its start.
+The program whose solution are possible bodies: its unknowns, their limits, its start.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, frozen, safely
 from seaid.errors import IdentificationError, RobotError, unknown_name
-from seaid.estimation import Estimate, Programme, root_of
+from seaid.estimation import Estimate, Program, root_of
 from seaid.regressor import LoadModel
 from seaid.robot import Robot, from_center_of_mass, from_pseudo_inertia, is_physical, pseudo_inertia
 
@@ -213,14 +213,14 @@ def prior_bodies(robot: Robot, parameters: Array) -> tuple[Array, tuple[str, ...
             bodies[index] = ball
             continue
         scaled = ball * max(bodies[index, 0], 0.01 * usual)
-        mended = _mended(bodies[index], scaled)
-        if mended is not None:
+        repaired = _mended(bodies[index], scaled)
+        if repaired is not None:
             kind = "degenerate" if is_physical(bodies[index]) else "impossible"
             notes.append(
                 f"{robot.body_names[index]} is {kind} in the file: {SHIFT:g} of a ball of "
                 f"{scaled[0]:.3g} kg was added"
             )
-            bodies[index] = mended
+            bodies[index] = repaired
     return bodies, tuple(notes)
 
 
@@ -246,8 +246,8 @@ def body_programme(
     bodies: Array,
     limits: list[Limit],
     start: Array,
-) -> tuple[Programme, list[str]]:
-    """Return the programme, and what it means in words that an inequality is active.
+) -> tuple[Program, list[str]]:
+    """Return the program, and what it means in words that an inequality is active.
 
     Unknowns: the standard parameters, what the base parameters absorb of stiff drives, the drives'
     parameters.
@@ -263,7 +263,7 @@ def body_programme(
     signed = np.array([name.split(" of ", 1)[0] in NON_NEGATIVE for name in names], dtype=bool)
     all_limits = [replace(one, row=np.pad(one.row, (0, len(names)))) for one in limits]
     all_limits += _not_negative(names, sizes, signed, m)
-    programme = Programme(
+    program = Program(
         columns=columns,
         pivots=pivots,
         estimate=known.values,
@@ -273,7 +273,7 @@ def body_programme(
         bounds=np.array([one.bound for one in all_limits]),
         start=np.append(start, np.where(signed, np.maximum(values, 0.1 * sizes), values)),
     )
-    return programme, [one.words for one in all_limits]
+    return program, [one.words for one in all_limits]
 
 
 def _columns(model: LoadModel, known: Estimate, m: int) -> tuple[Array, tuple[int, ...], list[int]]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray
 from seaid.errors import LogError
-from seaid.log.repair.clocks import MendedClock, longest_bridge, longest_step
+from seaid.log.repair.clocks import RepairedClock, longest_bridge, longest_step
 from seaid.log.repair.data import Channel, Repair, Repairs, is_position
 from seaid.log.repair.resampling import FEWEST, gap_error
 
@@ -231,8 +231,8 @@ def is_constant(values: Array) -> bool:
     return bool(len(values) and np.all(np.isfinite(values)) and np.ptp(values) == 0.0)
 
 
-def mended_channel(
-    channel: Channel, clock: MendedClock, kept: BoolArray, limits: Repairs, found: list[Repair]
+def repaired_channel(
+    channel: Channel, clock: RepairedClock, kept: BoolArray, limits: Repairs, found: list[Repair]
 ) -> tuple[Array, Array]:
     """Return stamps and values of the samples of a channel that are good, without wraps."""
     time, values = clock.time, channel.values[clock.rows]

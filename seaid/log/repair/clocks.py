@@ -37,7 +37,7 @@ large, 0.3 s seven times.
 
 
 @dataclass(frozen=True, eq=False)
-class MendedClock:
+class RepairedClock:
     """Stamps in order: `rows` (S,) of the samples that are left, `time` (S,) [s] that never falls.
 
     `late` samples were put back into place; at `jumps` (row, seconds) the clock was set back or on
@@ -102,7 +102,7 @@ def irregular_steps(time: Array) -> BoolArray:
     return np.asarray(np.abs(steps - np.median(steps)) > _REGULAR * np.median(steps))
 
 
-def mended_clock(name: str, time: Array, values: Array, longest_gap_s: float) -> MendedClock:
+def repaired_clock(name: str, time: Array, values: Array, longest_gap_s: float) -> RepairedClock:
     """Return the stamps of a clock in order, with the `values` (T, any) that were sampled by it.
 
     Single late samples are sorted into the hole that they left. Where the clock was set back, or
@@ -135,7 +135,7 @@ def mended_clock(name: str, time: Array, values: Array, longest_gap_s: float) ->
             jumps.append((int(rows[place]), float(jump - step)))
             stamps[place:] -= jump - step
         place = _next_break(stamps, place + 1, longest_gap_s)
-    return MendedClock(
+    return RepairedClock(
         rows=rows,
         time=stamps,
         late=np.concatenate([*late, np.empty(0, dtype=np.intp)]).astype(np.intp),
@@ -295,9 +295,9 @@ def _clock_name(group: Sequence[Channel]) -> str:
     return f"'{group[0].name}'" + (f" and {others} more" if others else "")
 
 
-def mended_group(
+def repaired_group(
     group: Sequence[Channel], limits: Repairs, found: list[Repair]
-) -> tuple[MendedClock, BoolArray]:
+) -> tuple[RepairedClock, BoolArray]:
     """Return the clock of channels in order, and which of its samples are kept."""
     name = _clock_name(group)
     raw = group[0].time
@@ -307,7 +307,7 @@ def mended_group(
         raise LogError(
             f"the clock of {name} has {len(finite)} finite stamps, at least {FEWEST} are needed"
         )
-    clock = mended_clock(name, raw, values, limits.longest_gap_s or longest_step(finite))
+    clock = repaired_clock(name, raw, values, limits.longest_gap_s or longest_step(finite))
     repeats = np.concatenate([[False], np.diff(clock.time) <= 0])
     _note_disorder(name, raw, clock, repeats, found)
     changes = np.diff(values[clock.rows], axis=0, prepend=np.nan)  # NaN differ from all
@@ -317,7 +317,7 @@ def mended_group(
 
 
 def _note_disorder(
-    name: str, raw: Array, clock: MendedClock, repeats: BoolArray, found: list[Repair]
+    name: str, raw: Array, clock: RepairedClock, repeats: BoolArray, found: list[Repair]
 ) -> None:
     """Note what was wrong with the order of the stamps of a clock."""
     jumps = ", ".join(f"{size:.4g} s" for _, size in clock.jumps)
@@ -337,7 +337,7 @@ def _note_disorder(
 
 
 def _check_disorder(
-    name: str, raw: Array, clock: MendedClock, other: BoolArray, limits: Repairs
+    name: str, raw: Array, clock: RepairedClock, other: BoolArray, limits: Repairs
 ) -> None:
     """Refuse too many stamps out of order; `other` are those repeated with other values."""
     rows = np.concatenate([clock.unknown, clock.late, clock.rows[other]])

@@ -12,12 +12,12 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.errors import LogError
-from seaid.log.repair.channels import bridged_s, mended_channel
+from seaid.log.repair.channels import bridged_s, repaired_channel
 from seaid.log.repair.clocks import (
     clock_lines,
     clocks_of,
     irregular_steps,
-    mended_group,
+    repaired_group,
     typical_step,
 )
 from seaid.log.repair.data import Channel, Repair, Repairs, is_position
@@ -38,15 +38,15 @@ def repaired(
     if not channels:
         raise LogError("no channels to repair: a log needs one at least")
     clocks = clocks_of(channels)
-    mended: dict[str, tuple[Array, Array]] = {}
+    repaired: dict[str, tuple[Array, Array]] = {}
     found: list[Repair] = []
     lines = clock_lines(clocks, limits, found)
     for group, line in zip(clocks, lines, strict=True):
-        clock, kept = mended_group(group, limits, found)
+        clock, kept = repaired_group(group, limits, found)
         for channel in group:
-            time, values = mended_channel(channel, clock, kept, limits, found)
-            mended[channel.name] = (time if line is None else line.to_reference(time), values)
-    usable = {name: one for name, one in mended.items() if len(one[0]) >= FEWEST}
+            time, values = repaired_channel(channel, clock, kept, limits, found)
+            repaired[channel.name] = (time if line is None else line.to_reference(time), values)
+    usable = {name: one for name, one in repaired.items() if len(one[0]) >= FEWEST}
     if not usable:
         raise LogError("no channel of the log has as many as four samples that are numbers")
     if len(clocks) == 1 and limits.rate_hz is None and not _changed(channels, usable):

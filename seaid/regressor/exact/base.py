@@ -31,7 +31,7 @@ def base_parameters(
     robot: Robot,
     *,
     through: Way | None = None,
-    rows: Sequence[str] | None = None,
+    torque_joints: Sequence[str] | None = None,
     floating_base: bool = False,
     max_terms: int = MAX_TERMS,
     progress: bool = False,
@@ -53,8 +53,8 @@ def base_parameters(
     Warns where a grouping has a coefficient above 1e10: then directions of the file coincide but
     for a rounding error, and the exact count takes that at its word.
     """
-    way = _way(through, rows, floating_base)
-    known = _known(robot, rows)
+    way = _way(through, torque_joints, floating_base)
+    known = _known(robot, torque_joints)
     tree = exact_tree(robot)
     if way != "recursion":
         return _checked(robot, _by_polynomials(robot, tree, way, known, max_terms, progress))
@@ -106,33 +106,33 @@ def _of_unknown(robot: Robot, echelon: list[SparseRow], first: int) -> list[Spar
     return without_columns(echelon, known) if known else echelon
 
 
-def _known(robot: Robot, rows: Sequence[str] | None) -> list[int]:
+def _known(robot: Robot, torque_joints: Sequence[str] | None) -> list[int]:
     """Return the joints of the tree whose torques are known."""
-    if rows is None:
+    if torque_joints is None:
         return list(range(robot.n))
-    if isinstance(rows, str) or not rows:
+    if isinstance(torque_joints, str) or not torque_joints:
         raise SymbolicError(
-            f"rows= must be a list of at least one joint name, found {rows!r}; the joints of "
-            f"'{robot.name}' are {', '.join(robot.joint_names)}"
+            "torque_joints= must be a list of at least one joint name, found "
+            f"{torque_joints!r}; the joints of '{robot.name}' are {', '.join(robot.joint_names)}"
         )
-    group = named_in_part(robot.joint_names, robot.transmission, rows)
+    group = named_in_part(robot.joint_names, robot.transmission, torque_joints)
     if group:
         raise SymbolicError(
-            f"the drives of {', '.join(group)} move these joints together: rows= must name all of "
-            "them or none here; seaid.base_parameters serves some of them"
+            f"the drives of {', '.join(group)} move these joints together: torque_joints= must "
+            "name all of them or none here; seaid.base_parameters serves some of them"
         )
-    return [robot.model_order.index(robot.index(joint)) for joint in rows]
+    return [robot.model_order.index(robot.index(joint)) for joint in torque_joints]
 
 
-def _way(through: Way | None, rows: Sequence[str] | None, floating_base: bool) -> Way:
+def _way(through: Way | None, torque_joints: Sequence[str] | None, floating_base: bool) -> Way:
     if through is not None and through not in get_args(Way):
         raise SymbolicError(unknown_name("way through=", through, get_args(Way)))
-    if rows is not None and through not in (None, "torque"):
+    if torque_joints is not None and through not in (None, "torque"):
         raise SymbolicError(
-            f'rows= tells which torques are known, found it with through="{through}"; only '
-            'through="torque" can serve it: leave through= out'
+            f'torque_joints= tells which torques are known, found it with through="{through}"; '
+            'only through="torque" can serve it: leave through= out'
         )
-    way: Way = through or ("recursion" if rows is None else "torque")
+    way: Way = through or ("recursion" if torque_joints is None else "torque")
     if floating_base and way != "recursion":
         raise SymbolicError(
             f'floating_base=True goes with through="recursion" and all rows, found "{way}"'

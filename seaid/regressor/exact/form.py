@@ -194,14 +194,14 @@ def complete_model(robot: Robot) -> CompleteModel:
         for symbol, joint in zip(symbols, joints, strict=True)
     }
     loads = [
-        torque.xreplace(in_time) + _beside(robot.drivetrains[joint], joint, position)
+        torque.xreplace(in_time) + _beside(robot.drives[joint], joint, position)
         for torque, joint, position in zip(torques, robot.joint_names, joints, strict=True)
     ]
     turned, loads = _at_drives(robot, joints, loads)
     equations: list[sp.Expr] = []
     coordinates, inputs = list(joints), []
     for joint, position, load in zip(robot.joint_names, turned, loads, strict=True):
-        drive = robot.drivetrains[joint]
+        drive = robot.drives[joint]
         motor = sp.Function(f"theta_M_{joint}")(t)
         torque = sp.Function(f"tau_{joint}" if drive is IDEAL_DRIVE else f"tau_M_{joint}")(t)
         inputs.append(torque)

@@ -137,15 +137,15 @@ def _moved(
                     result[i] = result[i] + (x * factor if c or s else x)
         return result
 
-    carried = through(kind.velocity, above.velocity)
+    propagated = through(kind.velocity, above.velocity)
     square = through(kind.square, above.square)
-    for i, x in enumerate(with_axis(kind, carried, zero)):
+    for i, x in enumerate(with_axis(kind, propagated, zero)):
         square[i] = square[i] + speed * x
     axis = PAIR[kind.axis, kind.axis]
     square[axis] = square[axis] + speed * speed
-    carried[kind.axis] = carried[kind.axis] + speed
+    propagated[kind.axis] = propagated[kind.axis] + speed
     height = above.height + (cosine * above.gravity[2] if joint.is_prismatic else zero)
-    return _State(carried, square, through(kind.gravity, above.gravity), height)
+    return _State(propagated, square, through(kind.gravity, above.gravity), height)
 
 
 def _columns(state: _State, joint: ExactJoint, zero: fmpq_mpoly) -> list[fmpq_mpoly]:

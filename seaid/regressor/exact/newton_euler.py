@@ -94,14 +94,14 @@ def _turned(program: Program, place: int, body: int, placed: _Motion) -> _Motion
     """Return the motion behind a joint that turns about z."""
     c, s, speed, rate = (f"{x}{body}" for x in "csva")
     program.circular[c], program.circular[s] = ("cos", f"q{body}"), ("sin", f"q{body}")
-    carried = named(program, _about_axis(c, s, placed.angular))
-    swept = _times(name(speed), cross(carried, _AXIS))
+    propagated = named(program, _about_axis(c, s, placed.angular))
+    swept = _times(name(speed), cross(propagated, _AXIS))
     partial = {
         k: (_about_axis(c, s, v), _about_axis(c, s, w)) for k, (v, w) in placed.partial.items()
     }
     return _Motion(
         _about_axis(c, s, placed.acceleration),
-        _added(carried, _times(name(speed), _AXIS)),
+        _added(propagated, _times(name(speed), _AXIS)),
         _added(_about_axis(c, s, placed.turning), swept, _times(name(rate), _AXIS)),
         {**partial, place: (_NOTHING, _AXIS)},
     )

@@ -110,7 +110,7 @@ class RealNumbers:
     def torques(self, q: Array, turned: object, v: Array, a: Array, bodies: Array) -> Array:
         """Return `regressor` @ bodies, (T, n)."""
         own = bodies - self.robot.payload_parameters
-        return joint_torques(self.robot.with_values(own, self.robot.drivetrains), q, v, a)
+        return joint_torques(self.robot.with_values(own, self.robot.drives), q, v, a)
 
     def product(self, left: Array, right: Array) -> Array:
         """Return left @ right."""

@@ -62,7 +62,7 @@ def positions_seen(robot: Robot, sensors: Mapping[str, frozenset[str]]) -> Seen:
     rows: list[list[fmpq]] = []
     motors, driven, stretches = [], [], []
     for i, joint in enumerate(robot.joint_names):
-        drive = robot.drivetrains[joint]
+        drive = robot.drives[joint]
         unit = [fmpq(int(j == i)) for j in range(n)]
         turned = [fmpq(0)] * n + [C[i, j] for j in range(n)]
         motor = [*unit, *[fmpq(0)] * n]
@@ -368,7 +368,7 @@ def system_of(
     `depends` are the joints whose motion the rigid bodies' torque at each joint depends on.
     """
     joints = robot.joint_names
-    terms = tuple(drive_terms(robot.drivetrains[joint], sensors[joint]) for joint in joints)
+    terms = tuple(drive_terms(robot.drives[joint], sensors[joint]) for joint in joints)
     equations = equations_of(robot, terms, sensors, depends)
     drives = zip(joints, terms, strict=True)
     names = tuple(f"{name} of {joint}" for joint, drive in drives for name in drive.names)

@@ -149,7 +149,7 @@ def _sensed(
 
 
 def _full_set(robot: Robot, joint: str) -> tuple[str, ...]:
-    drive = robot.drivetrains[joint]
+    drive = robot.drives[joint]
     elastic = isinstance(drive, SeriesElasticDrive)
     positions = ("motor_position", "joint_position") if elastic else ("joint_position",)
     return (*positions, f"motor_{drive.motor_input}")
@@ -177,7 +177,7 @@ def _check_conditions(robot: Robot, conditions: Sequence[Robot]) -> None:
             for one, two in zip(own.jointPlacements, other.model.jointPlacements, strict=True)
         )
         same = same and other.known_bodies == robot.known_bodies
-        if not same or dict(other.drivetrains) != dict(robot.drivetrains):
+        if not same or dict(other.drives) != dict(robot.drives):
             raise RobotError(
                 f"conditions= takes the same robot with other payloads; '{other.name}' has other "
                 f"joints, drives or known bodies than '{robot.name}'"

@@ -158,18 +158,20 @@ def test_certificate(tulip_leg: Robot) -> None:
     ],
 )
 def test_known_torques_only(tulip_leg: Robot, rows: tuple[str, ...], count: int | None) -> None:
-    exact = base_parameters(tulip_leg, rows=rows)
+    exact = base_parameters(tulip_leg, torque_joints=rows)
     assert exact.through == "torque"
     assert count in (None, exact.rank)
-    assert cross_check(numeric_base_parameters(tulip_leg, rows=rows), exact).agree
-    assert base_parameters(tulip_leg, rows=rows, through="torque").rank == exact.rank
+    assert cross_check(numeric_base_parameters(tulip_leg, torque_joints=rows), exact).agree
+    assert base_parameters(tulip_leg, torque_joints=rows, through="torque").rank == exact.rank
 
 
 def test_known_torques_are_those_of_the_named_joints_in_any_order(tulip_urdf: Path) -> None:
     joints = ["ankle_pitch", "hip_pitch", "knee_pitch", "hip_yaw"]
     robot = load_robot(tulip_urdf, joints=joints)
-    exact = base_parameters(robot, rows=["knee_pitch", "hip_pitch"])
-    check = cross_check(numeric_base_parameters(robot, rows=["knee_pitch", "hip_pitch"]), exact)
+    exact = base_parameters(robot, torque_joints=["knee_pitch", "hip_pitch"])
+    check = cross_check(
+        numeric_base_parameters(robot, torque_joints=["knee_pitch", "hip_pitch"]), exact
+    )
     assert check.agree, check
     ways = three_ways(robot)
     assert ways[0].exact_rows == ways[1].exact_rows == ways[2].exact_rows
@@ -177,11 +179,11 @@ def test_known_torques_are_those_of_the_named_joints_in_any_order(tulip_urdf: Pa
 
 def test_unusable_rows(tulip_leg: Robot) -> None:
     with pytest.raises(RobotError, match="did you mean 'knee_pitch'"):
-        base_parameters(tulip_leg, rows=("knee_pich",))
+        base_parameters(tulip_leg, torque_joints=("knee_pich",))
     with pytest.raises(SymbolicError, match="at least one joint name"):
-        base_parameters(tulip_leg, rows=())
+        base_parameters(tulip_leg, torque_joints=())
     with pytest.raises(SymbolicError, match="found 'knee_pitch'"):
-        base_parameters(tulip_leg, rows="knee_pitch")
+        base_parameters(tulip_leg, torque_joints="knee_pitch")
 
 
 @pytest.mark.parametrize("way", ["energy", "torque"])
