@@ -207,7 +207,7 @@ def parser() -> argparse.ArgumentParser:
     add("--criterion", choices=tuple(CRITERIA), default="condition_number", help="made small")
     add("--drives", action="store_true", help="tell friction and stiffness of the drives as well")
     add("--torque-std", type=float, default=1.0, help="torque noise at the joints, N m")
-    add("--free-ends", action="store_true", help="ends in motion, with a run-in and a run-out")
+    add("--ends-in-motion", action="store_true", help="ends in motion, with a run-in and a run-out")
     add("--recorded", type=Path, nargs="+", default=[], metavar="LOG", help="known already")
     add("--rate", type=float, default=1000.0, help="of the set-points, 1/s")
     add("--starts", type=int, default=3, help="random starts of the search")
