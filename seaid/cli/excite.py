@@ -55,7 +55,9 @@ def excite(
     ] = False,
     ends_in_motion: Annotated[
         bool,
-        typer.Option("--ends-in-motion", help="Begin and end moving, with a way in from rest and out."),
+        typer.Option(
+            "--ends-in-motion", help="Begin and end moving, with a way in from rest and out."
+        ),
     ] = False,
     previous_logs: Annotated[
         list[Path] | None, typer.Option(help="Log that tells already. May be repeated.")

@@ -265,11 +265,13 @@ def test_json_of_identify_is_what_it_writes(arm: Path, tmp_path: Path) -> None:
 
 
 def test_options_of_identify_reach_it(arm: Path, tmp_path: Path) -> None:
-    options = ("--method", "joint", "--estimator", "huber", "--feasible", "--cutoff-hz", "6")
+    options = ("--method", "simultaneous", "--estimator", "huber", "--feasible", "--cutoff-hz", "6")
     robot, file = robot_and_drives(arm), tmp_path / "p.json"
-    said = done("identify", *robot, arm / "run.csv", *options, "--encoder-offset-std", "0", "-o", file)
+    said = done(
+        "identify", *robot, arm / "run.csv", *options, "--encoder-offset-std", "0", "-o", file
+    )
     assert "pass band 6 Hz" in said.out
-    assert "both method" in said.out
+    assert "both sides" in said.out
     assert "possible bodies" in said.out
 
 
