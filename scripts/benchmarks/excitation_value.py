@@ -36,7 +36,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from scripts.identify_tulip_leg import (
     DURATION_S,
-    JOINT_ZERO_STD_RAD,
+    ENCODER_OFFSET_STD_RAD,
     LIMITS,
     TEST_MASS,
     load_leg,
@@ -76,7 +76,7 @@ def run(found: seaid.Excitation, draws: int) -> tuple[Array, Array]:
     both = []
     for draw in range(draws):
         log = measure(truth, motion, sensors(draw), draw)
-        told = seaid.identify(known, log, encoder_offset_std=JOINT_ZERO_STD_RAD)
+        told = seaid.identify(known, log, encoder_offset_std=ENCODER_OFFSET_STD_RAD)
         both.append(errors_of(truth, found, told))
     errors, stated = np.array(both).transpose(1, 0, 2)
     return errors, stated

@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from scripts.identify_tulip_leg import (
     DURATION_S,
-    JOINT_ZERO_STD_RAD,
+    ENCODER_OFFSET_STD_RAD,
     LIMITS,
     TEST_MASS,
     load_leg,
@@ -83,9 +83,9 @@ def draw(run: int) -> tuple[Array, float]:
     """Return errors and standard errors (2 methods, 2, p) of one draw, and the seconds refining."""
     truth, motion = true_motion()
     log = measure(truth, motion, sensors(run), run)
-    found = seaid.identify(truth.without_nominal(), log, encoder_offset_std=JOINT_ZERO_STD_RAD)
+    found = seaid.identify(truth.without_nominal(), log, encoder_offset_std=ENCODER_OFFSET_STD_RAD)
     begin = time.perf_counter()
-    refined = seaid.refine(found, log, encoder_offset_std=JOINT_ZERO_STD_RAD)
+    refined = seaid.refine(found, log, encoder_offset_std=ENCODER_OFFSET_STD_RAD)
     seconds = time.perf_counter() - begin
     return np.array([errors_of(one, truth) for one in (found, refined)]), seconds
 
@@ -100,7 +100,7 @@ def bound() -> Array:
     noise = sensors(0)
     perfect = measure(truth, motion, replace(noise, **dict.fromkeys(_ERRORS, 0.0)))
     found = seaid.identify(truth.without_nominal(), perfect)
-    layout = layout_of(seaid.refine(found, perfect), JOINT_ZERO_STD_RAD)
+    layout = layout_of(seaid.refine(found, perfect), ENCODER_OFFSET_STD_RAD)
     run = run_of(layout, perfect)
     torque = np.array(noise.torque_std_Nm)
     drives = [truth.index(joint) for joint in layout.drives]

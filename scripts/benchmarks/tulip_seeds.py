@@ -16,7 +16,7 @@ from seaid.simulation.simulation import measure, simulate_motion
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from scripts.identify_tulip_leg import (
-    JOINT_ZERO_STD_RAD,
+    ENCODER_OFFSET_STD_RAD,
     TEST_MASS,
     load_leg,
     sensors,
@@ -44,7 +44,7 @@ def main() -> None:
     errors, scores, load_scores = [], [], []
     for run in track(range(RUNS), "identifying", True):
         log = measure(truth, motion, sensors(run), run)
-        found = seaid.identify(known, log, encoder_offset_std=JOINT_ZERO_STD_RAD)
+        found = seaid.identify(known, log, encoder_offset_std=ENCODER_OFFSET_STD_RAD)
         true = found.base.project(truth.parameters)
         load_scores.append((found.load.values - true) / found.load.standard_errors)
         off = {}
