@@ -72,12 +72,12 @@ def main(draws: int) -> None:
     counts = np.sum([asked(one) for one in plain], axis=0)
     rows = [
         [
-            "terms found that are not there",
+            "terms selected that are not present",
             f"{counts[1]} of {counts[0]}",
             percent(counts[1] / counts[0]),
         ],
         [
-            "drives given a term they lack",
+            "drives with a wrongly selected term",
             f"{counts[3]} of {counts[2]}",
             percent(counts[3] / counts[2]),
         ],
