@@ -65,7 +65,7 @@ def main(draws: int) -> None:
 def errors(name: str, steps: int, seed: int) -> tuple[float, Array, Array]:
     """Return the selected cutoff and the errors (1 + cutoffs, p) of drives and of bodies.
 
-    The proposal's errors come first.
+    The errors of the selected cutoff come first.
     """
     make, move, sensors = ROBOTS[name]
     truth, motion = make(), move()

@@ -169,7 +169,7 @@ def peer_trace(measure: Measure, waypoints: int, seed: int, budget: float) -> Tr
 def sample_groups(waypoints: int, samples: int, n: int) -> Array:
     """Return the groups of constraints that count as their worst (G, 10), of ten instants each.
 
-    SLSQP would take most of the time on the 24 000 that IPOPT is given.
+    With all 24 000 constraints, as given to IPOPT, SLSQP would spend most of its time on them.
     """
     instants = np.minimum(np.arange(-(-samples // GROUP) * GROUP), samples - 1)
     at_waypoints = np.repeat(np.arange((waypoints - 1) * n)[:, None], GROUP, axis=1)
@@ -185,8 +185,8 @@ def sample_groups(waypoints: int, samples: int, n: int) -> Array:
 def peer_problem(waypoints: int) -> tuple[Any, Array]:
     """Return figaroh's problem and its own random start, drawn within the velocity limits.
 
-    figaroh draws steps between waypoints for the peak speed of a cubic; its motion is a quintic,
-    which is faster, so that its own start would break the limits, and is drawn closer here.
+    figaroh draws steps between waypoints for the peak speed of a cubic. Its motion is a quintic,
+    which is faster, so its own start would violate the limits. The steps drawn here are smaller.
     """
     import pinocchio as pin
 

@@ -83,7 +83,7 @@ def chunks(duration: float) -> Iterator[Array]:
 def breach(robot: seaid.Robot, limits: seaid.Limits, trajectory: seaid.Trajectory) -> Array:
     """Return the largest relative violations of the limits of position, velocity, acceleration.
 
-    Below zero where a limit is kept; the unit of a position is half the joint's range.
+    Values are negative if a limit is kept. The unit of a position is half the range of the joint.
     """
     bounds = joint_limits(robot, limits)
     worst = np.full(3, -np.inf)

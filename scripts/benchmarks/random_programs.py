@@ -194,8 +194,9 @@ def _bounds(
 class ConeOptimum:
     """Clarabel's result for a program: its status and the smallest chi-square + weight tr Q.
 
-    `feasible` is the objective of its point moved towards the program's start until it is inside
-    all cones: no less than the least, while `objective` is too low by what its point is outside.
+    `feasible` is the objective after its point was moved towards the start of the program until it
+    is inside all cones, and so is not below the optimum. `objective` is too low if its point is
+    outside a cone.
     """
 
     status: str
@@ -265,9 +266,9 @@ def objective(program: Program, x: Array, weight: float) -> float:
 class Outcome(Kind):
     """The result of a program: "solved", or the type of exception and its message.
 
-    `apart` is by how much the objective of `nearest` is above Clarabel's, beyond what weight and
-    barrier explain and relative to 1 + Clarabel's: `worse` against its point made feasible, in all
-    programs; `apart` where it ends well (else None).
+    `apart` and `worse` are differences of the objective of `nearest` from Clarabel's, beyond those
+    explained by weight and barrier, relative to 1 + Clarabel's objective. `worse` compares with the
+    feasible point of Clarabel, in all programs. `apart` is None unless Clarabel ends well.
     """
 
     result: str
@@ -355,7 +356,7 @@ def read(path: Path) -> list[Outcome]:
 
 
 def summary(name: str, outcomes: Sequence[Outcome]) -> list[str]:
-    """Return the row of the table for a kernel."""
+    """Return the table row of a kernel."""
     solved = [one for one in outcomes if one.result == "solved"]
     refused = sum(one.result == "refused" for one in outcomes)
     apart = [one.apart for one in solved if one.apart is not None]
