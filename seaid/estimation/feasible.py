@@ -32,7 +32,7 @@ _PUSH = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Possible:
+class FeasiblePoint:
     """Possible unknowns (f,), their `values` (p,) beside the estimate and the distance.
 
     `distance` (p,) is u, whose squares make `chi_square`. `freedom` is how many of the p values the
@@ -50,7 +50,7 @@ class Possible:
     freedom: float
     risk: float
     ranks: tuple[int, ...]
-    held: tuple[int, ...]
+    active_bounds: tuple[int, ...]
 
     @property
     def chi_square(self) -> float:
@@ -58,7 +58,7 @@ class Possible:
         return float(self.distance @ self.distance)
 
 
-def regularised(program: Program, weight: float) -> Possible:
+def regularised(program: Program, weight: float) -> FeasiblePoint:
     """Return the possible unknowns that minimise chi-square + weight times the divergence.
 
     The divergence of a body from the prior is tr Q - log det Q - 4, with Q its pseudo-inertia
@@ -75,7 +75,7 @@ def regularised(program: Program, weight: float) -> Possible:
         if not is_physical(unknowns[own], 0.0):  # a small body beside large ones: their rounding
             unknowns[own] = safe
     pushes = np.linalg.eigvalsh(point.Z)
-    return Possible(
+    return FeasiblePoint(
         unknowns=unknowns,
         values=program.estimate + program.root @ u,
         distance=u,
@@ -83,11 +83,11 @@ def regularised(program: Program, weight: float) -> Possible:
         freedom=found.freedom,
         risk=float(u @ u + 2 * found.freedom - point.p),
         ranks=tuple(map(int, np.sum(pushes < max(_PUSH, 10 * used), axis=1))),
-        held=tuple(map(int, np.flatnonzero(point.multipliers > _PUSH))),
+        active_bounds=tuple(map(int, np.flatnonzero(point.multipliers > _PUSH))),
     )
 
 
-def nearest(program: Program) -> Possible:
+def nearest(program: Program) -> FeasiblePoint:
     """Return the possible unknowns nearest to the estimate; the prior decides what is left open.
 
     Its chi-square is that of the semidefinite program without prior, but for 4e-6 a body. Raises
@@ -96,7 +96,9 @@ def nearest(program: Program) -> Possible:
     return regularised(program, WEIGHTS[-1])
 
 
-def chosen(program: Program, least: float, weights: Sequence[float] = WEIGHTS) -> Possible:
+def with_selected_weight(
+    program: Program, least: float, weights: Sequence[float] = WEIGHTS
+) -> FeasiblePoint:
     """Return `regularised` with the weight of the least risk: that which the data choose.
 
     The risk is Stein's (1981) unbiased estimate of the expected squared distance to the truth, in
@@ -119,5 +121,5 @@ def chosen(program: Program, least: float, weights: Sequence[float] = WEIGHTS) -
     return min([best, *(regularised(program, weight) for weight in inner)], key=_risk)
 
 
-def _risk(one: Possible) -> float:
+def _risk(one: FeasiblePoint) -> float:
     return one.risk

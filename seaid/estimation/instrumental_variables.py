@@ -40,7 +40,7 @@ def instrumental(rows: Regression, instruments: Array, propagated: Array | None 
     qr_factor = qr_factor_of(rows)
     weights = settled_weights(qr_factor)
     weight = weights[np.searchsorted(qr_factor.equations, rows.joint)][:, None]
-    stages = _told(weight * Z, weight * rows.H, rows.names)
+    stages = _first_stage(weight * Z, weight * rows.H, rows.names)
     told = replace(rows, H=Z @ stages)
     solution = solve(qr_factor_of(told), weights)
     # the residual is that of the measured columns, not of what the instruments tell of them
@@ -73,7 +73,7 @@ def _checked(rows: Regression, instruments: Array) -> Array:
     return instruments
 
 
-def _told(Z: Array, H: Array, names: tuple[str, ...]) -> Array:
+def _first_stage(Z: Array, H: Array, names: tuple[str, ...]) -> Array:
     """Return the coefficients (p, p) of the columns of H on those of Z, scaled for that."""
     p, norms = len(names), np.linalg.norm(Z, axis=0)
     R = triangle(np.hstack([Z / norms, H]))

@@ -17,10 +17,10 @@ from seaid.estimation.estimate import Estimate
 from seaid.estimation.qr_factor import (
     Directions,
     QRFactor,
+    determining_joints,
     directions,
     first_term,
     qr_factor_of,
-    telling_joints,
 )
 from seaid.regressor import Regression
 
@@ -267,6 +267,6 @@ def _lost(qr_factor: QRFactor, found: Directions) -> str:
     return (
         "the motion does not excite all parameters: it tells nothing about the combination of "
         f"{names} ({texts}{more}; scaled singular value {found.shares[-1]:.1e}, needed "
-        f"{_LOST:.0e}), seen in the torque of {', '.join(telling_joints(qr_factor, columns))}; "
+        f"{_LOST:.0e}), seen in the torque of {', '.join(determining_joints(qr_factor, columns))}; "
         "move these joints more, or leave torques out with torque_joints="
     )

@@ -8,15 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import reduce
-from io import BytesIO
-from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array, frozen, safely
-from seaid._files import working_folder, write_whole
 from seaid.errors import IdentificationError
 from seaid.regressor import Regression
 
@@ -48,7 +44,7 @@ class QRFactor:
         factors = frozen("factors", self.factors, (equations, p + 1, p + 1))
         object.__setattr__(self, "factors", factors)
         object.__setattr__(
-            self, "carried", frozen("carried", self.propagated, (equations, p, None))
+            self, "propagated", frozen("propagated", self.propagated, (equations, p, None))
         )
 
     @property
@@ -96,36 +92,6 @@ class QRFactor:
             excluded=self.excluded,
             joint_names=self.joint_names,
         )
-
-    def save(self, path: str | Path) -> None:
-        """Write an NPZ file, whole or not at all, for `load_qr_factor`."""
-        fields = {name: np.asarray(value) for name, value in vars(self).items()}
-        content = BytesIO()
-        np.savez(content, **fields)  # type: ignore[arg-type]
-        write_whole(path, content.getvalue())
-
-
-def load_qr_factor(path: str | Path) -> QRFactor:
-    """Read what `QRFactor.save` wrote. Raises IdentificationError for any other file."""
-    path = Path(path)
-    if not path.is_file():
-        raise IdentificationError(f"no information file at '{path}' ({working_folder()})")
-    try:
-        with np.load(path) as archive:
-            return QRFactor(
-                names=tuple(map(str, archive["names"])),
-                units=tuple(map(str, archive["units"])),
-                equations=tuple(map(int, archive["equations"])),
-                counts=tuple(map(int, archive["counts"])),
-                factors=archive["factors"],
-                propagated=archive["carried"],
-                excluded=int(archive["excluded"]),
-                joint_names=tuple(map(str, archive["joint_names"])),
-            )
-    except (OSError, ValueError, EOFError, KeyError, AttributeError, TypeError, BadZipFile):
-        raise IdentificationError(
-            f"'{path}' is not a file of information (.npz of Information.save), or a damaged one"
-        ) from None
 
 
 def qr_factor_of(rows: Regression) -> QRFactor:
@@ -296,7 +262,7 @@ def equation_name(joint_names: tuple[str, ...], index: int) -> str:
     return name if index < len(joint_names) else f"motor of {name}"
 
 
-def telling_joints(qr_factor: QRFactor, columns: list[int]) -> list[str]:
+def determining_joints(qr_factor: QRFactor, columns: list[int]) -> list[str]:
     """Return the joints whose torque tells columns, by name where names are known.
 
     Of the equations that see a column the one that sees the fewest others: the outermost joint.

@@ -125,7 +125,7 @@ class Program:
         return np.concatenate([u, unknowns[list(self.free)]])
 
 
-def root_of(covariance: Array, values: Array) -> Array:
+def covariance_root(covariance: Array, values: Array) -> Array:
     """Return root (p, p) with root @ root.T = covariance, invertible for every covariance.
 
     A standard error counts as 1e-10 of its value at least, and a combination of values that are in
@@ -141,7 +141,7 @@ def root_of(covariance: Array, values: Array) -> Array:
     return np.asarray(scale[:, None] * vectors * np.sqrt(spread))
 
 
-def least_spread(covariance: Array, white: Array) -> Array:
+def floored_covariance(covariance: Array, white: Array) -> Array:
     """Return the covariance with no combination known better than noise that is white allows.
 
     A long-run covariance from a finite record is far too small in its smallest directions, and

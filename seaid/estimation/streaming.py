@@ -20,7 +20,7 @@ from seaid._arrays import Array
 from seaid.errors import LogError, reason_of
 from seaid.estimation.covariance import at_slots, long_run, slots
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.least_squares import estimate_of, score_factors, settled_weights, solve
+from seaid.estimation.least_squares import estimate_of, score_factors, solve
 from seaid.estimation.qr_factor import QRFactor, combined, qr_factor_of
 from seaid.log import LongLog
 from seaid.regressor import Regress, Regression, regressions_of_parts
@@ -28,39 +28,12 @@ from seaid.regressor import Regress, Regression, regressions_of_parts
 Weigh = Callable[[QRFactor], Array]
 Change = Callable[[Regression], Regression]
 
-_ARRAYS = ("H", "y", "joint", "time", "run", "carried")
+_ARRAYS = ("H", "y", "joint", "time", "run", "propagated")
 
 
 def unchanged(rows: Regression) -> Regression:
     """Return rows as they are."""
     return rows
-
-
-def stream_qr_factor(logs: Sequence[LongLog], regress: Regress) -> QRFactor:
-    """Return the information of long logs, each read once.
-
-    `regress` makes the rows of a motion: lambda motion: actuator_regression(robot, motion, joint),
-    or load_regression with the springs of a first turn. Raises LogError for logs that differ in
-    their columns.
-    """
-    return combined(
-        qr_factor_of(rows) for log in logs for _, rows in regressions_of_parts(log, {"": regress})
-    )
-
-
-def stream_estimate(
-    logs: Sequence[LongLog],
-    regress: Regress,
-    weigh: Weigh = settled_weights,
-    propagated: Array | None = None,
-) -> tuple[Estimate, QRFactor]:
-    """Return estimate and information of long logs; the covariance is that of all rows in memory.
-
-    `weigh` gives the weights of the equations (`settled_weights` or `equal_weights`), `propagated`
-    as in `ordinary`. Each log is read once. Raises as `stream_qr_factor` and `ordinary` do.
-    """
-    with stored_rows(logs, {"": regress}) as stored:
-        return stored_estimate(stored[""], weigh, propagated)
 
 
 @dataclass(eq=False)

@@ -26,7 +26,7 @@ _FEW_STEPS, _MOST_TRIED = 8, 12
 
 
 @dataclass(frozen=True, eq=False)
-class Projected:
+class SeparableFit:
     """The best `nonlinear` (b,) and `linear` (p,) values, and the norm of the residual there."""
 
     nonlinear: Array
@@ -34,13 +34,13 @@ class Projected:
     residual: float
 
 
-def projected(
+def separable_least_squares(
     columns: Columns,
     slopes: Slopes,
     starts: Sequence[Array],
     lower: Array,
     upper: Array,
-) -> Projected:
+) -> SeparableFit:
     """Return the least-squares fit of a model that is linear but for b parameters.
 
     A few steps are taken from the best dozen of the `starts` (each (b,)), and the search goes on
@@ -58,7 +58,7 @@ def projected(
         inside = [min(tried, key=misfit)]
     best = _descended(columns, slopes, inside[0], lower, upper, _MOST_EVALUATIONS)
     rest, theta, _ = _residual(columns, best)
-    return Projected(best, theta, float(np.linalg.norm(rest)))
+    return SeparableFit(best, theta, float(np.linalg.norm(rest)))
 
 
 def _descended(

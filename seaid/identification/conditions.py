@@ -32,12 +32,18 @@ from seaid.estimation import (
     settled_weights,
     term_test,
 )
-from seaid.identification.datasets import Dataset, Source, records_of, rows_of, sources_of
-from seaid.identification.drive_estimates import joined, spring_of, with_flags
-from seaid.identification.identification import Identification, packed
-from seaid.identification.linearisation import straightened_robot
-from seaid.identification.nonlinear_terms import with_held_flags
-from seaid.identification.two_step import Fit, Sides, known_torques, split_load_side, sprung
+from seaid.identification.datasets import Dataset, Source, datasets_of, rows_of, sources_of
+from seaid.identification.drive_estimates import merged_estimates, spring_of, with_flags
+from seaid.identification.identification import Identification, identification_of
+from seaid.identification.linearisation import linearised_robot
+from seaid.identification.nonlinear_terms import with_fixed_flags
+from seaid.identification.two_step import (
+    RobotEstimate,
+    SideFit,
+    joints_with_torque,
+    split_load_side,
+    spring_torque_joints,
+)
 from seaid.log import Motion
 from seaid.regressor import (
     LoadModel,
@@ -102,7 +108,7 @@ def shared_rows(rows: Mapping[str, Regression], own: Sequence[bool]) -> SharedRo
     return SharedRows(replace(stacked(wide), run=run), places, names)
 
 
-def placed_carried(rows: Regression, places: Sequence[int], count: int) -> Regression:
+def placed_propagated(rows: Regression, places: Sequence[int], count: int) -> Regression:
     """Return the rows with what they carry at `places` among `count` parameters."""
     return replace(rows, propagated=_placed(rows.propagated, places, count))
 
@@ -126,12 +132,12 @@ BODIES = "bodies"
 
 
 @dataclass(frozen=True, eq=False)
-class ConditionSide:
+class ConditionFit:
     """One side of all conditions: its rows, and the fit of them."""
 
     rows: Mapping[str, Regression]
     shared: SharedRows
-    fit: Fit
+    fit: SideFit
 
     def of(self, condition: str) -> Estimate:
         """Return a condition's estimate."""
@@ -160,13 +166,13 @@ class ConditionSide:
 
 
 @dataclass(frozen=True, eq=False)
-class ConditionSides:
+class ConditionFits:
     """Both sides of all conditions: the `actuators` by joint, and the load of `springs` joints."""
 
     robots: Mapping[str, Robot]
     models: Mapping[str, LoadModel]
-    actuators: Mapping[str, ConditionSide]
-    load: ConditionSide
+    actuators: Mapping[str, ConditionFit]
+    load: ConditionFit
     springs: tuple[str, ...]
 
     def differences(self) -> dict[str, TermTest]:
@@ -177,7 +183,7 @@ class ConditionSides:
             for name, test in side.differences().items()
         } | self.load.differences()
 
-    def of(self, condition: str) -> Sides:
+    def of(self, condition: str) -> RobotEstimate:
         """Return one condition's part of all fits, as `identify` would."""
         robot, model = self.robots[condition], self.models[condition]
         drives = {
@@ -187,9 +193,9 @@ class ConditionSides:
         load_side, fit = self.load.of(condition), self.load.fit
         white = replace(fit.estimate, covariance=fit.white_covariance)
         base, others = split_load_side(model, load_side)
-        found = joined(drives, others)
+        found = merged_estimates(drives, others)
         sides = {**self.actuators, "load": self.load}
-        return Sides(
+        return RobotEstimate(
             drives={joint: found[joint] for joint in robot.joint_names if joint in found},
             load=base,
             load_side=load_side,
@@ -202,24 +208,24 @@ class ConditionSides:
         )
 
 
-def condition_sides(
+def estimate_conditions(
     robots: Mapping[str, Robot],
     datasets: Mapping[str, Sequence[Dataset]],
     models: Mapping[str, LoadModel],
     own: Sequence[str],
     solver: Estimator,
-) -> ConditionSides:
+) -> ConditionFits:
     """Return both sides of {condition: robot}, one after the other; `own` as `identify_conditions`.
 
     Raises IdentificationError where the conditions do not have the same columns.
     """
     name, first = next(iter(robots.items()))
-    springs = sprung(first, datasets[name], models[name])
+    springs = spring_torque_joints(first, datasets[name], models[name])
     actuators = {
         joint: _actuator(robots, datasets, joint, own, solver) for joint in first.elastic_joints
     }
     load = _load(robots, datasets, models, springs, actuators, own, solver)
-    return ConditionSides(robots, models, actuators, load, springs)
+    return ConditionFits(robots, models, actuators, load, springs)
 
 
 def _actuator(
@@ -228,7 +234,7 @@ def _actuator(
     joint: str,
     own: Sequence[str],
     solver: Estimator,
-) -> ConditionSide:
+) -> ConditionFit:
     rows = {
         name: rows_of(datasets[name], partial(_actuator_rows, robots[name], joint))
         for name in robots
@@ -247,11 +253,11 @@ def _load(
     datasets: Mapping[str, Sequence[Dataset]],
     models: Mapping[str, LoadModel],
     joints: Sequence[str],
-    actuators: Mapping[str, ConditionSide],
+    actuators: Mapping[str, ConditionFit],
     own: Sequence[str],
     solver: Estimator,
-) -> ConditionSide:
-    """Fit (8) of all conditions, with the uncertainty of the springs that they share."""
+) -> ConditionFit:
+    """SideFit (8) of all conditions, with the uncertainty of the springs that they share."""
     first = next(iter(models))
     counts = [len(actuators[joint].fit.estimate.names) for joint in joints]
     starts = list(accumulate(counts, initial=0))
@@ -267,7 +273,7 @@ def _load(
             for joint, start in zip(joints, starts, strict=False)
             for p in springs[joint].names
         ]
-        rows[name] = placed_carried(one, places, int(starts[-1]))
+        rows[name] = placed_propagated(one, places, int(starts[-1]))
     bodies = len(models[first].expressions)
     is_own = [BODIES in own] * bodies + [
         name in own or name.split(" of ")[0] in own for name in models[first].names[bodies:]
@@ -284,14 +290,14 @@ def _load_rows(
 
 def _fitted(
     rows: Mapping[str, Regression], own: Sequence[bool], solver: Estimator, propagated: Array | None
-) -> ConditionSide:
+) -> ConditionFit:
     shared = shared_rows(rows, own)
     estimate = solver.solve(shared.rows, propagated)
-    seen = solver.seen(shared.rows, estimate)
-    return ConditionSide(rows, shared, Fit(estimate, qr_factor_of(seen), seen, propagated))
+    seen = solver.effective_rows(shared.rows, estimate)
+    return ConditionFit(rows, shared, SideFit(estimate, qr_factor_of(seen), seen, propagated))
 
 
-OWN = ("spring_offset", "deflection_zero")
+CONDITION_SPECIFIC = ("spring_offset", "deflection_zero")
 """Own by default: encoders are zeroed anew when a robot is switched on."""
 
 
@@ -304,8 +310,8 @@ class Conditions:
     conditions differ in it; shared ones have no entry.
     """
 
-    found: Mapping[str, Identification]
-    own: tuple[str, ...]
+    identifications: Mapping[str, Identification]
+    condition_specific: tuple[str, ...]
     differences: Mapping[str, TermTest]
 
     def summary(self) -> str:
@@ -318,7 +324,7 @@ class Conditions:
 def identify_conditions(
     conditions: Mapping[str, tuple[Robot, Source | Sequence[Source]]],
     *,
-    own: Sequence[str] = OWN,
+    condition_specific: Sequence[str] = CONDITION_SPECIFIC,
     torque_joints: Sequence[str] | None = None,
     estimator: str = "wls",
     cutoff_hz: float | None = None,
@@ -335,23 +341,27 @@ def identify_conditions(
     """
     robots, datasets = _records(conditions, cutoff_hz, progress)
     first = robots[next(iter(robots))]
-    _check_own(first, own)
+    _check_specific(first, condition_specific)
     used = _used(robots, datasets) if torque_joints is None else first.rows(torque_joints)
     given = robots
-    robots, datasets = _straightened(robots, datasets, used)
+    robots, datasets = _linearised(robots, datasets, used)
     models = {
         name: load_model(robot, base_parameters(robot, torque_joints=used), used)
         for name, robot in robots.items()
     }
     _check_models(models)
-    sides = condition_sides(robots, datasets, models, own, estimator_named(estimator))
+    sides = estimate_conditions(
+        robots, datasets, models, condition_specific, estimator_named(estimator)
+    )
     found = {}
     for name, robot in robots.items():
         part = sides.of(name)
-        drives = with_held_flags(part.drives, given[name], robot)
+        drives = with_fixed_flags(part.drives, given[name], robot)
         part = replace(part, drives=drives)
-        found[name] = packed(robot, models[name], part, datasets[name])
-    return Conditions(FrozenMapping(found), tuple(own), FrozenMapping(sides.differences()))
+        found[name] = identification_of(robot, models[name], part, datasets[name])
+    return Conditions(
+        FrozenMapping(found), tuple(condition_specific), FrozenMapping(sides.differences())
+    )
 
 
 def _records(
@@ -370,7 +380,7 @@ def _records(
 
     def read(cutoff: float | None) -> dict[str, list[Dataset]]:
         return {
-            name: records_of(robots[name], sources[name], cutoff, None, progress)
+            name: datasets_of(robots[name], sources[name], cutoff, None, progress)
             for name in conditions
         }
 
@@ -379,13 +389,13 @@ def _records(
     return robots, datasets if len(bands) == 1 else read(min(bands))
 
 
-def _straightened(
+def _linearised(
     robots: Mapping[str, Robot], datasets: Mapping[str, list[Dataset]], used: Sequence[str]
 ) -> tuple[dict[str, Robot], dict[str, list[Dataset]]]:
     """Return robots near whose values drives that bend are taken: those of the first condition."""
     found, known = dict(robots), {}
     for place, (name, robot) in enumerate(robots.items()):
-        straight, known[name] = straightened_robot(found[name], datasets[name], used)
+        straight, known[name] = linearised_robot(found[name], datasets[name], used)
         if place == 0 and straight is not robot:
             alike = {x: one for x, one in robots.items() if one.drives == robot.drives}
             found |= {x: one.with_drives(straight.drives) for x, one in alike.items()}
@@ -394,7 +404,7 @@ def _straightened(
 
 def _used(robots: Mapping[str, Robot], datasets: Mapping[str, list[Dataset]]) -> tuple[str, ...]:
     """Return the joints whose torque is measured in every condition."""
-    known = [known_torques(robots[name], datasets[name]) for name in robots]
+    known = [joints_with_torque(robots[name], datasets[name]) for name in robots]
     return tuple(joint for joint in known[0] if all(joint in one for one in known))
 
 
@@ -408,14 +418,18 @@ def _check_joints(robots: Mapping[str, Robot]) -> None:
             )
 
 
-def _check_own(robot: Robot, own: Sequence[str]) -> None:
+def _check_specific(robot: Robot, own: Sequence[str]) -> None:
     allowed = [BODIES, *PARAMETERS]
     for name in own:
         parameter, _, joint = name.partition(" of ")
         if parameter not in allowed:
-            raise IdentificationError("own=: " + unknown_name("parameter", parameter, allowed))
+            raise IdentificationError(
+                "condition_specific=: " + unknown_name("parameter", parameter, allowed)
+            )
         if joint and joint not in robot.joint_names:
-            raise IdentificationError("own=: " + unknown_name("joint", joint, robot.joint_names))
+            raise IdentificationError(
+                "condition_specific=: " + unknown_name("joint", joint, robot.joint_names)
+            )
 
 
 def _check_models(models: Mapping[str, LoadModel]) -> None:

@@ -49,7 +49,7 @@ def sources_of(logs: Source | Sequence[Source]) -> list[Source]:
     return found
 
 
-def records_of(
+def datasets_of(
     robot: Robot,
     sources: Sequence[Source],
     cutoff_hz: float | None,

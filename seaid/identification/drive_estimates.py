@@ -23,7 +23,9 @@ def spring_of(robot: Robot, estimate: Estimate, joint: str) -> Estimate:
     return estimate.part([estimate.names.index(name) for name in names], names)
 
 
-def joined(drives: Mapping[str, Estimate], beside: Mapping[str, Estimate]) -> dict[str, Estimate]:
+def merged_estimates(
+    drives: Mapping[str, Estimate], beside: Mapping[str, Estimate]
+) -> dict[str, Estimate]:
     """Return the estimates of both by joint; of a joint in both, as one without correlation.
 
     `drives` are those of actuator sides, `beside` what the load side tells of the same drives.
@@ -48,7 +50,7 @@ def _with(drive: Estimate, other: Estimate) -> Estimate:
     )
 
 
-BENT = ("coulomb_width", "stribeck_speed", "dead_zone")
+SEARCHED = ("coulomb_width", "stribeck_speed", "dead_zone")
 """Positive parameters that were searched for: a minus is not that of a torque in the log."""
 
 _ZEROS = (
@@ -81,11 +83,6 @@ def with_values(drive: Drive, values: Mapping[str, float]) -> Drive:
     )
 
 
-def nominal_values(drive: Drive) -> dict[str, float]:
-    """Return the nominal values that a drive has, under the names they have in an estimate."""
-    return dict(drive.values)
-
-
 def with_flags(estimate: Estimate, joint: str, qr_factor: QRFactor | None) -> Estimate:
     """Return the estimate of a drive with its flags: poorly identified, or impossible.
 
@@ -101,18 +98,18 @@ def with_flags(estimate: Estimate, joint: str, qr_factor: QRFactor | None) -> Es
         reasons = []
         if error > POORLY_IDENTIFIED * abs(value):
             reasons.append(f"standard error {error / abs(value):.0%}" if value else "found zero")
-        if name == "stiffness" and qr_factor is not None and _is_straight(estimate):
+        if name == "stiffness" and qr_factor is not None and _has_linear_spring(estimate):
             reasons += _weak_spring(estimate, qr_factor)
         if reasons:
             flags.append(f"{text} is poorly identified: {'; '.join(reasons)}")
-        if value < 0 and name in BENT:
+        if value < 0 and name in SEARCHED:
             flags.append(f"{text} is not told from zero: leave its term out")
         elif value < 0 and name in PARAMETERS and PARAMETERS[name].is_positive:
             flags.append(f"{text} is negative, {value:.3g}: check signs and zeros of the log")
     return replace(estimate, flags=tuple(flags))
 
 
-def _is_straight(estimate: Estimate) -> bool:
+def _has_linear_spring(estimate: Estimate) -> bool:
     """Tell whether the spring is k times the deflection and an offset, and nothing else."""
     nonlinear = ("deflection_zero", "cubic_stiffness", "fifth_stiffness", "dead_zone")
     return "spring_offset" in estimate.names and not set(nonlinear) & set(estimate.names)

@@ -23,7 +23,7 @@ _BAND = (2.5, 4.0)
 """The noise is looked at between so many times the cutoff; positions are filtered at five times."""
 
 
-def springs_torque_alone(robot: Robot, datasets: Sequence[Dataset], joint: str) -> bool:
+def only_spring_torque(robot: Robot, datasets: Sequence[Dataset], joint: str) -> bool:
     """Tell whether a plain spring is found from its torque, the motor's not being in the log."""
     spring = spring_regressor(robot, joint)
     used = [actuator_equation(robot, first_motion(one), joint)[0] for one in datasets]
@@ -31,7 +31,7 @@ def springs_torque_alone(robot: Robot, datasets: Sequence[Dataset], joint: str) 
     return plain and all(regressor is spring for regressor in used)
 
 
-def both_noisy(rows: Regression, ratio: float) -> Estimate:
+def errors_in_variables(rows: Regression, ratio: float) -> Estimate:
     """Return stiffness and offset of rows (4b) with noise in column and torque.
 
     `ratio` is the variance of the torque's noise over that of the deflection's. Least squares with

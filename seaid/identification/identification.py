@@ -15,15 +15,15 @@ from seaid._arrays import Array, FrozenMapping
 from seaid._files import write_json
 from seaid.errors import IdentificationError, unknown_name
 from seaid.estimation import Estimate, ModelChecks, estimator_named
-from seaid.identification.datasets import Dataset, Source, processing_of, records_of, sources_of
+from seaid.identification.datasets import Dataset, Source, datasets_of, processing_of, sources_of
 from seaid.identification.drive_estimates import with_estimate
-from seaid.identification.instrumental import instrumental_sides
-from seaid.identification.linearisation import straightened_robot
+from seaid.identification.instrumental import estimate_instrumental
+from seaid.identification.linearisation import linearised_robot
 from seaid.identification.log_checks import check_channels, check_excitation, sign_flags
-from seaid.identification.nonlinear_terms import with_held_flags
+from seaid.identification.nonlinear_terms import with_fixed_flags
 from seaid.identification.physical.consistency import FeasibleParameters, feasible_parameters
-from seaid.identification.simultaneous import simultaneous_sides
-from seaid.identification.two_step import Sides, known_torques, sequential_sides
+from seaid.identification.simultaneous import estimate_simultaneous
+from seaid.identification.two_step import RobotEstimate, estimate_two_step, joints_with_torque
 from seaid.log import Log, Motion, Processing, stretches
 from seaid.regressor import BaseParameters, LoadModel, base_parameters, check_offset_std, load_model
 from seaid.robot import Robot
@@ -139,32 +139,36 @@ def identify(
     check_offset_std(encoder_offset_std)
     solver = estimator_named("wls" if estimator == INSTRUMENTAL else estimator)
     sources = sources_of(logs)
-    datasets = records_of(robot, sources, cutoff_hz, executor, progress)
+    datasets = datasets_of(robot, sources, cutoff_hz, executor, progress)
     logs_in_memory = [source for source in sources if isinstance(source, Log)]
     in_memory = [part for log in logs_in_memory for part in stretches(log)]
     if len(logs_in_memory) == len(sources):
         check_excitation(robot, in_memory)
     check_channels(logs_in_memory)
-    used = known_torques(robot, datasets) if torque_joints is None else robot.rows(torque_joints)
+    used = (
+        joints_with_torque(robot, datasets) if torque_joints is None else robot.rows(torque_joints)
+    )
     given = robot
-    robot, datasets = straightened_robot(robot, datasets, used)
+    robot, datasets = linearised_robot(robot, datasets, used)
     model = load_model(robot, base_parameters(robot, torque_joints=used), used)
-    found = sequential_sides(robot, datasets, model, solver, encoder_offset_std, executor, progress)
+    found = estimate_two_step(
+        robot, datasets, model, solver, encoder_offset_std, executor, progress
+    )
     if estimator == INSTRUMENTAL:
-        found = instrumental_sides(robot, datasets, model, found, encoder_offset_std, executor)
+        found = estimate_instrumental(robot, datasets, model, found, encoder_offset_std, executor)
     if method == "simultaneous":
-        found = simultaneous_sides(
+        found = estimate_simultaneous(
             robot, datasets, model, found, solver, encoder_offset_std, executor
         )
-    found = replace(found, drives=with_held_flags(found.drives, given, robot))
+    found = replace(found, drives=with_fixed_flags(found.drives, given, robot))
     possible = _possible(robot, model, found) if feasible else None
-    return packed(robot, model, found, datasets, possible)
+    return identification_of(robot, model, found, datasets, possible)
 
 
-def packed(
+def identification_of(
     robot: Robot,
     model: LoadModel,
-    found: Sides,
+    found: RobotEstimate,
     datasets: Sequence[Dataset],
     feasible: FeasibleParameters | None = None,
 ) -> Identification:
@@ -187,7 +191,7 @@ def packed(
     )
 
 
-def _possible(robot: Robot, model: LoadModel, found: Sides) -> FeasibleParameters:
+def _possible(robot: Robot, model: LoadModel, found: RobotEstimate) -> FeasibleParameters:
     """Return the possible bodies nearest to the estimate of both sides."""
     white = found.white_covariance
     if found.whole is not None:
@@ -200,7 +204,7 @@ def _possible(robot: Robot, model: LoadModel, found: Sides) -> FeasibleParameter
     return feasible_parameters(robot, model, found.load_side, elastic, white_covariance=white)
 
 
-def _found_robot(robot: Robot, base: BaseParameters, sides: Sides) -> Robot:
+def _found_robot(robot: Robot, base: BaseParameters, sides: RobotEstimate) -> Robot:
     """Return the robot with the found values; standard parameters nearest to the file's.
 
     Nearest in the plain Euclidean sense, from a point of 1 kg a body where the robot has none: it

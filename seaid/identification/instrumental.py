@@ -33,9 +33,9 @@ from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Estimator, instrumental
 from seaid.identification.datasets import Dataset
 from seaid.identification.drive_estimates import spring_of
-from seaid.identification.method_limits import check_instruments, straight_spring
+from seaid.identification.method_limits import check_instruments, linear_spring
 from seaid.identification.simulated_joints import driven_motion
-from seaid.identification.two_step import Regressions, Sides, sequential_sides
+from seaid.identification.two_step import Regressions, RobotEstimate, estimate_two_step
 from seaid.log import Motion, in_band, low_pass, spline_derivatives
 from seaid.regressor import (
     LoadModel,
@@ -91,7 +91,7 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
     for row, joint in enumerate(fitted.model.rows):
         drive, index = robot.drives[joint], robot.index(joint)
         if joint in fitted.springs and isinstance(drive, SeriesElasticDrive):
-            spring = straight_spring(robot, joint, fitted.springs[joint])
+            spring = linear_spring(robot, joint, fitted.springs[joint])
             force = torque[:, row] / drive.load_radius - spring.offset
             deflection = force / spring.stiffness  # (4b); an instrument may lack its damping
             travel = deflection + drive.load_radius * turned[:, index]
@@ -119,7 +119,7 @@ def actuator_with_instruments(
     rows = actuator_regression(robot, motion, joint)
     made = instrument_motion(robot, motion, fitted)
     Z = in_band(made, actuator_columns(robot, made, joint)[2])
-    return beside(rows, Z[np.searchsorted(motion.time, rows.time)])
+    return with_instruments(rows, Z[np.searchsorted(motion.time, rows.time)])
 
 
 def load_with_instruments(
@@ -136,10 +136,10 @@ def load_with_instruments(
     Z = in_band(made, load_columns(robot, made, model, springs)[2])
     row_of = {robot.index(joint): row for row, joint in enumerate(model.rows)}
     which = [row_of[int(index)] for index in rows.joint]
-    return beside(rows, Z[np.searchsorted(motion.time, rows.time), which])
+    return with_instruments(rows, Z[np.searchsorted(motion.time, rows.time), which])
 
 
-def beside(rows: Regression, instruments: Array) -> Regression:
+def with_instruments(rows: Regression, instruments: Array) -> Regression:
     """Return rows whose further columns are the instruments of the first ones."""
     return replace(
         rows,
@@ -149,7 +149,7 @@ def beside(rows: Regression, instruments: Array) -> Regression:
     )
 
 
-def apart(rows: Regression) -> tuple[Regression, Array]:
+def split_instruments(rows: Regression) -> tuple[Regression, Array]:
     """Return the rows of `beside` and the instruments."""
     p = len(rows.names) // 2
     plain = replace(rows, names=rows.names[:p], units=rows.units[:p], H=rows.H[:, :p])
@@ -165,14 +165,14 @@ _NOTHING = 1e-6
 _MOST_ITERATIONS = 20
 
 
-def instrumental_sides(
+def estimate_instrumental(
     robot: Robot,
     datasets: Sequence[Dataset],
     model: LoadModel,
-    start: Sides,
+    start: RobotEstimate,
     encoder_offset_std: float,
     executor: Executor | None,
-) -> Sides:
+) -> RobotEstimate:
     """Return both sides, one after the other, from a `start` as least squares gives it.
 
     The instruments are those of this module with the estimate before, until no
@@ -208,7 +208,7 @@ def instrumental_sides(
     return found
 
 
-def _flagged(found: Sides, flag: str) -> Sides:
+def _flagged(found: RobotEstimate, flag: str) -> RobotEstimate:
     return replace(found, load=replace(found.load, flags=(*found.load.flags, flag)))
 
 
@@ -216,13 +216,13 @@ def _settled(
     robot: Robot,
     datasets: Sequence[Dataset],
     model: LoadModel,
-    found: Sides,
+    found: RobotEstimate,
     make: Maker,
     encoder_offset_std: float,
     executor: Executor | None,
-) -> Sides:
+) -> RobotEstimate:
     """Return both sides once new instruments change nothing; `make` is for the load side's."""
-    estimator = Estimator(_solve, seen=_seen)
+    estimator = Estimator(_solve, effective_rows=_seen)
     for _ in range(_MOST_ITERATIONS):
         fitted = _fitted(robot, model, found)
         regressions = Regressions(
@@ -231,7 +231,7 @@ def _settled(
         )
         before, found = (
             found,
-            sequential_sides(
+            estimate_two_step(
                 robot, datasets, model, estimator, encoder_offset_std, executor, False, regressions
             ),
         )
@@ -246,7 +246,7 @@ def _settled(
     )
 
 
-def _fitted(robot: Robot, model: LoadModel, sides: Sides) -> FittedModel:
+def _fitted(robot: Robot, model: LoadModel, sides: RobotEstimate) -> FittedModel:
     springs = {
         joint: spring_of(robot, sides.drives[joint], joint).values
         for joint in model.rows
@@ -256,7 +256,7 @@ def _fitted(robot: Robot, model: LoadModel, sides: Sides) -> FittedModel:
     bad = [
         joint
         for joint, values in springs.items()
-        if straight_spring(robot, joint, values).stiffness <= 0
+        if linear_spring(robot, joint, values).stiffness <= 0
     ]
     if bad:
         raise IdentificationError(
@@ -267,14 +267,14 @@ def _fitted(robot: Robot, model: LoadModel, sides: Sides) -> FittedModel:
 
 
 def _solve(rows: Regression, propagated: Array | None) -> Estimate:
-    return instrumental(*apart(rows), propagated)
+    return instrumental(*split_instruments(rows), propagated)
 
 
 def _seen(rows: Regression, estimate: Estimate) -> Regression:
-    return apart(rows)[0]
+    return split_instruments(rows)[0]
 
 
-def _moved(before: Sides, after: Sides) -> dict[str, float]:
+def _moved(before: RobotEstimate, after: RobotEstimate) -> dict[str, float]:
     """Return how far each parameter moved, in standard errors."""
     moved: dict[str, float] = {}
     pairs = [("load", before.load_side, after.load_side)] + [

@@ -124,7 +124,7 @@ def _change(before: Sequence[Motion], after: Sequence[Motion]) -> float:
     return float(np.linalg.norm(new - old) / max(float(np.linalg.norm(new)), 1e-300))
 
 
-def straightened_robot(
+def linearised_robot(
     robot: Robot, datasets: Sequence[Dataset], used: Sequence[str]
 ) -> tuple[Robot, list[Dataset]]:
     """Return the robot near whose values its drives' equations are taken, and its records.

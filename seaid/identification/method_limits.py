@@ -10,11 +10,11 @@ from seaid.errors import IdentificationError
 from seaid.regressor import motor_regressor, spring_regressor
 from seaid.robot import Robot
 
-_STRAIGHT = {"stiffness", "spring_damping", "spring_offset"}
+_LINEAR = {"stiffness", "spring_damping", "spring_offset"}
 
 
 @dataclass(frozen=True)
-class Straight:
+class LinearSpring:
     """A spring that pulls with stiffness times deflection, damping times its rate and an offset."""
 
     stiffness: float
@@ -22,7 +22,7 @@ class Straight:
     damping: float
 
 
-def straight_spring(robot: Robot, joint: str, values: Iterable[float]) -> Straight:
+def linear_spring(robot: Robot, joint: str, values: Iterable[float]) -> LinearSpring:
     """Return a spring as a straight line from its found values, in its regressor's order.
 
     What the robot knows of it beforehand is taken from there; `check_straight` tells where this
@@ -30,17 +30,17 @@ def straight_spring(robot: Robot, joint: str, values: Iterable[float]) -> Straig
     """
     found = dict(zip(spring_regressor(robot, joint).names, values, strict=True))
     drive = robot.drives[joint]
-    known = {name: drive.values[name] for name in drive.known if name in _STRAIGHT}
+    known = {name: drive.values[name] for name in drive.known if name in _LINEAR}
     known |= {name: float(value) for name, value in found.items()}
     names = ("stiffness", "spring_offset", "spring_damping")
-    return Straight(*(known.get(name, 0.0) for name in names))
+    return LinearSpring(*(known.get(name, 0.0) for name in names))
 
 
-def check_joint_sides(robot: Robot, springs: Iterable[str]) -> None:
+def check_simultaneous(robot: Robot, springs: Iterable[str]) -> None:
     """Raise IdentificationError for springs that both sides at once cannot share."""
     for joint in springs:
         names = set(spring_regressor(robot, joint).names)
-        if not {"stiffness", "spring_offset"} <= names <= _STRAIGHT:
+        if not {"stiffness", "spring_offset"} <= names <= _LINEAR:
             raise IdentificationError(
                 'method="simultaneous" shares a spring of unknown stiffness and offset; that of '
                 f'{joint} {_kind(robot, joint)}: use method="two-step"'
@@ -50,7 +50,7 @@ def check_joint_sides(robot: Robot, springs: Iterable[str]) -> None:
 def check_instruments(robot: Robot, springs: Iterable[str]) -> None:
     """Raise IdentificationError for springs of which no instruments can be made."""
     for joint in springs:
-        if not set(spring_regressor(robot, joint).names) <= _STRAIGHT:
+        if not set(spring_regressor(robot, joint).names) <= _LINEAR:
             raise IdentificationError(
                 f'estimator="iv" makes instruments of springs of one stiffness; that of {joint} '
                 f'{_kind(robot, joint)}: use estimator="wls"'
@@ -86,7 +86,7 @@ def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
 def _kind(robot: Robot, joint: str) -> str:
     """Say what a spring has that is not stiffness and offset, or that they are known."""
     regressor, drive = spring_regressor(robot, joint), robot.drives[joint]
-    others = [name.replace("_", " ") for name in regressor.names if name not in _STRAIGHT]
+    others = [name.replace("_", " ") for name in regressor.names if name not in _LINEAR]
     if others:
         return f"has {', '.join(others)}"
     if "spring_damping" in regressor.names:

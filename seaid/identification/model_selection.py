@@ -2,7 +2,7 @@
 
 A term is recommended where both the extended Bayesian information criterion and the prediction of
 blocks that were left out are for it. Then the next is asked for beside it, until none is worth
-having. Nothing is chosen silently: the result is a table and a robot to look at.
+having. Nothing is selected silently: the result is a table and a robot to look at.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from seaid._progress import track
 from seaid.drives import PARAMETERS_OF, Drive
 from seaid.errors import IdentificationError, RobotError, SeaidError, unknown_name
 from seaid.estimation import (
-    Gain,
+    ModelComparison,
     common_rows,
-    gain,
+    compare_models,
     independent_rows,
     qr_factor_of,
     settled_weights,
     weighted,
 )
-from seaid.identification.datasets import Source, first_motion, records_of, sources_of
+from seaid.identification.datasets import Source, datasets_of, first_motion, sources_of
 from seaid.identification.linearisation import with_gear_torques
 from seaid.identification.nonlinear_terms import fit_load, linearised
-from seaid.identification.two_step import known_torques
+from seaid.identification.two_step import joints_with_torque
 from seaid.log import Motion
 from seaid.regressor import Regression, actuator_regression, stacked
 from seaid.robot import Robot
@@ -52,21 +52,21 @@ class TermComparison:
     """What one more term of a joint's drive is worth beside those it has at `step`.
 
     `gain` is None where the term could not be asked about: `reason` says why. Of those worth having
-    at a step the best is `chosen`.
+    at a step the best is `selected`.
     """
 
     joint: str
     field: str
     term: str
     step: int
-    gain: Gain | None
+    comparison: ModelComparison | None
     reason: str = ""
-    chosen: bool = False
+    selected: bool = False
 
     @property
-    def is_worth_it(self) -> bool:
+    def is_supported(self) -> bool:
         """Both criteria are for the term."""
-        return self.gain is not None and self.gain.is_worth_it
+        return self.comparison is not None and self.comparison.is_supported
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,15 +105,17 @@ def compare_terms(
     `identify` for logs that cannot answer.
     """
     asked = _asked(terms)
-    datasets = records_of(robot, sources_of(logs), cutoff_hz, None, progress)
+    datasets = datasets_of(robot, sources_of(logs), cutoff_hz, None, progress)
     motions = [first_motion(dataset) for dataset in datasets]
-    used = known_torques(robot, datasets) if torque_joints is None else robot.rows(torque_joints)
+    used = (
+        joints_with_torque(robot, datasets) if torque_joints is None else robot.rows(torque_joints)
+    )
     comparisons: list[TermComparison] = []
     for joint in track(robot.rows(joints), "terms", progress):
-        robot = _grown(_Question(robot, motions, used, joint), asked, comparisons)
+        robot = _extended(_Question(robot, motions, used, joint), asked, comparisons)
     recommended = {
         joint: tuple(
-            (one.field, one.term) for one in comparisons if one.joint == joint and one.chosen
+            (one.field, one.term) for one in comparisons if one.joint == joint and one.selected
         )
         for joint in robot.joint_names
     }
@@ -147,16 +149,16 @@ def _asked(terms: Mapping[str, Sequence[str]] | None) -> Mapping[str, Sequence[s
     return terms
 
 
-def _grown(
+def _extended(
     question: _Question, asked: Mapping[str, Sequence[str]], comparisons: list[TermComparison]
 ) -> Robot:
     """Return the robot with the terms that one joint is worth; all that was asked goes to gains."""
     for step in range(_MOST_STEPS):
         candidates = _candidates(question, asked)
         found = _gains(question, candidates, step)
-        worth = [one for one in found if one.is_worth_it]
+        worth = [one for one in found if one.is_supported]
         best = max(worth, key=_bic, default=None)
-        comparisons += [replace(one, chosen=one is best) for one in found]
+        comparisons += [replace(one, selected=one is best) for one in found]
         if best is None:
             break
         drive = with_term(question.robot.drives[question.joint], best.field, best.term)
@@ -166,7 +168,7 @@ def _grown(
 
 
 def _bic(one: TermComparison) -> float:
-    return -float("inf") if one.gain is None else one.gain.bic
+    return -float("inf") if one.comparison is None else one.comparison.bic
 
 
 def _candidates(question: _Question, asked: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
@@ -253,7 +255,7 @@ def _gain(
             H=np.hstack([rows.H, larger.H]),
             propagated=np.empty((len(rows.y), 0)),
         )
-        worth = gain(both, base.weights, rows.names, names, base.independent, asked)
+        result = compare_models(both, base.weights, rows.names, names, base.independent, asked)
     except SeaidError as problem:
         return replace(nothing, reason=str(problem))
-    return replace(nothing, gain=worth)
+    return replace(nothing, comparison=result)

@@ -27,8 +27,8 @@ from seaid.estimation import (
     equal_weights,
     estimate_of,
     ordinary,
-    projected,
     qr_factor_of,
+    separable_least_squares,
     solve,
 )
 from seaid.identification.drive_estimates import spring_of, with_values
@@ -49,7 +49,7 @@ from seaid.regressor import (
 )
 from seaid.robot import Robot
 
-_UNSEEN = 1e-6
+_SINGULAR = 1e-6
 """Singular value of columns of unit norm, relative to the largest, below which one is not told."""
 
 _PART = 0.1
@@ -58,7 +58,9 @@ _LEVEL = {"stribeck_speed": "stribeck_friction", "stribeck_friction": "stribeck_
 """What has no meaning without the other."""
 
 
-def told(drive: Drive, names: Sequence[str], H: Array, nonlinear: Sequence[str]) -> Drive:
+def fix_unidentifiable(
+    drive: Drive, names: Sequence[str], H: Array, nonlinear: Sequence[str]
+) -> Drive:
     """Return the drive with those of its `nonlinear` parameters known that the columns H do not
     tell.
 
@@ -91,11 +93,11 @@ def _lost(names: Sequence[str], H: Array, candidates: Sequence[str]) -> str | No
     )
     share = np.abs(vectors[-1])
     place = int(np.argmax(np.where(may_go, share, 0.0)))
-    lost = sizes[-1] < _UNSEEN * sizes[0] and may_go[place] and share[place] > _PART * share.max()
+    lost = sizes[-1] < _SINGULAR * sizes[0] and may_go[place] and share[place] > _PART * share.max()
     return names[place] if lost else None
 
 
-def with_held_flags(
+def with_fixed_flags(
     drives: Mapping[str, Estimate], given: Robot, robot: Robot
 ) -> dict[str, Estimate]:
     """Return estimates of drives with a flag for every parameter that became known by a search."""
@@ -133,14 +135,14 @@ def linearised(robot: Robot, motions: Sequence[Motion]) -> Robot:
     that is linear finds no stiffness to start from.
     """
     found = {
-        joint: _straight_drive(robot, motions, joint)
+        joint: _linearised_drive(robot, motions, joint)
         for joint in robot.elastic_joints
         if actuator_equation(robot, motions[0], joint)[0].non_linear
     }
     return robot.with_drives(found) if found else robot
 
 
-def _straight_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Drive:
+def _linearised_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Drive:
     drive = robot.drives[joint]
     assert isinstance(drive, SeriesElasticDrive)
     scale = _scale_of(robot, motions, joint)
@@ -149,7 +151,7 @@ def _straight_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Driv
     names = search.regressor.non_linear
     grid = [starts_of(name, drive, start, scale) for name in names]
     lower, upper = (np.array([bounds_of(name, scale)[end] for name in names]) for end in (0, 1))
-    found = projected(
+    found = separable_least_squares(
         search.columns,
         search.slopes,
         [np.array(one) for one in product(*grid)],
@@ -159,7 +161,9 @@ def _straight_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Driv
     values = dict(zip(names, found.nonlinear.tolist(), strict=True))
     values |= dict(zip(search.regressor.linear, found.linear.tolist(), strict=True))
     drive = with_values(drive, values)
-    return told(drive, search.regressor.names, search.all_columns(drive.values), names)
+    return fix_unidentifiable(
+        drive, search.regressor.names, search.all_columns(drive.values), names
+    )
 
 
 @dataclass(frozen=True)
@@ -329,7 +333,7 @@ def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]
         search = _load_search(robot, motions, joint, fit_load(robot, motions, used))
         drive, names = robot.drives[joint], search.regressor.non_linear
         columns = search.all_columns(drive.values)
-        held = told(drive, (*search.linear, *names), columns, names)
+        held = fix_unidentifiable(drive, (*search.linear, *names), columns, names)
         robot = robot.with_drives({joint: held})
     return robot
 
@@ -398,7 +402,7 @@ def _searched(
     names = search.regressor.non_linear
     starts = [np.array([drive.values[name] for name in names]), *starts]
     lower, upper = (np.array([bounds_of(name, scale)[end] for name in names]) for end in (0, 1))
-    found = projected(search.columns, search.slopes, starts, lower, upper)
+    found = separable_least_squares(search.columns, search.slopes, starts, lower, upper)
     values = dict(zip(names, found.nonlinear.tolist(), strict=True))
     values |= dict(zip(search.linear, found.linear.tolist(), strict=True))
     return robot.with_drives({joint: with_values(drive, values)})
@@ -409,8 +413,8 @@ class _LoadSearch:
     """The rows of the load side as functions of one stiff drive's bent parameters.
 
     `others` (R, rank) spans the weighted columns of all else, which are projected out; `mine` (R,)
-    are the rows of the drive's own joint, `y` (R,) the weighted target, `weight` the joint's.
-    `zeta` (T,) of each motion is what `y` was made of.
+    are the rows of this drive's joint, `y` (R,) the weighted target, `weight` that of the joint,
+    `zeta` (T,) the target of each motion before weighting.
     """
 
     regressor: DriveRegressor

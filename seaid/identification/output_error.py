@@ -22,7 +22,7 @@ from seaid._progress import track
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Residuals, Step, gauss_newton_step
-from seaid.identification.drive_estimates import joined, with_estimate, with_flags
+from seaid.identification.drive_estimates import merged_estimates, with_estimate, with_flags
 from seaid.identification.identification import Identification
 from seaid.identification.method_limits import check_refinable
 from seaid.identification.simulated_joints import (
@@ -438,7 +438,7 @@ def _refined(layout: Layout, here: Point, worse: bool) -> Identification:
     found, x = layout.found, here.x
     actuators, load_side = _estimates(layout, here, worse)
     load, beside = split_load_side(found.model, load_side)
-    refined = joined(actuators, beside)
+    refined = merged_estimates(actuators, beside)
     drives = {joint: refined[joint] for joint in found.drives}
     robot = robot_at(layout, x)
     known = {

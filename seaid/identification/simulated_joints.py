@@ -19,7 +19,7 @@ import pinocchio as pin
 from seaid._arrays import Array, safely
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError
-from seaid.identification.method_limits import straight_spring
+from seaid.identification.method_limits import linear_spring
 from seaid.log import Motion, low_pass, spline_derivatives
 from seaid.regressor import LoadModel, load_columns
 from seaid.robot import Robot, at_drives, at_joints, rows_at_drives, torques_at_drives
@@ -159,7 +159,7 @@ def driven_motion(
     rows = [model.rows.index(joint) for joint in names]
     fitted = _fitted_robot(robot, model, load_side)
     lever = np.array([_load_radius(robot, joint) ** 2 for joint in names])
-    straight = [straight_spring(robot, joint, springs[joint]) for joint in names]
+    straight = [linear_spring(robot, joint, springs[joint]) for joint in names]
     rate = lever * [spring.stiffness for spring in straight]
     damping = lever * [spring.damping for spring in straight]
     beside = [_beside(robot, model, load_side, name) for name in _BESIDE]

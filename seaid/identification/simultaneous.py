@@ -31,8 +31,8 @@ from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Estimator, qr_factor_of
 from seaid.identification.datasets import Dataset, rows_of
 from seaid.identification.drive_estimates import spring_of, with_flags
-from seaid.identification.method_limits import check_joint_sides
-from seaid.identification.two_step import Fit, Sides
+from seaid.identification.method_limits import check_simultaneous
+from seaid.identification.two_step import RobotEstimate, SideFit
 from seaid.log import Motion
 from seaid.regressor import (
     OFFSET_STEP,
@@ -57,7 +57,7 @@ _ROUNDING = 1e-11
 _SPRING = ("stiffness", "spring_offset")
 
 
-def joint_regression(
+def simultaneous_regression(
     robot: Robot, motion: Motion, model: LoadModel, springs: Collection[str]
 ) -> Regression:
     """Return both sides over time: the drives' columns of the elastic joints, then the load's.
@@ -114,7 +114,7 @@ def _motor_rows(robot: Robot, actuator: Regression, joint: str, load: Regression
 
 
 def whitened(robot: Robot, rows: Regression, theta: Array) -> Regression:
-    """Return rows of `joint_regression` as weighted least squares may solve them, near `theta`.
+    """Return the rows as weighted least squares may solve them, near `theta`.
 
     The deflection is the predicted one, column and y changed alike, so that the residual of (8) at
     `theta` stays what it is; the motor equation of the joint is freed of what its residual has in
@@ -161,7 +161,7 @@ def _springs(
 def settled(
     robot: Robot, rows: Regression, start: Array, estimate: Callable[[Regression], Estimate]
 ) -> tuple[Estimate, int]:
-    """Solve rows of `joint_regression` from a start (p,), as the sequential estimate is one.
+    """Solve rows of `simultaneous_regression` from a start (p,), as the sequential estimate is one.
 
     `estimate` is any estimator. Iterated until no parameter moves by more than a small part of its
     standard error; also returns the number of iterations. Raises IdentificationError where that
@@ -188,7 +188,7 @@ def settled(
     )
 
 
-def split_joint(
+def split_estimate(
     robot: Robot, model: LoadModel, estimate: Estimate
 ) -> tuple[dict[str, Estimate], Estimate, Estimate]:
     """Return drives {joint: Estimate}, the base parameters, and all columns of `model`.
@@ -214,37 +214,39 @@ def split_joint(
 def encoder_offset_sensitivity(
     robot: Robot, motion: Motion, model: LoadModel, springs: Collection[str], theta: Array
 ) -> Regression:
-    """Return `joint_regression` with `propagated` (R, n): what a shifted zero of each joint does.
+    """Return both sides with `propagated` (R, n), the effect of each encoder's offset.
 
     It is minus the change of the residual, at the parameters `theta`, a unit of shift; see
     `joint_zeros.offset_sensitivity`.
     """
-    reference, changes = joint_regression(robot, motion, model, springs), []
+    reference, changes = simultaneous_regression(robot, motion, model, springs), []
     for index in range(robot.n):
-        shifted = joint_regression(robot, shifted_encoder(robot, motion, index), model, springs)
+        shifted = simultaneous_regression(
+            robot, shifted_encoder(robot, motion, index), model, springs
+        )
         change = (shifted.y - shifted.H @ theta) - (reference.y - reference.H @ theta)
         changes.append(change / OFFSET_STEP)
     return replace(reference, propagated=np.column_stack(changes))
 
 
-def simultaneous_sides(
+def estimate_simultaneous(
     robot: Robot,
     datasets: Sequence[Dataset],
     model: LoadModel,
-    start: Sides,
+    start: RobotEstimate,
     estimator: Estimator,
     encoder_offset_std: float,
     executor: Executor | None,
-) -> Sides:
+) -> RobotEstimate:
     """Return both sides at once; `whole` has the covariance between them.
 
     (7) and (8) are rows of one regression that shares each spring; see `joint_sides`. Raises
     IdentificationError where the iteration does not settle, and for springs that cannot be shared.
     """
     springs = tuple(start.springs)
-    check_joint_sides(robot, springs)
+    check_simultaneous(robot, springs)
     regress: Callable[[Motion], Regression]
-    regress = partial(joint_regression, robot, model=model, springs=springs)
+    regress = partial(simultaneous_regression, robot, model=model, springs=springs)
     rows = rows_of(datasets, regress, executor)
     whole, _ = settled(
         robot, rows, _values(rows, start), lambda found: estimator.solve(found, None)
@@ -258,15 +260,15 @@ def simultaneous_sides(
         rows = rows_of(datasets, regress, executor)
         zeros = encoder_offset_std**2 * np.eye(robot.n)
         whole, _ = settled(robot, rows, theta, lambda found: estimator.solve(found, zeros))
-    drives, load, load_side = split_joint(robot, model, whole)
-    solved = estimator.seen(whitened(robot, rows, whole.values), whole)
-    fit = Fit(whole, qr_factor_of(solved), solved, zeros)
+    drives, load, load_side = split_estimate(robot, model, whole)
+    solved = estimator.effective_rows(whitened(robot, rows, whole.values), whole)
+    fit = SideFit(whole, qr_factor_of(solved), solved, zeros)
     optional = [
         name
         for name in whole.names
         if name not in model.expressions and not name.startswith(("stiffness", "spring_offset"))
     ]
-    return Sides(
+    return RobotEstimate(
         drives=drives,
         load=load,
         load_side=load_side,
@@ -278,7 +280,7 @@ def simultaneous_sides(
     )
 
 
-def _values(rows: Regression, start: Sides) -> Array:
+def _values(rows: Regression, start: RobotEstimate) -> Array:
     """Return the sequential estimate in the columns of the rows."""
     known = {
         f"{name} of {joint}": value

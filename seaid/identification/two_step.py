@@ -34,8 +34,12 @@ from seaid.estimation import (
     whiteness,
 )
 from seaid.identification.datasets import Dataset, first_motion, rows_of
-from seaid.identification.drive_estimates import joined, spring_of, with_flags
-from seaid.identification.errors_in_variables import both_noisy, noise_ratio, springs_torque_alone
+from seaid.identification.drive_estimates import merged_estimates, spring_of, with_flags
+from seaid.identification.errors_in_variables import (
+    errors_in_variables,
+    noise_ratio,
+    only_spring_torque,
+)
 from seaid.log import LongLog, Motion
 from seaid.regressor import (
     LoadModel,
@@ -106,7 +110,7 @@ INPUT_FIELDS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Sides:
+class RobotEstimate:
     """What both sides of the springs told, as `Identification` has it.
 
     `springs` {joint: stiffness and offset} whose torque is that on the load; `checks` and
@@ -134,7 +138,7 @@ class Regressions:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class SideFit:
     """An estimate, the information behind it, and the rows if they were kept in memory.
 
     `settled` are the equations' weights (E,) if the estimate was weighted by those that settle.
@@ -169,7 +173,7 @@ def fitted(
     estimator: Estimator,
     propagated: Array | None,
     executor: Executor | None,
-) -> Fit:
+) -> SideFit:
     """Return the fit of the rows of all records: in memory, or streamed where all are long logs.
 
     The weights of the equations are settled once, and handed on with the fit.
@@ -185,12 +189,12 @@ def fitted(
         weights = estimator.weigh(qr_factor)
         estimate = estimate_of_rows(rows, qr_factor, weights, propagated)
         settled = weights if estimator.weigh is settled_weights else None
-        return Fit(estimate, qr_factor, rows, propagated, settled)
+        return SideFit(estimate, qr_factor, rows, propagated, settled)
     if any(name.split(" of ")[0] in CONSTANTS for name in rows.names):
         check_scale(qr_factor_of(rows))
     estimate = estimator.solve(rows, propagated)
-    seen = estimator.seen(rows, estimate)
-    return Fit(estimate, qr_factor_of(seen), seen, propagated)
+    seen = estimator.effective_rows(rows, estimate)
+    return SideFit(estimate, qr_factor_of(seen), seen, propagated)
 
 
 def _streamed(
@@ -204,15 +208,15 @@ def _streamed(
 
 def _fitted_to(
     stored: StoredRows, estimator: Estimator, propagated: Array | None, change: Change = unchanged
-) -> Fit:
+) -> SideFit:
     """Return the fit of stored rows."""
     weigh = estimator.weigh or settled_weights
     estimate, qr_factor = stored_estimate(stored, weigh, propagated, change)
     check_scale(qr_factor)
-    return Fit(estimate, qr_factor, None, propagated)
+    return SideFit(estimate, qr_factor, None, propagated)
 
 
-def sequential_sides(
+def estimate_two_step(
     robot: Robot,
     datasets: Sequence[Dataset],
     model: LoadModel,
@@ -221,14 +225,14 @@ def sequential_sides(
     executor: Executor | None,
     progress: bool,
     regressions: Regressions = Regressions(),
-) -> Sides:
+) -> RobotEstimate:
     """Return both sides, one after the other: the springs' uncertainty is carried to the load.
 
     `regressions` make the rows, in columns that `estimator` knows and `seen` turns into the plain
     ones.
     """
     drives, checks, excluded = {}, {}, {}
-    joints = sprung(robot, datasets, model)
+    joints = spring_torque_joints(robot, datasets, model)
     equations = {
         joint: partial(_of_actuator, robot, regressions, joint) for joint in robot.elastic_joints
     }
@@ -242,10 +246,10 @@ def sequential_sides(
                 fit = fitted(datasets, regress, estimator, None, executor)
                 if (
                     estimator.weigh
-                    and springs_torque_alone(robot, datasets, joint)
+                    and only_spring_torque(robot, datasets, joint)
                     and fit.rows is not None
                 ):
-                    noisy = both_noisy(fit.rows, noise_ratio(robot, datasets, joint))
+                    noisy = errors_in_variables(fit.rows, noise_ratio(robot, datasets, joint))
                     fit = replace(fit, estimate=noisy)
             drives[joint] = with_flags(fit.estimate, joint, fit.qr_factor)
             optional = [name for name in fit.estimate.names if name not in _NEEDED]
@@ -258,8 +262,8 @@ def sequential_sides(
                 *(encoder_offset_std, executor, regressions, stored.get(_LOAD_KEY)),
             )
     base, beside = split_load_side(model, load.estimate)
-    found = joined(drives, beside)
-    return Sides(
+    found = merged_estimates(drives, beside)
+    return RobotEstimate(
         drives={joint: found[joint] for joint in robot.joint_names if joint in found},
         load=base,
         load_side=load.estimate,
@@ -271,7 +275,7 @@ def sequential_sides(
     )
 
 
-def known_torques(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, ...]:
+def joints_with_torque(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, ...]:
     """Return the joints whose torque is measured, by a sensor or by a spring."""
     motions = [first_motion(dataset) for dataset in datasets]
     return tuple(
@@ -283,7 +287,9 @@ def known_torques(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, ...]:
     )
 
 
-def sprung(robot: Robot, datasets: Sequence[Dataset], model: LoadModel) -> tuple[str, ...]:
+def spring_torque_joints(
+    robot: Robot, datasets: Sequence[Dataset], model: LoadModel
+) -> tuple[str, ...]:
     """Return the joints of the model whose torque on the load is that of their spring."""
     motions = [first_motion(dataset) for dataset in datasets]
     return tuple(
@@ -311,25 +317,25 @@ def _load_side(
     executor: Executor | None,
     regressions: Regressions,
     stored: StoredRows | None,
-) -> Fit:
+) -> SideFit:
     """Fit (8), with the uncertainty of springs and zeros; of `stored` rows without the springs."""
     values = {joint: spring.values for joint, spring in springs.items()}
     covariances = [spring.covariance for spring in springs.values()]
     regress: Callable[[Motion], Regression]
     regress = partial(_of_load, robot, regressions, model, values)
-    sprung_rows = partial(_with_torque, values)
+    rows_with_torque = partial(_with_torque, values)
     if encoder_offset_std > 0:
         theta = (
-            _fitted_to(stored, estimator, None, sprung_rows)
+            _fitted_to(stored, estimator, None, rows_with_torque)
             if stored
             else fitted(datasets, regress, estimator, None, executor)
         ).estimate.values
         stored = None
-        regress = partial(_with_zeros, robot, regressions, model, values, theta)
+        regress = partial(_with_offsets, robot, regressions, model, values, theta)
         covariances.append(encoder_offset_std**2 * np.eye(robot.n))
     propagated = linalg.block_diag(*covariances) if covariances else None
     if stored:
-        return _fitted_to(stored, estimator, propagated, sprung_rows)
+        return _fitted_to(stored, estimator, propagated, rows_with_torque)
     return fitted(datasets, regress, estimator, propagated, executor)
 
 
@@ -359,7 +365,7 @@ def _of_load(
     return regressions.load(robot, motion, model, springs)
 
 
-def _with_zeros(
+def _with_offsets(
     robot: Robot,
     regressions: Regressions,
     model: LoadModel,

@@ -327,11 +327,11 @@ def test_what_is_held_is_said_of_every_condition_too(monkeypatch: pytest.MonkeyP
         drive = replace(given.drives["two"], known=("deflection_zero",))
         return given.with_drives({**given.drives, "two": drive}), datasets
 
-    monkeypatch.setattr("seaid.identification.conditions.straightened_robot", holding)
+    monkeypatch.setattr("seaid.identification.conditions.linearised_robot", holding)
     drive = with_terms(ELASTIC, SPRINGS["cubic"][0], {"deflection_zero": 0.0})
     known, log = robot(STIFF, drive), noisy("plain")
-    both = identify_conditions({"a": (known, log), "b": (known, log)}, own=())
-    for found in both.found.values():
+    both = identify_conditions({"a": (known, log), "b": (known, log)}, condition_specific=())
+    for found in both.identifications.values():
         assert any("deflection zero of two is not told by this motion" in f for f in found.flags)
 
 
@@ -414,7 +414,7 @@ def together(one: Drive, known: Drive) -> Identification:
     for name, payloads in (("with", (Payload("lower", 0.5, (0.0, 0.0, -0.2)),)), ("without", ())):
         log = noisy_log(exact_motion(robot(one, one, payloads=payloads)), 0.003, 1e-6)
         conditions[name] = robot(known, known, payloads=payloads).without_nominal(), log
-    return identify_conditions(conditions, cutoff_hz=10.0).found["with"]
+    return identify_conditions(conditions, cutoff_hz=10.0).identifications["with"]
 
 
 def test_a_payload_that_comes_and_goes_tells_motor_constants() -> None:

@@ -21,12 +21,12 @@ from seaid.errors import IdentificationError
 from seaid.estimation import (
     WEIGHTS,
     Estimate,
-    Possible,
+    FeasiblePoint,
     Program,
-    chosen,
-    least_spread,
+    floored_covariance,
     nearest,
     regularised,
+    with_selected_weight,
 )
 from seaid.identification.drive_estimates import with_values
 from seaid.identification.physical.problem import (
@@ -34,8 +34,8 @@ from seaid.identification.physical.problem import (
     Boxes,
     MassBounds,
     body_limits,
-    body_programme,
-    inside,
+    body_program,
+    interior_start,
     prior_bodies,
 )
 from seaid.regressor import LoadModel
@@ -131,7 +131,7 @@ class FeasibleParameters:
     nearest_chi_square: float
     weight: float
     freedom: float
-    held: tuple[str, ...]
+    active_bounds: tuple[str, ...]
     notes: tuple[str, ...]
     flags: tuple[str, ...] = ()
 
@@ -167,16 +167,16 @@ def feasible_parameters(
     if white_covariance is not None:
         size = len(load_side.names)
         white = finite("white_covariance", white_covariance, (size, size), IdentificationError)
-        load_side = replace(load_side, covariance=least_spread(load_side.covariance, white))
+        load_side = replace(load_side, covariance=floored_covariance(load_side.covariance, white))
     known = _together(model, load_side, drives or {})
     bodies, notes = prior_bodies(robot, robot.parameters if prior is None else prior)
     masses, boxes = mass_bounds or {}, com_boxes or {}
     limits = body_limits(robot, bodies, masses, boxes)
-    start = inside(robot, bodies, masses, boxes)
+    start = interior_start(robot, bodies, masses, boxes)
     for body in robot.known_bodies:
         if body in {**masses, **boxes}:
             raise IdentificationError(f"'{body}' is a known body: it has no bounds")
-    program, words = body_programme(robot, model, known, bodies, limits, start)
+    program, words = body_program(robot, model, known, bodies, limits, start)
     bound = nearest(program)
     flag = contradiction(robot, program, bound.chi_square, len(limits))
     found = _weighted(program, weight, bound.chi_square)
@@ -192,7 +192,7 @@ def feasible_parameters(
         nearest_chi_square=bound.chi_square,
         weight=found.weight,
         freedom=found.freedom,
-        held=_held(robot, bound, words),
+        active_bounds=_active_bounds(robot, bound, words),
         notes=notes,
         flags=() if flag is None else (flag,),
     )
@@ -232,9 +232,9 @@ def _together(model: LoadModel, load_side: Estimate, drives: Mapping[str, Estima
     )
 
 
-def _weighted(program: Program, weight: float | None, least: float) -> Possible:
+def _weighted(program: Program, weight: float | None, least: float) -> FeasiblePoint:
     if weight is None:
-        return chosen(program, least)
+        return with_selected_weight(program, least)
     if not (np.isfinite(weight) and weight >= 0):
         raise IdentificationError(
             f"weight= must be zero or more and finite (None: chosen by the data), found {weight}"
@@ -242,12 +242,12 @@ def _weighted(program: Program, weight: float | None, least: float) -> Possible:
     return regularised(program, max(weight, WEIGHTS[-1]))
 
 
-def _bodies(robot: Robot, found: Possible) -> Array:
+def _bodies(robot: Robot, found: FeasiblePoint) -> Array:
     """Return the standard parameters (10n,) that were found, known ones as they are."""
     return np.where(robot.is_known, robot.parameters, found.unknowns[: 10 * robot.n])
 
 
-def _robot(robot: Robot, model: LoadModel, known: Estimate, found: Possible) -> Robot:
+def _robot(robot: Robot, model: LoadModel, known: Estimate, found: FeasiblePoint) -> Robot:
     """Return the robot with possible bodies and the drives that were found."""
     m, names = 10 * robot.n, dict(zip(known.names, found.values, strict=True))
     for (joint, name, _), value in zip(model.absorbed, found.unknowns[m:], strict=False):
@@ -272,11 +272,11 @@ def _errors(program: Program) -> Array:
     return np.asarray(np.linalg.norm(program.root, axis=1))
 
 
-def _held(robot: Robot, bound: Possible, words: list[str]) -> tuple[str, ...]:
+def _active_bounds(robot: Robot, bound: FeasiblePoint, words: list[str]) -> tuple[str, ...]:
     """Say what the data push against."""
     shapes = [
         f"{body} is {_SHAPES[rank]}"
         for body, rank in zip(robot.body_names, bound.ranks, strict=True)
         if rank < 4
     ]
-    return tuple(dict.fromkeys([*shapes, *(words[index] for index in bound.held)]))
+    return tuple(dict.fromkeys([*shapes, *(words[index] for index in bound.active_bounds)]))

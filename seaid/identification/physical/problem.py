@@ -16,7 +16,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, frozen, safely
 from seaid.errors import IdentificationError, RobotError, unknown_name
-from seaid.estimation import Estimate, Program, root_of
+from seaid.estimation import Estimate, Program, covariance_root
 from seaid.regressor import LoadModel
 from seaid.robot import Robot, from_center_of_mass, from_pseudo_inertia, is_physical, pseudo_inertia
 
@@ -71,7 +71,7 @@ def body_limits(robot: Robot, bodies: Array, masses: MassBounds, boxes: Boxes) -
     return [one for one in limits if np.all(np.isfinite(one.row)) and np.isfinite(one.bound)]
 
 
-def inside(robot: Robot, bodies: Array, masses: MassBounds, boxes: Boxes) -> Array:
+def interior_start(robot: Robot, bodies: Array, masses: MassBounds, boxes: Boxes) -> Array:
     """Return standard parameters (10n,) of bodies like the given ones strictly inside bounds."""
     moved = bodies.copy()
     bounds, corners = checked_masses(robot, masses), checked_boxes(robot, boxes)
@@ -213,7 +213,7 @@ def prior_bodies(robot: Robot, parameters: Array) -> tuple[Array, tuple[str, ...
             bodies[index] = ball
             continue
         scaled = ball * max(bodies[index, 0], 0.01 * usual)
-        repaired = _mended(bodies[index], scaled)
+        repaired = _repaired(bodies[index], scaled)
         if repaired is not None:
             kind = "degenerate" if is_physical(bodies[index]) else "impossible"
             notes.append(
@@ -224,7 +224,7 @@ def prior_bodies(robot: Robot, parameters: Array) -> tuple[Array, tuple[str, ...
     return bodies, tuple(notes)
 
 
-def _mended(body: Array, ball: Array) -> Array | None:
+def _repaired(body: Array, ball: Array) -> Array | None:
     """Return a possible body near one that has no mass in some direction; None for all others."""
     half = _safely(np.linalg.cholesky, pseudo_inertia(ball))
     inverse = _safely(np.linalg.inv, half)
@@ -239,7 +239,7 @@ NON_NEGATIVE = ("viscous_friction", "coulomb_friction", "motor_inertia", "stiffn
 """Parameters of drives that cannot be negative."""
 
 
-def body_programme(
+def body_program(
     robot: Robot,
     model: LoadModel,
     known: Estimate,
@@ -254,7 +254,7 @@ def body_programme(
     """
     m, absorbed = 10 * robot.n, len(model.absorbed)
     columns, pivots, own = _columns(model, known, m)
-    root = root_of(known.covariance, known.values)
+    root = covariance_root(known.covariance, known.values)
     largest = np.max(np.abs(model.absorption), axis=0, initial=0.0)
     names = [f"{name} of {joint}" for joint, name, _ in model.absorbed]
     names += [known.names[row] for row in own]
