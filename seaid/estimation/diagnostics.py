@@ -157,7 +157,7 @@ def whiteness(rows: Regression, theta: Array) -> dict[int, Whiteness]:
 BLOCKS = 8
 """Number of blocks, consecutive in time, of which each is predicted from the others."""
 
-_LOST = 1e-9
+_RANK_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,7 +281,8 @@ def _solved(H: Array, y: Array) -> Array:
     norms = np.linalg.norm(H, axis=0)
     norms[norms == 0] = 1.0
     return np.asarray(
-        safely(np.linalg.lstsq, H / norms, y, what="the equations", rcond=_LOST)[0] / norms
+        safely(np.linalg.lstsq, H / norms, y, what="the equations", rcond=_RANK_TOLERANCE)[0]
+        / norms
     )
 
 

@@ -221,7 +221,7 @@ def test_minimum_that_is_not_found_is_an_error(monkeypatch: pytest.MonkeyPatch) 
 
 def test_numbers_too_different_in_size_are_an_error() -> None:
     one = program(0)
-    with pytest.raises(IdentificationError, match=r"too different in size .* check their units"):
+    with pytest.raises(IdentificationError, match=r"differ too much in size .* check their units"):
         nearest(replace(one, estimate=1e200 * one.estimate))
 
 

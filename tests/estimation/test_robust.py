@@ -170,9 +170,9 @@ def test_what_is_carried_adds_what_targets_really_do(estimator: Solver) -> None:
 def test_errors_are_those_of_least_squares(estimator: Solver) -> None:
     data = experiment(6)
     twice = replace(data, H=np.column_stack([data.H[:, :2], data.H[:, 0]]))
-    with pytest.raises(ExcitationError, match="tells nothing about the combination of"):
+    with pytest.raises(ExcitationError, match=r"combination of .* is unidentifiable"):
         estimator(twice)
-    with pytest.raises(IdentificationError, match="2 rows cannot tell 3 parameters"):
+    with pytest.raises(IdentificationError, match="2 rows cannot determine 3 parameters"):
         estimator(replace(experiment(6, 2), joint_names=()))
     H = data.H.copy()
     H[5, 1] = np.nan

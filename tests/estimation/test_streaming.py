@@ -294,6 +294,6 @@ def test_joint_that_never_moves(tmp_path: Path) -> None:
     still = log().motor_position.copy()
     still[:, 1] = 0.1
     write_log(replace(log(), motor_position=still), tmp_path / "log.npz")
-    words = r"0 rows \(1\d\d more are near standstill\) cannot tell 4 .* with more motion"
+    words = r"0 rows \(1\d\d more are near standstill\) cannot determine 4 .* with more motion"
     with pytest.raises(IdentificationError, match=words):
         stream_estimate([opened(tmp_path / "log.npz")], actuator)
