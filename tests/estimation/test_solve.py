@@ -186,7 +186,7 @@ def test_lost_columns_name_the_joint_whose_torque_they_are_in() -> None:
         ExcitationError, match=r"combination of b, c .* on the torque of knee; move"
     ):
         ordinary(named)
-    with pytest.raises(ExcitationError, match="in the torque of joint 1; move"):
+    with pytest.raises(ExcitationError, match="on the torque of joint 1; move"):
         ordinary(replace(named, joint_names=()))
     # where motors and loads are solved at once, the motor's equation of joint i is number n + i
     with pytest.raises(ExcitationError, match="in the torque of motor of knee; move"):
