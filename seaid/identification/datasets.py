@@ -101,7 +101,7 @@ def first_motion(dataset: Dataset) -> Motion:
 def rows_of(
     datasets: Sequence[Dataset], regress: Regress, executor: Executor | None = None
 ) -> Regression:
-    """Return the rows of all datasets as one regression; the executor takes one dataset per task."""
+    """Return the rows of all datasets as one regression; the executor takes one per task."""
     return stacked(_map(partial(_rows, regress), datasets, executor))
 
 

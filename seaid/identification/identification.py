@@ -61,8 +61,8 @@ class Identification:
     cutoff_hz : float
         Cutoff of the low pass.
     excluded, checks : mapping
-        Number of instants near standstill, and checks of the model, by joint and "load" for the load
-        side ("both" if both sides were estimated at once).
+        Number of instants near standstill, and checks of the model, by joint and "load" for the
+        load side ("both" if both sides were estimated at once).
     feasible : FeasibleParameters or None
         How the physically consistent parameters were computed.
     processing, motions : tuple

@@ -226,7 +226,7 @@ class _JointModel:
         return field in AT_THE_MOTOR and self.joint in self.robot.elastic_joints
 
     def rows(self, robot: Robot, motor_side: bool) -> Regression:
-        """Return the rows of one side with the drives of a robot, linearised near the best values."""
+        """Return the rows of one side, with the robot's drives linearised near the best values."""
         if motor_side:
             linear = linearised(robot, self.motions)
             return stacked([actuator_regression(linear, one, self.joint) for one in self.motions])

@@ -124,7 +124,7 @@ def test_own_bodies_and_own_friction_of_stiff_drives() -> None:
 def test_wrong_conditions_are_refused_in_words() -> None:
     robot, log = arm(), perfect_log(arm(), arm_motion())
     pairs = {"a": (robot, log), "b": (robot, log)}
-    with pytest.raises(IdentificationError, match="from two on, found 1"):
+    with pytest.raises(IdentificationError, match="at least two conditions, found 1"):
         identify_conditions({"a": (robot, log)})
     with pytest.raises(
         IdentificationError, match=r"condition_specific=: .*did you mean 'stiffness'"
