@@ -1,4 +1,4 @@
-"""Which terms of drives the methods beyond least squares, side by side, can take; said in words."""
+"""Limits of methods: which terms of drives instruments, two sides at once and `refine` support."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LINEAR = {"stiffness", "spring_damping", "spring_offset"}
 
 @dataclass(frozen=True)
 class LinearSpring:
-    """A spring that pulls with stiffness times deflection, damping times its rate and an offset."""
+    """A spring with stiffness, damping and an offset."""
 
     stiffness: float
     offset: float
@@ -23,11 +23,7 @@ class LinearSpring:
 
 
 def linear_spring(robot: Robot, joint: str, values: Iterable[float]) -> LinearSpring:
-    """Return a spring as a straight line from its found values, in its regressor's order.
-
-    What the robot knows of it beforehand is taken from there; `check_straight` tells where this
-    is possible.
-    """
+    """Return a spring with its known and its estimated values, in the order of its regressor."""
     found = dict(zip(spring_regressor(robot, joint).names, values, strict=True))
     drive = robot.drives[joint]
     known = {name: drive.values[name] for name in drive.known if name in _LINEAR}
@@ -37,7 +33,7 @@ def linear_spring(robot: Robot, joint: str, values: Iterable[float]) -> LinearSp
 
 
 def check_simultaneous(robot: Robot, springs: Iterable[str]) -> None:
-    """Raise IdentificationError for springs that both sides at once cannot share."""
+    """Raise IdentificationError for springs that method="simultaneous" cannot share."""
     for joint in springs:
         names = set(spring_regressor(robot, joint).names)
         if not {"stiffness", "spring_offset"} <= names <= _LINEAR:
@@ -48,31 +44,31 @@ def check_simultaneous(robot: Robot, springs: Iterable[str]) -> None:
 
 
 def check_instruments(robot: Robot, springs: Iterable[str]) -> None:
-    """Raise IdentificationError for springs of which no instruments can be made."""
+    """Raise IdentificationError for springs for which instruments cannot be computed."""
     for joint in springs:
         if not set(spring_regressor(robot, joint).names) <= _LINEAR:
             raise IdentificationError(
-                f'estimator="iv" makes instruments of springs of one stiffness; that of {joint} '
+                f'estimator="iv" supports springs of one stiffness; that of {joint} '
                 f'{_kind(robot, joint)}: use estimator="wls"'
             )
 
 
 def check_refinable(robot: Robot) -> None:
-    """Raise IdentificationError for terms of drives that the refinement does not simulate."""
+    """Raise IdentificationError for terms of drives that `refine` does not simulate."""
     for joint, drive in robot.drives.items():
         reason = _not_refinable(robot, joint, drive)
         if reason:
             raise IdentificationError(
-                f"the refinement cannot simulate the drive of {joint}, {reason}; take what "
-                "identify found"
+                f"the refinement cannot simulate the drive of {joint}, {reason}; use the result of "
+                "identify"
             )
 
 
 def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
     if drive.motor_input != "torque":
         return f"of which the {drive.motor_input} was logged, not the torque"
-    beside = [*drive.parallel_spring, *getattr(drive, "joint_friction", ())]
-    if beside:
+    parallel = [*drive.parallel_spring, *getattr(drive, "joint_friction", ())]
+    if parallel:
         return "which has a parallel spring or joint friction"
     if motor_regressor(robot, joint).non_linear or "load" in drive.friction:
         return "whose equation is not linear in its parameters"
@@ -84,7 +80,7 @@ def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
 
 
 def _kind(robot: Robot, joint: str) -> str:
-    """Say what a spring has that is not stiffness and offset, or that they are known."""
+    """Describe what a spring has besides unknown stiffness and offset."""
     regressor, drive = spring_regressor(robot, joint), robot.drives[joint]
     others = [name.replace("_", " ") for name in regressor.names if name not in _LINEAR]
     if others:

@@ -1,4 +1,4 @@
-"""How joints behind springs answer: the load side (8) linearised along a motion, and integrated.
+"""How joints behind springs response: the load side (8) linearised along a motion, and integrated.
 
 The joints behind springs as the fitted model moves them when its motors turn as measured.
 
@@ -53,17 +53,17 @@ class TorqueJacobians:
             self.position + position, self.velocity + velocity, self.acceleration
         )
 
-    def change(self, answer: Answer) -> Array:
-        """Return how the torques (T, rows, columns) change with an answer of the joints."""
+    def change(self, response: Response) -> Array:
+        """Return how the torques (T, rows, columns) change with an response of the joints."""
         return np.asarray(
-            self.position @ answer.position
-            + self.velocity @ answer.velocity
-            + self.acceleration @ answer.acceleration
+            self.position @ response.position
+            + self.velocity @ response.velocity
+            + self.acceleration @ response.acceleration
         )
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class Response:
     """Changes of position, velocity and acceleration of the joints, each (T, joints, columns)."""
 
     position: Array
@@ -86,7 +86,7 @@ def torque_jacobians(robot: Robot, q: Array, v: Array, a: Array) -> TorqueJacobi
     return TorqueJacobians(*found[:, :, back][:, :, :, back])
 
 
-def answer_to(jacobians: TorqueJacobians, force: Array, step: float, windows: int) -> Answer:
+def response_to(jacobians: TorqueJacobians, force: Array, step: float, windows: int) -> Response:
     """Integrate M a + C v + K q = force (T, joints, columns) by the trapezoidal rule.
 
     The joints start each of the equally long `windows` at rest; 2 joints columns more, at the end,
@@ -118,7 +118,7 @@ def answer_to(jacobians: TorqueJacobians, force: Array, step: float, windows: in
         a[t] = inverse[:, t] @ (force[:, t] - C[:, t] @ v_t - K[:, t] @ q_t)
         v[t], q[t] = v_t + step / 2 * a[t], q_t + step**2 / 4 * a[t]
     shape = (T, joints, columns + free)
-    return Answer(*(np.swapaxes(part, 0, 1).reshape(shape) for part in (q, v, a)))
+    return Response(*(np.swapaxes(part, 0, 1).reshape(shape) for part in (q, v, a)))
 
 
 _START_BAND = 0.5
@@ -129,7 +129,7 @@ _WINDOW_PERIODS = 5.0
 
 _SWEEPS = 2
 
-_BESIDE = ("parallel_stiffness", "joint_viscous_friction")
+_PARALLEL = ("parallel_stiffness", "joint_viscous_friction")
 """Parameters by which the torque between a joint's bodies rises with its position and velocity."""
 
 _RUNAWAY = 1e12
@@ -159,10 +159,10 @@ def driven_motion(
     rows = [model.rows.index(joint) for joint in names]
     fitted = _fitted_robot(robot, model, load_side)
     lever = np.array([_load_radius(robot, joint) ** 2 for joint in names])
-    straight = [linear_spring(robot, joint, springs[joint]) for joint in names]
-    rate = lever * [spring.stiffness for spring in straight]
-    damping = lever * [spring.damping for spring in straight]
-    beside = [_beside(robot, model, load_side, name) for name in _BESIDE]
+    linear = [linear_spring(robot, joint, springs[joint]) for joint in names]
+    rate = lever * [spring.stiffness for spring in linear]
+    damping = lever * [spring.damping for spring in linear]
+    parallel = [_parallel_matrix(robot, model, load_side, name) for name in _PARALLEL]
     turned = at_drives(robot.transmission, motion.joint_position)
     reading = low_pass(turned[:, joints], motion.rate_hz, motion.cutoff_hz)
     here = _smoothed(_turned(finer_side(robot, motion), robot.transmission, at_drives), joints)
@@ -172,12 +172,12 @@ def driven_motion(
         with np.errstate(all="ignore"):
             moved = _turned(here, robot.transmission, at_joints)
             torque, payload, H, _ = load_columns(robot, moved, model, springs)
-            missing = (torque - payload - H @ load_side)[:, rows]
-            jacobians = torque_jacobians(fitted, *moved.joint_states).plus(*beside)
+            residual = (torque - payload - H @ load_side)[:, rows]
+            jacobians = torque_jacobians(fitted, *moved.joint_states).plus(*parallel)
             inside = jacobians.at_drives(robot.transmission).part(joints, joints)
             inside = inside.plus(np.diag(rate), np.diag(damping))
-            answer = _answer(inside, missing, 1 / motion.rate_hz, windows)
-        here = _moved(here, joints, answer, reading, windows)
+            response = _response(inside, residual, 1 / motion.rate_hz, windows)
+        here = _moved(here, joints, response, reading, windows)
     return _turned(here, robot.transmission, at_joints)
 
 
@@ -215,11 +215,11 @@ def _fitted_robot(robot: Robot, model: LoadModel, load_side: Array) -> Robot:
     base, prior = model.base, np.zeros(10 * robot.n)
     prior[::10] = 1.0
     prior[robot.is_known] = robot.parameters[robot.is_known]
-    missing = load_side[: len(base.columns)] - base.project(prior)
-    return robot.with_values(prior + base.least(missing), robot.drives)
+    residual = load_side[: len(base.columns)] - base.project(prior)
+    return robot.with_values(prior + base.least(residual), robot.drives)
 
 
-def _beside(robot: Robot, model: LoadModel, load_side: Array, name: str) -> Array:
+def _parallel_matrix(robot: Robot, model: LoadModel, load_side: Array, name: str) -> Array:
     """Return a parameter of what acts beside the drives, known or found, as a matrix (n, n)."""
     found = dict(zip(model.names, load_side, strict=True))
     values = [
@@ -236,34 +236,36 @@ def _smoothed(motion: Motion, joints: list[int]) -> Motion:
     return _with_joints(motion, joints, spline_derivatives(motion.time, smooth))
 
 
-def _answer(inside: TorqueJacobians, force: Array, step: float, windows: int) -> Answer:
-    """Return the answer (T, joints, 1 + 2 joints) to a force (T, joints) in equal windows.
+def _response(inside: TorqueJacobians, force: Array, step: float, windows: int) -> Response:
+    """Return the response (T, joints, 1 + 2 joints) to a force (T, joints) in equal windows.
 
-    The last window is as long as the others: the end of the motion is held for what is missing.
+    The last window is as long as the others: the end of the motion is padded for what is residual.
     """
     extra = -len(force) % windows
-    held = [
+    padded = [
         np.pad(part, ((0, extra), *[(0, 0)] * (part.ndim - 1)), mode="edge")
         for part in (inside.position, inside.velocity, inside.acceleration, force)
     ]
-    answer = answer_to(TorqueJacobians(*held[:3]), held[3][:, :, None], step, windows)
+    response = response_to(TorqueJacobians(*padded[:3]), padded[3][:, :, None], step, windows)
     count = len(force)
-    return Answer(answer.position[:count], answer.velocity[:count], answer.acceleration[:count])
+    return Response(
+        response.position[:count], response.velocity[:count], response.acceleration[:count]
+    )
 
 
 def _moved(
-    motion: Motion, joints: list[int], answer: Answer, reading: Array, windows: int
+    motion: Motion, joints: list[int], response: Response, reading: Array, windows: int
 ) -> Motion:
     """Return the motion one sweep on, each window from the initial state nearest to a reading.
 
     Each joint counts in units of its own motion, so that radians and metres do not compete.
     """
-    if not all(np.all(np.abs(part) < _RUNAWAY) for part in vars(answer).values()):
+    if not all(np.all(np.abs(part) < _RUNAWAY) for part in vars(response).values()):
         raise IdentificationError(_DIVERGED)
     spread = np.std(reading, axis=0)
     scale = 1 / np.where(spread > 0, spread, 1.0)
-    missing = scale * (reading - motion.joint_position[:, joints] - answer.position[:, :, 0])
-    free = scale[:, None] * answer.position[:, :, 1:]
+    residual = scale * (reading - motion.joint_position[:, joints] - response.position[:, :, 0])
+    free = scale[:, None] * response.position[:, :, 1:]
     length = -(-len(reading) // windows)
     coefficients = np.empty((len(reading), 1 + free.shape[2]))
     coefficients[:, 0] = 1.0
@@ -273,13 +275,13 @@ def _moved(
         coefficients[own, 1:] = safely(
             np.linalg.lstsq,
             columns,
-            missing[own].ravel(),
+            residual[own].ravel(),
             what="what the simulated motion misses",
             rcond=None,
         )[0]
     changes = [
         np.einsum("tjc,tc->tj", part, coefficients)
-        for part in (answer.position, answer.velocity, answer.acceleration)
+        for part in (response.position, response.velocity, response.acceleration)
     ]
     states = [
         state[:, joints] + change

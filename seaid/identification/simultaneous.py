@@ -122,16 +122,16 @@ def whitened(robot: Robot, rows: Regression, theta: Array) -> Regression:
     """
     H, y, propagated = rows.H.copy(), rows.y.copy(), rows.propagated.copy()
     residual = rows.y - rows.H @ theta
-    for stiffness, offset, load, motor, beside in _springs(robot, rows):
+    for stiffness, offset, load, motor, concurrent in _springs(robot, rows):
         H[load, stiffness] += residual[load] / theta[stiffness]
         y[load] += residual[load]
-        lever = -(rows.H[motor, offset] / rows.H[beside, offset])[:, None]  # r_M / (N r_L)
-        shared = lever[:, 0] * residual[beside]
+        lever = -(rows.H[motor, offset] / rows.H[concurrent, offset])[:, None]  # r_M / (N r_L)
+        shared = lever[:, 0] * residual[concurrent]
         power = float(shared @ shared)
         in_deflection = np.clip(-(residual[motor] @ shared) / power, 0.0, 1.0) if power else 1.0
         for new, old in ((H, rows.H), (y[:, None], rows.y[:, None]), (propagated, rows.propagated)):
-            spring_free = old[motor] + lever * old[beside]
-            new[motor] = spring_free - (1 - in_deflection) * lever * new[beside]
+            spring_free = old[motor] + lever * old[concurrent]
+            new[motor] = spring_free - (1 - in_deflection) * lever * new[concurrent]
     return replace(rows, H=H, y=y, propagated=propagated)
 
 
@@ -153,8 +153,8 @@ def _springs(
         motor = np.flatnonzero(rows.joint == robot.n + index)
         if len(load):
             motor = motor[np.isin(instant[motor], instant[load])]
-            beside = load[np.searchsorted(instant[load], instant[motor])]
-            found.append((stiffness, offset, load, motor, beside))
+            concurrent = load[np.searchsorted(instant[load], instant[motor])]
+            found.append((stiffness, offset, load, motor, concurrent))
     return found
 
 

@@ -56,7 +56,7 @@ CONSTANTS = {"torque_constant": "current", "voltage_constant": "voltage"}
 
 _ROUNDING = 1e-9
 
-_LOST, _PART = 1e-7, 0.01
+_RANK_TOLERANCE, _PART = 1e-7, 0.01
 """A combination of columns that is lost, and the least part of it that a constant has then."""
 
 _LOAD_SIDE = "known bodies (known_bodies=), logs with and without a payload (identify_conditions), "
@@ -81,10 +81,10 @@ def check_scale(qr_factor: QRFactor) -> None:
     U, sizes, Vt = safely(
         np.linalg.svd, R[:p, :p] / np.where(norms > 0, norms, 1.0), what="the scale of the torques"
     )
-    told = sizes > _LOST * sizes[0]
-    theta = Vt[told].T @ ((U.T @ R[:p, p])[told] / sizes[told])
+    kept = sizes > _RANK_TOLERANCE * sizes[0]
+    theta = Vt[kept].T @ ((U.T @ R[:p, p])[kept] / sizes[kept])
     least = _ROUNDING * float(np.linalg.norm(R[:, p]))
-    open_part = np.max(np.abs(Vt[~told]), axis=0, initial=0.0)
+    open_part = np.max(np.abs(Vt[~kept]), axis=0, initial=0.0)
     for place, (name, *where) in places.items():
         if abs(theta[place]) <= least or open_part[place] > _PART:
             joint = where[0] if where else qr_factor.joint_names[qr_factor.equations[0]]
@@ -133,8 +133,8 @@ class RobotEstimate:
 class Regressions:
     """What makes rows of a motion: `actuator` of a joint, `load` of a model and its springs."""
 
-    actuator: Callable[[Robot, Motion, str], Regression] = actuator_regression
-    load: Callable[[Robot, Motion, LoadModel, Mapping[str, Array]], Regression] = load_regression
+    actuator: Callable[..., Regression] = actuator_regression
+    load: Callable[..., Regression] = load_regression
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,10 +234,10 @@ def estimate_two_step(
     drives, checks, excluded = {}, {}, {}
     joints = spring_torque_joints(robot, datasets, model)
     equations = {
-        joint: partial(_of_actuator, robot, regressions, joint) for joint in robot.elastic_joints
+        joint: partial(regressions.actuator, robot, joint=joint) for joint in robot.elastic_joints
     }
     long_logs = _streamed(datasets, estimator, executor)
-    unloaded = partial(_of_load, robot, regressions, model, _without_torque(robot, joints))
+    unloaded = partial(regressions.load, robot, model=model, springs=_without_torque(robot, joints))
     with stored_rows(long_logs, {**equations, _LOAD_KEY: unloaded} if long_logs else {}) as stored:
         for joint, regress in track(list(equations.items()), "actuator side", progress):
             if stored:
@@ -261,8 +261,8 @@ def estimate_two_step(
                 *(robot, datasets, model, springs, estimator),
                 *(encoder_offset_std, executor, regressions, stored.get(_LOAD_KEY)),
             )
-    base, beside = split_load_side(model, load.estimate)
-    found = merged_estimates(drives, beside)
+    base, load_drives = split_load_side(model, load.estimate)
+    found = merged_estimates(drives, load_drives)
     return RobotEstimate(
         drives={joint: found[joint] for joint in robot.joint_names if joint in found},
         load=base,
@@ -322,7 +322,7 @@ def _load_side(
     values = {joint: spring.values for joint, spring in springs.items()}
     covariances = [spring.covariance for spring in springs.values()]
     regress: Callable[[Motion], Regression]
-    regress = partial(_of_load, robot, regressions, model, values)
+    regress = partial(regressions.load, robot, model=model, springs=values)
     rows_with_torque = partial(_with_torque, values)
     if encoder_offset_std > 0:
         theta = (
@@ -349,20 +349,6 @@ def _with_torque(springs: Mapping[str, Array], rows: Regression) -> Regression:
     if not springs:
         return rows
     return replace(rows, y=rows.y + rows.propagated @ np.concatenate(list(springs.values())))
-
-
-def _of_actuator(robot: Robot, regressions: Regressions, joint: str, motion: Motion) -> Regression:
-    return regressions.actuator(robot, motion, joint)
-
-
-def _of_load(
-    robot: Robot,
-    regressions: Regressions,
-    model: LoadModel,
-    springs: Mapping[str, Array],
-    motion: Motion,
-) -> Regression:
-    return regressions.load(robot, motion, model, springs)
 
 
 def _with_offsets(

@@ -189,7 +189,7 @@ def test_lost_columns_name_the_joint_whose_torque_they_are_in() -> None:
     with pytest.raises(ExcitationError, match="on the torque of joint 1; move"):
         ordinary(replace(named, joint_names=()))
     # where motors and loads are solved at once, the motor's equation of joint i is number n + i
-    with pytest.raises(ExcitationError, match="in the torque of motor of knee; move"):
+    with pytest.raises(ExcitationError, match="on the torque of motor of knee; move"):
         ordinary(replace(named, joint=named.joint + 2))
 
 

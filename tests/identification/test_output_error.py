@@ -252,7 +252,7 @@ def test_no_log_and_a_wrong_zero_are_said() -> None:
 
 
 def test_too_few_iterations_are_said() -> None:
-    with pytest.raises(IdentificationError, match="did not settle in 0 iterations: its next step"):
+    with pytest.raises(IdentificationError, match="did not converge in 0 iterations: its next st"):
         refine(perturbed(refined(), 0.2), log(), iterations=0)
 
 

@@ -318,7 +318,9 @@ def test_a_zero_that_only_moves_a_preload_is_held_and_said() -> None:
     known = robot(STIFF, with_terms(ELASTIC, SPRINGS["cubic and preload"][0], {}))
     found = identified(known, free_motion(), ["one"])
     assert found.drives["two"].value("stiffness") == pytest.approx(120.0)
-    assert any("deflection zero of two is not told by this motion" in f for f in found.flags)
+    assert any(
+        "deflection zero of two is not identifiable from this motion" in f for f in found.flags
+    )
     assert "deflection_zero" in found.known.drives["two"].known
 
 
@@ -332,7 +334,9 @@ def test_what_is_held_is_said_of_every_condition_too(monkeypatch: pytest.MonkeyP
     known, log = robot(STIFF, drive), noisy("plain")
     both = identify_conditions({"a": (known, log), "b": (known, log)}, condition_specific=())
     for found in both.identifications.values():
-        assert any("deflection zero of two is not told by this motion" in f for f in found.flags)
+        assert any(
+            "deflection zero of two is not identifiable from this motion" in f for f in found.flags
+        )
 
 
 def test_found_terms_predict_another_log() -> None:
