@@ -236,7 +236,7 @@ def _scale_of(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
 def _linear_start(
     robot: Robot, motions: Sequence[Motion], joint: str, drive: SeriesElasticDrive
 ) -> dict[str, float]:
-    """Return friction, stiffness and the zero of the deflection of a drive with linear terms only."""
+    """Return friction, stiffness and zero of the deflection of a drive with linear terms only."""
     friction = tuple("coulomb" if term in COULOMB else term for term in drive.friction)
     known = tuple(name for name in drive.known if name in ("stiffness", "viscous_friction"))
     plain = replace(

@@ -236,8 +236,8 @@ def _drive_error(layout: Layout, run: Run, x: Array, response: Response) -> Arra
         regressor, zeta, R = actuator_columns(known, motion, joint)
         if regressor.names != layout.found.drives[joint].names:
             raise IdentificationError(
-                f"the log determines {', '.join(regressor.names)} of {joint}, the identification has "
-                f"{', '.join(layout.found.drives[joint].names)}: same torque sensors needed"
+                f"the log determines {', '.join(regressor.names)} of {joint}, the identification "
+                f"has {', '.join(layout.found.drives[joint].names)}: same torque sensors needed"
             )
         found[:, row, 0] = zeta - R @ x[columns]
         found[:, row, 1 + columns.start : 1 + columns.stop] = -R
@@ -401,7 +401,7 @@ def _size(step: Step) -> float:
 
 
 def _improved(layout: Layout, here: Point) -> tuple[Point, bool]:
-    """Return the next point, with the step halved until the likelihood improves; and whether it did."""
+    """Return the next point, the step halved until the likelihood improves; and if it did."""
     part = 1.0
     for _ in range(_MOST_HALVINGS):
         change = part * here.step.change
@@ -424,7 +424,7 @@ def _simulated(layout: Layout, point: Point) -> Point:
 
 
 def _next(layout: Layout, here: Point, change: Array, part: float, own: tuple[Array, ...]) -> Point:
-    """Return the point after a change of the parameters and a part of that of the initial states."""
+    """Return the point after a change of the parameters and a part of the initial states'."""
     runs = [
         _moved(layout, run, response, change, part, states)
         for run, response, states in zip(here.runs, here.responses, own, strict=True)

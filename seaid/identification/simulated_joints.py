@@ -1,11 +1,9 @@
-"""How joints behind springs response: the load side (8) linearised along a motion, and integrated.
+"""Simulation of the joints behind springs: the load side (8), linearised along a motion.
 
-The joints behind springs as the fitted model moves them when its motors turn as measured.
-
+`driven_motion` is the motion of the joints by the fitted model when the motors turn as measured.
 The motor encoder sees the joint through a gear, so that its noise is small there; noise of the
-joint encoders is not in a motion computed from it, but for the few numbers of each window that say
-where it starts. That is what instruments for (8) need: acceleration and gravity without the noise
-that is in the measured columns and in the deflection.
+joint encoders enters the motion only by the initial state of each window. Instruments for (8)
+need this: acceleration and gravity without the noise of the measured columns and the deflection.
 """
 
 from __future__ import annotations
@@ -39,7 +37,7 @@ class TorqueJacobians:
         return TorqueJacobians(self.position[rows], self.velocity[rows], self.acceleration[rows])
 
     def at_drives(self, transmission: Array) -> TorqueJacobians:
-        """Return them of the torques on what the drives turn, by that: C^-T J C^-1."""
+        """Return the derivatives in the coordinates of the drives, C^-T J C^-1."""
         return TorqueJacobians(
             *(
                 torques_at_drives(transmission, rows_at_drives(transmission, part))
@@ -48,13 +46,13 @@ class TorqueJacobians:
         )
 
     def plus(self, position: Array, velocity: Array) -> TorqueJacobians:
-        """Return the derivatives with constant ones (n, n) added to them."""
+        """Return the derivatives with constant ones (n, n) added."""
         return TorqueJacobians(
             self.position + position, self.velocity + velocity, self.acceleration
         )
 
     def change(self, response: Response) -> Array:
-        """Return how the torques (T, rows, columns) change with an response of the joints."""
+        """Return the change of the torques (T, rows, columns) with a response of the joints."""
         return np.asarray(
             self.position @ response.position
             + self.velocity @ response.velocity
@@ -72,7 +70,7 @@ class Response:
 
 
 def torque_jacobians(robot: Robot, q: Array, v: Array, a: Array) -> TorqueJacobians:
-    """Return the derivatives of the inverse dynamics, payloads and all, at states (T, n) each."""
+    """Return the derivatives of the inverse dynamics, payloads included, at states (T, n) each."""
     model, data, order = robot.model, robot.model.createData(), list(robot.model_order)
     states = (np.ascontiguousarray(state[:, order]) for state in (q, v, a))
     found = np.empty((3, len(q), robot.n, robot.n))
@@ -89,9 +87,9 @@ def torque_jacobians(robot: Robot, q: Array, v: Array, a: Array) -> TorqueJacobi
 def response_to(jacobians: TorqueJacobians, force: Array, step: float, windows: int) -> Response:
     """Integrate M a + C v + K q = force (T, joints, columns) by the trapezoidal rule.
 
-    The joints start each of the equally long `windows` at rest; 2 joints columns more, at the end,
-    are the free motions from a unit of each initial position and velocity. Second order in `step`,
-    which is enough for a change of a motion that is known beforehand.
+    The joints start each of the equally long `windows` at rest; 2 joints more columns at the end
+    are the free motions from a unit of each initial position and velocity. The rule is of second
+    order in `step`, sufficient for a small change of a known motion.
     """
     T, joints, columns = force.shape
     free = 2 * joints
@@ -122,35 +120,35 @@ def response_to(jacobians: TorqueJacobians, force: Array, step: float, windows: 
 
 
 _START_BAND = 0.5
-"""The simulation is linearised first around joint positions in this part of the pass band."""
+"""The first linearisation is about joint positions with this part of the cutoff."""
 
 _WINDOW_PERIODS = 5.0
-"""It starts anew after so many periods of the cutoff, so that what the model lacks stays small."""
+"""Length of a window in periods of the cutoff, over which model errors accumulate."""
 
 _SWEEPS = 2
 
 _PARALLEL = ("parallel_stiffness", "joint_viscous_friction")
-"""Parameters by which the torque between a joint's bodies rises with its position and velocity."""
+"""Stiffness and damping between a joint's bodies, parallel to its drive."""
 
 _RUNAWAY = 1e12
-"""What no joint reaches in a window from a unit of initial position or velocity; NaN neither."""
+"""Response to a unit of initial position or velocity above which the simulation diverges."""
 
 _DIVERGED = (
     "the fitted model diverges when it is driven by the measured motors: the encoders are too "
-    "coarse for this pass band; lower cutoff_hz, or use estimator='wls'"
+    "coarse for this cutoff; lower cutoff_hz, or use estimator='wls'"
 )
 
 
 def driven_motion(
     robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], load_side: Array
 ) -> Motion:
-    """Return the motion with its joints where the motors and the fitted model (8) put them.
+    """Return the motion with its joints simulated from the motors by the fitted model (8).
 
     `springs` {joint of `model.rows`: its spring's values} are simulated, `load_side` (p,) has the
-    values of the columns of `model`; stiff joints move with the finer of their encoders, and the
-    motor side stays as measured. Each window's initial state is the one nearest to the joint
-    encoders in the pass band. Raises IdentificationError where the simulation diverges, farther
-    from them than they move.
+    values of the columns of `model`; stiff joints follow the encoder with less noise, and the motor
+    side stays as measured. The initial state of each window is a least-squares fit to the joint
+    encoders below the cutoff. Raises IdentificationError if the simulation diverges, with a
+    deviation larger than the range of the motion.
     """
     names = [joint for joint in model.rows if joint in springs]
     if not names:
@@ -182,9 +180,9 @@ def driven_motion(
 
 
 def finer_side(robot: Robot, motion: Motion) -> Motion:
-    """Return the motion with stiff joints as the encoder with less noise in acceleration sees them.
+    """Return the motion with stiff joints from the encoder with less noise in acceleration.
 
-    The zero stays that of the joint encoder.
+    The offset is that of the joint encoder.
     """
     q, v, a = (at_drives(robot.transmission, state).copy() for state in motion.joint_states)
     for index, joint in enumerate(robot.joint_names):
@@ -201,7 +199,7 @@ def finer_side(robot: Robot, motion: Motion) -> Motion:
 
 
 def _turned(motion: Motion, matrix: Array, to: Callable[[Array, Array], Array]) -> Motion:
-    """Return the motion with its joints in the coordinates of the drives, or the way back."""
+    """Return the motion with its joints in the coordinates of the drives, or back."""
     q, v, a = (to(matrix, state) for state in motion.joint_states)
     return replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a)
 
@@ -211,7 +209,7 @@ def _load_radius(robot: Robot, joint: str) -> float:
 
 
 def _fitted_robot(robot: Robot, model: LoadModel, load_side: Array) -> Robot:
-    """Return a robot with the found base parameters; which one of those does not matter."""
+    """Return a robot with the estimated base parameters; it does not matter which one."""
     base, prior = model.base, np.zeros(10 * robot.n)
     prior[::10] = 1.0
     prior[robot.is_known] = robot.parameters[robot.is_known]
@@ -220,7 +218,7 @@ def _fitted_robot(robot: Robot, model: LoadModel, load_side: Array) -> Robot:
 
 
 def _parallel_matrix(robot: Robot, model: LoadModel, load_side: Array, name: str) -> Array:
-    """Return a parameter of what acts beside the drives, known or found, as a matrix (n, n)."""
+    """Return a parameter of the parallel elements, known or estimated, as a matrix (n, n)."""
     found = dict(zip(model.names, load_side, strict=True))
     values = [
         drive.values[name] if name in drive.known else found.get(f"{name} of {joint}", 0.0)
@@ -230,7 +228,7 @@ def _parallel_matrix(robot: Robot, model: LoadModel, load_side: Array, name: str
 
 
 def _smoothed(motion: Motion, joints: list[int]) -> Motion:
-    """Return the motion with some joints in a narrower band, to linearise around."""
+    """Return the motion with some joints low-passed, for the linearisation."""
     band = _START_BAND * motion.cutoff_hz
     smooth = low_pass(motion.joint_position[:, joints], motion.rate_hz, band)
     return _with_joints(motion, joints, spline_derivatives(motion.time, smooth))
@@ -239,7 +237,7 @@ def _smoothed(motion: Motion, joints: list[int]) -> Motion:
 def _response(inside: TorqueJacobians, force: Array, step: float, windows: int) -> Response:
     """Return the response (T, joints, 1 + 2 joints) to a force (T, joints) in equal windows.
 
-    The last window is as long as the others: the end of the motion is padded for what is residual.
+    The last values are repeated to complete the last window.
     """
     extra = -len(force) % windows
     padded = [
@@ -256,9 +254,9 @@ def _response(inside: TorqueJacobians, force: Array, step: float, windows: int) 
 def _moved(
     motion: Motion, joints: list[int], response: Response, reading: Array, windows: int
 ) -> Motion:
-    """Return the motion one sweep on, each window from the initial state nearest to a reading.
+    """Return the motion after one sweep, with the initial states fitted to a reading.
 
-    Each joint counts in units of its own motion, so that radians and metres do not compete.
+    Each joint is scaled by its own motion, so that radians and metres are comparable.
     """
     if not all(np.all(np.abs(part) < _RUNAWAY) for part in vars(response).values()):
         raise IdentificationError(_DIVERGED)
@@ -276,7 +274,7 @@ def _moved(
             np.linalg.lstsq,
             columns,
             residual[own].ravel(),
-            what="what the simulated motion misses",
+            what="the initial states of a simulated motion",
             rcond=None,
         )[0]
     changes = [

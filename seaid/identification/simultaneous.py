@@ -1,20 +1,17 @@
-"""Both sides of the springs at once, from the estimate of one after the other on.
+"""Both sides of the springs at once: (7) and (8) in one regression that shares each spring.
 
-Both sides of the spring at once: (7) and (8) in one regression that shares the spring.
+In the two-step method (7) alone determines the spring. Here the load side does too: (8) gives the
+ratio of stiffness and inertia, the motor torques give their scale. This needs two corrections.
 
-The sequential way lets (7) alone tell the spring. Here the load side tells it too: (8) gives the
-ratio of stiffness and inertia, the torque of the motors their scale. Two things make that sound.
+(8) of an elastic joint reads 0 = Y beta - r_L (k d + f_0). With noise in the deflection d least
+squares reduces k, and with k also beta. The deflection is the observation there, so its column is
+replaced by the prediction of the load side and the noise is moved to the left-hand side:
+full-information maximum likelihood in its instrumental form (Hausman 1975), iterated.
 
-(8) of an elastic joint reads 0 = Y beta - r_L (k d + f_0): with noise in the deflection d least
-squares would rather have k too small, and nothing as payload (a payload is a change of beta). The
-deflection is what is observed there, so its column is taken where the load side predicts it, and
-what noise adds to it is on the left: full-information maximum likelihood in its instrumental form
-(Hausman 1975), iterated by `settled`.
-
-(7) and (8) of one joint share noise: that of d, and that of the joint's acceleration. Generalised
-least squares (Zellner 1962) takes that multiple of (8) to (7) which leaves their residuals
-uncorrelated. With noise in d alone it is r_M/(N r_L), and the sum has no spring in it; with noise
-in the acceleration alone it is zero, and (7) stays what it is. The data say where between.
+(7) and (8) of one joint share the noise of d and of the joint's acceleration. Generalised least
+squares (Zellner 1962) adds that multiple of (8) to (7) by which their residuals are uncorrelated:
+r_M/(N r_L), in which the spring cancels, for noise in d alone, and zero for noise in the
+acceleration alone. The residuals determine the value between.
 """
 
 from __future__ import annotations
@@ -49,10 +46,10 @@ from seaid.robot import Robot
 MOST_ITERATIONS = 50
 
 SETTLED = 1e-3
-"""Part of a standard error below which an iteration changes nothing."""
+"""Part of a standard error below which a change of the estimate is negligible."""
 
 _ROUNDING = 1e-11
-"""Part of the torque below which it changes nothing either: where there is no noise."""
+"""Part of the torque below which a change is negligible too, for logs without noise."""
 
 _SPRING = ("stiffness", "spring_offset")
 
@@ -60,16 +57,15 @@ _SPRING = ("stiffness", "spring_offset")
 def simultaneous_regression(
     robot: Robot, motion: Motion, model: LoadModel, springs: Collection[str]
 ) -> Regression:
-    """Return both sides over time: the drives' columns of the elastic joints, then the load's.
+    """Return both sides over time: the columns of the elastic drives, then those of the load.
 
-    Columns: '<parameter> of <joint>' of every elastic joint in the robot's order (friction,
-    stiffness, deflection offset: whatever the regressor derived from its equation has), then those
-    of `model`. `springs` names the joints of `model.rows` whose torque on the load is that of the
+    Columns: '<parameter> of <joint>' of every elastic joint in the robot's order, then those of
+    `model`. `springs` names the joints of `model.rows` whose torque on the load is that of the
     spring; the others take it from the log.
 
-    `joint` tells the equation: i is (8) of joint i; n + i its motor equation (7), or (4b) where
-    only the spring's torque was measured. Motor equations lack the instants near standstill.
-    `settled` solves the rows; least squares as they stand would not do. Raises LogError where a
+    `joint` is the index of the equation: i is (8) of joint i; n + i its motor equation (7), or (4b)
+    if only the spring's torque was measured. Motor equations exclude the instants near standstill.
+    The rows are solved by `settled`, since plain least squares is biased. Raises LogError if a
     torque is missing.
     """
     zero = {
@@ -95,7 +91,7 @@ def simultaneous_regression(
 def _spring_columns(
     robot: Robot, load: Regression, springs: Collection[str], names: list[str]
 ) -> Array:
-    """Return what the springs' parameters do in (8), in the columns of the drives."""
+    """Return the columns of the springs' parameters in (8), among those of the drives."""
     columns, start = np.zeros((len(load.y), len(names))), 0
     for joint in springs:
         for name in spring_regressor(robot, joint).names:
@@ -116,9 +112,9 @@ def _motor_rows(robot: Robot, actuator: Regression, joint: str, load: Regression
 def whitened(robot: Robot, rows: Regression, theta: Array) -> Regression:
     """Return the rows as weighted least squares may solve them, near `theta`.
 
-    The deflection is the predicted one, column and y changed alike, so that the residual of (8) at
-    `theta` stays what it is; the motor equation of the joint is freed of what its residual has in
-    common with that of (8).
+    In (8) the deflection is replaced by its prediction, in column and y alike, so that the residual
+    at `theta` is unchanged; from the motor equation of the joint the part of its residual that is
+    correlated with that of (8) is removed.
     """
     H, y, propagated = rows.H.copy(), rows.y.copy(), rows.propagated.copy()
     residual = rows.y - rows.H @ theta
@@ -138,9 +134,9 @@ def whitened(robot: Robot, rows: Regression, theta: Array) -> Regression:
 def _springs(
     robot: Robot, rows: Regression
 ) -> list[tuple[int, int, IndexArray, IndexArray, IndexArray]]:
-    """Return of each spring that is in (8): the columns of its stiffness and offset, and rows.
+    """Return for each spring in (8) the columns of its stiffness and offset, and sets of rows.
 
-    Those of (8), those of the motor equation, and those of (8) at the instants of the last.
+    The rows of (8), those of the motor equation, and those of (8) at the instants of the latter.
     """
     found, instant = [], rows.run + 1j * rows.time
     for joint in robot.elastic_joints:
@@ -161,16 +157,16 @@ def _springs(
 def settled(
     robot: Robot, rows: Regression, start: Array, estimate: Callable[[Regression], Estimate]
 ) -> tuple[Estimate, int]:
-    """Solve rows of `simultaneous_regression` from a start (p,), as the sequential estimate is one.
+    """Solve rows of `simultaneous_regression` from a start (p,), such as the two-step estimate.
 
-    `estimate` is any estimator. Iterated until no parameter moves by more than a small part of its
-    standard error; also returns the number of iterations. Raises IdentificationError where that
-    does not come.
+    `estimate` is any estimator. Iterated until no parameter changes by more than a small part of
+    its standard error; also returns the number of iterations. Raises IdentificationError if the
+    iteration does not converge.
     """
     theta = np.array(start, dtype=float)
     stiffness = [column for column, *_ in _springs(robot, rows)]
     if np.any(theta[stiffness] == 0):
-        raise IdentificationError("a start with a stiffness of zero predicts no deflection")
+        raise IdentificationError("the start has a stiffness of zero, which predicts no deflection")
     for iteration in range(1, MOST_ITERATIONS + 1):
         found = estimate(whitened(robot, rows, theta))
         moved = np.abs(found.values - theta)
@@ -179,12 +175,13 @@ def settled(
         if exact or np.all(moved <= SETTLED * found.standard_errors):
             return found, iteration
         before, theta = theta[stiffness], found.values.copy()
-        theta[stiffness] = before / (2 - theta[stiffness] / before)  # the step in 1/k, linear there
+        # step in 1/k, in which the prediction is linear: 1/k_new = (2 - k/k_old) / k_old
+        theta[stiffness] = before / (2 - theta[stiffness] / before)
     worst = int(np.argmax(moved / found.standard_errors))
     raise IdentificationError(
-        f"both sides at once did not settle in {MOST_ITERATIONS} iterations: {found.names[worst]} "
-        f"still moves by {moved[worst]:.2g} {found.units[worst]}; move that joint more, or use "
-        'method="two-step"'
+        f"both sides at once did not converge in {MOST_ITERATIONS} iterations: "
+        f"{found.names[worst]} still changes by {moved[worst]:.2g} {found.units[worst]}; move that "
+        'joint more, or use method="two-step"'
     )
 
 
@@ -193,7 +190,7 @@ def split_estimate(
 ) -> tuple[dict[str, Estimate], Estimate, Estimate]:
     """Return drives {joint: Estimate}, the base parameters, and all columns of `model`.
 
-    In the names and the order of `Identification`; the covariance between them is in `estimate`.
+    Names and order are those of `Identification`.
     """
     count = len(estimate.names) - len(model.names)
     base = range(count, count + len(model.expressions))
@@ -216,8 +213,7 @@ def encoder_offset_sensitivity(
 ) -> Regression:
     """Return both sides with `propagated` (R, n), the effect of each encoder's offset.
 
-    It is minus the change of the residual, at the parameters `theta`, a unit of shift; see
-    `joint_zeros.offset_sensitivity`.
+    It is minus the change of the residual at `theta`, per unit of offset; see `offset_sensitivity`.
     """
     reference, changes = simultaneous_regression(robot, motion, model, springs), []
     for index in range(robot.n):
@@ -238,10 +234,10 @@ def estimate_simultaneous(
     encoder_offset_std: float,
     executor: Executor | None,
 ) -> RobotEstimate:
-    """Return both sides at once; `whole` has the covariance between them.
+    """Estimate both sides at once; `whole` has the covariance between them.
 
-    (7) and (8) are rows of one regression that shares each spring; see `joint_sides`. Raises
-    IdentificationError where the iteration does not settle, and for springs that cannot be shared.
+    Raises IdentificationError if the iteration does not converge, and for springs that cannot be
+    shared.
     """
     springs = tuple(start.springs)
     check_simultaneous(robot, springs)
@@ -281,7 +277,7 @@ def estimate_simultaneous(
 
 
 def _values(rows: Regression, start: RobotEstimate) -> Array:
-    """Return the sequential estimate in the columns of the rows."""
+    """Return the two-step estimate in the columns of the rows."""
     known = {
         f"{name} of {joint}": value
         for joint, drive in start.drives.items()

@@ -1,6 +1,6 @@
-"""Motor constants need something known: else every parameter could be larger by a factor.
+"""The two-step method of the paper: the actuator side (10) of each spring, then the load side (8).
 
-The paper's two parts: the actuator side (10) of each spring, then the load side (8).
+A motor constant is identifiable only if something known fixes the scale of the equations.
 """
 
 from __future__ import annotations
@@ -52,22 +52,22 @@ from seaid.regressor import (
 from seaid.robot import Robot, group_of
 
 CONSTANTS = {"torque_constant": "current", "voltage_constant": "voltage"}
-"""Parameters that turn what is logged of a motor into its torque."""
+"""Motor constants, and the logged input that they convert to torque."""
 
 _ROUNDING = 1e-9
 
 _RANK_TOLERANCE, _PART = 1e-7, 0.01
-"""A combination of columns that is lost, and the least part of it that a constant has then."""
+"""Singular value of a lost combination, and the least share of a constant in it."""
 
 _LOAD_SIDE = "known bodies (known_bodies=), logs with and without a payload (identify_conditions), "
 _SPRING = "the stiffness of its spring (known = ['stiffness']), "
 
 
 def check_scale(qr_factor: QRFactor) -> None:
-    """Raise IdentificationError where a motor constant is unknown and nothing fixes the scale.
+    """Raise IdentificationError if an unknown motor constant makes the equations homogeneous.
 
-    Then the equations are homogeneous, and least squares finds zero for all that is in them. A
-    payload that is always there does not help: it could as well be part of its body.
+    All torques are then known only up to scale, and least squares gives zero. A payload in all logs
+    does not help, since it could be part of its body.
     """
     places = {
         place: name.split(" of ", 1)
@@ -89,15 +89,15 @@ def check_scale(qr_factor: QRFactor) -> None:
         if abs(theta[place]) <= least or open_part[place] > _PART:
             joint = where[0] if where else qr_factor.joint_names[qr_factor.equations[0]]
             raise IdentificationError(
-                f"of the motor of {joint} only the {CONSTANTS[name]} was logged, and nothing known "
-                f"tells its {name.replace('_', ' ')}: all torques could be larger by a factor. "
-                f"Give one of: {_LOAD_SIDE if where else _SPRING}its rotor inertia, or the "
+                f"the {name.replace('_', ' ')} of {joint} is unidentifiable: only the "
+                f"{CONSTANTS[name]} of its motor was logged, so all torques are known only up to "
+                f"scale. Give one of: {_LOAD_SIDE if where else _SPRING}its rotor inertia, or the "
                 f"constant itself (known = ['{name}'])"
             )
 
 
 _LOAD_KEY = ""
-"""Names the load side among equations that are named by their joint."""
+"""Key of the load side among equations named by joint."""
 
 _NEEDED = ("stiffness", "spring_offset", "deflection_zero")
 
@@ -106,17 +106,17 @@ INPUT_FIELDS = {
     "current": "motor_current",
     "voltage": "motor_voltage",
 }
-"""The field of a motion that has a drive's input."""
+"""Field of a motion with a drive's logged input."""
 
 
 @dataclass(frozen=True, eq=False)
 class RobotEstimate:
-    """What both sides of the springs told, as `Identification` has it.
+    """Estimates of both sides of the springs.
 
-    `springs` {joint: stiffness and offset} whose torque is that on the load; `checks` and
-    `excluded` by joint, and "load" for the load side. `whole` is the estimate of both sides where
-    it is one; `white_covariance` (p, p) what the covariance of that, or else of `load_side`, would
-    be if the noise were white.
+    `springs` {joint: parameters} are those whose torque is that on the load; `checks` and
+    `excluded` by joint, and "load" for the load side. `whole` is the estimate of both sides if they
+    were estimated at once; `white_covariance` (p, p) the covariance of that, or of `load_side`, for
+    white noise.
     """
 
     drives: Mapping[str, Estimate]
@@ -131,7 +131,7 @@ class RobotEstimate:
 
 @dataclass(frozen=True)
 class Regressions:
-    """What makes rows of a motion: `actuator` of a joint, `load` of a model and its springs."""
+    """Functions for the rows: `actuator` (robot, motion, joint), `load` (..., model, springs)."""
 
     actuator: Callable[..., Regression] = actuator_regression
     load: Callable[..., Regression] = load_regression
@@ -139,9 +139,9 @@ class Regressions:
 
 @dataclass(frozen=True, eq=False)
 class SideFit:
-    """An estimate, the information behind it, and the rows if they were kept in memory.
+    """An estimate with its QR factor, and the rows if they were kept in memory.
 
-    `settled` are the equations' weights (E,) if the estimate was weighted by those that settle.
+    `settled` are the converged weights (E,) of the equations, if the estimate has used them.
     """
 
     estimate: Estimate
@@ -152,16 +152,16 @@ class SideFit:
 
     @cached_property
     def weights(self) -> Array:
-        """The weights (E,) of the equations that settle, whatever the estimator weighs by."""
+        """The converged weights (E,) of the equations, for every estimator."""
         return settled_weights(self.qr_factor) if self.settled is None else self.settled
 
     @property
     def white_covariance(self) -> Array:
-        """The covariance (p, p) if the noise of every equation were white."""
+        """The covariance (p, p) for white noise in every equation."""
         return estimate_of(self.qr_factor, self.weights, None, self.propagated).covariance
 
     def checks(self, joints: Sequence[str], optional: Sequence[str]) -> ModelChecks:
-        """Return what speaks for and against the model; `joints` are those of the robot."""
+        """Return the checks of the model; `joints` are those of the robot."""
         found = {} if self.rows is None else whiteness(self.rows, self.estimate.values)
         named = {joints[index % len(joints)]: one for index, one in found.items()}
         return model_checks(self.qr_factor, self.estimate, optional, named, self.weights)
@@ -174,10 +174,7 @@ def fitted(
     propagated: Array | None,
     executor: Executor | None,
 ) -> SideFit:
-    """Return the fit of the rows of all records: in memory, or streamed where all are long logs.
-
-    The weights of the equations are settled once, and handed on with the fit.
-    """
+    """Return the fit of the rows of all datasets: in memory, or streamed if all are long logs."""
     long_logs = _streamed(datasets, estimator, executor)
     if long_logs:
         with stored_rows(long_logs, {"": regress}) as stored:
@@ -200,7 +197,7 @@ def fitted(
 def _streamed(
     datasets: Sequence[Dataset], estimator: Estimator, executor: Executor | None
 ) -> list[LongLog]:
-    """Return the long logs if the records are nothing else and can be streamed, otherwise none."""
+    """Return the long logs if all datasets are such and can be streamed, otherwise none."""
     long_logs = [dataset for dataset in datasets if isinstance(dataset, LongLog)]
     streamed = len(long_logs) == len(datasets) and executor is None and estimator.weigh is not None
     return long_logs if streamed else []
@@ -226,10 +223,10 @@ def estimate_two_step(
     progress: bool,
     regressions: Regressions = Regressions(),
 ) -> RobotEstimate:
-    """Return both sides, one after the other: the springs' uncertainty is carried to the load.
+    """Estimate both sides in turn, with the springs' uncertainty propagated to the load.
 
-    `regressions` make the rows, in columns that `estimator` knows and `seen` turns into the plain
-    ones.
+    `regressions` compute the rows, in columns that `estimator` knows and that its `effective_rows`
+    converts to the plain ones.
     """
     drives, checks, excluded = {}, {}, {}
     joints = spring_torque_joints(robot, datasets, model)
@@ -318,7 +315,7 @@ def _load_side(
     regressions: Regressions,
     stored: StoredRows | None,
 ) -> SideFit:
-    """Fit (8), with the uncertainty of springs and zeros; of `stored` rows without the springs."""
+    """Fit (8) with the uncertainty of springs and encoder offsets, if `stored` to stored rows."""
     values = {joint: spring.values for joint, spring in springs.items()}
     covariances = [spring.covariance for spring in springs.values()]
     regress: Callable[[Motion], Regression]
@@ -340,12 +337,12 @@ def _load_side(
 
 
 def _without_torque(robot: Robot, joints: Sequence[str]) -> dict[str, Array]:
-    """Return springs {joint: stiffness and offset} that have no force, for rows before a fit."""
+    """Return springs {joint: parameters} without force, for rows before the fit of the springs."""
     return {joint: np.zeros(len(spring_regressor(robot, joint).names)) for joint in joints}
 
 
 def _with_torque(springs: Mapping[str, Array], rows: Regression) -> Regression:
-    """Return rows of the load side made without the springs' force as they are with it, by (4b)."""
+    """Return rows of the load side with the springs' force by (4b), from rows without it."""
     if not springs:
         return rows
     return replace(rows, y=rows.y + rows.propagated @ np.concatenate(list(springs.values())))
@@ -359,14 +356,14 @@ def _with_offsets(
     theta: Array,
     motion: Motion,
 ) -> Regression:
-    """Return the load side, carrying the springs first and then the zeros of the joints."""
+    """Return the load side with propagated columns of the springs and then of encoder offsets."""
     plain = regressions.load(robot, motion, model, springs)
     zeros = offset_sensitivity(robot, motion, model, springs, theta)
     return replace(plain, propagated=np.hstack([plain.propagated, zeros.propagated]))
 
 
 def split_load_side(model: LoadModel, load_side: Estimate) -> tuple[Estimate, dict[str, Estimate]]:
-    """Return the base parameters, and what the load side tells of drives {joint: Estimate}."""
+    """Return the base parameters, and the load side's estimates of drives {joint: Estimate}."""
     p = len(model.base.columns)
     base = load_side.part(range(p), model.expressions)
     drives = {}

@@ -166,5 +166,7 @@ def test_where_the_model_diverges_the_smoothed_motion_stays_and_a_flag_says_so(
 
     monkeypatch.setattr("seaid.identification.instrumental.motor_driven_motion", diverges)
     found = estimate_instrumental(robot, [motion], model, sides, 0.0, None)
-    assert found.load.flags[-1].startswith("instruments of the load side are those of the smoothed")
+    assert found.load.flags[-1].startswith(
+        "the instruments of the load side come from the smoothed"
+    )
     assert found.load.flags[-1].endswith("the fitted model diverges")

@@ -143,7 +143,7 @@ def test_errors(monkeypatch: pytest.MonkeyPatch) -> None:
     joint = robot.elastic_joints[0]
     drive = sides.drives[joint]
     flipped = replace(drive, values=-drive.values)
-    with pytest.raises(IdentificationError, match=f"stiffness of {joint} was found not positive"):
+    with pytest.raises(IdentificationError, match=f"stiffness of {joint} is not positive"):
         run(replace(sides, drives={**sides.drives, joint: flipped}), 0.0, None)
     monkeypatch.setattr("seaid.identification.instrumental._MOST_ITERATIONS", 1)
     away = replace(drive, values=0.5 * drive.values)

@@ -260,7 +260,7 @@ def test_stiffness_below_zero_is_no_start() -> None:
     shoulder = found().drives["shoulder"]
     values = np.where(np.array(shoulder.names) == "stiffness", -1.0, shoulder.values)
     drives = {**found().drives, "shoulder": replace(shoulder, values=values)}
-    with pytest.raises(IdentificationError, match="the stiffness of shoulder was found -1"):
+    with pytest.raises(IdentificationError, match="stiffness of shoulder is -1"):
         refine(replace(found(), drives=FrozenMapping(drives)), log())
 
 
