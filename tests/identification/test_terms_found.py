@@ -240,7 +240,8 @@ def test_nothing_known_leaves_no_scale(side: str) -> None:
     unknown = robot(*(replace(one, motor_inertia_kg_m2=None) for one in pair))
     helps = "known bodies" if side == "one" else "the stiffness of its spring"
     with pytest.raises(
-        IdentificationError, match=f"of {side} only the current.*Give one of: {helps}"
+        IdentificationError,
+        match=f"of {side} is unidentifiable: only the current.*Give one of: {helps}",
     ):
         identified(unknown, motion)
 
