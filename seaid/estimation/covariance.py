@@ -43,7 +43,7 @@ class LongRun:
     def inflation(self, inverse: Array) -> float:
         """Return the variance inflation by autocorrelation, averaged over the parameters.
 
-        As many correlated rows are worth one independent row. `inverse` (p, p) is (H^T W^2 H)^-1.
+        It is the number of correlated rows per independent row. `inverse` (p, p) is (H^T W^2 H)^-1.
         """
         white = float(np.sum(inverse * self.white))
         return float(np.sum(inverse * self.covariance)) / white if white > 0 else 1.0

@@ -79,7 +79,7 @@ def gauss_newton_step(
     covariance += (inverse * precision) @ (inverse * precision).T
     kept = sum(int(np.sum(log.kept)) for log in logs)
     spent = p + sum(log.nuisance.shape[0] * log.nuisance.shape[3] for log in logs)
-    freedom = kept / max(kept - spent, 1)
+    freedom = kept / max(kept - spent, 1)  # degrees of freedom of the residuals
     return Step(
         change=solution,
         nuisance=tuple(_nuisance(log, stds, solution) for log in logs),

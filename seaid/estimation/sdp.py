@@ -150,6 +150,7 @@ def floored_covariance(covariance: Array, white: Array) -> Array:
     ratios, vectors = safely(
         linalg.eigh, covariance, white, what="the covariance relative to that of white noise"
     )
+    # covariance v = ratio white v with v^T white v = 1: covariance = sum ratio (white v)(white v)^T
     half = white @ vectors * np.sqrt(np.maximum(ratios, 1.0))
     return np.asarray(half @ half.T)
 

@@ -105,7 +105,7 @@ def with_flags(estimate: Estimate, joint: str, qr_factor: QRFactor | None) -> Es
         if value < 0 and name in SEARCHED:
             flags.append(f"{text} is not distinguishable from zero: remove its term")
         elif value < 0 and name in PARAMETERS and PARAMETERS[name].is_positive:
-            flags.append(f"{text} is negative, {value:.3g}: check signs and zeros of the log")
+            flags.append(f"{text} is negative, {value:.3g}: check signs and offsets of the log")
     return replace(estimate, flags=tuple(flags))
 
 
@@ -126,11 +126,12 @@ def _weak_spring(estimate: Estimate, qr_factor: QRFactor) -> list[str]:
     k, offset, p = names.index("stiffness"), names.index("spring_offset"), len(names)
     others = [place for place in range(p) if place not in (k, offset)]
     R = triangle(qr_factor.weighted_factor()[:, [*others, offset, k, p]])[-2:, -2:]
-    share = R[0, 1] ** 2 / max(R[0, 1] ** 2 + R[1, 1] ** 2, 1e-300)
+    share = R[0, 1] ** 2 / max(R[0, 1] ** 2 + R[1, 1] ** 2, 1e-300)  # partial R^2
     if share > 1 - POORLY_IDENTIFIED:
         return []
     value = estimate.value("stiffness")
     about_mean = triangle(qr_factor.weighted_factor()[:, [offset, k]])[1, 1]
+    # amplitude of the sinusoid with the same root mean square
     swing = np.sqrt(2.0 / qr_factor.count) * abs(about_mean * value)
     return [
         f"direct and reverse regression give {value:.3g} and {value / share:.3g} "

@@ -80,7 +80,7 @@ def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
 
 
 def _kind(robot: Robot, joint: str) -> str:
-    """Describe what a spring has besides unknown stiffness and offset."""
+    """Describe the terms of a spring other than unknown stiffness and offset."""
     regressor, drive = spring_regressor(robot, joint), robot.drives[joint]
     others = [name.replace("_", " ") for name in regressor.names if name not in _LINEAR]
     if others:

@@ -99,6 +99,7 @@ def response_to(jacobians: TorqueJacobians, force: Array, step: float, windows: 
     )
     force = force.reshape(windows, T // windows, joints, columns)
     force = np.concatenate([force, np.zeros((*force.shape[:3], free))], axis=3)
+    # Newmark's method with gamma = 1/2, beta = 1/4 (Newmark 1959) is the trapezoidal rule
     inverse = safely(np.linalg.inv, M + step / 2 * C + step**2 / 4 * K, what="a simulated motion")
     count = force.shape[1]
     q, v, a = (np.zeros((count, windows, joints, columns + free)) for _ in range(3))

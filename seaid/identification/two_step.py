@@ -74,7 +74,7 @@ def check_scale(qr_factor: QRFactor) -> None:
         for place, name in enumerate(qr_factor.names)
         if name.split(" of ", 1)[0] in CONSTANTS
     }
-    if not places or not qr_factor.count:  # without any row `solve` says so
+    if not places or not qr_factor.count:  # without rows `solve` raises
         return
     R, p = qr_factor.weighted_factor(), len(qr_factor.names)
     norms = np.linalg.norm(R[:, :p], axis=0)
