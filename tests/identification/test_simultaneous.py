@@ -406,7 +406,9 @@ def test_errors_of_rows_that_cannot_be_made() -> None:
 def test_errors_of_iterations() -> None:
     robot, model = two_springs(), model_of(two_springs())
     rows = simultaneous_regression(robot, swing(robot), model, robot.joint_names)
-    with pytest.raises(IdentificationError, match="stiffness of zero predicts no deflection"):
+    with pytest.raises(
+        IdentificationError, match="stiffness of zero, which predicts no deflection"
+    ):
         settled(robot, rows, np.zeros(len(rows.names)), ordinary)
     count = iter(range(1000))
 
@@ -415,6 +417,8 @@ def test_errors_of_iterations() -> None:
         step = (1 - next(count) % 2) * 1e-4 * (np.arange(len(one.names)) == 0)
         return replace(estimate, values=estimate.values + step)
 
-    words = "not settle in 50 iterations: viscous_friction of hip_pitch still moves by 0.0001 N m s"
+    words = (
+        "not converge in 50 iterations: viscous_friction of hip_pitch still changes by 0.0001 N m s"
+    )
     with pytest.raises(IdentificationError, match=words):
         settled(robot, rows, truth_of(robot, model, rows.names), restless)
