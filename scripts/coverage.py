@@ -23,7 +23,6 @@ import seaid
 from seaid._arrays import Array
 from seaid._files import result_folder
 from seaid._progress import track
-from seaid.identification.drive_estimates import nominal_values
 from seaid.log.motion import Motion
 from seaid.report.figures import save_coverage_figure
 from seaid.report.text import percent, table
@@ -119,7 +118,7 @@ def outcome(truth: seaid.Robot, found: seaid.Identification) -> Outcome:
     """Return errors and standard errors of drives with a true value, then of base parameters."""
     error, stated, white = [], [], []
     for joint, estimate in found.drives.items():
-        exact = nominal_values(truth.drives[joint])
+        exact = truth.drives[joint].values
         for index, name in enumerate(estimate.names):
             if name in exact:
                 error.append(estimate.values[index] - exact[name])
@@ -144,7 +143,7 @@ def parameter_names(truth: seaid.Robot) -> tuple[list[str], int]:
     drives = [
         f"{name} of {joint}"
         for joint in truth.joint_names
-        for name in nominal_values(truth.drives[joint])
+        for name in truth.drives[joint].values
         if name != "motor_inertia"
     ]
     return [*drives, *seaid.base_parameters(truth).names], len(drives)

@@ -21,7 +21,6 @@ from seaid._arrays import Array
 from seaid._files import result_folder
 from seaid.excitation import CRITERIA, margins
 from seaid.excitation.basis import BASES
-from seaid.identification.drive_estimates import nominal_values
 from seaid.regressor.load import load_model
 from seaid.report.excitation_figure import save_excitation_figure
 from seaid.report.text import number, percent, table
@@ -142,7 +141,7 @@ def nominal_of(robot: seaid.Robot, rows: list[str] | None, plan: seaid.Excitatio
     drives = {
         (joint, name): value
         for joint, drive in robot.drives.items()
-        for name, value in nominal_values(drive).items()
+        for name, value in drive.values.items()
     }
     values = plan.base.project(robot.parameters)
     if len(plan.names) > len(values):  # with drives: base parameters include their rotor inertias

@@ -20,10 +20,10 @@ from seaid.drives.equations import DriveEquation, joint_equation, motor_equation
 from seaid.drives.regressor import flat_names
 from seaid.drives.symbols import SYMBOLS, known_values
 from seaid.estimation.estimators import estimator_named
-from seaid.identification.identification import Identification, packed
-from seaid.identification.linearisation import straightened_robot
-from seaid.identification.nonlinear_terms import with_held_flags
-from seaid.identification.two_step import known_torques, sequential_sides
+from seaid.identification.identification import Identification, identification_of
+from seaid.identification.linearisation import linearised_robot
+from seaid.identification.nonlinear_terms import with_fixed_flags
+from seaid.identification.two_step import estimate_two_step, joints_with_torque
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.regressor.base import base_parameters
@@ -145,13 +145,13 @@ def noisy_log(motion: Motion, torque_std: float, angle_std: float, seed: int = 3
 def identified(robot: Robot, motion: Motion, rows: list[str] | None = None) -> Identification:
     """Do what `identify` does, with a motion instead of a log, from nothing but what is known."""
     known = robot.without_nominal()
-    used = known_torques(known, [motion]) if rows is None else tuple(rows)
-    known, datasets = straightened_robot(known, [motion], used)
+    used = joints_with_torque(known, [motion]) if rows is None else tuple(rows)
+    known, datasets = linearised_robot(known, [motion], used)
     model = load_model(known, base_parameters(known, torque_joints=used), used)
-    sides = sequential_sides(known, datasets, model, estimator_named("wls"), 0.0, None, False)
-    drives = with_held_flags(sides.drives, robot, known)
+    sides = estimate_two_step(known, datasets, model, estimator_named("wls"), 0.0, None, False)
+    drives = with_fixed_flags(sides.drives, robot, known)
     sides = replace(sides, drives=drives)
-    return packed(known, model, sides, datasets)
+    return identification_of(known, model, sides, datasets)
 
 
 def value_of(equation: DriveEquation, drive: Drive, by_name: Mapping[str, Array]) -> Array:

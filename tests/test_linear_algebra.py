@@ -10,7 +10,7 @@ from scipy import linalg
 from seaid._arrays import Array, safely
 from seaid.errors import ExcitationError, IdentificationError, RobotError
 from seaid.estimation.qr_factor import directions
-from seaid.estimation.sdp import least_spread, root_of
+from seaid.estimation.sdp import covariance_root, floored_covariance
 from seaid.excitation.criteria import CRITERIA, singular_values
 from seaid.regressor.base import left_to_right
 from seaid.robot.inertia import impossibility, is_physical
@@ -60,9 +60,9 @@ def test_places_where_numbers_of_a_user_arrive() -> None:
     with pytest.raises(IdentificationError, match="the equations cannot be solved"):
         directions(np.full((3, 3), np.nan), ("a", "b"))
     with pytest.raises(IdentificationError, match="covariance must be finite"):
-        root_of(np.full((2, 2), np.inf), np.ones(2))
-    with pytest.raises(IdentificationError, match="covariance beside that of white noise"):
-        least_spread(np.eye(2), np.zeros((2, 2)))
+        covariance_root(np.full((2, 2), np.inf), np.ones(2))
+    with pytest.raises(IdentificationError, match="covariance relative to that of white"):
+        floored_covariance(np.eye(2), np.zeros((2, 2)))
     with pytest.raises(ExcitationError, match="the regressor of the motion"):
         singular_values(np.full((3, 3), np.nan))
     for criterion in CRITERIA.values():

@@ -41,15 +41,16 @@ FUNCTIONS = {
     "gear_ratio": "motor_angle_rad output_angle_rad",
     "replay": "robot log command",
     "reconstruct_motion": "robot log cutoff_hz",
-    "identify": "robot logs torque_joints method estimator feasible cutoff_hz "
-    "encoder_offset_std executor progress",
+    "identify": "robot logs torque_joints method estimator feasible cutoff_hz encoder_offset_std "
+    "executor progress",
     "compare_terms": "robot logs joints terms torque_joints cutoff_hz progress",
-    "identify_conditions": "conditions own torque_joints estimator cutoff_hz progress",
+    "identify_conditions": "conditions condition_specific torque_joints estimator cutoff_hz "
+    "progress",
     "cross_validate": "robot logs parts progress",
     "cutoff_sensitivity": "robot logs cutoffs_hz progress",
     "open_long_log": "path robot columns cutoff_hz chunk_samples",
-    "refine": "found logs encoder_offset_std iterations progress",
-    "validate": "found log",
+    "refine": "identification logs encoder_offset_std iterations progress",
+    "validate": "identification log",
     "view_robot": "robot motions package_dirs host port",
     "regressor.rigid_body_regressor": "robot q v a",
     "symbolic.equations_of_motion": "lagrangian coordinates forces",
@@ -86,11 +87,11 @@ CLASSES = {
     "LogDescription": "joints time where repair to_dict to_toml",
     "Description": "description unsure unused to_toml",
     "LongLog": "path cutoff_hz",
-    "FeasibleParameters": "robot values estimate distance chi_square held notes",
+    "FeasibleParameters": "robot values estimate distance chi_square active_bounds notes",
     "Identifiability": "names identifiable combinations ratios unidentifiable base rank usable gap "
     "agree table body_count",
     "TermSelection": "comparisons recommended robot",
-    "Conditions": "found own differences summary",
+    "Conditions": "identifications condition_specific differences summary",
     "Identification": "drives load base robot checks feasible summary to_dict save",
     "Estimate": "names values covariance standard_errors units residual_std condition_number "
     "interval",

@@ -22,7 +22,6 @@ import numpy as np
 import seaid
 from seaid._arrays import Array
 from seaid._progress import track
-from seaid.identification.drive_estimates import nominal_values
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.report.text import table
@@ -130,7 +129,7 @@ def errors_of(found: seaid.Identification, truth: seaid.Robot) -> dict[str, Arra
     """Return {parameter: errors and standard errors}, (2, 1), and of all base parameters (2, p)."""
     result: dict[str, Array] = {}
     for joint in truth.elastic_joints:
-        estimate, exact = found.drives[joint], nominal_values(truth.drives[joint])
+        estimate, exact = found.drives[joint], truth.drives[joint].values
         for name in PARAMETERS:
             error = estimate.value(name) - exact[name]
             result[f"{name} of {joint}"] = np.array([[error], [estimate.standard_error(name)]])

@@ -22,7 +22,6 @@ import numpy as np
 import seaid
 from seaid._arrays import Array
 from seaid._progress import track
-from seaid.identification.drive_estimates import nominal_values
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.report.text import table
 from seaid.robot.robot import Robot
@@ -77,7 +76,7 @@ def errors(name: str, steps: int, seed: int) -> tuple[float, Array, Array]:
     found = [seaid.identify(known, log, cutoff_hz=cutoff) for cutoff in (proposed, *CUTOFFS_HZ)]
     drives = [
         [
-            one.drives[joint].value(entry) - nominal_values(truth.drives[joint])[entry]
+            one.drives[joint].value(entry) - truth.drives[joint].values[entry]
             for joint in truth.elastic_joints
             for entry in one.drives[joint].names
             if entry in ("viscous_friction", "coulomb_friction", "stiffness")

@@ -29,7 +29,6 @@ from seaid.excitation.criteria import criterion_named, triangular_factor
 from seaid.excitation.flatness import transmission
 from seaid.excitation.objective import Target, drive_target, stacked_regressor
 from seaid.excitation.problem import make_problem, recorded_factor, scaled_target
-from seaid.identification.drive_estimates import nominal_values
 from seaid.report.text import percent, table
 from seaid.simulation.simulation import measure, simulate_motion
 
@@ -94,7 +93,7 @@ def errors_of(
     for name, joint in drive_names(found):
         estimate = identified.drives[joint]
         there = name in estimate.names
-        true = nominal_values(truth.drives[joint]).get(name, np.nan)
+        true = truth.drives[joint].values.get(name, np.nan)
         errors.append(estimate.value(name) - true if there else np.nan)
         stated.append(estimate.standard_error(name) if there else np.nan)
     return np.array(errors), np.array(stated)
@@ -119,7 +118,7 @@ def value_table(plans: Sequence[seaid.Excitation], draws: int) -> str:
     truth, p, rows = load_leg((TEST_MASS,)), len(plans[0].base.columns), []
     for index, (name, joint) in enumerate(drive_names(plans[0]), p):
         if name in SHOWN and np.all(np.isfinite(ratios[:, :, index])):
-            true = nominal_values(truth.drives[joint])[name]
+            true = truth.drives[joint].values[name]
             shown = percent(sizes[-1][1][index] / true)
             rows.append([f"{name} of {joint}", shown, *map(line, ratios[:, :, index])])
     for label, pick in (("median", np.median), ("least", np.min)):

@@ -20,8 +20,7 @@ from seaid._arrays import Array
 from seaid._progress import track
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import weighted
-from seaid.identification.drive_estimates import nominal_values
-from seaid.identification.simultaneous import encoder_offset_sensitivity, settled, split_joint
+from seaid.identification.simultaneous import encoder_offset_sensitivity, settled, split_estimate
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.regressor.base import base_parameters
 from seaid.regressor.regression import Regression
@@ -53,8 +52,8 @@ def three_ways(known: seaid.Robot, log: seaid.Log, zero_std: float) -> tuple[Arr
     sequential = first.drives, first.load
     found = [
         picked(*sequential),
-        picked(*split_joint(known, first.model, both)[:2]),
-        picked(*split_joint(known, first.model, free)[:2]),
+        picked(*split_estimate(known, first.model, both)[:2]),
+        picked(*split_estimate(known, first.model, free)[:2]),
     ]
     values, errors = np.swapaxes(np.array(found), 0, 1)
     for part in (values, errors):
@@ -133,7 +132,7 @@ def study(foot: str, bits: int, motion: Motion, runs: int, zero_std: float) -> l
             noise = replace(noise, joint_zero_rad=0.0)
         found.append(three_ways(known, measure(truth, motion, noise, run), zero_std))
     values, errors = np.array(found).transpose(1, 2, 0, 3)
-    drives = [nominal_values(truth.drives[key.split(" of ")[1]]) for key in KEYS]
+    drives = [truth.drives[key.split(" of ")[1]].values for key in KEYS]
     true = [drive[key.split(" of ")[0]] for drive, key in zip(drives, KEYS, strict=True)]
     exact = np.append(true, base.project(truth.parameters))
     some = [state[::50] for state in motion.joint_states]

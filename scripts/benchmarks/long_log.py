@@ -25,7 +25,7 @@ from scripts.example_robots import example_urdf
 from seaid._arrays import Array
 from seaid.estimation.least_squares import equal_weights, ordinary
 from seaid.estimation.qr_factor import qr_factor_of
-from seaid.estimation.streaming import stream_estimate
+from seaid.estimation.streaming import stored_estimate, stored_rows
 from seaid.log.long_log import open_long_log
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.regressor.base import base_parameters
@@ -115,7 +115,8 @@ def estimate(path: Path, way: str) -> dict[str, object]:
     wall, core = time.perf_counter(), time.process_time()
     if way == "streamed":
         long_log = open_long_log(path, arm, cutoff_hz=CUTOFF_HZ)
-        found = stream_estimate([long_log], rows, equal_weights)[0]
+        with stored_rows([long_log], {"": rows}) as stored:
+            found = stored_estimate(stored[""], equal_weights)[0]
     else:
         found = ordinary(rows(reconstruct_motion(arm, seaid.read_log(path, arm), CUTOFF_HZ)))
     return {

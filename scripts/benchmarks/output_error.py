@@ -19,7 +19,6 @@ import numpy as np
 import seaid
 from seaid._arrays import Array
 from seaid.estimation.gauss_newton import fisher_covariance
-from seaid.identification.drive_estimates import nominal_values
 from seaid.identification.output_error import layout_of, linearised, run_of
 from seaid.report.text import percent, table
 from seaid.simulation.simulation import measure, simulate_motion
@@ -63,7 +62,7 @@ def true_values(truth: seaid.Robot) -> dict[str, float]:
     return {
         f"{name} of {joint}": value
         for joint, drive in truth.drives.items()
-        for name, value in nominal_values(drive).items()
+        for name, value in drive.values.items()
         if name != "motor_inertia"
     }
 

@@ -29,9 +29,14 @@ from seaid._arrays import Array
 from seaid.drives.drives import StiffDrive
 from seaid.errors import SeaidError
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.feasible import Possible, chosen, nearest, regularised
-from seaid.estimation.sdp import BARRIER, Program, least_spread
-from seaid.identification.physical.problem import body_limits, body_programme, inside, prior_bodies
+from seaid.estimation.feasible import FeasiblePoint, nearest, regularised, with_selected_weight
+from seaid.estimation.sdp import BARRIER, Program, floored_covariance
+from seaid.identification.physical.problem import (
+    body_limits,
+    body_program,
+    interior_start,
+    prior_bodies,
+)
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_model
 from seaid.robot.inertia import (
@@ -104,13 +109,13 @@ def random_case(number: int) -> Case:
     estimate, white = _estimate(robot, model, error, variance, rng)
     known = estimate
     if rng.random() < 0.3:
-        spread = least_spread(known.covariance, white)
+        spread = floored_covariance(known.covariance, white)
         known = Estimate(known.names, known.values, spread, known.units, 1.0, 1.0)
     bodies, _ = prior_bodies(robot, _prior(robot, prior, rng))
     masses, boxes = _bounds(robot, bounds, rng)
     limits = body_limits(robot, bodies, masses, boxes)
-    start = inside(robot, bodies, masses, boxes)
-    program, _ = body_programme(robot, model, known, bodies, limits, start)
+    start = interior_start(robot, bodies, masses, boxes)
+    program, _ = body_program(robot, model, known, bodies, limits, start)
     return Case(number, name, prior, error, bounds, variance, program)
 
 
@@ -292,7 +297,7 @@ def outcome(number: int, choose_every: int = 10) -> Outcome:
         found = nearest(program)
         others = [regularised(program, weight)]
         if number % choose_every == 0:
-            others.append(chosen(program, found.chi_square))
+            others.append(with_selected_weight(program, found.chi_square))
         seconds = time.process_time() - begin
         if not all(_is_possible(program, one) for one in (found, *others)):
             result = "inconsistent"
@@ -315,7 +320,7 @@ def outcome(number: int, choose_every: int = 10) -> Outcome:
     return Outcome(number, *kind, result, words, chi_square, seconds, status, worse, apart)
 
 
-def _is_possible(program: Program, found: Possible) -> bool:
+def _is_possible(program: Program, found: FeasiblePoint) -> bool:
     """Return whether bodies are physically consistent and bounds kept, except for rounding.
 
     A small body is the difference of sums as large as the largest one. Each of up to a hundred

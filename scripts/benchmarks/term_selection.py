@@ -56,7 +56,7 @@ def changed(log: Log, motion: Motion, robot: seaid.Robot, term: str) -> Log:
 
 def asked(selection: TermSelection) -> tuple[int, int, int, int]:
     """Return the numbers of terms tested and selected, and of drives tested and changed."""
-    first = [one for one in selection.comparisons if one.step == 0 and one.gain is not None]
+    first = [one for one in selection.comparisons if one.step == 0 and one.comparison is not None]
     joints = {one.joint for one in first}
     found = sum(map(len, selection.recommended.values()))
     return len(first), found, len(joints), len(selection.recommended)

@@ -9,7 +9,6 @@ import numpy as np
 
 import seaid
 from seaid._progress import track
-from seaid.identification.drive_estimates import nominal_values
 from seaid.report.text import percent, table
 from seaid.simulation.simulation import measure, simulate_motion
 
@@ -49,7 +48,7 @@ def main() -> None:
         load_scores.append((found.load.values - true) / found.load.standard_errors)
         off = {}
         for joint in truth.elastic_joints:
-            for name, exact in nominal_values(truth.drives[joint]).items():
+            for name, exact in truth.drives[joint].values.items():
                 estimate = found.drives[joint]
                 if name in estimate.names:
                     error = estimate.value(name) - exact

@@ -217,5 +217,5 @@ def terms(
 
 def _gain_facts(one: TermComparison) -> dict[str, object]:
     facts = {"joint": one.joint, "field": one.field, "term": one.term, "step": one.step + 1}
-    facts |= {"worth_having": one.is_worth_it, "chosen": one.chosen, "reason": one.reason}
-    return facts | {"gain": None if one.gain is None else asdict(one.gain)}
+    facts |= {"worth_having": one.is_supported, "chosen": one.selected, "reason": one.reason}
+    return facts | {"gain": None if one.comparison is None else asdict(one.comparison)}

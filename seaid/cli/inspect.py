@@ -60,7 +60,7 @@ def inspect(
         "impossible_links": impossible,
         "base_parameters": list(base.expressions),
         "gap": base.gap,
-        "sensors": {name: _told(one) for name, one in told.items()},
+        "sensors": {name: _first_stage(one) for name, one in told.items()},
     }
     text = [*_tree_lines(robot, tree, tree.root), *_link_lines(impossible), *_base_lines(base)]
     text += [str(one) for one in told.values()] if sensors is not None else [_told_table(told)]
@@ -131,7 +131,7 @@ def _base_lines(base: BaseParameters) -> Iterator[str]:
     yield from (f"  {expression}" for expression in base.expressions)
 
 
-def _told(found: Identifiability) -> dict[str, Any]:
+def _first_stage(found: Identifiability) -> dict[str, Any]:
     return {
         "rank": found.rank,
         "base_parameters": found.body_count,

@@ -1,15 +1,18 @@
 """Estimation: linear equations become parameters with standard errors.
 
 A `Regression` comes in; an `Estimate` goes out: values, covariance, standard errors that allow for
-autocorrelated residuals, the condition number, and flags where a value is poorly determined.
+autocorrelated residuals, the condition number, and flags for poorly determined values.
 
 - `estimators`: ordinary, weighted, Huber and Tukey least squares;
-- `instrumental_variables`, `variable_projection`, `gauss_newton`: where columns are noisy or
+- `instrumental_variables`, `variable_projection`, `gauss_newton`: for noisy columns and for
   equations nonlinear in the parameters;
 - `qr_factor`: the R factors of rows, which add up, so that logs may be longer than memory;
 - `sdp`: semidefinite programs for physically consistent inertial parameters.
 
-Nothing here knows what a robot is.
+Nothing here depends on a robot model but the pseudo-inertia of a body.
+
+>>> from seaid.estimation import estimator_named
+>>> estimate = estimator_named("wls").solve(rows, None)  # rows: a Regression
 """
 
 import lazy_loader

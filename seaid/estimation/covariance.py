@@ -1,11 +1,11 @@
-"""Covariance of a sum of scores that are correlated in time: Newey-West, bandwidth automatic.
+"""Long-run covariance of autocorrelated scores: Newey-West with an automatic bandwidth.
 
-The noise behind a low pass is correlated over rows, and so are the regressors; the textbook formula
-for white noise then claims errors that are half of the true ones. Bartlett weights (Newey and West
-1987) repair it. `scripts/benchmarks/covariance.py` has the comparison by which the bandwidth was
-chosen: 1.3 sqrt(T) with the fixed-b correction (Lazarus, Lewis, Stock and Watson 2018) holds the
-truth more often in short logs than the plug-in bandwidths, which minimise the mean square error of
-the covariance and not the error of the intervals, and than block methods, which run out of blocks.
+The noise behind a low pass is autocorrelated, and so are the regressors; the textbook formula for
+white noise then gives standard errors that are half of the true ones. Bartlett weights (Newey and
+West 1987) repair this. The bandwidth is 1.3 sqrt(T) with the fixed-b correction (Lazarus, Lewis,
+Stock and Watson 2018): in `scripts/benchmarks/covariance.py` its intervals cover the truth more
+often in short logs than those of plug-in bandwidths, which minimise the mean square error of the
+covariance and not of the intervals, and than those of block methods.
 """
 
 from __future__ import annotations
@@ -22,15 +22,18 @@ from seaid._arrays import Array, IndexArray
 
 _NORMAL = 1.96
 _FIXED_B = (2.9694, 0.4160, -0.5324)
-"""Bartlett's 95 % quantile grows so with b = bandwidth / T (Kiefer and Vogelsang 2005)."""
+"""Coefficients a_i of the 95 % quantile 1.96 + sum a_i b^i, b = bandwidth / T, for Bartlett weights
+(Kiefer and Vogelsang 2005).
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class LongRun:
-    """Covariance (p, p) of the sum of scores, and `white`, what it would be without correlation.
+    """Long-run covariance of the sum of scores.
 
-    `lags` is the bandwidth in instants; `covariance` has the fixed-b correction in it, so that
-    normal intervals of 95 % are right though the bandwidth is a sizeable part of the log.
+    `covariance` (p, p) includes the fixed-b correction, so that normal 95 % intervals are right
+    even if the bandwidth is a sizeable part of the log; `white` (p, p) is the covariance without
+    autocorrelation; `lags` is the bandwidth in instants.
     """
 
     covariance: Array
@@ -38,32 +41,31 @@ class LongRun:
     lags: int
 
     def inflation(self, inverse: Array) -> float:
-        """Return how much larger the variance is than without correlation, all parameters alike.
+        """Return the variance inflation by autocorrelation, averaged over the parameters.
 
-        So many rows tell as much as one independent one; `inverse` (p, p) is the inverse of the
-        information.
+        It is the number of correlated rows per independent row. `inverse` (p, p) is (H^T W^2 H)^-1.
         """
         white = float(np.sum(inverse * self.white))
         return float(np.sum(inverse * self.covariance)) / white if white > 0 else 1.0
 
 
 def automatic_lags(instants: int) -> int:
-    """Return the bandwidth for so many instants."""
+    """Return the bandwidth for a number of instants."""
     return max(0, min(round(1.3 * math.sqrt(instants)), instants - 1))
 
 
 def newey_west(scores: Array, time: Array, run: Array) -> Array:
-    """Return the long-run covariance (p, p) of the sum of scores; see `LongRun`.
+    """Return the long-run covariance (p, p) of the sum of `scores` (R, p); see `LongRun`.
 
-    `scores` (R, p) are the rows of the regressor times their residual, `time` (R,) [s] and `run`
-    (R,) tell when and in which log. Rows of one instant (several joints) belong together; instants
-    that were left out count as zero.
+    A score is a row of the regressor times its residual. `time` (R,) [s] and `run` (R,) give the
+    instant and the log of each row. Rows of one instant (several joints) are summed first; excluded
+    instants count as zero.
     """
     return long_run_of(scores, np.ones(len(scores)), time, run).covariance
 
 
 def long_run_of(H: Array, factor: Array, time: Array, run: Array) -> LongRun:
-    """Return the long-run covariance of scores: rows of H (R, p) times a factor (R,) each.
+    """Return the long-run covariance of the scores `factor` (R,) times `H` (R, p).
 
     `time` and `run` as in `newey_west`.
     """
@@ -72,7 +74,7 @@ def long_run_of(H: Array, factor: Array, time: Array, run: Array) -> LongRun:
 
 
 def by_instant(H: Array, factor: Array, time: Array, run: Array) -> list[Array]:
-    """Return the scores (T, p) of each log, those of one instant summed, gaps filled with zero."""
+    """Return the scores (T, p) of each log, summed over the rows of an instant, zero in gaps."""
     summed = []
     for one in np.unique(run):
         rows = run == one
@@ -83,28 +85,28 @@ def by_instant(H: Array, factor: Array, time: Array, run: Array) -> list[Array]:
 
 
 def row_step(instants: Array) -> float:
-    """Return the time [s] between rows, from the instants (I,) of those that are there."""
+    """Return the time [s] between rows, from the instants (I,) that are present."""
     steps = np.diff(instants)
     return float(np.mean(steps[steps < 1.5 * np.min(steps)])) if len(steps) else 1.0
 
 
 def slots(time: Array, start_s: float, step_s: float) -> IndexArray:
-    """Return the instant that each row belongs to, counted from a start."""
+    """Return the index of the instant of each row, counted from `start_s`."""
     return np.asarray(np.round((time - start_s) / step_s), dtype=np.intp)
 
 
 def at_slots(H: Array, factor: Array, slot: IndexArray) -> Array:
-    """Return the sum of the scores, rows of H (R, p) times a factor (R,), of each slot."""
+    """Return the scores, rows of `H` (R, p) times `factor` (R,), summed per slot."""
     shape = (int(np.max(slot)) + 1, len(H))
     gather = sparse.csr_array((factor, (slot, np.arange(len(slot)))), shape=shape)
     return np.asarray(gather @ H)
 
 
 def long_run(runs: Iterable[Iterable[Array]], instants: int) -> LongRun:
-    """Return the long-run covariance of scores by instant: chunks (T, p) of each log.
+    """Return the long-run covariance of `runs`, per log an iterable of scores (T, p) in time order.
 
-    `instants` is the length of all together. Logs are independent of each other, chunks of one
-    follow each other in time and are asked for once.
+    `instants` is the number of instants of all logs. Logs are independent of each other; each chunk
+    is read once.
     """
     lags = automatic_lags(instants)
     sums = [bartlett(run, lags) for run in runs]
@@ -116,18 +118,18 @@ def long_run(runs: Iterable[Iterable[Array]], instants: int) -> LongRun:
 
 
 def fixed_b(lags: int, instants: int) -> float:
-    """Return the factor on a variance for a bandwidth that is a sizeable part of the instants."""
+    """Return the factor on the variance that corrects for a bandwidth of `lags` in `instants`."""
     b = min((lags + 1) / max(instants, 1), 1.0)
-    grown = sum(factor * b**power for power, factor in enumerate(_FIXED_B, 1))
-    return float((1 + grown / _NORMAL) ** 2)
+    excess = sum(factor * b**power for power, factor in enumerate(_FIXED_B, 1))
+    return float((1 + excess / _NORMAL) ** 2)  # squared ratio of the fixed-b to the normal quantile
 
 
 def bartlett(chunks: Iterable[Array], lags: int) -> tuple[Array, Array]:
-    """Return sums (p, p) of lagged products of scores: Bartlett weights up to `lags`, and no lag.
+    """Return the sums (p, p) of lagged products of scores: with Bartlett weights, and of lag zero.
 
-    `chunks` (T, p) follow each other in time. The sum over windows of lags + 1 instants of what
-    falls into each is the same as the weighted sum over lags, at a cost that does not grow with
-    them, positive semidefinite as it stands; only the last `lags` instants need remembering.
+    The Bartlett sum equals sum_t w_t w_t^T / (lags + 1) with w_t the sum of the scores in a window
+    of lags + 1 instants. It is positive semidefinite by construction, its cost does not grow with
+    the lags, and only the last `lags` instants of a chunk (T, p) are kept for the next one.
     """
     chunks = iter(chunks)
     first = next(chunks)
@@ -135,8 +137,8 @@ def bartlett(chunks: Iterable[Array], lags: int) -> tuple[Array, Array]:
     weighted = white = np.zeros((first.shape[1], first.shape[1]))
     for chunk in chain([first], chunks, [np.zeros_like(tail)]):
         padded = np.concatenate([tail, chunk])
-        reached = np.cumsum(np.pad(padded, ((1, 0), (0, 0))), axis=0)
-        windows = reached[lags + 1 :] - reached[: -lags - 1]
+        sums = np.cumsum(np.pad(padded, ((1, 0), (0, 0))), axis=0)
+        windows = sums[lags + 1 :] - sums[: -lags - 1]
         weighted = weighted + windows.T @ windows
         white = white + chunk.T @ chunk
         tail = padded[len(padded) - lags :]

@@ -1,8 +1,7 @@
-"""Checks of an estimate: is each term worth having, is the residual white, what is told badly.
+"""Diagnostics of an estimate: poorly determined directions, significance of terms, whiteness.
 
-Is a larger model worth it? BIC over independent rows, and prediction of blocks left out.
-
-Is the model right? What is checked of one regression, for a report.
+Two models are compared by the Bayesian information criterion over independent rows and by the
+prediction of excluded blocks of rows.
 """
 
 from __future__ import annotations
@@ -22,20 +21,20 @@ from seaid.estimation.estimate import Estimate
 from seaid.estimation.qr_factor import QRFactor, directions, qr_factor_of, triangle
 from seaid.regressor import Regression
 
-POORLY_TOLD = 1e-2
-"""A combination of which the data tell less than this part of the best one is named."""
+POORLY_DETERMINED = 1e-2
+"""Singular value, relative to the largest, below which a combination is poorly determined."""
 
 _WHITENESS_LAGS = 10
 
 
 @dataclass(frozen=True, eq=False)
 class TermTest:
-    """Is a group of parameters worth having? Without them the residual grows by `growth`.
+    """Significance of a group of parameters.
 
     `growth` is the sum of squared residuals without the `terms` over that with them; `F` and
-    `p_value` test that they are zero; `bic` is the Bayesian information criterion without the terms
-    minus that with them: more than zero where they are worth having (Schwarz 1978). `independent`
-    is the number of independent rows that this was computed with.
+    `p_value` test the hypothesis that they are zero; `bic` is the Bayesian information criterion
+    (Schwarz 1978) without the terms minus that with them, positive if the data support them;
+    `independent` is the number of independent rows assumed.
     """
 
     terms: tuple[str, ...]
@@ -48,11 +47,11 @@ class TermTest:
 
 @dataclass(frozen=True, eq=False)
 class Whiteness:
-    """Correlation in time of one equation's residual.
+    """Autocorrelation of the residual of one equation.
 
-    `first` is the autocorrelation between rows that follow each other, `durbin_watson` 2 for white
-    noise and 0 for a constant; `p_value` that of Ljung and Box (1978) for no correlation over ten
-    rows. Rows behind a low pass are correlated even if nothing is missing in the model.
+    `first` is the autocorrelation at lag one; `durbin_watson` is 2 for white noise and 0 for a
+    constant; `p_value` is that of Ljung and Box (1978) for no autocorrelation over ten lags. Rows
+    behind a low pass are autocorrelated even if the model is complete.
     """
 
     first: float
@@ -61,25 +60,26 @@ class Whiteness:
 
 
 def poorly_determined(
-    qr_factor: QRFactor, share: float = POORLY_TOLD, factor: Array | None = None
+    qr_factor: QRFactor, share: float = POORLY_DETERMINED, factor: Array | None = None
 ) -> list[str]:
-    """Return a sentence for each combination of which rows tell less than `share`, worst first.
+    """Return a sentence per combination with a singular value below `share`, worst first.
 
-    Columns count with unit norm, and the best combination as 1: 'the data tell 3.1e-04 of the
-    combination A - 0.97 B'. `factor` is the weighted one; None: all rows count alike.
+    Columns are scaled to unit norm, and the largest singular value counts as 1. `factor`
+    (p+1, p+1) is the weighted factor; None: all rows have weight one.
     """
     factor = qr_factor.weighted_factor() if factor is None else factor
     found = directions(factor, qr_factor.names)
     return [
-        f"the data tell {found.shares[place]:.1e} of the combination {found.text(int(place))}"
+        f"scaled singular value {found.shares[place]:.1e} of the combination "
+        f"{found.text(int(place))}"
         for place in np.flatnonzero(found.shares < share)[::-1]
     ]
 
 
 def independent_rows(qr_factor: QRFactor, estimate: Estimate) -> float:
-    """Return how many independent rows tell as much as the correlated ones of an estimate.
+    """Return the number of independent rows that give the standard errors of the correlated ones.
 
-    From how much its variances exceed those for white noise, in the middle of all parameters.
+    It is the number of rows over the median ratio of the variances to those for white noise.
     """
     white = estimate.white_standard_errors
     if white is None or not len(white) or not np.all(white > 0):
@@ -95,11 +95,12 @@ def term_test(
     independent: float | None = None,
     factor: Array | None = None,
 ) -> TermTest:
-    """Return whether a group of `terms` is worth having, from the information alone.
+    """Return the significance of a group of `terms`, from the QR factor alone.
 
-    `weights` (E,) of the equations are held, `factor` is the weighted factor if it is at hand.
-    `independent` rows (default: all of them, right for white noise) see `independent_rows`. Raises
-    IdentificationError for unknown terms and for no more independent rows than parameters.
+    `weights` (E,) of the equations are kept; `factor` is the weighted factor if available;
+    `independent` is the number of independent rows (default: all rows, right for white noise), see
+    `independent_rows`. Raises IdentificationError for unknown terms, and unless there are more
+    independent rows than parameters.
     """
     for term in terms:
         if term not in qr_factor.names:
@@ -115,7 +116,7 @@ def term_test(
     R = qr_factor.weighted_factor(weights) if factor is None else factor
     kept = [place for place, name in enumerate((*qr_factor.names, "")) if name not in terms]
     first = min(place for place, name in enumerate(qr_factor.names) if name in terms)
-    below = [place for place in kept if place >= first]  # what is above stays triangular
+    below = [place for place in kept if place >= first]  # columns before stay triangular
     full, fewer = R[-1, -1] ** 2, triangle(R[first:, below])[-1, -1] ** 2
     growth = float(fewer / full) if full > 0 else float("inf")
     F = (rows - p) / q * (growth - 1)
@@ -130,7 +131,7 @@ def term_test(
 
 
 def whiteness(rows: Regression, theta: Array) -> dict[int, Whiteness]:
-    """Return how correlated in time the residual of each equation is, by its joint's index."""
+    """Return the autocorrelation of the residual of each equation, by joint index."""
     residual = rows.y - rows.H @ theta
     found = {}
     for joint in np.unique(rows.joint):
@@ -143,7 +144,7 @@ def whiteness(rows: Regression, theta: Array) -> dict[int, Whiteness]:
         ]
         r = np.array(lagged[1:]) / lagged[0] if lagged[0] > 0 else np.zeros(_WHITENESS_LAGS)
         left = np.maximum(count - np.arange(1, _WHITENESS_LAGS + 1), 1)
-        Q = count * (count + 2) * np.sum(r**2 / left)
+        Q = count * (count + 2) * np.sum(r**2 / left)  # Ljung and Box 1978
         changes = sum(float(np.sum(np.diff(run, axis=0) ** 2)) for run in runs)
         found[int(joint)] = Whiteness(
             first=float(r[0]),
@@ -154,20 +155,19 @@ def whiteness(rows: Regression, theta: Array) -> dict[int, Whiteness]:
 
 
 BLOCKS = 8
-"""Parts of the rows, one after the other in time, of which each is predicted from the others."""
+"""Number of blocks, consecutive in time, of which each is predicted from the others."""
 
-_LOST = 1e-9
+_RANK_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Gain:
-    """What a group of parameters is worth.
+class ModelComparison:
+    """Comparison of a larger model with a smaller one.
 
-    `bic` is how much the extended Bayesian information criterion falls by them (Chen, Chen 2008:
-    it counts how many terms were asked about; Schwarz 1978); `F` of the test that they are zero;
-    `improvement` is how much smaller the squared error of blocks that were left out becomes, as a
-    part of it, with `improvement_std` from the spread over the blocks; `better` of `blocks` became
-    better.
+    `bic` is the decrease of the extended Bayesian information criterion (Chen and Chen 2008), which
+    counts the number of models compared; `F` tests that the additional parameters are zero;
+    `improvement` is the relative decrease of the squared error in predicting excluded blocks, with
+    `improvement_std` from the spread over the blocks; `better` of `blocks` improved.
     """
 
     bic: float
@@ -178,25 +178,24 @@ class Gain:
     blocks: int
 
     @property
-    def is_worth_it(self) -> bool:
-        """Both say so: the criterion, and the prediction by more than its standard error."""
+    def is_supported(self) -> bool:
+        """Whether the criterion and, by more than its standard error, the prediction improve."""
         return self.bic > 0 and self.improvement > self.improvement_std
 
 
-def gain(
+def compare_models(
     rows: Regression,
     weights: Array,
     base: Sequence[str],
     whole: Sequence[str],
     independent: float,
     asked: int,
-) -> Gain:
-    """Return what a model with the columns `whole` of rows is worth beside that with `base`.
+) -> ModelComparison:
+    """Compare the model with the columns `whole` of rows with the smaller one with `base`.
 
-    `whole` holds what `base` can say and more, if not in the same columns. `weights` (E,) of the
-    equations are held; so many `independent` rows tell as much as the correlated ones; so many
-    models were `asked` about. Raises IdentificationError for too few rows, and for a model that is
-    not larger.
+    `whole` spans `base`, possibly with other columns. `weights` (E,) of the equations are kept;
+    `independent` is the number of independent rows, `asked` the number of models compared. Raises
+    IdentificationError for too few rows, and if `whole` is not larger.
     """
     more = len(whole) - len(base)
     if more < 1 or independent <= len(whole):
@@ -208,10 +207,10 @@ def gain(
     factors = [part.weighted_factor(_of(part, rows, weights)) for part in parts]
     columns = [[rows.names.index(name) for name in names] for names in (base, whole)]
     growth = _residual(factors, columns[0]) / max(_residual(factors, columns[1]), 1e-300)
-    without, within = (_left_out(factors, chosen) for chosen in columns)
+    without, within = (_prediction_errors(factors, some) for some in columns)
     change, total = without - within, max(float(np.sum(without)), 1e-300)
-    penalty = more * math.log(independent) + 2 * math.log(max(asked, 1))
-    return Gain(
+    penalty = more * math.log(independent) + 2 * math.log(max(asked, 1))  # Chen and Chen 2008
+    return ModelComparison(
         bic=independent * math.log(max(growth, 1e-300)) - penalty,
         F=(independent - len(whole)) / more * (growth - 1),
         improvement=float(np.sum(change)) / total,
@@ -230,9 +229,9 @@ def common_rows(one: Regression, other: Regression) -> tuple[Regression, Regress
 
 
 def time_blocks(rows: Regression, count: int = BLOCKS) -> list[BoolArray]:
-    """Return `count` blocks of rows, equally long in time over all runs one after the other.
+    """Return `count` masks of rows, blocks of equal length in time over all runs in turn.
 
-    Raises IdentificationError where one of them would have fewer rows than columns.
+    Raises IdentificationError if one of them would have fewer rows than columns.
     """
     order = np.lexsort((rows.time, rows.run))
     place = np.empty(len(order), dtype=np.intp)
@@ -241,8 +240,8 @@ def time_blocks(rows: Regression, count: int = BLOCKS) -> list[BoolArray]:
     found = [np.asarray(block == one) for one in range(count)]
     if len(order) < count * 2 or len(order) * (count - 1) / count <= rows.H.shape[1]:
         raise IdentificationError(
-            f"{len(order)} rows are too few to leave out one of {count} blocks and estimate "
-            f"{rows.H.shape[1]} parameters from the others: record more"
+            f"{len(order)} rows are too few to exclude one of {count} blocks and estimate "
+            f"{rows.H.shape[1]} parameters from the others: record a longer log"
         )
     return found
 
@@ -256,7 +255,7 @@ def _part(rows: Regression, block: BoolArray) -> Regression:
 
 
 def _of(part: QRFactor, rows: Regression, weights: Array) -> Array:
-    """Return the weights of the equations that a part has."""
+    """Return the weights of the equations of a block."""
     equations = np.unique(rows.joint).tolist()
     return np.array([weights[equations.index(equation)] for equation in part.equations])
 
@@ -268,7 +267,7 @@ def _residual(factors: Sequence[Array], columns: Sequence[int]) -> float:
     return float(np.sum((R[:, -1] - R[:, columns] @ theta) ** 2))
 
 
-def _left_out(factors: Sequence[Array], columns: Sequence[int]) -> Array:
+def _prediction_errors(factors: Sequence[Array], columns: Sequence[int]) -> Array:
     """Return the squared error of each block, predicted from the others with some columns."""
     errors = np.empty(len(factors))
     for place, left in enumerate(factors):
@@ -282,17 +281,18 @@ def _solved(H: Array, y: Array) -> Array:
     norms = np.linalg.norm(H, axis=0)
     norms[norms == 0] = 1.0
     return np.asarray(
-        safely(np.linalg.lstsq, H / norms, y, what="the equations", rcond=_LOST)[0] / norms
+        safely(np.linalg.lstsq, H / norms, y, what="the equations", rcond=_RANK_TOLERANCE)[0]
+        / norms
     )
 
 
 @dataclass(frozen=True, eq=False)
 class ModelChecks:
-    """What speaks for and against the model of one regression.
+    """Checks of the model of one regression.
 
-    `condition_number` is that of columns of unit norm; `poorly_determined` names combinations of
-    which the data tell little; `terms` tests each optional term of the drives; `whiteness` {joint:
-    of its residual}, empty where the rows were not kept in memory.
+    `condition_number` is that of columns of unit norm; `poorly_determined` names combinations that
+    the data determine poorly; `terms` tests each optional term of the drives; `whiteness` {joint:
+    `Whiteness` of its residual} is empty if the rows were not kept in memory.
     """
 
     condition_number: float
@@ -308,9 +308,9 @@ def model_checks(
     whiteness: Mapping[str, Whiteness],
     weights: Array,
 ) -> ModelChecks:
-    """Return the checks of an estimate, from its information; `optional` terms are tested.
+    """Return the checks of an estimate from its QR factor; `optional` names the terms to test.
 
-    `weights` (E,) of the equations are those that `settled_weights` gives.
+    `weights` (E,) of the equations are those of `settled_weights`.
     """
     factor = qr_factor.weighted_factor(weights)
     independent = independent_rows(qr_factor, estimate)

@@ -1,4 +1,4 @@
-"""Estimate: values with their covariance."""
+"""The result of an estimator: values with their covariance."""
 
 from __future__ import annotations
 
@@ -14,12 +14,29 @@ from seaid.errors import SeaidError
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Estimated parameters (p,): names, values, covariance (p, p), units.
+    """Estimated parameters with their covariance.
 
-    `residual_std` is the standard deviation of the residual in the pass band, in the unit of the
-    rows; `condition_number` that of the regressor with columns scaled to unit norm; `flags` say in
-    words what must not be trusted. `white_standard_errors` (p,) are those of the textbook for
-    white noise, for comparison, where an estimator gives them.
+    Attributes
+    ----------
+    names, units : tuple of str
+        Name and unit of each of the p parameters.
+    values : ndarray (p,)
+        Estimated values.
+    covariance : ndarray (p, p)
+        Covariance of the values, with the autocorrelation of the residual.
+    residual_std : float
+        Standard deviation of the residual below the cutoff, in the unit of the rows.
+    condition_number : float
+        Condition number of the regressor with columns scaled to unit norm.
+    flags : tuple of str
+        Warnings about poorly determined or implausible values.
+    white_standard_errors : ndarray (p,) or None
+        Standard errors under the assumption of white noise, for comparison.
+
+    Examples
+    --------
+    >>> estimate.value("stiffness"), estimate.standard_error("stiffness")
+    >>> estimate.interval(0.95)
     """
 
     names: tuple[str, ...]
@@ -41,7 +58,7 @@ class Estimate:
 
     @property
     def standard_errors(self) -> Array:
-        """Standard deviation of each value (p,)."""
+        """Standard error of each value (p,)."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
@@ -52,7 +69,7 @@ class Estimate:
 
     @property
     def correlation(self) -> Array:
-        """Correlation matrix (p, p) of the values; 0 beside what has no error."""
+        """Correlation matrix (p, p) of the values; 0 for parameters without a standard error."""
         errors = self.standard_errors
         scale = np.where(errors > 0, errors, np.inf)
         correlation = np.asarray(self.covariance / np.outer(scale, scale))
@@ -60,14 +77,17 @@ class Estimate:
         return correlation
 
     def interval(self, level: float = 0.95) -> Array:
-        """Return lower and upper ends (p, 2) of the normal confidence intervals."""
+        """Return the lower and upper bounds (p, 2) of the normal confidence intervals.
+
+        Raises SeaidError for a `level` outside (0, 1).
+        """
         if not 0 < level < 1:
             raise SeaidError(f"level must be between 0 and 1, found {level}")
         half = float(ndtri(0.5 + level / 2)) * self.standard_errors
         return np.column_stack([self.values - half, self.values + half])
 
     def part(self, indices: Sequence[int], names: Sequence[str]) -> Estimate:
-        """Return the estimate of some of the parameters, under their names there."""
+        """Return the estimate of the parameters at `indices`, renamed to `names`."""
         picked, white = list(indices), self.white_standard_errors
         return replace(
             self,
@@ -79,11 +99,11 @@ class Estimate:
         )
 
     def value(self, name: str) -> float:
-        """Return the value of one parameter by name."""
+        """Return the value of one parameter. Raises SeaidError for an unknown name."""
         return float(self.values[self._index(name)])
 
     def standard_error(self, name: str) -> float:
-        """Return the standard error of one parameter by name."""
+        """Return the standard error of one parameter. Raises SeaidError for an unknown name."""
         return float(self.standard_errors[self._index(name)])
 
     def _index(self, name: str) -> int:

@@ -1,13 +1,14 @@
-"""Possible bodies near an estimate and a prior: chi-square plus log-det divergence, and its weight.
+"""Physically consistent parameters near an estimate and a prior.
 
 Every pseudo-inertia is positive semidefinite (Sousa and Cortesao 2014; Wensing, Kim and Slotine
 2018) and linear inequalities hold, in one convex program on the estimate and its covariance.
 
-The unknowns are standard parameters and drive parameters, of which the estimate tells fewer
-combinations. Distance is in standard errors, |u|^2 with estimate + root u, so that it is a
-chi-square; the divergence from the prior is Lee, Wensing and Park's (2020). It makes the minimum
-one point inside the cones: that of the central path of the semidefinite program where every
-complementary product is the weight, so a primal-dual interior-point method ends there.
+The unknowns are standard parameters and drive parameters, of which the estimate determines fewer
+combinations. The objective is |u|^2 with estimate + root u, a chi-square in standard errors, plus
+a weight times the log-det divergence from the prior (Lee, Wensing and Park 2020). Its minimum is
+unique and inside the cones: it is the point of the central path of the semidefinite program at
+which every complementary product equals the weight, so a primal-dual interior-point method ends
+there.
 """
 
 from __future__ import annotations
@@ -22,25 +23,26 @@ from seaid.estimation.sdp import RESOLVED, Program, minimum
 from seaid.robot import is_physical
 
 WEIGHTS = tuple(10.0**decade for decade in range(4, -7, -1))
-"""Weights of the prior among which the data choose, in units of chi-square.
+"""Weights of the prior among which the data select, in units of chi-square.
 
-The least adds at most 4e-6 a body to chi-square: it decides only what the data leave open.
+The least adds at most 4e-6 per body to chi-square: it determines only what the data leave free.
 """
 
-_PUSH = 1e-3
-"""Slope of chi-square along a bound, in the bound's own size, from which something pushes."""
+_ACTIVE = 1e-3
+"""A bound counts as active when its multiplier (slope of chi-square per unit of the bound) exceeds
+this.
+"""
 
 
 @dataclass(frozen=True, eq=False)
-class Possible:
-    """Possible unknowns (f,), their `values` (p,) beside the estimate and the distance.
+class FeasiblePoint:
+    """Physically consistent unknowns (f,), their `values` (p,) in the estimate, and the distance.
 
-    `distance` (p,) is u, whose squares make `chi_square`. `freedom` is how many of the p values the
-    data still decide beside a prior of this `weight`, and `risk` Stein's unbiased estimate of the
-    expected squared distance to the truth.
-
-    `ranks` (n,) are those of the pseudo-inertias without the directions in which estimate and prior
-    push against their bound, 4 where they push in none; `held` the inequalities they push against.
+    `distance` (p,) is u, with chi-square |u|^2. `freedom` is the effective number of the p values
+    that the data determine under a prior of this `weight`; `risk` is Stein's unbiased estimate of
+    the expected squared distance to the truth. `ranks` (n,) are those of the pseudo-inertias
+    without the directions in which the cone is active, 4 if none; `active_bounds` are the active
+    inequalities.
     """
 
     unknowns: Array
@@ -50,7 +52,7 @@ class Possible:
     freedom: float
     risk: float
     ranks: tuple[int, ...]
-    held: tuple[int, ...]
+    active_bounds: tuple[int, ...]
 
     @property
     def chi_square(self) -> float:
@@ -58,12 +60,12 @@ class Possible:
         return float(self.distance @ self.distance)
 
 
-def regularised(program: Program, weight: float) -> Possible:
-    """Return the possible unknowns that minimise chi-square + weight times the divergence.
+def regularised(program: Program, weight: float) -> FeasiblePoint:
+    """Return the unknowns that minimise chi-square + `weight` times the log-det divergence.
 
-    The divergence of a body from the prior is tr Q - log det Q - 4, with Q its pseudo-inertia
-    where the prior's is 1. Found to rounding; a weight below 1e-9 of chi-square counts as that,
-    since less cannot be resolved. Raises IdentificationError where it is not found.
+    The divergence of a body is tr Q - log det Q - 4, with Q its pseudo-inertia in the coordinates
+    in which the prior's is the identity. A weight below 1e-9 of chi-square counts as that, since
+    less cannot be resolved. Raises IdentificationError if the minimum is not found.
     """
     found = minimum(program, weight)
     point, used = found.point, found.weight
@@ -72,52 +74,50 @@ def regularised(program: Program, weight: float) -> Possible:
     unknowns = offset + matrix @ point.x
     for body, safe in enumerate(program.bodies(point.Q)):
         own = slice(10 * body, 10 * body + 10)
-        if not is_physical(unknowns[own], 0.0):  # a small body beside large ones: their rounding
+        if not is_physical(unknowns[own], 0.0):  # rounding of large bodies in a small one
             unknowns[own] = safe
-    pushes = np.linalg.eigvalsh(point.Z)
-    return Possible(
+    multipliers = np.linalg.eigvalsh(point.Z)
+    return FeasiblePoint(
         unknowns=unknowns,
         values=program.estimate + program.root @ u,
         distance=u,
         weight=used,
         freedom=found.freedom,
-        risk=float(u @ u + 2 * found.freedom - point.p),
-        ranks=tuple(map(int, np.sum(pushes < max(_PUSH, 10 * used), axis=1))),
-        held=tuple(map(int, np.flatnonzero(point.multipliers > _PUSH))),
+        risk=float(u @ u + 2 * found.freedom - point.p),  # Stein 1981
+        ranks=tuple(map(int, np.sum(multipliers < max(_ACTIVE, 10 * used), axis=1))),
+        active_bounds=tuple(map(int, np.flatnonzero(point.multipliers > _ACTIVE))),
     )
 
 
-def nearest(program: Program) -> Possible:
-    """Return the possible unknowns nearest to the estimate; the prior decides what is left open.
+def nearest(program: Program) -> FeasiblePoint:
+    """Return the consistent unknowns nearest to the estimate; the prior determines what is free.
 
-    Its chi-square is that of the semidefinite program without prior, but for 4e-6 a body. Raises
-    as `regularised` does.
+    Its chi-square exceeds that of the semidefinite program without a prior by at most 4e-6 per
+    body. Raises as `regularised` does.
     """
     return regularised(program, WEIGHTS[-1])
 
 
-def chosen(program: Program, least: float, weights: Sequence[float] = WEIGHTS) -> Possible:
-    """Return `regularised` with the weight of the least risk: that which the data choose.
+def with_selected_weight(
+    program: Program, least: float, weights: Sequence[float] = WEIGHTS
+) -> FeasiblePoint:
+    """Return `regularised` with the weight of least estimated risk.
 
     The risk is Stein's (1981) unbiased estimate of the expected squared distance to the truth, in
-    standard errors: |u|^2 + 2 freedom - p. It is what cross-validation estimates, without folds,
-    and holds with the covariance of noise that is correlated in time, where folds are not
-    independent. Searched over falling `weights` that can be resolved beside `least`, the
-    chi-square of `nearest`, and no further than where it and the freedom leave no less risk; then
-    half-way to the neighbours of the best.
+    standard errors: |u|^2 + 2 freedom - p. Unlike cross-validation it needs no independent folds,
+    so it holds for autocorrelated noise. The weights are tried in falling order, as far as they can
+    be resolved relative to `least`, the chi-square of `nearest`, and until no smaller risk is
+    possible; then the midpoints to the neighbours of the best.
     """
     p = len(program.estimate)
-    able = [weight for weight in weights if weight >= RESOLVED * least] or [weights[0]]
-    best = regularised(program, able[0])
-    for weight in able[1:]:
+    resolved = [weight for weight in weights if weight >= RESOLVED * least] or [weights[0]]
+    best = regularised(program, resolved[0])
+    for weight in resolved[1:]:
         one = regularised(program, weight)
-        best = min(best, one, key=_risk)
-        if least + 2 * one.freedom - p > best.risk:
+        best = min(best, one, key=lambda point: point.risk)
+        if least + 2 * one.freedom - p > best.risk:  # a lower bound of the risk of all that follow
             break
     around = best.weight * 10**0.5, best.weight / 10**0.5
-    inner = [weight for weight in around if able[-1] < weight < able[0]]
-    return min([best, *(regularised(program, weight) for weight in inner)], key=_risk)
-
-
-def _risk(one: Possible) -> float:
-    return one.risk
+    inner = [weight for weight in around if resolved[-1] < weight < resolved[0]]
+    points = [best, *(regularised(program, weight) for weight in inner)]
+    return min(points, key=lambda point: point.risk)

@@ -1,4 +1,4 @@
-"""One step of Gauss-Newton on residuals in several channels, with nuisance parameters a window."""
+"""One Gauss-Newton step of maximum likelihood, with nuisance parameters per window."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from seaid._arrays import Array, BoolArray, safely
 from seaid.errors import ExcitationError
 
 LAG_S = 0.25
-"""Residuals further apart are taken as uncorrelated."""
+"""Time [s] beyond which residuals count as uncorrelated."""
 
 _STANDS_OUT = 3.0
-"""An autocorrelation counts if it is so many standard errors of white noise's."""
+"""An autocorrelation is significant above this many standard errors of white noise."""
 
 _REWEIGHTINGS = 20
-_LOST = 1e-9
+_RANK_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
     """Residuals of one log and their derivatives, in windows (W) of blocks (B) of channels (C).
 
-    `residual` (W, B, C), `jacobian` (W, B, C, p) by the parameters, `nuisance` (W, B, C, s) by
-    what each window has of its own (its initial state), `kept` (W, B, C) which of them count;
-    `time` (W, B) [s]; `floor` (C,) the least standard deviation a channel is given.
+    `residual` (W, B, C); `jacobian` (W, B, C, p) by the parameters; `nuisance` (W, B, C, s) by the
+    nuisance parameters of each window (its initial state); `kept` (W, B, C) masks the residuals
+    that count; `time` (W, B) [s]; `floor` (C,) is the least standard deviation of a channel.
     """
 
     residual: Array
@@ -40,11 +40,11 @@ class Residuals:
 class Step:
     """A step towards the maximum of the likelihood.
 
-    `change` (p,) of the parameters, and with it `nuisance` (W, s), the change of each log's
-    nuisance parameters; `own` is theirs where the parameters stay. `stds` (C,) of the
-    channels; `covariance` (p, p) with their autocorrelation, `white_covariance` without it: the
-    inverse of the Fisher information. `merit` before the step is the sum of log standard deviations
-    (the negative log-likelihood but for constants).
+    `change` (p,) of the parameters, and with it `nuisance` (W, s), the change of the nuisance
+    parameters of each log; `own` is their change if the parameters stay. `stds` (C,) of the
+    channels; `covariance` (p, p) with autocorrelation, `white_covariance` without, the inverse of
+    the Fisher information. `merit` before the step is the sum of log standard deviations: the
+    negative log-likelihood up to a constant.
     """
 
     change: Array
@@ -60,11 +60,11 @@ class Step:
 def gauss_newton_step(
     logs: list[Residuals], names: tuple[str, ...], distance: Array, precision: Array
 ) -> Step:
-    """Return the step to the maximum of the linearised likelihood, channel noise estimated with it.
+    """Return the step to the maximum of the linearised likelihood, noise levels included.
 
-    A prior: parameters are `distance` (p,) from their expectation, known as well as `precision`
-    (p,) says (inverse standard deviations, 0 = not at all). Raises ExcitationError where the data
-    leave a combination of the parameters open.
+    The prior: the parameters are `distance` (p,) from their expectation, with `precision` (p,) as
+    inverse standard deviations (0: no prior). Raises ExcitationError if the data leave a
+    combination of the parameters unidentifiable.
     """
     p = len(names)
     unmoved = _settled(logs, distance, precision, frozen=True)
@@ -75,11 +75,11 @@ def gauss_newton_step(
     solution, inverse, condition = _solve(
         np.vstack([J, np.diag(precision)]), np.append(r, precision * distance), names
     )
-    covariance = _spread_of(logs, J @ inverse, r + J @ solution)
+    covariance = _autocorrelated_covariance(logs, J @ inverse, r + J @ solution)
     covariance += (inverse * precision) @ (inverse * precision).T
     kept = sum(int(np.sum(log.kept)) for log in logs)
     spent = p + sum(log.nuisance.shape[0] * log.nuisance.shape[3] for log in logs)
-    freedom = kept / max(kept - spent, 1)
+    freedom = kept / max(kept - spent, 1)  # degrees of freedom of the residuals
     return Step(
         change=solution,
         nuisance=tuple(_nuisance(log, stds, solution) for log in logs),
@@ -92,13 +92,12 @@ def gauss_newton_step(
     )
 
 
-def _spread_of(logs: list[Residuals], influence: Array, residual: Array) -> Array:
-    """Return the covariance (p, p) of what rows make with their influence (R, p) on the estimate.
+def _autocorrelated_covariance(logs: list[Residuals], influence: Array, residual: Array) -> Array:
+    """Return the covariance (p, p) of the estimate, with `influence` (R, p) of the rows on it.
 
-    The noise of each channel is taken as stationary. Its autocorrelation is estimated from the
-    residuals with Bartlett weights, up to twice the last lag at which it stands out of white
-    noise's. For few rows that scatters, and falls short, far less than Newey and West's (1987) sum
-    over products of scores.
+    The noise of each channel counts as stationary; its autocorrelation is estimated with Bartlett
+    weights up to twice the last significant lag. For few rows this has less variance and less bias
+    than the sum over products of scores (Newey and West 1987).
     """
     p, start = influence.shape[1], 0
     total = np.zeros((p, p))
@@ -118,7 +117,7 @@ def _spread_of(logs: list[Residuals], influence: Array, residual: Array) -> Arra
 
 
 def _autocorrelation(residual: Array, most: float) -> Array:
-    """Return the weighted autocorrelation at lags from 1 to twice the last that stands out."""
+    """Return the weighted autocorrelation at lags from 1 to twice the last significant one."""
     lags = min(int(most), len(residual) - 1)
     power = max(float(residual @ residual), 1e-300)
     found = np.array([residual[lag:] @ residual[:-lag] for lag in range(1, lags + 1)]) / power
@@ -133,14 +132,14 @@ def fisher_covariance(
 ) -> Array:
     """Return the inverse of the Fisher information (p, p) for white noise of known `stds` (C,).
 
-    It is the Cramer-Rao bound: no unbiased estimator has a smaller covariance.
+    It is the Cramer-Rao bound of the covariance of unbiased estimators.
     """
     J = np.vstack([_projected(logs, stds)[0], np.diag(precision)])
     return _solve(J, np.zeros(len(J)), names)[1]
 
 
 def _settled(logs: list[Residuals], distance: Array, precision: Array, frozen: bool) -> Array:
-    """Return standard deviations that the residuals confirm, parameters `frozen` or free."""
+    """Return the converged standard deviations (C,), with the parameters `frozen` or free."""
     p = len(distance)
     change = np.zeros(p)
     stds = _stds(logs, change, tuple(np.zeros(log.nuisance.shape[::3]) for log in logs))
@@ -175,12 +174,13 @@ def _stds(logs: list[Residuals], change: Array, nuisance: tuple[Array, ...]) -> 
 
 
 def _merit(logs: list[Residuals], stds: Array) -> float:
+    """Return the number of residuals per channel times log standard deviation, summed."""
     counts = [np.sum(log.kept, axis=(0, 1)) for log in logs]
     return float(np.sum(counts @ np.log(stds)))
 
 
 def _projected(logs: list[Residuals], stds: Array) -> tuple[Array, Array]:
-    """Return Jacobian and residual, weighted, without what nuisance parameters can explain."""
+    """Return the weighted Jacobian and residual, with the nuisance columns projected out."""
     Js, rs = [], []
     for log in logs:
         weights = log.kept / stds
@@ -206,7 +206,7 @@ def _basis(log: Residuals, weights: Array) -> Array:
 
 
 def _nuisance(log: Residuals, stds: Array, change: Array) -> Array:
-    """Return the nuisance parameters (W, s) that fit best after a change of the parameters."""
+    """Return the best nuisance parameters (W, s) after a change of the parameters."""
     weights = log.kept / stds
     windows, s = len(log.residual), log.nuisance.shape[3]
     after = ((log.residual + log.jacobian @ change) * weights).reshape(windows, -1)
@@ -224,12 +224,12 @@ def _solve(J: Array, r: Array, names: tuple[str, ...]) -> tuple[Array, Array, fl
     if dead:
         raise ExcitationError(f"the motion does not excite {', '.join(dead)}: move these joints")
     U, s, Vt = safely(np.linalg.svd, J / norms, what="the output error", full_matrices=False)
-    if s[-1] < _LOST * s[0]:
+    if s[-1] < _RANK_TOLERANCE * s[0]:
         share = np.abs(Vt[-1])
         lost = [names[column] for column in np.flatnonzero(share > 0.1 * share.max())]
         raise ExcitationError(
-            f"the motion tells nothing about the combination of {', '.join(lost)} (scaled singular "
-            f"value {s[-1] / s[0]:.1e}, needed {_LOST:.0e})"
+            f"the combination of {', '.join(lost)} is unidentifiable by this motion (scaled "
+            f"singular value {s[-1] / s[0]:.1e}, needed {_RANK_TOLERANCE:.0e})"
         )
     step = -(Vt.T @ ((U.T @ r) / s)) / norms
     half = (Vt.T / s) / norms[:, None]

@@ -1,8 +1,8 @@
-"""Instrumental variables: least squares that noise in the regressor does not bias.
+"""Instrumental variables: estimates without the bias of least squares with noisy columns.
 
-What is measured with noise stands in the columns too, and pulls least squares towards zero.
-Instruments are columns like them whose noise has nothing in common with the residual (Young 1970;
-Janot, Vandanjon and Gautier 2014, who take them from a simulation of the fitted model).
+Measurement noise in a column of the regressor biases least squares towards zero (attenuation).
+Instruments are similar columns whose noise is independent of the residual (Young 1970; Janot,
+Vandanjon and Gautier 2014, who compute them by a simulation of the fitted model).
 """
 
 from __future__ import annotations
@@ -21,37 +21,38 @@ from seaid.estimation.qr_factor import qr_factor_of, triangle
 from seaid.regressor import Regression
 
 WEAK = 0.1
-"""Partial R^2 of a column with its instruments below which the estimate says so."""
+"""Partial R^2 of a column with its instruments below which the instruments are flagged as weak."""
 
-_LOST = 1e-10
+_RANK_TOLERANCE = 1e-10
 
 
 def instrumental(rows: Regression, instruments: Array, propagated: Array | None = None) -> Estimate:
     """Return theta = (Z^T W^2 H)^-1 Z^T W^2 y with instruments Z (R, p) and W that of `weighted`.
 
-    Computed in two stages, so that the errors for lost combinations are those of `ordinary`: the
-    columns are replaced by what the instruments tell of them. Covariance: the sandwich of
-    instrument times residual, Newey-West. A column of which the instruments tell little beside the
-    others (partial R^2 of Shea 1997) is flagged: its estimate is then biased after all, and its
-    interval too short. `propagated` as in `ordinary`. Raises IdentificationError for instruments of
-    another shape, not finite, or zero.
+    It is computed in two stages, so that unidentifiable combinations raise the errors of
+    `ordinary`: the columns are replaced by their projection on the instruments. The covariance is
+    the sandwich of instrument times residual (Newey-West). A column with a small partial R^2 (Shea
+    1997) is flagged: its estimate may still be biased, and its interval too short. `propagated` as
+    in `ordinary`. Raises IdentificationError for instruments of another shape, not finite, or zero.
     """
     Z = finite("instruments", _checked(rows, instruments), rows.H.shape, IdentificationError)
     qr_factor = qr_factor_of(rows)
     weights = settled_weights(qr_factor)
     weight = weights[np.searchsorted(qr_factor.equations, rows.joint)][:, None]
-    stages = _told(weight * Z, weight * rows.H, rows.names)
-    told = replace(rows, H=Z @ stages)
-    solution = solve(qr_factor_of(told), weights)
-    # the residual is that of the measured columns, not of what the instruments tell of them
-    linear = replace(told, y=rows.y - (rows.H - told.H) @ solution.values)
+    first_stage = _first_stage(weight * Z, weight * rows.H, rows.names)
+    projected = replace(rows, H=Z @ first_stage)
+    solution = solve(qr_factor_of(projected), weights)
+    # the residual is that of the measured columns, not of their projections
+    linear = replace(projected, y=rows.y - (rows.H - projected.H) @ solution.values)
     of_linear = qr_factor_of(linear)
     factors = score_factors(linear, of_linear, weights, solution.values)
     scores = long_run_of(linear.H, factors, rows.time, rows.run)
+    # Shea's (1997) partial R^2: variance by least squares over variance by instruments, without
+    # the factor of the residual (Godfrey 1999)
     partial = np.diag(solve(qr_factor, weights).inverse) / np.diag(solution.inverse)
     flags = tuple(
-        f"the instruments of {name} are weak: they tell {share:.1%} of what it does beside the "
-        "other parameters; its value may be as biased as that of least squares"
+        f"the instruments of {name} are weak (partial R^2 {share:.1%}): its value may be as biased "
+        "as that of least squares"
         for name, share in zip(rows.names, partial, strict=True)
         if share < WEAK
     )
@@ -67,22 +68,22 @@ def _checked(rows: Regression, instruments: Array) -> Array:
     dead = [name for name, column in zip(rows.names, instruments.T, strict=True) if not any(column)]
     if dead:
         raise IdentificationError(
-            f"the instruments of {', '.join(dead)} are zero: the motion that they are computed "
-            "from does not move these joints"
+            f"the instruments of {', '.join(dead)} are zero: these joints do not move in the "
+            "motion from which the instruments are computed"
         )
     return instruments
 
 
-def _told(Z: Array, H: Array, names: tuple[str, ...]) -> Array:
-    """Return the coefficients (p, p) of the columns of H on those of Z, scaled for that."""
+def _first_stage(Z: Array, H: Array, names: tuple[str, ...]) -> Array:
+    """Return the coefficients (p, p) of the regression of the columns of H on those of Z."""
     p, norms = len(names), np.linalg.norm(Z, axis=0)
     R = triangle(np.hstack([Z / norms, H]))
     coefficients, _, rank, _ = safely(
-        linalg.lstsq, R[:p, :p], R[:p, p:], what="the instruments", cond=_LOST
+        linalg.lstsq, R[:p, :p], R[:p, p:], what="the instruments", cond=_RANK_TOLERANCE
     )
     if rank < p:
         raise IdentificationError(
-            f"the instruments tell only {rank} of {p} parameters apart: the motion that "
-            "they are computed from is too smooth; raise cutoff_hz, or use estimator='wls'"
+            f"the instruments identify only {rank} of {p} parameters: the motion from which they "
+            "are computed is too smooth; raise cutoff_hz, or use estimator='wls'"
         )
     return np.asarray(coefficients / norms[:, None])

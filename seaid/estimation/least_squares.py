@@ -1,7 +1,4 @@
-"""Ordinary and weighted least squares: solved from `QRFactor`, on scaled columns.
-
-Residuals of weighted least squares over and over with other weights: cheap, and as exact.
-"""
+"""Ordinary and weighted least squares, solved from a `QRFactor` on scaled columns."""
 
 from __future__ import annotations
 
@@ -17,26 +14,26 @@ from seaid.estimation.estimate import Estimate
 from seaid.estimation.qr_factor import (
     Directions,
     QRFactor,
+    determining_joints,
     directions,
     first_term,
     qr_factor_of,
-    telling_joints,
 )
 from seaid.regressor import Regression
 
 _MOST_UNEQUAL = 1e4
-"""Largest over smallest weight up to which the products below lose nothing that matters."""
+"""Ratio of the weights up to which the normal equations of `Orthonormal` are accurate."""
 
 
 @dataclass(frozen=True, eq=False)
 class Orthonormal:
-    """Equations in parameters in which the rows of all of them together are orthonormal.
+    """The equations in coordinates in which the rows of all of them together are orthonormal.
 
-    With R the factor of all rows and theta_0 its solution, z = R (theta - theta_0): an equation's
-    residual is `residuals` (E, m) - `columns` (E, m, p) z, and `products` (E, p, p) are C^T C of
-    its columns C, which add up to the identity. However badly conditioned the regressor is,
-    weighted normal equations in z are only as badly conditioned as the weights are unequal,
-    squared.
+    With R the factor of all rows and theta_0 its solution, z = R (theta - theta_0): the residual of
+    an equation is `residuals` (E, m) - `columns` (E, m, p) z, and `products` (E, p, p) are C^T C of
+    its columns C, which add up to the identity. However badly conditioned the regressor is, the
+    condition number of the weighted normal equations in z is at most the square of the ratio of the
+    weights, so that residuals for other weights are cheap and accurate.
     """
 
     columns: Array
@@ -46,7 +43,7 @@ class Orthonormal:
     def residual_norms(self, weights: Array) -> Array | None:
         """Return the norm (E,) of each equation's residual at the estimate with weights (E,).
 
-        None where the weights are too unequal for it.
+        None if the weights are too unequal for the normal equations.
         """
         if np.max(weights) > _MOST_UNEQUAL * np.min(weights):
             return None
@@ -64,7 +61,7 @@ class Orthonormal:
 
 
 def orthonormal(qr_factor: QRFactor, theta: Array) -> Orthonormal:
-    """Return the equations of information whose unweighted solution is `theta` (p,), p > 0."""
+    """Return the equations of a QR factor whose unweighted solution is `theta` (p,), p > 0."""
     p = len(qr_factor.names)
     factors = qr_factor.filled_factors
     R = qr_factor.weighted_factor()[:p, :p]
@@ -82,11 +79,11 @@ def orthonormal(qr_factor: QRFactor, theta: Array) -> Orthonormal:
     return Orthonormal(columns, residuals, columns.swapaxes(1, 2) @ columns)
 
 
-_LOST = 1e-7
-"""Singular value, relative to the largest, below which a combination of columns is lost."""
+_RANK_TOLERANCE = 1e-7
+"""Scaled singular value, relative to the largest, below which a combination is unidentifiable."""
 
 _ROUNDING = 1e-9
-"""A residual below this part of the target is rounding, or what an iteration left."""
+"""A residual below this part of the target is rounding, or an iteration's remainder."""
 
 _MOST_REWEIGHTINGS = 1000
 _MOST_NAMED = 3
@@ -94,9 +91,9 @@ _MOST_NAMED = 3
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Least-squares `values` (p,), the inverse (p, p) of the information and the condition number.
+    """Least-squares `values` (p,), `inverse` (p, p) of H^T W^2 H, and the condition number.
 
-    That is the condition number of the regressor with columns scaled to unit norm.
+    The condition number is that of the weighted regressor with columns scaled to unit norm.
     """
 
     values: Array
@@ -105,34 +102,35 @@ class Solution:
 
 
 def ordinary(rows: Regression, propagated: Array | None = None) -> Estimate:
-    """Return the ordinary least-squares estimate, all rows alike.
+    """Return the ordinary least-squares estimate, with a Newey-West covariance.
 
-    `propagated` (s, s) is the covariance of what the targets were computed from; see `Regression`.
-    Covariance: Newey-West. Raises IdentificationError for fewer rows than parameters and
-    ExcitationError where the data leave a combination of parameters open.
+    `propagated` (s, s) is the covariance of the s values from which the targets were computed; see
+    `Regression`. Raises IdentificationError for fewer rows than parameters and ExcitationError if
+    the data leave a combination of parameters unidentifiable.
     """
     qr_factor = qr_factor_of(rows)
     return estimate_of_rows(rows, qr_factor, equal_weights(qr_factor), propagated)
 
 
 def weighted(rows: Regression, propagated: Array | None = None) -> Estimate:
-    """Return the least-squares estimate with rows weighted by their joint's residual.
+    """Return the least-squares estimate with each equation weighted by its residual.
 
-    Iterated until the weights settle (Gautier 1997; Swevers et al. 1997). Otherwise as `ordinary`.
+    Iterated until the weights converge (Gautier 1997; Swevers et al. 1997). Otherwise as
+    `ordinary`.
     """
     qr_factor = qr_factor_of(rows)
     return estimate_of_rows(rows, qr_factor, settled_weights(qr_factor), propagated)
 
 
 def equal_weights(qr_factor: QRFactor) -> Array:
-    """Return weights (E,) of one: all rows alike."""
+    """Return weights (E,) of one."""
     return np.ones(len(qr_factor.equations))
 
 
 def settled_weights(qr_factor: QRFactor) -> Array:
-    """Return the weights (E,) of the equations: inverse to what their residuals then are.
+    """Return the converged weights (E,) of the equations, inverse to their residuals.
 
-    Relative to the equation with the largest residual. Raises as `ordinary` does.
+    They are relative to the equation with the largest residual. Raises as `ordinary` does.
     """
     weights = equal_weights(qr_factor)
     theta = solve(qr_factor, weights).values
@@ -155,8 +153,8 @@ def settled_weights(qr_factor: QRFactor) -> Array:
         norms = equations.residual_norms(weights)
     else:
         raise IdentificationError(
-            f"the weights of the joints do not settle in {_MOST_REWEIGHTINGS} turns: a joint has "
-            "too few rows; record a longer log, or use estimator='ols'"
+            f"the weights of the joints did not converge in {_MOST_REWEIGHTINGS} iterations: a "
+            "joint has too few rows; record a longer log, or use estimator='ols'"
         )
     return weights
 
@@ -165,13 +163,13 @@ def solve(qr_factor: QRFactor, weights: Array) -> Solution:
     """Return the least-squares solution with the rows of each equation times its weight (E,).
 
     Raises IdentificationError for fewer rows than parameters, and ExcitationError that names the
-    combinations of parameters that the rows leave open and the joints that would tell them.
+    unidentifiable combinations of parameters and the joints that would excite them.
     """
     count, p = qr_factor.count, len(qr_factor.names)
     if count < p:
         still = f" ({qr_factor.excluded} more are near standstill)" * bool(qr_factor.excluded)
         raise IdentificationError(
-            f"{count} rows{still} cannot tell {p} parameters: record a longer log"
+            f"{count} rows{still} cannot determine {p} parameters: record a longer log"
             f"{' with more motion' if still else ''}, or raise cutoff_hz"
         )
     R = qr_factor.weighted_factor(weights)
@@ -181,8 +179,8 @@ def solve(qr_factor: QRFactor, weights: Array) -> Solution:
         raise ExcitationError(f"the motion does not excite {names}: move these joints")
     found = directions(R, qr_factor.names)
     worst = float(found.shares[-1]) if p else 1.0
-    if worst < _LOST:
-        raise ExcitationError(_lost(qr_factor, found))
+    if worst < _RANK_TOLERANCE:
+        raise ExcitationError(_unidentifiable(qr_factor, found))
     half = (found.vectors.T / (found.largest * found.shares)) / found.norms[:, None]
     return Solution(half @ (found.left.T @ R[:p, p]), half @ half.T, 1 / worst)
 
@@ -193,10 +191,10 @@ def estimate_of(
     scores: LongRun | None = None,
     propagated: Array | None = None,
 ) -> Estimate:
-    """Return the estimate with weights (E,) of the equations, from the information alone.
+    """Return the estimate with weights (E,) of the equations, from the QR factor alone.
 
-    `scores` is the covariance of the sum of the scores of all rows (see `score_factors`); None: as
-    if the noise of every equation were white. `propagated` (s, s) as in `ordinary`.
+    `scores` is the long-run covariance of the scores of all rows (see `score_factors`); None: as if
+    the noise of every equation were white. `propagated` (s, s) as in `ordinary`.
     """
     solution = solve(qr_factor, weights)
     inverse, theta = solution.inverse, solution.values
@@ -224,13 +222,13 @@ def estimate_of(
 
 
 def score_factors(rows: Regression, qr_factor: QRFactor, weights: Array, theta: Array) -> Array:
-    """Return what makes a score of each row of H (R,): weight squared times residual."""
+    """Return the factor (R,) that makes a row of H its score: weight squared times residual."""
     weight = weights[np.searchsorted(qr_factor.equations, rows.joint)]
     return np.asarray(weight**2 * (rows.y - rows.H @ theta))
 
 
 def _white(qr_factor: QRFactor, weights: Array, theta: Array) -> Array:
-    """Return the covariance (p, p) of the sum of scores if each equation's noise were white."""
+    """Return the covariance (p, p) of the sum of scores for white noise in each equation."""
     p = len(qr_factor.names)
     std = qr_factor.residual_norms(theta) / np.sqrt(np.maximum(qr_factor.counts, 1))
     stack = ((weights**2 * std)[:, None, None] * qr_factor.factors[:, :, :p]).reshape(
@@ -240,33 +238,31 @@ def _white(qr_factor: QRFactor, weights: Array, theta: Array) -> Array:
 
 
 def _freedom(independent: float, p: int) -> float:
-    """Return the factor for residuals that are small because p parameters were fitted to them.
-
-    Of so many independent rows p are used up; correlated rows count as fewer.
-    """
+    """Return the degrees-of-freedom factor n / (n - p), with n the number of independent rows."""
     return independent / max(independent - p, 1.0)
 
 
 def estimate_of_rows(
     rows: Regression, qr_factor: QRFactor, weights: Array, propagated: Array | None
 ) -> Estimate:
-    """Return the estimate with weights (E,) of the equations from rows and their information."""
+    """Return the estimate with weights (E,) of the equations, from rows and their QR factor."""
     theta = solve(qr_factor, weights).values
     factors = score_factors(rows, qr_factor, weights, theta)
     scores = long_run_of(rows.H, factors, rows.time, rows.run)
     return estimate_of(qr_factor, weights, scores, propagated)
 
 
-def _lost(qr_factor: QRFactor, found: Directions) -> str:
-    """Name the combinations that are lost and the joints whose torque they are seen in."""
-    lost = [int(place) for place in np.flatnonzero(found.shares < _LOST)][::-1]
+def _unidentifiable(qr_factor: QRFactor, found: Directions) -> str:
+    """Name the unidentifiable combinations and the joints whose torque depends on them."""
+    lost = [int(place) for place in np.flatnonzero(found.shares < _RANK_TOLERANCE)][::-1]
     columns = sorted({column for place in lost for column in found.terms(place)})
     names = ", ".join(first_term(qr_factor.names[column]) for column in columns)
     texts = "; ".join(found.text(place) for place in lost[:_MOST_NAMED])
     more = f" and {len(lost) - _MOST_NAMED} more" if len(lost) > _MOST_NAMED else ""
     return (
-        "the motion does not excite all parameters: it tells nothing about the combination of "
-        f"{names} ({texts}{more}; scaled singular value {found.shares[-1]:.1e}, needed "
-        f"{_LOST:.0e}), seen in the torque of {', '.join(telling_joints(qr_factor, columns))}; "
-        "move these joints more, or leave torques out with torque_joints="
+        f"the motion does not excite all parameters: the combination of {names} is unidentifiable "
+        f"({texts}{more}; scaled singular value {found.shares[-1]:.1e}, needed "
+        f"{_RANK_TOLERANCE:.0e}). It acts on the torque of "
+        f"{', '.join(determining_joints(qr_factor, columns))}; move these joints more, or exclude "
+        "torques with torque_joints="
     )

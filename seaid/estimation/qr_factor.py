@@ -1,6 +1,7 @@
-"""Information: what rows tell second moments, as one triangular factor an equation; it adds up.
+"""The QR factor of rows: second moments as one triangular factor per equation, which adds up.
 
-What combinations of parameters rows tell well and badly, in words.
+The singular directions of the factor are the combinations of parameters that the rows determine
+well or poorly.
 """
 
 from __future__ import annotations
@@ -8,15 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import reduce
-from io import BytesIO
-from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array, frozen, safely
-from seaid._files import working_folder, write_whole
 from seaid.errors import IdentificationError
 from seaid.regressor import Regression
 
@@ -26,12 +23,12 @@ _BLOCK = 1024
 
 @dataclass(frozen=True, eq=False)
 class QRFactor:
-    """The rows of a `Regression` without the rows: what does not grow with time.
+    """The rows of a `Regression` in a form whose size does not grow with time.
 
     `factors` (E, p+1, p+1) has the upper triangular factor R of [H y] of each of the `equations`
-    (E), named by their joint's index, from `counts` (E) rows; `propagated` (E, p, s) is H^T C with
-    the regression's `propagated` C; `excluded` counts the instants that are not rows. Information
-    of chunks, logs and machines adds with `+`.
+    (E), given by joint index, from `counts` (E) rows; `propagated` (E, p, s) is H^T C with the
+    regression's `propagated` C; `excluded` counts the instants near standstill. The QR factors of
+    chunks and logs add with `+`.
     """
 
     names: tuple[str, ...]
@@ -57,19 +54,19 @@ class QRFactor:
         return sum(self.counts)
 
     def __add__(self, other: QRFactor) -> QRFactor:
-        """Return the information of both. Raises IdentificationError for other columns."""
+        """Return the QR factor of both. Raises IdentificationError for other columns."""
         return combined([self, other])
 
     @property
     def filled_factors(self) -> Array:
-        """The factors (E, m, p+1) without the zeros below as many rows as an equation has."""
+        """The factors (E, m, p+1) without the rows of zeros below an equation's number of rows."""
         return self.factors[:, : max(self.counts, default=0)]
 
     def weighted_factor(self, weights: Array | None = None) -> Array:
         """Return R (p+1, p+1) of all rows, those of each equation times its weight (E,).
 
-        |[H y] x| = |R x| for every x with weighted rows: a quadratic form in the parameters, with
-        x = (theta, -1) that of the residual. Without `weights` all rows count alike.
+        |[H y] x| = |R x| for every x, with weighted rows; x = (-theta, 1) gives the residual.
+        Without `weights` all rows have weight one.
         """
         weights = np.ones(len(self.equations)) if weights is None else weights
         filled = self.filled_factors
@@ -80,7 +77,7 @@ class QRFactor:
         return np.asarray(np.linalg.norm(self.factors @ np.append(-theta, 1.0), axis=1))
 
     def without(self, dropped: Iterable[str]) -> QRFactor:
-        """Return the information of the same rows without some of the columns."""
+        """Return the QR factor of the same rows without the `dropped` columns."""
         dropped = set(dropped)
         kept = [place for place, name in enumerate(self.names) if name not in dropped]
         columns = [*kept, len(self.names)]
@@ -97,39 +94,9 @@ class QRFactor:
             joint_names=self.joint_names,
         )
 
-    def save(self, path: str | Path) -> None:
-        """Write an NPZ file, whole or not at all, for `load_qr_factor`."""
-        fields = {name: np.asarray(value) for name, value in vars(self).items()}
-        content = BytesIO()
-        np.savez(content, **fields)  # type: ignore[arg-type]
-        write_whole(path, content.getvalue())
-
-
-def load_qr_factor(path: str | Path) -> QRFactor:
-    """Read what `QRFactor.save` wrote. Raises IdentificationError for any other file."""
-    path = Path(path)
-    if not path.is_file():
-        raise IdentificationError(f"no information file at '{path}' ({working_folder()})")
-    try:
-        with np.load(path) as archive:
-            return QRFactor(
-                names=tuple(map(str, archive["names"])),
-                units=tuple(map(str, archive["units"])),
-                equations=tuple(map(int, archive["equations"])),
-                counts=tuple(map(int, archive["counts"])),
-                factors=archive["factors"],
-                propagated=archive["propagated"],
-                excluded=int(archive["excluded"]),
-                joint_names=tuple(map(str, archive["joint_names"])),
-            )
-    except (OSError, ValueError, EOFError, KeyError, AttributeError, TypeError, BadZipFile):
-        raise IdentificationError(
-            f"'{path}' is not a file of information (.npz of Information.save), or a damaged one"
-        ) from None
-
 
 def qr_factor_of(rows: Regression) -> QRFactor:
-    """Return the information of rows. Raises IdentificationError where they are not finite."""
+    """Return the QR factor of rows. Raises IdentificationError if they are not finite."""
     equations = np.unique(rows.joint)
     of_equation = [np.flatnonzero(rows.joint == equation) for equation in equations]
     p, s = len(rows.names), rows.propagated.shape[1]
@@ -156,14 +123,14 @@ def qr_factor_of(rows: Regression) -> QRFactor:
 
 
 def combined(parts: Iterable[QRFactor]) -> QRFactor:
-    """Return the information of all parts together, stacked and factored again.
+    """Return the QR factor of all parts together, stacked and factored again.
 
-    Raises IdentificationError for none, and where columns or carried parameters differ.
+    Raises IdentificationError for no part, and if columns or propagated parameters differ.
     """
     parts = iter(parts)
     first = next(parts, None)
     if first is None:
-        raise IdentificationError("combined needs information, found none")
+        raise IdentificationError("combined needs a QR factor, found none")
     return reduce(_sum, parts, first)
 
 
@@ -185,7 +152,7 @@ def _sum(one: QRFactor, other: QRFactor) -> QRFactor:
     )
     if not same or one.joint_names != other.joint_names:
         raise IdentificationError(
-            f"information adds only where the columns are the same: one has "
+            f"QR factors add only if their columns are the same: one has "
             f"{', '.join(one.names)} ({one.propagated.shape[2]} propagated), the other "
             f"{', '.join(other.names)} ({other.propagated.shape[2]} propagated)"
         )
@@ -214,7 +181,7 @@ def _sum(one: QRFactor, other: QRFactor) -> QRFactor:
 
 
 def _columns(rows: Regression, block: np.ndarray) -> Array:
-    """Return [H y] of some rows in the column order that LAPACK works in without a copy."""
+    """Return [H y] of some rows in column order, which LAPACK factors without a copy."""
     columns = np.empty((len(block), len(rows.names) + 1), order="F")
     columns[:, :-1] = rows.H[block]
     columns[:, -1] = rows.y[block]
@@ -222,6 +189,7 @@ def _columns(rows: Regression, block: np.ndarray) -> Array:
 
 
 def _not_finite(rows: Regression) -> str:
+    """Name the columns that are not finite."""
     bad = [
         name
         for name, column in zip(rows.names, rows.H.T, strict=True)
@@ -229,11 +197,11 @@ def _not_finite(rows: Regression) -> str:
     ]
     if not np.all(np.isfinite(rows.y)):
         bad.append("the torque")
-    return f"rows that are not finite: {', '.join(bad) or 'what is carried along'}"
+    return f"rows that are not finite: {', '.join(bad) or 'propagated parameters'}"
 
 
 _PART = 0.1
-"""A parameter whose share of a combination is below this part of the largest is not named."""
+"""A parameter with less than this part of the largest share of a combination is not named."""
 
 _MOST_TERMS = 4
 _LONGEST_NAME = 40
@@ -242,12 +210,12 @@ _SEEN = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Directions:
-    """Singular directions of rows with columns scaled to unit norm, best told first.
+    """Singular directions of rows with columns scaled to unit norm, best determined first.
 
     `shares` (p,) are the singular values relative to the largest, so that 1 / shares[-1] is the
     condition number; `vectors` (p, p) has the right singular vectors as rows; `norms` (p,) are the
-    norms of the columns. `left` (p, p) are the left singular vectors in the basis of the factor and
-    `largest` the largest singular value.
+    norms of the columns; `left` (p, p) are the left singular vectors in the basis of the factor;
+    `largest` is the largest singular value.
     """
 
     names: tuple[str, ...]
@@ -258,22 +226,22 @@ class Directions:
     largest: float
 
     def terms(self, direction: int) -> list[int]:
-        """Return the parameters that make up a direction, the largest share first."""
+        """Return the parameters of a direction, the largest share first."""
         share = np.abs(self.vectors[direction])
         named = np.flatnonzero(share > _PART * share.max())
         return [int(place) for place in named[np.argsort(-share[named], kind="stable")]]
 
     def text(self, direction: int) -> str:
-        """Return the combination in words, 'A - 0.97 B', in the units of the parameters."""
+        """Return a combination as text, 'A - 0.97 B', in the units of the parameters."""
         terms = self.terms(direction)
         coefficients = self.vectors[direction] * self.norms
-        words = first_term(self.names[terms[0]])
+        text = first_term(self.names[terms[0]])
         for place in terms[1:_MOST_TERMS]:
             value = coefficients[place] / coefficients[terms[0]]
             size = "" if abs(abs(value) - 1) < 5e-3 else f"{abs(value):.2g} "
-            words += f" {'-' if value < 0 else '+'} {size}{first_term(self.names[place])}"
+            text += f" {'-' if value < 0 else '+'} {size}{first_term(self.names[place])}"
         more = len(terms) - _MOST_TERMS
-        return words + (f" and {more} more" if more > 0 else "")
+        return text + (f" and {more} more" if more > 0 else "")
 
 
 def directions(factor: Array, names: tuple[str, ...]) -> Directions:
@@ -286,9 +254,9 @@ def directions(factor: Array, names: tuple[str, ...]) -> Directions:
 
 
 def equation_name(joint_names: tuple[str, ...], index: int) -> str:
-    """Return the joint of an equation, by name where names are known.
+    """Return the name of an equation: its joint, by name if names are known.
 
-    After the n equations of the joints come those of their motors, where both are solved at once.
+    The n equations of the joints precede those of their motors if both sides are solved at once.
     """
     if not joint_names:
         return f"joint {index}"
@@ -296,10 +264,10 @@ def equation_name(joint_names: tuple[str, ...], index: int) -> str:
     return name if index < len(joint_names) else f"motor of {name}"
 
 
-def telling_joints(qr_factor: QRFactor, columns: list[int]) -> list[str]:
-    """Return the joints whose torque tells columns, by name where names are known.
+def determining_joints(qr_factor: QRFactor, columns: list[int]) -> list[str]:
+    """Return the joints whose torque determines columns, by name if names are known.
 
-    Of the equations that see a column the one that sees the fewest others: the outermost joint.
+    Of the equations with a column it is the one with the fewest others: the outermost joint.
     """
     norms = np.linalg.norm(qr_factor.factors[:, :, :-1], axis=1)
     sees = norms > _SEEN * np.max(norms, axis=0, initial=0.0)
@@ -314,5 +282,5 @@ def telling_joints(qr_factor: QRFactor, columns: list[int]) -> list[str]:
 
 
 def first_term(name: str) -> str:
-    """Return a long grouping by its first parameter, which is the base column's own name."""
+    """Return a long grouping by its first parameter, which names the base column."""
     return name if len(name) <= _LONGEST_NAME else f"{name.split(' ')[0]} + ..."

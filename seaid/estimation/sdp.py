@@ -1,16 +1,15 @@
-"""Possible bodies near an estimate, as data: what is told, how well, and what is allowed.
+"""A semidefinite program for physically consistent parameters, and its interior-point method.
 
-A semidefinite program to its regularised minimum, by a primal-dual interior-point method.
-
-The least of chi-square + weight (tr Q - log det Q), the bodies Q positive definite and slacks
-positive. HKM direction (Helmberg, Rendl, Vanderbei and Wolkowicz 1996) with Mehrotra's (1992)
-predictor and corrector and one length for all parts. What rounding may do is fenced in:
+`minimum` minimises chi-square + weight (tr Q - log det Q), with the bodies Q positive definite
+and the slacks positive, by a primal-dual interior-point method: HKM direction (Helmberg, Rendl,
+Vanderbei and Wolkowicz 1996), Mehrotra's (1992) predictor and corrector, and one step length for
+all parts. It is guarded against rounding:
 
 - Newton's equations are solved as least squares, J x = -r, never as J^T J, whose condition number
-  is the square; no matrix of theirs can fail to be positive definite.
-- A point is left for another only where the triangular factors of that one exist.
-- Neither weight nor barrier falls below 1e-9 of chi-square, so that no complementary pair of
-  eigenvalues is further apart than double precision can hold.
+  is the square; none of their matrices can fail to be positive definite.
+- A step is taken only if the triangular factors of the new point exist.
+- Neither weight nor barrier falls below 1e-9 of chi-square, so that the eigenvalues of a
+  complementary pair are not further apart than double precision can represent.
 """
 
 from __future__ import annotations
@@ -30,10 +29,10 @@ from seaid.robot import from_pseudo_inertia, pseudo_inertia
 class Program:
     """An estimate of combinations of f unknowns, the first 10n of which are n bodies.
 
-    columns (p, f) @ unknowns is what `estimate` (p,) tells with covariance root @ root.T; the
-    `pivots` (p,) are unknowns whose columns are those of the identity. `prior` (n, 10) are possible
-    bodies with mass in every direction; `limits` (c, f) @ unknowns >= `bounds` (c,); `start` (f,)
-    keeps all of that strictly.
+    `columns` (p, f) @ unknowns is estimated by `estimate` (p,) with covariance `root` @ `root`.T;
+    the `pivots` (p,) are unknowns whose columns are those of the identity. `prior` (n, 10) are
+    physically consistent bodies with mass in every direction; `limits` (c, f) @ unknowns >=
+    `bounds` (c,); `start` (f,) is strictly feasible.
     """
 
     columns: Array
@@ -62,14 +61,15 @@ class Program:
 
     @cached_property
     def free(self) -> tuple[int, ...]:
-        """The unknowns beside the pivots."""
+        """The unknowns other than the pivots."""
         return tuple(sorted(set(range(self.columns.shape[1])) - set(self.pivots)))
 
     @cached_property
     def span(self) -> tuple[Array, Array]:
-        """Offset (f,) and matrix (f, f): unknowns = offset + matrix @ (u, unknowns that are free).
+        """Offset (f,) and matrix (f, f): unknowns = offset + matrix @ (u, free unknowns).
 
-        Exact for every u and every free unknown: the estimate moves by root @ u and nothing else.
+        It is exact for every u and all free unknowns: the estimate changes by root @ u and nothing
+        else.
         """
         p, f = self.columns.shape
         offset, matrix = np.zeros(f), np.zeros((f, f))
@@ -82,13 +82,13 @@ class Program:
 
     @cached_property
     def prior_roots(self) -> Array:
-        """Triangular factors (n, 4, 4) of the prior's pseudo-inertias, whose Q is 1."""
+        """Triangular factors (n, 4, 4) of the prior's pseudo-inertias."""
         prior = np.array([pseudo_inertia(parameters) for parameters in self.prior])
         return np.asarray(safely(np.linalg.cholesky, prior, what="the bodies of the prior"))
 
     @cached_property
     def cones(self) -> tuple[Array, Array]:
-        """Offset (n, 4, 4) and matrix (n, f, 4, 4) of the pseudo-inertias, 1 at the prior's."""
+        """Offset (n, 4, 4) and matrix (n, f, 4, 4) of the scaled pseudo-inertias Q."""
         offset, matrix = self.span
         basis = np.array([pseudo_inertia(unit) for unit in np.eye(10)])
         first, blocks = [], []
@@ -101,12 +101,12 @@ class Program:
 
     @cached_property
     def slack(self) -> tuple[Array, Array]:
-        """Offset (c,) and matrix (c, f) of what the inequalities leave."""
+        """Offset (c,) and matrix (c, f) of the slacks of the inequalities."""
         offset, matrix = self.span
         return self.limits @ offset - self.bounds, self.limits @ matrix
 
     def scaled(self, unknowns: Array) -> Array:
-        """Return the pseudo-inertias Q (n, 4, 4) of unknowns (f,), 1 at the prior's."""
+        """Return the pseudo-inertias Q (n, 4, 4) of unknowns (f,), the identity at the prior."""
         half = np.linalg.inv(self.prior_roots)
         bodies = unknowns[: self.prior.size].reshape(-1, 10)
         return np.asarray(
@@ -114,7 +114,7 @@ class Program:
         )
 
     def bodies(self, Q: Array) -> Array:
-        """Return the parameters (n, 10) of scaled pseudo-inertias: possible if they are."""
+        """Return the parameters (n, 10) of scaled pseudo-inertias."""
         pseudo = self.prior_roots @ Q @ self.prior_roots.transpose(0, 2, 1)
         return np.array([from_pseudo_inertia(one) for one in pseudo])
 
@@ -125,11 +125,11 @@ class Program:
         return np.concatenate([u, unknowns[list(self.free)]])
 
 
-def root_of(covariance: Array, values: Array) -> Array:
+def covariance_root(covariance: Array, values: Array) -> Array:
     """Return root (p, p) with root @ root.T = covariance, invertible for every covariance.
 
-    A standard error counts as 1e-10 of its value at least, and a combination of values that are in
-    standard errors as 1e-10 of the largest: better is nothing known in double precision.
+    A standard error counts as at least 1e-10 of its value, and a principal direction as at least
+    1e-10 of the largest, the limits of double precision.
     """
     covariance = finite("covariance", covariance, (len(values),) * 2, IdentificationError)
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -141,37 +141,39 @@ def root_of(covariance: Array, values: Array) -> Array:
     return np.asarray(scale[:, None] * vectors * np.sqrt(spread))
 
 
-def least_spread(covariance: Array, white: Array) -> Array:
-    """Return the covariance with no combination known better than noise that is white allows.
+def floored_covariance(covariance: Array, white: Array) -> Array:
+    """Return the covariance, in no direction smaller than that of white noise.
 
-    A long-run covariance from a finite record is far too small in its smallest directions, and
-    they would decide what is nearest. `white` (p, p) is positive definite.
+    A long-run covariance from a finite log is far too small in its smallest directions, which would
+    dominate the distance. `white` (p, p) is positive definite.
     """
     ratios, vectors = safely(
-        linalg.eigh, covariance, white, what="the covariance beside that of white noise"
+        linalg.eigh, covariance, white, what="the covariance relative to that of white noise"
     )
+    # covariance v = ratio white v with v^T white v = 1: covariance = sum ratio (white v)(white v)^T
     half = white @ vectors * np.sqrt(np.maximum(ratios, 1.0))
     return np.asarray(half @ half.T)
 
 
 BARRIER = 1e-6
-"""What a linear inequality may cost in chi-square: its logarithmic barrier's weight."""
+"""Weight of the logarithmic barrier of a linear inequality: its cost in chi-square."""
 
 RESOLVED = 1e-9
 """Part of chi-square below which neither a weight nor a barrier can be resolved."""
 
 _SETTLED = 1e-9
-"""Decrement of the merit in units of the weight at which the minimum is found."""
+"""Decrement of the merit, in units of the weight, at which the minimum is reached."""
 
 _ROUNDING = 1e-11
-"""The same as a part of chi-square: far from the estimate no more can be resolved."""
+"""The same as a part of chi-square, for points far from the estimate."""
 
 _STALLED = 1e-2
-"""Decrement of the merit in units of the weight that is enough where it falls no more."""
+"""Decrement of the merit, in units of the weight, that suffices once it stops falling."""
 
 _STUCK, _LATE = 1e-3, 10
-"""Length of a step, and number of last steps, by which rounding stops it: then twice the weight is
-a small decrement."""
+"""Step length, and number of final steps, at which rounding ends the search: then a decrement of
+twice the weight suffices.
+"""
 
 _ATTEMPTS = ((RESOLVED, 1e-8), (1e2 * RESOLVED, 1e-5), (1e4 * RESOLVED, 1e-2))
 """Least parts: of weight and barrier in chi-square, and of the barrier in the weight."""
@@ -183,14 +185,14 @@ _LEAST_CENTRING = 1e-4
 _LONG = 0.3
 
 _APART = 1e4
-"""How far a complementary product may be from their mean; further it is of no use to the next."""
+"""Largest ratio of a complementary product to their mean that helps the next step."""
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
     """(u, free unknowns), the bodies Q (n, 4, 4), slacks (c,), and the multipliers of both.
 
-    The first `p` of the unknowns x are u; `roots` are the triangular factors of Q, and some of Z.
+    The first `p` of the unknowns x are u; `roots` are the triangular factors of Q and of Z.
     """
 
     x: Array
@@ -226,7 +228,7 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Where the merit is least, with the weight that counted; `freedom` is that of its values."""
+    """The minimising point, the weight that was resolved, and the `freedom` of its values."""
 
     point: Point
     weight: float
@@ -249,7 +251,7 @@ class _System:
     """Newton's equations: J = basis @ factor @ permutation, columns in units of `scale`.
 
     `rows` is the order of the rows of J, the largest first: with it and with pivoted columns the
-    factor is as exact in small rows as in large ones (Cox and Higham 1998).
+    factor is as accurate in small rows as in large ones (Cox and Higham 1998).
     """
 
     basis: Array
@@ -259,7 +261,7 @@ class _System:
     scale: Array
 
     def solved(self, rest: Array) -> tuple[Array, float]:
-        """Return x of the least |J x + rest|, and |J x|^2."""
+        """Return x that minimises |J x + rest|, and |J x|^2."""
         along = self.basis.T @ rest[self.rows]
         x = np.empty_like(along)
         x[self.order] = linalg.solve_triangular(self.factor, along, check_finite=False)
@@ -274,38 +276,38 @@ class _System:
 
 
 def minimum(program: Program, weight: float) -> Minimum:
-    """Return where chi-square + weight times the divergence from the prior is least.
+    """Return the minimum of chi-square + weight times the divergence from the prior.
 
-    A weight below 1e-9 of chi-square counts as that; where rounding leaves no way there, one below
-    1e-7 and then 1e-5 does, and barriers are higher. Raises IdentificationError where none leads to
-    an end, and for numbers too large to be squared.
+    A weight below 1e-9 of chi-square counts as that; if rounding prevents convergence, the limit is
+    raised to 1e-7 and then 1e-5, with higher barriers. Raises IdentificationError if no attempt
+    converges, and for numbers too large to be squared.
     """
     start = _start(program, weight)
-    for resolved, beside in _ATTEMPTS:
-        found = _search(program, weight, start, resolved, beside)
+    for resolved, relative in _ATTEMPTS:
+        found = _search(program, weight, start, resolved, relative)
         if found is not None:
             return found
     raise IdentificationError(
-        f"the possible bodies nearest to the prior with weight {weight:.3g} were not found: the "
-        f"search started {np.sqrt(start.chi_square):.3g} standard errors from the estimate and did "
-        "not end. Check payloads, known bodies and bounds against the data, and give bounds that "
-        "are wider"
+        f"the physically consistent bodies nearest to the prior with weight {weight:.3g} were not "
+        f"found: the search started {np.sqrt(start.chi_square):.3g} standard errors from the "
+        "estimate and did not converge. Check payloads, known bodies and bounds against the data, "
+        "or give wider bounds"
     )
 
 
 def _search(
-    program: Program, weight: float, point: Point, resolved: float, beside: float
+    program: Program, weight: float, point: Point, resolved: float, relative: float
 ) -> Minimum | None:
-    """Return the minimum, None where it is not found in so many steps.
+    """Return the minimum, None if the search does not converge.
 
     Neither weight nor barrier falls below the part `resolved` of chi-square, nor the barrier below
-    the part `beside` of the weight: with less its slack is lost in rounding.
+    the part `relative` of the weight, where rounding would dominate its slack.
     """
     used, before, late = np.inf, np.inf, 0
     for _ in range(_MOST_STEPS):
         least = resolved * point.chi_square
         used = max(weight, min(used, least))
-        final = used, max(BARRIER, least, beside * used)
+        final = used, max(BARRIER, least, relative * used)
         system = _system(program, point)
         step, decrement = _direction(program, used, point, system, final)
         last = all(gap <= 2 * target for gap, target in zip(point.gaps, final, strict=True))
@@ -338,14 +340,14 @@ def _start(program: Program, weight: float) -> Point:
     root = _root(Q) if np.isfinite(gap) else None
     if root is None or np.min(slack, initial=1.0) <= 0:
         raise IdentificationError(
-            "possible bodies: estimate, standard errors, prior and bounds are too different in "
+            "physical consistency: estimate, standard errors, prior and bounds differ too much in "
             f"size to be compared: estimates up to {_largest(program.estimate)}, standard errors "
             f"up to {_largest(program.root)}, prior up to {_largest(program.prior)}; check "
             "their units"
         )
     half = np.linalg.inv(root)
     Z = gap * half.transpose(0, 2, 1) @ half
-    # R' R = half' half, as Cholesky would find it, but it cannot fail where Q is nearly singular
+    # R' R = half' half as of Cholesky, but QR cannot fail if Q is nearly singular
     triangle = np.linalg.qr(half, mode="r")
     signs = np.where(np.einsum("nii->ni", triangle) < 0, -1.0, 1.0)[:, :, None]
     dual = np.sqrt(gap) * (signs * triangle).transpose(0, 2, 1)
@@ -383,27 +385,31 @@ def _direction(
     point: Point,
     system: _System,
     targets: tuple[float, float],
-    ahead: _Step | None = None,
+    predictor: _Step | None = None,
     part: float = 1.0,
 ) -> tuple[_Step, float]:
     """Return the step to complementary products `targets`, and the decrement of the merit.
 
-    `ahead` is a step whose second order is made good for, in part.
+    `predictor` is a step of which `part` of the second-order terms is compensated (Mehrotra 1992).
     """
     blocks, matrix = program.cones[1], program.slack[1]
     (root, _), (half, other) = point.roots, point.halves
-    turned, product = np.zeros_like(point.Q), np.zeros_like(point.slack)
-    if ahead is not None:
-        turned = part * ahead.Z @ ahead.Q @ point.inverse
-        product = part * ahead.slack * ahead.multipliers
+    second_order, product = np.zeros_like(point.Q), np.zeros_like(point.slack)
+    if predictor is not None:
+        second_order = part * predictor.Z @ predictor.Q @ point.inverse
+        product = part * predictor.slack * predictor.multipliers
     upper = root.transpose(0, 2, 1)
-    pull = (weight * upper - targets[0] * half + upper @ turned) @ other.transpose(0, 2, 1)
+    pull = (weight * upper - targets[0] * half + upper @ second_order) @ other.transpose(0, 2, 1)
     push = (product - targets[1]) / np.sqrt(point.multipliers * point.slack)
     rest = np.concatenate([pull.ravel(), push, np.sqrt(2.0) * point.x[: point.p]])
     x, decrement = system.solved(rest)
     Q, slack = np.tensordot(x, blocks, (0, 1)), matrix @ x
-    turned = turned + point.Z @ Q @ point.inverse
-    Z = targets[0] * point.inverse - point.Z - 0.5 * (turned + turned.transpose(0, 2, 1))
+    product_change = second_order + point.Z @ Q @ point.inverse
+    Z = (
+        targets[0] * point.inverse
+        - point.Z
+        - 0.5 * (product_change + product_change.transpose(0, 2, 1))
+    )
     multipliers = (targets[1] - product - point.multipliers * slack) / point.slack
     return _Step(x, Q, slack, Z, multipliers - point.multipliers), decrement
 
@@ -414,21 +420,21 @@ def _corrected(
     point: Point,
     system: _System,
     final: tuple[float, float],
-    ahead: _Step,
+    predictor: _Step,
 ) -> _Step:
-    """Return Mehrotra's step: as central as the way straight `ahead` to the end is short.
+    """Return Mehrotra's corrector: the more centred, the shorter the `predictor` step is.
 
-    What the second order is worth is seen: of it whole, in part and not at all the one is taken
-    that leaves the longest way, if the first is not long enough.
+    If the step with the whole second-order correction is short, a part of it or none is tried,
+    and the longest step is taken.
     """
-    reach = _length(point, ahead)
-    centring = max((1 - reach) ** 3, _LEAST_CENTRING)
+    reach = _length(point, predictor)
+    centring = max((1 - reach) ** 3, _LEAST_CENTRING)  # Mehrotra 1992
     bodies, limits = (
         max(target, centring * gap) for target, gap in zip(final, point.gaps, strict=True)
     )
-    best, longest = ahead, 0.0
+    best, longest = predictor, 0.0
     for part in (1.0, reach, 0.0):
-        step, _ = _direction(program, weight, point, system, (bodies, limits), ahead, part)
+        step, _ = _direction(program, weight, point, system, (bodies, limits), predictor, part)
         length = _length(point, step)
         if length > longest:
             best, longest = step, length
@@ -438,13 +444,13 @@ def _corrected(
 
 
 def _moved(program: Program, point: Point, step: _Step) -> tuple[Point | None, float]:
-    """Return the point after a step that stays inside, and its length; None where none does."""
+    """Return the point after a step shortened to stay feasible, None if too short; its length."""
     length = _length(point, step)
     for _ in range(_MOST_CUTS):
         x = point.x + length * step.x
         Q, slack = _inside(program, x)
         root = _root(Q)
-        if root is None:  # the sum of x may be all rounding: what was added is exact
+        if root is None:  # the sum over x may be all rounding: add the exact change instead
             Q = point.Q + length * step.Q
             root = _root(Q)
         ahead = point.slack + length * step.slack
@@ -460,7 +466,7 @@ def _moved(program: Program, point: Point, step: _Step) -> tuple[Point | None, f
 def _balanced(
     x: Array, Q: Array, slack: Array, Z: Array, multipliers: Array, root: Array, p: int
 ) -> Point:
-    """Return a point whose complementary products are not too far from their mean."""
+    """Return the point with its complementary products limited to a range about their mean."""
     products, vectors = np.linalg.eigh(root.transpose(0, 2, 1) @ Z @ root)
     near = np.mean(products)
     products = np.clip(products, near / _APART, near * _APART)
@@ -472,7 +478,7 @@ def _balanced(
 
 
 def _root(matrices: Array) -> Array | None:
-    """Return the triangular factors, None where a matrix is not positive definite."""
+    """Return the Cholesky factors, None if a matrix is not positive definite."""
     try:
         return np.asarray(np.linalg.cholesky(matrices))
     except np.linalg.LinAlgError:
@@ -480,7 +486,7 @@ def _root(matrices: Array) -> Array | None:
 
 
 def _length(point: Point, step: _Step) -> float:
-    """Return how much of a step keeps matrices positive definite and values positive."""
+    """Return the part of a step that keeps matrices positive definite and slacks positive."""
     steepest = 0.0
     for half, change in zip(point.halves, (step.Q, step.Z), strict=True):
         ratios = np.linalg.eigvalsh(half @ change @ half.transpose(0, 2, 1))

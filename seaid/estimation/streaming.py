@@ -1,7 +1,8 @@
-"""Estimates from logs that do not fit into memory: rows piece by piece, information, estimate.
+"""Estimates from logs that do not fit into memory.
 
-Each piece of a log is read and reconstructed once for all equations asked for; their rows, a small
-part of the log, wait for the parameters in temporary files, since the covariance needs residuals.
+Each piece of a log is read and reconstructed once for all equations. The rows, a small part of
+the log, are stored in temporary files until the parameters are known, because the covariance
+needs the residuals.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from seaid._arrays import Array
 from seaid.errors import LogError, reason_of
 from seaid.estimation.covariance import at_slots, long_run, slots
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.least_squares import estimate_of, score_factors, settled_weights, solve
+from seaid.estimation.least_squares import estimate_of, score_factors, solve
 from seaid.estimation.qr_factor import QRFactor, combined, qr_factor_of
 from seaid.log import LongLog
 from seaid.regressor import Regress, Regression, regressions_of_parts
@@ -32,43 +33,16 @@ _ARRAYS = ("H", "y", "joint", "time", "run", "propagated")
 
 
 def unchanged(rows: Regression) -> Regression:
-    """Return rows as they are."""
+    """Return the rows as they are."""
     return rows
-
-
-def stream_qr_factor(logs: Sequence[LongLog], regress: Regress) -> QRFactor:
-    """Return the information of long logs, each read once.
-
-    `regress` makes the rows of a motion: lambda motion: actuator_regression(robot, motion, joint),
-    or load_regression with the springs of a first turn. Raises LogError for logs that differ in
-    their columns.
-    """
-    return combined(
-        qr_factor_of(rows) for log in logs for _, rows in regressions_of_parts(log, {"": regress})
-    )
-
-
-def stream_estimate(
-    logs: Sequence[LongLog],
-    regress: Regress,
-    weigh: Weigh = settled_weights,
-    propagated: Array | None = None,
-) -> tuple[Estimate, QRFactor]:
-    """Return estimate and information of long logs; the covariance is that of all rows in memory.
-
-    `weigh` gives the weights of the equations (`settled_weights` or `equal_weights`), `propagated`
-    as in `ordinary`. Each log is read once. Raises as `stream_qr_factor` and `ordinary` do.
-    """
-    with stored_rows(logs, {"": regress}) as stored:
-        return stored_estimate(stored[""], weigh, propagated)
 
 
 @dataclass(eq=False)
 class StoredRows:
-    """Rows of one equation of several long logs, in a file, piece by piece.
+    """Rows of one equation of several long logs, stored in a file piece by piece.
 
     `parts` are the regressions without their rows, each with the number of its log; `spans` {log:
-    first and last instant [s]} of its rows, `steps_s` (logs,) the times between them.
+    first and last instant [s]} of its rows; `steps_s` (logs,) the times between them.
     """
 
     file: IO[bytes]
@@ -77,7 +51,7 @@ class StoredRows:
     spans: dict[int, tuple[float, float]] = field(default_factory=dict)
 
     def add(self, log: int, rows: Regression) -> None:
-        """Put the next piece of a log into the file."""
+        """Append the next piece of a log to the file."""
         for name in _ARRAYS:
             np.save(self.file, getattr(rows, name), allow_pickle=False)
         self.parts.append(
@@ -89,7 +63,7 @@ class StoredRows:
             self.spans[log] = min(start, times[0]), max(end, times[1])
 
     def pieces(self, change: Change) -> Iterator[tuple[int, Regression]]:
-        """Yield the number of the log and the rows of every piece, as `change` makes them."""
+        """Yield the number of the log and the rows of every piece after `change`."""
         self.file.seek(0)
         for log, part in self.parts:
             arrays = {name: np.load(self.file, allow_pickle=False) for name in _ARRAYS}
@@ -100,9 +74,9 @@ class StoredRows:
 def stored_rows(
     logs: Sequence[LongLog], equations: Mapping[str, Regress]
 ) -> Iterator[dict[str, StoredRows]]:
-    """Give the rows of several equations {name: what makes them of a motion}, each log read once.
+    """Yield the stored rows of several equations {name: function of a motion}; read each log once.
 
-    Raises LogError where the temporary folder has no room for them.
+    Raises LogError if the temporary folder has no room for them.
     """
     steps = tuple(log.step_s for log in logs)
     with ExitStack() as files:
@@ -120,6 +94,7 @@ def stored_rows(
 
 @contextmanager
 def _room_needed() -> Iterator[None]:
+    """Convert an OSError of the temporary file to a LogError."""
     try:
         yield
     except OSError as problem:
@@ -135,9 +110,11 @@ def stored_estimate(
     propagated: Array | None = None,
     change: Change = unchanged,
 ) -> tuple[Estimate, QRFactor]:
-    """Return estimate and information of stored rows, as `stream_estimate`.
+    """Return the estimate from stored rows and their QR factor, as from all rows in memory.
 
-    `change` makes the rows out of those that were stored, with the same instants.
+    `weigh` gives the weights of the equations (`settled_weights` or `equal_weights`); `propagated`
+    as in `ordinary`; `change` transforms the stored rows, at the same instants. Raises as
+    `ordinary` does.
     """
     qr_factor = combined(qr_factor_of(rows) for _, rows in stored.pieces(change))
     weights = weigh(qr_factor)
@@ -163,7 +140,7 @@ def _scores(
     step_s: float,
     factors: Callable[[Regression], Array],
 ) -> Iterator[Array]:
-    """Yield the scores (T, p) of the regressions of a log by instant, one after the other."""
+    """Yield the scores (T, p) of the pieces of a log, by instant."""
     done = 0
     for rows in pieces:
         summed = at_slots(rows.H, factors(rows), slots(rows.time, start_s, step_s) - done)

@@ -1,8 +1,7 @@
-"""Variable projection: few parameters that bend the model, many in which it is linear.
+"""Variable projection: least squares that is nonlinear in few of its parameters.
 
-y(v) = H(v) theta + noise. For given v the best theta is linear least squares; what is left is a
-search over v alone (Golub and Pereyra 1973), with Kaufman's Jacobian (1975): the slopes of the
-model by v, less what a change of theta makes up for.
+The model is y(v) = H(v) theta + noise. For given v the best theta is linear least squares, so the
+search is over v alone (Golub and Pereyra 1973), with Kaufman's (1975) Jacobian.
 """
 
 from __future__ import annotations
@@ -15,37 +14,37 @@ import numpy as np
 from seaid._arrays import Array, safely
 
 Columns = Callable[[Array], tuple[Array, Array]]
-"""v (b,) -> y (R,) and H (R, p)."""
+"""Function of v (b,) that returns y (R,) and H (R, p)."""
 
 Slopes = Callable[[Array, Array], Array]
-"""v (b,), theta (p,) -> derivative (R, b) of H(v) theta - y(v) by v."""
+"""Function of v (b,) and theta (p,) that returns the derivative (R, b) of H theta - y by v."""
 
-_LOST = 1e-9
+_RANK_TOLERANCE = 1e-9
 _MOST_EVALUATIONS = 60
 _FEW_STEPS, _MOST_TRIED = 8, 12
 
 
 @dataclass(frozen=True, eq=False)
-class Projected:
-    """The best `nonlinear` (b,) and `linear` (p,) values, and the norm of the residual there."""
+class SeparableFit:
+    """The best `nonlinear` (b,) and `linear` (p,) values, and the norm of the residual."""
 
     nonlinear: Array
     linear: Array
     residual: float
 
 
-def projected(
+def separable_least_squares(
     columns: Columns,
     slopes: Slopes,
     starts: Sequence[Array],
     lower: Array,
     upper: Array,
-) -> Projected:
-    """Return the least-squares fit of a model that is linear but for b parameters.
+) -> SeparableFit:
+    """Return the least-squares fit of a model that is nonlinear in b of its parameters.
 
-    A few steps are taken from the best dozen of the `starts` (each (b,)), and the search goes on
-    from the best of these, within `lower` < v < `upper` (b,), which also set its scale where they
-    are finite; a start on a bound is moved inside.
+    A few iterations from the best dozen of the `starts` (each (b,)) are followed by a full search
+    from the best result, within `lower` < v < `upper` (b,). The bounds also set the scale of the
+    search where they are finite; a start on a bound is moved inside.
     """
 
     def misfit(v: Array) -> float:
@@ -54,17 +53,17 @@ def projected(
     inside = [_inside(np.asarray(start, dtype=float), lower, upper) for start in starts]
     inside = sorted(inside, key=misfit)[:_MOST_TRIED]
     if len(inside) > 1:
-        tried = [_descended(columns, slopes, v, lower, upper, _FEW_STEPS) for v in inside]
+        tried = [_search(columns, slopes, v, lower, upper, _FEW_STEPS) for v in inside]
         inside = [min(tried, key=misfit)]
-    best = _descended(columns, slopes, inside[0], lower, upper, _MOST_EVALUATIONS)
-    rest, theta, _ = _residual(columns, best)
-    return Projected(best, theta, float(np.linalg.norm(rest)))
+    best = _search(columns, slopes, inside[0], lower, upper, _MOST_EVALUATIONS)
+    residual, theta, _ = _residual(columns, best)
+    return SeparableFit(best, theta, float(np.linalg.norm(residual)))
 
 
-def _descended(
+def _search(
     columns: Columns, slopes: Slopes, start: Array, lower: Array, upper: Array, most: int
 ) -> Array:
-    """Return where so many evaluations lead from a start."""
+    """Return v after at most `most` evaluations from a start."""
     from scipy.optimize import least_squares
 
     size = max(float(np.linalg.norm(_residual(columns, start)[0])), 1e-300)
@@ -82,11 +81,11 @@ def _descended(
     def jacobian(v: Array) -> Array:
         _, theta, Q = at(v)
         D = slopes(v, theta)
-        return -(D - Q @ (Q.T @ D)) / size
+        return -(D - Q @ (Q.T @ D)) / size  # Kaufman 1975: -(I - Q Q^T) dH/dv theta
 
     scale = np.where(start != 0, np.abs(start), np.where(np.isfinite(upper), upper, 1.0))
     start = _inside(start, lower, upper)
-    found = least_squares(
+    solution = least_squares(
         residual,
         start,
         jac=jacobian,
@@ -97,23 +96,24 @@ def _descended(
         gtol=1e-14,
         max_nfev=most,
     )
-    return np.asarray(found.x)
+    return np.asarray(solution.x)
 
 
 def _residual(columns: Columns, v: Array) -> tuple[Array, Array, Array]:
-    """Return y - H theta at v, theta, and a basis (R, rank) of what H reaches."""
+    """Return y - H theta at v, theta, and an orthonormal basis (R, rank) of the range of H."""
     y, H = columns(v)
     norms = np.linalg.norm(H, axis=0)
     norms[norms == 0] = 1.0
     U, singular, Vt = safely(np.linalg.svd, H / norms, what="the equations", full_matrices=False)
-    kept = singular > _LOST * max(singular[0], 1e-300) if len(singular) else singular > 0
+    kept = singular > _RANK_TOLERANCE * max(singular[0], 1e-300) if len(singular) else singular > 0
     Q = U[:, kept]
-    told = Q.T @ y
-    theta = Vt[kept].T @ (told / singular[kept]) / norms
-    return y - Q @ told, theta, Q
+    coefficients = Q.T @ y
+    theta = Vt[kept].T @ (coefficients / singular[kept]) / norms
+    return y - Q @ coefficients, theta, Q
 
 
 def _inside(v: Array, lower: Array, upper: Array) -> Array:
+    """Return v moved inside its bounds."""
     with np.errstate(invalid="ignore"):
         width = np.where(np.isfinite(upper - lower), upper - lower, 1.0 + np.abs(v))
     return np.clip(v, lower + 1e-6 * width, upper - 1e-6 * width)

@@ -169,7 +169,7 @@ def _feasible(possible: FeasibleParameters) -> dict[str, Any]:
         "combinations": [
             dict(zip(keys, one, strict=True)) for one in zip(*columns, possible.units, strict=True)
         ],
-        "held": possible.held,
+        "held": possible.active_bounds,
         "notes": possible.notes,
         "flags": possible.flags,
     }

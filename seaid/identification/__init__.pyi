@@ -7,7 +7,6 @@ from .delays import Delay as Delay
 from .delays import correct_delays as correct_delays
 from .delays import estimate_delays as estimate_delays
 from .drive_estimates import POORLY_IDENTIFIED as POORLY_IDENTIFIED
-from .drive_estimates import nominal_values as nominal_values
 from .identification import Identification as Identification
 from .identification import identify as identify
 from .linearisation import under_load as under_load

@@ -1,12 +1,8 @@
-"""Both sides of the springs of several conditions: the rows of all in one regression a side.
+"""Several conditions at once: with and without payload, warm and cold, several robots of one type.
 
-Rows of several conditions as one regression: shared columns once, own ones once a condition.
-
-Several conditions at once: with and without payload, warm and cold, robots of one type.
-
-What the conditions share is estimated from all of them, what is their own from each: one regression
-whose own columns stand once a condition. Two payloads, one of them known, tell what one condition
-cannot, as the torque constant of a motor.
+Shared parameters are estimated from all conditions, condition-specific ones from each: in one
+regression per side, in which a specific column occurs once per condition. Two payloads, one of
+them known, identify what one condition cannot, such as the torque constant of a motor.
 """
 
 from __future__ import annotations
@@ -32,13 +28,18 @@ from seaid.estimation import (
     settled_weights,
     term_test,
 )
-from seaid.identification.datasets import Dataset, Source, records_of, rows_of, sources_of
-from seaid.identification.drive_estimates import joined, spring_of, with_flags
-from seaid.identification.identification import Identification, packed
-from seaid.identification.linearisation import straightened_robot
-from seaid.identification.nonlinear_terms import with_held_flags
-from seaid.identification.two_step import Fit, Sides, known_torques, split_load_side, sprung
-from seaid.log import Motion
+from seaid.identification.datasets import Dataset, Source, datasets_of, rows_of, sources_of
+from seaid.identification.drive_estimates import merged_estimates, spring_of, with_flags
+from seaid.identification.identification import Identification, identification_of
+from seaid.identification.linearisation import linearised_robot
+from seaid.identification.nonlinear_terms import with_fixed_flags
+from seaid.identification.two_step import (
+    RobotEstimate,
+    SideFit,
+    joints_with_torque,
+    split_load_side,
+    spring_torque_joints,
+)
 from seaid.regressor import (
     LoadModel,
     Regression,
@@ -53,14 +54,14 @@ from seaid.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class SharedRows:
-    """Rows of all conditions, and which of their columns (p,) each condition has, in its order."""
+    """Rows of all conditions, and the places (p,) of each condition's columns among them."""
 
     rows: Regression
     places: Mapping[str, tuple[int, ...]]
     names: tuple[str, ...]
 
     def of(self, condition: str, estimate: Estimate) -> Estimate:
-        """Return a condition's part of the estimate, under the names it has there."""
+        """Return a condition's part of the estimate, under the condition's own names."""
         return estimate.part(self.places[condition], self.names)
 
     def place(self, condition: str, name: str) -> int:
@@ -68,23 +69,23 @@ class SharedRows:
         return self.places[condition][self.names.index(name)]
 
 
-def shared_rows(rows: Mapping[str, Regression], own: Sequence[bool]) -> SharedRows:
-    """Return the regressions of conditions as one; `own` (p,) tells the columns not shared.
+def shared_rows(rows: Mapping[str, Regression], specific: Sequence[bool]) -> SharedRows:
+    """Return the regressions of the conditions as one; `specific` (p,) masks columns not shared.
 
-    An own column is named "<name> [<condition>]". Raises IdentificationError where the conditions
-    do not have the same columns.
+    A specific column is named "<name> [<condition>]". Raises IdentificationError if the conditions
+    differ in their columns.
     """
     first, *others = rows
     names = rows[first].names
     for other in others:
         if rows[other].names != names:
             raise IdentificationError(
-                f"condition '{first}' tells {', '.join(names)}; '{other}' tells "
+                f"condition '{first}' has the parameters {', '.join(names)}; '{other}' has "
                 f"{', '.join(rows[other].names)}: conditions need the same sensors and terms"
             )
-    columns = {name: place for place, name in enumerate(_columns(names, own, list(rows)))}
+    columns = {name: place for place, name in enumerate(_columns(names, specific, list(rows)))}
     places = {
-        condition: tuple(columns[text] for text in _columns(names, own, [condition]))
+        condition: tuple(columns[text] for text in _columns(names, specific, [condition]))
         for condition in rows
     }
     units = dict(zip(names, rows[first].units, strict=True))
@@ -102,16 +103,18 @@ def shared_rows(rows: Mapping[str, Regression], own: Sequence[bool]) -> SharedRo
     return SharedRows(replace(stacked(wide), run=run), places, names)
 
 
-def placed_carried(rows: Regression, places: Sequence[int], count: int) -> Regression:
-    """Return the rows with what they carry at `places` among `count` parameters."""
+def placed_propagated(rows: Regression, places: Sequence[int], count: int) -> Regression:
+    """Return the rows with their propagated columns at `places` among `count` parameters."""
     return replace(rows, propagated=_placed(rows.propagated, places, count))
 
 
-def _columns(names: Sequence[str], own: Sequence[bool], conditions: Sequence[str]) -> list[str]:
+def _columns(
+    names: Sequence[str], specific: Sequence[bool], conditions: Sequence[str]
+) -> list[str]:
     return [
         text
-        for name, is_own in zip(names, own, strict=True)
-        for text in ([f"{name} [{one}]" for one in conditions] if is_own else [name])
+        for name, is_specific in zip(names, specific, strict=True)
+        for text in ([f"{name} [{one}]" for one in conditions] if is_specific else [name])
     ]
 
 
@@ -122,30 +125,30 @@ def _placed(columns: Array, places: Sequence[int], count: int) -> Array:
 
 
 BODIES = "bodies"
-"""Stands in `own` for all base parameters."""
+"""Stands for all base parameters in `condition_specific`."""
 
 
 @dataclass(frozen=True, eq=False)
-class ConditionSide:
-    """One side of all conditions: its rows, and the fit of them."""
+class ConditionFit:
+    """One side of all conditions: its rows and their fit."""
 
     rows: Mapping[str, Regression]
     shared: SharedRows
-    fit: Fit
+    fit: SideFit
 
     def of(self, condition: str) -> Estimate:
-        """Return a condition's estimate."""
+        """Return the estimate of a condition."""
         return self.shared.of(condition, self.fit.estimate)
 
     def differences(self) -> dict[str, TermTest]:
-        """Return {own parameter: test of whether the conditions differ in it}."""
+        """Return {specific parameter: test of whether the conditions differ in it}."""
         names = list(self.fit.estimate.names)
         groups: dict[str, list[int]] = {}
         for place, name in enumerate(names):
             if name.endswith("]"):
                 groups.setdefault(name.rsplit(" [", 1)[0], []).append(place)
         change = np.eye(len(names))
-        for columns in groups.values():  # the first is what is common, the others differ from it
+        for columns in groups.values():  # the first column is common, the others are differences
             change[columns, columns[0]] = 1.0
         rows = self.shared.rows
         qr_factor = qr_factor_of(replace(rows, H=rows.H @ change))
@@ -160,24 +163,24 @@ class ConditionSide:
 
 
 @dataclass(frozen=True, eq=False)
-class ConditionSides:
-    """Both sides of all conditions: the `actuators` by joint, and the load of `springs` joints."""
+class ConditionFits:
+    """Both sides of all conditions: `actuators` by joint, `load` with the joints in `springs`."""
 
     robots: Mapping[str, Robot]
     models: Mapping[str, LoadModel]
-    actuators: Mapping[str, ConditionSide]
-    load: ConditionSide
+    actuators: Mapping[str, ConditionFit]
+    load: ConditionFit
     springs: tuple[str, ...]
 
     def differences(self) -> dict[str, TermTest]:
-        """Return {own parameter (of a joint): test of whether the conditions differ in it}."""
+        """Return {specific parameter (of a joint): test of whether the conditions differ in it}."""
         return {
             f"{name} of {joint}": test
             for joint, side in self.actuators.items()
             for name, test in side.differences().items()
         } | self.load.differences()
 
-    def of(self, condition: str) -> Sides:
+    def of(self, condition: str) -> RobotEstimate:
         """Return one condition's part of all fits, as `identify` would."""
         robot, model = self.robots[condition], self.models[condition]
         drives = {
@@ -187,9 +190,9 @@ class ConditionSides:
         load_side, fit = self.load.of(condition), self.load.fit
         white = replace(fit.estimate, covariance=fit.white_covariance)
         base, others = split_load_side(model, load_side)
-        found = joined(drives, others)
+        found = merged_estimates(drives, others)
         sides = {**self.actuators, "load": self.load}
-        return Sides(
+        return RobotEstimate(
             drives={joint: found[joint] for joint in robot.joint_names if joint in found},
             load=base,
             load_side=load_side,
@@ -202,44 +205,42 @@ class ConditionSides:
         )
 
 
-def condition_sides(
+def estimate_conditions(
     robots: Mapping[str, Robot],
     datasets: Mapping[str, Sequence[Dataset]],
     models: Mapping[str, LoadModel],
-    own: Sequence[str],
+    specific: Sequence[str],
     solver: Estimator,
-) -> ConditionSides:
-    """Return both sides of {condition: robot}, one after the other; `own` as `identify_conditions`.
+) -> ConditionFits:
+    """Estimate both sides of {condition: robot}, one after the other.
 
-    Raises IdentificationError where the conditions do not have the same columns.
+    `specific` as `condition_specific` of `identify_conditions`. Raises IdentificationError if the
+    conditions differ in their columns.
     """
     name, first = next(iter(robots.items()))
-    springs = sprung(first, datasets[name], models[name])
+    springs = spring_torque_joints(first, datasets[name], models[name])
     actuators = {
-        joint: _actuator(robots, datasets, joint, own, solver) for joint in first.elastic_joints
+        joint: _actuator(robots, datasets, joint, specific, solver)
+        for joint in first.elastic_joints
     }
-    load = _load(robots, datasets, models, springs, actuators, own, solver)
-    return ConditionSides(robots, models, actuators, load, springs)
+    load = _load(robots, datasets, models, springs, actuators, specific, solver)
+    return ConditionFits(robots, models, actuators, load, springs)
 
 
 def _actuator(
     robots: Mapping[str, Robot],
     datasets: Mapping[str, Sequence[Dataset]],
     joint: str,
-    own: Sequence[str],
+    specific: Sequence[str],
     solver: Estimator,
-) -> ConditionSide:
+) -> ConditionFit:
     rows = {
-        name: rows_of(datasets[name], partial(_actuator_rows, robots[name], joint))
+        name: rows_of(datasets[name], partial(actuator_regression, robots[name], joint=joint))
         for name in robots
     }
     names = next(iter(rows.values())).names
-    is_own = [name in own or f"{name} of {joint}" in own for name in names]
-    return _fitted(rows, is_own, solver, None)
-
-
-def _actuator_rows(robot: Robot, joint: str, motion: Motion) -> Regression:
-    return actuator_regression(robot, motion, joint)
+    is_specific = [name in specific or f"{name} of {joint}" in specific for name in names]
+    return _fitted(rows, is_specific, solver, None)
 
 
 def _load(
@@ -247,10 +248,10 @@ def _load(
     datasets: Mapping[str, Sequence[Dataset]],
     models: Mapping[str, LoadModel],
     joints: Sequence[str],
-    actuators: Mapping[str, ConditionSide],
-    own: Sequence[str],
+    actuators: Mapping[str, ConditionFit],
+    specific: Sequence[str],
     solver: Estimator,
-) -> ConditionSide:
+) -> ConditionFit:
     """Fit (8) of all conditions, with the uncertainty of the springs that they share."""
     first = next(iter(models))
     counts = [len(actuators[joint].fit.estimate.names) for joint in joints]
@@ -260,56 +261,61 @@ def _load(
     for name, robot in robots.items():
         springs = {joint: spring_of(robot, actuators[joint].of(name), joint) for joint in joints}
         values = {joint: spring.values for joint, spring in springs.items()}
-        one = rows_of(datasets[name], partial(_load_rows, robot, models[name], values))
+        one = rows_of(
+            datasets[name], partial(load_regression, robot, model=models[name], springs=values)
+        )
         places = [
             int(start)
             + actuators[joint].shared.places[name][actuators[joint].shared.names.index(p)]
             for joint, start in zip(joints, starts, strict=False)
             for p in springs[joint].names
         ]
-        rows[name] = placed_carried(one, places, int(starts[-1]))
+        rows[name] = placed_propagated(one, places, int(starts[-1]))
     bodies = len(models[first].expressions)
-    is_own = [BODIES in own] * bodies + [
-        name in own or name.split(" of ")[0] in own for name in models[first].names[bodies:]
+    is_specific = [BODIES in specific] * bodies + [
+        name in specific or name.split(" of ")[0] in specific
+        for name in models[first].names[bodies:]
     ]
     propagated = linalg.block_diag(*covariances) if covariances else None
-    return _fitted(rows, is_own, solver, propagated)
-
-
-def _load_rows(
-    robot: Robot, model: LoadModel, springs: Mapping[str, Array], motion: Motion
-) -> Regression:
-    return load_regression(robot, motion, model, springs)
+    return _fitted(rows, is_specific, solver, propagated)
 
 
 def _fitted(
-    rows: Mapping[str, Regression], own: Sequence[bool], solver: Estimator, propagated: Array | None
-) -> ConditionSide:
-    shared = shared_rows(rows, own)
+    rows: Mapping[str, Regression],
+    specific: Sequence[bool],
+    solver: Estimator,
+    propagated: Array | None,
+) -> ConditionFit:
+    shared = shared_rows(rows, specific)
     estimate = solver.solve(shared.rows, propagated)
-    seen = solver.seen(shared.rows, estimate)
-    return ConditionSide(rows, shared, Fit(estimate, qr_factor_of(seen), seen, propagated))
+    seen = solver.effective_rows(shared.rows, estimate)
+    return ConditionFit(rows, shared, SideFit(estimate, qr_factor_of(seen), seen, propagated))
 
 
-OWN = ("spring_offset", "deflection_zero")
-"""Own by default: encoders are zeroed anew when a robot is switched on."""
+CONDITION_SPECIFIC = ("spring_offset", "deflection_zero")
+"""Default: encoders are zeroed anew when a robot is switched on."""
 
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """What several conditions told together.
+    """The identifications of several conditions.
 
-    `found` {condition: Identification}, each whole, equal in what is shared; `own` names what is
-    not. `differences` {parameter: test} say of each own parameter (of a joint) whether the
-    conditions differ in it; shared ones have no entry.
+    Attributes
+    ----------
+    identifications : mapping {condition: Identification}
+        One per condition, with equal shared parameters.
+    condition_specific : tuple of str
+        The parameters that are not shared.
+    differences : mapping {parameter: TermTest}
+        Test per specific parameter of whether the conditions differ in it.
     """
 
-    found: Mapping[str, Identification]
-    own: tuple[str, ...]
+    identifications: Mapping[str, Identification]
+    condition_specific: tuple[str, ...]
     differences: Mapping[str, TermTest]
 
     def summary(self) -> str:
-        """Return the own parameters beside each other, and whether the conditions differ."""
+        """Return a table of the specific parameters, and of whether the conditions differ."""
         from seaid.report import conditions_table
 
         return conditions_table(self)
@@ -318,51 +324,77 @@ class Conditions:
 def identify_conditions(
     conditions: Mapping[str, tuple[Robot, Source | Sequence[Source]]],
     *,
-    own: Sequence[str] = OWN,
+    condition_specific: Sequence[str] = CONDITION_SPECIFIC,
     torque_joints: Sequence[str] | None = None,
     estimator: str = "wls",
     cutoff_hz: float | None = None,
     progress: bool = False,
 ) -> Conditions:
-    """Identify {condition: (robot, logs)} together, the two parts one after the other.
+    """Identify several conditions together, by the two-step method.
 
-    The robots are one type: the same URDF and drives; their payloads may differ. `own` names the
-    parameters that each condition has for itself, of all joints ("viscous_friction") or of one
-    ("viscous_friction of knee"), "bodies" the base parameters; all others are shared. Other options
-    as in `identify`; equations that bend are taken near values of the first condition. Raises
-    IdentificationError for less than two conditions, unknown names and robots that do not have the
-    same joints, drives and base parameters.
+    Parameters
+    ----------
+    conditions : mapping {condition: (robot, logs)}
+        The robots are of one type, with the same URDF and drives; their payloads may differ.
+    condition_specific : sequence of str
+        Parameters estimated per condition, for all joints ("viscous_friction") or for one
+        ("viscous_friction of knee"), or "bodies" for the base parameters. All others are shared.
+    torque_joints, estimator, cutoff_hz, progress
+        As in `identify`. Nonlinear drive equations are linearised near values of the first
+        condition.
+
+    Returns
+    -------
+    Conditions
+
+    Raises
+    ------
+    IdentificationError
+        For less than two conditions, for unknown names, and for robots that differ in joints,
+        drives or base parameters; further errors as in `identify`.
+
+    Examples
+    --------
+    >>> both = seaid.identify_conditions(
+    ...     {"cold": (robot, cold_log), "warm": (robot, warm_log)},
+    ...     condition_specific=("spring_offset", "viscous_friction"),
+    ... )
+    >>> print(both.summary())
     """
-    robots, datasets = _records(conditions, cutoff_hz, progress)
+    robots, datasets = _read(conditions, cutoff_hz, progress)
     first = robots[next(iter(robots))]
-    _check_own(first, own)
+    _check_specific(first, condition_specific)
     used = _used(robots, datasets) if torque_joints is None else first.rows(torque_joints)
     given = robots
-    robots, datasets = _straightened(robots, datasets, used)
+    robots, datasets = _linearised(robots, datasets, used)
     models = {
         name: load_model(robot, base_parameters(robot, torque_joints=used), used)
         for name, robot in robots.items()
     }
     _check_models(models)
-    sides = condition_sides(robots, datasets, models, own, estimator_named(estimator))
+    sides = estimate_conditions(
+        robots, datasets, models, condition_specific, estimator_named(estimator)
+    )
     found = {}
     for name, robot in robots.items():
         part = sides.of(name)
-        drives = with_held_flags(part.drives, given[name], robot)
+        drives = with_fixed_flags(part.drives, given[name], robot)
         part = replace(part, drives=drives)
-        found[name] = packed(robot, models[name], part, datasets[name])
-    return Conditions(FrozenMapping(found), tuple(own), FrozenMapping(sides.differences()))
+        found[name] = identification_of(robot, models[name], part, datasets[name])
+    return Conditions(
+        FrozenMapping(found), tuple(condition_specific), FrozenMapping(sides.differences())
+    )
 
 
-def _records(
+def _read(
     conditions: Mapping[str, tuple[Robot, Source | Sequence[Source]]],
     cutoff_hz: float | None,
     progress: bool,
 ) -> tuple[dict[str, Robot], dict[str, list[Dataset]]]:
-    """Return robots and records of all conditions, in one pass band."""
+    """Return robots and datasets of all conditions, with one cutoff."""
     if len(conditions) < 2:
         raise IdentificationError(
-            f"conditions are estimated together from two on, found {len(conditions)}"
+            f"identify_conditions needs at least two conditions, found {len(conditions)}"
         )
     robots = {name: robot for name, (robot, _) in conditions.items()}
     _check_joints(robots)
@@ -370,7 +402,7 @@ def _records(
 
     def read(cutoff: float | None) -> dict[str, list[Dataset]]:
         return {
-            name: records_of(robots[name], sources[name], cutoff, None, progress)
+            name: datasets_of(robots[name], sources[name], cutoff, None, progress)
             for name in conditions
         }
 
@@ -379,13 +411,13 @@ def _records(
     return robots, datasets if len(bands) == 1 else read(min(bands))
 
 
-def _straightened(
+def _linearised(
     robots: Mapping[str, Robot], datasets: Mapping[str, list[Dataset]], used: Sequence[str]
 ) -> tuple[dict[str, Robot], dict[str, list[Dataset]]]:
-    """Return robots near whose values drives that bend are taken: those of the first condition."""
+    """Return robots with drives linearised near the values of the first condition, and datasets."""
     found, known = dict(robots), {}
     for place, (name, robot) in enumerate(robots.items()):
-        straight, known[name] = straightened_robot(found[name], datasets[name], used)
+        straight, known[name] = linearised_robot(found[name], datasets[name], used)
         if place == 0 and straight is not robot:
             alike = {x: one for x, one in robots.items() if one.drives == robot.drives}
             found |= {x: one.with_drives(straight.drives) for x, one in alike.items()}
@@ -394,7 +426,7 @@ def _straightened(
 
 def _used(robots: Mapping[str, Robot], datasets: Mapping[str, list[Dataset]]) -> tuple[str, ...]:
     """Return the joints whose torque is measured in every condition."""
-    known = [known_torques(robots[name], datasets[name]) for name in robots]
+    known = [joints_with_torque(robots[name], datasets[name]) for name in robots]
     return tuple(joint for joint in known[0] if all(joint in one for one in known))
 
 
@@ -408,14 +440,18 @@ def _check_joints(robots: Mapping[str, Robot]) -> None:
             )
 
 
-def _check_own(robot: Robot, own: Sequence[str]) -> None:
+def _check_specific(robot: Robot, specific: Sequence[str]) -> None:
     allowed = [BODIES, *PARAMETERS]
-    for name in own:
+    for name in specific:
         parameter, _, joint = name.partition(" of ")
         if parameter not in allowed:
-            raise IdentificationError("own=: " + unknown_name("parameter", parameter, allowed))
+            raise IdentificationError(
+                "condition_specific=: " + unknown_name("parameter", parameter, allowed)
+            )
         if joint and joint not in robot.joint_names:
-            raise IdentificationError("own=: " + unknown_name("joint", joint, robot.joint_names))
+            raise IdentificationError(
+                "condition_specific=: " + unknown_name("joint", joint, robot.joint_names)
+            )
 
 
 def _check_models(models: Mapping[str, LoadModel]) -> None:

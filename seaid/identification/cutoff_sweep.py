@@ -1,4 +1,4 @@
-"""How the estimate depends on the pass band: the same identification over several cutoffs."""
+"""Sensitivity of the estimate to the cutoff: the same identification over several cutoffs."""
 
 from __future__ import annotations
 
@@ -19,16 +19,25 @@ from seaid.robot import Robot
 _FACTORS = (1 / 3, 1 / 2, 1 / np.sqrt(2), np.sqrt(2), 2.0, 3.0)
 
 NEAR = 2.0
-"""Bands within this factor of the proposed one are those that could have been proposed as well."""
+"""Cutoffs within this factor of the proposed one could have been proposed as well."""
 
 
 @dataclass(frozen=True, eq=False)
 class CutoffSensitivity:
-    """Estimates `values` and `standard_errors` (C, p) over `cutoffs_hz` (C,), which increase.
+    """Estimates over the cutoff; str() is a table.
 
-    `names` and `units` (p,) are those of drives and base parameters; `proposed` is the place of the
-    band that the data propose. Rows of cutoffs that gave no answer are NaN, `refused` {cutoff: why}
-    says why. str() is the table.
+    Attributes
+    ----------
+    cutoffs_hz : ndarray (C,)
+        Cutoffs in increasing order.
+    names, units : tuple of str (p,)
+        Parameters of drives and base parameters.
+    values, standard_errors : ndarray (C, p)
+        Estimates per cutoff, NaN where the identification failed.
+    proposed : int
+        Index of the cutoff proposed from the data.
+    refused : mapping {cutoff: reason}
+        Cutoffs at which the identification failed.
     """
 
     cutoffs_hz: Array
@@ -47,8 +56,9 @@ class CutoffSensitivity:
 
     @property
     def moves(self) -> Array:
-        """How far each estimate (p,) moves from the proposed one in bands up to twice or half as
-        wide, in standard errors of the proposed one.
+        """Largest change (p,) from the estimate at the proposed cutoff, in standard errors.
+
+        Over cutoffs within a factor of two of the proposed one.
         """
         ratio = self.cutoffs_hz / self.cutoffs_hz[self.proposed]
         near = (ratio <= NEAR * 1.001) & (ratio >= 0.999 / NEAR) & ~np.isnan(self.values[:, 0])
@@ -61,7 +71,7 @@ class CutoffSensitivity:
         return sensitivity_table(self)
 
     def save_figure(self, path: str | Path) -> None:
-        """Draw estimates and 95 % intervals over the cutoff as PNG, the proposed one marked."""
+        """Draw estimates and 95 % intervals over the cutoff as PNG, the proposed cutoff marked."""
         from seaid.report import save_sensitivity_figure
 
         save_sensitivity_figure(self, path)
@@ -75,12 +85,35 @@ def cutoff_sensitivity(
     progress: bool = False,
     **options: Any,
 ) -> CutoffSensitivity:
-    """Return what `identify` with `options` finds in the proposed pass band and in others.
+    """Repeat an identification over several cutoffs.
 
-    `cutoffs_hz` None: a third to three times the proposed one. An estimate that moves by more than
-    its standard errors say is not to be trusted: noise (wide bands), or a model whose errors grow
-    with frequency. Raises IdentificationError where `cutoff_hz` is among the options or a cutoff is
-    not positive, and as `identify` does in the proposed band; what others raise is in `refused`.
+    An estimate that changes by more than its standard error is biased: by noise (high cutoffs), or
+    by model errors that grow with frequency.
+
+    Parameters
+    ----------
+    robot, logs
+        As in `identify`.
+    cutoffs_hz : sequence of float, optional
+        Cutoffs [Hz]. Default: a third to three times the proposed one.
+    progress : bool
+        Show a progress bar.
+    **options
+        Further options of `identify`, without `cutoff_hz`.
+
+    Returns
+    -------
+    CutoffSensitivity
+
+    Raises
+    ------
+    IdentificationError
+        For `cutoff_hz` among the options, and for a cutoff that is not positive. Errors of
+        `identify` at the proposed cutoff are raised, those at other cutoffs are in `refused`.
+
+    Examples
+    --------
+    >>> print(seaid.cutoff_sensitivity(robot, log, [4.0, 8.0, 16.0]))
     """
     if "cutoff_hz" in options:
         raise IdentificationError("cutoff_sensitivity varies cutoff_hz: give cutoffs_hz instead")
@@ -94,7 +127,7 @@ def cutoff_sensitivity(
     names, units = _names(base)
     values, errors = (np.full((len(cutoffs), len(names)), np.nan) for _ in range(2))
     refused: dict[float, str] = {}
-    for place, cutoff in enumerate(track(cutoffs, "identifying in pass bands", progress)):
+    for place, cutoff in enumerate(track(cutoffs, "identifying per cutoff", progress)):
         try:
             same = cutoff == base.cutoff_hz
             found = base if same else identify(robot, logs, cutoff_hz=cutoff, **options)
@@ -102,7 +135,7 @@ def cutoff_sensitivity(
             refused[cutoff] = str(problem)
             continue
         if _names(found) != (names, units):
-            refused[cutoff] = "other parameters are told in this band than in the proposed one"
+            refused[cutoff] = "other parameters are identifiable than at the proposed cutoff"
             continue
         values[place], errors[place] = _estimates(found)
     return CutoffSensitivity(

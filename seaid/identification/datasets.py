@@ -1,4 +1,4 @@
-"""What is identified from: motions of logs in memory, and log files that are read in pieces."""
+"""Datasets of an identification: motions of logs in memory, and log files read in pieces."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from seaid.regressor import Regress, Regression, regressions_of_parts, stacked
 from seaid.robot import Robot
 
 Source = Log | LongLog | str | Path
-"""A log in memory, a log file opened by `open_long_log`, or the path of one with our names."""
+"""A log in memory, a log file opened by `open_long_log`, or a path with standard column names."""
 
 Dataset = Motion | LongLog
 Item = TypeVar("Item")
@@ -36,7 +36,7 @@ Result = TypeVar("Result")
 
 
 def sources_of(logs: Source | Sequence[Source]) -> list[Source]:
-    """Return the logs as a list. Raises IdentificationError where there is none."""
+    """Return the logs as a list. Raises IdentificationError for none, and for other types."""
     found = [logs] if isinstance(logs, Log | LongLog | str | Path) else list(logs)
     if not found:
         raise IdentificationError("identify needs a log, found none")
@@ -49,19 +49,19 @@ def sources_of(logs: Source | Sequence[Source]) -> list[Source]:
     return found
 
 
-def records_of(
+def datasets_of(
     robot: Robot,
     sources: Sequence[Source],
     cutoff_hz: float | None,
     executor: Executor | None,
     progress: bool,
 ) -> list[Dataset]:
-    """Return the motions of all logs in one pass band: the given one, or the narrowest proposed.
+    """Return the motions of all logs with one cutoff: the given one, or the lowest one proposed.
 
-    Not narrower, though, than the shortest log allows. A log with holes in time has one motion for
-    each stretch between them. The executor reconstructs them, one log a task.
+    The common cutoff is not below the limit of the shortest log. A log with gaps in time has one
+    motion per stretch between them. The executor reconstructs one log per task.
     """
-    groups = _mapped(partial(_records, robot, cutoff_hz), sources, executor, progress)
+    groups = _mapped(partial(_datasets, robot, cutoff_hz), sources, executor, progress)
     allowed = [
         1.001 * max(FEWEST_PERIODS / sum(lengths), SHORTEST_STRETCH / max(lengths))
         for group in groups
@@ -71,7 +71,7 @@ def records_of(
     common = max([min(group[0].cutoff_hz for group in groups), *allowed])
     others = [place for place, group in enumerate(groups) if group[0].cutoff_hz != common]
     again = [sources[place] for place in others]
-    redone = _mapped(partial(_records, robot, common), again, executor, progress)
+    redone = _mapped(partial(_datasets, robot, common), again, executor, progress)
     for place, group in zip(others, redone, strict=True):
         groups[place] = [_in_common(dataset) for dataset in group]
     return [dataset for group in groups for dataset in group]
@@ -84,29 +84,29 @@ def _duration(dataset: Dataset) -> float:
 def _in_common(dataset: Dataset) -> Dataset:
     if isinstance(dataset, LongLog) or dataset.processing is None:
         return dataset
-    band = CutoffSelection(dataset.cutoff_hz, "which suits all the logs together")
+    band = CutoffSelection(dataset.cutoff_hz, "common to all logs")
     return replace(dataset, processing=replace(dataset.processing, cutoff_selection=band))
 
 
 def processing_of(datasets: Sequence[Dataset]) -> tuple[Processing, ...]:
-    """Return what was done to each log; of a long one, to its first piece."""
+    """Return the processing of each log; of a long log, that of its first piece."""
     return tuple(dataset.processing for dataset in datasets if dataset.processing is not None)
 
 
 def first_motion(dataset: Dataset) -> Motion:
-    """Return the motion, or that of the first piece of a long log: it has the same sensors."""
+    """Return the motion, or that of the first piece of a long log, which has the same sensors."""
     return dataset if isinstance(dataset, Motion) else next(dataset.motions())[0]
 
 
 def rows_of(
     datasets: Sequence[Dataset], regress: Regress, executor: Executor | None = None
 ) -> Regression:
-    """Return the rows of all records as one regression, those of each by the executor."""
+    """Return the rows of all datasets as one regression; the executor takes one per task."""
     return stacked(_map(partial(_rows, regress), datasets, executor))
 
 
-def _records(robot: Robot, cutoff_hz: float | None, source: Source) -> list[Dataset]:
-    """Return a log file read in pieces, or the motions between the holes of a log in memory."""
+def _datasets(robot: Robot, cutoff_hz: float | None, source: Source) -> list[Dataset]:
+    """Return a log file read in pieces, or the motions between the gaps of a log in memory."""
     if isinstance(source, Log):
         return list(reconstruct_motions(robot, source, cutoff_hz))
     if isinstance(source, LongLog):

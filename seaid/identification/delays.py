@@ -1,4 +1,4 @@
-"""Delays between channels that should agree: how late one is, how sure that is; correction."""
+"""Delays between the channels of a log: estimates with standard errors, and their correction."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from seaid.regressor import (
 from seaid.robot import Robot
 
 SIGNIFICANT = 4.0
-"""A delay of so many standard errors is taken to be one."""
+"""A delay above this many standard errors is significant."""
 
 _TRIALS = 41
 _WIDER = 2.0
@@ -43,10 +43,19 @@ _RANK = 1e-10
 
 @dataclass(frozen=True)
 class Delay:
-    """How late the samples of a `channel` (field of Log) of a joint are, `against` others, in s.
+    """Delay of a channel of a joint relative to other channels.
 
-    More than zero: a sample shows what was `delay_s` before its stamp. `standard_error_s` counts
-    the autocorrelation of what is left; it is infinite where the motion tells nothing.
+    Attributes
+    ----------
+    joint, channel : str
+        Joint, and field of Log of the delayed channel.
+    against : str
+        The channels with which it was compared.
+    delay_s : float
+        Delay [s]: a positive value means that samples show the state `delay_s` before their time.
+    standard_error_s : float
+        Standard error [s] with autocorrelation; infinite if the motion does not determine the
+        delay.
     """
 
     joint: str
@@ -57,12 +66,14 @@ class Delay:
 
     @property
     def is_significant(self) -> bool:
-        """Tell whether it is more than four standard errors from none."""
+        """Whether the delay is larger than four standard errors."""
         return abs(self.delay_s) > SIGNIFICANT * self.standard_error_s
 
     def __str__(self) -> str:
         if not math.isfinite(self.standard_error_s):
-            return f"{self.joint}: delay of its {self.channel} against {self.against} not told"
+            return (
+                f"{self.joint}: delay of its {self.channel} against {self.against} not determined"
+            )
         late = "late" if self.delay_s > 0 else "early"
         word = "" if self.is_significant else ", not significant"
         return (
@@ -72,8 +83,8 @@ class Delay:
 
 
 @dataclass(frozen=True, eq=False)
-class _Agreement:
-    """What agrees without a delay: channel (T,) + rest (T,) = columns (T, p) @ anything."""
+class _Relation:
+    """A linear relation without a delay: channel (T,) + rest (T,) = columns (T, p) @ parameters."""
 
     joint: str
     channel: str
@@ -87,17 +98,43 @@ class _Agreement:
 def estimate_delays(
     robot: Robot, log: Log, *, largest_s: float = 0.03, cutoff_hz: float | None = None
 ) -> tuple[Delay, ...]:
-    """Return the delay of each channel that others of its joint can tell.
+    """Estimate the delay of each channel that is redundant with other channels of its joint.
 
-    The motor position of a stiff drive against the joint position; that of an elastic one against
-    the spring's torque where it was measured, else against the load that bends the spring. Then,
-    with these taken out where significant, torques: the motor's of an elastic joint against (10),
-    the torque of a stiff one against (8), a spring's torque against the deflection. The delay is
-    the one at which least is left of that linear model in the pass band (variable projection, Golub
-    and Pereyra 1973), within +-`largest_s`. `cutoff_hz` None: twice that of an identification,
-    since what is fast tells delays. What the model lacks is not told from a delay: a viscous
-    friction on the load side of an elastic joint looks like a late motor position. A log with holes
-    in time is asked by its longest stretch. Raises LogError for a log that does not fit the robot.
+    The motor position of a stiff drive is compared with the joint position; that of an elastic
+    drive with the measured spring torque or else with the load on the spring. Then, with
+    significant delays of positions corrected, torques: the motor torque of an elastic joint with
+    (10), that of a stiff one with (8), and a measured spring torque with the deflection. Each delay
+    minimises the residual of that linear model below the cutoff (variable projection, Golub and
+    Pereyra 1973). Missing terms of the model may look like a delay: viscous friction on the load
+    side of an elastic joint looks like a late motor position. Of a log with gaps in time the
+    longest stretch is used.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot model.
+    log : Log
+        The log.
+    largest_s : float
+        Largest delay of the search [s], below a tenth of the log.
+    cutoff_hz : float, optional
+        Cutoff of the low pass. Default: twice that of an identification, since fast motion
+        determines delays best.
+
+    Returns
+    -------
+    tuple of Delay
+        One per pair of redundant channels.
+
+    Raises
+    ------
+    LogError
+        For a log that does not fit the robot, and for a wrong `largest_s`.
+
+    Examples
+    --------
+    >>> delays = seaid.estimate_delays(robot, log)
+    >>> log = seaid.correct_delays(log, delays)
     """
     motion = _longest_motion(robot, log, cutoff_hz)
     if cutoff_hz is None:
@@ -119,10 +156,29 @@ def _longest_motion(robot: Robot, log: Log, cutoff_hz: float | None) -> Motion:
 
 
 def correct_delays(log: Log, delays: Sequence[Delay]) -> Log:
-    """Return the log with every significant delay taken out; the ends that nothing covers are cut.
+    """Return the log with every significant delay corrected.
 
-    Channels are interpolated at the times at which they were true, as the repair does;
-    the log's `report` says so. Raises LogError for a joint or channel that the log does not have.
+    Parameters
+    ----------
+    log : Log
+        The log.
+    delays : sequence of Delay
+        Delays of `estimate_delays`; those that are not significant are ignored.
+
+    Returns
+    -------
+    Log
+        Its channels are interpolated at their true times, as by a repair, and its `report` lists
+        the corrections; the ends that not all channels cover are cut.
+
+    Raises
+    ------
+    LogError
+        For a joint or channel that the log lacks.
+
+    Examples
+    --------
+    >>> seaid.correct_delays(log, seaid.estimate_delays(robot, log)).report
     """
     fields = log.sensors()
     shifts = [delay for delay in delays if delay.is_significant]
@@ -149,10 +205,10 @@ def _as_repair(log: Log, delay: Delay) -> Repair:
     index = log.joint_names.index(delay.joint)
     fields = column_names(delay.joint, log.is_prismatic[index]).items()
     name = next(name for name, field in fields if field == delay.channel)
-    return Repair(name, "delay", 1, float(log.time[0]), f"{delay}; taken out")
+    return Repair(name, "delay", 1, float(log.time[0]), f"{delay}; corrected")
 
 
-def _of_positions(robot: Robot, motion: Motion) -> Iterator[_Agreement]:
+def _of_positions(robot: Robot, motion: Motion) -> Iterator[_Relation]:
     rows = row_samples(motion)
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drives[joint]
@@ -162,7 +218,7 @@ def _of_positions(robot: Robot, motion: Motion) -> Iterator[_Agreement]:
             if np.ptp(motor - drive.ratio * position) > 1e-9 * np.ptp(motor):  # both measured
                 columns = np.column_stack([one, position])
                 against, nothing = "joint position", np.zeros(len(motor))
-                yield _Agreement(joint, "motor_position", against, motor, nothing, columns, rows)
+                yield _Relation(joint, "motor_position", against, motor, nothing, columns, rows)
             continue
         force = sensed_torque(robot, motion, index)
         if np.all(np.isfinite(force)):
@@ -172,16 +228,16 @@ def _of_positions(robot: Robot, motion: Motion) -> Iterator[_Agreement]:
             columns, against = np.column_stack([one, bodies]), "the load on its spring"
         values = drive.motor_radius / drive.ratio * motor
         rest = -drive.load_radius * position
-        yield _Agreement(joint, "motor_position", against, values, rest, columns, rows)
+        yield _Relation(joint, "motor_position", against, values, rest, columns, rows)
 
 
-def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Agreement]:
+def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Relation]:
     rows = row_samples(motion)
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drives[joint]
         by_name = signals(robot, motion, index)
         nothing = np.zeros(len(motion.time))
-        told = rows[~standstill(motion, index)[rows]]
+        moving = rows[~standstill(motion, index)[rows]]
         motor = by_name["tau_M"]
         force = sensed_torque(robot, motion, index)
         if np.all(np.isfinite(motor)):
@@ -194,7 +250,7 @@ def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Agreement]:
                 bodies = regressor_at_drives(robot, *motion.joint_states)[:, index]
                 columns, against = np.column_stack([columns, bodies]), "the motion"
             rest = regressor.evaluate(by_name | {"tau_M": nothing})[0]
-            yield _Agreement(joint, "motor_torque", against, zeta - rest, rest, columns, told)
+            yield _Relation(joint, "motor_torque", against, zeta - rest, rest, columns, moving)
         if np.all(np.isfinite(force)):
             if isinstance(drive, SeriesElasticDrive):
                 stretch = drive.motor_radius / drive.ratio * motion.motor_position[:, index]
@@ -204,85 +260,86 @@ def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Agreement]:
                 friction = motor_regressor(robot, joint).evaluate(by_name)[1]
                 bodies = regressor_at_drives(robot, *motion.joint_states)[:, index]
                 columns, against = np.column_stack([friction, bodies]), "the motion"
-            yield _Agreement(joint, "joint_torque", against, force, nothing, columns, told)
+            yield _Relation(joint, "joint_torque", against, force, nothing, columns, moving)
 
 
 @dataclass(frozen=True, eq=False)
-class _Moved:
-    """A channel (R,) at `time` (R,) [s], and the rest and the columns that are moved under it."""
+class _Shifted:
+    """A channel (R,) at `time` (R,) [s], with a spline of the rest and columns to be shifted."""
 
     time: Array
     channel: Array
     spline: Callable[..., Array]
 
     def fit(self, delay: float) -> tuple[Array, Array]:
-        """Return an orthonormal basis of the columns, moved, and what they leave."""
-        moved = self.spline(self.time - delay)
-        basis = _orthonormal(moved[:, 1:])
-        return basis, _left(basis, self.channel + moved[:, 0])
+        """Return an orthonormal basis of the shifted columns, and the residual of the channel."""
+        shifted = self.spline(self.time - delay)
+        basis = _orthonormal(shifted[:, 1:])
+        return basis, _residual(basis, self.channel + shifted[:, 0])
 
     def cost(self, delay: float) -> float:
-        """Return the sum of squares that a delay leaves."""
+        """Return the sum of squared residuals for a delay."""
         return float(np.sum(self.fit(delay)[1] ** 2))
 
     def standard_error(self, found: float) -> float | None:
-        """Return that of the best delay, None where the delay has no effect at all."""
+        """Return the standard error of the best delay, None if the delay has no effect."""
         basis, residual = self.fit(found)
-        moved, rates = self.spline(self.time - found), self.spline(self.time - found, 1)
+        shifted, rates = self.spline(self.time - found), self.spline(self.time - found, 1)
         theta = safely(
             np.linalg.lstsq,
-            moved[:, 1:],
-            self.channel + moved[:, 0],
+            shifted[:, 1:],
+            self.channel + shifted[:, 0],
             what="the delay of a channel",
             error=LogError,
             rcond=_RANK,
         )[0]
-        slope = _left(basis, rates[:, 1:] @ theta - rates[:, 0])
+        slope = _residual(basis, rates[:, 1:] @ theta - rates[:, 0])
         curvature = float(slope @ slope)
         if curvature <= 0:
             return None
         scores = newey_west((slope * residual)[:, None], self.time, np.zeros(len(self.time)))
         error = math.sqrt(float(scores[0, 0])) / curvature
-        # far from none, what is gained tells more than the curvature: noise has minima everywhere
-        gained = max(self.cost(0.0) - self.cost(found), 0.0) / float(scores[0, 0]) * curvature
-        return max(error, abs(found) / math.sqrt(gained)) if gained > 0 else math.inf
+        # a minimum of the noise has curvature too: the likelihood ratio against no delay,
+        # delay^2 / variance, must confirm it
+        ratio = max(self.cost(0.0) - self.cost(found), 0.0) / float(scores[0, 0]) * curvature
+        return max(error, abs(found) / math.sqrt(ratio)) if ratio > 0 else math.inf
 
 
-def _fitted(motion: Motion, agreement: _Agreement, largest_s: float) -> Delay:
-    """Return the delay that leaves least of an agreement in the pass band.
+def _fitted(motion: Motion, relation: _Relation, largest_s: float) -> Delay:
+    """Return the delay that minimises the residual of a relation below the cutoff.
 
-    The channel stays where it is and the rest is moved, so that its noise is the same at all trials
-    and does not count as a motion that tells the delay.
+    The channel is kept and the other side is shifted, so that the noise of the channel is the same
+    for all trial delays and does not count as excitation.
     """
     from scipy.interpolate import make_interp_spline
     from scipy.optimize import minimize_scalar
 
     time = motion.time
-    band = in_band(motion, np.column_stack([agreement.values, agreement.rest, agreement.columns]))
-    rows = agreement.rows
+    band = in_band(motion, np.column_stack([relation.values, relation.rest, relation.columns]))
+    rows = relation.rows
     rows = rows[(time[rows] > time[0] + largest_s) & (time[rows] < time[-1] - largest_s)]
     sizes = np.linalg.norm(band[:, 2:], axis=0)
     model = np.column_stack([band[:, 1], band[:, 2:][:, sizes > 0] / sizes[sizes > 0]])
-    moved = _Moved(time[rows], band[rows, 0], make_interp_spline(time, model, k=5))
+    shifted = _Shifted(time[rows], band[rows, 0], make_interp_spline(time, model, k=5))
     trials = np.linspace(-largest_s, largest_s, _TRIALS)
-    best = int(np.argmin([moved.cost(trial) for trial in trials]))
-    unknown = Delay(agreement.joint, agreement.channel, agreement.against, 0.0, math.inf)
+    best = int(np.argmin([shifted.cost(trial) for trial in trials]))
+    unknown = Delay(relation.joint, relation.channel, relation.against, 0.0, math.inf)
     if best in (0, _TRIALS - 1):
         return unknown
     ends = (trials[best - 1], trials[best + 1])
     options = {"xatol": 1e-7}
-    found = float(minimize_scalar(moved.cost, bounds=ends, method="bounded", options=options).x)
-    error = moved.standard_error(found)
+    found = float(minimize_scalar(shifted.cost, bounds=ends, method="bounded", options=options).x)
+    error = shifted.standard_error(found)
     return unknown if error is None else replace(unknown, delay_s=found, standard_error_s=error)
 
 
-def _left(basis: Array, signal: Array) -> Array:
-    """Return what an orthonormal basis (R, p) leaves of a signal (R,)."""
+def _residual(basis: Array, signal: Array) -> Array:
+    """Return the residual of a signal (R,) after projection on an orthonormal basis (R, p)."""
     return np.asarray(signal - basis @ (basis.T @ signal))
 
 
 def _orthonormal(columns: Array) -> Array:
-    """Return an orthonormal basis of what columns (R, p) of like norms span."""
+    """Return an orthonormal basis of the span of columns (R, p) of similar norms."""
     left, sizes, _ = safely(
         np.linalg.svd, columns, what="the delay of a channel", error=LogError, full_matrices=False
     )

@@ -1,4 +1,4 @@
-"""What an estimate of a drive means: its spring, its drive with the found values, its flags."""
+"""Estimates of drives: the spring's part, the drive with the estimated values, and flags."""
 
 from __future__ import annotations
 
@@ -18,19 +18,21 @@ POORLY_IDENTIFIED = 0.1
 
 
 def spring_of(robot: Robot, estimate: Estimate, joint: str) -> Estimate:
-    """Return the parameters of a joint's spring alone, in the order of its regressor."""
+    """Return the estimate of a joint's spring, in the order of its regressor."""
     names = spring_regressor(robot, joint).names
     return estimate.part([estimate.names.index(name) for name in names], names)
 
 
-def joined(drives: Mapping[str, Estimate], beside: Mapping[str, Estimate]) -> dict[str, Estimate]:
-    """Return the estimates of both by joint; of a joint in both, as one without correlation.
+def merged_estimates(
+    drives: Mapping[str, Estimate], load_side: Mapping[str, Estimate]
+) -> dict[str, Estimate]:
+    """Return the estimates of both sides by joint, without correlation between the sides.
 
-    `drives` are those of actuator sides, `beside` what the load side tells of the same drives.
+    `drives` are those of actuator sides, `load_side` those of the same drives on the load side.
     """
-    found = dict(beside)
+    found = dict(load_side)
     for joint, drive in drives.items():
-        found[joint] = _with(drive, beside[joint]) if joint in beside else drive
+        found[joint] = _with(drive, load_side[joint]) if joint in load_side else drive
     return found
 
 
@@ -48,8 +50,8 @@ def _with(drive: Estimate, other: Estimate) -> Estimate:
     )
 
 
-BENT = ("coulomb_width", "stribeck_speed", "dead_zone")
-"""Positive parameters that were searched for: a minus is not that of a torque in the log."""
+SEARCHED = ("coulomb_width", "stribeck_speed", "dead_zone")
+"""Positive parameters found by a search: a negative value is not due to a wrong sign in the log."""
 
 _ZEROS = (
     "spring_offset",
@@ -58,19 +60,19 @@ _ZEROS = (
     "coulomb_shift",
     "parallel_preload",
 )
-"""Parameters that may well be zero: their relative error says nothing."""
+"""Parameters whose true value may be zero, so that a relative error is meaningless."""
 
 
 def with_estimate(drive: Drive, estimate: Estimate) -> Drive:
-    """Return the drive with the found friction, stiffness and rotor inertia."""
+    """Return the drive with its estimated values."""
     return with_values(drive, dict(zip(estimate.names, estimate.values, strict=True)))
 
 
 def with_values(drive: Drive, values: Mapping[str, float]) -> Drive:
-    """Return the drive with values under their names in an estimate: those of its own parameters.
+    """Return the drive with those of the values that are its own parameters.
 
-    Negative ones of what cannot be negative become zero, and a stiffness that is not positive stays
-    what it was.
+    Negative values of non-negative parameters become zero; a stiffness that is not positive is
+    ignored.
     """
     return drive.with_values(
         {
@@ -81,13 +83,8 @@ def with_values(drive: Drive, values: Mapping[str, float]) -> Drive:
     )
 
 
-def nominal_values(drive: Drive) -> dict[str, float]:
-    """Return the nominal values that a drive has, under the names they have in an estimate."""
-    return dict(drive.values)
-
-
 def with_flags(estimate: Estimate, joint: str, qr_factor: QRFactor | None) -> Estimate:
-    """Return the estimate of a drive with its flags: poorly identified, or impossible.
+    """Return the estimate of a drive with flags for poorly identified and implausible values.
 
     `qr_factor` is that of the actuator side (10), None for a drive without a spring.
     """
@@ -100,42 +97,44 @@ def with_flags(estimate: Estimate, joint: str, qr_factor: QRFactor | None) -> Es
         text = name.replace("_", " ") + f" of {joint}"
         reasons = []
         if error > POORLY_IDENTIFIED * abs(value):
-            reasons.append(f"standard error {error / abs(value):.0%}" if value else "found zero")
-        if name == "stiffness" and qr_factor is not None and _is_straight(estimate):
+            reasons.append(f"standard error {error / abs(value):.0%}" if value else "value zero")
+        if name == "stiffness" and qr_factor is not None and _has_linear_spring(estimate):
             reasons += _weak_spring(estimate, qr_factor)
         if reasons:
             flags.append(f"{text} is poorly identified: {'; '.join(reasons)}")
-        if value < 0 and name in BENT:
-            flags.append(f"{text} is not told from zero: leave its term out")
+        if value < 0 and name in SEARCHED:
+            flags.append(f"{text} is not distinguishable from zero: remove its term")
         elif value < 0 and name in PARAMETERS and PARAMETERS[name].is_positive:
-            flags.append(f"{text} is negative, {value:.3g}: check signs and zeros of the log")
+            flags.append(f"{text} is negative, {value:.3g}: check signs and offsets of the log")
     return replace(estimate, flags=tuple(flags))
 
 
-def _is_straight(estimate: Estimate) -> bool:
-    """Tell whether the spring is k times the deflection and an offset, and nothing else."""
+def _has_linear_spring(estimate: Estimate) -> bool:
+    """Return whether the spring is k times the deflection and an offset, and nothing else."""
     nonlinear = ("deflection_zero", "cubic_stiffness", "fifth_stiffness", "dead_zone")
     return "spring_offset" in estimate.names and not set(nonlinear) & set(estimate.names)
 
 
 def _weak_spring(estimate: Estimate, qr_factor: QRFactor) -> list[str]:
-    """Say how far noise in the deflection may have pulled a stiffness down.
+    """Describe the possible bias of a stiffness by noise in the deflection.
 
-    Least squares with noise in a column gives too little; the regression the other way round gives
-    too much. Their ratio is the column's partial R^2 (Frisch 1934).
+    Direct regression with noise in a column gives too small a value, reverse regression too large a
+    one. Their ratio is the column's partial R^2, a^2 / (a^2 + b^2) with a, b the entries of the
+    last column of R for the deflection and for the residual (Frisch 1934).
     """
     names = qr_factor.names
     k, offset, p = names.index("stiffness"), names.index("spring_offset"), len(names)
     others = [place for place in range(p) if place not in (k, offset)]
     R = triangle(qr_factor.weighted_factor()[:, [*others, offset, k, p]])[-2:, -2:]
-    share = R[0, 1] ** 2 / max(R[0, 1] ** 2 + R[1, 1] ** 2, 1e-300)
+    share = R[0, 1] ** 2 / max(R[0, 1] ** 2 + R[1, 1] ** 2, 1e-300)  # partial R^2
     if share > 1 - POORLY_IDENTIFIED:
         return []
     value = estimate.value("stiffness")
     about_mean = triangle(qr_factor.weighted_factor()[:, [offset, k]])[1, 1]
+    # amplitude of the sinusoid with the same root mean square
     swing = np.sqrt(2.0 / qr_factor.count) * abs(about_mean * value)
     return [
-        f"regressed both ways it is between {value:.3g} and {value / share:.3g} "
+        f"direct and reverse regression give {value:.3g} and {value / share:.3g} "
         f"{estimate.units[k]}",
         f"the motion changes the torque of this spring by only +-{swing:.2g} N m at the motor",
     ]

@@ -1,9 +1,9 @@
-"""The spring from its measured torque, (4b), where torque and deflection are both noisy.
+"""The spring from its measured torque by (4b), with noise in both torque and deflection.
 
-Least squares of the torque on the deflection takes the deflection as exact and finds too small a
-stiffness; the other way round it finds too large a one (Frisch 1934). Between them lies the line
-that weighs both errors (Deming 1943). Their ratio is that of both spectra above the pass band,
-where nothing but noise and what shakes the spring is left.
+Direct regression of the torque on the deflection gives too small a stiffness, reverse regression
+too large a one (Frisch 1934). Deming's (1943) line between them weighs both errors by the ratio of
+their variances: here that of the spectra above the bandwidth of the motion, which contain only
+noise and vibration of the spring.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from seaid.regressor import Regression, actuator_equation, sensed_torque, signal
 from seaid.robot import Robot
 
 _BAND = (2.5, 4.0)
-"""The noise is looked at between so many times the cutoff; positions are filtered at five times."""
+"""Band for the noise in units of the cutoff; positions are filtered at five times the cutoff."""
 
 
-def springs_torque_alone(robot: Robot, datasets: Sequence[Dataset], joint: str) -> bool:
-    """Tell whether a plain spring is found from its torque, the motor's not being in the log."""
+def only_spring_torque(robot: Robot, datasets: Sequence[Dataset], joint: str) -> bool:
+    """Return whether a plain spring is estimated from its torque, without a logged motor torque."""
     spring = spring_regressor(robot, joint)
     used = [actuator_equation(robot, first_motion(one), joint)[0] for one in datasets]
     plain = spring.names == ("stiffness", "spring_offset")
     return plain and all(regressor is spring for regressor in used)
 
 
-def both_noisy(rows: Regression, ratio: float) -> Estimate:
-    """Return stiffness and offset of rows (4b) with noise in column and torque.
+def errors_in_variables(rows: Regression, ratio: float) -> Estimate:
+    """Return stiffness and offset from rows of (4b) with noise in column and torque.
 
-    `ratio` is the variance of the torque's noise over that of the deflection's. Least squares with
-    the deflection that both tell as the instrument of the measured one.
+    `ratio` is the noise variance of the torque over that of the deflection. It is least squares
+    with the deflection estimated from both measurements as the instrument of the measured one.
     """
     column = rows.names.index("stiffness")
     others = np.delete(rows.H, column, axis=1)
@@ -48,13 +48,17 @@ def both_noisy(rows: Regression, ratio: float) -> Estimate:
     stiffness = deming(d, tau, ratio)
     instruments = rows.H.copy()
     if np.isfinite(ratio):
-        told = (ratio * d + stiffness * tau) / (ratio + stiffness**2)
-        instruments[:, column] += told - d
+        # the best estimate of the true deflection from both measurements (Deming 1943)
+        deflection = (ratio * d + stiffness * tau) / (ratio + stiffness**2)
+        instruments[:, column] += deflection - d
     return instrumental(rows, instruments)
 
 
 def deming(x: Array, y: Array, ratio: float) -> float:
-    """Return the slope of y on x, both without mean; `ratio` of the noise variances, y over x."""
+    """Return the slope of y on x, both without mean; `ratio` is the noise variance of y over x.
+
+    It is (yy - r xx + sqrt((yy - r xx)^2 + 4 r xy^2)) / (2 xy) (Deming 1943).
+    """
     xx, yy, xy = float(x @ x), float(y @ y), float(x @ y)
     if xy == 0:
         return 0.0
@@ -65,10 +69,10 @@ def deming(x: Array, y: Array, ratio: float) -> float:
 
 
 def noise_ratio(robot: Robot, datasets: Sequence[Dataset], joint: str) -> float:
-    """Return the noise variance of a joint's torque over that of its deflection, (4b).
+    """Return the noise variance of a joint's torque over that of its deflection in (4b).
 
-    The median of the spectra's ratio between 2.5 and 4 times the cutoff; inf, so that the
-    deflection counts as exact, where it has none.
+    It is the median ratio of the spectra between 2.5 and 4 times the cutoff; inf, so that the
+    deflection counts as exact, if the deflection has no noise there.
     """
     ratios = [_spectra(robot, first_motion(dataset), joint) for dataset in datasets]
     return float(np.median(ratios))

@@ -1,4 +1,4 @@
-"""identify: the paper's two parts. Actuator side first, then the load side with its springs."""
+"""`identify`: the actuator side first, then the load side with its springs, or both at once."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from seaid._arrays import Array, FrozenMapping
 from seaid._files import write_json
 from seaid.errors import IdentificationError, unknown_name
 from seaid.estimation import Estimate, ModelChecks, estimator_named
-from seaid.identification.datasets import Dataset, Source, processing_of, records_of, sources_of
+from seaid.identification.datasets import Dataset, Source, datasets_of, processing_of, sources_of
 from seaid.identification.drive_estimates import with_estimate
-from seaid.identification.instrumental import instrumental_sides
-from seaid.identification.linearisation import straightened_robot
+from seaid.identification.instrumental import estimate_instrumental
+from seaid.identification.linearisation import linearised_robot
 from seaid.identification.log_checks import check_channels, check_excitation, sign_flags
-from seaid.identification.nonlinear_terms import with_held_flags
+from seaid.identification.nonlinear_terms import with_fixed_flags
 from seaid.identification.physical.consistency import FeasibleParameters, feasible_parameters
-from seaid.identification.simultaneous import simultaneous_sides
-from seaid.identification.two_step import Sides, known_torques, sequential_sides
+from seaid.identification.simultaneous import estimate_simultaneous
+from seaid.identification.two_step import RobotEstimate, estimate_two_step, joints_with_torque
 from seaid.log import Log, Motion, Processing, stretches
 from seaid.regressor import BaseParameters, LoadModel, base_parameters, check_offset_std, load_model
 from seaid.robot import Robot
@@ -35,22 +35,38 @@ if TYPE_CHECKING:
 METHODS = ("two-step", "simultaneous")
 
 INSTRUMENTAL = "iv"
-"""The estimator that starts from another one's estimate."""
+"""Name of the estimator that starts from the estimate of another one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """What a log told about a robot.
+    """The parameters of a robot identified from one log or several.
 
-    `drives` {joint: Estimate} has the drives' parameters; `load` the base parameters, whose
-    combinations are in `base`; `robot` the robot with the found values (its standard parameters are
-    the nearest to those of the file that have the found base parameters; physically possible ones
-    where `possible` tells how they came about), `known` the robot as it was given, with
-    a value of what bends its drives' equations. `load_side` is the whole estimate of the load side
-    in the columns of `model`. `excluded` counts instants near standstill by joint, "load" for the
-    load side; `checks` of the model have the same keys ("both" where both sides were estimated at
-    once). `processing` tells what was done to each log before; `motions` are those of the logs in
-    memory, for a look at how well they are matched (`seaid.identification.validation.compared`).
+    Attributes
+    ----------
+    drives : mapping {joint: Estimate}
+        The parameters of each drive.
+    load : Estimate
+        The base parameters, whose definitions are in `base`.
+    robot : Robot
+        The robot with the identified values. Its standard parameters are those nearest to the robot
+        file that have the estimated base parameters; physically consistent ones if `feasible` is
+        set.
+    known : Robot
+        The input robot, with values for the parameters in which its drive equations are nonlinear.
+    model, load_side : LoadModel, Estimate
+        The columns of the load side (8) and their whole estimate.
+    springs : mapping {joint: ndarray}
+        Parameters of the springs whose torque is that on the load.
+    cutoff_hz : float
+        Cutoff of the low pass.
+    excluded, checks : mapping
+        Number of instants near standstill, and checks of the model, by joint and "load" for the
+        load side ("both" if both sides were estimated at once).
+    feasible : FeasibleParameters or None
+        How the physically consistent parameters were computed.
+    processing, motions : tuple
+        Processing of each log; motions of the logs in memory, for `compared`.
     """
 
     drives: Mapping[str, Estimate]
@@ -70,7 +86,7 @@ class Identification:
 
     @cached_property
     def flags(self) -> tuple[str, ...]:
-        """In words, what must not be trusted."""
+        """Warnings about implausible or poorly determined values, and about the data."""
         estimates = (*self.drives.values(), self.load)
         flags = tuple(flag for one in estimates for flag in one.flags) + sign_flags(self)
         if self.feasible is not None:
@@ -78,19 +94,19 @@ class Identification:
         return flags + tuple(flag for one in self.processing for flag in one.flags)
 
     def summary(self) -> str:
-        """Return one table that a human reads."""
+        """Return a table of all parameters as text."""
         from seaid.report import identification_table
 
         return identification_table(self)
 
     def to_dict(self, validation: Validation | None = None) -> dict[str, Any]:
-        """Return the content of `parameters.json`: plain data, null for what is not there."""
+        """Return the content of `parameters.json` as plain data, null for missing values."""
         from seaid.export import content_of
 
         return content_of(self, validation)
 
     def save(self, path: str | Path, validation: Validation | None = None) -> None:
-        """Write `parameters.json`, whole or not at all; `read_parameters` takes it up again."""
+        """Write `parameters.json`, whole or not at all; `read_parameters` reads it."""
         write_json(path, self.to_dict(validation))
 
 
@@ -107,30 +123,59 @@ def identify(
     executor: Executor | None = None,
     progress: bool = False,
 ) -> Identification:
-    """Identify drives and load from one log or several.
+    """Identify the drives and the load of a robot from one log or several.
 
-    Part one estimates friction, stiffness and deflection offset of each elastic joint from (7);
-    part two computes the load torques by (4b) and estimates the base parameters from (8), with the
-    uncertainty of the springs carried along. `method` "simultaneous" goes on from there to (7) and
-    (8) at once, which share the springs. Only ratios, radii, geometry, payload and what is known of
-    drives and bodies of `robot` are used, and with `feasible` its inertial parameters as a prior;
-    nominal values only as the start of a search.
+    Part one estimates friction, stiffness and spring offset of each elastic joint from its motor
+    equation (7). Part two computes the load torques from the springs by (4b) and estimates the base
+    parameters from the load side (8), with the uncertainty of the springs propagated.
 
-    Parameters in which a drive's equation is not linear (a width, a Stribeck speed, a dead zone)
-    are searched for first, by variable projection; of logs read in pieces the first piece is
-    searched. Then they have a column and a standard error as all others.
+    Of `robot` only ratios, radii, geometry, payloads and known values enter the estimate, and with
+    `feasible` its inertial parameters as a prior; nominal values are only starts of a search.
+    Parameters in which a drive equation is nonlinear (a width, a Stribeck speed, a dead zone) are
+    first searched by variable projection (in the first piece of a log that is read in pieces); then
+    they have a column and a standard error like all others.
 
-    `logs` may be paths of files with our column names, or `open_long_log`'s: they are read in
-    pieces, and with "ols" and "wls" memory does not grow with their length. `rows` names the joints
-    whose torque is used on the load side (default: all that were measured). `estimator`: "ols",
-    "wls" (rows weighted by joint), "huber" or "tukey" (outliers count less), or "iv" (instrumental
-    variables from the fitted model, against the bias of noise in the regressor; sequential only).
-    `feasible`: `Identification.robot` then has the physically possible bodies nearest to the
-    estimate and the robot's own, see `feasible_parameters`. `cutoff_hz` is the pass band, None =
-    proposed from the data. `encoder_offset_std` [rad or m] is how well the zeros of the joint
-    encoders are known; a wrong one turns gravity, and the covariance of the load side then says
-    what that does. `executor` (concurrent.futures) works on the logs, one a task. Raises kinds of
-    SeaidError for data that cannot answer.
+    Parameters
+    ----------
+    robot : Robot
+        The robot model of `load_robot`.
+    logs : Log, LongLog, path, or a sequence of them
+        Logs in memory, or log files with standard column names that are read in pieces: with "ols"
+        and "wls" memory does not grow with their length.
+    torque_joints : sequence of str, optional
+        Joints whose torque is used on the load side. Default: all with a measured torque.
+    method : {"two-step", "simultaneous"}
+        "simultaneous" continues from two steps to (7) and (8) in one regression that shares the
+        springs.
+    estimator : {"wls", "ols", "huber", "tukey", "iv"}
+        Least squares weighted per joint or ordinary, robust estimators, or instrumental variables
+        from the fitted model against the bias by noise in the regressor (two-step only).
+    feasible : bool
+        Make `Identification.robot` physically consistent; see `feasible_parameters`.
+    cutoff_hz : float, optional
+        Cutoff of the low pass. Default: proposed from the data.
+    encoder_offset_std : float
+        Standard deviation of the joint encoder offsets [rad or m], propagated to the load side.
+    executor : concurrent.futures.Executor, optional
+        Processes the logs, one per task.
+    progress : bool
+        Show progress bars.
+
+    Returns
+    -------
+    Identification
+
+    Raises
+    ------
+    IdentificationError, ExcitationError, LogError
+        For wrong options, for a motion that leaves parameters unidentifiable, for logs that do not
+        fit the robot.
+
+    Examples
+    --------
+    >>> robot = seaid.load_robot("leg.urdf", "leg.toml")
+    >>> result = seaid.identify(robot, seaid.read_log("run.csv", robot), feasible=True)
+    >>> print(result.summary())
     """
     if method not in METHODS:
         raise IdentificationError("method=: " + unknown_name("method", method, METHODS))
@@ -139,41 +184,45 @@ def identify(
     check_offset_std(encoder_offset_std)
     solver = estimator_named("wls" if estimator == INSTRUMENTAL else estimator)
     sources = sources_of(logs)
-    datasets = records_of(robot, sources, cutoff_hz, executor, progress)
+    datasets = datasets_of(robot, sources, cutoff_hz, executor, progress)
     logs_in_memory = [source for source in sources if isinstance(source, Log)]
     in_memory = [part for log in logs_in_memory for part in stretches(log)]
     if len(logs_in_memory) == len(sources):
         check_excitation(robot, in_memory)
     check_channels(logs_in_memory)
-    used = known_torques(robot, datasets) if torque_joints is None else robot.rows(torque_joints)
+    used = (
+        joints_with_torque(robot, datasets) if torque_joints is None else robot.rows(torque_joints)
+    )
     given = robot
-    robot, datasets = straightened_robot(robot, datasets, used)
+    robot, datasets = linearised_robot(robot, datasets, used)
     model = load_model(robot, base_parameters(robot, torque_joints=used), used)
-    found = sequential_sides(robot, datasets, model, solver, encoder_offset_std, executor, progress)
+    found = estimate_two_step(
+        robot, datasets, model, solver, encoder_offset_std, executor, progress
+    )
     if estimator == INSTRUMENTAL:
-        found = instrumental_sides(robot, datasets, model, found, encoder_offset_std, executor)
+        found = estimate_instrumental(robot, datasets, model, found, encoder_offset_std, executor)
     if method == "simultaneous":
-        found = simultaneous_sides(
+        found = estimate_simultaneous(
             robot, datasets, model, found, solver, encoder_offset_std, executor
         )
-    found = replace(found, drives=with_held_flags(found.drives, given, robot))
-    possible = _possible(robot, model, found) if feasible else None
-    return packed(robot, model, found, datasets, possible)
+    found = replace(found, drives=with_fixed_flags(found.drives, given, robot))
+    consistent = _feasible(robot, model, found) if feasible else None
+    return identification_of(robot, model, found, datasets, consistent)
 
 
-def packed(
+def identification_of(
     robot: Robot,
     model: LoadModel,
-    found: Sides,
+    found: RobotEstimate,
     datasets: Sequence[Dataset],
     feasible: FeasibleParameters | None = None,
 ) -> Identification:
-    """Return what both sides told of the records as an Identification of the robot."""
+    """Return the estimates of both sides as an Identification of the robot."""
     return Identification(
         drives=FrozenMapping(found.drives),
         load=found.load,
         base=model.base,
-        robot=_found_robot(robot, model.base, found) if feasible is None else feasible.robot,
+        robot=_identified_robot(robot, model.base, found) if feasible is None else feasible.robot,
         known=robot,
         model=model,
         load_side=found.load_side,
@@ -187,8 +236,8 @@ def packed(
     )
 
 
-def _possible(robot: Robot, model: LoadModel, found: Sides) -> FeasibleParameters:
-    """Return the possible bodies nearest to the estimate of both sides."""
+def _feasible(robot: Robot, model: LoadModel, found: RobotEstimate) -> FeasibleParameters:
+    """Return the physically consistent parameters nearest to the estimate of both sides."""
     white = found.white_covariance
     if found.whole is not None:
         return feasible_parameters(robot, model, found.whole, white_covariance=white)
@@ -200,11 +249,11 @@ def _possible(robot: Robot, model: LoadModel, found: Sides) -> FeasibleParameter
     return feasible_parameters(robot, model, found.load_side, elastic, white_covariance=white)
 
 
-def _found_robot(robot: Robot, base: BaseParameters, sides: Sides) -> Robot:
-    """Return the robot with the found values; standard parameters nearest to the file's.
+def _identified_robot(robot: Robot, base: BaseParameters, sides: RobotEstimate) -> Robot:
+    """Return the robot with the identified values, its standard parameters nearest to the file's.
 
-    Nearest in the plain Euclidean sense, from a point of 1 kg a body where the robot has none: it
-    has the found base parameters, and need not be physically possible body by body.
+    Nearest in the Euclidean norm, from 1 kg per body if the robot has no masses: they have the
+    estimated base parameters but need not be physically consistent.
     """
     prior = robot.parameters.copy()
     prior[::10][np.isnan(prior[::10])] = 1.0

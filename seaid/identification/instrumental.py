@@ -1,21 +1,20 @@
-"""Instruments: the columns of both sides from a motion of the fitted model.
+"""Instrumental variables of both sides: columns computed from a motion of the fitted model.
 
-The joints are taken to go where a narrow low pass of the measurement says; the fitted model tells
-all the rest, so that no instrument has the noise of its own column in it:
+The joints follow a low pass of their measurement with a smaller cutoff; all other signals are
+computed by the fitted model, so that no instrument contains the noise of its own column:
 
-- motor angle, speed and acceleration of a sprung joint are N/r_M (d + r_L q) of the *joint*
-  encoder, with the fitted deflection d. Noise of the motor encoder, which is in the speed and in
-  the torque of the rotor's inertia, is not in them.
-- the deflection is torque over stiffness, the torque that of the fitted bodies. Noise of the joint
-  encoder reaches it only through them, as part (stiffness of gravity and inertia over that of the
-  spring) of what the measured deflection has, and only from inside the narrow band.
-- on the load side joint noise from inside the narrow band would still be in acceleration and
-  torque alike: once there is an estimate the joints are simulated from the motor encoders instead
-  (`driven_motion`).
-- a stiff drive has one sensor or two that tell the same, and the motor of a spring that carries no
-  known torque is smoothed as it is; there the narrow band alone helps.
+- Motor angle, speed and acceleration of an elastic joint are N/r_M (d + r_L q) of the *joint*
+  encoder, with the fitted deflection d. They are free of noise of the motor encoder, which is in
+  the speed and in the inertial torque of the rotor.
+- The deflection is torque over stiffness, with the torque of the fitted bodies. Noise of the joint
+  encoder affects it only through them, by the ratio of the stiffness of gravity and inertia to
+  that of the spring, and only below the smaller cutoff.
+- On the load side that noise would still be in acceleration and torque alike; once there is an
+  estimate, the joints are simulated from the motor encoders instead (`driven_motion`).
+- A stiff drive has one sensor, or two equivalent ones, and the motor of a spring without a known
+  torque is smoothed as it is; there only the smaller cutoff helps.
 
-Both sides by instrumental variables, the instruments from the estimate before, iterated.
+The instruments come from the previous estimate, iterated.
 """
 
 from __future__ import annotations
@@ -33,9 +32,9 @@ from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Estimator, instrumental
 from seaid.identification.datasets import Dataset
 from seaid.identification.drive_estimates import spring_of
-from seaid.identification.method_limits import check_instruments, straight_spring
+from seaid.identification.method_limits import check_instruments, linear_spring
 from seaid.identification.simulated_joints import driven_motion
-from seaid.identification.two_step import Regressions, Sides, sequential_sides
+from seaid.identification.two_step import Regressions, RobotEstimate, estimate_two_step
 from seaid.log import Motion, in_band, low_pass, spline_derivatives
 from seaid.regressor import (
     LoadModel,
@@ -48,14 +47,14 @@ from seaid.regressor import (
 from seaid.robot import Robot, at_drives
 
 REFERENCE_BAND = 0.5
-"""Pass band of the reference motion over that of the identification, three times the motion's."""
+"""Cutoff of the reference motion over that of the identification: three times the bandwidth."""
 
 _PREFIX = "instrument of "
 
 
 @dataclass(frozen=True, eq=False)
 class FittedModel:
-    """What instruments are computed with: bodies and springs of an estimate before.
+    """The bodies and springs with which instruments are computed.
 
     `load_side` (p,) has the values of the columns of `model`; `springs` {joint: values} those of
     the springs' regressors.
@@ -67,13 +66,13 @@ class FittedModel:
 
 
 Maker = Callable[[Robot, Motion, FittedModel], Motion]
-"""What makes the motion that instruments are columns of."""
+"""Function that computes the motion whose columns are the instruments."""
 
 
 def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Motion:
-    """Return the motion that the fitted model makes of the smoothed joint positions.
+    """Return the motion of the fitted model for smoothed joint positions.
 
-    Torques and pass band are those of the measured motion.
+    Torques and cutoff are those of the measured motion.
     """
     band = REFERENCE_BAND * motion.cutoff_hz
     smooth = low_pass(motion.joint_position, motion.rate_hz, band)
@@ -91,7 +90,7 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
     for row, joint in enumerate(fitted.model.rows):
         drive, index = robot.drives[joint], robot.index(joint)
         if joint in fitted.springs and isinstance(drive, SeriesElasticDrive):
-            spring = straight_spring(robot, joint, fitted.springs[joint])
+            spring = linear_spring(robot, joint, fitted.springs[joint])
             force = torque[:, row] / drive.load_radius - spring.offset
             deflection = force / spring.stiffness  # (4b); an instrument may lack its damping
             travel = deflection + drive.load_radius * turned[:, index]
@@ -100,12 +99,12 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
 
 
 def motor_driven_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Motion:
-    """Return the motion that the fitted model makes of the motors' angles: see `driven_motion`."""
+    """Return the motion of the fitted model for the measured motor angles; see `driven_motion`."""
     return driven_motion(robot, motion, fitted.model, fitted.springs, fitted.load_side)
 
 
 def _with_motors(motion: Motion, angle: Array) -> Motion:
-    """Return the motion with motors at other angles (T, n) [rad]."""
+    """Return the motion with other motor angles (T, n) [rad]."""
     position, speed, acceleration = spline_derivatives(motion.time, angle)
     return replace(
         motion, motor_position=position, motor_velocity=speed, motor_acceleration=acceleration
@@ -115,11 +114,11 @@ def _with_motors(motion: Motion, angle: Array) -> Motion:
 def actuator_with_instruments(
     robot: Robot, motion: Motion, joint: str, fitted: FittedModel
 ) -> Regression:
-    """Return `actuator_regression` with the instruments beside its columns."""
+    """Return `actuator_regression` with the instruments as further columns."""
     rows = actuator_regression(robot, motion, joint)
     made = instrument_motion(robot, motion, fitted)
     Z = in_band(made, actuator_columns(robot, made, joint)[2])
-    return beside(rows, Z[np.searchsorted(motion.time, rows.time)])
+    return with_instruments(rows, Z[np.searchsorted(motion.time, rows.time)])
 
 
 def load_with_instruments(
@@ -130,17 +129,17 @@ def load_with_instruments(
     fitted: FittedModel,
     make: Maker = instrument_motion,
 ) -> Regression:
-    """Return `load_regression` with the instruments beside its columns, of the motion it makes."""
+    """Return `load_regression` with instruments from the motion by `make` as further columns."""
     rows = load_regression(robot, motion, model, springs)
     made = make(robot, motion, fitted)
     Z = in_band(made, load_columns(robot, made, model, springs)[2])
     row_of = {robot.index(joint): row for row, joint in enumerate(model.rows)}
     which = [row_of[int(index)] for index in rows.joint]
-    return beside(rows, Z[np.searchsorted(motion.time, rows.time), which])
+    return with_instruments(rows, Z[np.searchsorted(motion.time, rows.time), which])
 
 
-def beside(rows: Regression, instruments: Array) -> Regression:
-    """Return rows whose further columns are the instruments of the first ones."""
+def with_instruments(rows: Regression, instruments: Array) -> Regression:
+    """Return rows with the instruments of their columns as further columns."""
     return replace(
         rows,
         names=(*rows.names, *(_PREFIX + name for name in rows.names)),
@@ -149,15 +148,15 @@ def beside(rows: Regression, instruments: Array) -> Regression:
     )
 
 
-def apart(rows: Regression) -> tuple[Regression, Array]:
-    """Return the rows of `beside` and the instruments."""
+def split_instruments(rows: Regression) -> tuple[Regression, Array]:
+    """Return the rows without instruments, and the instruments."""
     p = len(rows.names) // 2
     plain = replace(rows, names=rows.names[:p], units=rows.units[:p], H=rows.H[:, :p])
     return plain, rows.H[:, p:]
 
 
 SETTLED = 0.01
-"""Part of a standard error below which new instruments change nothing."""
+"""Part of a standard error below which a change of the estimate is negligible."""
 
 _NOTHING = 1e-6
 """Part of a standard error that is rounding."""
@@ -165,22 +164,22 @@ _NOTHING = 1e-6
 _MOST_ITERATIONS = 20
 
 
-def instrumental_sides(
+def estimate_instrumental(
     robot: Robot,
     datasets: Sequence[Dataset],
     model: LoadModel,
-    start: Sides,
+    start: RobotEstimate,
     encoder_offset_std: float,
     executor: Executor | None,
-) -> Sides:
-    """Return both sides, one after the other, from a `start` as least squares gives it.
+) -> RobotEstimate:
+    """Estimate both sides by instrumental variables, starting from least squares.
 
-    The instruments are those of this module with the estimate before, until no
-    parameter moves by more than a small part of its standard error (Janot, Vandanjon and Gautier
-    2014): first of smoothed joint positions, which need no good estimate, then on the load side of
-    joints that the motors drive. Where the latter diverge or do not settle the former stay, and a
-    flag says so; so does one where all drives are stiff, and instruments change nothing.
-    Raises IdentificationError where that does not come, and as `instrumental` does.
+    The instruments come from the previous estimate until no parameter changes by more than a small
+    part of its standard error (Janot, Vandanjon and Gautier 2014): first from smoothed joint
+    positions, which need no good estimate, then on the load side from joints driven by the motors.
+    If the latter diverge or do not converge, the former are kept and flagged; instruments without
+    effect (all drives stiff) are flagged too. Raises IdentificationError if the former do not
+    converge, and as `instrumental` does.
     """
     run = partial(
         _settled,
@@ -196,19 +195,19 @@ def instrumental_sides(
     except IdentificationError as problem:
         return _flagged(
             found,
-            "instruments of the load side are those of the smoothed joint encoders, whose noise "
+            "the instruments of the load side come from the smoothed joint encoders, whose noise "
             f"may bias the base parameters: {problem}",
         )
     if max(_moved(start, found).values()) < _NOTHING:
         return _flagged(
             found,
-            "instrumental variables give what least squares gives: behind stiff drives the motor's "
-            "encoder is the instrument, and the motion is that of the same encoder",
+            "instrumental variables have no effect: the instruments of stiff drives come from the "
+            "same motor encoder as the motion",
         )
     return found
 
 
-def _flagged(found: Sides, flag: str) -> Sides:
+def _flagged(found: RobotEstimate, flag: str) -> RobotEstimate:
     return replace(found, load=replace(found.load, flags=(*found.load.flags, flag)))
 
 
@@ -216,13 +215,13 @@ def _settled(
     robot: Robot,
     datasets: Sequence[Dataset],
     model: LoadModel,
-    found: Sides,
+    found: RobotEstimate,
     make: Maker,
     encoder_offset_std: float,
     executor: Executor | None,
-) -> Sides:
-    """Return both sides once new instruments change nothing; `make` is for the load side's."""
-    estimator = Estimator(_solve, seen=_seen)
+) -> RobotEstimate:
+    """Return the converged estimates of both sides; `make` is for the load side's instruments."""
+    estimator = Estimator(_solve, effective_rows=_seen)
     for _ in range(_MOST_ITERATIONS):
         fitted = _fitted(robot, model, found)
         regressions = Regressions(
@@ -231,7 +230,7 @@ def _settled(
         )
         before, found = (
             found,
-            sequential_sides(
+            estimate_two_step(
                 robot, datasets, model, estimator, encoder_offset_std, executor, False, regressions
             ),
         )
@@ -240,13 +239,13 @@ def _settled(
             return found
     worst = max(moved, key=lambda name: moved[name])
     raise IdentificationError(
-        f"instrumental variables did not settle in {_MOST_ITERATIONS} iterations: {worst} still "
-        f"moves by {moved[worst]:.2g} standard errors; move that joint more, or use "
+        f"instrumental variables did not converge in {_MOST_ITERATIONS} iterations: {worst} still "
+        f"changes by {moved[worst]:.2g} standard errors; move that joint more, or use "
         "estimator='wls'"
     )
 
 
-def _fitted(robot: Robot, model: LoadModel, sides: Sides) -> FittedModel:
+def _fitted(robot: Robot, model: LoadModel, sides: RobotEstimate) -> FittedModel:
     springs = {
         joint: spring_of(robot, sides.drives[joint], joint).values
         for joint in model.rows
@@ -256,26 +255,26 @@ def _fitted(robot: Robot, model: LoadModel, sides: Sides) -> FittedModel:
     bad = [
         joint
         for joint, values in springs.items()
-        if straight_spring(robot, joint, values).stiffness <= 0
+        if linear_spring(robot, joint, values).stiffness <= 0
     ]
     if bad:
         raise IdentificationError(
-            f"the stiffness of {', '.join(bad)} was found not positive: the fitted model predicts "
-            "no deflection; load this spring more, or use estimator='wls'"
+            f"the estimated stiffness of {', '.join(bad)} is not positive, so the fitted model "
+            "predicts no deflection; load this spring more, or use estimator='wls'"
         )
     return FittedModel(model, sides.load_side.values, springs)
 
 
 def _solve(rows: Regression, propagated: Array | None) -> Estimate:
-    return instrumental(*apart(rows), propagated)
+    return instrumental(*split_instruments(rows), propagated)
 
 
 def _seen(rows: Regression, estimate: Estimate) -> Regression:
-    return apart(rows)[0]
+    return split_instruments(rows)[0]
 
 
-def _moved(before: Sides, after: Sides) -> dict[str, float]:
-    """Return how far each parameter moved, in standard errors."""
+def _moved(before: RobotEstimate, after: RobotEstimate) -> dict[str, float]:
+    """Return the change of each parameter in standard errors."""
     moved: dict[str, float] = {}
     pairs = [("load", before.load_side, after.load_side)] + [
         (joint, before.drives[joint], one) for joint, one in after.drives.items()

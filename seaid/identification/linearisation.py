@@ -1,9 +1,8 @@
-"""Friction under load of stiff drives: it needs the torque that the fitted model says.
+"""Linearisation of nonlinear drives before an identification, and load-dependent friction.
 
-The motor's own torque would do as well, but its noise would stand in the column. The load's torque
-comes from a fit without that friction, then from one with it, until it settles.
-
-What `identify` does first where drives have terms that are not linear in their parameters.
+Load-dependent friction of a stiff drive needs the torque through the gear. The measured motor
+torque would put its noise into the column; the torque of the fitted model is used instead, from a
+fit without that friction first and then with it, until it converges.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ _SETTLED, _MOST_TURNS, _SEARCHES = 1e-5, 20, 2
 
 
 def under_load(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
-    """Return the joints among `used` whose stiff drive has friction under load."""
+    """Return the joints among `used` whose stiff drive has load-dependent friction."""
     return tuple(
         joint
         for joint in used
@@ -42,9 +41,9 @@ def under_load(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
 def with_gear_torques(
     robot: Robot, motions: Sequence[Motion], used: Sequence[str]
 ) -> tuple[Robot, list[Motion]]:
-    """Return the robot near whose values its stiff drives are taken, and motions that know loads.
+    """Return the robot with linearised stiff drives, and motions with the torque through the gears.
 
-    Raises IdentificationError where the torques do not settle.
+    Raises IdentificationError if the torques do not converge.
     """
     joints = under_load(robot, used)
     if not joints:
@@ -61,7 +60,7 @@ def with_gear_torques(
 
 
 def _with_values_of(robot: Robot, other: Robot, joint: str) -> Drive:
-    """Return a drive with what was found of it without, or with, friction under load."""
+    """Return a drive with the values of the same drive with or without load-dependent friction."""
     drive = robot.drives[joint]
     values = other.drives[joint].values
     return drive.with_values({n: values[n] for n in drive.parameter_names if n in values})
@@ -70,7 +69,7 @@ def _with_values_of(robot: Robot, other: Robot, joint: str) -> Drive:
 def with_gear_torque(
     robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
 ) -> Motion:
-    """Return the motion with the torque through the gears that a fit of the load side says."""
+    """Return the motion with the torque through the gears by a fit `theta` of the load side."""
     unloaded = replace(motion, gear_torque=np.zeros_like(motion.joint_position))
     _, payload, H, _ = load_columns(robot, unloaded, model, springs)
     drives = [
@@ -87,7 +86,7 @@ def with_gear_torque(
 
 
 def _settled(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> list[Motion]:
-    """Return motions whose torques are those of the fit that they lead to."""
+    """Return the motions at which the torques through the gears converge."""
     known = list(motions)
     for _ in range(_MOST_TURNS):
         better = _known(robot, known, used)
@@ -95,8 +94,8 @@ def _settled(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> li
             return better
         known = better
     raise IdentificationError(
-        f"friction under load of {', '.join(under_load(robot, used))} did not settle in "
-        f"{_MOST_TURNS} turns: leave 'load' out of friction, or move these joints more"
+        f"load-dependent friction of {', '.join(under_load(robot, used))} did not converge in "
+        f"{_MOST_TURNS} iterations: remove 'load' from friction, or move these joints more"
     )
 
 
@@ -116,7 +115,7 @@ def _known(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> list
 
 
 def _change(before: Sequence[Motion], after: Sequence[Motion]) -> float:
-    """Return the largest change of the torques, as a part of them."""
+    """Return the relative change of the torques."""
     old, new = (
         np.concatenate([np.nan_to_num(np.asarray(one.gear_torque)) for one in motions])
         for motions in (before, after)
@@ -124,14 +123,14 @@ def _change(before: Sequence[Motion], after: Sequence[Motion]) -> float:
     return float(np.linalg.norm(new - old) / max(float(np.linalg.norm(new)), 1e-300))
 
 
-def straightened_robot(
+def linearised_robot(
     robot: Robot, datasets: Sequence[Dataset], used: Sequence[str]
 ) -> tuple[Robot, list[Dataset]]:
-    """Return the robot near whose values its drives' equations are taken, and its records.
+    """Return the robot with values at which its nonlinear drives are linearised, and its datasets.
 
-    The records know the load's torque where friction depends on it. Of logs that are read in
-    pieces the first piece is searched. Drives that are linear stay as they are. Raises
-    IdentificationError for friction under load of a stiff drive in a log that is read in pieces.
+    The datasets have the torque through the gears if friction depends on it. Of logs that are read
+    in pieces the first piece is searched. Raises IdentificationError for load-dependent friction of
+    a stiff drive in such a log.
     """
     motions = [first_motion(dataset) for dataset in datasets]
     robot = linearised(robot, motions)
@@ -142,6 +141,7 @@ def straightened_robot(
         return robot, list(datasets)
     if not all(isinstance(dataset, Motion) for dataset in datasets):
         raise IdentificationError(
-            "friction under load of a stiff drive needs the log in memory: read it with read_log"
+            "load-dependent friction of a stiff drive needs the log in memory: read it with "
+            "read_log"
         )
     return robot, list(known)

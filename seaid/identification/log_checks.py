@@ -1,7 +1,4 @@
-"""Signs that cannot be right: a torque that was logged with the other sign, said in words.
-
-Does the robot move at all in a log, and is every channel alive? Asked before any regression.
-"""
+"""Checks of a log: excitation and dead channels before the regression, signs after it."""
 
 from __future__ import annotations
 
@@ -32,17 +29,17 @@ _OWN = {
 
 
 def sign_flags(found: Identification) -> tuple[str, ...]:
-    """Return a sentence for every joint whose torque looks flipped.
+    """Return a flag for every joint whose torque seems to have the wrong sign.
 
-    Friction and stiffness are positive, so is the inertia that a joint feels, and where the robot
-    was given masses, gravity pulls as they do. A torque looks flipped if two of these or more fit
-    with a minus beyond doubt and none with a plus; inertia and gravity, which the torques of other
-    joints tell too, are not heard against friction and stiffness.
+    Friction and stiffness are positive, and so is the inertia of a joint; gravity has the direction
+    that the masses of the file give, if any. A torque is flagged if at least two of these are
+    significantly negative and none is positive; inertia and gravity, which depend on the torques of
+    other joints too, do not outweigh friction and stiffness.
     """
     flags = []
     for joint in found.known.joint_names:
         own = dict(_own_signs(found, joint))
-        if 1 in own.values():  # contradicted, whatever the others say
+        if 1 in own.values():  # contradicts the others
             continue
         shared = dict(_shared_signs(found, joint))
         minus = [name for name, sign in (own | shared).items() if sign < 0]
@@ -52,14 +49,14 @@ def sign_flags(found: Identification) -> tuple[str, ...]:
             what = " and ".join([", ".join(minus[:-1]), minus[-1]])
             number = "both" if len(minus) == _FEWEST else "all"
             flags.append(
-                f"the torque of {joint} looks flipped: {what} {number} fit with a minus; check the "
-                "sign of its torque column against that of its position"
+                f"the torque of {joint} looks flipped: the estimates of {what} are {number} "
+                "negative; compare the sign of its torque column with that of its position"
             )
     return tuple(flags)
 
 
 def _own_signs(found: Identification, joint: str) -> Iterator[tuple[str, int]]:
-    """Return what has a known sign in a drive: 1 as it should be, -1 the other way, 0 not sure."""
+    """Yield the parameters of a drive with a known sign: 1 expected, -1 opposite, 0 uncertain."""
     drive = found.drives.get(joint)
     if drive is None:
         return
@@ -69,7 +66,7 @@ def _own_signs(found: Identification, joint: str) -> Iterator[tuple[str, int]]:
 
 
 def _shared_signs(found: Identification, joint: str) -> Iterator[tuple[str, int]]:
-    """Return the same of what the load on a joint has."""
+    """Yield the same for inertia and gravity of the load on a joint."""
     if joint not in found.model.rows:
         return
     yield "inertia", _sign(found.load, _inertia(found, joint))
@@ -79,7 +76,7 @@ def _shared_signs(found: Identification, joint: str) -> Iterator[tuple[str, int]
 
 
 def _sign(load: Estimate, direction: Array) -> int:
-    """Return the sign of a combination (p,) of the base parameters, 0 where it is not sure."""
+    """Return the sign of a combination (p,) of the base parameters, 0 if not significant."""
     variance = max(float(direction @ load.covariance @ direction), 0.0)
     return _sure(float(direction @ load.values), variance**0.5)
 
@@ -89,7 +86,7 @@ def _sure(value: float, error: float) -> int:
 
 
 def _inertia(found: Identification, joint: str) -> Array:
-    """Return the mean inertia that a joint feels over all postures, in the base parameters (p,)."""
+    """Return the mean inertia of a joint over random postures, in the base parameters (p,)."""
     robot = found.known
     q, v, _ = (state[:_POSTURES] for state in random_states(robot, seed=2))
     index = robot.index(joint)
@@ -103,7 +100,7 @@ def _inertia(found: Identification, joint: str) -> Array:
 
 
 def _gravity(found: Identification, joint: str) -> Array | None:
-    """Return gravity in the base parameters (p,) as the given masses turn it; None without them."""
+    """Return gravity of the input masses in the base parameters (p,), None without masses."""
     robot = found.known
     if not np.all(np.isfinite(robot.parameters)):
         return None
@@ -115,19 +112,19 @@ def _gravity(found: Identification, joint: str) -> Array | None:
 
 
 _LEAST_RANGE = 20.0
-"""A position moves if its range is so many times the noise between samples."""
+"""A position moves if its range is this many times the noise between samples."""
 
 
 def check_excitation(robot: Robot, logs: Sequence[Log]) -> None:
-    """Raise ExcitationError if an elastic joint's motor, or the whole robot, stands still."""
+    """Raise ExcitationError if an elastic joint's motor, or the whole robot, does not move."""
     for joint in robot.elastic_joints:
         positions = [log.motor_position[:, log.joint_names.index(joint)] for log in logs]
         if not any(map(_moves, positions)):
             widest = max(float(np.ptp(position)) for position in positions)
             raise ExcitationError(
                 f"the motor of '{joint}' stands still (it moves {widest:.3g} rad, noise "
-                f"{_noise(positions[0]):.2g} rad): the log tells nothing about its friction and "
-                "spring; move the joint, or leave it out with joints=[...] of load_robot"
+                f"{_noise(positions[0]):.2g} rad), so that its friction and spring are "
+                "unidentifiable; move the joint, or exclude it with joints=[...] of load_robot"
             )
     every = [
         column
@@ -141,7 +138,7 @@ def check_excitation(robot: Robot, logs: Sequence[Log]) -> None:
 
 
 def check_channels(logs: Sequence[Log]) -> None:
-    """Raise LogError where a sensor says the same all the time while the other side of it moves."""
+    """Raise LogError if a sensor is constant while another sensor of its joint moves."""
     for log in logs:
         for index, joint in enumerate(log.joint_names):
             sides = {
@@ -162,7 +159,7 @@ def _check_alive(joint: str, name: str, values: Array, other: str, moved: Array)
     if is_constant(values) and np.all(np.isfinite(moved)) and _moves(moved):
         raise LogError(
             f"the {name} of '{joint}' is {values[0]:.6g} all the time, while its {other} moves: a "
-            "dead channel? Leave its column out of the log, or the joint out with joints=[...] of "
+            "dead channel? Exclude its column from the log, or the joint with joints=[...] of "
             "load_robot"
         )
 
@@ -172,5 +169,5 @@ def _moves(position: Array) -> bool:
 
 
 def _noise(position: Array) -> float:
-    """Return the standard deviation of white noise that second differences show."""
+    """Return the standard deviation of white noise, from second differences of 6-fold variance."""
     return float(np.std(np.diff(position, 2)) / np.sqrt(6))

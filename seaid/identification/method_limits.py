@@ -1,4 +1,4 @@
-"""Which terms of drives the methods beyond least squares, side by side, can take; said in words."""
+"""Limits of methods: which terms of drives instruments, two sides at once and `refine` support."""
 
 from __future__ import annotations
 
@@ -10,37 +10,33 @@ from seaid.errors import IdentificationError
 from seaid.regressor import motor_regressor, spring_regressor
 from seaid.robot import Robot
 
-_STRAIGHT = {"stiffness", "spring_damping", "spring_offset"}
+_LINEAR = {"stiffness", "spring_damping", "spring_offset"}
 
 
 @dataclass(frozen=True)
-class Straight:
-    """A spring that pulls with stiffness times deflection, damping times its rate and an offset."""
+class LinearSpring:
+    """A spring with stiffness, damping and an offset."""
 
     stiffness: float
     offset: float
     damping: float
 
 
-def straight_spring(robot: Robot, joint: str, values: Iterable[float]) -> Straight:
-    """Return a spring as a straight line from its found values, in its regressor's order.
-
-    What the robot knows of it beforehand is taken from there; `check_straight` tells where this
-    is possible.
-    """
+def linear_spring(robot: Robot, joint: str, values: Iterable[float]) -> LinearSpring:
+    """Return a spring with its known and its estimated values, in the order of its regressor."""
     found = dict(zip(spring_regressor(robot, joint).names, values, strict=True))
     drive = robot.drives[joint]
-    known = {name: drive.values[name] for name in drive.known if name in _STRAIGHT}
+    known = {name: drive.values[name] for name in drive.known if name in _LINEAR}
     known |= {name: float(value) for name, value in found.items()}
     names = ("stiffness", "spring_offset", "spring_damping")
-    return Straight(*(known.get(name, 0.0) for name in names))
+    return LinearSpring(*(known.get(name, 0.0) for name in names))
 
 
-def check_joint_sides(robot: Robot, springs: Iterable[str]) -> None:
-    """Raise IdentificationError for springs that both sides at once cannot share."""
+def check_simultaneous(robot: Robot, springs: Iterable[str]) -> None:
+    """Raise IdentificationError for springs that method="simultaneous" cannot share."""
     for joint in springs:
         names = set(spring_regressor(robot, joint).names)
-        if not {"stiffness", "spring_offset"} <= names <= _STRAIGHT:
+        if not {"stiffness", "spring_offset"} <= names <= _LINEAR:
             raise IdentificationError(
                 'method="simultaneous" shares a spring of unknown stiffness and offset; that of '
                 f'{joint} {_kind(robot, joint)}: use method="two-step"'
@@ -48,31 +44,31 @@ def check_joint_sides(robot: Robot, springs: Iterable[str]) -> None:
 
 
 def check_instruments(robot: Robot, springs: Iterable[str]) -> None:
-    """Raise IdentificationError for springs of which no instruments can be made."""
+    """Raise IdentificationError for springs for which instruments cannot be computed."""
     for joint in springs:
-        if not set(spring_regressor(robot, joint).names) <= _STRAIGHT:
+        if not set(spring_regressor(robot, joint).names) <= _LINEAR:
             raise IdentificationError(
-                f'estimator="iv" makes instruments of springs of one stiffness; that of {joint} '
+                f'estimator="iv" supports springs of one stiffness; that of {joint} '
                 f'{_kind(robot, joint)}: use estimator="wls"'
             )
 
 
 def check_refinable(robot: Robot) -> None:
-    """Raise IdentificationError for terms of drives that the refinement does not simulate."""
+    """Raise IdentificationError for terms of drives that `refine` does not simulate."""
     for joint, drive in robot.drives.items():
         reason = _not_refinable(robot, joint, drive)
         if reason:
             raise IdentificationError(
-                f"the refinement cannot simulate the drive of {joint}, {reason}; take what "
-                "identify found"
+                f"the refinement cannot simulate the drive of {joint}, {reason}; use the result of "
+                "identify"
             )
 
 
 def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
     if drive.motor_input != "torque":
         return f"of which the {drive.motor_input} was logged, not the torque"
-    beside = [*drive.parallel_spring, *getattr(drive, "joint_friction", ())]
-    if beside:
+    parallel = [*drive.parallel_spring, *getattr(drive, "joint_friction", ())]
+    if parallel:
         return "which has a parallel spring or joint friction"
     if motor_regressor(robot, joint).non_linear or "load" in drive.friction:
         return "whose equation is not linear in its parameters"
@@ -84,9 +80,9 @@ def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
 
 
 def _kind(robot: Robot, joint: str) -> str:
-    """Say what a spring has that is not stiffness and offset, or that they are known."""
+    """Describe the terms of a spring other than unknown stiffness and offset."""
     regressor, drive = spring_regressor(robot, joint), robot.drives[joint]
-    others = [name.replace("_", " ") for name in regressor.names if name not in _STRAIGHT]
+    others = [name.replace("_", " ") for name in regressor.names if name not in _LINEAR]
     if others:
         return f"has {', '.join(others)}"
     if "spring_damping" in regressor.names:

@@ -1,8 +1,9 @@
-"""Which terms do the data support? Drives with one more term each, compared on the same log.
+"""Model selection: which friction and spring terms the data support.
 
-A term is recommended where both the extended Bayesian information criterion and the prediction of
-blocks that were left out are for it. Then the next is asked for beside it, until none is worth
-having. Nothing is chosen silently: the result is a table and a robot to look at.
+Each drive with one more term is compared with the drive as it is, on the same log. A term is
+recommended if both the extended Bayesian information criterion and the prediction of excluded
+blocks support it. The next term is then compared with that model, until no term is supported. The
+result is a table and a robot; no term is added silently.
 """
 
 from __future__ import annotations
@@ -18,18 +19,18 @@ from seaid._progress import track
 from seaid.drives import PARAMETERS_OF, Drive
 from seaid.errors import IdentificationError, RobotError, SeaidError, unknown_name
 from seaid.estimation import (
-    Gain,
+    ModelComparison,
     common_rows,
-    gain,
+    compare_models,
     independent_rows,
     qr_factor_of,
     settled_weights,
     weighted,
 )
-from seaid.identification.datasets import Source, first_motion, records_of, sources_of
+from seaid.identification.datasets import Source, datasets_of, first_motion, sources_of
 from seaid.identification.linearisation import with_gear_torques
 from seaid.identification.nonlinear_terms import fit_load, linearised
-from seaid.identification.two_step import known_torques
+from seaid.identification.two_step import joints_with_torque
 from seaid.log import Motion
 from seaid.regressor import Regression, actuator_regression, stacked
 from seaid.robot import Robot
@@ -38,43 +39,49 @@ AT_THE_MOTOR = {
     "friction": ("offset", "asymmetric", "quadratic", "load", "stribeck"),
     "spring": ("cubic", "dead_zone", "damping"),
 }
-"""Terms asked for on the actuator side of an elastic drive; of a stiff one on the load side."""
+"""Terms on the actuator side of an elastic drive; of a stiff drive on the load side."""
 
 AT_THE_JOINT = {"parallel_spring": ("linear",), "joint_friction": ("viscous", "coulomb")}
-"""Terms asked for on the load side of any drive that can have them."""
+"""Terms on the load side of any drive that can have them."""
 
 _MOST_STEPS = 4
-"""Terms that one drive may gain."""
+"""Largest number of terms that one drive may gain."""
 
 
 @dataclass(frozen=True, eq=False)
 class TermComparison:
-    """What one more term of a joint's drive is worth beside those it has at `step`.
+    """Comparison of a joint's drive with and without one more term, at `step` of the selection.
 
-    `gain` is None where the term could not be asked about: `reason` says why. Of those worth having
-    at a step the best is `chosen`.
+    `comparison` is None if the term could not be estimated: `reason` says why. The best supported
+    term of a step is `selected`.
     """
 
     joint: str
     field: str
     term: str
     step: int
-    gain: Gain | None
+    comparison: ModelComparison | None
     reason: str = ""
-    chosen: bool = False
+    selected: bool = False
 
     @property
-    def is_worth_it(self) -> bool:
-        """Both criteria are for the term."""
-        return self.gain is not None and self.gain.is_worth_it
+    def is_supported(self) -> bool:
+        """Whether both criteria support the term."""
+        return self.comparison is not None and self.comparison.is_supported
 
 
 @dataclass(frozen=True, eq=False)
 class TermSelection:
-    """All terms asked about, and those recommended {joint: ((field, term), ...)}.
+    """The result of `compare_terms`; str() is a table with the recommendation.
 
-    `robot` has the recommended terms, and values of bent ones to start from; it still has to be
-    identified.
+    Attributes
+    ----------
+    comparisons : tuple of TermComparison
+        All terms compared.
+    recommended : mapping {joint: ((field, term), ...)}
+        The terms that the data support.
+    robot : Robot
+        The robot with the recommended terms and start values of nonlinear ones, to be identified.
     """
 
     comparisons: tuple[TermComparison, ...]
@@ -82,7 +89,7 @@ class TermSelection:
     robot: Robot
 
     def __str__(self) -> str:
-        """Return a table of all terms, and the recommendation in words."""
+        """Return a table of all terms and the recommendation."""
         from seaid.report import terms_table
 
         return terms_table(self)
@@ -98,22 +105,45 @@ def compare_terms(
     cutoff_hz: float | None = None,
     progress: bool = False,
 ) -> TermSelection:
-    """Ask of each joint's drive which more terms the logs support.
+    """Compare the drives of a robot with drives of one more term, on the same logs.
 
-    `joints` (default all) and `terms` {field of the drive: terms} limit what is asked about;
-    `rows` and `cutoff_hz` as in `identify`. Raises IdentificationError for unknown terms, as
-    `identify` for logs that cannot answer.
+    Parameters
+    ----------
+    robot, logs, torque_joints, cutoff_hz
+        As in `identify`.
+    joints : sequence of str, optional
+        Joints whose drives are compared. Default: all.
+    terms : mapping {field of the drive: terms}, optional
+        Terms to compare. Default: `AT_THE_MOTOR` and `AT_THE_JOINT`.
+    progress : bool
+        Show a progress bar.
+
+    Returns
+    -------
+    TermSelection
+
+    Raises
+    ------
+    IdentificationError
+        For unknown terms; further errors as in `identify`.
+
+    Examples
+    --------
+    >>> selection = seaid.compare_terms(robot, log, terms={"friction": ["stribeck"]})
+    >>> result = seaid.identify(selection.robot, log)
     """
     asked = _asked(terms)
-    datasets = records_of(robot, sources_of(logs), cutoff_hz, None, progress)
+    datasets = datasets_of(robot, sources_of(logs), cutoff_hz, None, progress)
     motions = [first_motion(dataset) for dataset in datasets]
-    used = known_torques(robot, datasets) if torque_joints is None else robot.rows(torque_joints)
+    used = (
+        joints_with_torque(robot, datasets) if torque_joints is None else robot.rows(torque_joints)
+    )
     comparisons: list[TermComparison] = []
     for joint in track(robot.rows(joints), "terms", progress):
-        robot = _grown(_Question(robot, motions, used, joint), asked, comparisons)
+        robot = _extended(_JointModel(robot, motions, used, joint), asked, comparisons)
     recommended = {
         joint: tuple(
-            (one.field, one.term) for one in comparisons if one.joint == joint and one.chosen
+            (one.field, one.term) for one in comparisons if one.joint == joint and one.selected
         )
         for joint in robot.joint_names
     }
@@ -125,7 +155,7 @@ def compare_terms(
 
 
 def with_term(drive: Drive, field: str, term: str) -> Drive:
-    """Return the drive with one more term; values of parameters that it then lacks are dropped."""
+    """Return the drive with one more term, without the values of parameters that it then lacks."""
     terms = (*getattr(drive, field), term)
     bare = replace(drive, nominal={}, known=(), **{field: terms})  # type: ignore[arg-type]
     names = bare.parameter_names
@@ -147,34 +177,34 @@ def _asked(terms: Mapping[str, Sequence[str]] | None) -> Mapping[str, Sequence[s
     return terms
 
 
-def _grown(
-    question: _Question, asked: Mapping[str, Sequence[str]], comparisons: list[TermComparison]
+def _extended(
+    model: _JointModel, asked: Mapping[str, Sequence[str]], comparisons: list[TermComparison]
 ) -> Robot:
-    """Return the robot with the terms that one joint is worth; all that was asked goes to gains."""
+    """Return the robot with the supported terms of one joint; append all to `comparisons`."""
     for step in range(_MOST_STEPS):
-        candidates = _candidates(question, asked)
-        found = _gains(question, candidates, step)
-        worth = [one for one in found if one.is_worth_it]
-        best = max(worth, key=_bic, default=None)
-        comparisons += [replace(one, chosen=one is best) for one in found]
+        candidates = _candidates(model, asked)
+        found = _comparisons(model, candidates, step)
+        supported = [one for one in found if one.is_supported]
+        best = max(supported, key=_bic, default=None)
+        comparisons += [replace(one, selected=one is best) for one in found]
         if best is None:
             break
-        drive = with_term(question.robot.drives[question.joint], best.field, best.term)
-        robot = question.robot.with_drives({question.joint: drive})
-        question = replace(question, robot=linearised(robot, question.motions))
-    return question.robot
+        drive = with_term(model.robot.drives[model.joint], best.field, best.term)
+        robot = model.robot.with_drives({model.joint: drive})
+        model = replace(model, robot=linearised(robot, model.motions))
+    return model.robot
 
 
 def _bic(one: TermComparison) -> float:
-    return -float("inf") if one.gain is None else one.gain.bic
+    return -float("inf") if one.comparison is None else one.comparison.bic
 
 
-def _candidates(question: _Question, asked: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
-    """Return the terms that a drive does not have and can have."""
-    drive, found = question.robot.drives[question.joint], []
+def _candidates(model: _JointModel, asked: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
+    """Return the terms (field, term) that a drive lacks, can have, and has equations for."""
+    drive, found = model.robot.drives[model.joint], []
     for field, terms in asked.items():
-        told = question.is_motor_side(field) or question.joint in question.used
-        for term in terms if told and hasattr(drive, field) else ():
+        has_equation = model.is_motor_side(field) or model.joint in model.used
+        for term in terms if has_equation and hasattr(drive, field) else ():
             if term not in getattr(drive, field):
                 with suppress(RobotError):  # what this drive cannot have
                     with_term(drive, field, term)
@@ -183,8 +213,8 @@ def _candidates(question: _Question, asked: Mapping[str, Sequence[str]]) -> list
 
 
 @dataclass(frozen=True, eq=False)
-class _Question:
-    """A joint whose drive is asked about, beside all that the robot has by now."""
+class _JointModel:
+    """The model of the robot at a step of the selection, and the joint whose drive is extended."""
 
     robot: Robot
     motions: Sequence[Motion]
@@ -192,23 +222,23 @@ class _Question:
     joint: str
 
     def is_motor_side(self, field: str) -> bool:
-        """Tell whether a field's terms are in the actuator side, (7)."""
+        """Return whether a field's terms are on the actuator side (7)."""
         return field in AT_THE_MOTOR and self.joint in self.robot.elastic_joints
 
     def rows(self, robot: Robot, motor_side: bool) -> Regression:
-        """Return the rows of one side with the drives of a robot, bent ones near their best."""
+        """Return the rows of one side, with the robot's drives linearised near the best values."""
         if motor_side:
-            straight = linearised(robot, self.motions)
-            return stacked([actuator_regression(straight, one, self.joint) for one in self.motions])
-        straight, motions = with_gear_torques(
+            linear = linearised(robot, self.motions)
+            return stacked([actuator_regression(linear, one, self.joint) for one in self.motions])
+        linear, motions = with_gear_torques(
             linearised(robot, self.motions), self.motions, self.used
         )
-        return fit_load(straight, motions, self.used).rows
+        return fit_load(linear, motions, self.used).rows
 
 
 @dataclass(frozen=True, eq=False)
 class _Base:
-    """The rows of the model as it is, its equations' weights, and how many are independent."""
+    """The rows of the present model, its equations' weights, the number of independent rows."""
 
     rows: Regression
     weights: Array
@@ -221,29 +251,29 @@ def _base(rows: Regression) -> _Base:
     return _Base(rows, weights, independent_rows(qr_factor, estimate))
 
 
-def _gains(
-    question: _Question, candidates: Sequence[tuple[str, str]], step: int
+def _comparisons(
+    model: _JointModel, candidates: Sequence[tuple[str, str]], step: int
 ) -> list[TermComparison]:
-    """Return what each candidate is worth."""
+    """Return the comparison of each candidate."""
     bases: dict[bool, _Base] = {}
     found = []
     for field, term in candidates:
-        motor_side = question.is_motor_side(field)
+        motor_side = model.is_motor_side(field)
         if motor_side not in bases:
-            bases[motor_side] = _base(question.rows(question.robot, motor_side))
-        found.append(_gain(question, bases[motor_side], field, term, step, len(candidates)))
+            bases[motor_side] = _base(model.rows(model.robot, motor_side))
+        found.append(_comparison(model, bases[motor_side], field, term, step, len(candidates)))
     return found
 
 
-def _gain(
-    question: _Question, base: _Base, field: str, term: str, step: int, asked: int
+def _comparison(
+    model: _JointModel, base: _Base, field: str, term: str, step: int, asked: int
 ) -> TermComparison:
-    joint, rows = question.joint, base.rows
-    drive = with_term(question.robot.drives[joint], field, term)
+    joint, rows = model.joint, base.rows
+    drive = with_term(model.robot.drives[joint], field, term)
     nothing = TermComparison(joint, field, term, step, None)
     try:
-        robot = question.robot.with_drives({joint: drive})
-        larger = question.rows(robot, question.is_motor_side(field))
+        robot = model.robot.with_drives({joint: drive})
+        larger = model.rows(robot, model.is_motor_side(field))
         rows, larger = common_rows(rows, larger)
         names = tuple(f"{name} with {term}" for name in larger.names)
         both = replace(
@@ -253,7 +283,7 @@ def _gain(
             H=np.hstack([rows.H, larger.H]),
             propagated=np.empty((len(rows.y), 0)),
         )
-        worth = gain(both, base.weights, rows.names, names, base.independent, asked)
+        result = compare_models(both, base.weights, rows.names, names, base.independent, asked)
     except SeaidError as problem:
         return replace(nothing, reason=str(problem))
-    return replace(nothing, gain=worth)
+    return replace(nothing, comparison=result)

@@ -1,12 +1,10 @@
-"""Bent parameters that a motion cannot tell: held where the search left them, and said in words.
+"""Parameters in which drive equations are nonlinear, found by variable projection.
 
-Parameters that bend a drive's equation: found by variable projection, before all others.
-
-A Stribeck speed, the width of smooth friction, a dead zone: with them given the equations (7) and
-(8) are linear. They are searched for first; `identify` then takes the equations near them, where
-they have a column as any other parameter, and with it a standard error.
-
-Bent parameters of stiff drives: found on the load side, beside all bodies, joint by joint.
+Given a Stribeck speed, the width of smooth friction or a dead zone, the equations (7) and (8) are
+linear. These parameters are searched first, those of elastic drives on the actuator side, those
+of stiff drives on the load side, joint by joint. `identify` then linearises the equations at the
+values found, where each parameter has a column and a standard error. Nonlinear parameters that
+this motion cannot identify are fixed where the search ended, and reported in a flag.
 """
 
 from __future__ import annotations
@@ -27,8 +25,8 @@ from seaid.estimation import (
     equal_weights,
     estimate_of,
     ordinary,
-    projected,
     qr_factor_of,
+    separable_least_squares,
     solve,
 )
 from seaid.identification.drive_estimates import spring_of, with_values
@@ -49,33 +47,34 @@ from seaid.regressor import (
 )
 from seaid.robot import Robot
 
-_UNSEEN = 1e-6
-"""Singular value of columns of unit norm, relative to the largest, below which one is not told."""
+_SINGULAR = 1e-6
+"""Singular value of columns of unit norm, relative to the largest, below which one is lost."""
 
 _PART = 0.1
 
 _LEVEL = {"stribeck_speed": "stribeck_friction", "stribeck_friction": "stribeck_speed"}
-"""What has no meaning without the other."""
+"""Pairs of parameters of which one is meaningless if the other is zero."""
 
 
-def told(drive: Drive, names: Sequence[str], H: Array, nonlinear: Sequence[str]) -> Drive:
-    """Return the drive with those of its `nonlinear` parameters known that the columns H do not
-    tell.
+def fix_unidentifiable(
+    drive: Drive, names: Sequence[str], H: Array, nonlinear: Sequence[str]
+) -> Drive:
+    """Return the drive with its unidentifiable `nonlinear` parameters as known ones.
 
-    H (R, p) has the columns `names` at the drive's values. A dead zone of zero beside no other
-    curve, a Stribeck speed where nothing sticks: the equations are singular in them.
+    H (R, p) has the columns `names` at the drive's values. Examples are a dead zone of zero, and a
+    Stribeck speed without Stribeck friction: the equations are singular in them.
     """
-    held: list[str] = []
+    fixed: list[str] = []
     while True:
-        kept = [place for place, name in enumerate(names) if name not in held]
-        name = _lost([names[place] for place in kept], H[:, kept], [*nonlinear, *_LEVEL])
+        kept = [place for place, name in enumerate(names) if name not in fixed]
+        name = _unidentifiable([names[place] for place in kept], H[:, kept], [*nonlinear, *_LEVEL])
         if name is None:
-            return replace(drive, known=(*drive.known, *held)) if held else drive
-        held.append(name)
+            return replace(drive, known=(*drive.known, *fixed)) if fixed else drive
+        fixed.append(name)
 
 
-def _lost(names: Sequence[str], H: Array, candidates: Sequence[str]) -> str | None:
-    """Return the candidate that a combination without effect has most of, if there is any."""
+def _unidentifiable(names: Sequence[str], H: Array, candidates: Sequence[str]) -> str | None:
+    """Return the candidate with the largest share of a lost combination, None if none is lost."""
     norms = np.linalg.norm(H, axis=0)
     may_go = np.array([name in candidates for name in names])
     dead = np.flatnonzero((norms == 0) & may_go)
@@ -91,24 +90,26 @@ def _lost(names: Sequence[str], H: Array, candidates: Sequence[str]) -> str | No
     )
     share = np.abs(vectors[-1])
     place = int(np.argmax(np.where(may_go, share, 0.0)))
-    lost = sizes[-1] < _UNSEEN * sizes[0] and may_go[place] and share[place] > _PART * share.max()
-    return names[place] if lost else None
+    is_lost = (
+        sizes[-1] < _SINGULAR * sizes[0] and may_go[place] and share[place] > _PART * share.max()
+    )
+    return names[place] if is_lost else None
 
 
-def with_held_flags(
+def with_fixed_flags(
     drives: Mapping[str, Estimate], given: Robot, robot: Robot
 ) -> dict[str, Estimate]:
-    """Return estimates of drives with a flag for every parameter that became known by a search."""
+    """Return estimates of drives with a flag for every parameter that a search fixed."""
     flagged = dict(drives)
     for joint, estimate in drives.items():
         drive, before = robot.drives[joint], given.drives[joint].known
-        held = tuple(
-            f"{name.replace('_', ' ')} of {joint} is not told by this motion: taken as "
-            f"{drive.values[name]:.3g} {unit_of(drive, name)}; leave its term out, or excite it"
+        flags = tuple(
+            f"{name.replace('_', ' ')} of {joint} is not identifiable from this motion: fixed at "
+            f"{drive.values[name]:.3g} {unit_of(drive, name)}; remove its term, or excite it"
             for name in drive.known
             if name not in before
         )
-        flagged[joint] = replace(estimate, flags=held + estimate.flags)
+        flagged[joint] = replace(estimate, flags=flags + estimate.flags)
     return flagged
 
 
@@ -117,30 +118,30 @@ _SPEEDS = {
     "coulomb_shift": (0.0,),
     "stribeck_speed": (0.03, 0.1, 0.3),
 }
-"""Where the search starts, in parts of the largest motor speed."""
+"""Starts of the search in units of the largest motor speed."""
 
 _STRETCHES = {"dead_zone": (0.03, 0.15, 0.4), "deflection_zero": (0.0,)}
-"""The same, in parts of half the range of the deflection."""
+"""Starts of the search in units of half the range of the deflection."""
 
 _LEAST, _MOST = 1e-4, 2.0
-"""Bounds of what is positive, in the same parts."""
+"""Bounds of positive parameters in the same units."""
 
 
 def linearised(robot: Robot, motions: Sequence[Motion]) -> Robot:
-    """Return the robot with the values near which its elastic drives' equations are taken.
+    """Return the robot with the values at which its elastic drives are linearised.
 
-    Drives whose equations are linear stay as they are. Raises IdentificationError where a spring
-    that is linear finds no stiffness to start from.
+    Linear drives stay as they are. Raises IdentificationError if a linear spring has no stiffness
+    to start from.
     """
     found = {
-        joint: _straight_drive(robot, motions, joint)
+        joint: _linearised_drive(robot, motions, joint)
         for joint in robot.elastic_joints
         if actuator_equation(robot, motions[0], joint)[0].non_linear
     }
     return robot.with_drives(found) if found else robot
 
 
-def _straight_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Drive:
+def _linearised_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Drive:
     drive = robot.drives[joint]
     assert isinstance(drive, SeriesElasticDrive)
     scale = _scale_of(robot, motions, joint)
@@ -149,7 +150,7 @@ def _straight_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Driv
     names = search.regressor.non_linear
     grid = [starts_of(name, drive, start, scale) for name in names]
     lower, upper = (np.array([bounds_of(name, scale)[end] for name in names]) for end in (0, 1))
-    found = projected(
+    found = separable_least_squares(
         search.columns,
         search.slopes,
         [np.array(one) for one in product(*grid)],
@@ -159,7 +160,9 @@ def _straight_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Driv
     values = dict(zip(names, found.nonlinear.tolist(), strict=True))
     values |= dict(zip(search.regressor.linear, found.linear.tolist(), strict=True))
     drive = with_values(drive, values)
-    return told(drive, search.regressor.names, search.all_columns(drive.values), names)
+    return fix_unidentifiable(
+        drive, search.regressor.names, search.all_columns(drive.values), names
+    )
 
 
 @dataclass(frozen=True)
@@ -173,7 +176,7 @@ class Scale:
 
 @dataclass(frozen=True, eq=False)
 class _MotorSearch:
-    """The rows of one actuator side as functions of its bent parameters."""
+    """The rows of one actuator side as functions of its nonlinear parameters."""
 
     regressor: DriveRegressor
     motions: Sequence[Motion]
@@ -181,22 +184,22 @@ class _MotorSearch:
     rows: Sequence[IndexArray]
 
     def columns(self, nonlinear: Array) -> tuple[Array, Array]:
-        """Return y and the linear columns of all motions in their band."""
+        """Return y and the linear columns of all motions below the cutoff."""
         values = dict(zip(self.regressor.non_linear, nonlinear.tolist(), strict=True))
         pairs = [self.regressor.given(one, values) for one in self.signals]
         return self._banded([y for y, _ in pairs]), self._banded([H for _, H in pairs])
 
     def slopes(self, nonlinear: Array, linear: Array) -> Array:
-        """Return the columns of the bent parameters."""
+        """Return the columns of the nonlinear parameters."""
         values = dict(zip(self.regressor.non_linear, nonlinear.tolist(), strict=True))
         values |= dict(zip(self.regressor.linear, linear.tolist(), strict=True))
-        bent_places = [self.regressor.names.index(name) for name in self.regressor.non_linear]
+        places = [self.regressor.names.index(name) for name in self.regressor.non_linear]
         return self._banded(
-            [self.regressor.evaluate(one, values)[1][:, bent_places] for one in self.signals]
+            [self.regressor.evaluate(one, values)[1][:, places] for one in self.signals]
         )
 
     def all_columns(self, values: Mapping[str, float]) -> Array:
-        """Return the columns of all parameters near some values."""
+        """Return the columns of all parameters at some values."""
         return self._banded([self.regressor.evaluate(one, values)[1] for one in self.signals])
 
     def _banded(self, parts: Sequence[Array]) -> Array:
@@ -233,7 +236,7 @@ def _scale_of(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
 def _linear_start(
     robot: Robot, motions: Sequence[Motion], joint: str, drive: SeriesElasticDrive
 ) -> dict[str, float]:
-    """Return friction, stiffness and the zero of the deflection with linear terms only."""
+    """Return friction, stiffness and zero of the deflection of a drive with linear terms only."""
     friction = tuple("coulomb" if term in COULOMB else term for term in drive.friction)
     known = tuple(name for name in drive.known if name in ("stiffness", "viscous_friction"))
     plain = replace(
@@ -249,7 +252,7 @@ def _linear_start(
     values = {**plain.values, **dict(zip(found.names, found.values.tolist(), strict=True))}
     stiffness = values.get("stiffness", 0.0)
     if stiffness == 0:
-        raise IdentificationError(f"joint '{joint}': no stiffness to start a search from")
+        raise IdentificationError(f"joint '{joint}': no stiffness to start the search")
     values["deflection_zero"] = -values.get("spring_offset", 0.0) / stiffness
     return values
 
@@ -257,7 +260,7 @@ def _linear_start(
 def starts_of(
     name: str, drive: Drive, start: Mapping[str, float], scale: Scale
 ) -> tuple[float, ...]:
-    """Return where the search for a parameter begins: its nominal value, or by the data."""
+    """Return the starts of the search for a parameter: its nominal value, or some from the data."""
     if name in drive.values:
         return (drive.values[name],)
     if name in _SPEEDS:
@@ -270,7 +273,7 @@ def starts_of(
 
 
 def bounds_of(name: str, scale: Scale) -> tuple[float, float]:
-    """Return between what a bent parameter is searched."""
+    """Return the lower and upper search bound of a nonlinear parameter."""
     if name in _SPEEDS:
         size, middle = scale.speed, 0.0
     elif name in _STRETCHES:
@@ -283,15 +286,15 @@ def bounds_of(name: str, scale: Scale) -> tuple[float, float]:
 
 
 _SWEEPS = 2
-"""How often the joints are searched in turn, each beside the others."""
+"""Number of sweeps in which each joint is searched with the others fixed."""
 
 _LEVELS = ("coulomb_friction", "stribeck_friction")
-"""What must not be zero at the start: the slope of what bends is a multiple of it."""
+"""Parameters that must not be zero at the start, since they multiply the nonlinear slopes."""
 
-_LOST = 1e-9
+_RANK_TOLERANCE = 1e-9
 
 _FEW = 1e-3
-"""Of two equations' weights the smaller over the larger is no less."""
+"""Least ratio of the weights of two equations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,7 +309,7 @@ class LoadFit:
 
 
 def nonlinear_joints(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
-    """Return the joints among `used` whose stiff drive is not linear in its parameters."""
+    """Return the joints among `used` whose stiff drive is nonlinear in its parameters."""
     return tuple(
         joint
         for joint in used
@@ -315,7 +318,7 @@ def nonlinear_joints(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
 
 
 def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> Robot:
-    """Return the robot with the values near which its stiff drives' equations are taken."""
+    """Return the robot with the values at which its stiff drives are linearised."""
     nonlinear = nonlinear_joints(robot, used)
     if not nonlinear:
         return robot
@@ -329,8 +332,8 @@ def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]
         search = _load_search(robot, motions, joint, fit_load(robot, motions, used))
         drive, names = robot.drives[joint], search.regressor.non_linear
         columns = search.all_columns(drive.values)
-        held = told(drive, (*search.linear, *names), columns, names)
-        robot = robot.with_drives({joint: held})
+        fixed = fix_unidentifiable(drive, (*search.linear, *names), columns, names)
+        robot = robot.with_drives({joint: fixed})
     return robot
 
 
@@ -355,9 +358,9 @@ def fit_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> Lo
 
 
 def _weights(qr_factor: QRFactor) -> Array:
-    """Return weights (E,) of the equations by what an ordinary fit leaves, within limits.
+    """Return weights (E,) of the equations by the residuals of an ordinary fit, within limits.
 
-    Settled ones are for the estimate: here the model is not right yet.
+    They are not iterated, since the model is not yet right.
     """
     theta = solve(qr_factor, equal_weights(qr_factor)).values
     std = qr_factor.residual_norms(theta) / np.sqrt(np.maximum(qr_factor.counts, 1))
@@ -371,7 +374,7 @@ def _scale(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
 
 
 def _started(robot: Robot, scales: Mapping[str, Scale]) -> Robot:
-    """Return the robot with a value of every bent parameter, and small ones of what bends them."""
+    """Return the robot with start values for the nonlinear parameters and their levels."""
     drives = dict(robot.drives)
     for joint, scale in scales.items():
         drive, regressor = drives[joint], motor_regressor(robot, joint)
@@ -392,13 +395,13 @@ def _searched(
     scale: Scale,
     starts: Sequence[Array],
 ) -> Robot:
-    """Return the robot with better bent parameters of one joint, all others held."""
+    """Return the robot with improved nonlinear parameters of one joint, all others fixed."""
     fit, drive = fit_load(robot, motions, used), robot.drives[joint]
     search = _load_search(robot, motions, joint, fit)
     names = search.regressor.non_linear
     starts = [np.array([drive.values[name] for name in names]), *starts]
     lower, upper = (np.array([bounds_of(name, scale)[end] for name in names]) for end in (0, 1))
-    found = projected(search.columns, search.slopes, starts, lower, upper)
+    found = separable_least_squares(search.columns, search.slopes, starts, lower, upper)
     values = dict(zip(names, found.nonlinear.tolist(), strict=True))
     values |= dict(zip(search.linear, found.linear.tolist(), strict=True))
     return robot.with_drives({joint: with_values(drive, values)})
@@ -406,11 +409,11 @@ def _searched(
 
 @dataclass(frozen=True, eq=False)
 class _LoadSearch:
-    """The rows of the load side as functions of one stiff drive's bent parameters.
+    """The rows of the load side as functions of one stiff drive's nonlinear parameters.
 
     `others` (R, rank) spans the weighted columns of all else, which are projected out; `mine` (R,)
-    are the rows of the drive's own joint, `y` (R,) the weighted target, `weight` the joint's.
-    `zeta` (T,) of each motion is what `y` was made of.
+    are the rows of this drive's joint, `y` (R,) the weighted target, `weight` that of the joint,
+    `zeta` (T,) the target of each motion before weighting.
     """
 
     regressor: DriveRegressor
@@ -426,7 +429,7 @@ class _LoadSearch:
     others: Array
 
     def columns(self, nonlinear: Array) -> tuple[Array, Array]:
-        """Return y and the drive's linear columns, both without what the others make up for."""
+        """Return y and the drive's linear columns, with the other columns projected out."""
         values = dict(zip(self.regressor.non_linear, nonlinear.tolist(), strict=True))
         places = [self.regressor.linear.index(name) for name in self.linear]
         pairs = [self.regressor.given(one, values) for one in self.signals]
@@ -436,7 +439,7 @@ class _LoadSearch:
         return self._alone(y), self._alone(self._placed([H[:, places] for _, H in pairs]))
 
     def slopes(self, nonlinear: Array, linear: Array) -> Array:
-        """Return the columns of the bent parameters in the same way."""
+        """Return the columns of the nonlinear parameters in the same way."""
         drive = self.regressor.drive.values
         values = {**drive, **dict(zip(self.regressor.non_linear, nonlinear.tolist(), strict=True))}
         values |= dict(zip(self.linear, linear.tolist(), strict=True))
@@ -445,7 +448,7 @@ class _LoadSearch:
         return self._alone(self._placed(parts))
 
     def all_columns(self, values: Mapping[str, float]) -> Array:
-        """Return the linear columns and then the bent ones near some values."""
+        """Return the linear columns and then the nonlinear ones at some values."""
         nonlinear = np.array([values[name] for name in self.regressor.non_linear])
         linear = np.array([values[name] for name in self.linear])
         return np.hstack([self.columns(nonlinear)[1], self.slopes(nonlinear, linear)])
@@ -490,7 +493,7 @@ def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadF
             linalg.orth,
             H / np.where(norms > 0, norms, 1.0),
             what="the columns of the load side",
-            rcond=_LOST,
+            rcond=_RANK_TOLERANCE,
         ),
     )
 

@@ -1,12 +1,10 @@
-"""refine: maximum likelihood by output error, both sides at once, from an identification on.
+"""`refine`: maximum likelihood by output error, both sides at once, from an identification.
 
-The measured motor angles (and the joints without a spring) drive the complete model: behind the
-springs the joints are simulated by (8), and their encoders and all torques compared with what was
-measured. Motor encoders see the joint through a gear, so what they add of noise is far below the
-joint encoders': taking them as the input costs next to nothing, cannot drift, and needs no
+The measured motor angles (and the joints without a spring) are the input of the complete model:
+the joints behind the springs are simulated by (8), and their encoders and all torques compared
+with the measured ones. Motor encoders see the joint through a gear, so that their noise is far
+below that of the joint encoders: as inputs they cost little accuracy, prevent drift, and need no
 controller. Each window of the log has its own initial state.
-
-Residuals of the complete model along a log, and their derivatives: the outputs of `refine`.
 """
 
 from __future__ import annotations
@@ -22,14 +20,14 @@ from seaid._progress import track
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Residuals, Step, gauss_newton_step
-from seaid.identification.drive_estimates import joined, with_estimate, with_flags
+from seaid.identification.drive_estimates import merged_estimates, with_estimate, with_flags
 from seaid.identification.identification import Identification
 from seaid.identification.method_limits import check_refinable
 from seaid.identification.simulated_joints import (
-    Answer,
+    Response,
     TorqueJacobians,
-    answer_to,
     finer_side,
+    response_to,
     torque_jacobians,
 )
 from seaid.identification.two_step import split_load_side
@@ -48,20 +46,20 @@ from seaid.regressor import actuator_columns, check_offset_std, load_columns
 from seaid.robot import Robot, coupled_names
 
 WIDER = 3.0
-"""The pass band of the refinement over that of the identification: dry friction is sharp."""
+"""Cutoff of the refinement over that of the identification, to keep the steps of dry friction."""
 
 WINDOW_S = 1.0
-"""A simulation starts anew so often, so that what the model lacks does not pile up."""
+"""Length [s] of the simulated windows, over which model errors accumulate."""
 
 _LEAST_NOISE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Which parameter is where: `names` (p,) of all, and the columns of each kind.
+    """Places of the parameters: `names` (p,) of all, and the columns of each kind.
 
-    `simulated` are the joints behind springs whose position is computed. `precision` (p,) holds
-    what is known beforehand of the encoder zeros, as inverse standard deviations.
+    `simulated` are the joints behind springs; `precision` (p,) are the inverse standard deviations
+    of the prior, that of the encoder offsets.
     """
 
     found: Identification
@@ -74,7 +72,7 @@ class Layout:
 
     @property
     def start(self) -> Array:
-        """The values (p,) of the identification; zeros are as they were read."""
+        """The values (p,) of the identification, with zero encoder offsets."""
         values = np.zeros(len(self.names))
         for joint, columns in self.drives.items():
             values[columns] = self.found.drives[joint].values
@@ -82,7 +80,7 @@ class Layout:
         return values
 
     def spring(self, joint: str) -> list[int]:
-        """Return the columns of stiffness and deflection offset of a joint."""
+        """Return the columns of stiffness and spring offset of a joint."""
         names = self.found.drives[joint].names
         first = self.drives[joint].start
         return [first + names.index(name) for name in ("stiffness", "spring_offset")]
@@ -90,9 +88,9 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A log at the present estimate: its motion with the simulated joints in it, whole windows.
+    """A log at the present estimate: its motion with the simulated joints, in whole windows.
 
-    `reading` (T, simulated) is what their encoders said; `block` samples make a row.
+    `reading` (T, simulated) is the measured position of these joints; `block` samples make a row.
     """
 
     motion: Motion
@@ -102,7 +100,7 @@ class Run:
 
 
 def layout_of(found: Identification, encoder_offset_std: float) -> Layout:
-    """Return where the parameters of an identification are in one vector."""
+    """Return the places of the parameters of an identification in one vector."""
     robot = found.known
     names: list[str] = []
     drives: dict[str, slice] = {}
@@ -130,20 +128,18 @@ def layout_of(found: Identification, encoder_offset_std: float) -> Layout:
 
 
 def run_of(layout: Layout, log: Log) -> Run:
-    """Return a log without a hole as it enters the refinement: in its wider pass band, cut to
-    whole windows.
-    """
+    """Return a log without gaps for the refinement: with the wider cutoff, in whole windows."""
     known = layout.found.known
     rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
     band = min(WIDER * layout.found.cutoff_hz, rate_hz / 8)
     motion = reconstruct_motion(known, log, band)
     motion = finer_side(known, motion)
     block = decimation(motion.rate_hz, motion.cutoff_hz)
-    trim = round(motion.trim_s * motion.rate_hz)
-    length = len(motion.time) - 2 * trim
+    transient = round(motion.trim_s * motion.rate_hz)
+    length = len(motion.time) - 2 * transient
     windows = max(1, round(length / motion.rate_hz / WINDOW_S))
     whole = windows * (length // windows // block) * block
-    motion = _selected(motion, slice(trim, trim + whole))
+    motion = _selected(motion, slice(transient, transient + whole))
     simulated = [known.index(joint) for joint in layout.simulated]
     return Run(motion, motion.joint_position[:, simulated], windows, block)
 
@@ -160,19 +156,19 @@ def _selected(motion: Motion, samples: slice) -> Motion:
 
 
 def robot_at(layout: Layout, x: Array) -> Robot:
-    """Return the found robot with the base parameters of x."""
+    """Return the identified robot with the base parameters of x."""
     base, robot = layout.found.base, layout.found.robot
     load = x[layout.load][: len(base.columns)]
     correction = base.least(load - base.project(robot.parameters))
     return robot.with_values(robot.parameters + correction, robot.drives)
 
 
-def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Answer]:
-    """Return the residuals of a run around x, and how the simulated joints answer.
+def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Response]:
+    """Return the residuals of a run around x, and the response of the simulated joints.
 
-    Channels: positions of the simulated joints, the elastic drives' torques, the torques of the
-    other rows of the load side. The first column of the answer is what the joints still lack to
-    obey (8), then the p parameters and the initial states.
+    Channels: positions of the simulated joints, torques of the elastic drives, torques of the other
+    rows of the load side. The first column of the response is the change of the joints by which
+    they satisfy (8); then follow the p parameters and the initial states.
     """
     known, motion = layout.found.known, run.motion
     error, by_x, jacobians = _load_error(layout, run, x)
@@ -184,10 +180,10 @@ def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Answer]:
     k = np.array([x[layout.spring(joint)[0]] for joint in layout.simulated])
     inside = replace(inside, position=inside.position + np.diag(spring * k))
     force = np.concatenate([error[:, mine, None], by_x[:, mine]], axis=2)
-    answer = answer_to(inside, force, 1 / motion.rate_hz, run.windows)
+    response = response_to(inside, force, 1 / motion.rate_hz, run.windows)
 
-    free = answer.position.shape[2] - force.shape[2]
-    encoder = -answer.position
+    free = response.position.shape[2] - force.shape[2]
+    encoder = -response.position
     encoder[:, :, 0] += run.reading - motion.joint_position[:, joints]
     if layout.precision.any():
         zeros = [1 + layout.zeros.start + joint for joint in joints]
@@ -196,17 +192,17 @@ def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Answer]:
     rows = [known.index(layout.found.model.rows[row]) for row in others]
     torque = np.concatenate([error[:, others, None], by_x[:, others]], axis=2)
     torque = np.pad(torque, ((0, 0), (0, 0), (0, free)))
-    torque -= jacobians.part(rows, joints).change(answer)
-    drive = _drive_error(layout, run, x, answer)
+    torque -= jacobians.part(rows, joints).change(response)
+    drive = _drive_error(layout, run, x, response)
     columns = np.concatenate([encoder, drive, torque], axis=1)
     still = [np.zeros(len(motion.time), dtype=bool) for _ in joints]
     still += [_turning(known, motion, joint) for joint in layout.drives]
     still += [_turning(known, motion, layout.found.model.rows[row]) for row in others]
-    return _blocks(run, columns, np.column_stack(still), free), answer
+    return _blocks(run, columns, np.column_stack(still), free), response
 
 
 def _load_error(layout: Layout, run: Run, x: Array) -> tuple[Array, Array, TorqueJacobians]:
-    """Return what (8) lacks (T, rows), its derivative by x (T, rows, p), and by the motion."""
+    """Return the residual of (8) (T, rows), its derivatives by x (T, rows, p) and by the motion."""
     found, motion = layout.found, run.motion
     springs = {joint: x[layout.spring(joint)] for joint in found.springs}
     torque, payload, H, propagated = load_columns(found.known, motion, found.model, springs)
@@ -225,30 +221,30 @@ def _load_error(layout: Layout, run: Run, x: Array) -> tuple[Array, Array, Torqu
 
 
 def _spring_rate(robot: Robot, joint: str) -> float:
-    """Return how the spring's torque on the load falls with the joint's position, for k = 1."""
+    """Return the decrease of the spring's load torque with the joint position, for k = 1."""
     drive = robot.drives[joint]
     assert isinstance(drive, SeriesElasticDrive)
     return drive.load_radius**2
 
 
-def _drive_error(layout: Layout, run: Run, x: Array, answer: Answer) -> Array:
-    """Return what (7) of each elastic drive lacks, and its derivatives (T, drives, 1 + p + s)."""
-    known, motion, free = layout.found.known, run.motion, answer.position.shape[2] - 1 - len(x)
+def _drive_error(layout: Layout, run: Run, x: Array, response: Response) -> Array:
+    """Return the residuals of (7) and their derivatives (T, drives, 1 + p + s)."""
+    known, motion, free = layout.found.known, run.motion, response.position.shape[2] - 1 - len(x)
     found = np.zeros((len(motion.time), len(layout.drives), 1 + len(x) + free))
     nudged = replace(motion, joint_position=motion.joint_position + 1e-6)
     for row, (joint, columns) in enumerate(layout.drives.items()):
         regressor, zeta, R = actuator_columns(known, motion, joint)
         if regressor.names != layout.found.drives[joint].names:
             raise IdentificationError(
-                f"the log tells {', '.join(regressor.names)} of {joint}, the identification has "
-                f"{', '.join(layout.found.drives[joint].names)}: same torque sensors needed"
+                f"the log determines {', '.join(regressor.names)} of {joint}, the identification "
+                f"has {', '.join(layout.found.drives[joint].names)}: same torque sensors needed"
             )
         found[:, row, 0] = zeta - R @ x[columns]
         found[:, row, 1 + columns.start : 1 + columns.stop] = -R
         _, zeta_there, R_there = actuator_columns(known, nudged, joint)
         by_position = (zeta_there - R_there @ x[columns] - found[:, row, 0]) / 1e-6
         if joint in layout.simulated:
-            mine = answer.position[:, layout.simulated.index(joint)]
+            mine = response.position[:, layout.simulated.index(joint)]
             found[:, row] += by_position[:, None] * mine
         elif layout.precision.any():
             found[:, row, 1 + layout.zeros.start + known.index(joint)] -= by_position
@@ -256,7 +252,7 @@ def _drive_error(layout: Layout, run: Run, x: Array, answer: Answer) -> Array:
 
 
 def _turning(robot: Robot, motion: Motion, joint: str) -> BoolArray:
-    """Tell the samples (T,) near which a motor with dry friction stands or turns back."""
+    """Return a mask (T,) of samples near which a motor with dry friction stands or turns back."""
     if "coulomb" not in robot.drives[joint].friction:
         return np.zeros(len(motion.time), dtype=bool)
     speed = motion.motor_velocity[:, robot.index(joint)]
@@ -267,7 +263,7 @@ def _turning(robot: Robot, motion: Motion, joint: str) -> BoolArray:
 
 
 def _blocks(run: Run, columns: Array, still: BoolArray, free: int) -> Residuals:
-    """Average columns (T, C, 1 + p + s) over blocks: white noise stays white."""
+    """Average columns (T, C, 1 + p + s) over blocks, by which white noise stays white."""
     shape = (run.windows, -1, run.block, columns.shape[1])
     means = columns.reshape(*shape, columns.shape[2]).mean(axis=2)
     last = columns.shape[2] - free
@@ -284,21 +280,21 @@ def _blocks(run: Run, columns: Array, still: BoolArray, free: int) -> Residuals:
 _SETTLED, _CLOSE = 1e-3, 0.05
 _MOST_HALVINGS, _MOST_SWEEPS = 6, 5
 _ALIKE = 1e-3
-"""Log-likelihoods that differ by less are the same."""
+"""Difference below which log-likelihoods count as equal."""
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A point of the iteration: parameters (p,), runs, how their joints answer, the next step."""
+    """A point of the iteration: parameters (p,), runs, responses of their joints, the next step."""
 
     x: Array
     runs: list[Run]
-    answers: list[Answer]
+    responses: list[Response]
     step: Step
 
 
 def refine(
-    found: Identification,
+    identification: Identification,
     logs: Log | Sequence[Log],
     *,
     encoder_offset_std: float = 0.0,
@@ -307,25 +303,51 @@ def refine(
 ) -> Identification:
     """Refine an identification to the maximum-likelihood estimate of both sides at once.
 
-    Output error (Gautier, Janot, Vandanjon 2013) by Gauss-Newton with forward sensitivities: the
-    joints behind springs are simulated from the measured motor angles; their encoders, and every
-    measured torque, are outputs with white noise whose size is estimated too. Rows in which a motor
-    stands still or turns back are left out, as its dry friction is unknown. `encoder_offset_std`
-    [rad or m]: how well the zeros of the joint encoders are known; they are then estimated as well.
-    The covariance counts the autocorrelation of the residuals. Rows are averages over blocks of
-    samples; `residual_std` is theirs: of a drive's torque (or spring force), and on the load side
-    of the stiff joints' torques (where there are none: of the joint encoders).
+    Output error (Gautier, Janot and Vandanjon 2013) by Gauss-Newton with forward sensitivities: the
+    joints behind springs are simulated from the measured motor angles; their encoders and all
+    measured torques are outputs with white noise of estimated variance. Rows in which a motor with
+    dry friction stands still or turns back are excluded. The covariance includes autocorrelation.
+    `residual_std` is that of averages over blocks of samples: of a drive's torque (or spring
+    force), and on the load side of the torques of stiff joints, or else of the joint encoders.
 
-    Raises IdentificationError where the start is unusable or the iteration does not settle,
-    ExcitationError where the logs leave parameters open and LogError where a log does not fit.
+    Parameters
+    ----------
+    identification : Identification
+        The start, of `identify`.
+    logs : Log or sequence of Log
+        The logs to fit.
+    encoder_offset_std : float
+        Standard deviation of the joint encoder offsets [rad or m]; if positive they are estimated.
+    iterations : int
+        Largest number of Gauss-Newton steps.
+    progress : bool
+        Show a progress bar.
+
+    Returns
+    -------
+    Identification
+        The refined parameters.
+
+    Raises
+    ------
+    IdentificationError
+        If the start is unusable or the iteration does not converge.
+    ExcitationError
+        If the logs leave parameters unidentifiable.
+    LogError
+        If a log does not fit the robot.
+
+    Examples
+    --------
+    >>> refined = seaid.refine(seaid.identify(robot, log), log)
     """
     logs = [logs] if isinstance(logs, Log) else list(logs)
     if not logs:
         raise IdentificationError("refine needs a log, found none")
     check_offset_std(encoder_offset_std)
-    _check_start(found)
-    layout = layout_of(found, encoder_offset_std)
-    shortest_s = SHORTEST_STRETCH / found.cutoff_hz
+    _check_start(identification)
+    layout = layout_of(identification, encoder_offset_std)
+    shortest_s = SHORTEST_STRETCH / identification.cutoff_hz
     runs = [run_of(layout, part) for log in logs for part in stretches(log, shortest_s)]
     start = here = _simulated(layout, _point(layout, runs, layout.start))
     for _ in track(range(iterations), "refining", progress):
@@ -334,7 +356,7 @@ def refine(
             break
     if not _size(here.step) < _CLOSE:
         raise IdentificationError(
-            f"the refinement did not settle in {iterations} iterations: its next step would be "
+            f"the refinement did not converge in {iterations} iterations: its next step would be "
             f"{_size(here.step):.2g} standard errors; do the logs and the identification belong "
             "together?"
         )
@@ -346,16 +368,15 @@ def _check_start(found: Identification) -> None:
     if coupled:
         raise IdentificationError(
             f"the drives of {', '.join(coupled)} move several joints, which the refinement cannot "
-            "simulate; take what identify found, or estimator='iv' or method='simultaneous' of "
-            "identify"
+            "simulate; use the result of identify, or its estimator='iv' or method='simultaneous'"
         )
     check_refinable(found.known)
     for joint in found.springs:
         stiffness = found.drives[joint].value("stiffness")
         if not (np.isfinite(stiffness) and stiffness > 0):
             raise IdentificationError(
-                f"the refinement cannot start: the stiffness of {joint} was found "
-                f"{stiffness:.3g}, and a simulation needs one above zero"
+                f"the refinement cannot start: the estimated stiffness of {joint} is "
+                f"{stiffness:.3g}, and the simulation needs a positive one"
             )
 
 
@@ -366,10 +387,12 @@ def _point(layout: Layout, runs: list[Run], x: Array) -> Point:
             around = [linearised(layout, run, x) for run in runs]
     except IdentificationError as problem:
         raise IdentificationError(f"{diverges}; {problem}") from None
-    residuals, answers = [one for one, _ in around], [one for _, one in around]
+    residuals, responses = [one for one, _ in around], [one for _, one in around]
     if not all(np.all(np.isfinite(one.jacobian)) for one in residuals):
         raise IdentificationError(diverges)
-    return Point(x, runs, answers, gauss_newton_step(residuals, layout.names, x, layout.precision))
+    return Point(
+        x, runs, responses, gauss_newton_step(residuals, layout.names, x, layout.precision)
+    )
 
 
 def _size(step: Step) -> float:
@@ -378,7 +401,7 @@ def _size(step: Step) -> float:
 
 
 def _improved(layout: Layout, here: Point) -> tuple[Point, bool]:
-    """Return the point one step on, the step halved while it makes things worse; and if it did."""
+    """Return the next point, the step halved until the likelihood improves; and if it did."""
     part = 1.0
     for _ in range(_MOST_HALVINGS):
         change = part * here.step.change
@@ -390,7 +413,7 @@ def _improved(layout: Layout, here: Point) -> tuple[Point, bool]:
 
 
 def _simulated(layout: Layout, point: Point) -> Point:
-    """Return the point with its joints where they obey (8) at its parameters: Newton's method."""
+    """Return the point with its joints simulated to satisfy (8), by Newton's method."""
     for _ in range(_MOST_SWEEPS):
         new = _next(layout, point, np.zeros_like(point.x), 1.0, point.step.own)
         settled = abs(new.step.merit - point.step.merit) < _ALIKE
@@ -401,22 +424,26 @@ def _simulated(layout: Layout, point: Point) -> Point:
 
 
 def _next(layout: Layout, here: Point, change: Array, part: float, own: tuple[Array, ...]) -> Point:
-    """Return the point after a change of the parameters and part of one of the initial states."""
+    """Return the point after a change of the parameters and a part of the initial states'."""
     runs = [
-        _moved(layout, run, answer, change, part, states)
-        for run, answer, states in zip(here.runs, here.answers, own, strict=True)
+        _moved(layout, run, response, change, part, states)
+        for run, response, states in zip(here.runs, here.responses, own, strict=True)
     ]
     return _point(layout, runs, here.x + change)
 
 
-def _moved(layout: Layout, run: Run, answer: Answer, change: Array, part: float, own: Array) -> Run:
-    """Return a run with its simulated joints where part of a step puts them."""
+def _moved(
+    layout: Layout, run: Run, response: Response, change: Array, part: float, own: Array
+) -> Run:
+    """Return a run with its simulated joints after a part of a step."""
     known, motion = layout.found.known, run.motion
     joints = [known.index(joint) for joint in layout.simulated]
     step = np.append(part, change)
     states = []
     for state, moves in zip(
-        motion.joint_states, (answer.position, answer.velocity, answer.acceleration), strict=True
+        motion.joint_states,
+        (response.position, response.velocity, response.acceleration),
+        strict=True,
     ):
         windowed = moves[..., len(step) :].reshape(
             run.windows, len(state) // run.windows, len(joints), own.shape[1]
@@ -437,8 +464,8 @@ def _refined(layout: Layout, here: Point, worse: bool) -> Identification:
     """Return the identification with the values of a point."""
     found, x = layout.found, here.x
     actuators, load_side = _estimates(layout, here, worse)
-    load, beside = split_load_side(found.model, load_side)
-    refined = joined(actuators, beside)
+    load, load_drives = split_load_side(found.model, load_side)
+    refined = merged_estimates(actuators, load_drives)
     drives = {joint: refined[joint] for joint in found.drives}
     robot = robot_at(layout, x)
     known = {
@@ -469,7 +496,7 @@ def _estimates(layout: Layout, here: Point, worse: bool) -> tuple[dict[str, Esti
 
     def part(old: Estimate, columns: slice, std: float) -> Estimate:
         new = whole.part(range(columns.start, columns.stop), old.names)
-        flags = ("the refinement ended worse than it began",) if worse else ()
+        flags = ("the refinement ended with a lower likelihood than its start",) if worse else ()
         return replace(new, units=old.units, residual_std=std, flags=flags)
 
     first = len(layout.simulated)

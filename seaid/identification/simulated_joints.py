@@ -1,11 +1,9 @@
-"""How joints behind springs answer: the load side (8) linearised along a motion, and integrated.
+"""Simulation of the joints behind springs: the load side (8), linearised along a motion.
 
-The joints behind springs as the fitted model moves them when its motors turn as measured.
-
+`driven_motion` is the motion of the joints by the fitted model when the motors turn as measured.
 The motor encoder sees the joint through a gear, so that its noise is small there; noise of the
-joint encoders is not in a motion computed from it, but for the few numbers of each window that say
-where it starts. That is what instruments for (8) need: acceleration and gravity without the noise
-that is in the measured columns and in the deflection.
+joint encoders enters the motion only by the initial state of each window. Instruments for (8)
+need this: acceleration and gravity without the noise of the measured columns and the deflection.
 """
 
 from __future__ import annotations
@@ -19,7 +17,7 @@ import pinocchio as pin
 from seaid._arrays import Array, safely
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError
-from seaid.identification.method_limits import straight_spring
+from seaid.identification.method_limits import linear_spring
 from seaid.log import Motion, low_pass, spline_derivatives
 from seaid.regressor import LoadModel, load_columns
 from seaid.robot import Robot, at_drives, at_joints, rows_at_drives, torques_at_drives
@@ -39,7 +37,7 @@ class TorqueJacobians:
         return TorqueJacobians(self.position[rows], self.velocity[rows], self.acceleration[rows])
 
     def at_drives(self, transmission: Array) -> TorqueJacobians:
-        """Return them of the torques on what the drives turn, by that: C^-T J C^-1."""
+        """Return the derivatives in the coordinates of the drives, C^-T J C^-1."""
         return TorqueJacobians(
             *(
                 torques_at_drives(transmission, rows_at_drives(transmission, part))
@@ -48,22 +46,22 @@ class TorqueJacobians:
         )
 
     def plus(self, position: Array, velocity: Array) -> TorqueJacobians:
-        """Return the derivatives with constant ones (n, n) added to them."""
+        """Return the derivatives with constant ones (n, n) added."""
         return TorqueJacobians(
             self.position + position, self.velocity + velocity, self.acceleration
         )
 
-    def change(self, answer: Answer) -> Array:
-        """Return how the torques (T, rows, columns) change with an answer of the joints."""
+    def change(self, response: Response) -> Array:
+        """Return the change of the torques (T, rows, columns) with a response of the joints."""
         return np.asarray(
-            self.position @ answer.position
-            + self.velocity @ answer.velocity
-            + self.acceleration @ answer.acceleration
+            self.position @ response.position
+            + self.velocity @ response.velocity
+            + self.acceleration @ response.acceleration
         )
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class Response:
     """Changes of position, velocity and acceleration of the joints, each (T, joints, columns)."""
 
     position: Array
@@ -72,7 +70,7 @@ class Answer:
 
 
 def torque_jacobians(robot: Robot, q: Array, v: Array, a: Array) -> TorqueJacobians:
-    """Return the derivatives of the inverse dynamics, payloads and all, at states (T, n) each."""
+    """Return the derivatives of the inverse dynamics, payloads included, at states (T, n) each."""
     model, data, order = robot.model, robot.model.createData(), list(robot.model_order)
     states = (np.ascontiguousarray(state[:, order]) for state in (q, v, a))
     found = np.empty((3, len(q), robot.n, robot.n))
@@ -86,12 +84,12 @@ def torque_jacobians(robot: Robot, q: Array, v: Array, a: Array) -> TorqueJacobi
     return TorqueJacobians(*found[:, :, back][:, :, :, back])
 
 
-def answer_to(jacobians: TorqueJacobians, force: Array, step: float, windows: int) -> Answer:
+def response_to(jacobians: TorqueJacobians, force: Array, step: float, windows: int) -> Response:
     """Integrate M a + C v + K q = force (T, joints, columns) by the trapezoidal rule.
 
-    The joints start each of the equally long `windows` at rest; 2 joints columns more, at the end,
-    are the free motions from a unit of each initial position and velocity. Second order in `step`,
-    which is enough for a change of a motion that is known beforehand.
+    The joints start each of the equally long `windows` at rest; 2 joints more columns at the end
+    are the free motions from a unit of each initial position and velocity. The rule is of second
+    order in `step`, sufficient for a small change of a known motion.
     """
     T, joints, columns = force.shape
     free = 2 * joints
@@ -101,6 +99,7 @@ def answer_to(jacobians: TorqueJacobians, force: Array, step: float, windows: in
     )
     force = force.reshape(windows, T // windows, joints, columns)
     force = np.concatenate([force, np.zeros((*force.shape[:3], free))], axis=3)
+    # Newmark's method with gamma = 1/2, beta = 1/4 (Newmark 1959) is the trapezoidal rule
     inverse = safely(np.linalg.inv, M + step / 2 * C + step**2 / 4 * K, what="a simulated motion")
     count = force.shape[1]
     q, v, a = (np.zeros((count, windows, joints, columns + free)) for _ in range(3))
@@ -118,39 +117,39 @@ def answer_to(jacobians: TorqueJacobians, force: Array, step: float, windows: in
         a[t] = inverse[:, t] @ (force[:, t] - C[:, t] @ v_t - K[:, t] @ q_t)
         v[t], q[t] = v_t + step / 2 * a[t], q_t + step**2 / 4 * a[t]
     shape = (T, joints, columns + free)
-    return Answer(*(np.swapaxes(part, 0, 1).reshape(shape) for part in (q, v, a)))
+    return Response(*(np.swapaxes(part, 0, 1).reshape(shape) for part in (q, v, a)))
 
 
 _START_BAND = 0.5
-"""The simulation is linearised first around joint positions in this part of the pass band."""
+"""The first linearisation is about joint positions with this part of the cutoff."""
 
 _WINDOW_PERIODS = 5.0
-"""It starts anew after so many periods of the cutoff, so that what the model lacks stays small."""
+"""Length of a window in periods of the cutoff, over which model errors accumulate."""
 
 _SWEEPS = 2
 
-_BESIDE = ("parallel_stiffness", "joint_viscous_friction")
-"""Parameters by which the torque between a joint's bodies rises with its position and velocity."""
+_PARALLEL = ("parallel_stiffness", "joint_viscous_friction")
+"""Stiffness and damping between a joint's bodies, parallel to its drive."""
 
 _RUNAWAY = 1e12
-"""What no joint reaches in a window from a unit of initial position or velocity; NaN neither."""
+"""Response to a unit of initial position or velocity above which the simulation diverges."""
 
 _DIVERGED = (
     "the fitted model diverges when it is driven by the measured motors: the encoders are too "
-    "coarse for this pass band; lower cutoff_hz, or use estimator='wls'"
+    "coarse for this cutoff; lower cutoff_hz, or use estimator='wls'"
 )
 
 
 def driven_motion(
     robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], load_side: Array
 ) -> Motion:
-    """Return the motion with its joints where the motors and the fitted model (8) put them.
+    """Return the motion with its joints simulated from the motors by the fitted model (8).
 
     `springs` {joint of `model.rows`: its spring's values} are simulated, `load_side` (p,) has the
-    values of the columns of `model`; stiff joints move with the finer of their encoders, and the
-    motor side stays as measured. Each window's initial state is the one nearest to the joint
-    encoders in the pass band. Raises IdentificationError where the simulation diverges, farther
-    from them than they move.
+    values of the columns of `model`; stiff joints follow the encoder with less noise, and the motor
+    side stays as measured. The initial state of each window is a least-squares fit to the joint
+    encoders below the cutoff. Raises IdentificationError if the simulation diverges, with a
+    deviation larger than the range of the motion.
     """
     names = [joint for joint in model.rows if joint in springs]
     if not names:
@@ -159,10 +158,10 @@ def driven_motion(
     rows = [model.rows.index(joint) for joint in names]
     fitted = _fitted_robot(robot, model, load_side)
     lever = np.array([_load_radius(robot, joint) ** 2 for joint in names])
-    straight = [straight_spring(robot, joint, springs[joint]) for joint in names]
-    rate = lever * [spring.stiffness for spring in straight]
-    damping = lever * [spring.damping for spring in straight]
-    beside = [_beside(robot, model, load_side, name) for name in _BESIDE]
+    linear = [linear_spring(robot, joint, springs[joint]) for joint in names]
+    rate = lever * [spring.stiffness for spring in linear]
+    damping = lever * [spring.damping for spring in linear]
+    parallel = [_parallel_matrix(robot, model, load_side, name) for name in _PARALLEL]
     turned = at_drives(robot.transmission, motion.joint_position)
     reading = low_pass(turned[:, joints], motion.rate_hz, motion.cutoff_hz)
     here = _smoothed(_turned(finer_side(robot, motion), robot.transmission, at_drives), joints)
@@ -172,19 +171,19 @@ def driven_motion(
         with np.errstate(all="ignore"):
             moved = _turned(here, robot.transmission, at_joints)
             torque, payload, H, _ = load_columns(robot, moved, model, springs)
-            missing = (torque - payload - H @ load_side)[:, rows]
-            jacobians = torque_jacobians(fitted, *moved.joint_states).plus(*beside)
+            residual = (torque - payload - H @ load_side)[:, rows]
+            jacobians = torque_jacobians(fitted, *moved.joint_states).plus(*parallel)
             inside = jacobians.at_drives(robot.transmission).part(joints, joints)
             inside = inside.plus(np.diag(rate), np.diag(damping))
-            answer = _answer(inside, missing, 1 / motion.rate_hz, windows)
-        here = _moved(here, joints, answer, reading, windows)
+            response = _response(inside, residual, 1 / motion.rate_hz, windows)
+        here = _moved(here, joints, response, reading, windows)
     return _turned(here, robot.transmission, at_joints)
 
 
 def finer_side(robot: Robot, motion: Motion) -> Motion:
-    """Return the motion with stiff joints as the encoder with less noise in acceleration sees them.
+    """Return the motion with stiff joints from the encoder with less noise in acceleration.
 
-    The zero stays that of the joint encoder.
+    The offset is that of the joint encoder.
     """
     q, v, a = (at_drives(robot.transmission, state).copy() for state in motion.joint_states)
     for index, joint in enumerate(robot.joint_names):
@@ -201,7 +200,7 @@ def finer_side(robot: Robot, motion: Motion) -> Motion:
 
 
 def _turned(motion: Motion, matrix: Array, to: Callable[[Array, Array], Array]) -> Motion:
-    """Return the motion with its joints in the coordinates of the drives, or the way back."""
+    """Return the motion with its joints in the coordinates of the drives, or back."""
     q, v, a = (to(matrix, state) for state in motion.joint_states)
     return replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a)
 
@@ -211,16 +210,16 @@ def _load_radius(robot: Robot, joint: str) -> float:
 
 
 def _fitted_robot(robot: Robot, model: LoadModel, load_side: Array) -> Robot:
-    """Return a robot with the found base parameters; which one of those does not matter."""
+    """Return a robot with the estimated base parameters; it does not matter which one."""
     base, prior = model.base, np.zeros(10 * robot.n)
     prior[::10] = 1.0
     prior[robot.is_known] = robot.parameters[robot.is_known]
-    missing = load_side[: len(base.columns)] - base.project(prior)
-    return robot.with_values(prior + base.least(missing), robot.drives)
+    residual = load_side[: len(base.columns)] - base.project(prior)
+    return robot.with_values(prior + base.least(residual), robot.drives)
 
 
-def _beside(robot: Robot, model: LoadModel, load_side: Array, name: str) -> Array:
-    """Return a parameter of what acts beside the drives, known or found, as a matrix (n, n)."""
+def _parallel_matrix(robot: Robot, model: LoadModel, load_side: Array, name: str) -> Array:
+    """Return a parameter of the parallel elements, known or estimated, as a matrix (n, n)."""
     found = dict(zip(model.names, load_side, strict=True))
     values = [
         drive.values[name] if name in drive.known else found.get(f"{name} of {joint}", 0.0)
@@ -230,40 +229,42 @@ def _beside(robot: Robot, model: LoadModel, load_side: Array, name: str) -> Arra
 
 
 def _smoothed(motion: Motion, joints: list[int]) -> Motion:
-    """Return the motion with some joints in a narrower band, to linearise around."""
+    """Return the motion with some joints low-passed, for the linearisation."""
     band = _START_BAND * motion.cutoff_hz
     smooth = low_pass(motion.joint_position[:, joints], motion.rate_hz, band)
     return _with_joints(motion, joints, spline_derivatives(motion.time, smooth))
 
 
-def _answer(inside: TorqueJacobians, force: Array, step: float, windows: int) -> Answer:
-    """Return the answer (T, joints, 1 + 2 joints) to a force (T, joints) in equal windows.
+def _response(inside: TorqueJacobians, force: Array, step: float, windows: int) -> Response:
+    """Return the response (T, joints, 1 + 2 joints) to a force (T, joints) in equal windows.
 
-    The last window is as long as the others: the end of the motion is held for what is missing.
+    The last values are repeated to complete the last window.
     """
     extra = -len(force) % windows
-    held = [
+    padded = [
         np.pad(part, ((0, extra), *[(0, 0)] * (part.ndim - 1)), mode="edge")
         for part in (inside.position, inside.velocity, inside.acceleration, force)
     ]
-    answer = answer_to(TorqueJacobians(*held[:3]), held[3][:, :, None], step, windows)
+    response = response_to(TorqueJacobians(*padded[:3]), padded[3][:, :, None], step, windows)
     count = len(force)
-    return Answer(answer.position[:count], answer.velocity[:count], answer.acceleration[:count])
+    return Response(
+        response.position[:count], response.velocity[:count], response.acceleration[:count]
+    )
 
 
 def _moved(
-    motion: Motion, joints: list[int], answer: Answer, reading: Array, windows: int
+    motion: Motion, joints: list[int], response: Response, reading: Array, windows: int
 ) -> Motion:
-    """Return the motion one sweep on, each window from the initial state nearest to a reading.
+    """Return the motion after one sweep, with the initial states fitted to a reading.
 
-    Each joint counts in units of its own motion, so that radians and metres do not compete.
+    Each joint is scaled by its own motion, so that radians and metres are comparable.
     """
-    if not all(np.all(np.abs(part) < _RUNAWAY) for part in vars(answer).values()):
+    if not all(np.all(np.abs(part) < _RUNAWAY) for part in vars(response).values()):
         raise IdentificationError(_DIVERGED)
     spread = np.std(reading, axis=0)
     scale = 1 / np.where(spread > 0, spread, 1.0)
-    missing = scale * (reading - motion.joint_position[:, joints] - answer.position[:, :, 0])
-    free = scale[:, None] * answer.position[:, :, 1:]
+    residual = scale * (reading - motion.joint_position[:, joints] - response.position[:, :, 0])
+    free = scale[:, None] * response.position[:, :, 1:]
     length = -(-len(reading) // windows)
     coefficients = np.empty((len(reading), 1 + free.shape[2]))
     coefficients[:, 0] = 1.0
@@ -273,13 +274,13 @@ def _moved(
         coefficients[own, 1:] = safely(
             np.linalg.lstsq,
             columns,
-            missing[own].ravel(),
-            what="what the simulated motion misses",
+            residual[own].ravel(),
+            what="the initial states of a simulated motion",
             rcond=None,
         )[0]
     changes = [
         np.einsum("tjc,tc->tj", part, coefficients)
-        for part in (answer.position, answer.velocity, answer.acceleration)
+        for part in (response.position, response.velocity, response.acceleration)
     ]
     states = [
         state[:, joints] + change

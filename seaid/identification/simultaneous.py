@@ -1,20 +1,17 @@
-"""Both sides of the springs at once, from the estimate of one after the other on.
+"""Both sides of the springs at once: (7) and (8) in one regression that shares each spring.
 
-Both sides of the spring at once: (7) and (8) in one regression that shares the spring.
+In the two-step method (7) alone determines the spring. Here the load side does too: (8) gives the
+ratio of stiffness and inertia, the motor torques give their scale. This needs two corrections.
 
-The sequential way lets (7) alone tell the spring. Here the load side tells it too: (8) gives the
-ratio of stiffness and inertia, the torque of the motors their scale. Two things make that sound.
+(8) of an elastic joint reads 0 = Y beta - r_L (k d + f_0). With noise in the deflection d least
+squares reduces k, and with k also beta. The deflection is the observation there, so its column is
+replaced by the prediction of the load side and the noise is moved to the left-hand side:
+full-information maximum likelihood in its instrumental form (Hausman 1975), iterated.
 
-(8) of an elastic joint reads 0 = Y beta - r_L (k d + f_0): with noise in the deflection d least
-squares would rather have k too small, and nothing as payload (a payload is a change of beta). The
-deflection is what is observed there, so its column is taken where the load side predicts it, and
-what noise adds to it is on the left: full-information maximum likelihood in its instrumental form
-(Hausman 1975), iterated by `settled`.
-
-(7) and (8) of one joint share noise: that of d, and that of the joint's acceleration. Generalised
-least squares (Zellner 1962) takes that multiple of (8) to (7) which leaves their residuals
-uncorrelated. With noise in d alone it is r_M/(N r_L), and the sum has no spring in it; with noise
-in the acceleration alone it is zero, and (7) stays what it is. The data say where between.
+(7) and (8) of one joint share the noise of d and of the joint's acceleration. Generalised least
+squares (Zellner 1962) adds that multiple of (8) to (7) by which their residuals are uncorrelated:
+r_M/(N r_L), in which the spring cancels, for noise in d alone, and zero for noise in the
+acceleration alone. The residuals determine the value between.
 """
 
 from __future__ import annotations
@@ -31,8 +28,8 @@ from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Estimator, qr_factor_of
 from seaid.identification.datasets import Dataset, rows_of
 from seaid.identification.drive_estimates import spring_of, with_flags
-from seaid.identification.method_limits import check_joint_sides
-from seaid.identification.two_step import Fit, Sides
+from seaid.identification.method_limits import check_simultaneous
+from seaid.identification.two_step import RobotEstimate, SideFit
 from seaid.log import Motion
 from seaid.regressor import (
     OFFSET_STEP,
@@ -49,27 +46,26 @@ from seaid.robot import Robot
 MOST_ITERATIONS = 50
 
 SETTLED = 1e-3
-"""Part of a standard error below which an iteration changes nothing."""
+"""Part of a standard error below which a change of the estimate is negligible."""
 
 _ROUNDING = 1e-11
-"""Part of the torque below which it changes nothing either: where there is no noise."""
+"""Part of the torque below which a change is negligible too, for logs without noise."""
 
 _SPRING = ("stiffness", "spring_offset")
 
 
-def joint_regression(
+def simultaneous_regression(
     robot: Robot, motion: Motion, model: LoadModel, springs: Collection[str]
 ) -> Regression:
-    """Return both sides over time: the drives' columns of the elastic joints, then the load's.
+    """Return both sides over time: the columns of the elastic drives, then those of the load.
 
-    Columns: '<parameter> of <joint>' of every elastic joint in the robot's order (friction,
-    stiffness, deflection offset: whatever the regressor derived from its equation has), then those
-    of `model`. `springs` names the joints of `model.rows` whose torque on the load is that of the
+    Columns: '<parameter> of <joint>' of every elastic joint in the robot's order, then those of
+    `model`. `springs` names the joints of `model.rows` whose torque on the load is that of the
     spring; the others take it from the log.
 
-    `joint` tells the equation: i is (8) of joint i; n + i its motor equation (7), or (4b) where
-    only the spring's torque was measured. Motor equations lack the instants near standstill.
-    `settled` solves the rows; least squares as they stand would not do. Raises LogError where a
+    `joint` is the index of the equation: i is (8) of joint i; n + i its motor equation (7), or (4b)
+    if only the spring's torque was measured. Motor equations exclude the instants near standstill.
+    The rows are solved by `settled`, since plain least squares is biased. Raises LogError if a
     torque is missing.
     """
     zero = {
@@ -95,7 +91,7 @@ def joint_regression(
 def _spring_columns(
     robot: Robot, load: Regression, springs: Collection[str], names: list[str]
 ) -> Array:
-    """Return what the springs' parameters do in (8), in the columns of the drives."""
+    """Return the columns of the springs' parameters in (8), among those of the drives."""
     columns, start = np.zeros((len(load.y), len(names))), 0
     for joint in springs:
         for name in spring_regressor(robot, joint).names:
@@ -114,33 +110,33 @@ def _motor_rows(robot: Robot, actuator: Regression, joint: str, load: Regression
 
 
 def whitened(robot: Robot, rows: Regression, theta: Array) -> Regression:
-    """Return rows of `joint_regression` as weighted least squares may solve them, near `theta`.
+    """Return the rows as weighted least squares may solve them, near `theta`.
 
-    The deflection is the predicted one, column and y changed alike, so that the residual of (8) at
-    `theta` stays what it is; the motor equation of the joint is freed of what its residual has in
-    common with that of (8).
+    In (8) the deflection is replaced by its prediction, in column and y alike, so that the residual
+    at `theta` is unchanged; from the motor equation of the joint the part of its residual that is
+    correlated with that of (8) is removed.
     """
     H, y, propagated = rows.H.copy(), rows.y.copy(), rows.propagated.copy()
     residual = rows.y - rows.H @ theta
-    for stiffness, offset, load, motor, beside in _springs(robot, rows):
+    for stiffness, offset, load, motor, concurrent in _springs(robot, rows):
         H[load, stiffness] += residual[load] / theta[stiffness]
         y[load] += residual[load]
-        lever = -(rows.H[motor, offset] / rows.H[beside, offset])[:, None]  # r_M / (N r_L)
-        shared = lever[:, 0] * residual[beside]
+        lever = -(rows.H[motor, offset] / rows.H[concurrent, offset])[:, None]  # r_M / (N r_L)
+        shared = lever[:, 0] * residual[concurrent]
         power = float(shared @ shared)
         in_deflection = np.clip(-(residual[motor] @ shared) / power, 0.0, 1.0) if power else 1.0
         for new, old in ((H, rows.H), (y[:, None], rows.y[:, None]), (propagated, rows.propagated)):
-            spring_free = old[motor] + lever * old[beside]
-            new[motor] = spring_free - (1 - in_deflection) * lever * new[beside]
+            spring_free = old[motor] + lever * old[concurrent]
+            new[motor] = spring_free - (1 - in_deflection) * lever * new[concurrent]
     return replace(rows, H=H, y=y, propagated=propagated)
 
 
 def _springs(
     robot: Robot, rows: Regression
 ) -> list[tuple[int, int, IndexArray, IndexArray, IndexArray]]:
-    """Return of each spring that is in (8): the columns of its stiffness and offset, and rows.
+    """Return for each spring in (8) the columns of its stiffness and offset, and sets of rows.
 
-    Those of (8), those of the motor equation, and those of (8) at the instants of the last.
+    The rows of (8), those of the motor equation, and those of (8) at the instants of the latter.
     """
     found, instant = [], rows.run + 1j * rows.time
     for joint in robot.elastic_joints:
@@ -153,24 +149,24 @@ def _springs(
         motor = np.flatnonzero(rows.joint == robot.n + index)
         if len(load):
             motor = motor[np.isin(instant[motor], instant[load])]
-            beside = load[np.searchsorted(instant[load], instant[motor])]
-            found.append((stiffness, offset, load, motor, beside))
+            concurrent = load[np.searchsorted(instant[load], instant[motor])]
+            found.append((stiffness, offset, load, motor, concurrent))
     return found
 
 
 def settled(
     robot: Robot, rows: Regression, start: Array, estimate: Callable[[Regression], Estimate]
 ) -> tuple[Estimate, int]:
-    """Solve rows of `joint_regression` from a start (p,), as the sequential estimate is one.
+    """Solve rows of `simultaneous_regression` from a start (p,), such as the two-step estimate.
 
-    `estimate` is any estimator. Iterated until no parameter moves by more than a small part of its
-    standard error; also returns the number of iterations. Raises IdentificationError where that
-    does not come.
+    `estimate` is any estimator. Iterated until no parameter changes by more than a small part of
+    its standard error; also returns the number of iterations. Raises IdentificationError if the
+    iteration does not converge.
     """
     theta = np.array(start, dtype=float)
     stiffness = [column for column, *_ in _springs(robot, rows)]
     if np.any(theta[stiffness] == 0):
-        raise IdentificationError("a start with a stiffness of zero predicts no deflection")
+        raise IdentificationError("the start has a stiffness of zero, which predicts no deflection")
     for iteration in range(1, MOST_ITERATIONS + 1):
         found = estimate(whitened(robot, rows, theta))
         moved = np.abs(found.values - theta)
@@ -179,21 +175,22 @@ def settled(
         if exact or np.all(moved <= SETTLED * found.standard_errors):
             return found, iteration
         before, theta = theta[stiffness], found.values.copy()
-        theta[stiffness] = before / (2 - theta[stiffness] / before)  # the step in 1/k, linear there
+        # step in 1/k, in which the prediction is linear: 1/k_new = (2 - k/k_old) / k_old
+        theta[stiffness] = before / (2 - theta[stiffness] / before)
     worst = int(np.argmax(moved / found.standard_errors))
     raise IdentificationError(
-        f"both sides at once did not settle in {MOST_ITERATIONS} iterations: {found.names[worst]} "
-        f"still moves by {moved[worst]:.2g} {found.units[worst]}; move that joint more, or use "
-        'method="two-step"'
+        f"both sides at once did not converge in {MOST_ITERATIONS} iterations: "
+        f"{found.names[worst]} still changes by {moved[worst]:.2g} {found.units[worst]}; move that "
+        'joint more, or use method="two-step"'
     )
 
 
-def split_joint(
+def split_estimate(
     robot: Robot, model: LoadModel, estimate: Estimate
 ) -> tuple[dict[str, Estimate], Estimate, Estimate]:
     """Return drives {joint: Estimate}, the base parameters, and all columns of `model`.
 
-    In the names and the order of `Identification`; the covariance between them is in `estimate`.
+    Names and order are those of `Identification`.
     """
     count = len(estimate.names) - len(model.names)
     base = range(count, count + len(model.expressions))
@@ -214,37 +211,38 @@ def split_joint(
 def encoder_offset_sensitivity(
     robot: Robot, motion: Motion, model: LoadModel, springs: Collection[str], theta: Array
 ) -> Regression:
-    """Return `joint_regression` with `propagated` (R, n): what a shifted zero of each joint does.
+    """Return both sides with `propagated` (R, n), the effect of each encoder's offset.
 
-    It is minus the change of the residual, at the parameters `theta`, a unit of shift; see
-    `joint_zeros.offset_sensitivity`.
+    It is minus the change of the residual at `theta`, per unit of offset; see `offset_sensitivity`.
     """
-    reference, changes = joint_regression(robot, motion, model, springs), []
+    reference, changes = simultaneous_regression(robot, motion, model, springs), []
     for index in range(robot.n):
-        shifted = joint_regression(robot, shifted_encoder(robot, motion, index), model, springs)
+        shifted = simultaneous_regression(
+            robot, shifted_encoder(robot, motion, index), model, springs
+        )
         change = (shifted.y - shifted.H @ theta) - (reference.y - reference.H @ theta)
         changes.append(change / OFFSET_STEP)
     return replace(reference, propagated=np.column_stack(changes))
 
 
-def simultaneous_sides(
+def estimate_simultaneous(
     robot: Robot,
     datasets: Sequence[Dataset],
     model: LoadModel,
-    start: Sides,
+    start: RobotEstimate,
     estimator: Estimator,
     encoder_offset_std: float,
     executor: Executor | None,
-) -> Sides:
-    """Return both sides at once; `whole` has the covariance between them.
+) -> RobotEstimate:
+    """Estimate both sides at once; `whole` has the covariance between them.
 
-    (7) and (8) are rows of one regression that shares each spring; see `joint_sides`. Raises
-    IdentificationError where the iteration does not settle, and for springs that cannot be shared.
+    Raises IdentificationError if the iteration does not converge, and for springs that cannot be
+    shared.
     """
     springs = tuple(start.springs)
-    check_joint_sides(robot, springs)
+    check_simultaneous(robot, springs)
     regress: Callable[[Motion], Regression]
-    regress = partial(joint_regression, robot, model=model, springs=springs)
+    regress = partial(simultaneous_regression, robot, model=model, springs=springs)
     rows = rows_of(datasets, regress, executor)
     whole, _ = settled(
         robot, rows, _values(rows, start), lambda found: estimator.solve(found, None)
@@ -258,15 +256,15 @@ def simultaneous_sides(
         rows = rows_of(datasets, regress, executor)
         zeros = encoder_offset_std**2 * np.eye(robot.n)
         whole, _ = settled(robot, rows, theta, lambda found: estimator.solve(found, zeros))
-    drives, load, load_side = split_joint(robot, model, whole)
-    solved = estimator.seen(whitened(robot, rows, whole.values), whole)
-    fit = Fit(whole, qr_factor_of(solved), solved, zeros)
+    drives, load, load_side = split_estimate(robot, model, whole)
+    solved = estimator.effective_rows(whitened(robot, rows, whole.values), whole)
+    fit = SideFit(whole, qr_factor_of(solved), solved, zeros)
     optional = [
         name
         for name in whole.names
         if name not in model.expressions and not name.startswith(("stiffness", "spring_offset"))
     ]
-    return Sides(
+    return RobotEstimate(
         drives=drives,
         load=load,
         load_side=load_side,
@@ -278,8 +276,8 @@ def simultaneous_sides(
     )
 
 
-def _values(rows: Regression, start: Sides) -> Array:
-    """Return the sequential estimate in the columns of the rows."""
+def _values(rows: Regression, start: RobotEstimate) -> Array:
+    """Return the two-step estimate in the columns of the rows."""
     known = {
         f"{name} of {joint}": value
         for joint, drive in start.drives.items()

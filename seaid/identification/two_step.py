@@ -1,6 +1,6 @@
-"""Motor constants need something known: else every parameter could be larger by a factor.
+"""The two-step method of the paper: the actuator side (10) of each spring, then the load side (8).
 
-The paper's two parts: the actuator side (10) of each spring, then the load side (8).
+A motor constant is identifiable only if something known fixes the scale of the equations.
 """
 
 from __future__ import annotations
@@ -34,8 +34,12 @@ from seaid.estimation import (
     whiteness,
 )
 from seaid.identification.datasets import Dataset, first_motion, rows_of
-from seaid.identification.drive_estimates import joined, spring_of, with_flags
-from seaid.identification.errors_in_variables import both_noisy, noise_ratio, springs_torque_alone
+from seaid.identification.drive_estimates import merged_estimates, spring_of, with_flags
+from seaid.identification.errors_in_variables import (
+    errors_in_variables,
+    noise_ratio,
+    only_spring_torque,
+)
 from seaid.log import LongLog, Motion
 from seaid.regressor import (
     LoadModel,
@@ -48,52 +52,52 @@ from seaid.regressor import (
 from seaid.robot import Robot, group_of
 
 CONSTANTS = {"torque_constant": "current", "voltage_constant": "voltage"}
-"""Parameters that turn what is logged of a motor into its torque."""
+"""Motor constants, and the logged input that they convert to torque."""
 
 _ROUNDING = 1e-9
 
-_LOST, _PART = 1e-7, 0.01
-"""A combination of columns that is lost, and the least part of it that a constant has then."""
+_RANK_TOLERANCE, _PART = 1e-7, 0.01
+"""Singular value of a lost combination, and the least share of a constant in it."""
 
 _LOAD_SIDE = "known bodies (known_bodies=), logs with and without a payload (identify_conditions), "
 _SPRING = "the stiffness of its spring (known = ['stiffness']), "
 
 
 def check_scale(qr_factor: QRFactor) -> None:
-    """Raise IdentificationError where a motor constant is unknown and nothing fixes the scale.
+    """Raise IdentificationError if an unknown motor constant makes the equations homogeneous.
 
-    Then the equations are homogeneous, and least squares finds zero for all that is in them. A
-    payload that is always there does not help: it could as well be part of its body.
+    All torques are then known only up to scale, and least squares gives zero. A payload in all logs
+    does not help, since it could be part of its body.
     """
     places = {
         place: name.split(" of ", 1)
         for place, name in enumerate(qr_factor.names)
         if name.split(" of ", 1)[0] in CONSTANTS
     }
-    if not places or not qr_factor.count:  # without any row `solve` says so
+    if not places or not qr_factor.count:  # without rows `solve` raises
         return
     R, p = qr_factor.weighted_factor(), len(qr_factor.names)
     norms = np.linalg.norm(R[:, :p], axis=0)
     U, sizes, Vt = safely(
         np.linalg.svd, R[:p, :p] / np.where(norms > 0, norms, 1.0), what="the scale of the torques"
     )
-    told = sizes > _LOST * sizes[0]
-    theta = Vt[told].T @ ((U.T @ R[:p, p])[told] / sizes[told])
+    kept = sizes > _RANK_TOLERANCE * sizes[0]
+    theta = Vt[kept].T @ ((U.T @ R[:p, p])[kept] / sizes[kept])
     least = _ROUNDING * float(np.linalg.norm(R[:, p]))
-    open_part = np.max(np.abs(Vt[~told]), axis=0, initial=0.0)
+    open_part = np.max(np.abs(Vt[~kept]), axis=0, initial=0.0)
     for place, (name, *where) in places.items():
         if abs(theta[place]) <= least or open_part[place] > _PART:
             joint = where[0] if where else qr_factor.joint_names[qr_factor.equations[0]]
             raise IdentificationError(
-                f"of the motor of {joint} only the {CONSTANTS[name]} was logged, and nothing known "
-                f"tells its {name.replace('_', ' ')}: all torques could be larger by a factor. "
-                f"Give one of: {_LOAD_SIDE if where else _SPRING}its rotor inertia, or the "
+                f"the {name.replace('_', ' ')} of {joint} is unidentifiable: only the "
+                f"{CONSTANTS[name]} of its motor was logged, so all torques are known only up to "
+                f"scale. Give one of: {_LOAD_SIDE if where else _SPRING}its rotor inertia, or the "
                 f"constant itself (known = ['{name}'])"
             )
 
 
 _LOAD_KEY = ""
-"""Names the load side among equations that are named by their joint."""
+"""Key of the load side among equations named by joint."""
 
 _NEEDED = ("stiffness", "spring_offset", "deflection_zero")
 
@@ -102,17 +106,17 @@ INPUT_FIELDS = {
     "current": "motor_current",
     "voltage": "motor_voltage",
 }
-"""The field of a motion that has a drive's input."""
+"""Field of a motion with a drive's logged input."""
 
 
 @dataclass(frozen=True, eq=False)
-class Sides:
-    """What both sides of the springs told, as `Identification` has it.
+class RobotEstimate:
+    """Estimates of both sides of the springs.
 
-    `springs` {joint: stiffness and offset} whose torque is that on the load; `checks` and
-    `excluded` by joint, and "load" for the load side. `whole` is the estimate of both sides where
-    it is one; `white_covariance` (p, p) what the covariance of that, or else of `load_side`, would
-    be if the noise were white.
+    `springs` {joint: parameters} are those whose torque is that on the load; `checks` and
+    `excluded` by joint, and "load" for the load side. `whole` is the estimate of both sides if they
+    were estimated at once; `white_covariance` (p, p) the covariance of that, or of `load_side`, for
+    white noise.
     """
 
     drives: Mapping[str, Estimate]
@@ -127,17 +131,17 @@ class Sides:
 
 @dataclass(frozen=True)
 class Regressions:
-    """What makes rows of a motion: `actuator` of a joint, `load` of a model and its springs."""
+    """Functions for the rows: `actuator` (robot, motion, joint), `load` (..., model, springs)."""
 
-    actuator: Callable[[Robot, Motion, str], Regression] = actuator_regression
-    load: Callable[[Robot, Motion, LoadModel, Mapping[str, Array]], Regression] = load_regression
+    actuator: Callable[..., Regression] = actuator_regression
+    load: Callable[..., Regression] = load_regression
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
-    """An estimate, the information behind it, and the rows if they were kept in memory.
+class SideFit:
+    """An estimate with its QR factor, and the rows if they were kept in memory.
 
-    `settled` are the equations' weights (E,) if the estimate was weighted by those that settle.
+    `settled` are the converged weights (E,) of the equations, if the estimate has used them.
     """
 
     estimate: Estimate
@@ -148,16 +152,16 @@ class Fit:
 
     @cached_property
     def weights(self) -> Array:
-        """The weights (E,) of the equations that settle, whatever the estimator weighs by."""
+        """The converged weights (E,) of the equations, for every estimator."""
         return settled_weights(self.qr_factor) if self.settled is None else self.settled
 
     @property
     def white_covariance(self) -> Array:
-        """The covariance (p, p) if the noise of every equation were white."""
+        """The covariance (p, p) for white noise in every equation."""
         return estimate_of(self.qr_factor, self.weights, None, self.propagated).covariance
 
     def checks(self, joints: Sequence[str], optional: Sequence[str]) -> ModelChecks:
-        """Return what speaks for and against the model; `joints` are those of the robot."""
+        """Return the checks of the model; `joints` are those of the robot."""
         found = {} if self.rows is None else whiteness(self.rows, self.estimate.values)
         named = {joints[index % len(joints)]: one for index, one in found.items()}
         return model_checks(self.qr_factor, self.estimate, optional, named, self.weights)
@@ -169,11 +173,8 @@ def fitted(
     estimator: Estimator,
     propagated: Array | None,
     executor: Executor | None,
-) -> Fit:
-    """Return the fit of the rows of all records: in memory, or streamed where all are long logs.
-
-    The weights of the equations are settled once, and handed on with the fit.
-    """
+) -> SideFit:
+    """Return the fit of the rows of all datasets: in memory, or streamed if all are long logs."""
     long_logs = _streamed(datasets, estimator, executor)
     if long_logs:
         with stored_rows(long_logs, {"": regress}) as stored:
@@ -185,18 +186,18 @@ def fitted(
         weights = estimator.weigh(qr_factor)
         estimate = estimate_of_rows(rows, qr_factor, weights, propagated)
         settled = weights if estimator.weigh is settled_weights else None
-        return Fit(estimate, qr_factor, rows, propagated, settled)
+        return SideFit(estimate, qr_factor, rows, propagated, settled)
     if any(name.split(" of ")[0] in CONSTANTS for name in rows.names):
         check_scale(qr_factor_of(rows))
     estimate = estimator.solve(rows, propagated)
-    seen = estimator.seen(rows, estimate)
-    return Fit(estimate, qr_factor_of(seen), seen, propagated)
+    seen = estimator.effective_rows(rows, estimate)
+    return SideFit(estimate, qr_factor_of(seen), seen, propagated)
 
 
 def _streamed(
     datasets: Sequence[Dataset], estimator: Estimator, executor: Executor | None
 ) -> list[LongLog]:
-    """Return the long logs if the records are nothing else and can be streamed, otherwise none."""
+    """Return the long logs if all datasets are such and can be streamed, otherwise none."""
     long_logs = [dataset for dataset in datasets if isinstance(dataset, LongLog)]
     streamed = len(long_logs) == len(datasets) and executor is None and estimator.weigh is not None
     return long_logs if streamed else []
@@ -204,15 +205,15 @@ def _streamed(
 
 def _fitted_to(
     stored: StoredRows, estimator: Estimator, propagated: Array | None, change: Change = unchanged
-) -> Fit:
+) -> SideFit:
     """Return the fit of stored rows."""
     weigh = estimator.weigh or settled_weights
     estimate, qr_factor = stored_estimate(stored, weigh, propagated, change)
     check_scale(qr_factor)
-    return Fit(estimate, qr_factor, None, propagated)
+    return SideFit(estimate, qr_factor, None, propagated)
 
 
-def sequential_sides(
+def estimate_two_step(
     robot: Robot,
     datasets: Sequence[Dataset],
     model: LoadModel,
@@ -221,19 +222,19 @@ def sequential_sides(
     executor: Executor | None,
     progress: bool,
     regressions: Regressions = Regressions(),
-) -> Sides:
-    """Return both sides, one after the other: the springs' uncertainty is carried to the load.
+) -> RobotEstimate:
+    """Estimate both sides in turn, with the springs' uncertainty propagated to the load.
 
-    `regressions` make the rows, in columns that `estimator` knows and `seen` turns into the plain
-    ones.
+    `regressions` compute the rows, in columns that `estimator` knows and that its `effective_rows`
+    converts to the plain ones.
     """
     drives, checks, excluded = {}, {}, {}
-    joints = sprung(robot, datasets, model)
+    joints = spring_torque_joints(robot, datasets, model)
     equations = {
-        joint: partial(_of_actuator, robot, regressions, joint) for joint in robot.elastic_joints
+        joint: partial(regressions.actuator, robot, joint=joint) for joint in robot.elastic_joints
     }
     long_logs = _streamed(datasets, estimator, executor)
-    unloaded = partial(_of_load, robot, regressions, model, _without_torque(robot, joints))
+    unloaded = partial(regressions.load, robot, model=model, springs=_without_torque(robot, joints))
     with stored_rows(long_logs, {**equations, _LOAD_KEY: unloaded} if long_logs else {}) as stored:
         for joint, regress in track(list(equations.items()), "actuator side", progress):
             if stored:
@@ -242,10 +243,10 @@ def sequential_sides(
                 fit = fitted(datasets, regress, estimator, None, executor)
                 if (
                     estimator.weigh
-                    and springs_torque_alone(robot, datasets, joint)
+                    and only_spring_torque(robot, datasets, joint)
                     and fit.rows is not None
                 ):
-                    noisy = both_noisy(fit.rows, noise_ratio(robot, datasets, joint))
+                    noisy = errors_in_variables(fit.rows, noise_ratio(robot, datasets, joint))
                     fit = replace(fit, estimate=noisy)
             drives[joint] = with_flags(fit.estimate, joint, fit.qr_factor)
             optional = [name for name in fit.estimate.names if name not in _NEEDED]
@@ -257,9 +258,9 @@ def sequential_sides(
                 *(robot, datasets, model, springs, estimator),
                 *(encoder_offset_std, executor, regressions, stored.get(_LOAD_KEY)),
             )
-    base, beside = split_load_side(model, load.estimate)
-    found = joined(drives, beside)
-    return Sides(
+    base, load_drives = split_load_side(model, load.estimate)
+    found = merged_estimates(drives, load_drives)
+    return RobotEstimate(
         drives={joint: found[joint] for joint in robot.joint_names if joint in found},
         load=base,
         load_side=load.estimate,
@@ -271,7 +272,7 @@ def sequential_sides(
     )
 
 
-def known_torques(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, ...]:
+def joints_with_torque(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, ...]:
     """Return the joints whose torque is measured, by a sensor or by a spring."""
     motions = [first_motion(dataset) for dataset in datasets]
     return tuple(
@@ -283,7 +284,9 @@ def known_torques(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, ...]:
     )
 
 
-def sprung(robot: Robot, datasets: Sequence[Dataset], model: LoadModel) -> tuple[str, ...]:
+def spring_torque_joints(
+    robot: Robot, datasets: Sequence[Dataset], model: LoadModel
+) -> tuple[str, ...]:
     """Return the joints of the model whose torque on the load is that of their spring."""
     motions = [first_motion(dataset) for dataset in datasets]
     return tuple(
@@ -311,55 +314,41 @@ def _load_side(
     executor: Executor | None,
     regressions: Regressions,
     stored: StoredRows | None,
-) -> Fit:
-    """Fit (8), with the uncertainty of springs and zeros; of `stored` rows without the springs."""
+) -> SideFit:
+    """Fit (8) with the uncertainty of springs and encoder offsets, if `stored` to stored rows."""
     values = {joint: spring.values for joint, spring in springs.items()}
     covariances = [spring.covariance for spring in springs.values()]
     regress: Callable[[Motion], Regression]
-    regress = partial(_of_load, robot, regressions, model, values)
-    sprung_rows = partial(_with_torque, values)
+    regress = partial(regressions.load, robot, model=model, springs=values)
+    rows_with_torque = partial(_with_torque, values)
     if encoder_offset_std > 0:
         theta = (
-            _fitted_to(stored, estimator, None, sprung_rows)
+            _fitted_to(stored, estimator, None, rows_with_torque)
             if stored
             else fitted(datasets, regress, estimator, None, executor)
         ).estimate.values
         stored = None
-        regress = partial(_with_zeros, robot, regressions, model, values, theta)
+        regress = partial(_with_offsets, robot, regressions, model, values, theta)
         covariances.append(encoder_offset_std**2 * np.eye(robot.n))
     propagated = linalg.block_diag(*covariances) if covariances else None
     if stored:
-        return _fitted_to(stored, estimator, propagated, sprung_rows)
+        return _fitted_to(stored, estimator, propagated, rows_with_torque)
     return fitted(datasets, regress, estimator, propagated, executor)
 
 
 def _without_torque(robot: Robot, joints: Sequence[str]) -> dict[str, Array]:
-    """Return springs {joint: stiffness and offset} that have no force, for rows before a fit."""
+    """Return springs {joint: parameters} without force, for rows before the fit of the springs."""
     return {joint: np.zeros(len(spring_regressor(robot, joint).names)) for joint in joints}
 
 
 def _with_torque(springs: Mapping[str, Array], rows: Regression) -> Regression:
-    """Return rows of the load side made without the springs' force as they are with it, by (4b)."""
+    """Return rows of the load side with the springs' force by (4b), from rows without it."""
     if not springs:
         return rows
     return replace(rows, y=rows.y + rows.propagated @ np.concatenate(list(springs.values())))
 
 
-def _of_actuator(robot: Robot, regressions: Regressions, joint: str, motion: Motion) -> Regression:
-    return regressions.actuator(robot, motion, joint)
-
-
-def _of_load(
-    robot: Robot,
-    regressions: Regressions,
-    model: LoadModel,
-    springs: Mapping[str, Array],
-    motion: Motion,
-) -> Regression:
-    return regressions.load(robot, motion, model, springs)
-
-
-def _with_zeros(
+def _with_offsets(
     robot: Robot,
     regressions: Regressions,
     model: LoadModel,
@@ -367,14 +356,14 @@ def _with_zeros(
     theta: Array,
     motion: Motion,
 ) -> Regression:
-    """Return the load side, carrying the springs first and then the zeros of the joints."""
+    """Return the load side with propagated columns of the springs and then of encoder offsets."""
     plain = regressions.load(robot, motion, model, springs)
     zeros = offset_sensitivity(robot, motion, model, springs, theta)
     return replace(plain, propagated=np.hstack([plain.propagated, zeros.propagated]))
 
 
 def split_load_side(model: LoadModel, load_side: Estimate) -> tuple[Estimate, dict[str, Estimate]]:
-    """Return the base parameters, and what the load side tells of drives {joint: Estimate}."""
+    """Return the base parameters, and the load side's estimates of drives {joint: Estimate}."""
     p = len(model.base.columns)
     base = load_side.part(range(p), model.expressions)
     drives = {}

@@ -1,7 +1,4 @@
-"""validate: predicted against measured torque, on a motion the identification has not seen.
-
-Cross-validation over motions: what is identified from some, validated on the others.
-"""
+"""Validation: predicted against measured torques of logs not used in the identification."""
 
 from __future__ import annotations
 
@@ -28,18 +25,18 @@ NUMBERS = (
     "raw_relative_error",
     "r_squared",
 )
-"""Fields of a Fit that go to tables and files."""
+"""Fields of a Fit that tables and files contain."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Measured and computed torque (T, n) in the pass band, and how far apart, each (n,).
+    """Measured and computed torque (T, n) below the cutoff, and error measures (n,).
 
-    The traces are NaN at both ends, where filters swing in.
-    `relative_error` is the norm of the error over the norm of the signal; `moving_relative_error`
-    the same away from standstill, where no model predicts what dry friction does;
-    `raw_relative_error` the same without the low pass; `r_squared` one minus the error's over the
-    signal's variance. NaN where a joint has no such equation.
+    Both torques are NaN in the filter transients at the ends. `rms_error` is in the unit of the
+    torque; `relative_error` is the norm of the error over that of the signal;
+    `moving_relative_error` the same without standstill, where dry friction is unpredictable;
+    `raw_relative_error` the same without the low pass; `r_squared` is one minus the variance of the
+    error over that of the signal. NaN for a joint without such an equation.
     """
 
     measured: Array
@@ -53,7 +50,19 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """Actuator side (motor torque, elastic joints) and load side (torque at the joint)."""
+    """Predicted torques of a log: `actuator` (motor torque of elastic joints) and `load` side.
+
+    Attributes
+    ----------
+    joints : tuple of str
+        The n joints.
+    time : ndarray (T,)
+        Time [s].
+    cutoff_hz : float
+        Cutoff of the comparison.
+    actuator, load : Fit
+        Torques and error measures of both sides.
+    """
 
     joints: tuple[str, ...]
     time: Array
@@ -62,7 +71,7 @@ class Validation:
     load: Fit
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the numbers for `parameters.json`, null where there is no equation."""
+        """Return the numbers for `parameters.json`, null for a joint without such an equation."""
         return {
             side: {
                 joint: {name: _number(getattr(fit, name)[index]) for name in NUMBERS}
@@ -72,33 +81,58 @@ class Validation:
         }
 
 
-def validate(found: Identification, log: Log) -> Validation:
-    """Predict the torques of another log and compare, in the pass band of the identification.
+def validate(identification: Identification, log: Log) -> Validation:
+    """Predict the torques of another log and compare them with the measured ones.
 
-    All instants count, those near standstill too; what is left out around holes in time does not.
-    Raises LogError where the log does not fit.
+    Parameters
+    ----------
+    identification : Identification
+        The identified model.
+    log : Log
+        A log that was not used in the identification. All its instants count, standstill included,
+        but for the filter transients at its ends and around gaps in time.
+
+    Returns
+    -------
+    Validation
+
+    Raises
+    ------
+    LogError
+        If the log does not fit the robot.
+
+    Examples
+    --------
+    >>> seaid.validate(result, seaid.read_log("other_run.csv", robot)).load.relative_error
     """
-    return _compared(found, reconstruct_motions(found.robot, log, found.cutoff_hz))
+    return _compared(
+        identification, reconstruct_motions(identification.robot, log, identification.cutoff_hz)
+    )
 
 
-def compared(found: Identification, motion: Motion) -> Validation:
-    """Compare torques of a motion; with one of `found.motions`, how well the model fits its own."""
-    return _compared(found, [motion])
+def compared(identification: Identification, motion: Motion) -> Validation:
+    """Compare the torques of a motion; with one of `identification.motions`: the fit itself."""
+    return _compared(identification, [motion])
 
 
-def _compared(found: Identification, motions: Sequence[Motion]) -> Validation:
-    """Compare torques of the motions of a log, of which there are several where it has holes."""
-    robot = found.robot
-    if under_load(found.known, found.model.rows):
-        theta = found.load_side.values
+def _compared(identification: Identification, motions: Sequence[Motion]) -> Validation:
+    """Compare the torques of the motions of one log, several if it has gaps in time."""
+    robot = identification.robot
+    if under_load(identification.known, identification.model.rows):
+        theta = identification.load_side.values
         motions = [
-            with_gear_torque(found.known, one, found.model, found.springs, theta) for one in motions
+            with_gear_torque(
+                identification.known, one, identification.model, identification.springs, theta
+            )
+            for one in motions
         ]
     actuator = [
-        _traces(one, *_actuator(found, one), _still(robot, one, _motor_stands)) for one in motions
+        _traces(one, *_actuator(identification, one), _still(robot, one, _motor_stands))
+        for one in motions
     ]
     load = [
-        _traces(one, *_load(found, one), _still(robot, one, unknown_friction)) for one in motions
+        _traces(one, *_load(identification, one), _still(robot, one, unknown_friction))
+        for one in motions
     ]
     return Validation(
         joints=robot.joint_names,
@@ -109,23 +143,23 @@ def _compared(found: Identification, motions: Sequence[Motion]) -> Validation:
     )
 
 
-def _actuator(found: Identification, motion: Motion) -> tuple[Array, Array]:
+def _actuator(identification: Identification, motion: Motion) -> tuple[Array, Array]:
     """Return measured and computed motor torque (T, n) by (7), NaN at stiff joints.
 
-    Where only the spring's torque was measured, that is compared, seen at the motor.
+    If only the spring torque was measured, it is compared, transformed to the motor.
     """
     measured = np.full_like(motion.motor_torque, np.nan)
     computed = measured.copy()
-    for joint in found.robot.elastic_joints:
-        index, estimate = found.robot.index(joint), found.drives[joint]
-        regressor, zeta, R = actuator_columns(found.known, motion, joint)
+    for joint in identification.robot.elastic_joints:
+        index, estimate = identification.robot.index(joint), identification.drives[joint]
+        regressor, zeta, R = actuator_columns(identification.known, motion, joint)
         if not set(regressor.names) <= set(estimate.names):
             continue
         values = np.array([estimate.value(name) for name in regressor.names])
         error = R @ values - zeta
-        measured[:, index] = _input_torque(found, motion, joint)
+        measured[:, index] = _input_torque(identification, motion, joint)
         if np.any(np.isnan(measured[:, index])):
-            drive = found.known.drives[joint]
+            drive = identification.known.drives[joint]
             lever = getattr(drive, "motor_radius", 1.0) / drive.ratio
             force = motion.joint_torque[:, index] / getattr(drive, "load_radius", 1.0)
             measured[:, index], error = lever * force, lever * error
@@ -133,35 +167,39 @@ def _actuator(found: Identification, motion: Motion) -> tuple[Array, Array]:
     return measured, computed
 
 
-def _input_torque(found: Identification, motion: Motion, joint: str) -> Array:
-    """Return the motor's torque (T,) by what is logged of it, with the constant that was found."""
-    drive, estimate = found.known.drives[joint], found.drives[joint]
+def _input_torque(identification: Identification, motion: Motion, joint: str) -> Array:
+    """Return the motor torque (T,) from the logged input and the identified motor constant."""
+    drive, estimate = identification.known.drives[joint], identification.drives[joint]
     values = {**drive.values, **dict(zip(estimate.names, estimate.values, strict=True))}
     factor = {
         "torque": 1.0,
         "current": values.get("torque_constant", np.nan),
         "voltage": values.get("voltage_constant", np.nan),
     }[drive.motor_input]
-    signal = signals(found.known, motion, found.robot.index(joint))[INPUTS[drive.motor_input]]
+    signal = signals(identification.known, motion, identification.robot.index(joint))[
+        INPUTS[drive.motor_input]
+    ]
     return np.asarray(factor * signal)
 
 
-def _load(found: Identification, motion: Motion) -> tuple[Array, Array]:
+def _load(identification: Identification, motion: Motion) -> tuple[Array, Array]:
     """Return measured and computed load torque (T, n) by (8), NaN where it was not used.
 
-    Where a motor's current or voltage was logged, what it gives by the found constant is measured.
+    For a logged current or voltage the torque by the identified motor constant counts as measured.
     """
-    torque, payload, H, _ = load_columns(found.known, motion, found.model, found.springs)
-    theta, bodies = found.load_side.values, len(found.model.expressions)
+    torque, payload, H, _ = load_columns(
+        identification.known, motion, identification.model, identification.springs
+    )
+    theta, bodies = identification.load_side.values, len(identification.model.expressions)
     constants = [
         bodies + place
-        for place, (_, name, _) in enumerate(found.model.drives)
+        for place, (_, name, _) in enumerate(identification.model.drives)
         if name in ("torque_constant", "voltage_constant")
     ]
     given = H[:, :, constants] @ theta[constants]
     measured = np.full_like(motion.joint_position, np.nan)
     computed = measured.copy()
-    used = [found.robot.index(joint) for joint in found.model.rows]
+    used = [identification.robot.index(joint) for joint in identification.model.rows]
     measured[:, used] = torque - given
     computed[:, used] = payload + H @ theta - given
     return measured, computed
@@ -169,9 +207,10 @@ def _load(found: Identification, motion: Motion) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class _Traces:
-    """Torques (T, n) as measured and computed, and in the pass band; which samples (T,) count.
+    """Measured and computed torques (T, n), raw and low-passed, and masks.
 
-    `still` (T, n) tells where friction is unknown.
+    `still` (T, n) masks samples with unknown friction; `inside` (T,) those without filter
+    transients.
     """
 
     measured: Array
@@ -183,17 +222,17 @@ class _Traces:
 
 
 def _traces(motion: Motion, measured: Array, computed: Array, still: BoolArray) -> _Traces:
-    """Return the torques of a motion as they are compared; filters swing in at both ends."""
+    """Return the torques of a motion for the comparison, without filter transients."""
     samples = np.arange(len(measured))
-    trim = round(motion.trim_s * motion.rate_hz)
-    inside = (samples >= trim) & (samples < len(samples) - trim)
+    transient = round(motion.trim_s * motion.rate_hz)
+    inside = (samples >= transient) & (samples < len(samples) - transient)
     smooth_measured, smooth_computed = _smooth(motion, measured), _smooth(motion, computed)
     smooth_measured[~inside] = smooth_computed[~inside] = np.nan
     return _Traces(measured, computed, smooth_measured, smooth_computed, still, inside)
 
 
 def _fit(parts: Sequence[_Traces]) -> Fit:
-    """Compare torques, those of all parts as one."""
+    """Return the fit of the torques of all parts together."""
     names = [field.name for field in fields(_Traces)]
     whole = _Traces(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
     measured, computed, inside = whole.smooth_measured, whole.smooth_computed, whole.inside
@@ -226,7 +265,7 @@ def _motor_stands(robot: Robot, motion: Motion, joint: str) -> BoolArray:
 
 
 def _smooth(motion: Motion, torque: Array) -> Array:
-    """Return torques (T, n) in the pass band; NaN columns stay NaN."""
+    """Return torques (T, n) below the cutoff; NaN columns stay NaN."""
     smooth, there = torque.copy(), np.flatnonzero(np.isfinite(torque[0]))
     smooth[:, there] = in_band(motion, torque[:, there])
     return smooth
@@ -244,11 +283,34 @@ def cross_validate(
     progress: bool = False,
     **options: Any,
 ) -> tuple[Validation, ...]:
-    """Return one validation a log, of what the other logs tell; one log is cut into `parts`.
+    """Validate each log on the model identified from all the others.
 
-    `options` are those of `identify`. All use one pass band, that of all logs together unless
-    `cutoff_hz` is given. Raises IdentificationError for less than two parts, and as `identify` and
-    `validate` do.
+    Parameters
+    ----------
+    robot : Robot
+        The robot model.
+    logs : Log or sequence of Log
+        Logs of several motions; a single log is cut into `parts`.
+    parts : int
+        Number of parts of a single log, at least 2.
+    progress : bool
+        Show a progress bar.
+    **options
+        Options of `identify`. All identifications use one cutoff, `cutoff_hz` or that of all logs.
+
+    Returns
+    -------
+    tuple of Validation
+        One per log or part.
+
+    Raises
+    ------
+    IdentificationError
+        For less than two parts; further errors as in `identify` and `validate`.
+
+    Examples
+    --------
+    >>> [one.load.r_squared for one in seaid.cross_validate(robot, log, parts=4)]
     """
     pieces = _cut(logs, parts) if isinstance(logs, Log) else list(logs)
     if len(pieces) == 1:
@@ -266,7 +328,7 @@ def cross_validate(
 
 
 def _cut(log: Log, parts: int) -> list[Log]:
-    """Return a log in parts of equal length, one after the other."""
+    """Return a log in consecutive parts of equal length."""
     if not (parts >= 2 and parts == int(parts)):
         raise IdentificationError(f"parts must be a whole number of at least 2, found {parts}")
     edges = np.linspace(log.time[0], log.time[-1], int(parts) + 1)

@@ -62,7 +62,7 @@ def read_log(
     table = open_table(path)
     if described is not None:
         channels = channels_of(path, table, described, robot)
-        log = _mended(path, channels, repair or described.repair, robot, table.names, described)
+        log = _repaired(path, channels, repair or described.repair, robot, table.names, described)
     else:
         wanted = wanted_columns(path, table, robot, columns or {})
         data = table.load(list(dict.fromkeys(foreign for foreign, _ in wanted.values())))
@@ -73,12 +73,12 @@ def read_log(
             picked = {name: data[foreign] * factor for name, (foreign, factor) in wanted.items()}
             time = picked.pop("time_s")
             channels = [Channel(name, time, values) for name, values in picked.items()]
-            log = _mended(path, channels, repair, robot, table.names, None)
+            log = _repaired(path, channels, repair, robot, table.names, None)
     _suspect_degrees(path, log, robot)
     return log
 
 
-def _mended(
+def _repaired(
     path: Path,
     channels: Sequence[Channel],
     limits: Repairs,

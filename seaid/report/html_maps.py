@@ -17,7 +17,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.estimation import POORLY_TOLD, directions, first_term, qr_factor_of, settled_weights
+from seaid.estimation import (
+    POORLY_DETERMINED,
+    directions,
+    first_term,
+    qr_factor_of,
+    settled_weights,
+)
 from seaid.identification import Fit, Identification, Validation, under_load, with_gear_torque
 from seaid.log import Motion
 from seaid.regressor import load_regression, stacked
@@ -38,7 +44,7 @@ class SingularValues:
 
     shares: Array
     combinations: tuple[str, ...]
-    threshold: float = POORLY_TOLD
+    threshold: float = POORLY_DETERMINED
 
 
 def singular_values(found: Identification) -> SingularValues | None:
@@ -185,7 +191,9 @@ class DotChart:
 def dot_chart(found: SingularValues, width: float = 640.0, height: float = 200.0) -> DotChart:
     """Return singular values over their number as points of a chart."""
     shares = np.maximum(found.shares, 1e-16)
-    lowest = min(math.floor(math.log10(float(shares.min()))), math.floor(math.log10(POORLY_TOLD)))
+    lowest = min(
+        math.floor(math.log10(float(shares.min()))), math.floor(math.log10(POORLY_DETERMINED))
+    )
 
     def y_of(share: float) -> float:
         return round(height * math.log10(share) / lowest, 2)

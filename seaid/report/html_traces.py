@@ -76,10 +76,10 @@ def _with_room(runs: Sequence[Run]) -> list[Run]:
 
 
 def _count(run: Run) -> int:
-    return len(_told(run.result.actuator)) + len(_told(run.result.load))
+    return len(_first_stage(run.result.actuator)) + len(_first_stage(run.result.load))
 
 
-def _told(fit: Fit) -> list[int]:
+def _first_stage(fit: Fit) -> list[int]:
     """Return the joints of which a side has traces."""
     return [int(i) for i in np.flatnonzero(np.any(np.isfinite(fit.measured), axis=0))]
 
@@ -167,7 +167,7 @@ def _thinned_text(step: int, stretch: int, rate_hz: float, cutoff_hz: float) -> 
 def _packed_side(
     fit: Fit, inside: slice, step: int, stretch: int, bands: Bands
 ) -> list[dict[str, Any] | None]:
-    told = set(_told(fit))
+    told = set(_first_stage(fit))
     return [
         _packed_trace(fit.measured[inside, j], fit.computed[inside, j], step, stretch, bands)
         if j in told

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seaid.identification import nominal_values
 from seaid.log import has_holes
 
 if TYPE_CHECKING:
@@ -54,7 +53,7 @@ def drive_table(title: str, found: Identification, truth: Robot | None = None) -
     header = ["joint", "parameter", "estimated", "std. error", "rel."]
     rows = []
     for joint, estimate in found.drives.items():
-        true = {} if truth is None else nominal_values(truth.drives[joint])
+        true = {} if truth is None else truth.drives[joint].values
         for name, value, error, unit in _entries(estimate):
             exact = true.get(name, np.nan)
             beside = [] if truth is None else [number(exact), percent(value / exact - 1)]
@@ -148,7 +147,7 @@ def _possible_text(possible: FeasibleParameters) -> list[str]:
         f"possible bodies: chi-square {possible.chi_square:.3g} over {len(possible.values)} values "
         f"(at least {possible.nearest_chi_square:.3g}); weight of the prior {possible.weight:.2g}, "
         f"{possible.freedom:.1f} values decided by the data",
-        *(f"  the data push until {text}" for text in possible.held),
+        *(f"  the data push until {text}" for text in possible.active_bounds),
         *(f"  {note}" for note in possible.notes),
     ]
 
@@ -250,12 +249,12 @@ def conditions_table(together: Conditions) -> str:
     """
     rows = []
     for name, test in together.differences.items():
-        values = [_text(found, name) for found in together.found.values()]
+        values = [_text(found, name) for found in together.identifications.values()]
         differ = "yes" if test.bic > 0 else "no"
         rows.append([name, *values, number(test.F), number(test.bic), differ])
-    count = len(together.found)
+    count = len(together.identifications)
     title = f"{count} conditions together: what each has of its own (value +- standard error)"
-    return table(title, ["parameter", *together.found, "F", "BIC", "differ"], rows)
+    return table(title, ["parameter", *together.identifications, "F", "BIC", "differ"], rows)
 
 
 def _text(found: Identification, name: str) -> str:
@@ -277,11 +276,11 @@ def terms_table(selection: TermSelection) -> str:
 
 
 def _row(one: TermComparison) -> list[str]:
-    if one.gain is None:
+    if one.comparison is None:
         return [_name(one), str(one.step + 1), *["-"] * 4, "not asked"]
-    gain = one.gain
+    gain = one.comparison
     excluded = f"{percent(gain.improvement)} +- {percent(gain.improvement_std)}"
-    worth = "chosen" if one.chosen else "yes" if gain.is_worth_it else "no"
+    worth = "chosen" if one.selected else "yes" if gain.is_supported else "no"
     blocks = f"{gain.better} of {gain.blocks}"
     return [
         _name(one),

@@ -22,8 +22,14 @@ from seaid._arrays import Array
 from seaid.errors import IdentificationError, SeaidWarning
 from seaid.estimation import feasible
 from seaid.estimation import sdp as interior_point
-from seaid.estimation.feasible import WEIGHTS, Possible, chosen, nearest, regularised
-from seaid.estimation.sdp import BARRIER, RESOLVED, Program, least_spread, root_of
+from seaid.estimation.feasible import (
+    WEIGHTS,
+    FeasiblePoint,
+    nearest,
+    regularised,
+    with_selected_weight,
+)
+from seaid.estimation.sdp import BARRIER, RESOLVED, Program, covariance_root, floored_covariance
 from seaid.robot.inertia import from_center_of_mass, is_physical, pseudo_inertia
 
 pytestmark = pytest.mark.rounding
@@ -50,7 +56,7 @@ def program(seed: int, noise: float = 1.0, shift: Array | None = None) -> Progra
     columns[:, pivots] = np.eye(TOLD + 1)
     values = columns @ truth
     half = rng.normal(size=(TOLD + 1, 2 * TOLD)) * 0.05 * (np.abs(values) + 0.01)[:, None]
-    root = root_of(half @ half.T / TOLD, values)
+    root = covariance_root(half @ half.T / TOLD, values)
     limit = np.zeros((1, len(truth)))
     limit[0, 20] = 1.0
     estimate = values + noise * root @ rng.normal(size=TOLD + 1)
@@ -135,7 +141,7 @@ def test_freedom_is_the_derivative_of_the_values_by_the_estimate() -> None:
 
 def test_data_choose_the_weight_of_least_risk() -> None:
     one = program(6, noise=1.0)
-    found = chosen(one, nearest(one).chi_square)
+    found = with_selected_weight(one, nearest(one).chi_square)
     for weight in (1e4, 1e2, 1.0, 1e-2, 1e-4):
         assert found.risk <= regularised(one, weight).risk
 
@@ -171,13 +177,13 @@ def test_impossible_moments_are_held_at_a_flat_plate_and_a_negative_friction_at_
     )
     found = nearest(one)
     assert found.ranks == (3,)
-    assert found.held == (0,)
+    assert found.active_bounds == (0,)
     # the excess of 0.5 spread over the three moments, and friction 30 standard errors off
     assert found.chi_square == pytest.approx(3 * (0.5 / 3 / 0.01) ** 2 + 30**2, rel=1e-5)
     possible = nearest(replace(one, estimate=np.append(one.prior[0], 0.2)))
     assert possible.chi_square < 1e-6
     assert possible.ranks == (4,)
-    assert possible.held == ()
+    assert possible.active_bounds == ()
 
 
 @given(SEEDS)
@@ -185,7 +191,7 @@ def test_root_is_that_of_the_covariance(seed: int) -> None:
     rng = np.random.default_rng(seed)
     half = rng.normal(size=(6, 20)) * 10.0 ** rng.uniform(-6, 3, 6)[:, None]
     covariance = half @ half.T
-    root = root_of(covariance, np.ones(6))
+    root = covariance_root(covariance, np.ones(6))
     errors = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(
         root @ root.T / np.outer(errors, errors), covariance / np.outer(errors, errors), atol=1e-9
@@ -193,7 +199,7 @@ def test_root_is_that_of_the_covariance(seed: int) -> None:
 
 
 def test_root_of_no_covariance_can_be_inverted() -> None:
-    root = root_of(np.zeros((3, 3)), np.array([1.0, 100.0, 0.0]))
+    root = covariance_root(np.zeros((3, 3)), np.array([1.0, 100.0, 0.0]))
     assert np.linalg.matrix_rank(root) == 3
     assert np.all(np.linalg.norm(root, axis=1) < 1e-7)
 
@@ -201,10 +207,10 @@ def test_root_of_no_covariance_can_be_inverted() -> None:
 def test_no_combination_is_known_better_than_white_noise_allows() -> None:
     rng = np.random.default_rng(0)
     white, covariance = (half @ half.T for half in rng.normal(size=(2, 5, 8)))
-    spread = least_spread(covariance, white)
+    spread = floored_covariance(covariance, white)
     assert np.linalg.eigvalsh(spread - white)[0] > -1e-9
     assert np.linalg.eigvalsh(spread - covariance)[0] > -1e-9
-    np.testing.assert_allclose(least_spread(100 * white, white), 100 * white)
+    np.testing.assert_allclose(floored_covariance(100 * white, white), 100 * white)
 
 
 def test_minimum_that_is_not_found_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -215,7 +221,7 @@ def test_minimum_that_is_not_found_is_an_error(monkeypatch: pytest.MonkeyPatch) 
 
 def test_numbers_too_different_in_size_are_an_error() -> None:
     one = program(0)
-    with pytest.raises(IdentificationError, match=r"too different in size .* check their units"):
+    with pytest.raises(IdentificationError, match=r"differ too much in size .* check their units"):
         nearest(replace(one, estimate=1e200 * one.estimate))
 
 
@@ -231,14 +237,14 @@ def test_numbers_that_are_not_finite_are_stopped_at_the_entrance() -> None:
 def test_no_weight_is_tried_that_cannot_be_resolved(monkeypatch: pytest.MonkeyPatch) -> None:
     tried: list[float] = []
 
-    def watched(one: Program, weight: float) -> Possible:
+    def watched(one: Program, weight: float) -> FeasiblePoint:
         tried.append(weight)
         return regularised(one, weight)
 
     monkeypatch.setattr(feasible, "regularised", watched)
     for least in (0.0, 1e6, 1e20):
         tried.clear()
-        chosen(program(3), least)
+        with_selected_weight(program(3), least)
         assert max(tried) <= WEIGHTS[0]
         assert min(tried) >= min(max(WEIGHTS[-1], RESOLVED * least), WEIGHTS[0])
 

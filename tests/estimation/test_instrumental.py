@@ -110,7 +110,7 @@ def test_weak_instruments_are_flagged_by_name() -> None:
     Z = Z.copy()
     Z[:, 1] = 0.1 * Z[:, 1] + rng.normal(size=len(Z))
     flags = instrumental(rows, Z).flags
-    assert any(flag.startswith("the instruments of b are weak: they tell ") for flag in flags)
+    assert any(flag.startswith("the instruments of b are weak (partial") for flag in flags)
     assert not any("instruments of c" in flag for flag in flags)
 
 
@@ -122,7 +122,7 @@ def test_errors() -> None:
         instrumental(rows, np.where(Z > 3, np.nan, Z))
     with pytest.raises(IdentificationError, match="the instruments of b are zero"):
         instrumental(rows, Z * [1, 0, 1])
-    with pytest.raises(IdentificationError, match="tell only 2 of 3 parameters apart"):
+    with pytest.raises(IdentificationError, match="identify only 2 of 3 parameters"):
         instrumental(rows, Z[:, [0, 1, 0]])
-    with pytest.raises(ExcitationError, match="tells nothing about the combination of"):
+    with pytest.raises(ExcitationError, match=r"combination of .* is unidentifiable"):
         instrumental(replace(rows, H=rows.H[:, [0, 1, 0]]), Z)

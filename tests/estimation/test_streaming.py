@@ -16,7 +16,8 @@ from seaid._arrays import Array
 from seaid.errors import IdentificationError, LogError
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import equal_weights, ordinary, settled_weights, weighted
-from seaid.estimation.streaming import stream_estimate, stream_qr_factor
+from seaid.estimation.qr_factor import QRFactor
+from seaid.estimation.streaming import stored_estimate, stored_rows
 from seaid.identification.drive_estimates import spring_of
 from seaid.identification.identification import identify
 from seaid.log.long_log import LongLog, iterate_log, open_long_log
@@ -25,6 +26,7 @@ from seaid.log.reading import Log, read_log, write_log
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import load_model, load_regression
 from seaid.regressor.regression import (
+    Regress,
     Regression,
     actuator_regression,
     regressions_of_parts,
@@ -55,6 +57,16 @@ def npz(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("npz") / "log.npz"
     write_log(log(), file)
     return file
+
+
+def stream_estimate(
+    logs: list[LongLog],
+    regress: Regress,
+    weigh: Callable[[QRFactor], Array] = settled_weights,
+    propagated: Array | None = None,
+) -> tuple[Estimate, QRFactor]:
+    with stored_rows(logs, {"": regress}) as stored:
+        return stored_estimate(stored[""], weigh, propagated)
 
 
 def opened(path: Path, chunk_samples: int = 1500) -> LongLog:
@@ -164,8 +176,8 @@ def test_logs_are_stacked(npz: Path, tmp_path: Path) -> None:
     write_log(log(1), tmp_path / "other.npz")
     logs = [opened(npz), opened(tmp_path / "other.npz")]
     both = stacked([actuator(motion()), actuator(motion(1))])
-    assert_same(stream_estimate(logs, actuator)[0], ordinary(both))
-    qr_factor = stream_qr_factor(logs, actuator)
+    found, qr_factor = stream_estimate(logs, actuator)
+    assert_same(found, ordinary(both))
     assert qr_factor.count == len(both.y)
     assert qr_factor.excluded == both.excluded
     assert qr_factor.joint_names == ROBOT.joint_names
@@ -282,6 +294,6 @@ def test_joint_that_never_moves(tmp_path: Path) -> None:
     still = log().motor_position.copy()
     still[:, 1] = 0.1
     write_log(replace(log(), motor_position=still), tmp_path / "log.npz")
-    words = r"0 rows \(1\d\d more are near standstill\) cannot tell 4 .* with more motion"
+    words = r"0 rows \(1\d\d more are near standstill\) cannot determine 4 .* with more motion"
     with pytest.raises(IdentificationError, match=words):
         stream_estimate([opened(tmp_path / "log.npz")], actuator)

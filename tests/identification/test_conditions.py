@@ -9,7 +9,6 @@ import pytest
 from seaid.errors import IdentificationError
 from seaid.estimation.estimate import Estimate
 from seaid.identification.conditions import Conditions, identify_conditions
-from seaid.identification.drive_estimates import nominal_values
 from seaid.identification.identification import identify
 from seaid.log.reading import Log
 from seaid.simulation.simulation import Noise, measure
@@ -46,7 +45,7 @@ def together(own: tuple[str, ...] = ("spring_offset", "viscous_friction")) -> Co
             "cold": (bare, measure(leg(), leg_motion(), LEG_SENSORS, seed=1)),
             "warm": (loaded, warm(measure(leg(), leg_motion(TEST_MASS), LEG_SENSORS, seed=2))),
         },
-        own=own,
+        condition_specific=own,
     )
 
 
@@ -57,8 +56,8 @@ def distance(estimate: Estimate, name: str, truth: float) -> float:
 
 @pytest.mark.parametrize("joint", ELASTIC)
 def test_shared_and_own_parameters_hold_the_truth(joint: str) -> None:
-    truth = nominal_values(leg().drives[joint])
-    cold, warmed = (together().found[name].drives[joint] for name in ("cold", "warm"))
+    truth = leg().drives[joint].values
+    cold, warmed = (together().identifications[name].drives[joint] for name in ("cold", "warm"))
     for name in ("stiffness", "coulomb_friction"):
         assert cold.value(name) == warmed.value(name)
         assert distance(cold, name, truth[name]) < 4
@@ -67,7 +66,7 @@ def test_shared_and_own_parameters_hold_the_truth(joint: str) -> None:
 
 
 def test_the_conditions_share_the_bodies_and_the_payload_is_known() -> None:
-    found = together().found
+    found = together().identifications
     np.testing.assert_array_equal(found["cold"].load.values, found["warm"].load.values)
     load = found["cold"].load
     exact = found["cold"].base.project(leg().parameters)
@@ -75,7 +74,7 @@ def test_the_conditions_share_the_bodies_and_the_payload_is_known() -> None:
 
 
 def test_a_free_foot_learns_its_spring_from_the_loaded_one() -> None:
-    ankle = together().found["cold"].drives["ankle_pitch"]
+    ankle = together().identifications["cold"].drives["ankle_pitch"]
     alone = identify(leg().without_nominal(), measure(leg(), leg_motion(), LEG_SENSORS, seed=1))
     error = alone.drives["ankle_pitch"].standard_error("stiffness")
     assert ankle.standard_error("stiffness") < 0.3 * error
@@ -99,9 +98,11 @@ def test_all_shared_is_one_identification_of_both_logs() -> None:
     logs = [measure(arm(), arm_motion(), Noise(torque_std_Nm=0.003), seed=seed) for seed in (1, 2)]
     robot = arm().without_nominal()
     both = identify(robot, logs)
-    apart = identify_conditions({"a": (robot, logs[0]), "b": (robot, logs[1])}, own=())
+    apart = identify_conditions(
+        {"a": (robot, logs[0]), "b": (robot, logs[1])}, condition_specific=()
+    )
     assert not apart.differences
-    for found in apart.found.values():
+    for found in apart.identifications.values():
         np.testing.assert_allclose(found.load_side.values, both.load_side.values, rtol=1e-9)
         np.testing.assert_allclose(found.load_side.covariance, both.load_side.covariance, rtol=1e-6)
         for joint, estimate in both.drives.items():
@@ -112,8 +113,10 @@ def test_own_bodies_and_own_friction_of_stiff_drives() -> None:
     robot, log = arm().without_nominal(), perfect_log(arm(), arm_motion())
     stiff = next(j for j in robot.joint_names if j not in robot.elastic_joints)
     friction = f"coulomb_friction of {stiff}"
-    apart = identify_conditions({"a": (robot, log), "b": (robot, log)}, own=("bodies", friction))
-    found = list(apart.found.values())
+    apart = identify_conditions(
+        {"a": (robot, log), "b": (robot, log)}, condition_specific=("bodies", friction)
+    )
+    found = list(apart.identifications.values())
     assert {friction, *found[0].load.names} == set(apart.differences)
     np.testing.assert_allclose(found[0].load.values, found[1].load.values, rtol=1e-6, atol=1e-9)
 
@@ -121,12 +124,14 @@ def test_own_bodies_and_own_friction_of_stiff_drives() -> None:
 def test_wrong_conditions_are_refused_in_words() -> None:
     robot, log = arm(), perfect_log(arm(), arm_motion())
     pairs = {"a": (robot, log), "b": (robot, log)}
-    with pytest.raises(IdentificationError, match="from two on, found 1"):
+    with pytest.raises(IdentificationError, match="at least two conditions, found 1"):
         identify_conditions({"a": (robot, log)})
-    with pytest.raises(IdentificationError, match=r"own=: .*did you mean 'stiffness'"):
-        identify_conditions(pairs, own=("stifness",))
-    with pytest.raises(IdentificationError, match="own=: no joint is named 'knee'"):
-        identify_conditions(pairs, own=("stiffness of knee",))
+    with pytest.raises(
+        IdentificationError, match=r"condition_specific=: .*did you mean 'stiffness'"
+    ):
+        identify_conditions(pairs, condition_specific=("stifness",))
+    with pytest.raises(IdentificationError, match="condition_specific=: no joint is named 'knee'"):
+        identify_conditions(pairs, condition_specific=("stiffness of knee",))
     other = measure(leg(), leg_motion(), Noise())
     with pytest.raises(
         IdentificationError, match=r"'b' hip_yaw, .*: they must be one type of robot"

@@ -41,7 +41,7 @@ def test_a_band_that_tells_other_parameters_is_refused(monkeypatch: pytest.Monke
 
     monkeypatch.setattr("seaid.identification.cutoff_sweep.identify", identified)
     result = cutoff_sensitivity(KNOWN, log(), [6.0])
-    assert "other parameters are told" in result.refused[6.0]
+    assert "other parameters are ident" in result.refused[6.0]
     assert np.all(np.isnan(result.values[result.cutoffs_hz == 6.0]))
 
 

@@ -155,7 +155,7 @@ def test_a_delay_that_is_not_significant_is_left() -> None:
     assert [str(one) for one in delays] == [
         "knee_pitch: its motor_torque is 1 ms late against the motion (standard error 0.5 ms, not "
         "significant)",
-        "knee_pitch: delay of its motor_position against joint position not told",
+        "knee_pitch: delay of its motor_position against joint position not determined",
     ]
 
 

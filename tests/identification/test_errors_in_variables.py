@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from seaid.drives.drives import SeriesElasticDrive
 from seaid.estimation.least_squares import ordinary
-from seaid.identification.errors_in_variables import both_noisy, deming, noise_ratio
+from seaid.identification.errors_in_variables import deming, errors_in_variables, noise_ratio
 from seaid.log.motion import reconstruct_motion
 from seaid.regressor.regression import Regression
 from tests.experiments import leg, leg_motion, perfect_log
@@ -57,7 +57,9 @@ def test_noise_in_both_leaves_the_stiffness_unbiased(
     torque_std: float, deflection_std: float
 ) -> None:
     ratio = (torque_std / deflection_std) ** 2
-    found = [both_noisy(rows(torque_std, deflection_std, seed), ratio) for seed in range(40)]
+    found = [
+        errors_in_variables(rows(torque_std, deflection_std, seed), ratio) for seed in range(40)
+    ]
     values = np.array([one.value("stiffness") for one in found])
     error = np.std(values) / np.sqrt(len(values))
     assert abs(np.mean(values) - STIFFNESS) < 3.5 * error
@@ -70,12 +72,14 @@ def test_noise_in_both_leaves_the_stiffness_unbiased(
 def test_least_squares_would_be_far_off() -> None:
     noisy = rows(0.05, 0.03)
     assert ordinary(noisy).value("stiffness") < 0.75 * STIFFNESS
-    assert both_noisy(noisy, (0.05 / 0.03) ** 2).value("stiffness") == pytest.approx(70.0, rel=0.03)
+    assert errors_in_variables(noisy, (0.05 / 0.03) ** 2).value("stiffness") == pytest.approx(
+        70.0, rel=0.03
+    )
 
 
 def test_an_exact_deflection_is_plain_least_squares() -> None:
     noisy = rows(0.5, 0.0)
-    plain, both = ordinary(noisy), both_noisy(noisy, np.inf)
+    plain, both = ordinary(noisy), errors_in_variables(noisy, np.inf)
     np.testing.assert_allclose(both.values, plain.values, rtol=1e-9)
 
 

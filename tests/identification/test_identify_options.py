@@ -88,7 +88,7 @@ def test_possible_bodies_are_possible_and_near_the_estimate() -> None:
     assert not all(is_physical(body) for body in found().robot.parameters.reshape(-1, 10))
     text = possible.summary()
     assert "possible bodies: chi-square" in text
-    assert "a ball of 1 kg stands for" in text
+    assert "a ball of 1 kg replaces" in text
 
 
 def test_possible_bodies_of_both_sides_at_once() -> None:

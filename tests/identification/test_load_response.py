@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from seaid.identification.simulated_joints import TorqueJacobians, answer_to, torque_jacobians
+from seaid.identification.simulated_joints import TorqueJacobians, response_to, torque_jacobians
 from seaid.regressor.rigid_body import joint_torques
 from seaid.robot.robot import Payload, load_robot
 from tests.experiments import DATA
@@ -42,31 +42,33 @@ def test_damped_spring_answers_as_the_textbook_says() -> None:
     time = STEP * np.arange(samples)
     free = np.exp(-decay * time)
     kept = free * (np.cos(rate * time) + decay / rate * np.sin(rate * time))
-    answer = answer_to(constant(M, C, K, samples), np.full((samples, 1, 1), 40.0), STEP, 1)
-    assert answer.position[:, 0, 0] == pytest.approx(40.0 / K * (1 - kept), abs=1e-5)
-    assert answer.position[:, 0, 1] == pytest.approx(kept, abs=1e-3)
-    assert answer.position[:, 0, 2] == pytest.approx(free * np.sin(rate * time) / rate, abs=5e-5)
+    response = response_to(constant(M, C, K, samples), np.full((samples, 1, 1), 40.0), STEP, 1)
+    assert response.position[:, 0, 0] == pytest.approx(40.0 / K * (1 - kept), abs=1e-5)
+    assert response.position[:, 0, 1] == pytest.approx(kept, abs=1e-3)
+    assert response.position[:, 0, 2] == pytest.approx(free * np.sin(rate * time) / rate, abs=5e-5)
 
 
 def test_integration_is_of_second_order() -> None:
     errors = []
     for step in (2e-3, 1e-3):
         samples = round(1.0 / step)
-        answer = answer_to(constant(1.0, 0.0, 900.0, samples), np.zeros((samples, 1, 0)), step, 1)
+        response = response_to(
+            constant(1.0, 0.0, 900.0, samples), np.zeros((samples, 1, 0)), step, 1
+        )
         exact = np.cos(30.0 * step * np.arange(samples))
-        errors.append(np.max(np.abs(answer.position[:, 0, 0] - exact)))
+        errors.append(np.max(np.abs(response.position[:, 0, 0] - exact)))
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.02)
 
 
 def test_every_window_starts_anew() -> None:
     force = np.random.default_rng(0).normal(size=(600, 1, 2))
     system = constant(1.0, 0.5, 400.0, 600)
-    both = answer_to(system, force, STEP, 2)
-    second = answer_to(constant(1.0, 0.5, 400.0, 300), force[300:], STEP, 1)
+    both = response_to(system, force, STEP, 2)
+    second = response_to(constant(1.0, 0.5, 400.0, 300), force[300:], STEP, 1)
     assert np.array_equal(both.velocity[300:], second.velocity)
     assert both.position[300, 0].tolist() == [0.0, 0.0, 1.0, 0.0]
 
 
 def test_no_joint_behind_a_spring_no_answer() -> None:
     nothing = TorqueJacobians(*np.empty((3, 100, 0, 0)))
-    assert answer_to(nothing, np.empty((100, 0, 5)), STEP, 4).position.shape == (100, 0, 5)
+    assert response_to(nothing, np.empty((100, 0, 5)), STEP, 4).position.shape == (100, 0, 5)

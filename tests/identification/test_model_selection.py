@@ -41,7 +41,7 @@ def test_a_term_that_is_there_is_recommended_alone() -> None:
         "asymmetric",
         "cubic",
     }
-    assert [one.term for one in found.comparisons if one.chosen] == ["stribeck"]
+    assert [one.term for one in found.comparisons if one.selected] == ["stribeck"]
 
 
 def test_the_table_and_the_words_say_what_to_do() -> None:

@@ -99,7 +99,7 @@ def test_nonlinear_friction_from_a_sensor_at_the_joint(
 def test_a_motor_fed_with_current_that_hardly_moves(pendulum: Robot, estimator: str) -> None:
     robot = pendulum.with_drives({"hinge": StiffDrive(motor_input="current")})
     slow = np.where(TIME < 5.0, 1e-12 * ANGLE, 0.0)
-    with pytest.raises(IdentificationError, match=r"0 rows \(.* near standstill\) cannot tell"):
+    with pytest.raises(IdentificationError, match=r"0 rows \(.* near standstill\) cannot det"):
         seaid.identify(robot, log_of(slow, motor_current=ANGLE), estimator=estimator)
 
 

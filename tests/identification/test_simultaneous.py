@@ -19,9 +19,9 @@ from seaid.excitation.trajectory import Trajectory
 from seaid.identification.identification import identify
 from seaid.identification.simultaneous import (
     encoder_offset_sensitivity,
-    joint_regression,
     settled,
-    split_joint,
+    simultaneous_regression,
+    split_estimate,
     whitened,
 )
 from seaid.log.motion import Motion, reconstruct_motion
@@ -166,7 +166,7 @@ CASES: dict[str, tuple[Callable[[], Robot], Callable[[], Motion], tuple[str, ...
 def case(request: pytest.FixtureRequest) -> tuple[Robot, LoadModel, Regression, Array]:
     robot, motion, rows = CASES[request.param]
     model = model_of(robot(), rows)
-    both = joint_regression(
+    both = simultaneous_regression(
         robot().without_nominal(),
         motion(),
         model,
@@ -213,7 +213,7 @@ def test_noise_free_motion_gives_the_truth_from_any_start(case: Case) -> None:
 def test_noise_of_the_deflection_is_in_the_load_side_alone() -> None:
     """Its columns are clean then, and the motor equation has no spring."""
     model = model_of(LEG)
-    rows = joint_regression(LEG, leg_case(TEST_MASS), model, ELASTIC)
+    rows = simultaneous_regression(LEG, leg_case(TEST_MASS), model, ELASTIC)
     truth, column = truth_of(LEG, model, rows.names), rows.names.index("stiffness of knee_pitch")
     load, motor = (rows.joint == offset + LEG.index("knee_pitch") for offset in (0, LEG.n))
     noise = np.random.default_rng(0).normal(0, 1e-4, len(leg_case(TEST_MASS).time))
@@ -233,7 +233,7 @@ def test_noise_of_the_deflection_is_in_the_load_side_alone() -> None:
 
 def test_noise_of_the_acceleration_leaves_the_motor_equation_what_it_is() -> None:
     model = model_of(LEG)
-    rows = joint_regression(LEG, leg_case(TEST_MASS), model, ELASTIC)
+    rows = simultaneous_regression(LEG, leg_case(TEST_MASS), model, ELASTIC)
     truth = truth_of(LEG, model, rows.names)
     load, motor = (rows.joint == offset + LEG.index("knee_pitch") for offset in (0, LEG.n))
     rng = np.random.default_rng(0)
@@ -260,7 +260,7 @@ def free_foot() -> tuple[Regression, Array, Array, Array, Estimate]:
     """Return rows, truth, sequential values and errors, and the joint estimate of a noisy log."""
     log = measure(IN_MOTION, leg_case(rate_hz=1000.0), replace(LEG_SENSORS, motor_zero_rad=0.0), 3)
     known, model = IN_MOTION.without_nominal(), model_of(IN_MOTION)
-    rows = joint_regression(known, reconstruct_motion(known, log), model, ELASTIC)
+    rows = simultaneous_regression(known, reconstruct_motion(known, log), model, ELASTIC)
     start, errors = start_of(known, log)
     found, _ = settled(known, rows, start, weighted)
     return rows, truth_of(IN_MOTION, model, rows.names), start, errors, found
@@ -302,7 +302,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     for seed in range(30):
         log = measure(two_springs(), swing(two_springs(), 1000.0), noise, seed)
         motion = reconstruct_motion(robot, log, 8.0)
-        rows = joint_regression(robot, motion, model, robot.joint_names)
+        rows = simultaneous_regression(robot, motion, model, robot.joint_names)
         truth = truth_of(two_springs(), model, rows.names)
         found, _ = settled(robot, rows, truth, weighted)
         scores.append((found.values - truth) / found.standard_errors)
@@ -313,7 +313,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
 
 def test_split_gives_what_an_identification_holds() -> None:
     rows, _, _, _, found = free_foot()
-    drives, base, load_side = split_joint(IN_MOTION, model_of(IN_MOTION), found)
+    drives, base, load_side = split_estimate(IN_MOTION, model_of(IN_MOTION), found)
     assert tuple(drives) == IN_MOTION.joint_names
     assert drives["knee_pitch"].names == (
         "viscous_friction",
@@ -340,7 +340,7 @@ def test_split_gives_what_an_identification_holds() -> None:
 
 def test_logs_of_one_robot_add_up() -> None:
     robot, model = two_springs(), model_of(two_springs())
-    one = joint_regression(robot, swing(robot), model, robot.joint_names)
+    one = simultaneous_regression(robot, swing(robot), model, robot.joint_names)
     both = stacked([one, one])
     truth = truth_of(robot, model, one.names)
     found, _ = settled(robot, both, 1.3 * truth, ordinary)
@@ -349,7 +349,7 @@ def test_logs_of_one_robot_add_up() -> None:
 
 def test_spring_whose_torque_is_measured_keeps_its_own_equations() -> None:
     motion, model = leg_case(TEST_MASS), model_of(LEG)
-    rows = joint_regression(LEG, motion, model, ("hip_pitch", "ankle_pitch"))
+    rows = simultaneous_regression(LEG, motion, model, ("hip_pitch", "ankle_pitch"))
     truth = truth_of(LEG, model, rows.names)
     assert np.max(np.abs(rows.y - rows.H @ truth)) < 1e-9
     knee, column = LEG.index("knee_pitch"), rows.names.index("stiffness of knee_pitch")
@@ -365,7 +365,7 @@ def test_spring_torque_without_motor_torque(springs: tuple[str, ...]) -> None:
     motor_torque = leg_case(TEST_MASS).motor_torque.copy()
     motor_torque[:, LEG.index("knee_pitch")] = np.nan
     blind = replace(leg_case(TEST_MASS), motor_torque=motor_torque)
-    rows = joint_regression(LEG, blind, model_of(LEG), springs)
+    rows = simultaneous_regression(LEG, blind, model_of(LEG), springs)
     assert "viscous_friction of knee_pitch" not in rows.names
     truth = truth_of(LEG, model_of(LEG), rows.names)
     assert np.max(np.abs(rows.y - rows.H @ truth)) < 1e-9 * np.max(np.abs(rows.H * truth))
@@ -379,7 +379,9 @@ def test_shifted_zero_does_what_it_does_on_the_load_side() -> None:
         joint: np.array([true_value(arm(), joint, "stiffness"), 0.0])
         for joint in arm().elastic_joints
     }
-    theta = truth_of(arm(), model, joint_regression(arm(), motion, model, tuple(springs)).names)
+    theta = truth_of(
+        arm(), model, simultaneous_regression(arm(), motion, model, tuple(springs)).names
+    )
     both = encoder_offset_sensitivity(arm(), motion, model, tuple(springs), theta)
     load = offset_sensitivity(arm(), motion, model, springs, theta[-len(model.names) :])
     count = len(load.y)
@@ -391,18 +393,22 @@ def test_shifted_zero_does_what_it_does_on_the_load_side() -> None:
 def test_errors_of_rows_that_cannot_be_made() -> None:
     blind = replace(leg_case(TEST_MASS), joint_torque=np.full((601, 5), np.nan))
     with pytest.raises(LogError, match="no torque in the log at knee_pitch; name the others"):
-        joint_regression(LEG, blind, model_of(LEG), ("hip_pitch", "ankle_pitch"))
+        simultaneous_regression(LEG, blind, model_of(LEG), ("hip_pitch", "ankle_pitch"))
     with pytest.raises(LogError, match="joint 'hip_yaw' has no spring"):
-        joint_regression(LEG, blind, model_of(LEG), ("hip_yaw",))
+        simultaneous_regression(LEG, blind, model_of(LEG), ("hip_yaw",))
     nothing = np.full_like(blind.motor_torque, np.nan)
     with pytest.raises(LogError, match="elastic joint 'hip_pitch' has no torque in the log"):
-        joint_regression(LEG, replace(blind, motor_torque=nothing), model_of(LEG, ELASTIC), ELASTIC)
+        simultaneous_regression(
+            LEG, replace(blind, motor_torque=nothing), model_of(LEG, ELASTIC), ELASTIC
+        )
 
 
 def test_errors_of_iterations() -> None:
     robot, model = two_springs(), model_of(two_springs())
-    rows = joint_regression(robot, swing(robot), model, robot.joint_names)
-    with pytest.raises(IdentificationError, match="stiffness of zero predicts no deflection"):
+    rows = simultaneous_regression(robot, swing(robot), model, robot.joint_names)
+    with pytest.raises(
+        IdentificationError, match="stiffness of zero, which predicts no deflection"
+    ):
         settled(robot, rows, np.zeros(len(rows.names)), ordinary)
     count = iter(range(1000))
 
@@ -411,6 +417,8 @@ def test_errors_of_iterations() -> None:
         step = (1 - next(count) % 2) * 1e-4 * (np.arange(len(one.names)) == 0)
         return replace(estimate, values=estimate.values + step)
 
-    words = "not settle in 50 iterations: viscous_friction of hip_pitch still moves by 0.0001 N m s"
+    words = (
+        "not converge in 50 iterations: viscous_friction of hip_pitch still changes by 0.0001 N m s"
+    )
     with pytest.raises(IdentificationError, match=words):
         settled(robot, rows, truth_of(robot, model, rows.names), restless)

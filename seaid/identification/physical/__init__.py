@@ -1,1 +1,1 @@
-"""Bodies that can exist: nearest to an estimate, and a prior of what is not told."""
+"""Physically consistent inertial parameters: nearest to an estimate and to a prior."""

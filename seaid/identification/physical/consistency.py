@@ -1,11 +1,10 @@
-"""Possible bodies of a robot: what an estimate says, made physically possible body by body.
+"""Physically consistent parameters of a robot: nearest to an estimate and to a prior.
 
-An estimate tells fewer combinations than there are standard parameters; noise may put it where no
-body can be. `feasible_parameters` returns the physically possible robot nearest to both the
-estimate and the robot file, the weight between them chosen by the data
-(`seaid.estimation.feasible`).
-
-Where no physically consistent bodies come near an estimate: which assumption is to blame.
+An estimate determines fewer combinations than there are standard parameters, and noise may make it
+physically inconsistent. `feasible_parameters` returns the consistent robot nearest to both the
+estimate and the robot file, with the weight of the prior selected by the data
+(`seaid.estimation.feasible`). If no consistent robot is near the estimate, the assumption that
+contradicts the data is named.
 """
 
 from __future__ import annotations
@@ -21,12 +20,12 @@ from seaid.errors import IdentificationError
 from seaid.estimation import (
     WEIGHTS,
     Estimate,
-    Possible,
+    FeasiblePoint,
     Program,
-    chosen,
-    least_spread,
+    floored_covariance,
     nearest,
     regularised,
+    with_selected_weight,
 )
 from seaid.identification.drive_estimates import with_values
 from seaid.identification.physical.problem import (
@@ -34,8 +33,8 @@ from seaid.identification.physical.problem import (
     Boxes,
     MassBounds,
     body_limits,
-    body_programme,
-    inside,
+    body_program,
+    interior_start,
     prior_bodies,
 )
 from seaid.regressor import LoadModel
@@ -45,15 +44,15 @@ _DEVIATIONS = 10.0
 """Standard deviations of chi-square above its mean from which data and assumptions contradict."""
 
 _EXPLAINED = 0.9
-"""Part of chi-square that an assumption must explain to be named as the one to blame."""
+"""Part of chi-square that an assumption must explain to be named."""
 
 
 def contradiction(robot: Robot, program: Program, least: float, bounds: int) -> str | None:
-    """Say what the data contradict, None where bodies come as near as errors of `least` explain.
+    """Return the assumption that the data contradict, None if chi-square `least` is plausible.
 
-    `least` is the least chi-square of a program whose first `bounds` limits are those of a user.
-    Each payload, all of them, and the bounds are left out in turn: what takes most of chi-square
-    away is named. Raises as `nearest` does.
+    `least` is the least chi-square of a program whose first `bounds` limits are those of the user.
+    Each payload, all of them, and the bounds are removed in turn: the one that reduces chi-square
+    most is named. Raises as `nearest` does.
     """
     count = len(program.estimate)
     if least <= count + _DEVIATIONS * np.sqrt(2.0 * count):
@@ -71,13 +70,13 @@ def contradiction(robot: Robot, program: Program, least: float, bounds: int) -> 
         return f"{text}, and {smallest:.3g} without {words}"
     known = f"known bodies ({', '.join(robot.known_bodies)}), " if robot.known_bodies else ""
     return (
-        f"{text}; check {known}payloads that are missing, encoder zeros, and lengths and axes in "
-        "the robot file"
+        f"{text}; check {known}missing payloads, encoder offsets, and lengths and axes in the "
+        "robot file"
     )
 
 
 def _assumptions(robot: Robot, program: Program, bounds: int) -> Iterator[tuple[str, Program]]:
-    """Return what may be wrong, in words with the remedy, and the program without it."""
+    """Yield each assumption with its remedy, and the program without it."""
     payloads = robot.payload_parameters.reshape(-1, 10)
     loaded = np.flatnonzero(payloads[:, 0]).tolist()
     for bodies in [[body] for body in loaded] + ([loaded] if len(loaded) > 1 else []):
@@ -91,33 +90,47 @@ def _assumptions(robot: Robot, program: Program, bounds: int) -> Iterator[tuple[
     if bounds:
         limits, values = program.limits[bounds:], program.bounds[bounds:]
         yield (
-            "mass_bounds= and com_boxes=: check them, or leave them out",
+            "mass_bounds= and com_boxes=: check or remove them",
             replace(program, limits=limits, bounds=values),
         )
 
 
 def _off(program: Program, payloads: Array) -> Program:
-    """Return the program for a robot without payloads (n, 10): its bodies carry their torque."""
+    """Return the program for a robot without payloads (n, 10), the bodies having their torque."""
     propagated = program.columns[:, : payloads.size] @ payloads.ravel()
     return replace(program, estimate=program.estimate + propagated)
 
 
 _SHAPES = ("without mass", "a point mass", "a thin rod", "a flat plate")
-"""What a body is whose pseudo-inertia has rank 0, 1, 2, 3."""
+"""Names of bodies whose pseudo-inertia has rank 0, 1, 2, 3."""
 
 
 @dataclass(frozen=True, eq=False)
 class FeasibleParameters:
-    """A possible robot and how far it is from the estimate.
+    """A physically consistent robot and its distance from the estimate.
 
-    `robot` has the possible bodies, their `parameters` (10n,), and the drives found. `names`,
-    `units`, `values` (p,) and `estimate` (p,) are the combinations that the estimate tells, here
-    and there; `distance` (p,) their difference in standard errors; `chi_square` that of all
-    together, `nearest_chi_square` the least that possible bodies can have.
-
-    `weight` is that of the prior, `freedom` how many of the p values the data decide beside it.
-    `held` says in words what holds the estimate back, `notes` what stands for missing values of
-    the file, `flags` what the data contradict: a payload that is not on the robot, bounds.
+    Attributes
+    ----------
+    robot : Robot
+        The robot with the consistent bodies and the identified drives.
+    parameters : ndarray (10n,)
+        Its standard parameters.
+    names, units : tuple of str (p,)
+        The combinations of parameters that were estimated.
+    values, estimate : ndarray (p,)
+        Their consistent and their estimated values.
+    distance : ndarray (p,)
+        Difference in standard errors.
+    chi_square, nearest_chi_square : float
+        Squared distance of all values together, and the least that consistent bodies can have.
+    weight, freedom : float
+        Weight of the prior, and effective number of values that the data determine.
+    active_bounds : tuple of str
+        The constraints that are active.
+    notes : tuple of str
+        Replacements for missing or inconsistent values of the prior.
+    flags : tuple of str
+        Assumptions that the data contradict: a payload, or bounds.
     """
 
     robot: Robot
@@ -131,7 +144,7 @@ class FeasibleParameters:
     nearest_chi_square: float
     weight: float
     freedom: float
-    held: tuple[str, ...]
+    active_bounds: tuple[str, ...]
     notes: tuple[str, ...]
     flags: tuple[str, ...] = ()
 
@@ -148,35 +161,55 @@ def feasible_parameters(
     weight: float | None = None,
     white_covariance: Array | None = None,
 ) -> FeasibleParameters:
-    """Return the possible bodies nearest to an estimate of the load side and to a prior.
+    """Return the physically consistent parameters nearest to an estimate and to a prior.
 
-    `load_side` has the columns of `model`, and those of elastic drives as '<parameter> of <joint>'
-    where both sides were estimated at once; `drives` {joint: Estimate} are estimates of elastic
-    drives beside it. `prior` (10n,) are standard parameters, by default the robot's; a body
-    without (NaN) gets a ball of 1 kg as large as its link. Payloads are no part of the bodies, and
-    known bodies stay what they are.
+    Parameters
+    ----------
+    robot : Robot
+        The robot. Its payloads are no part of the bodies, and its known bodies stay as they are.
+    model, load_side : LoadModel, Estimate
+        The model of the load side, and the estimate of its columns; with both sides estimated at
+        once also those of elastic drives as '<parameter> of <joint>'.
+    drives : mapping {joint: Estimate}, optional
+        Estimates of elastic drives that are not in `load_side`.
+    prior : ndarray (10n,), optional
+        Standard parameters, by default the robot's; a body without (NaN) gets a ball of 1 kg as
+        large as its link.
+    mass_bounds : mapping {body: (least, most)}, optional
+        Bounds of masses [kg].
+    com_boxes : mapping {body: (lower, upper)}, optional
+        Corners [m] of a box with the centre of mass, in the body's frame.
+    weight : float, optional
+        Weight of the prior in units of chi-square. Default: selected by the data. With 0 it
+        determines only what the data leave free.
+    white_covariance : ndarray (p, p), optional
+        Covariance of `load_side` for white noise, a floor for its covariance.
 
-    `mass_bounds` {body: (least, most)} [kg]; `com_boxes` {body: (lower, upper)}, corners [m] in the
-    body's frame. `weight` of the prior in units of chi-square: None = chosen by the data, 0 = only
-    what the data leave open is decided by it. `white_covariance` (p, p) is what the covariance of
-    `load_side` would be for white noise: no combination counts as known better.
+    Returns
+    -------
+    FeasibleParameters
 
-    Raises IdentificationError for bounds that no body can keep, for estimates that do not fit the
-    model, and where the program is not solved; RobotError for a prior of another shape.
+    Raises
+    ------
+    IdentificationError
+        For infeasible bounds, for estimates that do not fit the model, and if the program cannot be
+        solved.
+    RobotError
+        For a prior of another shape.
     """
     if white_covariance is not None:
         size = len(load_side.names)
         white = finite("white_covariance", white_covariance, (size, size), IdentificationError)
-        load_side = replace(load_side, covariance=least_spread(load_side.covariance, white))
+        load_side = replace(load_side, covariance=floored_covariance(load_side.covariance, white))
     known = _together(model, load_side, drives or {})
     bodies, notes = prior_bodies(robot, robot.parameters if prior is None else prior)
     masses, boxes = mass_bounds or {}, com_boxes or {}
     limits = body_limits(robot, bodies, masses, boxes)
-    start = inside(robot, bodies, masses, boxes)
+    start = interior_start(robot, bodies, masses, boxes)
     for body in robot.known_bodies:
         if body in {**masses, **boxes}:
             raise IdentificationError(f"'{body}' is a known body: it has no bounds")
-    program, words = body_programme(robot, model, known, bodies, limits, start)
+    program, words = body_program(robot, model, known, bodies, limits, start)
     bound = nearest(program)
     flag = contradiction(robot, program, bound.chi_square, len(limits))
     found = _weighted(program, weight, bound.chi_square)
@@ -192,7 +225,7 @@ def feasible_parameters(
         nearest_chi_square=bound.chi_square,
         weight=found.weight,
         freedom=found.freedom,
-        held=_held(robot, bound, words),
+        active_bounds=_active_bounds(robot, bound, words),
         notes=notes,
         flags=() if flag is None else (flag,),
     )
@@ -232,23 +265,23 @@ def _together(model: LoadModel, load_side: Estimate, drives: Mapping[str, Estima
     )
 
 
-def _weighted(program: Program, weight: float | None, least: float) -> Possible:
+def _weighted(program: Program, weight: float | None, least: float) -> FeasiblePoint:
     if weight is None:
-        return chosen(program, least)
+        return with_selected_weight(program, least)
     if not (np.isfinite(weight) and weight >= 0):
         raise IdentificationError(
-            f"weight= must be zero or more and finite (None: chosen by the data), found {weight}"
+            f"weight= must be zero or more and finite (None: selected), found {weight}"
         )
     return regularised(program, max(weight, WEIGHTS[-1]))
 
 
-def _bodies(robot: Robot, found: Possible) -> Array:
-    """Return the standard parameters (10n,) that were found, known ones as they are."""
+def _bodies(robot: Robot, found: FeasiblePoint) -> Array:
+    """Return the standard parameters (10n,) of a feasible point, known ones as they are."""
     return np.where(robot.is_known, robot.parameters, found.unknowns[: 10 * robot.n])
 
 
-def _robot(robot: Robot, model: LoadModel, known: Estimate, found: Possible) -> Robot:
-    """Return the robot with possible bodies and the drives that were found."""
+def _robot(robot: Robot, model: LoadModel, known: Estimate, found: FeasiblePoint) -> Robot:
+    """Return the robot with consistent bodies and the identified drives."""
     m, names = 10 * robot.n, dict(zip(known.names, found.values, strict=True))
     for (joint, name, _), value in zip(model.absorbed, found.unknowns[m:], strict=False):
         names[f"{name} of {joint}"] = value
@@ -264,7 +297,7 @@ def _robot(robot: Robot, model: LoadModel, known: Estimate, found: Possible) -> 
 
 
 def _rounded(name: str, value: float) -> float:
-    """Return the value of a drive's parameter, one that rounding made negative as zero."""
+    """Return the value of a drive's parameter, or zero if rounding made it negative."""
     return max(value, 0.0) if name in NON_NEGATIVE else value
 
 
@@ -272,11 +305,11 @@ def _errors(program: Program) -> Array:
     return np.asarray(np.linalg.norm(program.root, axis=1))
 
 
-def _held(robot: Robot, bound: Possible, words: list[str]) -> tuple[str, ...]:
-    """Say what the data push against."""
+def _active_bounds(robot: Robot, bound: FeasiblePoint, words: list[str]) -> tuple[str, ...]:
+    """Describe the active constraints."""
     shapes = [
         f"{body} is {_SHAPES[rank]}"
         for body, rank in zip(robot.body_names, bound.ranks, strict=True)
         if rank < 4
     ]
-    return tuple(dict.fromkeys([*shapes, *(words[index] for index in bound.held)]))
+    return tuple(dict.fromkeys([*shapes, *(words[index] for index in bound.active_bounds)]))

@@ -1,8 +1,7 @@
-"""What a user knows of a body's mass and centre of mass, as linear inequalities.
+"""The semidefinite program of physical consistency: unknowns, limits, prior and start.
 
-Bodies before any data: those of the robot file, mended where impossible, or plain balls.
-
-The program whose solution are possible bodies: its unknowns, their limits, its start.
+Limits are bounds of a body's mass and centre of mass, and drive parameters that are not negative.
+Prior bodies are those of the robot file, repaired if physically inconsistent, or balls.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, frozen, safely
 from seaid.errors import IdentificationError, RobotError, unknown_name
-from seaid.estimation import Estimate, Program, root_of
+from seaid.estimation import Estimate, Program, covariance_root
 from seaid.regressor import LoadModel
 from seaid.robot import Robot, from_center_of_mass, from_pseudo_inertia, is_physical, pseudo_inertia
 
@@ -27,14 +26,14 @@ Boxes = Mapping[str, tuple[Sequence[float], Sequence[float]]]
 """{body: (lower, upper)}, two corners [m] in the body's frame."""
 
 _WIDTH = 1e-9
-"""Half the width, relative or [m], that bounds have which leave a single value."""
+"""Half the width, relative or [m], of bounds that leave a single value."""
 
 _LENGTH = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Limit:
-    """row @ unknowns >= bound, in a natural size of both; `words` say that it is active."""
+    """row @ unknowns >= bound, scaled to a natural size; `words` describe the active bound."""
 
     row: Array
     bound: float
@@ -44,8 +43,8 @@ class Limit:
 def body_limits(robot: Robot, bodies: Array, masses: MassBounds, boxes: Boxes) -> list[Limit]:
     """Return bounds of mass and centre of mass as inequalities of the standard parameters.
 
-    `bodies` (n, 10) give the size; infinite bounds are left out. Raises IdentificationError for
-    names that are no bodies and for bounds that no body can keep.
+    `bodies` (n, 10) give the scale; infinite bounds are skipped. Raises IdentificationError for
+    unknown bodies and for infeasible bounds.
     """
     limits = []
     for body, (least, most) in checked_masses(robot, masses).items():
@@ -71,7 +70,7 @@ def body_limits(robot: Robot, bodies: Array, masses: MassBounds, boxes: Boxes) -
     return [one for one in limits if np.all(np.isfinite(one.row)) and np.isfinite(one.bound)]
 
 
-def inside(robot: Robot, bodies: Array, masses: MassBounds, boxes: Boxes) -> Array:
+def interior_start(robot: Robot, bodies: Array, masses: MassBounds, boxes: Boxes) -> Array:
     """Return standard parameters (10n,) of bodies like the given ones strictly inside bounds."""
     moved = bodies.copy()
     bounds, corners = checked_masses(robot, masses), checked_boxes(robot, boxes)
@@ -90,7 +89,7 @@ def inside(robot: Robot, bodies: Array, masses: MassBounds, boxes: Boxes) -> Arr
 
 
 def checked_masses(robot: Robot, masses: MassBounds) -> dict[str, tuple[float, float]]:
-    """Return bounds of mass, those that leave one value a little wider; see `body_limits`."""
+    """Return bounds of mass, those of a single value slightly widened; see `body_limits`."""
     _check_names(robot, "mass_bounds", masses)
     checked = {}
     for body, given in masses.items():
@@ -106,7 +105,7 @@ def checked_masses(robot: Robot, masses: MassBounds) -> dict[str, tuple[float, f
 
 
 def checked_boxes(robot: Robot, boxes: Boxes) -> dict[str, Array]:
-    """Return boxes (2, 3), those without width a little wider; see `body_limits`."""
+    """Return boxes (2, 3), those without width slightly widened; see `body_limits`."""
     _check_names(robot, "com_boxes", boxes)
     checked = {}
     for body, given in boxes.items():
@@ -123,7 +122,7 @@ def checked_boxes(robot: Robot, boxes: Boxes) -> dict[str, Array]:
 
 
 def _between(value: float, lower: float, upper: float) -> float:
-    """Return the value, or one strictly inside if it is not."""
+    """Return the value, or one strictly inside the bounds if it is not."""
     if lower < value < upper:
         return float(value)
     if np.isfinite(lower) and np.isfinite(upper):
@@ -150,10 +149,10 @@ def _pair(where: str, value: Any, shape: tuple[int, ...], meaning: str) -> Array
 
 
 BALL_MASS = 1.0
-"""Mass [kg] of the ball that stands for a body of which nothing is known."""
+"""Mass [kg] of the ball that replaces an unknown body."""
 
 SHIFT = 1e-3
-"""Part of a ball that is added to a body that is impossible or degenerate."""
+"""Part of a ball added to a physically inconsistent or degenerate body."""
 
 _safely = partial(safely, what="a body of the file", error=RobotError)
 
@@ -164,8 +163,8 @@ _LEAST_RADIUS = 0.05
 def balls(robot: Robot) -> Array:
     """Return a ball of 1 kg for every body (n, 10), as large as the robot's links.
 
-    It lies between the body's joint and the next ones; its radius is half their distance, that of a
-    body without any the robot's mean; at least 5 cm.
+    Its centre is the middle between the body's joint and the next ones, its radius half their
+    distance (the mean of the robot for a body without a next joint), at least 5 cm.
     """
     model, centers, radii = robot.model, np.zeros((robot.n, 3)), np.full(robot.n, np.nan)
     for position, index in enumerate(robot.model_order):
@@ -189,11 +188,11 @@ def balls(robot: Robot) -> Array:
 
 
 def prior_bodies(robot: Robot, parameters: Array) -> tuple[Array, tuple[str, ...]]:
-    """Return possible bodies (n, 10) with mass in every direction, and in words what was changed.
+    """Return consistent bodies (n, 10) with mass in every direction, and notes of changes.
 
-    `parameters` (10n,) are those of the file or any others; a body with NaN becomes its ball; one
-    that is impossible loses its negative part, and it and a degenerate one (no mass, a point, a
-    rod, a plate) get a thousandth of a ball of their mass. Raises RobotError for another shape.
+    `parameters` (10n,) are those of the file or others. A body with NaN becomes its ball; an
+    inconsistent one loses its negative part; it and a degenerate one (no mass, a point, a rod, a
+    plate) get a thousandth of a ball of their mass. Raises RobotError for another shape.
     """
     given = np.asarray(parameters, dtype=float)
     if given.shape != (10 * robot.n,):
@@ -205,7 +204,7 @@ def prior_bodies(robot: Robot, parameters: Array) -> tuple[Array, tuple[str, ...
     missing = ~np.all(np.isfinite(bodies), axis=1)
     if np.any(missing):
         names = ", ".join(np.array(robot.body_names)[missing])
-        notes.append(f"no values to start from: a ball of {BALL_MASS:g} kg stands for {names}")
+        notes.append(f"no values in the prior: a ball of {BALL_MASS:g} kg replaces {names}")
     masses = bodies[~missing, 0]
     usual = float(np.mean(masses[masses > 0])) if np.any(masses > 0) else BALL_MASS
     for index, ball in enumerate(plain):
@@ -213,9 +212,9 @@ def prior_bodies(robot: Robot, parameters: Array) -> tuple[Array, tuple[str, ...
             bodies[index] = ball
             continue
         scaled = ball * max(bodies[index, 0], 0.01 * usual)
-        repaired = _mended(bodies[index], scaled)
+        repaired = _repaired(bodies[index], scaled)
         if repaired is not None:
-            kind = "degenerate" if is_physical(bodies[index]) else "impossible"
+            kind = "degenerate" if is_physical(bodies[index]) else "physically inconsistent"
             notes.append(
                 f"{robot.body_names[index]} is {kind} in the file: {SHIFT:g} of a ball of "
                 f"{scaled[0]:.3g} kg was added"
@@ -224,8 +223,8 @@ def prior_bodies(robot: Robot, parameters: Array) -> tuple[Array, tuple[str, ...
     return bodies, tuple(notes)
 
 
-def _mended(body: Array, ball: Array) -> Array | None:
-    """Return a possible body near one that has no mass in some direction; None for all others."""
+def _repaired(body: Array, ball: Array) -> Array | None:
+    """Return a nearby consistent body for one without mass in some direction, otherwise None."""
     half = _safely(np.linalg.cholesky, pseudo_inertia(ball))
     inverse = _safely(np.linalg.inv, half)
     spread, vectors = _safely(np.linalg.eigh, inverse @ pseudo_inertia(body) @ inverse.T)
@@ -239,7 +238,7 @@ NON_NEGATIVE = ("viscous_friction", "coulomb_friction", "motor_inertia", "stiffn
 """Parameters of drives that cannot be negative."""
 
 
-def body_programme(
+def body_program(
     robot: Robot,
     model: LoadModel,
     known: Estimate,
@@ -247,14 +246,14 @@ def body_programme(
     limits: list[Limit],
     start: Array,
 ) -> tuple[Program, list[str]]:
-    """Return the program, and what it means in words that an inequality is active.
+    """Return the program, and the description of each inequality as an active bound.
 
-    Unknowns: the standard parameters, what the base parameters absorb of stiff drives, the drives'
-    parameters.
+    Unknowns: the standard parameters, the parameters of stiff drives that the base parameters
+    absorb, the other drive parameters.
     """
     m, absorbed = 10 * robot.n, len(model.absorbed)
     columns, pivots, own = _columns(model, known, m)
-    root = root_of(known.covariance, known.values)
+    root = covariance_root(known.covariance, known.values)
     largest = np.max(np.abs(model.absorption), axis=0, initial=0.0)
     names = [f"{name} of {joint}" for joint, name, _ in model.absorbed]
     names += [known.names[row] for row in own]
@@ -277,7 +276,7 @@ def body_programme(
 
 
 def _columns(model: LoadModel, known: Estimate, m: int) -> tuple[Array, tuple[int, ...], list[int]]:
-    """Return what all unknowns are in the estimate, its pivots, and its rows that are drives' own.
+    """Return the columns of all unknowns in the estimate, its pivots, and the rows of drives alone.
 
     `m` unknowns are standard parameters.
     """
@@ -296,7 +295,7 @@ def _columns(model: LoadModel, known: Estimate, m: int) -> tuple[Array, tuple[in
 
 
 def _not_negative(names: Sequence[str], sizes: Array, signed: BoolArray, m: int) -> list[Limit]:
-    """Return the limits of the parameters of drives, after `m` others, that are not negative."""
+    """Return the limits of non-negative drive parameters, which follow `m` other unknowns."""
     limits = []
     for place in np.flatnonzero(signed).tolist():
         row = np.zeros(m + len(names))

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seaid._arrays import Array
-from seaid.estimation.variable_projection import projected
+from seaid.estimation.variable_projection import separable_least_squares
 
 pytestmark = pytest.mark.rounding
 
@@ -32,7 +32,9 @@ def two_decays(truth: tuple[float, float, float], noise: float = 0.0, seed: int 
 @settings(derandomize=True, deadline=None)
 def test_without_noise_the_truth_is_found(a: float, b: float, v: float) -> None:
     columns, slopes = two_decays((a, b, v))
-    found = projected(columns, slopes, [np.array([0.5])], np.array([0.01]), np.array([10.0]))
+    found = separable_least_squares(
+        columns, slopes, [np.array([0.5])], np.array([0.01]), np.array([10.0])
+    )
     np.testing.assert_allclose(found.nonlinear, [v], rtol=1e-6)
     np.testing.assert_allclose(found.linear, [a, b], rtol=1e-5, atol=1e-6)
     assert found.residual < 1e-6
@@ -42,14 +44,16 @@ def test_the_best_of_several_starts_is_taken_on() -> None:
     columns, slopes = two_decays((1.0, 2.0, 4.0), noise=0.05)
     bounds = np.array([1e-3]), np.array([50.0])
     far = [np.array([1e-3]), np.array([3.0]), np.array([50.0])]
-    found = projected(columns, slopes, far, *bounds)
-    near = projected(columns, slopes, [np.array([4.0])], *bounds)
+    found = separable_least_squares(columns, slopes, far, *bounds)
+    near = separable_least_squares(columns, slopes, [np.array([4.0])], *bounds)
     assert found.nonlinear == pytest.approx(near.nonlinear, rel=1e-6)
     assert found.nonlinear[0] == pytest.approx(4.0, rel=0.1)
 
 
 def test_a_parameter_without_effect_stays_inside_its_bounds() -> None:
     columns, slopes = two_decays((1.0, 0.0, 1.0))
-    found = projected(columns, slopes, [np.array([0.5])], np.array([0.01]), np.array([10.0]))
+    found = separable_least_squares(
+        columns, slopes, [np.array([0.5])], np.array([0.01]), np.array([10.0])
+    )
     assert 0.01 <= found.nonlinear[0] <= 10.0
     assert np.all(np.isfinite(found.linear))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from seaid.errors import IdentificationError
 from seaid.estimation.qr_factor import (
     QRFactor,
     combined,
-    load_qr_factor,
     qr_factor_of,
     triangle,
 )
@@ -120,29 +118,6 @@ def test_without_is_the_information_of_fewer_columns() -> None:
     rows = some_rows()
     fewer = replace(rows, names=("b", "d"), units=("m", "N"), H=rows.H[:, [1, 3]])
     assert_same(qr_factor_of(rows).without(["a", "c"]), qr_factor_of(fewer))
-
-
-def test_saved_and_loaded_is_the_same(tmp_path: Path) -> None:
-    path, found = tmp_path / "day" / "monday.npz", qr_factor_of(some_rows())
-    found.save(path)
-    again = load_qr_factor(path)
-    assert again.factors.tolist() == found.factors.tolist()
-    assert again.propagated.tolist() == found.propagated.tolist()
-    for name in ("names", "units", "equations", "counts", "excluded", "joint_names"):
-        assert getattr(again, name) == getattr(found, name)
-    assert_same(again + found, combined([found, found]))
-
-
-def test_file_that_is_none_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(IdentificationError, match="no information file at"):
-        load_qr_factor(tmp_path / "nothing.npz")
-    text = tmp_path / "text.npz"
-    text.write_text("a,b\n1,2\n")
-    other = tmp_path / "log.npz"
-    np.savez(other, time_s=np.zeros(3))
-    for path in (text, other):
-        with pytest.raises(IdentificationError, match="is not a file of information"):
-            load_qr_factor(path)
 
 
 def test_other_columns_do_not_add() -> None:

@@ -12,9 +12,9 @@ from seaid._arrays import Array
 from seaid.errors import IdentificationError
 from seaid.estimation.estimators import ESTIMATORS
 from seaid.identification.identification import identify
-from seaid.identification.instrumental import instrumental_sides
+from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.simulated_joints import driven_motion, finer_side
-from seaid.identification.two_step import Sides, sequential_sides
+from seaid.identification.two_step import RobotEstimate, estimate_two_step
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import LoadModel, load_columns, load_model
@@ -36,12 +36,12 @@ def true_motion() -> Motion:
 
 
 @cache
-def noise_free() -> tuple[Robot, LoadModel, Motion, Sides]:
+def noise_free() -> tuple[Robot, LoadModel, Motion, RobotEstimate]:
     """Return what perfect sensors tell."""
     robot = TRUTH.without_nominal()
     model = load_model(robot, base_parameters(robot), robot.joint_names)
     motion = reconstruct_motion(robot, perfect_log(TRUTH, true_motion()), 8.0)
-    sides = sequential_sides(robot, [motion], model, ESTIMATORS["wls"], 0.0, None, False)
+    sides = estimate_two_step(robot, [motion], model, ESTIMATORS["wls"], 0.0, None, False)
     return robot, model, motion, sides
 
 
@@ -165,6 +165,8 @@ def test_where_the_model_diverges_the_smoothed_motion_stays_and_a_flag_says_so(
         raise IdentificationError("the fitted model diverges")
 
     monkeypatch.setattr("seaid.identification.instrumental.motor_driven_motion", diverges)
-    found = instrumental_sides(robot, [motion], model, sides, 0.0, None)
-    assert found.load.flags[-1].startswith("instruments of the load side are those of the smoothed")
+    found = estimate_instrumental(robot, [motion], model, sides, 0.0, None)
+    assert found.load.flags[-1].startswith(
+        "the instruments of the load side come from the smoothed"
+    )
     assert found.load.flags[-1].endswith("the fitted model diverges")

@@ -18,7 +18,6 @@ from seaid.estimation.estimators import (
     ESTIMATORS,
     huber,
     huber_weights,
-    outliers,
     tukey,
     tukey_weights,
 )
@@ -171,9 +170,9 @@ def test_what_is_carried_adds_what_targets_really_do(estimator: Solver) -> None:
 def test_errors_are_those_of_least_squares(estimator: Solver) -> None:
     data = experiment(6)
     twice = replace(data, H=np.column_stack([data.H[:, :2], data.H[:, 0]]))
-    with pytest.raises(ExcitationError, match="tells nothing about the combination of"):
+    with pytest.raises(ExcitationError, match=r"combination of .* is unidentifiable"):
         estimator(twice)
-    with pytest.raises(IdentificationError, match="2 rows cannot tell 3 parameters"):
+    with pytest.raises(IdentificationError, match="2 rows cannot determine 3 parameters"):
         estimator(replace(experiment(6, 2), joint_names=()))
     H = data.H.copy()
     H[5, 1] = np.nan
@@ -183,42 +182,8 @@ def test_errors_are_those_of_least_squares(estimator: Solver) -> None:
 
 def test_what_does_not_settle_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("seaid.estimation.estimators._MOST_ITERATIONS", 2)
-    with pytest.raises(IdentificationError, match=r"do not settle in 2 turns: at .* s the fit sti"):
+    with pytest.raises(IdentificationError, match=r"did not converge in 2 iterations: at .* s the"):
         huber(spoiled(experiment(7), 0.2))
-
-
-def test_outliers_are_reported_by_joint_and_time() -> None:
-    data = experiment(8, 2000, (1.0, 1.0))
-    y = data.y.copy()
-    spike = (data.joint == 1) & (data.time > 60.02) & (data.time < 63.98)
-    y[spike] += 300.0
-    data = replace(data, y=y)
-    found = outliers(data, tukey(data))
-    assert found.weights.shape == (4000,)
-    assert np.all(found.weights[spike] < 0.01)
-    assert found.shares["knee"] == pytest.approx(79 / 2000 + 0.007, abs=0.005)
-    assert found.shares["hip"] < 0.015
-    count = round(found.shares["knee"] * 2000)
-    assert found.words[1].startswith(f"{count} of 2000 rows of knee count less than half, most ")
-    begin, end = (float(word) for word in found.words[1].split() if word[0] == "6")
-    assert 60.0 <= begin < end <= 64.0
-
-
-def test_outliers_name_motor_equations_and_logs() -> None:
-    data = replace(experiment(9, 400, (1.0, 1.0)), joint_names=("hip",))
-    y = data.y.copy()
-    y[600:640] += 100.0
-    data = replace(data, y=y, run=np.tile(np.repeat([0.0, 1.0], 200), 2))
-    words = outliers(data, huber(data)).words
-    assert "rows of motor of hip count" in words[-1]
-    assert "most of those in log 2 between 10.0 and 1" in words[-1]
-
-
-def test_no_outliers_no_words() -> None:
-    data = experiment(10)
-    exact = replace(data, y=data.H @ TRUTH)
-    found = outliers(exact, ordinary(exact))
-    assert (dict(found.shares), found.words) == ({"hip": 0.0}, ())
 
 
 @pytest.mark.parametrize("name", ["huber", "tukey"])

@@ -240,7 +240,8 @@ def test_nothing_known_leaves_no_scale(side: str) -> None:
     unknown = robot(*(replace(one, motor_inertia_kg_m2=None) for one in pair))
     helps = "known bodies" if side == "one" else "the stiffness of its spring"
     with pytest.raises(
-        IdentificationError, match=f"of {side} only the current.*Give one of: {helps}"
+        IdentificationError,
+        match=f"of {side} is unidentifiable: only the current.*Give one of: {helps}",
     ):
         identified(unknown, motion)
 
@@ -318,7 +319,9 @@ def test_a_zero_that_only_moves_a_preload_is_held_and_said() -> None:
     known = robot(STIFF, with_terms(ELASTIC, SPRINGS["cubic and preload"][0], {}))
     found = identified(known, free_motion(), ["one"])
     assert found.drives["two"].value("stiffness") == pytest.approx(120.0)
-    assert any("deflection zero of two is not told by this motion" in f for f in found.flags)
+    assert any(
+        "deflection zero of two is not identifiable from this motion" in f for f in found.flags
+    )
     assert "deflection_zero" in found.known.drives["two"].known
 
 
@@ -327,12 +330,14 @@ def test_what_is_held_is_said_of_every_condition_too(monkeypatch: pytest.MonkeyP
         drive = replace(given.drives["two"], known=("deflection_zero",))
         return given.with_drives({**given.drives, "two": drive}), datasets
 
-    monkeypatch.setattr("seaid.identification.conditions.straightened_robot", holding)
+    monkeypatch.setattr("seaid.identification.conditions.linearised_robot", holding)
     drive = with_terms(ELASTIC, SPRINGS["cubic"][0], {"deflection_zero": 0.0})
     known, log = robot(STIFF, drive), noisy("plain")
-    both = identify_conditions({"a": (known, log), "b": (known, log)}, own=())
-    for found in both.found.values():
-        assert any("deflection zero of two is not told by this motion" in f for f in found.flags)
+    both = identify_conditions({"a": (known, log), "b": (known, log)}, condition_specific=())
+    for found in both.identifications.values():
+        assert any(
+            "deflection zero of two is not identifiable from this motion" in f for f in found.flags
+        )
 
 
 def test_found_terms_predict_another_log() -> None:
@@ -414,7 +419,7 @@ def together(one: Drive, known: Drive) -> Identification:
     for name, payloads in (("with", (Payload("lower", 0.5, (0.0, 0.0, -0.2)),)), ("without", ())):
         log = noisy_log(exact_motion(robot(one, one, payloads=payloads)), 0.003, 1e-6)
         conditions[name] = robot(known, known, payloads=payloads).without_nominal(), log
-    return identify_conditions(conditions, cutoff_hz=10.0).found["with"]
+    return identify_conditions(conditions, cutoff_hz=10.0).identifications["with"]
 
 
 def test_a_payload_that_comes_and_goes_tells_motor_constants() -> None:

@@ -48,9 +48,9 @@ def test_friction_and_gravity_with_a_minus_are_said() -> None:
     flags = sign_flags(found)
     assert len(flags) == 5
     assert flags[0] == (
-        "the torque of hip_yaw looks flipped: viscous friction, Coulomb friction, inertia and "
-        "gravity all fit with a minus; check the sign of its torque column against that of its "
-        "position"
+        "the torque of hip_yaw looks flipped: the estimates of viscous friction, Coulomb friction, "
+        "inertia and gravity are all negative; compare the sign of its torque column with that of "
+        "its position"
     )
     assert set(flags) < set(found.flags)
 

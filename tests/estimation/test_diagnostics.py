@@ -154,7 +154,7 @@ def test_poorly_told_combination_is_named_with_its_size() -> None:
     qr_factor = qr_factor_of(rows_of(H, np.zeros(1000)))
     sentence = poorly_determined(qr_factor)
     assert len(sentence) == 1
-    assert sentence[0].startswith("the data tell ")
+    assert sentence[0].startswith("scaled singular value ")
     assert "of the combination " in sentence[0]
     found = directions(qr_factor.weighted_factor(), qr_factor.names)
     assert found.shares[-1] == pytest.approx(np.sqrt(0.5) * 1e-3 / np.sqrt(2), rel=0.1)
