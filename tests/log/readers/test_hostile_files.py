@@ -520,7 +520,7 @@ def test_a_bag_that_asks_for_all_memory_is_refused(
     monkeypatch.setattr(ros_bag, "bag_columns", greedy)
     path = tmp_path / "log.mcap"
     path.write_bytes(b"compressed")
-    text = "is not a ROS bag, or a damaged one: it asks for more memory than there is"
+    text = "is not a ROS bag, or a damaged one: it requests more memory than is available"
     assert error_of(path) == f"'{path}' {text}"
 
 
