@@ -1,4 +1,4 @@
-"""Checked read-only arrays, mappings and numbers, and linear algebra that raises errors of seaid."""
+"""Checked read-only arrays, mappings and numbers, and linear algebra with errors of seaid."""
 
 from __future__ import annotations
 
