@@ -24,8 +24,6 @@ from seaid.errors import SeaidError, SeaidWarning, reason_of
 _AS_OPTIONS = {
     r"write it with force=True": "add --allow-inconsistent",
     r"repair=seaid\.Repairs\(\)": "--repair",
-    r"\bread_log mends": "it is mended",
-    r"\blet read_log mend them with": "have them mended with",
     r"\b(feasible|progress)=True": r"--\1",
     r"\bpayloads=": "--payload",
     r"\bknown_bodies=": "--known-body",

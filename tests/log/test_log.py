@@ -275,8 +275,8 @@ def test_missing_file_and_unknown_format_are_named(arm: Robot, tmp_path: Path) -
         (b"some words\nand more\n", "no column is named 'time_s'; allowed: some words"),
         (
             b"time_s,x\n0,1\n",
-            "no column of this robot; expected names as 'arm.motor_position_rad' (or map foreign "
-            "ones with columns=), found: time_s, x",
+            "no column of this robot; expected names as 'arm.motor_position_rad' (or map custom "
+            "columns with columns=), found: time_s, x",
         ),
         (
             b"time_s,arm.motor_position_rad\n0,1\n1\n",
@@ -356,7 +356,12 @@ def test_npz_with_a_bad_column_is_named(
             "nan",
             "column 'arm.joint_position_rad' has 1 values that are not finite, the first ",
         ),
-        (5, 2, "", "in sample 5 (t = 0.05 s); repair them, or leave the whole column NaN if there"),
+        (
+            5,
+            2,
+            "",
+            "in sample 5 (t = 0.05 s); leave the whole column NaN if there is no such sensor",
+        ),
         (5, 2, "inf", "column 'arm.joint_position_rad' has 1 values that are not finite"),
         (5, 0, "nan", "time_s has a value that is not finite in sample 5"),
         (5, 0, "0.04", "time_s repeats at sample 5 (0.04 s, then 0.04 s; 1 such places); it must"),
@@ -416,7 +421,7 @@ def test_column_with_nearly_the_name_is_pointed_at(
     arm: Robot, write_csv: Callable[..., Path], typo: str
 ) -> None:
     text = read_error(write_csv([*NAMES[:3], typo]), arm)
-    assert f"'{typo}' in the file is near 'arm.motor_torque_Nm'" in text
+    assert f"'{typo}' in the file is similar to 'arm.motor_torque_Nm'" in text
 
 
 # Log itself
@@ -450,7 +455,7 @@ def test_between_keeps_the_start_and_leaves_the_end() -> None:
         ({"time": 3.0}, r"time must have shape \(any\), found \(\)"),
         ({"time": np.zeros(60)}, r"time_s repeats at sample 1 \(0 s, then 0 s; 59 such places\)"),
         ({"joint_names": ("a", "a")}, "joint_names has a joint twice: a, a"),
-        ({"is_prismatic": (True,)}, "is_prismatic needs one entry a joint, 2, found 1"),
+        ({"is_prismatic": (True,)}, "is_prismatic needs one entry per joint, 2, found 1"),
     ],
 )
 def test_log_of_wrong_shape_is_refused(wrong: dict[str, Any], words: str) -> None:

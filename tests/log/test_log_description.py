@@ -179,7 +179,7 @@ def test_even_rate_stands_for_a_time(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.time, np.arange(200) / 250, rtol=1e-12)
 
 
-def test_own_log_is_mended_only_when_asked(tmp_path: Path) -> None:
+def test_own_log_is_repaired_only_when_asked(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, ROTARY)
     values = np.stack([wave(0.5), wave(0.7), wave(0.9)])[:, :, None]
     write_log(Log(TIME, ("arm",), *values), tmp_path / "log.npz")
@@ -187,14 +187,14 @@ def test_own_log_is_mended_only_when_asked(tmp_path: Path) -> None:
         data = dict(archive)
     data["arm.joint_position_rad"][50] = np.nan
     np.savez(tmp_path / "bad.npz", **data)
-    with pytest.raises(LogError, match=r"mends single places with repair=seaid\.Repairs\(\)"):
+    with pytest.raises(LogError, match=r"or repair single samples with repair=seaid\.Repairs\(\)"):
         read_log(tmp_path / "bad.npz", robot)
     log = read_log(tmp_path / "bad.npz", robot, repair=Repairs())
     assert log.joint_position[50, 0] == pytest.approx(values[1, 50, 0], abs=1e-3)
     assert [repair.kind for repair in log.report] == ["values that are no number"]
     data["time_s"][50] = 0.1
     np.savez(tmp_path / "bad.npz", **data)
-    with pytest.raises(LogError, match=r"or let read_log mend them with repair=seaid\.Repairs"):
+    with pytest.raises(LogError, match=r"or repair them with repair=seaid\.Repairs"):
         read_log(tmp_path / "bad.npz", robot)
 
 
@@ -209,7 +209,7 @@ def test_degrees_are_suspected_from_the_limits(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, ROTARY, kind="revolute")
     path = log_file(tmp_path, degrees=np.rad2deg(wave(0.7)))
     with pytest.warns(
-        SeaidWarning, match=r"'arm' goes from -5\d\.\d+ to 5\d\.\d+ rad, .*degrees\?"
+        SeaidWarning, match=r"'arm' ranges from -5\d\.\d+ to 5\d\.\d+ rad, .*in degrees, give"
     ):
         read_log(path, robot, description=described(joint_position="degrees"))
     with warnings.catch_warnings():
