@@ -45,7 +45,7 @@ class Repairs:
     --------
     >>> limits = seaid.Repairs(longest_gap_s=0.05)
     >>> log = seaid.read_log("run.csv", robot, repair=limits)
-    >>> print(*log.report, sep="\\n")
+    >>> [str(repair) for repair in log.report]
     """
 
     rate_hz: float | None = None
