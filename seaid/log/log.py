@@ -115,7 +115,9 @@ def _custom(name: str, column: Column) -> tuple[str, float]:
     if isinstance(factor, str):
         units = UNIT_FACTORS[name.rsplit("_", 1)[1]]
         if factor not in units:
-            raise LogError(f"columns= '{name}': " + unknown_name("unit for it", factor, units))
+            raise LogError(
+                f"columns= '{name}': " + unknown_name("unit of this quantity", factor, units)
+            )
         factor = units[factor]
     if not (np.isfinite(factor) and factor != 0):
         raise LogError(f"columns= '{name}': the factor must be finite and not zero, found {factor}")

@@ -234,11 +234,17 @@ def test_one_foreign_column_may_serve_two_sensors(
             "this robot's log is named 'arm.joint_position'; did you mean",
         ),
         ({"time_s": "tme_s"}, "no column is named 'tme_s'; did you mean 'time_s'? allowed: time_s"),
-        ({"time_s": ("time_s", "msec")}, "'time_s': no unit for it is named 'msec'; did you mean"),
-        ({"time_s": ("time_s", "deg")}, "no unit for it is named 'deg'; allowed: s, ms, us, ns"),
+        (
+            {"time_s": ("time_s", "msec")},
+            "'time_s': no unit of this quantity is named 'msec'; did you mean",
+        ),
+        (
+            {"time_s": ("time_s", "deg")},
+            "no unit of this quantity is named 'deg'; allowed: s, ms, us, ns",
+        ),
         (
             {"arm.motor_torque_Nm": (NAMES[3], "rad")},
-            "columns= 'arm.motor_torque_Nm': no unit for it is named 'rad'; allowed: Nm, mNm",
+            "no unit of this quantity is named 'rad'; allowed: Nm, mNm",
         ),
         ({NAMES[1]: (NAMES[1], 0.0)}, "the factor must be finite and not zero, found 0.0"),
         ({NAMES[1]: (NAMES[1], np.nan)}, "the factor must be finite and not zero, found nan"),
