@@ -1,7 +1,7 @@
 """Inference of a log description from the names and values of custom columns.
 
-`meaning_of` reads quantity, side, joint and unit from a name; `quantities_of` selects the columns of
-one joint; `describe_log` composes the description and notes the uncertain choices.
+`meaning_of` reads quantity, side, joint and unit from a name, `quantities_of` selects the columns
+of one joint, and `describe_log` composes the description and notes the uncertain choices.
 """
 
 from __future__ import annotations

@@ -290,11 +290,11 @@ def test_missing_file_and_unknown_format_are_named(arm: Robot, tmp_path: Path) -
         ),
         (
             b"time_s;arm.motor_position_rad\n0,5;1\n",
-            "line 2: column 'time_s' has '0,5', which is no number",
+            "line 2: column 'time_s' has '0,5', which is not a number",
         ),
         (
             b"time_s,arm.motor_position_rad\n0,1\n\n1,off\n",
-            "line 4: column 'arm.motor_position_rad' has 'off', which is no number",
+            "line 4: column 'arm.motor_position_rad' has 'off', which is not a number",
         ),
         (
             b"time_s,arm.motor_position_rad,arm.motor_position_rad\n0,1,2\n",
@@ -332,11 +332,11 @@ def test_npz_that_is_damaged_inside_is_named(arm: Robot, tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        (np.zeros((60, 2)), "must be a row of numbers, found float64 of shape (60, 2)"),
-        (np.array("text"), "must be a row of numbers, found <U4 of shape ()"),
-        (np.zeros(60, dtype=complex), "must be a row of numbers, found complex128"),
-        (np.array([{}], dtype=object), "must be a row of numbers, found object"),
-        (np.zeros(7), "columns are not equally long: 'time_s' 60, "),
+        (np.zeros((60, 2)), "must be a vector of numbers, found float64 of shape (60, 2)"),
+        (np.array("text"), "must be a vector of numbers, found <U4 of shape ()"),
+        (np.zeros(60, dtype=complex), "must be a vector of numbers, found complex128"),
+        (np.array([{}], dtype=object), "must be a vector of numbers, found object"),
+        (np.zeros(7), "columns have different lengths: 'time_s' 60, "),
     ],
 )
 def test_npz_with_a_bad_column_is_named(
