@@ -242,7 +242,7 @@ def read_toml(path: str | Path, what: str, error: type[SeaidError]) -> dict[str,
     """Return the tables of a TOML file of at most `MOST_TOML_BYTES`.
 
     `what` names the content in messages, as "drives". Raises `error`, with the file and the place
-    in it, for an unreadable or invalid file, dates, non-finite numbers and deeply nested tables.
+    in it, for an unreadable or invalid file, dates, non-finite numbers and too many levels.
     """
 
     def tables(text: str) -> Any:
@@ -259,8 +259,8 @@ def read_json(path: str | Path, what: str, error: type[SeaidError]) -> Any:
     """Return the content of a JSON file of at most `MOST_JSON_BYTES`.
 
     `what` names the content in messages, as "trajectory". Raises `error`, with the file and the
-    place in it, for an unreadable or invalid file, non-finite numbers, duplicate keys and deeply
-    nested lists.
+    place in it, for an unreadable or invalid file, non-finite numbers, duplicate keys and too many
+    levels.
     """
 
     def content(text: str) -> Any:
@@ -270,7 +270,7 @@ def read_json(path: str | Path, what: str, error: type[SeaidError]) -> Any:
 
 
 def numbers(where: str, value: Any, error: type[SeaidError]) -> Any:
-    """Return a number, or nested lists of numbers, of JSON or TOML unchanged.
+    """Return a number, or lists of numbers of any depth, of JSON or TOML unchanged.
 
     Raises `error` naming `where` for any other type, such as texts and booleans.
     """
@@ -308,7 +308,7 @@ def _read(
     try:
         content = parse(data.decode("utf-8-sig"))
     except RecursionError:
-        raise error(f"{where} {wrong}: tables or lists are nested too deeply") from None
+        raise error(f"{where} {wrong}: tables or lists have too many levels") from None
     except ValueError as problem:  # TOML, JSON, UTF-8, or an integer of thousands of digits
         raise error(f"{where} {wrong}: {reason_of(problem)}") from None
     _check(where, content, error)
@@ -316,7 +316,7 @@ def _read(
 
 
 def _check(where: str, content: Any, error: type[SeaidError]) -> None:
-    """Raise `error` naming the first value that is nested too deeply, not finite or not plain."""
+    """Raise `error` naming the first value that is too deep, not finite or not plain data."""
     stack: list[tuple[Any, _Place, int]] = [(content, None, 0)]
     while stack:
         value, place, depth = stack.pop()
@@ -334,7 +334,7 @@ def _check(where: str, content: Any, error: type[SeaidError]) -> None:
 
 def _problem(value: Any, depth: int) -> str | None:
     if isinstance(value, dict | list):
-        return f"is nested deeper than {_MOST_DEPTH} levels" if depth >= _MOST_DEPTH else None
+        return f"is more than {_MOST_DEPTH} levels deep" if depth >= _MOST_DEPTH else None
     if isinstance(value, str):
         return "is not Unicode: an unpaired surrogate" if _SURROGATE.search(value) else None
     if value is None or isinstance(value, bool):

@@ -139,7 +139,7 @@ class LogDescription:
         object.__setattr__(self, "joints", FrozenMapping(copied))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the description as nested plain data without default values."""
+        """Return the description as mappings of plain data without default values."""
         found: dict[str, Any] = {}
         if self.time is not None:
             found["time"] = _short(_plain(self.time))

@@ -136,8 +136,8 @@ def test_what_is_no_such_file_is_told(tmp_path: Path) -> None:
         ('{"m": 1e999}', "other.json': m must be a finite number"),
         ('{"a": [0, 1' + 400 * "0" + "]}", r"a\[1\] must be a finite number"),
         ('{"m": ' + 5000 * "9" + "}", "is not JSON: Exceeds the limit"),
-        ("[" * 40 + "]" * 40, "is nested deeper than 32 levels"),
-        ("[" * 200_000, "is not JSON: tables or lists are nested too deeply"),
+        ("[" * 40 + "]" * 40, "is more than 32 levels deep"),
+        ("[" * 200_000, "is not JSON: tables or lists have too many levels"),
         ('{"\\ud800": 1}', r"'\\\\ud800' is not Unicode|unpaired surrogate"),
     ):
         path.write_text(text)

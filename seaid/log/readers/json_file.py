@@ -20,7 +20,7 @@ _GROWTH = 10.0
 """Bytes in memory per byte of JSON."""
 
 _DEEPEST = 20
-"""Deepest nesting of lists and objects."""
+"""Most levels of lists and objects."""
 
 
 def open_json(path: Path) -> Table:
@@ -116,7 +116,7 @@ def _of_lists(path: Path, value: Any, depth: int) -> dict[str, list[Any]]:
 def _check_depth(path: Path, depth: int) -> None:
     if depth > _DEEPEST:
         raise LogError(
-            f"'{path}': lists and objects are nested more than {_DEEPEST} levels deep; a JSON log "
+            f"'{path}': lists and objects are more than {_DEEPEST} levels deep; a JSON log "
             "is a list of records, or lists of numbers by name"
         )
 
