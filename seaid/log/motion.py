@@ -14,7 +14,7 @@ from seaid.errors import LogError
 from seaid.log.filtering import CutoffSelection, low_pass, select_cutoff, spline_derivatives
 from seaid.log.gaps import HOLES, check_whole, holes, stretches
 from seaid.log.log import Log
-from seaid.log.repair.clocks import longest_bridge, typical_step
+from seaid.log.repair.clocks import irregular_steps, longest_bridge, typical_step
 from seaid.log.repair.data import Repair
 from seaid.log.repair.resampling import interpolated
 from seaid.robot import Robot, at_drives, at_joints, coupled_groups
@@ -82,9 +82,6 @@ FEWEST_PERIODS = 10.0
 
 SHORTEST_STRETCH = 4.0
 """Shortest stretch between two holes in periods of the cutoff: the transients take half of it."""
-
-_REGULAR = 1e-3
-"""Relative difference of time steps above which a log is resampled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,9 +286,7 @@ def _columns(robot: Robot, log: Log) -> list[int]:
 
 def is_regular(time: Array) -> bool:
     """Return whether time steps are equal enough to be used without resampling."""
-    steps = np.diff(time)
-    step = float(np.median(steps))
-    return bool(np.max(np.abs(steps - step)) <= _REGULAR * step)
+    return not np.any(irregular_steps(time))
 
 
 def _uniform(log: Log, columns: list[int]) -> tuple[Array, dict[str, Array]]:

@@ -266,8 +266,7 @@ def test_json_of_identify_is_what_it_writes(arm: Path, tmp_path: Path) -> None:
 
 def test_options_of_identify_reach_it(arm: Path, tmp_path: Path) -> None:
     options = ("--method", "simultaneous", "--estimator", "huber", "--feasible", "--cutoff-hz", "6")
-    options += ("--encoder-offset-std", "0")
-    robot, file = robot_and_drives(arm), tmp_path / "p.json"
+    robot, file = (*robot_and_drives(arm), "--encoder-offset-std", "0"), tmp_path / "p.json"
     said = done("identify", *robot, arm / "run.csv", *options, "-o", file)
     assert "regressor and torque below 6 Hz, as given" in said.out
     assert "both sides" in said.out

@@ -7,8 +7,8 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, IndexArray
 from seaid.errors import LogError
 from seaid.log.repair.clocks import RepairedClock, longest_bridge, longest_step
-from seaid.log.repair.data import Channel, Repair, Repairs, is_position
-from seaid.log.repair.resampling import FEWEST, gap_error
+from seaid.log.repair.data import FEWEST, Channel, Repair, Repairs, is_position
+from seaid.log.repair.resampling import gap_error
 
 _FARTHER = 2.0
 """A wrap exceeds this multiple of the neighbouring steps."""

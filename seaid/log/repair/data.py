@@ -98,6 +98,9 @@ class Repair:
         )
 
 
+FEWEST = 4
+"""Fewest samples of a channel that can be interpolated."""
+
 LARGEST = 1e30
 """Largest magnitude of a sample in any unit, so that arithmetic does not overflow."""
 

@@ -20,8 +20,8 @@ from seaid.log.repair.clocks import (
     repaired_group,
     typical_step,
 )
-from seaid.log.repair.data import Channel, Repair, Repairs, is_position
-from seaid.log.repair.resampling import FEWEST, in_gap, resampled
+from seaid.log.repair.data import FEWEST, Channel, Repair, Repairs, is_position
+from seaid.log.repair.resampling import in_gap, resampled
 
 
 def repaired(

@@ -8,9 +8,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray
 from seaid.log.filtering import low_pass
-
-FEWEST = 4
-"""Fewest samples of a channel that can be interpolated."""
+from seaid.log.repair.clocks import longest_bridge, longest_step, typical_step
 
 _CLOSE = 0.3
 """Samples closer than this part of the typical step are merged."""
@@ -33,8 +31,6 @@ def interpolated(time: Array, values: Array, wanted: Array, *, smooth: bool) -> 
     """
     from scipy.interpolate import Akima1DInterpolator, CubicSpline
 
-    from seaid.log.repair.clocks import longest_bridge, longest_step
-
     origin = time[0]
     time, values = _merged(time - origin, values)
     if smooth:
@@ -56,8 +52,6 @@ def in_gap(time: Array, wanted: Array, longest_s: float) -> BoolArray:
 
 def _merged(time: Array, values: Array) -> tuple[Array, Array]:
     """Return a channel with bursts of samples replaced by their means; the end stamps stay."""
-    from seaid.log.repair.clocks import typical_step
-
     shortest = _CLOSE * typical_step(time)
     if np.min(np.diff(time)) >= shortest:
         return time, values
