@@ -154,6 +154,6 @@ def _error(what: str, found: str, matrices: tuple[Any, ...], error: type[SeaidEr
     sizes = [np.max(np.abs(one), initial=0.0, where=np.isfinite(one)) for one in matrices]
     return error(
         f"{what} cannot be solved: {found}, in sizes up to {max(sizes):.3g}. Check the units and "
-        "sizes of all that is given: lengths, masses and inertias of the robot, positions and "
+        "sizes of all inputs: lengths, masses and inertias of the robot, positions and "
         "torques of the log"
     )

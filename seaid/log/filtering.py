@@ -72,12 +72,20 @@ _WIDENED_HZ = 12.0
 """The cutoff is raised for a short log up to this frequency only."""
 
 _ALLOWED = 0.01
+"""Largest ratio of noise to signal (rms)."""
+
 _VELOCITY_SHARE, _WIDE = 0.98, 3.0
 _POSITION_SHARE, _NARROW = 0.995, 2.0
+"""Share of the power within the bandwidth, and the cutoff as a multiple of the bandwidth."""
+
 _RATES = 8.0
-_OUTSTANDING, _MOVING = 3.0, 10.0
-_SMOOTHED_BINS = 9
-_ON_GRID = 0.95
+"""Sampling rate over the highest cutoff."""
+
+_OUTSTANDING, _SMOOTHED_BINS = 3.0, 9
+"""The mean of so many bins counts as signal above this multiple of the noise floor."""
+
+_MOVING, _ON_GRID = 10.0, 0.95
+"""Motion over noise (rms) of a channel that moves; share of whole steps of a quantised channel."""
 
 
 @dataclass(frozen=True)
