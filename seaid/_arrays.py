@@ -1,7 +1,4 @@
-"""Behind the frozen data types: float64, shape-checked, read-only arrays, and mappings.
-
-Factorisations of numpy and scipy of which a failure is an error of seaid, in words.
-"""
+"""Checked read-only arrays, mappings and numbers, and linear algebra with errors of seaid."""
 
 from __future__ import annotations
 
@@ -22,11 +19,11 @@ IndexArray = NDArray[np.intp]
 Value = TypeVar("Value")
 
 MOST_SAMPLES = 10_000_000
-"""Of a motion that is written or simulated."""
+"""Largest number of samples of a motion that is written or simulated."""
 
 
 class FrozenMapping(Mapping[str, Value]):
-    """A read-only copy of a mapping that, unlike MappingProxyType, can be sent to a process."""
+    """A read-only copy of a mapping; unlike MappingProxyType it can be pickled."""
 
     def __init__(self, items: Mapping[str, Value]) -> None:
         self._items = dict(items)
@@ -55,7 +52,7 @@ def frozen(
 ) -> Array:
     """Return a read-only float64 copy of `value`.
 
-    `shape` has None where any length is allowed. Raises `error` naming `name` otherwise.
+    `shape` has None where any length is allowed. Raises `error` naming `name` for any other shape.
     """
     try:
         array = np.array(value, dtype=np.float64, order="C")
@@ -78,7 +75,7 @@ def finite(
     shape: tuple[int | None, ...],
     error: type[SeaidError] = SeaidError,
 ) -> Array:
-    """Return `frozen` of a value without NaN and infinity. Raises `error` naming `name`."""
+    """Return `frozen` of a value. Raises `error` naming `name` for NaN and infinity."""
     array = frozen(name, value, shape, error)
     if not np.all(np.isfinite(array)):
         bad = int(np.sum(~np.isfinite(array)))
@@ -88,7 +85,7 @@ def finite(
 
 
 def as_float(value: Any) -> float:
-    """Return a number as float64, infinite where it is too large for that."""
+    """Return a number as float64; infinite if it is too large."""
     try:
         return float(value)
     except OverflowError:
@@ -96,14 +93,14 @@ def as_float(value: Any) -> float:
 
 
 def number(name: str, value: Any, error: type[SeaidError] = SeaidError) -> float:
-    """Return a number as float64. Raises `error` naming `name` for what is none; true is none."""
+    """Return a number as float64. Raises `error` naming `name` for other types, bool included."""
     if isinstance(value, bool) or not isinstance(value, Real):
         raise error(f"{name} must be a number, found {shown(value)}")
     return as_float(value)
 
 
 def seed_of(seed: Any, error: type[SeaidError] = SeaidError) -> int:
-    """Return a seed of random numbers. Raises `error` for what is no whole number from zero on."""
+    """Return a seed of random numbers. Raises `error` unless it is a non-negative integer."""
     try:
         found = index(seed)
     except TypeError:
@@ -116,7 +113,7 @@ def seed_of(seed: Any, error: type[SeaidError] = SeaidError) -> int:
 def check_rate(
     rate_hz: Any, duration: float, least: float = 0.0, error: type[SeaidError] = SeaidError
 ) -> None:
-    """Raise `error` for a rate [1/s] that is not more than `least`, or with too many samples."""
+    """Raise `error` for a rate [1/s] not above `least`, or one that makes too many samples."""
     rate = number("rate_hz", rate_hz, error)
     if not least < rate < math.inf:
         bound = f"{least:g}" if 0 < rate <= least else "zero"
@@ -139,11 +136,10 @@ def safely(
     error: type[SeaidError] = IdentificationError,
     **options: Any,
 ) -> Any:
-    """Return function(*matrices, **options); no LinAlgError of numpy or scipy comes out of it.
+    """Return function(*matrices, **options); raise `error` in place of a LinAlgError.
 
-    `what` the matrices are stands in the message of `error`: they are singular, not finite, which
-    some kernels answer with NaN and others with a failure, or so different in size that the
-    iteration inside does not end.
+    `what` names the matrices in the message. Matrices that are not finite are refused beforehand,
+    because some LAPACK kernels return NaN for them and others fail.
     """
     bad = sum(np.size(one) - int(np.count_nonzero(np.isfinite(one))) for one in matrices)
     if bad:
@@ -158,6 +154,6 @@ def _error(what: str, found: str, matrices: tuple[Any, ...], error: type[SeaidEr
     sizes = [np.max(np.abs(one), initial=0.0, where=np.isfinite(one)) for one in matrices]
     return error(
         f"{what} cannot be solved: {found}, in sizes up to {max(sizes):.3g}. Check the units and "
-        "sizes of all that is given: lengths, masses and inertias of the robot, positions and "
+        "sizes of all inputs: lengths, masses and inertias of the robot, positions and "
         "torques of the log"
     )

@@ -1,8 +1,7 @@
-"""Files appear whole or not at all.
+"""Atomic writing of files, and bounded reading of TOML and JSON files of users.
 
-TOML and JSON files of users as plain data: bounded in size and depth, with finite numbers only.
-
-Nothing in them is evaluated. What a value means is checked by the module that asked for the file.
+A file is written completely or not at all. TOML and JSON are read as plain data of bounded size and
+depth with finite numbers; nothing in them is evaluated, and the caller checks the meaning.
 """
 
 from __future__ import annotations
@@ -30,13 +29,13 @@ from seaid._arrays import Array, as_float, number
 from seaid.errors import SeaidError, reason_of, shortened, shown
 
 _LONGEST_SUFFIX, _SHOWN = 16, 500
-"""Letters: of an ending that a temporary file keeps, and of a path in a message."""
+"""Characters of a suffix that a temporary file keeps, and of a path in a message."""
 
 
 def result_folder(path: str | Path) -> Path:
-    """Make a folder for results and return it; asked before long work, not after it.
+    """Create a folder for results and return it; callers do so before a long computation.
 
-    Raises SeaidError where it cannot be made or written to.
+    Raises SeaidError if the folder cannot be created or written to.
     """
     path = Path(path)
     with _refusals(path):
@@ -47,9 +46,9 @@ def result_folder(path: str | Path) -> Path:
 
 
 def real_path(path: str | Path) -> Path:
-    """Return a path in full and without links.
+    """Return the absolute path with links resolved.
 
-    Raises SeaidError for what no path can be, and for a relative one in a deleted working folder.
+    Raises SeaidError for an invalid path, and for a relative path in a deleted working folder.
     """
     try:
         return Path(os.path.realpath(path))
@@ -60,7 +59,7 @@ def real_path(path: str | Path) -> Path:
 
 
 def working_folder() -> str:
-    """Return 'working folder /home/...' for messages, also where it has been deleted."""
+    """Return 'working folder /home/...' for messages, or that the folder has been deleted."""
     try:
         return f"working folder {os.getcwd()}"
     except OSError:
@@ -68,9 +67,9 @@ def working_folder() -> str:
 
 
 def is_replaced(path: str | Path) -> bool:
-    """Tell whether writing would replace a file: not at devices, pipes and this process's output.
+    """Return whether writing replaces a file; False for devices, pipes and this process's output.
 
-    Raises SeaidError for a folder, and for what no path can be.
+    Raises SeaidError for a folder and for an invalid path.
     """
     path = Path(path)
     with _refusals(path):
@@ -80,13 +79,12 @@ def is_replaced(path: str | Path) -> bool:
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """Give a temporary path to write to; it becomes `path` only if all went well.
+    """Yield a temporary path to write to; it replaces `path` only if the block ends without error.
 
-    It is a new file beside `path` under a name that nobody can foresee. Makes the folder if it is
-    not there; an older file keeps its mode, and its owner where that is allowed; a link stays, and
-    what it points to is written. A device, a pipe or the output of this process is not replaced:
-    the bytes are sent there. Raises SeaidError where the file cannot be written; an older file
-    then stays as it was.
+    The temporary file has a random name in the folder of `path`, which is created if needed. An
+    existing file keeps its mode and, where permitted, its owner; a link stays, and its target is
+    written. Devices, pipes and the output of this process are not replaced: they receive the bytes.
+    Raises SeaidError if the file cannot be written; an existing file then stays unchanged.
     """
     path = Path(path)
     with _refusals(path):
@@ -101,14 +99,14 @@ def whole_file(path: str | Path) -> Iterator[Path]:
 
 
 def write_whole(path: str | Path, content: bytes | str) -> None:
-    """Write bytes, or text as UTF-8, whole or not at all; see `whole_file`."""
+    """Write bytes, or text as UTF-8, atomically; see `whole_file`."""
     data = content if isinstance(content, bytes) else content.encode("utf-8", "replace")
     with whole_file(path) as temporary:
         temporary.write_bytes(data)
 
 
 def write_csv(path: str | Path, data: Mapping[str, Array]) -> None:
-    """Write equally long columns with a header line, in full precision, whole or not at all."""
+    """Write columns of equal length as CSV with a header line, in full precision, atomically."""
     with (
         whole_file(path) as temporary,
         temporary.open("w", encoding="utf-8", errors="replace", newline="") as file,
@@ -118,12 +116,12 @@ def write_csv(path: str | Path, data: Mapping[str, Array]) -> None:
 
 
 def write_json(path: str | Path, content: Any) -> None:
-    """Write data as JSON, whole or not at all; see `plain`."""
+    """Write data as JSON, atomically; see `plain`."""
     write_whole(path, json.dumps(plain(content), indent=1, allow_nan=False) + "\n")
 
 
 def plain(value: Any) -> Any:
-    """Return data as JSON knows it: arrays as lists, numbers that are not finite as null."""
+    """Return data of JSON types: arrays as lists, paths as texts, non-finite numbers as None."""
     if isinstance(value, Mapping):
         return {str(key): plain(one) for key, one in value.items()}
     if isinstance(value, np.ndarray | np.generic):
@@ -136,7 +134,7 @@ def plain(value: Any) -> Any:
 
 
 def _status(path: Path) -> os.stat_result | None:
-    """Return the status of what is at a path, links followed; None where nothing is."""
+    """Return the status of a path with links followed, None if nothing exists there."""
     try:
         there = path.stat()
     except FileNotFoundError:
@@ -153,7 +151,7 @@ def _is_plain(there: os.stat_result) -> bool:
 
 
 def _output_stream(there: os.stat_result) -> int | None:
-    """Return 1 or 2 where a file is what stdout or stderr of this process go to."""
+    """Return 1 or 2 if a file is the target of this process's stdout or stderr, else None."""
     for stream in (1, 2):
         with suppress(OSError):  # closed
             if os.path.samestat(os.fstat(stream), there):
@@ -163,7 +161,7 @@ def _output_stream(there: os.stat_result) -> int | None:
 
 @contextmanager
 def _replacing(target: Path, old: os.stat_result | None) -> Iterator[Path]:
-    """Give a new file beside the target, which takes its place in the end."""
+    """Yield a new file in the target's folder, which replaces the target at the end."""
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_name(f".seaid-{secrets.token_hex(8)}{_suffix(target)}")
     flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY
@@ -186,7 +184,7 @@ def _replacing(target: Path, old: os.stat_result | None) -> Iterator[Path]:
 
 @contextmanager
 def _sending(path: Path, there: os.stat_result) -> Iterator[Path]:
-    """Give a file elsewhere, whose bytes are sent to a device, a pipe or the own output."""
+    """Yield a temporary file whose bytes are then copied to a device, a pipe or stdout/stderr."""
     with tempfile.TemporaryDirectory() as folder:
         temporary = Path(folder) / f"content{_suffix(path)}"
         yield temporary
@@ -200,18 +198,18 @@ def _opened(path: Path, there: os.stat_result) -> BinaryIO:
         return path.open("wb")
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
-            stream.flush()  # what was said before stands before
+            stream.flush()  # earlier output comes first
     return os.fdopen(os.dup(number), "wb")
 
 
 def _suffix(path: Path) -> str:
-    """Return the ending of a path, by which some writers know the format; none if it is long."""
+    """Return the suffix of a path, by which some writers select the format; none if it is long."""
     return path.suffix if len(os.fsencode(path.suffix)) <= _LONGEST_SUFFIX else ""
 
 
 @contextmanager
 def _refusals(path: Path) -> Iterator[None]:
-    """Say in words where something cannot be written."""
+    """Turn an OSError of writing into a SeaidError with advice."""
     try:
         yield
     except OSError as problem:
@@ -224,14 +222,14 @@ def _refusals(path: Path) -> Iterator[None]:
 
 
 MOST_TOML_BYTES = 2**20
-"""The drives of a hundred joints take 50 kB."""
+"""Largest TOML file; the drives of a hundred joints take 50 kB."""
 
 MOST_JSON_BYTES = 2**24
-"""The planned motion of seven joints takes 100 kB."""
+"""Largest JSON file; the planned motion of seven joints takes 100 kB."""
 
 _MOST_DEPTH = 32
 _MOST_DOTS = 200
-"""In one line of TOML: the time of `tomllib` grows with the square of the parts of a dotted key."""
+"""Most dots in a line of TOML: `tomllib` takes time quadratic in the parts of a dotted key."""
 
 _LONGEST_PLACE = 200
 _SURROGATE = re.compile("[\ud800-\udfff]")
@@ -243,9 +241,8 @@ _Place = tuple["_Place", str | int] | None
 def read_toml(path: str | Path, what: str, error: type[SeaidError]) -> dict[str, Any]:
     """Return the tables of a TOML file of at most `MOST_TOML_BYTES`.
 
-    `what` names the file's content in messages, as "drives". Raises `error`, with the file and
-    the place in it, for a file that cannot be read or is no TOML, and for dates, numbers that are
-    not finite and tables that lie too deep.
+    `what` names the content in messages, as "drives". Raises `error`, with the file and the place
+    in it, for an unreadable or invalid file, dates, non-finite numbers and too many levels.
     """
 
     def tables(text: str) -> Any:
@@ -261,21 +258,21 @@ def read_toml(path: str | Path, what: str, error: type[SeaidError]) -> dict[str,
 def read_json(path: str | Path, what: str, error: type[SeaidError]) -> Any:
     """Return the content of a JSON file of at most `MOST_JSON_BYTES`.
 
-    `what` names the file's content in messages, as "trajectory". Raises `error`, with the file and
-    the place in it, for a file that cannot be read or is no JSON, and for numbers that are not
-    finite, a key that stands twice and lists that lie too deep.
+    `what` names the content in messages, as "trajectory". Raises `error`, with the file and the
+    place in it, for an unreadable or invalid file, non-finite numbers, duplicate keys and too many
+    levels.
     """
 
     def content(text: str) -> Any:
-        return json.loads(text, object_pairs_hook=_without_twins, parse_constant=_no_number)
+        return json.loads(text, object_pairs_hook=_without_duplicates, parse_constant=_no_number)
 
     return _read(path, what, "is not JSON", error, MOST_JSON_BYTES, content)
 
 
 def numbers(where: str, value: Any, error: type[SeaidError]) -> Any:
-    """Return a number, or lists of numbers, of JSON or TOML as it is.
+    """Return a number, or lists of numbers of any depth, of JSON or TOML unchanged.
 
-    Raises `error` naming `where` for anything else in it: texts and true are no numbers here.
+    Raises `error` naming `where` for any other type, such as texts and booleans.
     """
     stack = [value]
     while stack:
@@ -297,29 +294,29 @@ def _read(
 ) -> Any:
     try:
         mode = os.stat(path).st_mode
-        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # a pipe would be waited for
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # reading a pipe could block
             raise error(f"{what} '{path}' is a pipe, a socket or a device; it must be a file")
         with open(path, "rb") as file:
             data = file.read(most_bytes + 1)
     except OSError as problem:
         raise error(f"cannot read {what} '{path}': {reason_of(problem)}") from None
-    except ValueError as problem:  # a path with a zero byte, or with letters no file system has
+    except ValueError as problem:  # a path with a zero byte or an unencodable character
         raise error(f"cannot read {what} {shown(str(path))}: {reason_of(problem)}") from None
     where = f"{what} '{path}'"
     if len(data) > most_bytes:
-        raise error(f"{where} is longer than {most_bytes // 2**20} MB, which none is")
+        raise error(f"{where} is longer than the {most_bytes // 2**20} MB allowed")
     try:
         content = parse(data.decode("utf-8-sig"))
     except RecursionError:
-        raise error(f"{where} {wrong}: tables or lists lie too deep in each other") from None
-    except ValueError as problem:  # of TOML, JSON, UTF-8, and of integers of thousands of digits
+        raise error(f"{where} {wrong}: tables or lists have too many levels") from None
+    except ValueError as problem:  # TOML, JSON, UTF-8, or an integer of thousands of digits
         raise error(f"{where} {wrong}: {reason_of(problem)}") from None
     _check(where, content, error)
     return content
 
 
 def _check(where: str, content: Any, error: type[SeaidError]) -> None:
-    """Raise `error` naming the first value that is too deep, not finite or no plain data."""
+    """Raise `error` naming the first value that is too deep, not finite or not plain data."""
     stack: list[tuple[Any, _Place, int]] = [(content, None, 0)]
     while stack:
         value, place, depth = stack.pop()
@@ -329,7 +326,7 @@ def _check(where: str, content: Any, error: type[SeaidError]) -> None:
         if isinstance(value, dict):
             broken = [key for key in value if _SURROGATE.search(key)]
             if broken:
-                raise error(f"{where}: {shown(broken[0])} is no text: half of a letter is missing")
+                raise error(f"{where}: {shown(broken[0])} is not Unicode: an unpaired surrogate")
             stack += [(one, (place, key), depth + 1) for key, one in value.items()]
         elif isinstance(value, list):
             stack += [(one, (place, index), depth + 1) for index, one in enumerate(value)]
@@ -337,9 +334,9 @@ def _check(where: str, content: Any, error: type[SeaidError]) -> None:
 
 def _problem(value: Any, depth: int) -> str | None:
     if isinstance(value, dict | list):
-        return f"lies deeper than {_MOST_DEPTH} tables or lists" if depth >= _MOST_DEPTH else None
+        return f"is more than {_MOST_DEPTH} levels deep" if depth >= _MOST_DEPTH else None
     if isinstance(value, str):
-        return "is no text: half of a letter is missing" if _SURROGATE.search(value) else None
+        return "is not Unicode: an unpaired surrogate" if _SURROGATE.search(value) else None
     if value is None or isinstance(value, bool):
         return None
     if not isinstance(value, int | float):
@@ -361,14 +358,14 @@ def _text(place: _Place) -> str:
     return shortened(text, _LONGEST_PLACE)
 
 
-def _without_twins(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
         seen: set[str] = set()
-        twin = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
-        raise ValueError(f"key {shown(twin)} stands twice in one object")
+        duplicate = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
+        raise ValueError(f"duplicate key {shown(duplicate)} in one object")
     return found
 
 
 def _no_number(word: str) -> Iterator[None]:
-    raise ValueError(f"{word} is no number of JSON; give a finite one, or null")
+    raise ValueError(f"{word} is not a JSON number; give a finite number or null")

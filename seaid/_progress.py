@@ -1,4 +1,4 @@
-"""Progress of anything that takes more than a second, on stderr."""
+"""Progress bars on stderr for computations that take more than a second."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Item = TypeVar("Item")
 
 
 def track(items: Sequence[Item], description: str, enabled: bool) -> Iterable[Item]:
-    """Return the items, with a progress bar on stderr while they are used if `enabled`."""
+    """Return the items; if `enabled`, iterating over them shows a progress bar on stderr."""
     return _track(items, description) if enabled and len(items) else items
 
 
@@ -23,14 +23,14 @@ def _track(items: Sequence[Item], description: str) -> Iterator[Item]:
 
 
 Report = Callable[[float, int], None]
-"""Told the log of a value and the number of steps done."""
+"""Called with the logarithm of a value and the number of completed steps."""
 
 
 @contextmanager
 def best_so_far(description: str, meaning: str, total: int, enabled: bool) -> Iterator[Report]:
-    """Give a function that shows the best value so far and the steps done, on stderr if `enabled`.
+    """Yield a `Report` that shows the best value and the completed steps on stderr if `enabled`.
 
-    The value is the exponential of the least number that the function was told.
+    The displayed value is the exponential of the smallest logarithm reported so far.
     """
     if not enabled:
         yield lambda value, step: None

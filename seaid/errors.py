@@ -1,6 +1,6 @@
-"""The errors and the warning of seaid.
+"""The errors and the warning of seaid, and the functions that put user input into messages.
 
-Every message says what was wrong, where, what was found, what is allowed and what to do.
+Every message states the problem, the place, the value found, the values allowed and the remedy.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ LONGEST_MESSAGE = 2000
 """Characters of an error message: longer ones lose their middle."""
 
 _LISTED, _ALLOWED, _LONGEST_NAME, _COMPARED = 20, 60, 100, 1000
-"""Names in a message, of what is allowed; the names that a misspelled one is compared with: how
-long, and how many."""
+"""Names listed in a message; allowed names listed; length and number of the names that a misspelled
+name is compared with."""
 
 _LONGEST_REASON = 300
-"""Characters of what a library says."""
+"""Characters of the message of another library."""
 
 
 class SeaidError(Exception):
@@ -40,7 +40,7 @@ class LogError(SeaidError):
 
 
 class ExcitationError(SeaidError):
-    """A motion or a request for one that cannot tell the parameters asked for."""
+    """A motion, or a request for one, that does not excite the parameters asked for."""
 
 
 class SymbolicError(SeaidError):
@@ -48,18 +48,15 @@ class SymbolicError(SeaidError):
 
 
 class IdentificationError(SeaidError):
-    """An estimation that has no honest answer."""
+    """An estimation problem without a unique or meaningful solution."""
 
 
 class SeaidWarning(UserWarning):
-    """Something was changed or left out; the result is still valid."""
+    """Something was changed or excluded; the result is still valid."""
 
 
 def visible(text: str) -> str:
-    """Return a text with control characters as escapes: names of files and columns may have some.
-
-    Line breaks stay.
-    """
+    """Return a text with control characters escaped, except line breaks."""
     if text.replace("\n", "").isprintable():
         return text
     return "".join(
@@ -69,7 +66,7 @@ def visible(text: str) -> str:
 
 
 def shown(value: object, most: int = 80) -> str:
-    """Return a value of a user as it stands in a message: its repr, of at most so many letters."""
+    """Return the repr of a user's value for a message, at most `most` characters long."""
     try:
         return shortened(repr(value), most)
     except (ValueError, RecursionError):  # an integer of thousands of digits, or endless lists
@@ -77,31 +74,28 @@ def shown(value: object, most: int = 80) -> str:
 
 
 def shortened(text: object, most: int = 80) -> str:
-    """Return a user's text as it stands in a message: cut off, what is no letter as its escape.
-
-    What is no text is shown as `shown` does.
-    """
+    """Return a user's text for a message, truncated and escaped; other values as `shown` does."""
     if not isinstance(text, str):
         return shown(text, most)
     return in_one_line(text if len(text) <= most else f"{text[: most - 2]} …")
 
 
 def in_one_line(text: str) -> str:
-    """Return a text with control characters as escapes, line breaks too."""
+    """Return a text with control characters escaped, including line breaks."""
     return visible(text).replace("\n", "\\n")
 
 
 def reason_of(problem: BaseException) -> str:
-    """Return what an exception of a library says, in one line of bounded length."""
+    """Return the message of another library's exception in one line of bounded length."""
     if isinstance(problem, MemoryError):
-        return "it asks for more memory than there is"
+        return "it requests more memory than is available"
     text = problem.strerror if isinstance(problem, OSError) and problem.strerror else str(problem)
     lines = text.strip().splitlines()
     return shortened(lines[0] if lines else type(problem).__name__, _LONGEST_REASON)
 
 
 def listed(names: Iterable[object], most: int = _LISTED) -> str:
-    """Return names as "a, b, c and 97 more": at most `most` of them, long ones shortened."""
+    """Return names as "a, b, c and 97 more": at most `most` names, long names shortened."""
     found = list(names)
     first = ", ".join(shortened(str(name)) for name in found[:most])
     more = len(found) - most
@@ -109,7 +103,7 @@ def listed(names: Iterable[object], most: int = _LISTED) -> str:
 
 
 def unknown_name(kind: str, name: object, allowed: Iterable[str]) -> str:
-    """Return the sentence for a name that is not among the allowed ones, with the nearest one."""
+    """Return the message for a name that is not allowed, with the most similar allowed name."""
     names = list(allowed)
     name = shortened(name)
     comparable = (one for one in names if len(one) <= _LONGEST_NAME)

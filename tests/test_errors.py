@@ -68,5 +68,5 @@ def test_what_a_library_says_is_one_line() -> None:
     assert reason_of(ValueError("first\nsecond")) == "first"
     assert reason_of(ValueError()) == "ValueError"
     assert reason_of(FileNotFoundError(2, "No such file", "/x")) == "No such file"
-    assert reason_of(MemoryError()) == "it asks for more memory than there is"
+    assert reason_of(MemoryError()) == "it requests more memory than is available"
     assert len(reason_of(ValueError("x" * 10_000))) <= 300

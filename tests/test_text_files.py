@@ -59,16 +59,16 @@ def test_files_that_are_not_there_are_told(tmp_path: Path) -> None:
         (b"a = " + b"9" * 5000, "is not valid TOML: Exceeds the limit"),
         (b"a = 0x" + b"f" * 5000, "a must be a finite number"),
         (b"a = 1979-05-27\n", "a must be a number, a text, a list or a table, found '1979-05-27'"),
-        (b"a = " + b"[" * 40 + b"]" * 40, "lies deeper than 32 tables or lists"),
-        (b"a = " + b"[" * 100_000, "tables or lists lie too deep in each other"),
-        (b"a = " + b"{a=" * 100_000, "tables or lists lie too deep in each other"),
+        (b"a = " + b"[" * 40 + b"]" * 40, "is more than 32 levels deep"),
+        (b"a = " + b"[" * 100_000, "tables or lists have too many levels"),
+        (b"a = " + b"{a=" * 100_000, "tables or lists have too many levels"),
         (b"a" + b".a" * 300 + b" = 1\n", "is not valid TOML: more than 200 dots (at line 1)"),
-        (b"#" + b"x" * MOST_TOML_BYTES, "is longer than 1 MB"),
+        (b"#" + b"x" * MOST_TOML_BYTES, "is longer than the 1 MB"),
         (b'"\\u001b[31m\\n" = nan\n', "'\\x1b[31m\\n' must be a finite number"),
         (b'"' + b"k" * 9000 + b'" = nan\n', "must be a finite number"),
     ],
 )
-def test_toml_that_cannot_be_used_is_told_with_its_place(
+def test_toml_that_cannot_be_used_is_named_with_its_place(
     tmp_path: Path, text: bytes, words: str
 ) -> None:
     path = tmp_path / "file.toml"
@@ -83,21 +83,21 @@ def test_toml_that_cannot_be_used_is_told_with_its_place(
     [
         (b"{", "is not JSON: Expecting"),
         (b"\xff", "is not JSON: 'utf-8' codec"),
-        (b"[NaN]", "NaN is no number of JSON"),
-        (b"[1, -Infinity]", "-Infinity is no number of JSON"),
+        (b"[NaN]", "NaN is not a JSON number"),
+        (b"[1, -Infinity]", "-Infinity is not a JSON number"),
         (b'{"a": [1e999]}', "a[0] must be a finite number"),
         (b"[1" + b"0" * 400 + b"]", "[0] must be a finite number"),
         (b"9" * 5000, "is not JSON: Exceeds the limit"),
-        (b'{"a": 1, "a": 2}', "key 'a' stands twice in one object"),
-        (b"[" * 40 + b"]" * 40, "lies deeper than 32 tables or lists"),
-        (b"[" * 100_000, "tables or lists lie too deep in each other"),
-        (b'{"a":' * 100_000, "tables or lists lie too deep in each other"),
-        (b'["\\ud800"]', "[0] is no text: half of a letter is missing"),
-        (b'{"\\ud800": 1}', "is no text: half of a letter is missing"),
-        (b" " * (MOST_JSON_BYTES + 1), "is longer than 16 MB"),
+        (b'{"a": 1, "a": 2}', "duplicate key 'a' in one object"),
+        (b"[" * 40 + b"]" * 40, "is more than 32 levels deep"),
+        (b"[" * 100_000, "tables or lists have too many levels"),
+        (b'{"a":' * 100_000, "tables or lists have too many levels"),
+        (b'["\\ud800"]', "[0] is not Unicode: an unpaired surrogate"),
+        (b'{"\\ud800": 1}', "is not Unicode: an unpaired surrogate"),
+        (b" " * (MOST_JSON_BYTES + 1), "is longer than the 16 MB"),
     ],
 )
-def test_json_that_cannot_be_used_is_told_with_its_place(
+def test_json_that_cannot_be_used_is_named_with_its_place(
     tmp_path: Path, text: bytes, words: str
 ) -> None:
     path = tmp_path / "file.json"

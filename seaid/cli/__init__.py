@@ -1,10 +1,16 @@
-"""The command line `seaid`: one command for each step, with the words of the library."""
+"""The command line `seaid`: one command for each step of the library, `main` runs it.
+
+In: files (URDF, TOML, logs, trajectories). Out: results on stdout or in files, notes and errors on
+stderr. The commands have the names and options of the functions of the library that they call.
+
+$ seaid identify leg.urdf run.csv --drives leg.toml -o parameters.json
+"""
 
 from __future__ import annotations
 
 
 def main() -> None:
-    """Run the command line, as the console script `seaid` and `python -m seaid` do."""
+    """Run the command line; called by the console script `seaid` and by `python -m seaid`."""
     from seaid.cli.commands import app
     from seaid.cli.messages import safe_streams
 

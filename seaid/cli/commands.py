@@ -10,33 +10,33 @@ import typer
 from typer.core import TyperGroup
 
 from seaid.cli import excite, export, identify, inspect, report, view
-from seaid.cli.messages import spoken
+from seaid.cli.messages import reported
 
 _HELP = """Identify robots with springs in their joints: from a URDF and a log to motor friction,
 spring stiffness and inertias, each with its standard error.
 
 \b
-  seaid inspect leg.urdf --drives leg.toml           what can be told at all
-  seaid excite leg.urdf -o plan.json                 a motion that tells it
+  seaid inspect leg.urdf --drives leg.toml           which parameters are identifiable
+  seaid excite leg.urdf -o plan.json                 a motion that excites them
   seaid simulate leg.urdf plan.json --drives leg.toml -o run.csv
   seaid view leg.urdf --drives leg.toml --log run.csv
-  seaid describe run.csv -o run.toml                 a log with foreign names
+  seaid describe run.csv -o run.toml                 a log with custom columns
   seaid identify leg.urdf run.csv --drives leg.toml -o parameters.json
   seaid validate leg.urdf other.csv --from run.csv --drives leg.toml
   seaid report leg.urdf --from run.csv --validate other.csv --drives leg.toml
   seaid export leg.urdf --from run.csv --drives leg.toml -o found.urdf
 
-Each command has its own --help with examples. Results go to stdout, notes, errors and progress to
-stderr. Exit codes: 0 done, 1 it could not be done (one line says why and what to do), 2 wrong
-usage. Files are written whole or not at all, and overwritten only with --force."""
+Each command has its own --help with examples. Results go to stdout; notes, errors and progress go
+to stderr. Exit codes: 0 success, 1 failure (one line states the reason and the remedy), 2 wrong
+usage. Files are written completely or not at all, and overwritten only with --force."""
 
 
 class _Commands(TyperGroup):
-    """Commands whose warnings and errors are said in a line each."""
+    """Commands whose warnings and errors are printed in one line each."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command asked for."""
-        with spoken():
+        """Run the command."""
+        with reported():
             return super().invoke(ctx)
 
 
@@ -61,14 +61,14 @@ def _version(asked: bool) -> None:
 @app.callback()
 def _options(
     version: bool = typer.Option(
-        False, "--version", callback=_version, is_eager=True, help="Say the version."
+        False, "--version", callback=_version, is_eager=True, help="Print the version."
     ),
 ) -> None:
     pass
 
 
 def _add(name: str, function: Callable[..., None]) -> None:
-    """Add a command: the help is its docstring, with the examples left line by line."""
+    """Add a command; its help is the docstring, with one line per example."""
     text = cleandoc(function.__doc__ or "")
     app.command(name, help=text.replace("\n\nseaid ", "\n\n\b\nseaid "))(function)
 

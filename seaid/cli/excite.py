@@ -1,4 +1,4 @@
-"""Commands that move a robot: excite plans, simulate runs."""
+"""Commands excite and simulate: plan an exciting motion, and simulate its log."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from seaid.cli.messages import say, say_results, shows_progress, to_be_written
+from seaid.cli.messages import check_outputs, is_terminal, show, show_paths
 from seaid.cli.options import (
     AsJson,
     Description,
@@ -18,7 +18,7 @@ from seaid.cli.options import (
     Payloads,
     TorqueJoints,
     Urdf,
-    ending,
+    checked_suffix,
     logs_of,
     names,
     robot_of,
@@ -37,48 +37,52 @@ def excite(
     drives: Drives = None,
     joints: Joints = None,
     payload: Payloads = None,
-    duration: Annotated[float, typer.Option(help="Of the motion [s].")] = 10.0,
+    duration: Annotated[float, typer.Option(help="Duration of the motion [s].")] = 10.0,
     basis: Annotated[str, typer.Option(help="bspline, fourier or polynomial.")] = "bspline",
-    lower: Annotated[str | None, typer.Option(help=f"Least position, {_OF_ALL}.")] = None,
-    upper: Annotated[str | None, typer.Option(help=f"Largest position, {_OF_ALL}.")] = None,
-    velocity: Annotated[str | None, typer.Option(help=f"[rad/s or m/s], {_OF_ALL}.")] = None,
-    acceleration: Annotated[
-        str | None, typer.Option(help=f"[rad/s2 or m/s2], default 10, {_OF_ALL}.")
+    lower: Annotated[str | None, typer.Option(help=f"Lower position limit, {_OF_ALL}.")] = None,
+    upper: Annotated[str | None, typer.Option(help=f"Upper position limit, {_OF_ALL}.")] = None,
+    velocity: Annotated[
+        str | None, typer.Option(help=f"Velocity limit [rad/s or m/s], {_OF_ALL}.")
     ] = None,
-    joint_torque: Annotated[str | None, typer.Option(help=f"[N m or N], {_OF_ALL}.")] = None,
+    acceleration: Annotated[
+        str | None,
+        typer.Option(help=f"Acceleration limit [rad/s2 or m/s2], default 10, {_OF_ALL}."),
+    ] = None,
+    joint_torque: Annotated[
+        str | None, typer.Option(help=f"Joint torque limit [N m or N], {_OF_ALL}.")
+    ] = None,
     torque_joints: TorqueJoints = None,
     criterion: Annotated[
         str, typer.Option(help="condition_number, d_optimality or relative_error.")
     ] = "condition_number",
     drive_parameters: Annotated[
-        bool, typer.Option("--drive-parameters", help="Tell friction and stiffness as well.")
+        bool, typer.Option("--drive-parameters", help="Excite friction and stiffness as well.")
     ] = False,
     ends_in_motion: Annotated[
         bool,
-        typer.Option(
-            "--ends-in-motion", help="Begin and end moving, with a way in from rest and out."
-        ),
+        typer.Option("--ends-in-motion", help="Start and end in motion, with run-in and run-out."),
     ] = False,
     previous_logs: Annotated[
-        list[Path] | None, typer.Option(help="Log that tells already. May be repeated.")
+        list[Path] | None, typer.Option(help="Log of a previous motion. May be repeated.")
     ] = None,
     description: Description = None,
-    rate_hz: Annotated[float, typer.Option(help="Of the set-points [1/s].")] = 1000.0,
+    rate_hz: Annotated[float, typer.Option(help="Rate of the set-points [Hz].")] = 1000.0,
     starts: Annotated[int, typer.Option(help="Random starts of the search.")] = 3,
-    iterations: Annotated[int, typer.Option(help="Of the search, at most.")] = 150,
-    seed: Annotated[int, typer.Option(help="Of the random starts.")] = 0,
+    iterations: Annotated[int, typer.Option(help="Iteration limit of the search.")] = 150,
+    seed: Annotated[int, typer.Option(help="Seed of the random starts.")] = 0,
     joint_trajectory: Annotated[
         Path | None,
-        typer.Option(help="Write it for ROS 2 trajectory controllers too.", metavar="YAML"),
+        typer.Option(help="Also write it for ROS 2 trajectory controllers.", metavar="YAML"),
     ] = None,
     output: Output = Path("excitation.json"),
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Plan a motion within limits that tells the parameters well.
+    """Plan a motion within limits that excites the parameters.
 
-    Written: the trajectory as JSON, and its set-points as CSV beside it. The motion begins and ends
-    at rest; with --ends-in-motion it can tell more. Limits not given are the URDF's.
+    The command writes the trajectory as JSON, and its set-points as CSV next to it. The motion
+    starts and ends at rest; --ends-in-motion allows a better excitation. The default limits are
+    those of the URDF.
 
     seaid excite leg.urdf --drives leg.toml --velocity 2.5 -o plan.json
     seaid excite arm.urdf --duration 20 --velocity shoulder=1,elbow=2 --torque-joints shoulder,elbow
@@ -86,14 +90,14 @@ def excite(
     """
     from seaid.excitation import Limits, add_run_in, design_excitation
 
-    set_points = ending(output, ".json").with_suffix(".csv")
+    set_points = checked_suffix(output, ".json").with_suffix(".csv")
     texts = {"lower": lower, "upper": upper, "velocity": velocity, "acceleration": acceleration}
     texts["joint_torque"] = joint_torque
     limits = {name: values(f"--{name.replace('_', '-')}", text) for name, text in texts.items()}
     if not rate_hz > 0:
         raise typer.BadParameter(f"{rate_hz:g} is not more than zero", param_hint="--rate-hz")
     read = (urdf, drives, description, *(previous_logs or ()))
-    to_be_written(output, set_points, joint_trajectory, force=force, read=read)
+    check_outputs(output, set_points, joint_trajectory, force=force, read=read)
     robot = robot_of(urdf, drives, joints, payload)
     asked = Limits(**limits)
     plan = design_excitation(
@@ -109,7 +113,7 @@ def excite(
         starts=starts,
         iterations=iterations,
         seed=seed,
-        progress=shows_progress(),
+        progress=is_terminal(),
     )
     motion = add_run_in(plan.trajectory, robot, asked) if ends_in_motion else plan.trajectory
     motion.save(output)
@@ -131,19 +135,18 @@ def excite(
         "set_points": set_points,
         "joint_trajectory": joint_trajectory,
     }
-    say(_plan_text(robot.name, plan, motion), content, as_json)
-    say_results(as_json, output, set_points, joint_trajectory)
+    show(_plan_text(robot.name, plan, motion), content, as_json)
+    show_paths(as_json, output, set_points, joint_trajectory)
 
 
 def _plan_text(name: str, plan: Excitation, motion: Trajectory) -> str:
     begin, end = motion.main_interval
-    ways = (
-        f" (with ways in and out {motion.duration:.4g} s)" if end - begin < motion.duration else ""
-    )
+    total = f" ({motion.duration:.4g} s with run-in and run-out)"
+    run_ins = total if end - begin < motion.duration else ""
     first, last = (one[0] / one[-1] for one in (plan.start_singular_values, plan.singular_values))
     return "\n".join(
         [
-            f"{name}: a motion of {end - begin:.4g} s{ways} for {len(plan.names)} parameters; "
+            f"{name}: a motion of {end - begin:.4g} s{run_ins} for {len(plan.names)} parameters; "
             f"{plan.criterion} {plan.value:.4g}",
             f"condition number of the scaled columns: random start {first:.4g}, planned {last:.4g}",
             f"condition number of the {len(plan.base.columns)} base columns: "
@@ -154,24 +157,24 @@ def _plan_text(name: str, plan: Excitation, motion: Trajectory) -> str:
 
 def simulate(
     urdf: Urdf,
-    trajectory: Annotated[Path, typer.Argument(help="Of seaid excite.", metavar="TRAJECTORY")],
+    trajectory: Annotated[
+        Path, typer.Argument(help="Trajectory of seaid excite.", metavar="TRAJECTORY")
+    ],
     drives: Drives = None,
     joints: Joints = None,
     payload: Payloads = None,
-    rate_hz: Annotated[float, typer.Option(help="Of controller and log [1/s].")] = 1000.0,
+    rate_hz: Annotated[float, typer.Option(help="Rate of controller and log [Hz].")] = 1000.0,
     torque_std: Annotated[float, typer.Option(help="Noise of motor torques [N m].")] = 0.0,
-    motor_resolution: Annotated[float, typer.Option(help="Step of motor encoders [rad].")] = 0.0,
-    joint_resolution: Annotated[
-        float, typer.Option(help="Step of joint encoders [rad or m].")
-    ] = 0.0,
-    seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
+    motor_resolution: Annotated[float, typer.Option(help="Motor encoder step [rad].")] = 0.0,
+    joint_resolution: Annotated[float, typer.Option(help="Joint encoder step [rad or m].")] = 0.0,
+    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
     output: Output = Path("log.csv"),
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Let the robot of the files follow a trajectory, and write the log of its sensors.
+    """Simulate the robot of the files on a trajectory, and write the log of its sensors.
 
-    All terms of the drives act at their nominal values, so the TOML needs them.
+    All terms of the drives act with their nominal values, which the TOML must contain.
 
     seaid simulate leg.urdf plan.json --drives leg.toml -o run.csv
     seaid simulate leg.urdf plan.json --drives leg.toml --payload foot:2.0:0.15,0,0 -o loaded.npz
@@ -181,8 +184,8 @@ def simulate(
     from seaid.simulation import Noise
     from seaid.simulation import simulate as simulated
 
-    ending(output, *WRITTEN)
-    to_be_written(output, force=force, read=(urdf, drives, trajectory))
+    checked_suffix(output, *WRITTEN)
+    check_outputs(output, force=force, read=(urdf, drives, trajectory))
     noise = Noise(
         motor_resolution_rad=motor_resolution,
         joint_resolution_rad=joint_resolution,
@@ -194,10 +197,10 @@ def simulate(
         rate_hz=rate_hz,
         noise=noise,
         seed=seed,
-        progress=shows_progress(),
+        progress=is_terminal(),
     )
     write_log(log, output)
     content = {"log": output, "samples": len(log.time), "joints": log.joint_names}
     text = f"{len(log.time)} samples of {', '.join(log.joint_names)}, {log.time[-1]:.4g} s"
-    say(text, content, as_json)
-    say_results(as_json, output)
+    show(text, content, as_json)
+    show_paths(as_json, output)

@@ -1,4 +1,4 @@
-"""What a user takes home: export."""
+"""Command export: the identified robot as URDF or MuJoCo model."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from seaid.cli.identify import FEASIBLE, identified
-from seaid.cli.messages import in_one_line, say, say_results, to_be_written
+from seaid.cli.messages import check_outputs, show, show_paths, with_options
 from seaid.cli.options import (
     AsJson,
     CutoffHz,
@@ -24,7 +24,7 @@ from seaid.cli.options import (
     Repair,
     TorqueJoints,
     Urdf,
-    ending,
+    checked_suffix,
     logs_of,
     robot_of,
 )
@@ -44,7 +44,7 @@ def export(
     ] = None,
     parameters: Annotated[
         Path | None,
-        typer.Option(help="What seaid identify wrote, taken as it is, in place of --from."),
+        typer.Option(help="Parameters of seaid identify, used unchanged in place of --from."),
     ] = None,
     drives: Drives = None,
     joints: Joints = None,
@@ -57,30 +57,31 @@ def export(
     estimator: Estimator = "wls",
     feasible: Annotated[bool, typer.Option("--feasible/--as-estimated", help=FEASIBLE)] = True,
     allow_inconsistent: Annotated[
-        bool, typer.Option("--allow-inconsistent", help="Write bodies that cannot exist.")
+        bool,
+        typer.Option("--allow-inconsistent", help="Also write physically inconsistent bodies."),
     ] = False,
     cutoff_hz: CutoffHz = None,
     encoder_offset_std: EncoderOffsetStd = 0.0,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write the robot with what was identified, as URDF or MuJoCo model.
+    """Write the identified robot as URDF or MuJoCo model.
 
-    Of logs (--from) the possible bodies nearest to the estimate are written, of --parameters those
-    in the file: identify with --feasible. A URDF has its drives as TOML beside it; all else in it
-    stays as it was, comments, meshes and unknown tags, and payloads are not written. A MuJoCo model
-    has the springs and the payloads.
+    The bodies are physically consistent: with --from those nearest to the estimate, with
+    --parameters those in the file, which needs identify --feasible. A URDF gets its drives as TOML
+    next to it and keeps everything else (comments, meshes, unknown tags); payloads are not written.
+    A MuJoCo model contains the springs and the payloads.
 
     seaid export leg.urdf --from run.csv --drives leg.toml -o found.urdf
     seaid export leg.urdf --parameters parameters.json -o found.urdf
     seaid export leg.urdf --from run.csv --drives leg.toml -o found.xml
     """
-    ending(output, ".urdf", ".xml")
+    checked_suffix(output, ".urdf", ".xml")
     if (parameters is None) == (not from_logs):
         raise typer.BadParameter("give one of the two", param_hint="--from, --parameters")
-    beside = output.with_suffix(".toml") if output.suffix.lower() == ".urdf" else None
+    toml = output.with_suffix(".toml") if output.suffix.lower() == ".urdf" else None
     read = (urdf, drives, description, parameters, *(from_logs or ()))
-    to_be_written(output, beside, force=force, read=read)
+    check_outputs(output, toml, force=force, read=read)
     robot = robot_of(urdf, drives, joints, payload, known_body)
     flags: tuple[str, ...] = ()
     if parameters is not None:
@@ -95,18 +96,18 @@ def export(
         robot, flags = found.robot, found.flags
     tables, notes = _written(robot, output, allow_inconsistent)
     for note in notes:
-        typer.echo(f"note: {in_one_line(note)}", err=True)
+        typer.echo(f"note: {with_options(note)}", err=True)
     content = {"robot": output, "drives": tables, "notes": notes, "flags": flags}
     text = [f"{robot.name}: {robot.n} bodies and their drives written"]
     text += [f"! {flag}" for flag in flags]
-    say("\n".join(text), content, as_json)
-    say_results(as_json, output, tables)
+    show("\n".join(text), content, as_json)
+    show_paths(as_json, output, tables)
 
 
 def _written(
     robot: Robot, output: Path, allow_inconsistent: bool
 ) -> tuple[Path | None, tuple[str, ...]]:
-    """Write the robot, and return the file of its drives and what a reader must know."""
+    """Write the robot; return the file of its drives and the notes."""
     if output.suffix.lower() == ".xml":
         from seaid.export import write_mjcf
 

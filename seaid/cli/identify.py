@@ -1,4 +1,4 @@
-"""Commands that find parameters in logs: identify, validate, terms."""
+"""Commands identify, validate and terms: parameters from logs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from seaid.cli.messages import say, say_results, shows_progress, to_be_written
+from seaid.cli.messages import check_outputs, is_terminal, show, show_paths
 from seaid.cli.options import (
     AsJson,
     CutoffHz,
@@ -28,7 +28,7 @@ from seaid.cli.options import (
     Repair,
     TorqueJoints,
     Urdf,
-    check_unseen,
+    check_validation_logs,
     logs_of,
     names,
     robot_of,
@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from seaid.robot import Robot
 
 
-PIECES = "Read logs with our own column names piece by piece: they may be longer than memory."
-FEASIBLE = "The physically possible bodies nearest to the estimate."
+PIECES = "Read logs with the column names of seaid in pieces: they may be larger than memory."
+FEASIBLE = "Physically consistent bodies nearest to the estimate."
 
 
 def identify(
@@ -65,20 +65,20 @@ def identify(
 ) -> None:
     """Identify drives and bodies from one log or several.
 
-    Only geometry, ratios, radii, rotor inertias and what is named as known are used of the files;
-    other numbers in them are nominal. Lines with '!' say what must not be trusted.
+    Of the files only geometry, ratios, radii, rotor inertias and the parameters named as known are
+    used; other numbers are nominal. Lines with '!' are warnings.
 
     seaid identify leg.urdf run.csv --drives leg.toml --payload foot:2.0:0.15,0,0
-    seaid identify arm.urdf a.csv b.csv --drives arm.toml --method joint -o arm.json
+    seaid identify arm.urdf a.csv b.csv --drives arm.toml --method simultaneous -o arm.json
     seaid identify arm.urdf bag/ --description arm_log.toml --estimator huber
     seaid identify arm.urdf day.parquet --drives arm.toml --in-pieces
     """
     if in_pieces and (repair or description is not None):
         raise typer.BadParameter(
-            "logs that are read in pieces are taken as they are: no --repair, no --description",
+            "logs that are read in pieces are not changed: no --repair, no --description",
             param_hint="--in-pieces",
         )
-    to_be_written(output, force=force, read=(urdf, drives, description, *logs))
+    check_outputs(output, force=force, read=(urdf, drives, description, *logs))
     robot = robot_of(urdf, drives, joints, payload, known_body)
     found = identified(
         robot,
@@ -91,8 +91,8 @@ def identify(
         encoder_offset_std,
     )
     found.save(output)
-    say(found.summary(), found.to_dict(), as_json)
-    say_results(as_json, output)
+    show(found.summary(), found.to_dict(), as_json)
+    show_paths(as_json, output)
 
 
 def identified(
@@ -105,7 +105,7 @@ def identified(
     cutoff_hz: float | None,
     encoder_offset_std: float,
 ) -> Identification:
-    """Identify as the options tell."""
+    """Identify with the values of the options."""
     from seaid.identification import identify as identify_logs
 
     return identify_logs(
@@ -117,7 +117,7 @@ def identified(
         feasible=feasible,
         cutoff_hz=cutoff_hz,
         encoder_offset_std=encoder_offset_std,
-        progress=shows_progress(),
+        progress=is_terminal(),
     )
 
 
@@ -151,8 +151,8 @@ def validate(
     from seaid.identification import validate as validated
     from seaid.report import validation_table
 
-    check_unseen([log], from_logs)
-    to_be_written(output, force=force, read=(urdf, drives, description, log, *from_logs))
+    check_validation_logs([log], from_logs)
+    check_outputs(output, force=force, read=(urdf, drives, description, log, *from_logs))
     robot = robot_of(urdf, drives, joints, payload, known_body)
     *known, unseen = logs_of([*from_logs, log], robot, description, repair)
     found = identified(
@@ -162,8 +162,8 @@ def validate(
     if output is not None:
         found.save(output, result)
     text = [validation_table(result), *(f"! {flag}" for flag in found.flags)]
-    say("\n".join(text), {**result.to_dict(), "flags": found.flags}, as_json)
-    say_results(as_json, output)
+    show("\n".join(text), {**result.to_dict(), "flags": found.flags}, as_json)
+    show_paths(as_json, output)
 
 
 def terms(
@@ -176,7 +176,7 @@ def terms(
     description: Description = None,
     repair: Repair = False,
     of: Annotated[
-        str | None, typer.Option(help="Joints asked about, as a,b,c; default: all.")
+        str | None, typer.Option(help="Joints whose terms are compared, as a,b,c; default: all.")
     ] = None,
     torque_joints: TorqueJoints = None,
     cutoff_hz: CutoffHz = None,
@@ -187,7 +187,7 @@ def terms(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Ask which more terms of friction and springs the logs support.
+    """Compare which further terms of friction and springs the logs support.
 
     seaid terms leg.urdf run.csv --drives leg.toml -o leg_with_terms.toml
     seaid terms leg.urdf run.csv --drives leg.toml --of knee_pitch
@@ -195,7 +195,7 @@ def terms(
     from seaid.drives import write_drives
     from seaid.identification import compare_terms
 
-    to_be_written(output, force=force, read=(urdf, drives, description, *logs))
+    check_outputs(output, force=force, read=(urdf, drives, description, *logs))
     robot = robot_of(urdf, drives, joints, payload, known_body)
     selection = compare_terms(
         robot,
@@ -203,19 +203,19 @@ def terms(
         joints=names(of),
         torque_joints=names(torque_joints),
         cutoff_hz=cutoff_hz,
-        progress=shows_progress(),
+        progress=is_terminal(),
     )
     if output is not None:
         write_drives(selection.robot.drives, output)
     content = {
         "recommended": selection.recommended,
-        "asked": [_gain_facts(one) for one in selection.comparisons],
+        "comparisons": [_comparison_facts(one) for one in selection.comparisons],
     }
-    say(str(selection), content, as_json)
-    say_results(as_json, output)
+    show(str(selection), content, as_json)
+    show_paths(as_json, output)
 
 
-def _gain_facts(one: TermComparison) -> dict[str, object]:
+def _comparison_facts(one: TermComparison) -> dict[str, object]:
     facts = {"joint": one.joint, "field": one.field, "term": one.term, "step": one.step + 1}
-    facts |= {"worth_having": one.is_supported, "chosen": one.selected, "reason": one.reason}
-    return facts | {"gain": None if one.comparison is None else asdict(one.comparison)}
+    facts |= {"supported": one.is_supported, "selected": one.selected, "reason": one.reason}
+    return facts | {"significance": None if one.comparison is None else asdict(one.comparison)}

@@ -1,4 +1,4 @@
-"""Commands that look and change nothing: inspect, crosscheck, describe."""
+"""Commands inspect, crosscheck and describe: facts about a robot or a log."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from seaid.cli.messages import say, say_results, to_be_written
+from seaid.cli.messages import check_outputs, show, show_paths
 from seaid.cli.options import AsJson, Drives, Force, Joints, Payloads, Urdf, names, robot_of
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ _CHOICES = (
     ("motor_position", "motor_torque"),
     ("joint_position", "joint_torque"),
 )
-"""Sensors of every joint that robots often have."""
+"""Usual sets of sensors per joint."""
 
 
 def inspect(
@@ -33,14 +33,15 @@ def inspect(
     payload: Payloads = None,
     sensors: Annotated[
         str | None,
-        typer.Option(help="Sensors of every joint, as motor_position,motor_torque: all they tell."),
+        typer.Option(help="Sensors of every joint, as motor_position,motor_torque, in detail."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show a robot: tree, drives, base parameters, and which sensors identify what.
+    """Show a robot: tree, drives, base parameters, and the identifiability by sensors.
 
-    Base parameters are the combinations of masses, first moments and inertias that torques can
-    tell; no log tells more. Links that no body can be, by their inertia in the file, are named.
+    Base parameters are the combinations of masses, first moments and inertias that determine the
+    torques; no log determines more. The command lists the links whose inertia in the file is
+    physically inconsistent.
 
     seaid inspect leg.urdf --drives leg.toml
     seaid inspect arm.urdf --joints shoulder,elbow --sensors motor_position,motor_torque
@@ -50,21 +51,22 @@ def inspect(
 
     robot = robot_of(urdf, drives, joints, payload)
     tree = urdf_again(urdf)
-    impossible = _impossible_links(tree)
+    inconsistent = _inconsistent_links(tree)
     base = base_parameters(robot)
     choices = (tuple(names(sensors) or ()),) if sensors is not None else _CHOICES
-    told = {", ".join(one): identifiability(robot, one) for one in choices}
+    found = {", ".join(one): identifiability(robot, one) for one in choices}
     content = {
         "robot": robot.name,
         "joints": _joint_facts(robot),
-        "impossible_links": impossible,
+        "inconsistent_links": inconsistent,
         "base_parameters": list(base.expressions),
-        "gap": base.gap,
-        "sensors": {name: _first_stage(one) for name, one in told.items()},
+        "singular_value_gap": base.gap,
+        "sensors": {name: _identifiable(one) for name, one in found.items()},
     }
-    text = [*_tree_lines(robot, tree, tree.root), *_link_lines(impossible), *_base_lines(base)]
-    text += [str(one) for one in told.values()] if sensors is not None else [_told_table(told)]
-    say("\n".join(text), content, as_json)
+    text = [*_tree_lines(robot, tree, tree.root), *_link_lines(inconsistent), *_base_lines(base)]
+    details = [str(one) for one in found.values()]
+    text += details if sensors is not None else [_identifiability_table(found)]
+    show("\n".join(text), content, as_json)
 
 
 def _joint_facts(robot: Robot) -> list[dict[str, Any]]:
@@ -84,7 +86,7 @@ def _joint_facts(robot: Robot) -> list[dict[str, Any]]:
 
 
 def _tree_lines(robot: Robot, tree: UrdfTree, root: str) -> Iterator[str]:
-    """Yield links by depth, each with the joint and the drive that move it."""
+    """Yield the links depth first, each with its joint and drive."""
     yield f"{robot.name}: {robot.n} joints move, {len(robot.elastic_joints)} of them with a spring"
     yield root
     waiting = [(joint, 1) for joint in reversed(tree.children(root))]
@@ -112,26 +114,26 @@ def _motion(robot: Robot, joint: str) -> str:
     return f"{limits}, {kind.removeprefix('type ')}; {', '.join(facts)}"
 
 
-def _impossible_links(tree: UrdfTree) -> dict[str, str]:
-    """Return {link: why no body has its inertia}."""
+def _inconsistent_links(tree: UrdfTree) -> dict[str, str]:
+    """Return {link: reason why its inertia is physically inconsistent}."""
     from seaid.robot import impossibility
 
     found = {link: impossibility(parameters) for link, parameters in tree.links.items()}
     return {link: reason for link, reason in found.items() if reason is not None}
 
 
-def _link_lines(impossible: dict[str, str]) -> Iterator[str]:
-    if impossible:
-        yield "\nLinks that no body can be (simulations with them may go wrong):"
-        yield from (f"  {link} has {reason}" for link, reason in impossible.items())
+def _link_lines(inconsistent: dict[str, str]) -> Iterator[str]:
+    if inconsistent:
+        yield "\nPhysically inconsistent links (simulations with them may fail):"
+        yield from (f"  {link} has {reason}" for link, reason in inconsistent.items())
 
 
 def _base_lines(base: BaseParameters) -> Iterator[str]:
-    yield f"\n{len(base.expressions)} base parameters (gap of the decision {base.gap:.2g}):"
+    yield f"\n{len(base.expressions)} base parameters (singular-value gap {base.gap:.2g}):"
     yield from (f"  {expression}" for expression in base.expressions)
 
 
-def _first_stage(found: Identifiability) -> dict[str, Any]:
+def _identifiable(found: Identifiability) -> dict[str, Any]:
     return {
         "rank": found.rank,
         "base_parameters": found.body_count,
@@ -143,10 +145,12 @@ def _first_stage(found: Identifiability) -> dict[str, Any]:
     }
 
 
-def _told_table(told: dict[str, Identifiability]) -> str:
+def _identifiability_table(found: dict[str, Identifiability]) -> str:
+    """Return the numbers of parameters by identifiability for each set of sensors."""
     from seaid.report import table
 
-    header = ["sensors of every joint", "base", "alone", "together", "up to a factor", "not at all"]
+    header = ["sensors of every joint", "base", "individually", "in combination", "up to scale"]
+    header.append("unidentifiable")
     rows = [
         [
             name,
@@ -156,17 +160,17 @@ def _told_table(told: dict[str, Identifiability]) -> str:
             " + ".join(str(len(group)) for group in one.ratios) or "-",
             str(len(one.unidentifiable)),
         ]
-        for name, one in told.items()
+        for name, one in found.items()
     ]
-    return table("\nWhich sensors identify what (--sensors: by name)", header, rows)
+    return table("\nIdentifiability by sensors (--sensors lists the names)", header, rows)
 
 
 def crosscheck(
     urdf: Urdf, drives: Drives = None, joints: Joints = None, as_json: AsJson = False
 ) -> None:
-    """Hold numeric base parameters against exact ones, over the rationals.
+    """Compare numeric base parameters with exact ones, computed over the rationals.
 
-    Exit code 1 where they differ: then angles in the file are rounded, or the robot is badly
+    The exit code is 1 if they differ: then angles in the file are rounded, or the robot is badly
     conditioned.
 
     seaid crosscheck arm.urdf
@@ -183,18 +187,18 @@ def crosscheck(
         f"largest difference of groupings {found.max_difference:.2g}, gap {found.gap:.2g}: "
         f"{'they agree' if found.agree else 'they differ'}"
     )
-    say(text, asdict(found), as_json)
+    show(text, asdict(found), as_json)
     if not found.agree:
         raise SeaidError(
             f"numeric and exact base parameters of '{robot.name}' differ: look for rounded angles "
-            "in the URDF, and take the exact ones for the file as it is written"
+            "in the URDF; the exact ones hold for the file as written"
         )
 
 
 def describe(
-    log: Annotated[Path, typer.Argument(help="A log with foreign names.", metavar="LOG")],
+    log: Annotated[Path, typer.Argument(help="A log with custom columns.", metavar="LOG")],
     urdf: Annotated[
-        Path | None, typer.Option(help="The robot: names its joints, tells degrees.")
+        Path | None, typer.Option(help="The robot, for joint names and units of angles.")
     ] = None,
     drives: Drives = None,
     joints: Joints = None,
@@ -205,10 +209,10 @@ def describe(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Guess what the columns of a foreign log are, as a log description in TOML.
+    """Infer the meaning of custom columns, as a log description in TOML.
 
-    Look at it, above all at what is unsure, and correct it by hand. Beside the log under its name
-    (run.toml beside run.csv) it is found by itself.
+    Check it, above all the uncertain choices, and correct it by hand. Next to the log under its
+    name (run.toml for run.csv) it is used by default.
 
     seaid describe run.csv
     seaid describe run.csv --urdf arm.urdf --drives arm.toml -o run.toml
@@ -216,7 +220,7 @@ def describe(
     from seaid._files import write_whole
     from seaid.log import describe_log
 
-    to_be_written(output, force=force, read=(log, urdf, drives))
+    check_outputs(output, force=force, read=(log, urdf, drives))
     robot = None if urdf is None else robot_of(urdf, drives, joints)
     guess = describe_log(log, robot)
     content = {
@@ -226,5 +230,5 @@ def describe(
     }
     if output is not None:
         write_whole(output, guess.to_toml())
-    say(str(guess) if output is not None else guess.to_toml().rstrip(), content, as_json)
-    say_results(as_json, output)
+    show(str(guess) if output is not None else guess.to_toml().rstrip(), content, as_json)
+    show_paths(as_json, output)

@@ -1,6 +1,6 @@
-"""What a command says: notes and errors in one line each on stderr, results on stdout.
+"""Output of the commands: results on stdout, notes and errors in one line each on stderr.
 
-Where a command speaks to: streams that may be closed, full, or without some letters.
+The streams may be closed or full, or lack some characters.
 """
 
 from __future__ import annotations
@@ -24,8 +24,6 @@ from seaid.errors import SeaidError, SeaidWarning, reason_of
 _AS_OPTIONS = {
     r"write it with force=True": "add --allow-inconsistent",
     r"repair=seaid\.Repairs\(\)": "--repair",
-    r"\bread_log mends": "it is mended",
-    r"\blet read_log mend them with": "have them mended with",
     r"\b(feasible|progress)=True": r"--\1",
     r"\bpayloads=": "--payload",
     r"\bknown_bodies=": "--known-body",
@@ -35,20 +33,20 @@ _AS_OPTIONS = {
     r"\b(method|estimator|joints|description)=(?=[\w\"])": r"--\1 ",
     r"\b(method|estimator|joints|description)=": r"--\1",
 }
-"""How what the library asks for is asked for here."""
+"""Arguments named in messages of the library, and the options of the command line for them."""
 
 
 @contextmanager
-def spoken() -> Iterator[None]:
-    """Say warnings of seaid as `note:` lines, once each, and its errors as `error:` with exit 1."""
-    said: set[str] = set()
+def reported() -> Iterator[None]:
+    """Print warnings of seaid once as `note:` lines, and errors as `error:` with exit code 1."""
+    printed: set[str] = set()
 
     def note(message: Warning | str, category: type[Warning], *place: Any) -> None:
         if not issubclass(category, SeaidWarning):
             other(message, category, *place)
-        elif str(message) not in said:
-            said.add(str(message))
-            typer.echo(f"note: {in_one_line(str(message))}", err=True)
+        elif str(message) not in printed:
+            printed.add(str(message))
+            typer.echo(f"note: {with_options(str(message))}", err=True)
 
     with warnings.catch_warnings():
         other = warnings.showwarning
@@ -57,18 +55,18 @@ def spoken() -> Iterator[None]:
         try:
             yield
         except SeaidError as problem:
-            typer.echo(f"error: {in_one_line(str(problem))}", err=True)
+            typer.echo(f"error: {with_options(str(problem))}", err=True)
             raise typer.Exit(1) from None
 
 
-def in_one_line(text: str) -> str:
-    """Return a message of the library in one line, its keywords as options of the command line."""
+def with_options(text: str) -> str:
+    """Return a message of the library in one line, with options in place of its arguments."""
     for pattern, option in _AS_OPTIONS.items():
         text = re.sub(pattern, option, text)
     return " ".join(text.split())
 
 
-def say(text: str, content: Any, as_json: bool) -> None:
+def show(text: str, content: Any, as_json: bool) -> None:
     """Print the text for people, or the content as JSON for machines, on stdout."""
     from seaid._files import plain
 
@@ -77,23 +75,23 @@ def say(text: str, content: Any, as_json: bool) -> None:
     typer.echo(text)
 
 
-def say_results(as_json: bool, *paths: Path | None) -> None:
-    """Say in the last line where results are: on stdout, or on stderr where that is JSON."""
+def show_paths(as_json: bool, *paths: Path | None) -> None:
+    """Print the paths of the results in the last line of stdout, or of stderr if stdout is JSON."""
     there = ", ".join(str(path) for path in paths if path is not None)
     if there:
         typer.echo(f"Results: {there}", err=as_json)
 
 
-def shows_progress() -> bool:
-    """Tell whether progress is worth showing: stderr is a terminal."""
+def is_terminal() -> bool:
+    """Return whether to show progress: stderr is a terminal."""
     return sys.stderr.isatty()
 
 
-def to_be_written(*paths: Path | None, force: bool, read: tuple[Path | None, ...] = ()) -> None:
-    """Check, before long work, that results can be written and what would be lost by it.
+def check_outputs(*paths: Path | None, force: bool, read: tuple[Path | None, ...] = ()) -> None:
+    """Check before a long computation that the results can be written.
 
-    Raises SeaidError for a file that is there already (unless `force`), one of those that are
-    `read`, a folder, and where nothing can be written.
+    Raises SeaidError for an existing file (unless `force`), a file that is `read`, a folder, and a
+    path that cannot be written.
     """
     from seaid._files import is_replaced, real_path, result_folder
 
@@ -109,21 +107,21 @@ def to_be_written(*paths: Path | None, force: bool, read: tuple[Path | None, ...
         replaced = is_replaced(path)
         if replaced and not force:
             raise SeaidError(f"'{path}' is there already: name another file, or add --force")
-        if replaced or not path.exists():  # a device or a pipe takes no file beside it
+        if replaced or not path.exists():  # not for a device or a pipe
             result_folder(target.parent)
 
 
 @contextmanager
 def safe_streams() -> Iterator[None]:
-    """Run a command whose output may go nowhere: that ends it with exit code 1, in one line.
+    """Run a command; if its output cannot be written, end it with exit code 1 and one line.
 
-    A reader that has enough (`| head -1`) is no error worth a word. Letters that the output's
-    encoding does not have, and bytes of paths that are no text, are written by their numbers.
+    A closed pipe (`| head -1`) prints no error. Characters that the encoding of the output lacks,
+    and undecodable bytes of paths, are written as escapes.
     """
     lost: list[TextIO] = []
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
-        if stream is None:  # closed by whoever called
+        if stream is None:  # closed by the caller
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
         elif isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -145,7 +143,7 @@ def safe_streams() -> Iterator[None]:
 
 
 def _watch(stream: TextIO, lost: list[TextIO]) -> None:
-    """Note a stream as lost where something cannot be written to it."""
+    """Add a stream to `lost` when writing to it fails."""
 
     def noting(method: Callable[..., Any]) -> Callable[..., Any]:
         def noted(*arguments: Any) -> Any:
@@ -162,7 +160,7 @@ def _watch(stream: TextIO, lost: list[TextIO]) -> None:
 
 
 def _silence(stream: TextIO) -> None:
-    """Let what is left in a stream go nowhere, which Python writes when it ends."""
+    """Redirect a stream to nowhere, because Python flushes it at exit."""
     with suppress(OSError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())

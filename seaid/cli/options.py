@@ -1,4 +1,4 @@
-"""Arguments and options that commands share, and how their text is read."""
+"""Arguments and options that commands share, and the conversion of their values."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ FromLogs = Annotated[
 ]
 Drives = Annotated[
     Path | None,
-    typer.Option(help="Its drives, a table a joint; none: all stiff.", metavar="TOML"),
+    typer.Option(help="Its drives, one table per joint; default: all stiff.", metavar="TOML"),
 ]
 Joints = Annotated[
-    str | None, typer.Option(help="Joints that move, as a,b,c; the others are locked at zero.")
+    str | None, typer.Option(help="Moving joints, as a,b,c; the others are locked at zero.")
 ]
 Payloads = Annotated[
     list[str] | None,
@@ -40,41 +40,41 @@ KnownBodies = Annotated[
     list[str] | None,
     typer.Option(
         "--known-body",
-        help="Link whose body is known as it is in the URDF. May be repeated.",
+        help="Link with the known inertial parameters of the URDF. May be repeated.",
         metavar="LINK",
     ),
 ]
 Description = Annotated[
     Path | None,
     typer.Option(
-        help="What the columns of foreign logs are; default: run.toml beside run.csv.",
+        help="Meaning of custom columns of the logs; default: run.toml for run.csv.",
         metavar="TOML",
     ),
 ]
 Repair = Annotated[
-    bool, typer.Option("--repair", help="Mend gaps, repeated times and lost samples of the logs.")
+    bool, typer.Option("--repair", help="Repair gaps, repeated times and lost samples of the logs.")
 ]
 TorqueJoints = Annotated[
     str | None,
-    typer.Option(help="Joints whose torque is used, as a,b,c; default: all that have one."),
+    typer.Option(help="Joints whose torque is used, as a,b,c; default: all with a torque."),
 ]
 Method = Annotated[
-    str, typer.Option(help="two-step: springs, then bodies. simultaneous: both at once.")
+    str, typer.Option(help="two-step: springs, then bodies; simultaneous: both in one regression.")
 ]
 Estimator = Annotated[str, typer.Option(help="ols, wls, huber, tukey or iv.")]
 CutoffHz = Annotated[
-    float | None, typer.Option(help="Pass band [Hz]; default: proposed from the data.")
+    float | None, typer.Option(help="Cutoff of the low pass [Hz]; default: from the data.")
 ]
 EncoderOffsetStd = Annotated[
-    float, typer.Option(help="How well the zeros of joint encoders are known [rad or m].")
+    float, typer.Option(help="Standard deviation of joint encoder offsets [rad or m].")
 ]
 Output = Annotated[Path, typer.Option("--output", "-o", help="File for the result.")]
-Force = Annotated[bool, typer.Option("--force", help="Overwrite files that are there.")]
-AsJson = Annotated[bool, typer.Option("--json", help="JSON on stdout, for machines.")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
+AsJson = Annotated[bool, typer.Option("--json", help="JSON on stdout.")]
 
 
 def names(text: str | None) -> list[str] | None:
-    """Return the names of a list with commas, None of none."""
+    """Return the names in a list with commas; None for None."""
     return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
 
 
@@ -89,12 +89,12 @@ def values(option: str, text: str | None) -> float | dict[str, float] | None:
         return {joint.strip(): float(value) for joint, value in pairs}
     except ValueError:
         raise typer.BadParameter(
-            f"'{text}' is no number and no list as knee=2,hip=1", param_hint=option
+            f"'{text}' is neither a number nor a list as knee=2,hip=1", param_hint=option
         ) from None
 
 
 def payload_of(text: str) -> Payload:
-    """Return the payload of 'link:mass:x,y,z', at the link's origin where x,y,z are left out."""
+    """Return the payload of 'link:mass:x,y,z', or of 'link:mass' at the link's origin."""
     from seaid.robot import Payload
 
     link, *parts = text.split(":")
@@ -117,7 +117,7 @@ def robot_of(
     payloads: list[str] | None = None,
     known_bodies: list[str] | None = None,
 ) -> Robot:
-    """Load the robot that the options tell."""
+    """Return the robot of the options."""
     from seaid.robot import load_robot
 
     return load_robot(
@@ -132,26 +132,26 @@ def robot_of(
 def logs_of(
     paths: list[Path], robot: Robot, description: Path | None = None, repair: bool = False
 ) -> list[Log]:
-    """Read the logs of a robot, all with one description or each with the one beside it."""
+    """Return the logs of a robot, read with one description or with that of each log."""
     from seaid.log import Repairs, read_log
 
-    mending = Repairs() if repair else None
-    return [read_log(path, robot, description=description, repair=mending) for path in paths]
+    limits = Repairs() if repair else None
+    return [read_log(path, robot, description=description, repair=limits) for path in paths]
 
 
-def check_unseen(unseen: Sequence[Path], from_logs: Sequence[Path]) -> None:
-    """Raise SeaidError for a log to validate on that is one of those identified from."""
+def check_validation_logs(unseen: Sequence[Path], from_logs: Sequence[Path]) -> None:
+    """Raise SeaidError for a validation log that is also used for the identification."""
     from seaid._files import real_path
     from seaid.errors import SeaidError
 
     known = {real_path(path) for path in from_logs}
     for log in unseen:
         if real_path(log) in known:
-            raise SeaidError(f"'{log}' is identified from: validate on a log that it has not seen")
+            raise SeaidError(f"'{log}' is used for the identification: validate on another log")
 
 
-def ending(path: Path, *allowed: str) -> Path:
-    """Return the path if its ending is allowed; else it is a wrong usage."""
+def checked_suffix(path: Path, *allowed: str) -> Path:
+    """Return the path if its suffix is allowed. Raises BadParameter otherwise."""
     if path.suffix.lower() not in allowed:
         raise typer.BadParameter(
             f"'{path}' must end in {' or '.join(allowed)}", param_hint="--output"

@@ -1,4 +1,4 @@
-"""A page to read: report."""
+"""Command report: identification and validation as one HTML page."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from seaid.cli.identify import FEASIBLE, identified
-from seaid.cli.messages import say, say_results, to_be_written
+from seaid.cli.messages import check_outputs, show, show_paths
 from seaid.cli.options import (
     AsJson,
     CutoffHz,
@@ -25,8 +25,8 @@ from seaid.cli.options import (
     Repair,
     TorqueJoints,
     Urdf,
-    check_unseen,
-    ending,
+    check_validation_logs,
+    checked_suffix,
     logs_of,
     robot_of,
 )
@@ -43,7 +43,9 @@ def report(
     validation: Annotated[
         list[Path] | None,
         typer.Option(
-            "--validate", help="A log not identified from. May be repeated.", metavar="LOG"
+            "--validate",
+            help="Another log, to validate on. May be repeated.",
+            metavar="LOG",
         ),
     ] = None,
     drives: Drives = None,
@@ -61,10 +63,11 @@ def report(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Identify, validate, and write one HTML page that tells what to trust of it.
+    """Identify, validate, and write the results with their reliability as one HTML page.
 
-    The page opens offline in any browser: verdict and flags, tables with intervals, traces to zoom
-    into, checks, and the conditions of the experiment. Without --validate it says that it lacks.
+    The page opens offline in any browser: verdict and flags, tables with confidence intervals,
+    zoomable traces, checks, and the conditions of the experiment. Without --validate the report has
+    no validation section and says so.
 
     seaid report leg.urdf --from run.csv --validate other.csv --drives leg.toml -o report.html
     seaid report arm.urdf --from a.csv --from b.csv --validate c.csv --feasible
@@ -72,10 +75,10 @@ def report(
     from seaid.identification import validate as validated
     from seaid.report import write_report
 
-    ending(output, ".html", ".htm")
+    checked_suffix(output, ".html", ".htm")
     unseen = validation or []
-    check_unseen(unseen, from_logs)
-    to_be_written(output, force=force, read=(urdf, drives, description, *from_logs, *unseen))
+    check_validation_logs(unseen, from_logs)
+    check_outputs(output, force=force, read=(urdf, drives, description, *from_logs, *unseen))
     robot = robot_of(urdf, drives, joints, payload, known_body)
     logs = logs_of([*from_logs, *unseen], robot, description, repair)
     own, others = logs[: len(from_logs)], logs[len(from_logs) :]
@@ -84,13 +87,14 @@ def report(
     )
     results = [validated(found, log) for log in others]
     facts = _facts(urdf, drives, description, from_logs, unseen)
-    options = {"Estimator": estimator, "Joint zeros known to": f"{encoder_offset_std:g} rad or m"}
+    offsets = f"{encoder_offset_std:g} rad or m"
+    options = {"Estimator": estimator, "Standard deviation of encoder offsets": offsets}
     write_report(found, results, output, facts={**facts, **options})
     content = {"report": output, "validations": [one.to_dict() for one in results]}
     text = [f"{robot.name}: {len(found.load.values)} base parameters and its drives reported"]
     text += [f"! {flag}" for flag in found.flags]
-    say("\n".join(text), {**content, "flags": found.flags}, as_json)
-    say_results(as_json, output)
+    show("\n".join(text), {**content, "flags": found.flags}, as_json)
+    show_paths(as_json, output)
 
 
 def _facts(
@@ -100,7 +104,7 @@ def _facts(
     from_logs: list[Path],
     unseen: list[Path],
 ) -> dict[str, str]:
-    """Return which files were read: name, size and digest."""
+    """Return {kind of file: name, size and digest} of the files that were read."""
     named: dict[str, list[Path | None]] = {
         "Robot": [urdf],
         "Drives": [drives],
@@ -118,12 +122,12 @@ def _facts(
 
 
 def _file_text(path: Path) -> str:
-    """Return a file's name with size and SHA-256, of a folder (a bag) its name alone."""
+    """Return a file's name with size and SHA-256; for a folder (a bag) its path only."""
     import hashlib
 
     try:
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
         return f"{path.name}, {path.stat().st_size} bytes, SHA-256 {digest[:_DIGEST]}…"
-    except OSError:  # a folder, or gone since it was read
+    except OSError:  # a folder, or removed since it was read
         return str(path)

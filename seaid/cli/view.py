@@ -1,4 +1,4 @@
-"""The command that shows a robot in the browser: view."""
+"""Command view: a robot and its motions in the browser."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ def view(
         list[Path] | None,
         typer.Option(help="Folder with packages of meshes. May be repeated."),
     ] = None,
-    port: Annotated[int, typer.Option(help="Of the page; 0: any that is free.")] = 8080,
+    port: Annotated[int, typer.Option(help="Port of the page; 0: any free port.")] = 8080,
     host: Annotated[
-        str, typer.Option(help="Who may look: 127.0.0.1 this machine, 0.0.0.0 the network.")
+        str, typer.Option(help="Access: 127.0.0.1 from this machine, 0.0.0.0 from the network.")
     ] = "127.0.0.1",
     seconds: Annotated[
-        float | None, typer.Option(help="Show it for so long; default: until Ctrl-C.")
+        float | None, typer.Option(help="Time to show it [s]; default: until Ctrl-C.")
     ] = None,
 ) -> None:
     """Show a robot and its motions in the browser, at the address in the last line.
 
-    Joints with a spring have the colour of its deflection. Logs come first, trajectories after
-    them; any other motion can be seen beside the one that plays. Without motions, joints have
-    sliders. Needs pip install 'seaid[view]'.
+    The colour of an elastic joint shows its deflection. Logs come first, then trajectories; another
+    motion can be shown next to the one that plays. Without motions, joints have sliders. Needs
+    pip install 'seaid[view]'.
 
     seaid view leg.urdf --drives leg.toml --log run.csv --trajectory plan.json
     seaid view arm.urdf --package-dir ~/ros/src --port 0
@@ -69,7 +69,7 @@ def _motions(
     description: Path | None,
     repair: bool,
 ) -> dict[str, Shown]:
-    """Read all motions, each under the name of its file, or its path where names are the same."""
+    """Return all motions by the names of their files, or by their paths if names are equal."""
     from seaid.excitation import load_trajectory
 
     paths = [*logs, *trajectories]

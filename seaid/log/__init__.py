@@ -1,10 +1,12 @@
-"""Logs: samples of sensors become positions, velocities and accelerations.
+"""Logs: from files with samples of sensors to positions, velocities and accelerations.
 
-A file comes in (CSV, NPZ, JSON, Parquet, HDF5, ROS bag, hebilog; `readers/`), with the column names
-of seaid or with a description of its own ones; a `Log` goes out, and from it a `Motion`.
+In: a file (CSV, NPZ, JSON, Parquet, HDF5, ROS bag, hebilog; `readers/`), with the column names of
+seaid or with custom columns and a `LogDescription`. Out: a `Log` in SI units, and from it a
+`Motion` with the motor side theta_M and the joint side theta_L of every joint on a uniform grid,
+as the actuator equation (7) and the load equation (8) of the paper need them.
 
-- `read_log` reads a file, and repairs it if asked (`repair/`: clocks, gaps, wraps, dropouts);
-- `describe_log` infers what the columns of a foreign log mean;
+- `read_log` reads a file and repairs it on request (`repair/`: clocks, gaps, wraps, dropouts);
+- `describe_log` infers the meaning of custom columns;
 - `reconstruct_motion` selects the cutoff frequency, filters without delay and differentiates;
 - `open_long_log` reads a file piece by piece, so that memory does not grow with its length.
 

@@ -9,7 +9,10 @@ from .gear_ratios import GearRatio as GearRatio
 from .gear_ratios import gear_ratio as gear_ratio
 from .infer_columns import Description as Description
 from .infer_columns import describe_log as describe_log
+from .log import WRITTEN as WRITTEN
+from .log import Log as Log
 from .log import column_names as column_names
+from .log import write_log as write_log
 from .long_log import LogPart as LogPart
 from .long_log import LongLog as LongLog
 from .long_log import open_long_log as open_long_log
@@ -25,10 +28,7 @@ from .readers.child_process import Answer as Answer
 from .readers.child_process import ChildError as ChildError
 from .readers.child_process import doing as doing
 from .readers.child_process import run_in_child as run_in_child
-from .reading import WRITTEN as WRITTEN
-from .reading import Log as Log
 from .reading import read_log as read_log
-from .reading import write_log as write_log
 from .repair.channels import is_constant as is_constant
 from .repair.data import Repair as Repair
 from .repair.data import Repairs as Repairs
@@ -40,4 +40,4 @@ from .sampling import in_band_at as in_band_at
 from .sampling import joint_standstill as joint_standstill
 from .sampling import row_samples as row_samples
 from .sampling import standstill as standstill
-from .sampling import standstill_seen as standstill_seen
+from .sampling import still_share as still_share

@@ -1,4 +1,4 @@
-"""From a log description and the columns of a file to channels in SI units, and to both sides."""
+"""Channels in SI units from the custom columns of a file and its log description."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from seaid.robot import Robot, coupled_names
 def channels_of(
     path: Path, table: Table, description: LogDescription, robot: Robot
 ) -> list[Channel]:
-    """Return the described channels of a file, under our names and in SI units, as logged.
+    """Return the described channels of a file, with the names of seaid and in SI units, as logged.
 
-    A deflection is the channel "<joint>.deflection_rad" or "_m"; `both_sides` uses it up. Raises
-    LogError naming joint and quantity.
+    A deflection is the channel "<joint>.deflection_rad" or "_m", which `both_sides` converts.
+    Raises LogError naming joint and quantity.
     """
     wanted: dict[str, None] = dict.fromkeys([description.where] if description.where else [])
     clocks: dict[tuple[str, str], Clock] = {}
@@ -45,15 +45,15 @@ def channels_of(
         source = description.joints[joint][quantity]
         where = f"'{path}': [joints.{joint}] {quantity}"
         channel = _channel(where, data, robot, joint, quantity, source, clock)
-        found.append(_chosen(where, channel, kept, table.sparse))
+        found.append(_selected(where, channel, kept, table.sparse))
     return found
 
 
 def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
-    """Return the samples with deflections turned into the position of the other side.
+    """Return the samples with deflections converted to the position of the other side.
 
-    d = r_M/N theta_M - r_L theta_L (7)-(8), all at the same instants. Raises LogError for a
-    deflection of a stiff drive, or without one of the positions.
+    The deflection of (7) and (8) is d = r_M/N theta_M - r_L theta_L, at the same instants. Raises
+    LogError for a deflection of a rigid drive, or without one of the positions.
     """
     found = dict(picked)
     for index, joint in enumerate(robot.joint_names):
@@ -63,7 +63,7 @@ def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
         deflection, drive = found.pop(name), robot.drives[joint]
         if not isinstance(drive, SeriesElasticDrive):
             raise LogError(f"joint '{joint}' has a stiff drive, which has no deflection")
-        _check_own_drive(robot, joint, "a deflection does not tell its position")
+        _check_own_drive(robot, joint, "a deflection does not determine its position")
         motor, load = list(column_names(joint, robot.is_prismatic[index]))[:2]
         behind_gear = drive.motor_radius / drive.ratio
         if load in found:
@@ -72,17 +72,18 @@ def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
             found[load] = (behind_gear * found[motor] - deflection) / drive.load_radius
         else:
             raise LogError(
-                f"joint '{joint}': a deflection tells the other side of the spring only together "
-                "with motor_position or joint_position"
+                f"joint '{joint}': a deflection determines the other side of the spring only "
+                "together with motor_position or joint_position"
             )
     return found
 
 
 def _check_own_drive(robot: Robot, joint: str, consequence: str) -> None:
+    """Raise LogError for a joint whose drive is coupled with other joints."""
     if joint in coupled_names(robot.joint_names, robot.transmission):
         raise LogError(
             f"the drive of joint '{joint}' moves several joints or moves it by a factor: "
-            f"{consequence}; give motor_position and joint_position as they were measured"
+            f"{consequence}; give motor_position and joint_position as measured"
         )
 
 
@@ -94,8 +95,8 @@ def _clock_of(where: str, table: Table, description: LogDescription, source: Sou
             if name not in table.names:
                 raise LogError(f"{where}: {table.missing(name)}")
         raise LogError(
-            f'{where}: no time is given; name its column, time = "...", or time = '
-            "{ rate_hz = ... } where there is none"
+            f'{where}: no time is given; name its column, time = "...", or a constant rate, time = '
+            "{ rate_hz = ... }"
         )
     return clock
 
@@ -129,7 +130,7 @@ def _channel(
 
 
 def _name_of(robot: Robot, joint: str, quantity: str) -> tuple[str, str]:
-    """Return the name of a channel, and the SI unit with which it ends."""
+    """Return the name of a channel, and the SI unit at its end."""
     is_prismatic = robot.is_prismatic[robot.index(joint)]
     drive = robot.drives[joint]
     if quantity == "deflection":
@@ -147,7 +148,7 @@ def _unit_factor(
     own_side, _, kind = quantity.partition("_")
     factor = 1.0
     if source.side not in (None, own_side):
-        _check_own_drive(robot, joint, f"nothing turns its {source.side} side into the other")
+        _check_own_drive(robot, joint, f"its {source.side} side does not determine the other")
         drive = robot.drives[joint]
         ratio = drive.ratio
         if isinstance(drive, SeriesElasticDrive):
@@ -165,15 +166,15 @@ def _unit_factor(
     if source.counts_per_m is not None and unit == "m":
         units["counts"] = 1.0 / source.counts_per_m
     if source.unit not in units:
-        raise LogError(f"{where}: {unknown_name('unit for it', source.unit, units)}")
+        raise LogError(f"{where}: {unknown_name('unit of this quantity', source.unit, units)}")
     return factor * units[source.unit]
 
 
 def _servo_voltage(data: Block, servo: Servo) -> Array:
-    """Return the voltage [V] of a position servo; see `Servo`.
+    """Return the voltage [V] of a position servo, see `Servo`.
 
-    A goal holds until the next one comes, while the position moves on: at a sample the voltage is
-    the mean of that before and that after the goal's step.
+    A goal holds until the next one, so at a sample the voltage is the mean of those before and
+    after the step of the goal.
     """
     goal, gain = data[servo.goal], servo.gain_factor * _number(data, servo.gain, 1.0)
     before = np.concatenate([goal[:1], goal[:-1]])
@@ -192,15 +193,15 @@ def _number(data: Block, value: str | float | None, default: float) -> Array | f
     return data[value] if isinstance(value, str) else float(value)
 
 
-def _chosen(where: str, channel: Channel, kept: Array | None, sparse: bool) -> Channel:
-    """Return a channel without samples that are not to be used, or that a message did not have."""
+def _selected(where: str, channel: Channel, kept: Array | None, sparse: bool) -> Channel:
+    """Return a channel without samples that are excluded, or missing in a message."""
     use = np.ones(len(channel.time), dtype=bool)
     if kept is not None:
         if len(kept) != len(use):
             raise LogError(f"{where}: has {len(use)} samples, the column of 'where' {len(kept)}")
         use &= kept.astype(bool)
         if not np.any(use):
-            raise LogError(f"{where}: the column of 'where' is zero all the time: nothing is left")
+            raise LogError(f"{where}: the column of 'where' is zero at all samples")
     if sparse and not np.all(np.isnan(channel.values)):
         use &= ~np.isnan(channel.values)
     return Channel(channel.name, channel.time[use], channel.values[use], channel.period)

@@ -1,7 +1,4 @@
-"""Log description: which column of a foreign log is what, as plain data, from TOML.
-
-Log descriptions read from TOML or plain data; what is wrong in them is named.
-"""
+"""Log descriptions: the meaning of custom columns as plain data or TOML, checked on reading."""
 
 from __future__ import annotations
 
@@ -21,12 +18,12 @@ from seaid.log.log import SENSORS, UNIT_FACTORS
 from seaid.log.repair.data import Repairs
 
 QUANTITIES = (*SENSORS, "deflection")
-"""What a column may be, per joint. Deflection: motor side of the spring minus joint side."""
+"""Quantities of a joint. Deflection: motor side of the spring minus joint side."""
 
 
 @dataclass(frozen=True)
 class Clock:
-    """The time of samples: a column and its unit (s, ms, us, ns), or an even rate [Hz]."""
+    """The time of samples: a column and its unit (s, ms, us, ns), or a constant rate [Hz]."""
 
     column: str | None = None
     unit: str = "s"
@@ -34,7 +31,7 @@ class Clock:
 
     def __post_init__(self) -> None:
         if (self.column is None) == (self.rate_hz is None):
-            raise LogError("a time needs column, or rate_hz where there is none")
+            raise LogError("a time needs either column or rate_hz")
         if self.rate_hz is not None and not 0 < self.rate_hz < math.inf:
             raise LogError(f"rate_hz must be above zero and finite, found {self.rate_hz}")
         if self.unit not in UNIT_FACTORS["s"]:
@@ -45,10 +42,9 @@ class Clock:
 class Servo:
     """A proportional position servo: voltage = clip(g (goal - position), -limit, limit) supply.
 
-    A goal holds until the next sample.
-
-    `goal` and `position` are columns in the same unit; g = `gain` times `gain_factor` is a duty
-    cycle a unit; `gain` and `supply` [V] are columns or numbers.
+    `goal` and `position` are columns in the same unit; a goal holds until the next sample.
+    g = `gain` times `gain_factor` is a duty cycle per unit; `gain` and `supply` [V] are columns or
+    numbers.
     """
 
     goal: str
@@ -59,7 +55,7 @@ class Servo:
     limit: float = 1.0
 
     def columns(self) -> list[str]:
-        """Return the columns that it takes."""
+        """Return the columns that the servo uses."""
         return [
             one
             for one in (self.goal, self.position, self.gain, self.supply)
@@ -69,14 +65,25 @@ class Servo:
 
 @dataclass(frozen=True)
 class Source:
-    """Where a quantity comes from: value = sign scale (unit in SI) times column + offset.
+    """The source of a quantity: value = sign scale (unit in SI) times column + offset.
 
-    `unit`: that of the column, None = SI; "counts" with `counts_per_turn` or `counts_per_m`; "A" or
-    "mA" of a torque with `torque_constant_Nm_per_A`. `offset` is in SI units, `wraps` the period of
-    an encoder that wraps around, in the column's unit. `times`: a column or number to multiply
-    with, as the supply voltage of a duty cycle. `side`: "motor" or "joint", where the column has
-    the value at the other side of the gear. `time`: its own clock. `servo` instead of a column: a
-    voltage that is not logged.
+    Attributes
+    ----------
+    column, unit : str or None
+        The column and its unit; None: SI, "counts" with `counts_per_turn` or `counts_per_m`, "A" or
+        "mA" for a torque with `torque_constant_Nm_per_A`.
+    sign, scale, offset : int, float, float
+        1 or -1, a factor, and an offset in SI units.
+    wraps : float or None
+        Period of an encoder that wraps around, in the unit of the column.
+    times : str, float or None
+        A column or number to multiply with, as the supply voltage of a duty cycle.
+    side : str or None
+        "motor" or "joint", if the column holds the value at the other side of the gear.
+    time : Clock or None
+        Clock of the column, if it has its own.
+    servo : Servo or None
+        Model of a voltage that is not logged, in place of a column.
     """
 
     column: str | None = None
@@ -94,17 +101,32 @@ class Source:
     servo: Servo | None = None
 
     def columns(self) -> list[str]:
-        """Return the columns that it takes, without that of its clock."""
+        """Return the columns that the source uses, except that of its clock."""
         own = [one for one in (self.column, self.times) if isinstance(one, str)]
         return own + (self.servo.columns() if self.servo else [])
 
 
 @dataclass(frozen=True, eq=False)
 class LogDescription:
-    """What the columns of a log are: {joint: {quantity: Source}}, their clock, limits of repair.
+    """The meaning of the columns of a log, for `read_log`.
 
-    `time` is the clock of all that have none of their own; None: the file's own (ROS bags and HEBI
-    logs have one). `where` names a column: samples at which it is zero are left out.
+    Attributes
+    ----------
+    joints : mapping
+        {joint: {quantity: Source}}, with the quantities motor_position, joint_position,
+        motor_torque, joint_torque, motor_current, motor_voltage and deflection.
+    time : Clock or None
+        Clock of all sources without their own; None: that of the file (ROS bags and HEBI logs).
+    where : str or None
+        A column; samples at which it is zero are excluded.
+    repair : Repairs
+        Limits of the repair.
+
+    Examples
+    --------
+    >>> source = Source("pos_2", unit="deg")
+    >>> description = LogDescription({"elbow": {"joint_position": source}}, Clock("t"))
+    >>> print(description.to_toml())
     """
 
     joints: Mapping[str, Mapping[str, Source]]
@@ -117,7 +139,7 @@ class LogDescription:
         object.__setattr__(self, "joints", FrozenMapping(copied))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the description as nested plain data, what is default left out."""
+        """Return the description as mappings of plain data without default values."""
         found: dict[str, Any] = {}
         if self.time is not None:
             found["time"] = _short(_plain(self.time))
@@ -145,7 +167,7 @@ class LogDescription:
 
 
 def _plain(one: Any) -> dict[str, Any]:
-    """Return a dataclass as a mapping, without what is at its default."""
+    """Return a dataclass as a mapping without default values."""
     default = {each.name: each.default for each in fields(one)}
     found = {key: value for key, value in asdict(one).items() if value != default[key]}
     return {
@@ -155,7 +177,7 @@ def _plain(one: Any) -> dict[str, Any]:
 
 
 def _short(table: dict[str, Any]) -> Any:
-    """Return a table with nothing but a column as the name of that column."""
+    """Return the name of the column for a table with a column only, else the table."""
     table = {key: _short(one) if key == "time" else one for key, one in table.items()}
     return table["column"] if list(table) == ["column"] else table
 
@@ -170,11 +192,11 @@ def _toml(value: Any) -> str:
         return "{ " + ", ".join(f"{key} = {_toml(one)}" for key, one in value.items()) + " }"
     if isinstance(value, str):
         return _text(value)
-    return repr(float(value) if isinstance(value, float) else value)  # NumPy's repr is no number
+    return repr(float(value) if isinstance(value, float) else value)  # repr of float64 is no TOML
 
 
 def _text(value: str) -> str:
-    """Return a text as TOML has it: as in JSON, but without a raw delete character."""
+    """Return a text as a TOML string: as in JSON, but with the delete character escaped."""
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
@@ -191,9 +213,9 @@ Described = LogDescription | Mapping[str, Any] | str | Path
 
 
 def description_for(path: Path, description: Described | None) -> LogDescription | None:
-    """Return the description given for a log, or that in the TOML file beside it, or None.
+    """Return the description given for a log, or that of the TOML file next to it, or None.
 
-    A TOML file beside it is a description if it has a table `joints`. Raises LogError.
+    A TOML file of the same name is a description if it has a table `joints`. Raises LogError.
     """
     if isinstance(description, LogDescription):
         return _described("description=", description.to_dict())
@@ -208,23 +230,23 @@ def description_for(path: Path, description: Described | None) -> LogDescription
         return _described(f"'{description}'", read_toml(description, "the description", LogError))
     if not path.name:  # '.' or '/'
         return None
-    beside = path.with_suffix(".toml")
-    if beside == path or not os.path.isfile(beside):  # False for names that no file can have
+    sibling = path.with_suffix(".toml")
+    if sibling == path or not os.path.isfile(sibling):  # False also for invalid file names
         return None
     try:
-        content = read_toml(beside, "the description", LogError)
+        content = read_toml(sibling, "the description", LogError)
     except LogError:
-        if _names_joints(beside):
+        if _names_joints(sibling):
             raise
         return None
     joints = content.get("joints")
     if not isinstance(joints, Mapping) or "type" in joints:
         return None
-    return _described(f"'{beside}'", content)
+    return _described(f"'{sibling}'", content)
 
 
 def _names_joints(path: Path) -> bool:
-    """Tell whether a damaged file was meant as a description."""
+    """Return whether an invalid TOML file was meant as a description."""
     try:
         with path.open("rb") as file:
             return b"[joints" in file.read(MOST_TOML_BYTES)
@@ -237,7 +259,7 @@ def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
     joints = content.get("joints")
     if not isinstance(joints, Mapping) or not joints:
         raise LogError(
-            f"{where}: needs tables [joints.<joint>], one a joint, found {shown(joints)}"
+            f"{where}: needs tables [joints.<joint>], one per joint, found {shown(joints)}"
         )
     column = content.get("where")
     if not isinstance(column, str | None):
@@ -269,8 +291,8 @@ def _joint(where: str, table: Any) -> dict[str, Source]:
         raise LogError(f"{where}: names no quantity; allowed: {', '.join(QUANTITIES)}")
     if {"deflection", "motor_position", "joint_position"} <= set(found):
         raise LogError(
-            f"{where}: deflection beside both positions is one too much, each follows from the "
-            "other two; leave out the one that is not to be used"
+            f"{where}: deflection and both positions are redundant, because each follows from the "
+            "other two; remove one of them"
         )
     return found
 
@@ -304,7 +326,9 @@ def _check_source(where: str, quantity: str, source: Source) -> None:
         raise LogError(f"{where}: servo gives a motor_voltage only")
     kind = quantity.rsplit("_", 1)[-1]
     if source.unit is not None and source.unit not in _UNITS[kind]:
-        raise LogError(f"{where}: {unknown_name('unit of it', source.unit, sorted(_UNITS[kind]))}")
+        raise LogError(
+            f"{where}: {unknown_name('unit of this quantity', source.unit, sorted(_UNITS[kind]))}"
+        )
     counts = [one for one in (source.counts_per_turn, source.counts_per_m) if one is not None]
     if (source.unit == "counts") != (len(counts) == 1):
         raise LogError(f"{where}: unit 'counts' and counts_per_turn (or counts_per_m) go together")
@@ -341,7 +365,7 @@ def _clock(where: str, value: Any) -> Clock | None:
 
 
 _MOST = 1e30
-"""So that what is multiplied with or divided by a value stays a double."""
+"""Largest magnitude of a value, so that products and quotients with it stay finite."""
 
 _DIVISORS = ("counts_per_turn", "counts_per_m", "wraps", "rate_hz")
 _TEXTS = ("column", "unit", "side", "goal", "position")
@@ -360,7 +384,7 @@ def _check_keys(where: str, table: Any, allowed: list[str]) -> None:
 
 
 def _check_values(where: str, table: Mapping[str, Any], kind: type) -> None:
-    """Check that values are texts or finite numbers, as their keys ask for."""
+    """Check that values are texts or finite numbers, as their keys require."""
     for key, value in table.items():
         if value is None or isinstance(value, Clock | Servo):
             continue

@@ -1,10 +1,9 @@
-"""Zero-phase low pass, derivatives, spikes.
+"""Zero-phase low pass, spline derivatives, and the selection of the cutoff frequency.
 
-The pass band of an identification, proposed from the spectra of the positions, with the reason.
-
-Least squares takes noise in its regressor for signal: noise in the accelerations makes inertias too
-small by the noise's share of their power, which grows with the fifth power of the pass band. A
-band narrower than the motion, on the other hand, throws information away.
+Noise in the regressor biases least squares towards zero (attenuation, Fuller 1987): noise in the
+accelerations reduces inertias by its share of their power, which grows with the fifth power of the
+cutoff. A cutoff below the bandwidth of the motion, on the other hand, discards excitation. The
+cutoff is therefore selected from the spectra of the positions.
 """
 
 from __future__ import annotations
@@ -16,21 +15,18 @@ from functools import cache
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.errors import LogError
 
 _ORDER = 4
 _ROUNDING = 1e-6
-_GAUSSIAN = 1.4826
-"""Standard deviation of Gaussian noise over the median of its absolute values."""
 
 ROWS_PER_PERIOD = 4.0
-"""After the low pass, so many rows a period of the cutoff say all there is."""
+"""Rows per period of the cutoff after decimation: twice the Nyquist rate of the filtered signal."""
 
 
 def low_pass(signals: Array, rate_hz: float, cutoff_hz: float) -> Array:
-    """Return columns (T, any) behind a zero-phase Butterworth low pass; all of them if too high.
+    """Return columns (T, any) filtered by a zero-phase Butterworth low pass.
 
-    A cutoff above 0.8 of half the rate, inf too, leaves the signals as they are.
+    A cutoff above 0.8 of half the rate, such as inf, returns the signals unchanged.
     """
     if cutoff_hz >= 0.8 * rate_hz / 2:
         return signals
@@ -43,44 +39,21 @@ def low_pass(signals: Array, rate_hz: float, cutoff_hz: float) -> Array:
 
 @cache
 def _sections(rate_hz: float, cutoff_hz: float) -> Array:
-    """Return the low pass as second-order sections; a search filters alike hundreds of times."""
+    """Return the low pass as second-order sections; cached, a search filters hundreds of times."""
     from scipy.signal import butter
 
     return np.asarray(butter(_ORDER // 2, cutoff_hz, fs=rate_hz, output="sos"))
 
 
-def despiked(signals: Array, half_window: int = 5, threshold: float = 4.0) -> Array:
-    """Return columns (T, any) with single spikes replaced by the median around them (Hampel 1974).
-
-    A spike is farther from the median of the window of 2 `half_window` + 1 samples than `threshold`
-    times their spread, and than that of the whole column. For raw samples, before any low pass
-    smears a spike over its neighbours; NaN columns stay NaN. Raises LogError for a window or a
-    threshold that is not positive.
-    """
-    from scipy.ndimage import median_filter
-
-    if half_window < 1 or not threshold > 0:
-        raise LogError(
-            "despiked needs half_window of at least 1 and a threshold more than 0, found "
-            f"{half_window} and {threshold}"
-        )
-    window = (2 * half_window + 1, 1)
-    centre = median_filter(signals, window, mode="nearest")
-    off = np.abs(signals - centre)
-    around = median_filter(off, window, mode="nearest")
-    spread = _GAUSSIAN * np.maximum(around, np.median(off, axis=0))
-    return np.where(off > threshold * spread, centre, signals)
-
-
 def decimation(rate_hz: float, cutoff_hz: float) -> int:
-    """Return how many samples a row of the filtered regression stands for."""
+    """Return the number of samples per row of the filtered regression."""
     return max(1, int(rate_hz / (ROWS_PER_PERIOD * cutoff_hz) * (1 + _ROUNDING)))
 
 
 def spline_derivatives(time: Array, signals: Array) -> tuple[Array, Array, Array]:
     """Return value, first and second derivative (T, any) of an interpolating quintic spline.
 
-    Right up to the ends, where one-sided differences are not. NaN columns stay NaN.
+    They are accurate up to the ends, unlike one-sided differences. NaN columns stay NaN.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -93,28 +66,46 @@ def spline_derivatives(time: Array, signals: Array) -> tuple[Array, Array, Array
 
 
 _FEWEST_PERIODS = 15.0
-"""Periods of the cutoff that a log must hold."""
+"""Periods of the selected cutoff in a log, at least."""
 
 _WIDENED_HZ = 12.0
-"""No log is made to hold them by a wider band than this: one of a few instants is too short."""
+"""The cutoff is raised for a short log up to this frequency only."""
 
 _ALLOWED = 0.01
+"""Largest ratio of noise to signal (rms)."""
+
 _VELOCITY_SHARE, _WIDE = 0.98, 3.0
 _POSITION_SHARE, _NARROW = 0.995, 2.0
+"""Share of the power within the bandwidth, and the cutoff as a multiple of the bandwidth."""
+
 _RATES = 8.0
-_OUTSTANDING, _MOVING = 3.0, 10.0
-_SMOOTHED_BINS = 9
-_ON_GRID = 0.95
+"""Sampling rate over the highest cutoff."""
+
+_OUTSTANDING, _SMOOTHED_BINS = 3.0, 9
+"""The mean of so many bins counts as signal above this multiple of the noise floor."""
+
+_MOVING, _ON_GRID = 10.0, 0.95
+"""Motion over noise (rms) of a channel that moves; share of whole steps of a quantised channel."""
 
 
 @dataclass(frozen=True)
 class CutoffSelection:
-    """A cutoff [Hz] and where it comes from; str() says why in words.
+    """A cutoff frequency and the reason for it; str() is one line.
 
-    `motion_hz` (narrowest, widest) is between twice the edge of the motion and three times that of
-    its speed; in `noise_limit_hz` noise is one percent of the acceleration or speed (rms) of
-    `channel`, the worst; `noise_floor` is the noise there [square of the channel's unit / Hz].
-    `shortest_hz` and `rate_limit_hz` are what duration and sampling rate allow.
+    Attributes
+    ----------
+    cutoff_hz, reason : float, str
+        The cutoff [Hz] and the limit that determines it.
+    motion_hz : tuple of float
+        Twice the bandwidth of the positions, and three times that of the velocities [Hz].
+    noise_limit_hz : float
+        Cutoff at which noise is one percent (rms) of the acceleration or velocity of `channel`.
+    noise_floor : float
+        Power spectral density of the noise of `channel` [squared unit of the channel / Hz].
+    channel : str
+        The channel with the lowest noise limit.
+    shortest_hz, rate_limit_hz : float
+        Lower limit by the duration of the log, and upper limit by its sampling rate [Hz].
     """
 
     cutoff_hz: float
@@ -132,7 +123,7 @@ class CutoffSelection:
 
 @dataclass(frozen=True)
 class _Spectrum:
-    """What a channel says: edges of position and speed, where its noise is too much, its floor."""
+    """A channel: bandwidth of position and velocity, noise limit, noise floor, and if it moves."""
 
     position_hz: float
     speed_hz: float
@@ -141,19 +132,19 @@ class _Spectrum:
     moves: bool
 
 
-def propose_pass_band(
+def select_cutoff(
     joint: Array, motor: Array, rate_hz: float, names: Sequence[str]
 ) -> CutoffSelection:
-    """Return the pass band for positions (T, n) of both sides, NaN columns where no encoder is.
+    """Return the cutoff for positions (T, n) of both sides; columns without an encoder are NaN.
 
-    The widest in which noise is at most one percent (rms) of each joint's acceleration, and of each
-    motor's speed where the joint has an encoder of its own (of its acceleration otherwise). The
-    noise floor of a channel is the white one of its spectrum above a quarter of the rate, or that
-    of its encoder's steps, if larger. Not narrower than twice the frequency below which the fastest
-    channel has 99.5 % of the power of its position, where the motion is: what gears and links
-    vibrate at is above. Not wider than three times that with 98 % of the power of its velocity. At
-    least fifteen periods in the log (as far as 12 Hz hold them), at most an eighth of the rate.
-    Channels that stand still, or move less than ten times their noise (rms), have no say.
+    The cutoff is the highest frequency at which noise is at most one percent (rms) of the
+    acceleration of each joint, and of the velocity of each motor (of its acceleration, if the joint
+    has no encoder). It is at least twice the bandwidth of the positions (99.5 % of the power of the
+    fastest channel), below the vibrations of gears and links; at most three times the bandwidth of
+    the velocities (98 %); at least fifteen periods in the log (up to 12 Hz); and at most an eighth
+    of the rate. The noise floor of a channel is the median of its spectrum above a quarter of the
+    rate, or the quantisation noise of its encoder, whichever is larger. Channels that move less
+    than ten times their noise (rms) are ignored.
     """
     highest = rate_hz / _RATES
     shortest = min(_FEWEST_PERIODS * rate_hz / len(joint), highest, _WIDENED_HZ)
@@ -164,24 +155,24 @@ def propose_pass_band(
             if np.isfinite(samples[0]) and np.ptp(samples) > 0:
                 order = 1 if side == "motor" and np.isfinite(joint[0, index]) else 2
                 found[f"{side} side of {name}"] = _spectrum(samples, rate_hz, order)
-    telling = {name: one for name, one in found.items() if one.moves}
-    if not telling:
+    moving = {name: one for name, one in found.items() if one.moves}
+    if not moving:
         return CutoffSelection(
             highest, "an eighth of the rate: nothing moves", (np.nan, np.nan), rate_limit_hz=highest
         )
-    narrowest = _NARROW * max(one.position_hz for one in telling.values())
-    widest = max(_WIDE * max(one.speed_hz for one in telling.values()), narrowest)
-    channel = min(telling, key=lambda name: telling[name].noise_limit_hz)
-    noise_hz = telling[channel].noise_limit_hz
+    narrowest = _NARROW * max(one.position_hz for one in moving.values())
+    widest = max(_WIDE * max(one.speed_hz for one in moving.values()), narrowest)
+    channel = min(moving, key=lambda name: moving[name].noise_limit_hz)
+    noise_hz = moving[channel].noise_limit_hz
     limits = (
-        (noise_hz, f"where noise is 1 % of what moves the {channel}"),
-        (widest, "three times the edge of the motion's speed"),
+        (noise_hz, f"where noise is 1 % of the motion of the {channel}"),
+        (widest, "three times the bandwidth of the velocity"),
         (highest, "an eighth of the rate"),
     )
     cutoff, reason = min(limits, key=lambda limit: limit[0])
     if cutoff < min(narrowest, highest):
         cutoff = min(narrowest, highest)
-        reason = f"twice the edge of the motion, although noise of the {channel} asks for less"
+        reason = f"twice the bandwidth of the motion, although noise of the {channel} requires less"
     if cutoff < shortest:
         cutoff, reason = shortest, "fifteen periods in the log, which is short for its motion"
     return CutoffSelection(
@@ -189,7 +180,7 @@ def propose_pass_band(
         reason=reason,
         motion_hz=(narrowest, widest),
         noise_limit_hz=noise_hz,
-        noise_floor=telling[channel].floor,
+        noise_floor=moving[channel].floor,
         channel=channel,
         shortest_hz=shortest,
         rate_limit_hz=highest,
@@ -200,16 +191,17 @@ def _spectrum(samples: Array, rate_hz: float, order: int) -> _Spectrum:
     from scipy.signal import detrend, periodogram
 
     frequency, power = periodogram(detrend(samples), fs=rate_hz, window="hann")
+    # periodogram ordinates of white noise are chi^2_2: the median is log 2 times the mean
     white = float(np.median(power[frequency > 0.25 * rate_hz])) / np.log(2)
     of_steps, rounding = _noise_of_steps(samples, rate_hz)
     floor, variance = max(white, of_steps), max(white * rate_hz / 2, rounding)
     smooth = np.convolve(power, np.ones(_SMOOTHED_BINS) / _SMOOTHED_BINS, mode="same")
     seen = (smooth >= _OUTSTANDING * floor) & (frequency <= rate_hz / _RATES)
     signal = np.where(seen, np.maximum(power - floor, 0.0), 0.0)
-    # the noise of a derivative is integrated, its lines are those of the signal
-    # a sweep moves too: only its speed and acceleration are without the trend
+    # a sweep moves too, so the power of the position keeps the linear trend
     moving = periodogram(samples, fs=rate_hz, window="hann", detrend="constant")[1]
     place = np.where(seen | (frequency <= frequency[2]), np.maximum(moving - floor, 0.0), 0.0)
+    # white noise of density S, differentiated k times: int_0^f S nu^2k dnu = S f^(2k+1) / (2k+1)
     exponent = 2 * order
     noise = floor * frequency ** (exponent + 1) / (exponent + 1)
     moved = np.cumsum(signal * frequency**exponent) * frequency[1]
@@ -224,15 +216,16 @@ def _spectrum(samples: Array, rate_hz: float, order: int) -> _Spectrum:
 
 
 def _edge(frequency: Array, power: Array, share: float) -> float:
+    """Return the frequency below which this share of the power lies."""
     total = np.cumsum(power)
     return float(frequency[np.argmax(total >= share * total[-1])])
 
 
 def _noise_of_steps(samples: Array, rate_hz: float) -> tuple[float, float]:
-    """Return floor and variance of an encoder's steps, 0 where samples are not whole steps apart.
+    """Return density and variance of quantisation noise, 0 if samples are not whole steps apart.
 
-    The error of rounding, a twelfth of the step squared, is new at each step that is passed: its
-    power lies below half the number of steps a second, low where a coarse encoder turns slowly.
+    The variance step^2 / 12 (Bennett 1948) lies below half of the number of steps passed per
+    second, because the error changes with each step: density = step^2 / 12 / (steps_hz / 2).
     """
     moves = np.abs(np.diff(samples))
     moves = moves[moves > 1e-9 * np.ptp(samples)]

@@ -14,22 +14,22 @@ from seaid.log.repair.clocks import longest_bridge
 from seaid.log.repair.data import Repair
 
 MOST_EXCLUDED = 0.5
-"""Share of a log's time in holes and in stretches too short to use above which it is refused."""
+"""A log is refused if more than this share of its time lies in holes and too short stretches."""
 
 HOLES = "holes in time"
-"""The kind of `Repair` that tells of them."""
+"""The kind of the `Repair` that reports holes."""
 
 
 @dataclass(frozen=True)
 class Hole:
-    """A time without samples, from the last one before it to the first one after it [s]."""
+    """An interval without samples, between two samples [s], too long to be interpolated."""
 
     start_s: float
     end_s: float
 
     @property
     def length_s(self) -> float:
-        """How long it is."""
+        """Length of the interval."""
         return self.end_s - self.start_s
 
     def __str__(self) -> str:
@@ -37,27 +37,27 @@ class Hole:
 
 
 def holes(time: Array) -> list[Hole]:
-    """Return the holes between stamps (T,) [s] that grow: steps too long to be bridged."""
+    """Return the holes of increasing time stamps (T,) [s]: steps too long to be bridged."""
     before = np.flatnonzero(np.diff(time) > longest_bridge(time))
     return [Hole(float(time[one]), float(time[one + 1])) for one in before]
 
 
 def check_whole(log: Log) -> None:
-    """Raise LogError naming the first hole where a log has any: for what must not go over one."""
+    """Raise LogError naming the first hole of a log, if it has any."""
     found = holes(log.time)
     if found:
         raise LogError(
-            f"the log has holes in time ({len(found)} found, the first of {found[0]}), over which "
-            "nothing is known of the motion: take a part without one, log.between(start_s, end_s)"
+            f"the log has holes in time ({len(found)} found, the first of {found[0]}), in which "
+            "the motion is unknown: take a part without one, log.between(start_s, end_s)"
         )
 
 
 def stretches(log: Log, shortest_s: float = 0.0) -> list[Log]:
     """Return the parts of a log between its holes that are `shortest_s` or longer.
 
-    A log without a hole comes back as it is. Otherwise the first part's `report` has one more
-    entry: how many holes there are, and how much of the log is not used. Raises LogError where that
-    is more than half of its time.
+    A log without a hole is returned unchanged. Otherwise the `report` of the first part has one
+    more entry with the number of holes and the excluded share of the time. Raises LogError if that
+    share is above one half.
     """
     found = holes(log.time)
     if not found:
@@ -79,7 +79,7 @@ def stretches(log: Log, shortest_s: float = 0.0) -> list[Log]:
             f"the log has holes in time ({len(found)} found, the longest of {worst}): they and the "
             f"stretches between them that are too short to use are {excluded:.0%} of "
             f"{whole:.4g} s, allowed {MOST_EXCLUDED:.0%}; record again without losing samples, or "
-            "give the good stretches as logs of their own, log.between(start_s, end_s)"
+            "pass the good stretches as separate logs, log.between(start_s, end_s)"
         )
     parts = [log.between(log.time[spans[one].start], edges[one + 1]) for one in used]
     short = len(spans) - len(used)

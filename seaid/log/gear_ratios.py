@@ -1,4 +1,4 @@
-"""The ratio of a gear from the angles on both of its sides."""
+"""Gear ratio from the angles of both sides of a gear."""
 
 from __future__ import annotations
 
@@ -11,12 +11,20 @@ from seaid._arrays import Array
 from seaid.errors import LogError
 
 _RESOLVED = 0.05
-"""Relative standard error above which the motion is too small to tell a ratio."""
+"""Relative standard error above which the motion is too small to determine a ratio."""
 
 
 @dataclass(frozen=True)
 class GearRatio:
-    """Motor turns a turn behind the gear, its standard error, and the angles' misfit [rad]."""
+    """A gear ratio, as `gear_ratio` determines it.
+
+    Attributes
+    ----------
+    value, standard_error : float
+        Motor turns per output turn, negative if the gear reverses; and its standard error.
+    misfit_rad : float
+        Root mean square of output angle minus motor angle over ratio [rad].
+    """
 
     value: float
     standard_error: float
@@ -26,32 +34,52 @@ class GearRatio:
 def gear_ratio(
     motor_angle_rad: Array | Sequence[Array], output_angle_rad: Array | Sequence[Array]
 ) -> GearRatio:
-    """Return the gear ratio from motor angle and angle behind the gear [rad], each (T,).
+    """Return the gear ratio from the angles of both sides of the gear.
 
-    The angle behind the gear is that of the motor side of the spring: joint angle plus deflection,
-    or the joint angle itself behind a stiff gear. Several logs, a list of arrays each, have a zero
-    of their own. Least squares with both angles inexact, weighed by the ratio itself.
+    The estimate is the slope of the reduced major axis: both angles have errors, in proportion to
+    their ranges. The residual is not noise but transmission error and encoder eccentricity, which
+    are functions of the angle and do not average out. The standard error is therefore that of one
+    sample: ratio times rms misfit over rms angle. A motion shorter than a period of such an error
+    takes part of it for the ratio.
 
-    What is left over is no noise but the gear's transmission error and the encoder's eccentricity:
-    functions of the angle, which any number of samples repeat. The standard error is therefore that
-    of one sample: rms misfit over rms angle. A motion shorter than a period of such an error sees
-    part of it as ratio, and cannot know. Raises LogError for angles that do not fit together, or
-    too small a motion.
+    Parameters
+    ----------
+    motor_angle_rad : array (T,) or list of arrays
+        Motor angle [rad]; a list holds one array per log, each with its own encoder offset.
+    output_angle_rad : array (T,) or list of arrays
+        Angle behind the gear [rad], on the motor side of the spring: joint angle plus deflection,
+        or the joint angle behind a rigid gear.
+
+    Returns
+    -------
+    GearRatio
+        The ratio with its standard error and the misfit.
+
+    Raises
+    ------
+    LogError
+        For angles of different shapes, angles that disagree, and too small a motion.
+
+    Examples
+    --------
+    >>> seaid.gear_ratio(log.motor_position[:, 0], log.joint_position[:, 0]).value
     """
     pairs = _pairs(motor_angle_rad, output_angle_rad)
     motor = np.concatenate([one - one.mean() for one, _ in pairs])
     output = np.concatenate([one - one.mean() for _, one in pairs])
-    swing = float(np.sqrt(np.mean(output**2)))
-    together = float(motor @ output)
-    if swing == 0 or together == 0:
-        raise LogError("gear_ratio: one of the angles stands still, so that they tell no ratio")
-    value = float(np.sign(together) * np.linalg.norm(motor) / np.linalg.norm(output))
+    amplitude = float(np.sqrt(np.mean(output**2)))
+    product = float(motor @ output)
+    if amplitude == 0 or product == 0:
+        raise LogError("gear_ratio: one of the angles is constant, so the ratio is undetermined")
+    # reduced major axis: sign(x y) |x| / |y|
+    value = float(np.sign(product) * np.linalg.norm(motor) / np.linalg.norm(output))
     misfit = float(np.sqrt(np.mean((output - motor / value) ** 2)))
-    error = misfit / swing
+    error = misfit / amplitude
     if error > _RESOLVED:
         raise LogError(
-            f"gear_ratio: the angles disagree by {misfit:.2g} rad (rms) in a motion of {swing:.2g} "
-            "rad (rms) behind the gear; turn the joint farther, or check units and wraps"
+            f"gear_ratio: the angles disagree by {misfit:.2g} rad (rms) in a motion of "
+            f"{amplitude:.2g} rad (rms) behind the gear; turn the joint farther, or check units "
+            "and wraps"
         )
     return GearRatio(value, abs(value) * error, misfit)
 
@@ -63,18 +91,18 @@ def _pairs(
     motors, outputs = (list(one) if several else [one] for one in (motor, output))
     if len(motors) != len(outputs):
         raise LogError(
-            f"gear_ratio needs as many angles of both sides, found {len(motors)} and "
-            f"{len(outputs)} logs"
+            f"gear_ratio needs the same number of logs for both angles, found {len(motors)} and "
+            f"{len(outputs)}"
         )
     pairs = []
     for one, other in zip(motors, outputs, strict=True):
         a, b = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
         if a.ndim != 1 or a.shape != b.shape or len(a) < 2:
             raise LogError(
-                f"gear_ratio needs angles (T,) of both sides, found shapes {a.shape} and {b.shape}"
+                f"gear_ratio needs two angles of shape (T,), found shapes {a.shape} and {b.shape}"
             )
         known = np.isfinite(a) & np.isfinite(b)
         if known.sum() < 2:
-            raise LogError("gear_ratio: one of the angles is NaN throughout; was it measured?")
+            raise LogError("gear_ratio: one of the angles is NaN at all samples")
         pairs.append((a[known], b[known]))
     return pairs

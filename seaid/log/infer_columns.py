@@ -1,8 +1,7 @@
-"""What the name of a foreign column says: quantity, side of the gear, joint, unit.
+"""Inference of a log description from the names and values of custom columns.
 
-Guesses of what the columns of one joint are, from names and values, with the doubts noted.
-
-describe_log: a log description guessed from names and values, and what is unsure about it.
+`meaning_of` reads quantity, side, joint and unit from a name, `quantities_of` selects the columns
+of one joint, and `describe_log` composes the description and notes the uncertain choices.
 """
 
 from __future__ import annotations
@@ -64,14 +63,15 @@ _DOTS = (
     (re.compile("[qθφ]\N{COMBINING DOT ABOVE}"), "velocity"),
     (re.compile("[qθφ]\N{COMBINING DIAERESIS}"), "acceleration"),
 )
-"""Letters with the dots of a derivative, and the words for them."""
+"""Letters with the dots of a derivative, and the quantities that they stand for."""
 
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a column name says: `quantity` ("position", ..., "" unknown), `side` ("motor", "joint",
-    ""), `joint` (what is left of the name), `unit` or None; `is_raw` False for commands and what is
-    filtered or computed.
+    """The meaning of a column name; `is_raw` is False for commands and derived signals.
+
+    `quantity` is "position", ... or "" if unknown; `side` is "motor", "joint" or ""; `joint` is the
+    remainder of the name; `unit` may be None.
     """
 
     quantity: str
@@ -82,11 +82,11 @@ class Meaning:
 
 
 def meaning_of(name: str) -> Meaning:
-    """Read a column name: "mpos_0", "/joint_states/position[elbow]", "tau_meas1", "qd2"."""
+    """Return the meaning of a name: "mpos_0", "/joint_states/position[elbow]", "tau_meas1"."""
     head, label = name, ""
     if bracket := re.fullmatch(r"(.*)\[([^\[\]]*)\]", name):
         head, label = bracket[1], bracket[2]
-    if head.startswith("/"):  # a topic: the field counts
+    if head.startswith("/"):  # a topic: use the field only
         head = head.rsplit("/", 1)[1]
     words = [word for one in _SPLIT.findall(_in_latin(head)) for word in _split(one.lower())]
     found = [_WORDS[word] for word in words if word in _WORDS]
@@ -114,7 +114,7 @@ def meaning_of(name: str) -> Meaning:
 
 
 def _in_latin(name: str) -> str:
-    """Return a name with Greek letters as the words for them, without accents: θ is theta."""
+    """Return a name with Greek letters spelled out and without accents: θ is theta."""
     if name.isascii():
         return name
     text = unicodedata.normalize("NFKD", name)
@@ -126,7 +126,7 @@ def _in_latin(name: str) -> str:
 
 
 def _is_at_joint(words: list[str]) -> bool:
-    """Tell "joint_position" and "pos_link", a side of the gear, from "pos_elbow_joint", a name."""
+    """Return True for a side ("joint_position", "pos_link"), False for a name ("elbow_joint")."""
     others = [word for word in words if not word.isdigit() and word not in _UNITS]
     for place, word in enumerate(others):
         before_quantity = others[place + 1 : place + 2]
@@ -137,13 +137,13 @@ def _is_at_joint(words: list[str]) -> bool:
 
 
 def _named(rest: list[str]) -> list[str]:
-    """Return the words of a joint's name: with a number alone, the number."""
+    """Return the words of a joint's name, or its number if the other words are generic."""
     digits = [word for word in rest if word.isdigit()]
     return digits if digits and set(rest) <= {*digits, *_JOINT} else rest
 
 
 def _split(word: str) -> list[str]:
-    """Split a word into known ones: "mpos" into m and pos, "wcur" into w and cur."""
+    """Split a word into known words: "mpos" into m and pos, "wcur" into w and cur."""
     if word in _WORDS or word in _UNITS or len(word) < 2:
         return [word]
     if word[0] in "mlw" and word[1:] in _WORDS:
@@ -154,113 +154,116 @@ def _split(word: str) -> list[str]:
 
 
 _SAME = 0.99
-"""Correlation from which one channel is computed from another."""
+"""Correlation above which one channel counts as computed from another."""
 
 _STIFF = 0.999
-"""Squared correlation from which the slope of two positions is a gear ratio."""
+"""Squared correlation above which the slope of two positions is a gear ratio."""
 
 _LISTED = 100
-"""Columns named in a doubt."""
+"""Most columns named in one note."""
 
 Sources = dict[str, dict[str, Any]]
 """Arguments of the Source of each quantity of a joint."""
 
 
 @dataclass(eq=False)
-class Look:
-    """The columns looked at: samples, what their names say, and the doubts so far."""
+class Inference:
+    """The columns of a log: samples, meanings of their names, and notes on uncertain choices."""
 
     data: Block
     meanings: dict[str, Meaning]
-    doubts: dict[str, list[str]] = field(default_factory=dict)
+    notes: dict[str, list[str]] = field(default_factory=dict)
 
     def having(self, quantity: str, joint: str) -> list[str]:
-        """Return the columns with a quantity of a joint, without commanded and derived ones."""
+        """Return the columns with a quantity of a joint, except commands and derived signals."""
         return [name for name in self._raw.get((quantity, joint), ()) if name in self.data]
 
     @cached_property
     def _raw(self) -> dict[tuple[str, str], list[str]]:
-        """The columns by quantity and joint."""
+        """The raw columns by quantity and joint."""
         found: dict[tuple[str, str], list[str]] = {}
         for name, meaning in self.meanings.items():
             if meaning.is_raw:
                 found.setdefault((meaning.quantity, meaning.joint), []).append(name)
         return found
 
-    def doubt(self, about: str, text: str) -> None:
-        """Note a doubt; those with the same text become one sentence."""
-        self.doubts.setdefault(text, []).append(about)
+    def note(self, about: str, text: str) -> None:
+        """Note an uncertain choice; notes with the same text become one sentence."""
+        self.notes.setdefault(text, []).append(about)
 
     def unsure(self) -> tuple[str, ...]:
-        """Return the doubts as sentences."""
-        sentences = (f"{listed(about, _LISTED)}: {text}" for text, about in self.doubts.items())
+        """Return the notes as sentences."""
+        sentences = (f"{listed(about, _LISTED)}: {text}" for text, about in self.notes.items())
         return tuple(map(in_one_line, sentences))
 
 
-def quantities_of(look: Look, tag: str, joint: str, robot: Robot | None) -> Sources:
+def quantities_of(inference: Inference, tag: str, joint: str, robot: Robot | None) -> Sources:
     """Return {quantity: arguments of its Source} of the joint with this label."""
-    found = _positions(look, tag, joint)
+    found = _positions(inference, tag, joint)
     for quantity, source in reversed(found.items()):
-        source |= _position_unit(look, str(source["column"]), quantity, joint, robot)
+        source |= _position_unit(inference, str(source["column"]), quantity, joint, robot)
     units = [source.get("unit") for source in found.values()]
     if units == [None, "deg"]:
         found["motor_position"]["unit"] = "deg"
-        look.doubt(str(found["motor_position"]["column"]), "taken for degrees, as the joint's")
-    _add_deflection(look, tag, found)
-    _add_torques(look, tag, found)
-    _add_electric(look, tag, found)
+        inference.note(
+            str(found["motor_position"]["column"]), "taken for degrees, like the joint's"
+        )
+    _add_deflection(inference, tag, found)
+    _add_torques(inference, tag, found)
+    _add_electric(inference, tag, found)
     if not any(name.startswith("motor_") or name.endswith("torque") for name in found):
-        look.doubt(joint, "no torque, current or voltage found")
+        inference.note(joint, "no torque, current or voltage found")
     return found
 
 
-def _positions(look: Look, tag: str, joint: str) -> Sources:
-    names = look.having("position", tag)
-    sides = {name: look.meanings[name].side for name in names}
+def _positions(inference: Inference, tag: str, joint: str) -> Sources:
+    names = inference.having("position", tag)
+    sides = {name: inference.meanings[name].side for name in names}
     motor = [name for name in names if sides[name] == "motor"]
     load = [name for name in names if sides[name] != "motor"]
     if not motor and len(load) == 2:
         ranges = {
-            name: float(np.nanmax(look.data[name]) - np.nanmin(look.data[name])) for name in load
+            name: float(np.nanmax(inference.data[name]) - np.nanmin(inference.data[name]))
+            for name in load
         }
         large, small = sorted(load, key=lambda name: -ranges[name])
         if ranges[large] > 5 * ranges[small] and sides[large] == "":
             motor, load = [large], [small]
-            look.doubt(large, f"moves much farther than {small}: taken for the motor side")
+            inference.note(large, f"moves much farther than {small}: taken for the motor side")
     if not motor and load and sides[load[0]] == "":
-        look.doubt(load[0], "taken for the joint side of the gear: or is it the motor's?")
+        inference.note(load[0], "taken for the joint side of the gear; it may be the motor side")
     for group in (motor, load):
         if len(group) > 1:
-            look.doubt(group[0], f"taken of the positions {', '.join(group)}")
+            inference.note(group[0], f"selected from the positions {', '.join(group)}")
     found: Sources = {}
     if motor:
         found["motor_position"] = {"column": motor[0]}
     if load:
         found["joint_position"] = {"column": load[0]}
     if motor and load:
-        _note_ratio(look, tag, joint, look.data[motor[0]], look.data[load[0]])
+        _note_ratio(inference, tag, joint, inference.data[motor[0]], inference.data[load[0]])
     return found
 
 
-def _note_ratio(look: Look, tag: str, joint: str, motor: Array, load: Array) -> None:
-    """Note the gear ratio, where motor and joint (with the deflection between) go together."""
-    twists = [look.data[name] for name in look.having("deflection", tag)]
+def _note_ratio(inference: Inference, tag: str, joint: str, motor: Array, load: Array) -> None:
+    """Note the gear ratio if motor position and joint position (plus deflection) correlate."""
+    twists = [inference.data[name] for name in inference.having("deflection", tag)]
     sides = [load] + [load + sign * twist for twist in twists for sign in (1.0, -1.0)]
     best = max(sides, key=lambda side: _correlation(motor, side) ** 2)
     if _correlation(motor, best) ** 2 > _STIFF:
         good = np.isfinite(motor) & np.isfinite(best)
         ratio = np.cov(motor[good], best[good])[0, 1] / np.var(best[good], ddof=1)
-        look.doubt(joint, f"the motor turns {ratio:.5g} times as far: is that the gear ratio?")
+        inference.note(joint, f"the motor turns {ratio:.5g} times as far: check the gear ratio")
 
 
 def _position_unit(
-    look: Look, column: str, quantity: str, joint: str, robot: Robot | None
+    inference: Inference, column: str, quantity: str, joint: str, robot: Robot | None
 ) -> dict[str, Any]:
-    values = look.data[column][np.isfinite(look.data[column])]
-    unit, moves = look.meanings[column].unit, float(np.ptp(values))
+    values = inference.data[column][np.isfinite(inference.data[column])]
+    unit, moves = inference.meanings[column].unit, float(np.ptp(values))
     if unit == "counts" or (unit is None and moves > 100 and np.all(values == np.round(values))):
         power = 2 ** math.ceil(math.log2(max(float(np.max(np.abs(values))), 2.0)))
-        look.doubt(column, f"in counts: {power} a turn is a guess")
+        inference.note(column, f"in counts: {power} per turn is a guess")
         return {"unit": "counts", "counts_per_turn": float(power)}
     if unit is not None:
         return {"unit": unit}
@@ -273,51 +276,53 @@ def _position_unit(
             return {}
         reach = min(2 * float(robot.upper_limits[index] - robot.lower_limits[index]), reach)
     if moves > reach:
-        look.doubt(f"{column} (moves by {moves:.4g})", "taken for degrees")
+        inference.note(f"{column} (moves by {moves:.4g})", "taken for degrees")
         return {"unit": "deg"}
-    look.doubt(f"{column} (moves by {moves:.3g})", "taken for rad")
+    inference.note(f"{column} (moves by {moves:.3g})", "taken for rad")
     return {}
 
 
-def _add_deflection(look: Look, tag: str, found: Sources) -> None:
-    names = look.having("deflection", tag)
+def _add_deflection(inference: Inference, tag: str, found: Sources) -> None:
+    names = inference.having("deflection", tag)
     if not names:
         return
     if len(found) == 2:
-        look.doubt(names[0], "not needed beside both positions")
+        inference.note(names[0], "redundant, because both positions are there")
     elif found:
-        torques = look.having("torque", tag)
-        pulls = _correlation(look.data[torques[0]], look.data[names[0]]) if torques else 0.0
+        torques = inference.having("torque", tag)
+        pulls = (
+            _correlation(inference.data[torques[0]], inference.data[names[0]]) if torques else 0.0
+        )
         found["deflection"] = {"column": names[0], "sign": -1 if pulls < 0 else 1}
-        seen = f", taken from {torques[0]}" if pulls else ""
-        look.doubt(names[0], f"its sign (+ where the motor side is ahead of the joint's){seen}")
+        origin = f", inferred from {torques[0]}" if pulls else ""
+        inference.note(names[0], f"check its sign (motor side minus joint side){origin}")
 
 
-def _add_torques(look: Look, tag: str, found: Sources) -> None:
-    twists = look.having("deflection", tag)
-    for name in look.having("torque", tag):
-        meaning = look.meanings[name]
+def _add_torques(inference: Inference, tag: str, found: Sources) -> None:
+    twists = inference.having("deflection", tag)
+    for name in inference.having("torque", tag):
+        meaning = inference.meanings[name]
         side: str = meaning.side
         arguments: dict[str, Any] = {"column": name}
         if meaning.unit in ("A", "mA"):
             continue
-        if twists and abs(_correlation(look.data[name], look.data[twists[0]])) > _SAME:
+        if twists and abs(_correlation(inference.data[name], inference.data[twists[0]])) > _SAME:
             side = "joint"
-            look.doubt(name, f"follows {twists[0]}: it is computed from it, or the other way round")
+            inference.note(name, f"proportional to {twists[0]}: one is computed from the other")
         elif not side and "motor_position" in found:
             side = "motor"
-            look.doubt(name, "taken for the motor's torque, at the motor")
+            inference.note(name, "taken for the motor's torque, at the motor")
         elif not side:
             side, arguments["side"] = "motor", "joint"
-            look.doubt(
+            inference.note(
                 name,
-                "taken for the motor's torque as seen at the joint, friction in it: name it "
-                "joint_torque if a sensor behind the gear measures it",
+                "taken for the motor's torque converted to the joint, which includes friction: "
+                "name it joint_torque if a sensor behind the gear measures it",
             )
         if meaning.unit in ("mNm", "N"):
             arguments["unit"] = meaning.unit
         if f"{side}_torque" in found:
-            look.doubt(name, f"a second {side}_torque: left out")
+            inference.note(name, f"a second {side}_torque: excluded")
             continue
         found[f"{side}_torque"] = arguments
 
@@ -332,53 +337,63 @@ def _correlation(one: Array, other: Array) -> float:
     return float(np.corrcoef(one[good], other[good])[0, 1])
 
 
-def _add_electric(look: Look, tag: str, found: Sources) -> None:
-    currents = sorted(look.having("current", tag), key=lambda name: "w" not in name.lower())
+def _add_electric(inference: Inference, tag: str, found: Sources) -> None:
+    currents = sorted(inference.having("current", tag), key=lambda name: "w" not in name.lower())
     if currents:
-        unit = look.meanings[currents[0]].unit
+        unit = inference.meanings[currents[0]].unit
         found["motor_current"] = {"column": currents[0], **({"unit": unit} if unit == "mA" else {})}
         if len(currents) > 1:
-            look.doubt(currents[0], f"taken for the winding's current, of {len(currents)} currents")
-    voltages, duties = look.having("voltage", tag), look.having("duty", tag)
+            inference.note(currents[0], f"selected from {len(currents)} currents as the winding's")
+    voltages, duties = inference.having("voltage", tag), inference.having("duty", tag)
     for name in voltages:
-        values = look.data[name][np.isfinite(look.data[name])]
+        values = inference.data[name][np.isfinite(inference.data[name])]
         if np.min(values) < 0 < np.max(values):
             found["motor_voltage"] = {"column": name}
         elif duties and "motor_voltage" not in found:
             found["motor_voltage"] = {"column": duties[0], "times": name}
-            look.doubt(f"{duties[0]} times {name}", "taken for the voltage of the motor")
+            inference.note(f"{duties[0]} times {name}", "taken for the voltage of the motor")
         else:
-            look.doubt(name, "has one sign: a supply, not the voltage of the motor")
+            inference.note(name, "has one sign: a supply, not the voltage of the motor")
             continue
         break
 
 
-_TOLD = ("position", "torque", "deflection", "current", "voltage")
+_MEASURED = ("position", "torque", "deflection", "current", "voltage")
 
-LOOKED_AT = 20_000
-"""Samples from the start of a file that are looked at, where it can be read in pieces."""
+_EXAMINED = 20_000
+"""Samples at the start of a file that are examined, if it can be read in pieces."""
 
 _MOST_LISTED = 500_000
-"""Columns that refused reads list anew in all, a few seconds of an NPZ file; then no more halves
-are tried."""
+"""Limit of failed reads times columns, a few seconds of an NPZ file, for the bisection of columns
+that cannot be read."""
 
 _SHOWN = 100
-"""Columns that are not used and shown."""
+"""Most unused columns that are shown."""
 
 _STEPS_S = {"s": 5e-5, "ms": 5e-2, "us": 50.0, "ns": 5e4}
-"""Smallest step that a clock in this unit shows at 20 kHz; the largest is a thousand times that."""
+"""Smallest step of a clock in this unit (20 kHz); the largest is a thousand times that."""
 
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """A guessed `description`, what is `unsure` about it in words, and `unused` columns."""
+    """An inferred log description, as `describe_log` returns it; str() is a table.
+
+    Attributes
+    ----------
+    description : LogDescription
+        The inferred description.
+    unsure : tuple of str
+        The uncertain choices, as sentences.
+    unused : tuple of str
+        Columns of the file that are not used.
+    """
 
     description: LogDescription
     unsure: tuple[str, ...]
     unused: tuple[str, ...]
 
     def to_toml(self) -> str:
-        """Return the TOML of the description, with what is unsure as comments on top."""
+        """Return the TOML of the description, with the uncertain choices as comments on top."""
         comments = "".join(f"# unsure: {shortened(one, 500)}\n" for one in self.unsure)
         return comments + self.description.to_toml()
 
@@ -400,49 +415,71 @@ class Description:
 
 
 def describe_log(path: str | Path, robot: Robot | None = None) -> Description:
-    """Guess what the columns of a foreign log are, from their names and values.
+    """Infer a log description from the names and values of the columns of a log.
 
-    With a robot its joints are named and its limits tell degrees from radians. Look at the result
-    (`print(...)`), above all at what is unsure, save `to_toml()` beside the log, and correct it by
-    hand. Raises LogError where the file cannot be read or no column looks like a position.
+    Print the result, check the uncertain choices, save `to_toml()` next to the log, and correct it
+    by hand.
+
+    Parameters
+    ----------
+    path : str or Path
+        The log, with custom columns.
+    robot : Robot, optional
+        Its joints name those of the log, and its limits distinguish degrees from radians.
+
+    Returns
+    -------
+    Description
+        The description, its uncertain choices and the unused columns.
+
+    Raises
+    ------
+    LogError
+        If the file cannot be read or no column looks like a position.
+
+    Examples
+    --------
+    >>> guess = seaid.describe_log("run.csv", robot)
+    >>> print(guess)
+    >>> Path("run.toml").write_text(guess.to_toml())
     """
     path = log_path(path)
     table = open_table(path)
-    look = Look({}, {name: meaning_of(name) for name in table.names})
-    look.data |= _alive(_all_samples(table, look), look)
-    clocks = {} if table.clocks else _clocks(look)
-    tags = _joints(look)
+    inference = Inference({}, {name: meaning_of(name) for name in table.names})
+    inference.data |= _with_signal(_all_samples(table, inference), inference)
+    clocks = {} if table.clocks else _clocks(inference)
+    tags = _joints(inference)
     if not tags:
         raise LogError(
             f"'{path}': no column looks like the position of a joint; columns are "
             f"{listed(table.names)}"
         )
-    names = _joint_names(tags, robot, look)
+    names = _joint_names(tags, robot, inference)
     joints = {}
     for tag in tags:
         own = clocks.get(tag) if tag else None
-        sources = quantities_of(look, tag, names[tag], robot)
+        sources = quantities_of(inference, tag, names[tag], robot)
         joints[names[tag]] = {name: Source(**one, time=own) for name, one in sources.items()}
     common = clocks.get("")
     if all(tag in clocks for tag in tags) and "" not in tags:
-        beside = f"; {common.column} would be one for all" if common else ""
-        look.doubt("time", f"every joint has a clock of its own, and these are used{beside}")
+        other = f"; {common.column} would be a common clock" if common else ""
+        inference.note("time", f"every joint has its own clock, and these are used{other}")
         common = None
     elif common is None and not table.clocks:
-        look.doubt("time", "no column looks like it: name it, or say time = { rate_hz = ... }")
+        inference.note("time", "no column looks like it: name it, or give time = { rate_hz = ... }")
     used = {name for group in joints.values() for one in group.values() for name in one.columns()}
     used |= {
         one.time.column or "" for group in joints.values() for one in group.values() if one.time
     }
     used |= {common.column or ""} if common else set()
     unused = tuple(name for name in table.names if name not in used)
-    return Description(LogDescription(joints, common), look.unsure(), unused)
+    return Description(LogDescription(joints, common), inference.unsure(), unused)
 
 
-def _all_samples(table: Table, look: Look) -> Block:
-    """Return all columns that are numbers, of long files the beginning.
+def _all_samples(table: Table, inference: Inference) -> Block:
+    """Return all columns of numbers, from the start of long files.
 
-    Where they cannot be read together, the two halves are tried, down to the columns to blame.
+    If they cannot be read together, bisection finds the columns that cannot be read.
     """
     counts = Counter(table.names)
     unique = [name for name, count in counts.items() if count == 1]
@@ -451,7 +488,7 @@ def _all_samples(table: Table, look: Look) -> Block:
     while waiting:
         names = waiting.pop()
         try:
-            found |= next(table.blocks(names, LOOKED_AT)) if table.blocks else table.load(names)
+            found |= next(table.blocks(names, _EXAMINED)) if table.blocks else table.load(names)
         except LogError as problem:
             whole, refused = whole or str(problem), refused + 1
             if len(names) > 1 and refused * len(counts) < _MOST_LISTED:
@@ -463,75 +500,75 @@ def _all_samples(table: Table, look: Look) -> Block:
                 and str(problem) == whole
                 and f"'{shortened(names[0])}'" not in whole
             ):
-                raise  # it is the file, not this column
+                raise  # the file is invalid, not this column
             for name in names:
-                look.doubt(name, "no column of numbers: left out")
+                inference.note(name, "no column of numbers: excluded")
     return found
 
 
-def _alive(data: Block, look: Look) -> Block:
-    """Return the columns that say something; dead ones are left out."""
+def _with_signal(data: Block, inference: Inference) -> Block:
+    """Return the columns with a signal; constant ones are excluded."""
     found = {}
     for name, values in data.items():
         finite = values[np.isfinite(values)]
-        meaning = look.meanings[name]
+        meaning = inference.meanings[name]
         if np.any(np.abs(finite) > LARGEST):
-            look.doubt(name, f"has values beyond {LARGEST:g}: no sensor, left out")
+            inference.note(name, f"has values beyond {LARGEST:g}: no sensor, excluded")
         elif len(finite) and (np.ptp(finite) > 0 or meaning.quantity == "voltage"):
             found[name] = values
-        elif meaning.quantity in _TOLD and meaning.is_raw:
+        elif meaning.quantity in _MEASURED and meaning.is_raw:
             what = f"{finite[0]:.6g} all the time" if len(finite) else "without a number"
-            look.doubt(name, f"{what}: a dead sensor, left out")
+            inference.note(name, f"{what}: a dead sensor, excluded")
     return found
 
 
-def _clocks(look: Look) -> dict[str, Clock]:
-    """Return {joint, or "" for all: clock}."""
+def _clocks(inference: Inference) -> dict[str, Clock]:
+    """Return {joint, or "" for all joints: clock}."""
     found: dict[str, Clock] = {}
-    for name, values in look.data.items():
-        meaning, steps = look.meanings[name], np.diff(values[np.isfinite(values)])
+    for name, values in inference.data.items():
+        meaning, steps = inference.meanings[name], np.diff(values[np.isfinite(values)])
         grows = len(steps) > 0 and np.mean(steps >= 0) > 0.95 and np.median(steps) > 0
         if meaning.quantity != "time" or not grows:
             continue
         tag = meaning.joint if re.fullmatch(r"(tx_|rx_)?\d+", meaning.joint) else ""
         tag = tag.rsplit("_", 1)[-1]
         if tag in found:
-            look.doubt(name, f"may be the time instead of {found[tag].column}")
+            inference.note(name, f"may be the time instead of {found[tag].column}")
             continue
-        found[tag] = Clock(name, _time_unit(name, meaning, steps, look))
+        found[tag] = Clock(name, _time_unit(name, meaning, steps, inference))
     if not found:
-        return _nameless_clock(look)
+        return _nameless_clock(inference)
     return found
 
 
-def _nameless_clock(look: Look) -> dict[str, Clock]:
-    """Return the first column without a quantity in its name that grows evenly, as clock."""
-    for name, values in look.data.items():
+def _nameless_clock(inference: Inference) -> dict[str, Clock]:
+    """Return as clock the first evenly increasing column whose name has no quantity."""
+    for name, values in inference.data.items():
         steps = np.diff(values)
-        if look.meanings[name].quantity or len(steps) < 2 or not np.all(steps > 0):
+        if inference.meanings[name].quantity or len(steps) < 2 or not np.all(steps > 0):
             continue
         if np.std(steps) < 0.5 * np.mean(steps):
-            look.doubt(name, "grows evenly: taken for the time")
-            return {"": Clock(name, _time_unit(name, look.meanings[name], steps, look))}
+            inference.note(name, "increases evenly: taken for the time")
+            return {"": Clock(name, _time_unit(name, inference.meanings[name], steps, inference))}
     return {}
 
 
-def _time_unit(name: str, meaning: Meaning, steps: Array, look: Look) -> str:
+def _time_unit(name: str, meaning: Meaning, steps: Array, inference: Inference) -> str:
     if meaning.unit in _STEPS_S:
         return str(meaning.unit)
     step = float(np.median(steps))
     unit = next((one for one, least in _STEPS_S.items() if least <= step < 1000 * least), "s")
     if unit != "s" or step > 0.05:
-        look.doubt(name, f"has steps of {step:.4g}: taken for {unit}")
+        inference.note(name, f"has steps of {step:.4g}: taken for {unit}")
     return unit
 
 
-def _joints(look: Look) -> list[str]:
-    """Return the labels of joints whose positions move: numbers sorted, others as found."""
+def _joints(inference: Inference) -> list[str]:
+    """Return the labels of joints whose positions move: numbers sorted, others in file order."""
     tags = dict.fromkeys(
         meaning.joint
-        for name, meaning in look.meanings.items()
-        if meaning.quantity == "position" and meaning.is_raw and name in look.data
+        for name, meaning in inference.meanings.items()
+        if meaning.quantity == "position" and meaning.is_raw and name in inference.data
     )
     return sorted(tags, key=int) if all(_is_number(tag) for tag in tags) else list(tags)
 
@@ -540,15 +577,15 @@ def _is_number(tag: str) -> bool:
     return tag.isascii() and tag.isdecimal()
 
 
-def _joint_names(tags: Sequence[str], robot: Robot | None, look: Look) -> dict[str, str]:
-    """Return {label: joint name}: the robot's, by name or by order."""
+def _joint_names(tags: Sequence[str], robot: Robot | None, inference: Inference) -> dict[str, str]:
+    """Return {label: joint name}, matched to the robot's joints by name or by order."""
     if robot is None:
         return {tag: f"joint_{tag}" if _is_number(tag) else tag or "joint" for tag in tags}
     near = {tag: get_close_matches(tag, robot.joint_names, 1, 0.7) for tag in tags if tag}
     if len({one[0] for one in near.values() if one}) == len(tags):
         return {tag: one[0] for tag, one in near.items()}
     if len(tags) > robot.n:
-        look.doubt(", ".join(tags), f"{len(tags)} joints in the log, {robot.n} in the robot")
-    look.doubt(", ".join(tags), "taken for the robot's joints in their order")
+        inference.note(", ".join(tags), f"{len(tags)} joints in the log, {robot.n} in the robot")
+    inference.note(", ".join(tags), "taken for the robot's joints in their order")
     extra = [f"joint_{tag}" for tag in tags[robot.n :]]
     return dict(zip(tags, [*robot.joint_names[: len(tags)], *extra], strict=True))

@@ -1,11 +1,4 @@
-"""Names and units of the columns of our logs, and foreign names for them.
-
-Log: what the sensors of a robot said.
-
-Columns under our names, sorted into a Log; each joint needs the sensors of its drive.
-
-Logs as files, by the ending of the path.
-"""
+"""Log: the samples of a robot's sensors; its column names and units, its checks and its files."""
 
 from __future__ import annotations
 
@@ -30,7 +23,7 @@ from seaid.log.repair.data import Repair
 from seaid.robot import Robot
 
 Column = str | tuple[str, float | str]
-"""A foreign column: its name, or its name with the unit it is in or the factor to the SI unit."""
+"""A custom column: its name, or its name with its unit or with the factor to the SI unit."""
 
 UNIT_FACTORS = {
     "rad": {"rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180, "turn": 2 * np.pi},
@@ -41,7 +34,7 @@ UNIT_FACTORS = {
     "V": {"V": 1.0, "mV": 1e-3},
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
 }
-"""Factors to the SI unit with which a column name ends."""
+"""{SI unit at the end of a column name: {unit: factor to the SI unit}}."""
 
 SENSORS = (
     "motor_position",
@@ -51,11 +44,11 @@ SENSORS = (
     "motor_current",
     "motor_voltage",
 )
-"""Fields of a Log with samples of sensors, each (T, n)."""
+"""Fields of a `Log` with samples of sensors, each (T, n)."""
 
 
 def column_names(joint: str, is_prismatic: bool) -> dict[str, str]:
-    """Return {file column name: field of Log} of one joint."""
+    """Return {column name in a file: field of `Log`} of one joint."""
     position, torque = ("m", "joint_force_N") if is_prismatic else ("rad", "joint_torque_Nm")
     return {
         f"{joint}.motor_position_rad": "motor_position",
@@ -70,10 +63,11 @@ def column_names(joint: str, is_prismatic: bool) -> dict[str, str]:
 def wanted_columns(
     path: Path, table: Table, robot: Robot, columns: Mapping[str, Column]
 ) -> dict[str, tuple[str, float]]:
-    """Return {our column: (column of the file, factor to our unit)} of all that the file has."""
+    """Return {column of seaid: (column of the file, factor to SI)} of the columns in the file."""
     if not isinstance(columns, Mapping):
         raise LogError(
-            f"columns= must be a mapping {{our column: column of the file}}, found {shown(columns)}"
+            "columns= must be a mapping {column of seaid: column of the file}, found "
+            f"{shown(columns)}"
         )
     allowed = ["time_s"]
     for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True):
@@ -83,32 +77,32 @@ def wanted_columns(
             raise LogError("columns=: " + unknown_name("column of this robot's log", name, allowed))
     wanted: dict[str, tuple[str, float]] = {}
     for name in allowed:
-        foreign, factor = _foreign(name, columns.get(name, name))
-        if foreign in table.names:
-            wanted[name] = (foreign, factor)
+        custom, factor = _custom(name, columns.get(name, name))
+        if custom in table.names:
+            wanted[name] = (custom, factor)
         elif name in columns or name == "time_s":
-            hint = "; foreign names need columns= or description= (seaid.describe_log guesses one)"
-            raise LogError(f"'{path}': {table.missing(foreign)}{'' if name in columns else hint}")
+            hint = "; custom columns need columns= or description= (seaid.describe_log infers one)"
+            raise LogError(f"'{path}': {table.missing(custom)}{'' if name in columns else hint}")
     if len(wanted) == 1:
         raise LogError(
             f"'{path}' has no column of this robot; expected names as '{allowed[1]}' (or map "
-            f"foreign ones with columns=), found: {listed(table.names)}"
+            f"custom columns with columns=), found: {listed(table.names)}"
         )
     return wanted
 
 
 _COMPARED = 1_000
-"""Names of a file that are compared with missing ones."""
+"""Most names of a file that are compared with missing names."""
 
 
 def near_names(missing: list[str], picked: Iterable[str], file_names: Sequence[str]) -> str:
-    """Return a hint for columns of the file whose names are nearly those of missing ones."""
+    """Return a hint on columns of the file whose names are similar to missing names."""
     free = [name for name in file_names if name not in picked][:_COMPARED]
     pairs = [(name, near) for name in missing for near in get_close_matches(name, free, 1, 0.9)]
-    return "".join(f"; '{near}' in the file is near '{name}'" for name, near in pairs)
+    return "".join(f"; '{near}' in the file is similar to '{name}'" for name, near in pairs)
 
 
-def _foreign(name: str, column: Column) -> tuple[str, float]:
+def _custom(name: str, column: Column) -> tuple[str, float]:
     if isinstance(column, str):
         return column, 1.0
     is_pair = isinstance(column, tuple | list) and len(column) == 2 and isinstance(column[0], str)
@@ -117,31 +111,56 @@ def _foreign(name: str, column: Column) -> tuple[str, float]:
             f"columns= '{name}' must be a column name or (name, unit or factor), found "
             f"{shown(column)}"
         )
-    foreign, factor = column
+    custom, factor = column
     if isinstance(factor, str):
         units = UNIT_FACTORS[name.rsplit("_", 1)[1]]
         if factor not in units:
-            raise LogError(f"columns= '{name}': " + unknown_name("unit for it", factor, units))
+            raise LogError(
+                f"columns= '{name}': " + unknown_name("unit of this quantity", factor, units)
+            )
         factor = units[factor]
     if not (np.isfinite(factor) and factor != 0):
         raise LogError(f"columns= '{name}': the factor must be finite and not zero, found {factor}")
-    return foreign, float(factor)
+    return custom, float(factor)
 
 
 MINIMUM_SAMPLES = 50
 
 LARGEST = 1e15
-"""In SI units no sensor says more; powers of what is beyond soon leave the floating-point range."""
+"""Largest magnitude of a sample in SI units, so that its powers do not overflow."""
 
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """Samples of n joints at `time` (T,) [s], each array (T, n); NaN columns where no sensor is.
+    """Samples of the sensors of n joints at T instants; the column of a missing sensor is NaN.
 
-    Motor side in rad and N m. Joint side in rad and N m, at prismatic joints m and N. Motor current
-    [A] or voltage [V] where the torque constant is not known. `report`: what was found in the file
-    and mended. Raises LogError for wrong shapes, too few samples, time that does not grow, single
-    NaN, absurdly large values.
+    Attributes
+    ----------
+    time : array (T,)
+        Strictly increasing time stamps [s], at least 50.
+    joint_names : tuple of str
+        Names of the n joints, in the order of the columns.
+    motor_position, joint_position : array (T, n)
+        Motor angle [rad]; joint position [rad], of a prismatic joint [m].
+    motor_torque, joint_torque : array (T, n), joint_torque or None
+        Motor torque [N m]; torque behind the spring [N m], of a prismatic joint force [N].
+    motor_current, motor_voltage : array (T, n) or None
+        Current [A] or voltage [V] of motors whose torque constant is unknown.
+    is_prismatic : tuple of bool
+        One entry per joint; default: all revolute.
+    report : tuple of Repair
+        Faults found in the file, and their repairs.
+
+    Raises
+    ------
+    LogError
+        For wrong shapes, too few samples, time that does not increase, single NaN values and
+        values above 1e15.
+
+    Examples
+    --------
+    >>> log = seaid.read_log("run.csv", robot)
+    >>> log.between(2.0, 5.0).motor_position.shape
     """
 
     time: Array
@@ -167,14 +186,15 @@ class Log:
             object.__setattr__(self, "is_prismatic", (False,) * shape[1])
         if len(self.is_prismatic) != shape[1]:
             raise LogError(
-                f"is_prismatic needs one entry a joint, {shape[1]}, found {len(self.is_prismatic)}"
+                f"is_prismatic needs one entry per joint, {shape[1]}, found "
+                f"{len(self.is_prismatic)}"
             )
         _check_time(self.time)
         for name, column in self.columns().items():
             _check_column(name, column, self.time)
 
     def sensors(self) -> dict[str, Array]:
-        """Return {field: samples (T, n)} of all fields that are there."""
+        """Return {field: samples (T, n)} of all fields that are not None."""
         found = {field: getattr(self, field) for field in SENSORS}
         return {field: values for field, values in found.items() if values is not None}
 
@@ -185,7 +205,7 @@ class Log:
         return replace(self, time=self.time[kept], **parts)
 
     def columns(self) -> dict[str, Array]:
-        """Return {file column name: samples} of all sensors that are there."""
+        """Return {column name in a file: samples (T,)} of all sensors that the log has."""
         found = {}
         for index, joint in enumerate(self.joint_names):
             for name, field in column_names(joint, self.is_prismatic[index]).items():
@@ -203,7 +223,7 @@ def _check_time(time: Array) -> None:
         raise LogError(f"time_s has a value that is not finite in sample {row}")
     if np.max(np.abs(time)) > LARGEST:
         raise LogError(
-            f"time_s goes from {time[0]:.4g} to {time[-1]:.4g} s, allowed is up to {LARGEST:.0e}: "
+            f"time_s runs from {time[0]:.4g} to {time[-1]:.4g} s, allowed is up to {LARGEST:.0e}: "
             "is it in another unit?"
         )
     steps = np.diff(time)
@@ -212,8 +232,8 @@ def _check_time(time: Array) -> None:
             row = int(np.flatnonzero(bad)[0]) + 1
             raise LogError(
                 f"time_s {word} at sample {row} ({time[row - 1]:.9g} s, then {time[row]:.9g} s; "
-                f"{int(bad.sum())} such places); it must grow: sort or drop these samples, "
-                "or let read_log mend them with repair=seaid.Repairs()"
+                f"{int(bad.sum())} such places); it must increase: sort or drop these samples, "
+                "or repair them with repair=seaid.Repairs()"
             )
 
 
@@ -223,20 +243,20 @@ def _check_column(name: str, column: Array, time: Array) -> None:
         row = int(np.flatnonzero(bad)[0])
         raise LogError(
             f"column '{name}' has {int(bad.sum())} values that are not finite, the first in sample "
-            f"{row} (t = {time[row]:.6g} s); repair them, or leave the whole column NaN if there "
-            "is no such sensor; read_log mends single places with repair=seaid.Repairs()"
+            f"{row} (t = {time[row]:.6g} s); leave the whole column NaN if there is no such "
+            "sensor, or repair single samples with repair=seaid.Repairs()"
         )
     largest = int(np.argmax(np.abs(column)))
     if abs(column[largest]) > LARGEST:
         raise LogError(
             f"column '{name}' has {column[largest]:.4g} in sample {largest} (t = "
-            f"{time[largest]:.6g} s), allowed is up to {LARGEST:.0e}: no sensor says that; take "
-            "these samples out"
+            f"{time[largest]:.6g} s), allowed is up to {LARGEST:.0e}: no sensor measures that; "
+            "remove these samples"
         )
 
 
 _NEEDED = SENSORS[:4]
-"""Those that a log from a file has in any case, all NaN where there is no such sensor."""
+"""Fields that a log from a file always has, all NaN if there is no such sensor."""
 
 
 def log_of(
@@ -246,8 +266,8 @@ def log_of(
     robot: Robot,
     file_names: Sequence[str],
 ) -> Log:
-    """Return the log of columns of a file, under our names and in SI units."""
-    picked = {name: data[foreign] * factor for name, (foreign, factor) in wanted.items()}
+    """Return the log of columns of a file, with the names of seaid and in SI units."""
+    picked = {name: data[custom] * factor for name, (custom, factor) in wanted.items()}
     try:
         return sorted_log(picked, robot, file_names)
     except LogError as problem:
@@ -255,7 +275,7 @@ def log_of(
 
 
 def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]) -> Log:
-    """Return the log of columns {our name: samples (T,)}; `file_names` are those of a hint.
+    """Return the log of columns {name of seaid: samples (T,)}; `file_names` serve for hints.
 
     Raises LogError for a joint without the sensors that its drive needs.
     """
@@ -294,9 +314,25 @@ def _check_sensors(robot: Robot, joint: str, found: list[str], hint: str) -> Non
 
 
 def write_log(log: Log, path: str | Path) -> None:
-    """Write a log as CSV, NPZ, Parquet or HDF5 (by the ending), whole or not at all.
+    """Write a log to a file, completely or not at all.
 
-    Raises LogError for another ending, SeaidError where the file cannot be written.
+    Parameters
+    ----------
+    log : Log
+        The log; a sensor without samples gets no column.
+    path : str or Path
+        The file, with the suffix .csv, .npz, .parquet, .h5 or .hdf5.
+
+    Raises
+    ------
+    LogError
+        For another suffix.
+    SeaidError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> seaid.write_log(log, "run.parquet")
     """
     path = Path(path)
     write = _WRITERS.get(path.suffix.lower())
@@ -322,4 +358,4 @@ _WRITERS: dict[str, Callable[[Path, Mapping[str, Array]], None]] = {
 }
 
 WRITTEN = tuple(_WRITERS)
-"""Endings of the files that `write_log` writes."""
+"""Suffixes of the files that `write_log` writes."""

@@ -1,4 +1,4 @@
-"""Long logs, read and reconstructed piece by piece: memory does not grow with their length."""
+"""Long logs, read and reconstructed in pieces: memory does not grow with their length."""
 
 from __future__ import annotations
 
@@ -15,30 +15,29 @@ from seaid._arrays import Array
 from seaid.errors import LogError, shown
 from seaid.log.filtering import decimation
 from seaid.log.gaps import holes
-from seaid.log.log import MINIMUM_SAMPLES, Column, log_of, wanted_columns
+from seaid.log.log import MINIMUM_SAMPLES, Column, Log, log_of, wanted_columns
 from seaid.log.motion import Motion, Processing, check_cutoff, is_regular, reconstruct_motion
 from seaid.log.readers.opening import log_path, open_table
 from seaid.log.readers.table import Block, Blocks
-from seaid.log.reading import Log
 from seaid.robot import Robot
 
 CHUNK_SAMPLES = 16_000
-"""Samples that are looked at together, beside the overlap."""
+"""Samples in memory at a time, without the overlap."""
 
 _MOST_SAMPLES = 1_000_000_000
 
 _FORGOTTEN = 6.0
-"""Periods of the cutoff after which the filters have forgotten an end to 1e-11."""
+"""Periods of the cutoff after which the transient of the filters has decayed to 1e-11."""
 
 _SHORTEST_RECORD = 10.0
-"""Periods of the cutoff that a reconstruction needs."""
+"""Shortest log that can be reconstructed, in periods of the cutoff."""
 
 
 @dataclass(frozen=True, eq=False)
 class LogPart:
-    """Some samples of a long log, and the time from `start_s` to before `end_s` that is its own.
+    """A part of a long log: its own samples have start_s <= time < end_s.
 
-    What is outside is overlap with the neighbours, for filters to swing in.
+    The other samples overlap with the neighbours and take the filter transients.
     """
 
     log: Log
@@ -48,11 +47,20 @@ class LogPart:
 
 @dataclass(frozen=True, eq=False)
 class LongLog:
-    """A log file that is read piece by piece, each time anew, with what all pieces must share.
+    """A log file that is read in pieces on every pass, and the values that all pieces share.
 
-    `cutoff_hz` is the pass band, `step_s` the time between rows of a regression, `fastest` (n,) the
-    largest motor speeds [rad/s]: friction is unknown below a part of them. `processing` is what was
-    done to the first piece.
+    Attributes
+    ----------
+    path, robot, columns : Path, Robot, mapping
+        The file, the robot and the custom columns, as in `read_log`.
+    chunk_samples, overlap_samples : int
+        Samples per piece, and the overlap with each neighbour.
+    cutoff_hz, step_s : float
+        Cutoff of the identification [Hz], and time between rows of a regression [s].
+    fastest : array (n,) or None
+        Largest motor speeds [rad/s], which define standstill.
+    processing : Processing or None
+        How the motion of the first piece was computed.
     """
 
     path: Path
@@ -66,7 +74,7 @@ class LongLog:
     processing: Processing | None = None
 
     def parts(self) -> Iterator[LogPart]:
-        """Yield the log in parts that overlap."""
+        """Yield the parts of the log, which overlap."""
         return iterate_log(
             self.path,
             self.robot,
@@ -91,11 +99,35 @@ def open_long_log(
     cutoff_hz: float | None = None,
     chunk_samples: int = CHUNK_SAMPLES,
 ) -> LongLog:
-    """Look through a log file (CSV, NPZ, Parquet, HDF5) once, to read it in pieces from then on.
+    """Open a log file to be read in pieces; one pass determines cutoff and largest speeds.
 
-    `columns` as in `read_log`; `cutoff_hz` None: proposed from the first `chunk_samples`. Raises
-    LogError as `read_log` does, where a sensor is not there all the time, and where time steps
-    differ.
+    Parameters
+    ----------
+    path : str or Path
+        CSV, NPZ, Parquet or HDF5 file with equal time steps.
+    robot : Robot
+        The robot.
+    columns : mapping, optional
+        Custom columns, as in `read_log`.
+    cutoff_hz : float, optional
+        Cutoff of the identification [Hz]; default: selected from the first piece.
+    chunk_samples : int
+        Samples per piece, which bound the memory.
+
+    Returns
+    -------
+    LongLog
+        The log, for `seaid.identify`.
+
+    Raises
+    ------
+    LogError
+        As `read_log`, and for unequal time steps or a sensor that is missing in some pieces.
+
+    Examples
+    --------
+    >>> log = seaid.open_long_log("day.parquet", robot, cutoff_hz=8.0)
+    >>> found = seaid.identify(robot, log)
     """
     path, columns = log_path(path), columns or {}
     first = next(iterate_log(path, robot, columns=columns, chunk_samples=chunk_samples)).log
@@ -131,8 +163,8 @@ def iterate_log(
 ) -> Iterator[LogPart]:
     """Yield a log file (CSV, NPZ, Parquet, HDF5) in parts that overlap on both sides.
 
-    Memory holds one part of `chunk_samples`. Each part is checked as `read_log` checks a log;
-    besides, all must have the same sensors. Raises LogError.
+    Memory holds one part of `chunk_samples`. Each part is checked as in `read_log`, and all must
+    have the same sensors. Raises LogError.
     """
     _check_count("chunk_samples", chunk_samples, MINIMUM_SAMPLES)
     _check_count("overlap_samples", overlap_samples, 0)
@@ -149,8 +181,7 @@ def iterate_log(
             ".parquet, .h5, .hdf5; use read_log, or write it as one of these"
         )
     wanted = wanted_columns(path, table, robot, columns or {})
-    foreign = list(dict.fromkeys(name for name, _ in wanted.values()))
-    blocks = table.blocks(foreign, chunk_samples)
+    blocks = table.blocks(list(dict.fromkeys(name for name, _ in wanted.values())), chunk_samples)
     sensors: set[str] | None = None
     for data, before, own in _overlapping(blocks, overlap_samples):
         log = log_of(path, data, wanted, robot, table.names)
@@ -160,7 +191,7 @@ def iterate_log(
             raise LogError(
                 f"'{path}': {', '.join(sorted(found ^ sensors))} has values in one part of the log "
                 f"and none in another (around t = {log.time[before]:.6g} s); a sensor must be "
-                "there all the time, or not at all"
+                "logged in all parts or in none"
             )
         end = before + own
         end_s = float(log.time[end]) if end < len(log.time) else math.inf
@@ -168,7 +199,7 @@ def iterate_log(
 
 
 def _check_count(name: str, value: Any, least: int) -> None:
-    """Check a number of samples. Raises LogError."""
+    """Raise LogError unless a number of samples is an integer of at least `least`."""
     is_count = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not (is_count and least <= value <= _MOST_SAMPLES):
         raise LogError(
@@ -177,9 +208,9 @@ def _check_count(name: str, value: Any, least: int) -> None:
 
 
 def _overlapping(blocks: Blocks, overlap: int) -> Iterator[tuple[Block, int, int]]:
-    """Yield blocks with `overlap` samples of both neighbours; where own ones begin, how many.
+    """Yield blocks with `overlap` samples of both neighbours; the place and number of own samples.
 
-    A last block too short for a log goes to the one before.
+    A last block too short for a log is joined to the previous one.
     """
     own = next(blocks)
     before = _cut(own, slice(0))
@@ -208,7 +239,7 @@ def _joined(blocks: list[Block]) -> Block:
 
 
 def _check_even(path: Path, part: LogPart) -> None:
-    """Refuse time steps that differ, by the first hole if there is one."""
+    """Raise LogError for unequal time steps, naming the first hole if there is one."""
     if is_regular(part.log.time):
         return
     found = holes(part.log.time)

@@ -1,7 +1,4 @@
-"""Motion: what the robot did, both sides, filtered and differentiated from a log.
-
-Processing: what was done to a log before anything was identified from it.
-"""
+"""Motion: positions, velocities and accelerations of both sides of every joint, from a log."""
 
 from __future__ import annotations
 
@@ -14,27 +11,38 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError
-from seaid.log.filtering import CutoffSelection, low_pass, propose_pass_band, spline_derivatives
+from seaid.log.filtering import CutoffSelection, low_pass, select_cutoff, spline_derivatives
 from seaid.log.gaps import HOLES, check_whole, holes, stretches
-from seaid.log.reading import Log
-from seaid.log.repair.clocks import longest_bridge, typical_step
+from seaid.log.log import Log
+from seaid.log.repair.clocks import irregular_steps, longest_bridge, typical_step
 from seaid.log.repair.data import Repair
 from seaid.log.repair.resampling import interpolated
 from seaid.robot import Robot, at_drives, at_joints, coupled_groups
 
 
 def has_holes(processing: Sequence[Processing]) -> bool:
-    """Tell whether a log has holes in time, so that it was taken stretch by stretch."""
+    """Return whether a log has holes in time, so that its stretches were processed separately."""
     return any(one.flags for one in processing)
 
 
 @dataclass(frozen=True)
 class Processing:
-    """What was done to a log; str() tells it in one line.
+    """How a motion was computed from a log; str() summarises it in one line.
 
-    Rates [Hz] of the log and of the motion's uniform grid (`resampled`: if they differ, or the
-    log's steps do), the low pass of the positions [Hz], the pass band of regressor and torque and
-    its reason, what is left away at both ends [s], and what was mended when the log was read.
+    Attributes
+    ----------
+    logged_rate_hz, rate_hz : float
+        Sampling rates of the log and of the uniform grid of the motion [Hz].
+    resampled : bool
+        Whether the time steps of the log were uneven.
+    position_low_pass_hz : float
+        Cutoff of the low pass of the positions [Hz].
+    cutoff_selection : CutoffSelection
+        Cutoff of regressor and torque, with the reason.
+    trim_s : float
+        Filter transient that is excluded at both ends [s].
+    repairs : tuple of Repair
+        Repairs made when the log was read.
     """
 
     logged_rate_hz: float
@@ -47,7 +55,7 @@ class Processing:
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """In words, the holes in the log's time."""
+        """The holes in the log's time, as sentences."""
         return tuple(str(repair) for repair in self.repairs if repair.kind == HOLES)
 
     def __str__(self) -> str:
@@ -56,40 +64,55 @@ class Processing:
             grid = f"uneven steps resampled to {grid} (splines)"
         low_pass = f"positions below {self.position_low_pass_hz:.3g} Hz"
         if self.position_low_pass_hz >= 0.4 * self.rate_hz:
-            low_pass = "positions as they are"
+            low_pass = "positions unfiltered"
         repaired = (
-            f"; {len(self.repairs)} kinds of faults mended on reading" if self.repairs else ""
+            f"; {len(self.repairs)} kinds of faults repaired on reading" if self.repairs else ""
         )
         return (
             f"{grid}, {low_pass}; regressor and torque below {self.cutoff_selection}; "
-            f"{self.trim_s:.2g} s left away at both ends{repaired}"
+            f"{self.trim_s:.2g} s excluded at both ends{repaired}"
         )
 
 
 POSITION_BAND = 5.0
-"""Positions are filtered at so many times the cutoff, to leave the pass band untouched."""
+"""Cutoff of the positions over that of regressor and torque, so that these stay undistorted."""
 
 FEWEST_PERIODS = 10.0
-"""Periods of the cutoff that a log must hold for the filters to have an inside."""
+"""Shortest log in periods of the cutoff: the filter transients take two of them."""
 
 SHORTEST_STRETCH = 4.0
-"""Periods of the cutoff that a stretch between two holes of a log must hold: half are inside."""
-
-_REGULAR = 1e-3
-"""Time steps that differ by more than this part are resampled."""
+"""Shortest stretch between two holes in periods of the cutoff: the transients take half of it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Position, velocity, acceleration and torque of both sides, each (T, n), on a uniform grid.
+    """The motion of both sides of n joints at T instants of a uniform grid.
 
-    Joint side in rad or m, motor side in rad; torques in N m (`joint_torque` of a prismatic joint
-    in N); NaN where a joint has no such sensor. `cutoff_hz` is the pass band in which a regression
-    compares regressor and torque (inf: no filter); torques, motor current [A] and voltage [V]
-    (None: no such sensor) are as measured. `regressions` leave `trim_s` away at both ends, where
-    filters swing in. `fastest` (n,) are the largest motor speeds [rad/s] of the whole log where
-    this is a part of it. `gear_torque` is the torque that stiff drives put on their load, N m or N,
-    as far as it is known, where friction depends on it.
+    Attributes
+    ----------
+    time : array (T,)
+        Time [s].
+    joint_names : tuple of str
+        Names of the n joints, in the order of the columns.
+    joint_position, joint_velocity, joint_acceleration : array (T, n)
+        Joint side theta_L and its derivatives [rad, rad/s, rad/s^2], of prismatic joints [m, ...].
+    motor_position, motor_velocity, motor_acceleration : array (T, n)
+        Motor side theta_M and its derivatives [rad, rad/s, rad/s^2].
+    motor_torque, joint_torque : array (T, n)
+        Measured torques [N m], `joint_torque` of a prismatic joint [N]; not filtered, NaN for
+        joints without the sensor.
+    cutoff_hz : float
+        Cutoff of the low pass of regressor and torque in a regression; inf: no filter.
+    trim_s : float
+        Filter transient that a regression excludes at both ends [s].
+    fastest : array (n,) or None
+        Largest motor speeds [rad/s] of the whole log, if this motion is a part of it.
+    motor_current, motor_voltage : array (T, n) or None
+        Measured current [A] and voltage [V]; None: no such sensor.
+    gear_torque : array (T, n) or None
+        Estimated torque of rigid drives on their load [N m or N], if their friction depends on it.
+    processing : Processing or None
+        How the motion was computed from the log.
     """
 
     time: Array
@@ -112,25 +135,47 @@ class Motion:
 
     @property
     def joint_states(self) -> tuple[Array, Array, Array]:
-        """Joint position, velocity and acceleration, each (T, n)."""
+        """Joint position, velocity and acceleration, each (T, n), as arguments of a regressor."""
         return self.joint_position, self.joint_velocity, self.joint_acceleration
 
     @property
     def rate_hz(self) -> float:
-        """Samples a second."""
+        """Sampling rate of the grid."""
         return _rate_hz(self.time)
 
 
 def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -> Motion:
-    """Return the motion of a log: resampled if need be, filtered, differentiated.
+    """Return the motion of a log: resampled if needed, filtered and differentiated.
 
-    Positions pass a zero-phase low pass at five times `cutoff_hz`, the pass band of the
-    identification, and are differentiated by a quintic spline; the torques stay as they are, since
-    a regression filters regressor and torque alike. `cutoff_hz` None: proposed from the spectra,
-    see `seaid.log.filtering`; `Motion.processing` tells what was done, and why. The side of a stiff
-    drive that has no encoder is computed from the other; joints that drives move together from all
-    of their motors. Raises LogError where the log does not fit the robot, is too short for the
-    cutoff or has a hole in time (see `reconstruct_motions`).
+    Positions pass a zero-phase low pass at five times the cutoff, and a quintic spline gives their
+    derivatives. Torques stay unfiltered, because a regression filters regressor and torque alike.
+    The side of a rigid drive without an encoder is computed from the other side; joints with
+    coupled drives are computed from all motors of the group.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot; its joints must be in the log.
+    log : Log
+        The log, without holes in time.
+    cutoff_hz : float, optional
+        Cutoff of the identification [Hz]; default: selected from the spectra of the positions.
+
+    Returns
+    -------
+    Motion
+        The motion; its `processing` states the steps and the reason for the cutoff.
+
+    Raises
+    ------
+    LogError
+        If the log does not fit the robot, is shorter than ten periods of the cutoff, or has a hole
+        in time.
+
+    Examples
+    --------
+    >>> motion = seaid.reconstruct_motion(robot, log, cutoff_hz=8.0)
+    >>> motion.joint_acceleration.shape
     """
     check_whole(log)
     return _motion(robot, log, None if cutoff_hz is None else _given(cutoff_hz))
@@ -139,58 +184,58 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
 def reconstruct_motions(
     robot: Robot, log: Log, cutoff_hz: float | None = None
 ) -> tuple[Motion, ...]:
-    """Return the motion of each stretch of a log between its holes in time, in one pass band.
+    """Return the motion of each stretch of a log between its holes in time, with one cutoff.
 
-    As `reconstruct_motion` otherwise: a log without a hole has one motion. `cutoff_hz` None:
-    the narrower of those proposed from the longest stretch, which may be short, and from the whole
-    log with straight lines over its holes, whose bends look fast. Stretches shorter than four
-    periods of the cutoff are excluded; the repairs of the first motion's `processing` say so.
-    Raises LogError where that, with the holes, is more than half of the log.
+    A log without a hole has one motion, see `reconstruct_motion`. `cutoff_hz` None: the smaller of
+    two selections, from the longest stretch, which may be short, and from the whole log with
+    straight lines over its holes, whose corners add power at high frequencies. Stretches shorter
+    than four periods of the cutoff are excluded, as the repairs in the first motion's `processing`
+    state. Raises LogError if holes and excluded stretches are more than half of the log.
     """
     if not holes(log.time):
         return (reconstruct_motion(robot, log, cutoff_hz),)
     longest = max(stretches(log), key=lambda part: float(part.time[-1] - part.time[0]))
     if cutoff_hz is None:
-        bands = [_proposed(robot, *_sampled(robot, one)) for one in (log, longest)]
-        band = min(bands, key=lambda one: one.cutoff_hz)
+        choices = [_selected(robot, *_sampled(robot, one)) for one in (log, longest)]
+        cutoff = min(choices, key=lambda one: one.cutoff_hz)
     else:
-        band = _given(cutoff_hz)
+        cutoff = _given(cutoff_hz)
         check_cutoff(cutoff_hz, 1.0 / typical_step(log.time))
-    parts = stretches(log, 1.001 * SHORTEST_STRETCH / band.cutoff_hz)
-    _check_duration(band.cutoff_hz, sum(float(part.time[-1] - part.time[0]) for part in parts))
-    motions = [_motion(robot, part, band, fewest=SHORTEST_STRETCH) for part in parts]
+    parts = stretches(log, 1.001 * SHORTEST_STRETCH / cutoff.cutoff_hz)
+    _check_duration(cutoff.cutoff_hz, sum(float(part.time[-1] - part.time[0]) for part in parts))
+    motions = [_motion(robot, part, cutoff, fewest=SHORTEST_STRETCH) for part in parts]
     fastest = np.max([np.max(np.abs(one.motor_velocity), axis=0) for one in motions], axis=0)
     return tuple(replace(one, fastest=fastest) for one in motions)
 
 
 def _given(cutoff_hz: float) -> CutoffSelection:
-    return CutoffSelection(cutoff_hz, "as it was given")
+    return CutoffSelection(cutoff_hz, "as given")
 
 
 def _sampled(robot: Robot, log: Log) -> tuple[Array, dict[str, Array]]:
-    """Return time and {sensor: samples} on a uniform grid, with all positions that are needed."""
+    """Return time and {sensor: samples} on a uniform grid, after checking the positions."""
     time, signals = _uniform(log, _columns(robot, log))
-    _check_sides(robot, signals["joint_position"], signals["motor_position"])
+    _check_positions(robot, signals["joint_position"], signals["motor_position"])
     return time, signals
 
 
-def _proposed(robot: Robot, time: Array, signals: dict[str, Array]) -> CutoffSelection:
+def _selected(robot: Robot, time: Array, signals: dict[str, Array]) -> CutoffSelection:
     joint, motor = signals["joint_position"], signals["motor_position"]
-    return propose_pass_band(joint, motor, _rate_hz(time), robot.joint_names)
+    return select_cutoff(joint, motor, _rate_hz(time), robot.joint_names)
 
 
 def _motion(
     robot: Robot,
     log: Log,
-    band: CutoffSelection | None,
+    cutoff: CutoffSelection | None,
     fewest: float = FEWEST_PERIODS,
 ) -> Motion:
-    """Return the motion of a log without a hole; `band` None: proposed from the spectra."""
+    """Return the motion of a log without a hole; `cutoff` None: selected from the spectra."""
     time, signals = _sampled(robot, log)
     rate_hz = _rate_hz(time)
     joint, motor = signals["joint_position"], signals["motor_position"]
-    band = _proposed(robot, time, signals) if band is None else band
-    cutoff_hz = band.cutoff_hz
+    cutoff = _selected(robot, time, signals) if cutoff is None else cutoff
+    cutoff_hz = cutoff.cutoff_hz
     check_cutoff(cutoff_hz, rate_hz)
     _check_duration(cutoff_hz, float(time[-1] - time[0]), fewest)
     measured = low_pass(np.hstack([joint, motor]), rate_hz, POSITION_BAND * cutoff_hz)
@@ -213,20 +258,15 @@ def _motion(
         motor_voltage=signals.get("motor_voltage"),
         cutoff_hz=float(cutoff_hz),
         trim_s=1.0 / cutoff_hz,
-        processing=_processing(log, time, band),
-    )
-
-
-def _processing(log: Log, time: Array, band: CutoffSelection) -> Processing:
-    """Return what was done to a log that is now at other times, or at its own."""
-    return Processing(
-        logged_rate_hz=_rate_hz(log.time),
-        rate_hz=_rate_hz(time),
-        resampled=time is not log.time,
-        position_low_pass_hz=float(POSITION_BAND * band.cutoff_hz),
-        cutoff_selection=band,
-        trim_s=float(1.0 / band.cutoff_hz),
-        repairs=log.report,
+        processing=Processing(
+            logged_rate_hz=_rate_hz(log.time),
+            rate_hz=rate_hz,
+            resampled=time is not log.time,
+            position_low_pass_hz=float(POSITION_BAND * cutoff_hz),
+            cutoff_selection=cutoff,
+            trim_s=float(1.0 / cutoff_hz),
+            repairs=log.report,
+        ),
     )
 
 
@@ -245,10 +285,8 @@ def _columns(robot: Robot, log: Log) -> list[int]:
 
 
 def is_regular(time: Array) -> bool:
-    """Tell whether time steps are so alike that nothing is resampled."""
-    steps = np.diff(time)
-    step = float(np.median(steps))
-    return bool(np.max(np.abs(steps - step)) <= _REGULAR * step)
+    """Return whether time steps are equal enough to be used without resampling."""
+    return not np.any(irregular_steps(time))
 
 
 def _uniform(log: Log, columns: list[int]) -> tuple[Array, dict[str, Array]]:
@@ -269,7 +307,8 @@ def _uniform(log: Log, columns: list[int]) -> tuple[Array, dict[str, Array]]:
     return time, found
 
 
-def _check_sides(robot: Robot, joint: Array, motor: Array) -> None:
+def _check_positions(robot: Robot, joint: Array, motor: Array) -> None:
+    """Raise LogError for joints whose motion the positions of both sides do not determine."""
     _check_coupled(robot, joint, motor)
     coupled = {index for group in coupled_groups(robot.transmission) for index in group}
     for index, name in enumerate(robot.joint_names):
@@ -283,23 +322,23 @@ def _check_sides(robot: Robot, joint: Array, motor: Array) -> None:
 
 
 def _check_coupled(robot: Robot, joint: Array, motor: Array) -> None:
-    """Raise LogError where encoders of a coupled group do not tell all of its joints."""
+    """Raise LogError if the encoders of a coupled group do not determine all of its joints."""
     for group in coupled_groups(robot.transmission):
         names = [robot.joint_names[index] for index in group]
         unseen = [robot.joint_names[index] for index in group if np.isnan(joint[0, index])]
         blind = [robot.joint_names[index] for index in group if np.isnan(motor[0, index])]
         elastic = [name for name in names if name in robot.elastic_joints]
         if unseen and (blind or elastic):
-            why = f"the motors of {', '.join(blind)} have none" if blind else ""
-            why = why or f"behind the spring of {', '.join(elastic)} no motor tells it"
+            why = f"the motors of {', '.join(blind)} have none either" if blind else ""
+            why = why or f"no motor position replaces it at the spring of {', '.join(elastic)}"
             raise LogError(
-                f"the drives of {', '.join(names)} move these joints together, and the log has no "
-                f"joint position of {', '.join(unseen)}; {why}"
+                f"the drives of {', '.join(names)} are coupled, and the log has no joint position "
+                f"of {', '.join(unseen)}; {why}"
             )
 
 
 def _both_sides(robot: Robot, signal: Array) -> Array:
-    """Return joint and motor side (T, 2n) with what stiff drives have no encoder for."""
+    """Return joint and motor side (T, 2n), with the sides of rigid drives that have no encoder."""
     both, n = signal.copy(), robot.n
     joint, motor = both[:, :n], both[:, n:]
     ratio = np.array([robot.drives[name].ratio for name in robot.joint_names])
@@ -310,7 +349,7 @@ def _both_sides(robot: Robot, signal: Array) -> Array:
 
 
 def check_cutoff(cutoff_hz: float, rate_hz: float) -> None:
-    """Raise LogError for a pass band that the sampling rate does not have."""
+    """Raise LogError for a cutoff that is not between zero and half of the sampling rate."""
     if not 0 < cutoff_hz < rate_hz / 2:
         raise LogError(
             f"cutoff_hz must be between 0 and half the sampling rate, {rate_hz / 2:.4g} Hz, "
@@ -321,6 +360,6 @@ def check_cutoff(cutoff_hz: float, rate_hz: float) -> None:
 def _check_duration(cutoff_hz: float, duration_s: float, fewest: float = FEWEST_PERIODS) -> None:
     if duration_s * cutoff_hz < fewest:
         raise LogError(
-            f"the log is too short: {duration_s:.3g} s hold fewer than {fewest:g} periods of the "
-            f"cutoff, {cutoff_hz:.3g} Hz; record more, or set cutoff_hz higher"
+            f"the log is too short: {duration_s:.3g} s are fewer than {fewest:g} periods of the "
+            f"cutoff, {cutoff_hz:.3g} Hz; record more, or raise cutoff_hz"
         )

@@ -1,4 +1,4 @@
-"""Logs of a robot read from files of many kinds; Log and write_log from here as well."""
+"""Reading a log of any supported format, with the column names of seaid or custom columns."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ from seaid.robot import Robot
 __all__ = ["WRITTEN", "Log", "read_log", "write_log"]
 
 _FAR, _SLACK = 1.0, 0.2
-"""Parts of the range of a joint beyond its limits, and rad, that make angles look like degrees."""
+"""Angles count as degrees if they exceed the limits by this multiple of the range, and if their
+values in degrees are within the limits by this slack [rad]."""
 
 
 def read_log(
@@ -43,15 +44,44 @@ def read_log(
     description: Described | None = None,
     repair: Repairs | None = None,
 ) -> Log:
-    """Read a log of a robot: CSV, NPZ, Parquet, HDF5, JSON, ROS bag (file or folder), HEBI log.
+    """Read a log of a robot.
 
-    A file with the names of `Log.columns` and `time_s` is read as it is; `columns` maps such a name
-    to a foreign one, alone or with its unit ("deg", "mNm", "ms", ...) or factor:
-    {"elbow.joint_position_rad": ("pos_2", "deg"), "time_s": "t"}. Any other log needs a
-    `description` (see docs/logs.md): a LogDescription, a mapping, or a TOML file, by itself the one
-    beside the log (run.csv, run.toml). A described log is repaired within the description's limits,
-    others within those of `repair` or not at all. Raises LogError naming file and column, with the
-    nearest name; warns of positions far beyond the robot's limits, as degrees are.
+    Parameters
+    ----------
+    path : str or Path
+        CSV, NPZ, Parquet, HDF5, JSON, ROS bag (file or folder) or HEBI log. A file with the column
+        names of `Log.columns` and `time_s` needs no further arguments.
+    robot : Robot
+        The robot; the log must have the sensors that its drives need.
+    columns : mapping, optional
+        {column of seaid: column of the file}; the latter may be (name, unit) with a unit such as
+        "deg", "mNm" or "ms", or (name, factor to SI).
+    description : LogDescription, mapping, str or Path, optional
+        The meaning of custom columns, see docs/logs.md; default: the TOML file with the name of
+        the log in the same folder (run.toml for run.csv), if it exists.
+    repair : Repairs, optional
+        Limits of the repair of faults; default: those of the description, without one no repair.
+
+    Returns
+    -------
+    Log
+        The samples in SI units.
+
+    Raises
+    ------
+    LogError
+        Naming file and column, with the most similar name.
+
+    Warns
+    -----
+    SeaidWarning
+        If positions exceed the joint limits by far, as angles in degrees do.
+
+    Examples
+    --------
+    >>> log = seaid.read_log("run.csv", robot)
+    >>> names = {"time_s": ("t", "ms"), "elbow.joint_position_rad": ("pos_2", "deg")}
+    >>> log = seaid.read_log("other.csv", robot, columns=names, repair=seaid.Repairs())
     """
     path = log_path(path)
     if not isinstance(repair, Repairs | None):
@@ -65,16 +95,16 @@ def read_log(
         log = _repaired(path, channels, repair or described.repair, robot, table.names, described)
     else:
         wanted = wanted_columns(path, table, robot, columns or {})
-        data = table.load(list(dict.fromkeys(foreign for foreign, _ in wanted.values())))
+        data = table.load(list(dict.fromkeys(custom for custom, _ in wanted.values())))
         check_lengths(path, {name: len(values) for name, values in data.items()})
         if repair is None:
             log = log_of(path, data, wanted, robot, table.names)
         else:
-            picked = {name: data[foreign] * factor for name, (foreign, factor) in wanted.items()}
+            picked = {name: data[custom] * factor for name, (custom, factor) in wanted.items()}
             time = picked.pop("time_s")
             channels = [Channel(name, time, values) for name, values in picked.items()]
             log = _repaired(path, channels, repair, robot, table.names, None)
-    _suspect_degrees(path, log, robot)
+    _warn_of_degrees(path, log, robot)
     return log
 
 
@@ -86,7 +116,7 @@ def _repaired(
     file_names: Sequence[str],
     described: LogDescription | None,
 ) -> Log:
-    """Return the log of channels on clocks of their own, repaired within limits."""
+    """Return the log of channels, each with its own clock, repaired within limits."""
     try:
         time, picked, report = repaired(channels, limits)
         if described is not None:
@@ -98,7 +128,7 @@ def _repaired(
 
 
 def _check_alive(picked: Mapping[str, Array], robot: Robot) -> None:
-    """Refuse a position that stands still while the other one of the joint moves."""
+    """Raise LogError for a constant position of a joint whose other position moves."""
     for index, joint in enumerate(robot.joint_names):
         names = [name for name in column_names(joint, robot.is_prismatic[index]) if name in picked]
         positions = [name for name in names if "_position_" in name]
@@ -107,12 +137,12 @@ def _check_alive(picked: Mapping[str, Array], robot: Robot) -> None:
             value = picked[still[0]][0]
             raise LogError(
                 f"'{still[0]}' is {value:.6g} all the time while the other side of the joint "
-                "moves: the sensor is dead, or the drive was not powered; name another column"
+                "moves: the sensor is broken, or the drive was off; name another column"
             )
 
 
-def _suspect_degrees(path: Path, log: Log, robot: Robot) -> None:
-    """Warn of joints that leave their limits by far, but would not if the angles were degrees."""
+def _warn_of_degrees(path: Path, log: Log, robot: Robot) -> None:
+    """Warn of joints whose positions exceed the limits in rad, but would not in degrees."""
     for index, joint in enumerate(robot.joint_names):
         lower, upper = robot.lower_limits[index], robot.upper_limits[index]
         values = log.joint_position[:, index]
@@ -123,9 +153,9 @@ def _suspect_degrees(path: Path, log: Log, robot: Robot) -> None:
         fits = np.max(as_degrees) <= upper + _SLACK and np.min(as_degrees) >= lower - _SLACK
         if outside > _FAR * (upper - lower) and fits:
             warnings.warn(
-                f"'{path}': the position of joint '{joint}' goes from {np.min(values):.4g} to "
+                f"'{path}': the position of joint '{joint}' ranges from {np.min(values):.4g} to "
                 f"{np.max(values):.4g} rad, its limits are {lower:.4g} and {upper:.4g} rad: "
-                "degrees? Then say so: unit 'deg'",
+                "if the angles are in degrees, give the unit 'deg'",
                 SeaidWarning,
                 stacklevel=3,
             )

@@ -1,4 +1,4 @@
-"""What of a motion becomes rows: behind the low pass, every few samples, without standstill."""
+"""Selection of the samples of a motion that become rows of a regression."""
 
 from __future__ import annotations
 
@@ -10,25 +10,26 @@ from seaid.log.filtering import decimation, low_pass
 from seaid.log.motion import Motion
 
 STANDSTILL = 0.01
-"""A motor slower than this part of its fastest stands still: its friction has no direction."""
+"""A motor below this fraction of its largest speed stands still: the sign of its friction is
+unknown."""
 
 REST_RAD_S = 1e-9
-"""So does one slower than this, whatever its fastest: that is the rounding of the filters."""
+"""Speed [rad/s] below which a motor always stands still: the rounding errors of the filters."""
 
-SEEN = 0.05
-"""Share of standstill in what the low pass sees above which a sample is left out."""
+STANDSTILL_SHARE = 0.05
+"""Share of standstill in the window of the low pass above which a sample is excluded."""
 
-SEEN_AT_A_PEAK = 0.01
-"""The same for friction with a peak at standstill (Stribeck), told by the samples beside it."""
+STRIBECK_SHARE = 0.01
+"""The same for Stribeck friction, which the samples next to standstill determine."""
 
 
 def in_band(motion: Motion, columns: Array) -> Array:
-    """Return columns (T, ...) behind the low pass of the motion's pass band."""
+    """Return columns (T, ...) filtered by the low pass at the motion's cutoff."""
     return in_band_at(motion, columns, np.arange(len(columns)))
 
 
 def in_band_at(motion: Motion, columns: Array, samples: IndexArray) -> Array:
-    """Return some samples of `in_band`; columns of zeros, half of a chain's, are not filtered."""
+    """Return some samples of `in_band`; zero columns, half of those of a chain, are skipped."""
     flat = columns.reshape(len(columns), -1)
     used = np.flatnonzero(np.any(flat != 0, axis=0))
     found = np.zeros((len(samples), flat.shape[1]))
@@ -37,34 +38,34 @@ def in_band_at(motion: Motion, columns: Array, samples: IndexArray) -> Array:
 
 
 def row_samples(motion: Motion) -> IndexArray:
-    """Return the samples that become rows: decimated to the pass band, ends left away."""
+    """Return the samples that become rows: decimated, without the filter transients."""
     step = decimation(motion.rate_hz, motion.cutoff_hz)
-    trim = round(motion.trim_s * motion.rate_hz)
-    return np.arange(trim, len(motion.time) - trim, step)
+    transient = round(motion.trim_s * motion.rate_hz)
+    return np.arange(transient, len(motion.time) - transient, step)
 
 
-def standstill(motion: Motion, index: int, seen: float = SEEN) -> BoolArray:
-    """Tell the samples (T,) that see a motor stand still, so that its friction is unknown.
+def standstill(motion: Motion, index: int, share: float = STANDSTILL_SHARE) -> BoolArray:
+    """Return the mask (T,) of samples at which a motor's friction is unknown because it stands.
 
-    Behind the low pass a sample sees its neighbourhood: it is left out if standstill makes up more
-    than a small share of that, `seen`. A reversal without a stop is no standstill.
+    The low pass averages over the neighbourhood of a sample: the sample counts if standstill makes
+    up more than `share` of that average. A reversal without a stop is no standstill.
     """
     speed = np.abs(motion.motor_velocity[:, index])
     fastest = np.max(speed) if motion.fastest is None else motion.fastest[index]
-    return _still(motion, speed, float(fastest), seen)
+    return _still(motion, speed, float(fastest), share)
 
 
-def standstill_seen(drive: Drive) -> float:
-    """Return the share of standstill that samples of a drive with dry friction may see."""
-    return SEEN_AT_A_PEAK if "stribeck" in drive.friction else SEEN
+def still_share(drive: Drive) -> float:
+    """Return the share of standstill that is allowed for a drive with dry friction."""
+    return STRIBECK_SHARE if "stribeck" in drive.friction else STANDSTILL_SHARE
 
 
 def joint_standstill(motion: Motion, index: int) -> BoolArray:
-    """Tell the samples (T,) that see a joint stand still, as `standstill` does of its motor."""
+    """Return the mask (T,) of samples at which a joint stands, as `standstill` for its motor."""
     speed = np.abs(motion.joint_velocity[:, index])
-    return _still(motion, speed, float(np.max(speed)), SEEN)
+    return _still(motion, speed, float(np.max(speed)), STANDSTILL_SHARE)
 
 
-def _still(motion: Motion, speed: Array, fastest: float, seen: float) -> BoolArray:
+def _still(motion: Motion, speed: Array, fastest: float, share: float) -> BoolArray:
     still = (speed < max(STANDSTILL * fastest, REST_RAD_S)).astype(float)
-    return np.asarray((still > 0) | (in_band(motion, still) > seen))
+    return np.asarray((still > 0) | (in_band(motion, still) > share))

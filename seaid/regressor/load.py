@@ -18,7 +18,7 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, frozen
 from seaid.drives import SeriesElasticDrive, StiffDrive, is_dry
 from seaid.errors import IdentificationError, LogError
-from seaid.log import Motion, in_band_at, joint_standstill, row_samples, standstill, standstill_seen
+from seaid.log import Motion, in_band_at, joint_standstill, row_samples, standstill, still_share
 from seaid.regressor.base import (
     BaseParameters,
     grouped_text,
@@ -245,7 +245,7 @@ def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     drive, index = robot.drives[joint], robot.index(joint)
     unknown = np.zeros(len(motion.time), dtype=bool)
     if isinstance(drive, StiffDrive) and is_dry(drive):
-        unknown |= standstill(motion, index, standstill_seen(drive))
+        unknown |= standstill(motion, index, still_share(drive))
     for other in group_of(robot.transmission, index):
         beside = robot.drives[robot.joint_names[other]]
         if "coulomb" in getattr(beside, "joint_friction", ()):

@@ -13,7 +13,7 @@ import numpy as np
 from seaid._arrays import Array, IndexArray, frozen
 from seaid.drives import DriveRegressor, is_dry
 from seaid.errors import LogError
-from seaid.log import LogPart, LongLog, Motion, in_band_at, row_samples, standstill, standstill_seen
+from seaid.log import LogPart, LongLog, Motion, in_band_at, row_samples, standstill, still_share
 from seaid.regressor.drive_signals import (
     INPUTS,
     motor_regressor,
@@ -129,7 +129,7 @@ def actuator_rows(
     drive = robot.drives[joint]
     if not is_dry(drive):
         return rows, 0
-    kept = rows[~standstill(motion, robot.index(joint), standstill_seen(drive))[rows]]
+    kept = rows[~standstill(motion, robot.index(joint), still_share(drive))[rows]]
     return kept, len(rows) - len(kept)
 
 

@@ -59,7 +59,7 @@ def test_report_does_not_validate_on_what_it_is_identified_from(arm: Path, tmp_p
     logs = ("--from", arm / "run.csv", "--validate", arm / ".." / arm.name / "run.csv")
     page = tmp_path / "report.html"
     message = refused("report", *robot_and_drives(arm), *logs, "-o", page)
-    assert "run.csv' is identified from: validate on a log that it has not seen" in message
+    assert "run.csv' is used for the identification: validate on another log" in message
     assert not page.exists()
 
 

@@ -243,9 +243,9 @@ def test_archives_with_bad_columns(tmp_path: Path) -> None:
     data = {"time_s": log().time, **log().columns()}
     name = f"{JOINT}.motor_position_rad"
     for value, words in (
-        (np.array(["a"] * len(log().time)), "must be a row of numbers, found <U1"),
-        (np.zeros((len(log().time), 2)), r"must be a row of numbers, found float64 of shape"),
-        (np.zeros(70), "columns are not equally long"),
+        (np.array(["a"] * len(log().time)), "must be a vector of numbers, found <U1"),
+        (np.zeros((len(log().time), 2)), r"must be a vector of numbers, found float64 of shape"),
+        (np.zeros(70), "columns have different lengths"),
     ):
         np.savez(tmp_path / "log.npz", **{**data, name: value})  # type: ignore[arg-type]
         with pytest.raises(LogError, match=words):

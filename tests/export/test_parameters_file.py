@@ -131,14 +131,14 @@ def test_what_is_no_such_file_is_told(tmp_path: Path) -> None:
         ('{"joints": []}', "'format' is None.*: give one|; give one that seaid identify or save"),
         ('{"format": 2}', "'format' is 2, not 'seaid parameters 2'"),
         ('{"format": "seaid parameters 2"}', "other.json': key 'robot' is missing"),
-        ('{"format": 1, "format": 2}', "key 'format' stands twice in one object"),
-        ('{"m": NaN}', "NaN is no number of JSON; give a finite one, or null"),
+        ('{"format": 1, "format": 2}', "duplicate key 'format' in one object"),
+        ('{"m": NaN}', "NaN is not a JSON number; give a finite number or null"),
         ('{"m": 1e999}', "other.json': m must be a finite number"),
         ('{"a": [0, 1' + 400 * "0" + "]}", r"a\[1\] must be a finite number"),
         ('{"m": ' + 5000 * "9" + "}", "is not JSON: Exceeds the limit"),
-        ("[" * 40 + "]" * 40, "lies deeper than 32 tables or lists"),
-        ("[" * 200_000, "is not JSON: tables or lists lie too deep in each other"),
-        ('{"\\ud800": 1}', r"'\\\\ud800' is no text|half of a letter is missing"),
+        ("[" * 40 + "]" * 40, "is more than 32 levels deep"),
+        ("[" * 200_000, "is not JSON: tables or lists have too many levels"),
+        ('{"\\ud800": 1}', r"'\\\\ud800' is not Unicode|unpaired surrogate"),
     ):
         path.write_text(text)
         with pytest.raises(RobotError, match=words) as caught:

@@ -239,7 +239,7 @@ def test_cutoff_out_of_range(cutoff_hz: float) -> None:
 
 
 def test_log_too_short_for_the_cutoff() -> None:
-    with pytest.raises(LogError, match=r"too short: 0.199 s hold fewer than 10 periods"):
+    with pytest.raises(LogError, match=r"too short: 0.199 s are fewer than 10 periods"):
         identify(KNOWN, log().between(2.0, 2.2))
 
 

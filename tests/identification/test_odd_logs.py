@@ -77,7 +77,7 @@ def test_one_absurd_sample_is_named(pendulum: Robot, sensor: str, value: float) 
 
 
 def test_a_time_in_another_unit_is_named() -> None:
-    with pytest.raises(LogError, match=r"time_s goes from 1\.7e\+18 to .* another unit\?"):
+    with pytest.raises(LogError, match=r"time_s runs from 1\.7e\+18 to .* another unit\?"):
         log_of(ANGLE, 1.7e18 + 1e9 * TIME, motor_torque=ANGLE)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.log.filtering import CutoffSelection, propose_pass_band
+from seaid.log.filtering import CutoffSelection, select_cutoff
 
 RATE_HZ = 1000.0
 TIME = np.arange(20_000) / RATE_HZ
@@ -23,14 +23,14 @@ def noise(seed: int, size: float) -> Array:
 
 def proposed(joint: Array, motor: Array | None = None, rate_hz: float = RATE_HZ) -> CutoffSelection:
     motor = np.full_like(joint, np.nan) if motor is None else motor
-    return propose_pass_band(joint, motor, rate_hz, NAMES[: joint.shape[1]])
+    return select_cutoff(joint, motor, rate_hz, NAMES[: joint.shape[1]])
 
 
 @pytest.mark.parametrize("frequency_hz", [0.5, 1.0, 2.5, 8.0, 20.0])
 def test_clean_motion_gets_three_times_its_edge_however_slow_or_fast(frequency_hz: float) -> None:
     found = proposed(sine(frequency_hz))
     assert found.cutoff_hz == pytest.approx(3 * frequency_hz, abs=0.5)
-    assert "three times the edge of the motion's speed" in str(found)
+    assert "three times the bandwidth of the velocity" in str(found)
 
 
 @pytest.mark.parametrize("size", [3e-4, 1e-3, 3e-3])
@@ -62,7 +62,7 @@ def test_coarser_encoder_narrower_band_but_not_narrower_than_the_motion() -> Non
     )
     assert bands[0].cutoff_hz == pytest.approx(6.0, abs=0.3)
     assert bands[-1].cutoff_hz == pytest.approx(4.0, abs=0.3)
-    assert "although noise of the joint side of hip asks for less" in bands[-1].reason
+    assert "although noise of the joint side of hip requires less" in bands[-1].reason
 
 
 def test_floor_of_steps_is_above_the_white_one_of_a_slow_coarse_encoder() -> None:

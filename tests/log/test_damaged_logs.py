@@ -1,4 +1,4 @@
-"""Clean simulated logs damaged as other people's are: mended, and identified as if nothing was.
+"""Clean simulated logs damaged as other people's are: repaired, and identified as if nothing was.
 
 And measured logs of real robots, with the damage they have.
 """
@@ -137,7 +137,7 @@ WAYS = (
 
 
 @pytest.mark.parametrize("damage", WAYS, ids=lambda damage: damage.__name__)
-def test_a_damaged_log_is_mended_and_its_estimate_holds(damage: Damage) -> None:
+def test_a_damaged_log_is_repaired_and_its_estimate_holds(damage: Damage) -> None:
     robot = leg().without_nominal()
     log = log_of(robot, channels_of(clean(), damage))
     assert log.report
@@ -205,7 +205,7 @@ def test_a_log_that_is_mostly_a_hole_is_refused() -> None:
             use(leg(), log)
 
 
-def test_unmended_clocks_would_have_been_seen() -> None:
+def test_unrepaired_clocks_would_have_been_seen() -> None:
     """A clock that was set back by five samples, left so, gives no such estimate."""
     robot = leg().without_nominal()
     motor = clean().motor_position.copy()

@@ -1,4 +1,4 @@
-"""Low pass, derivatives and the proposed pass band, on signals that are known exactly."""
+"""Low pass, derivatives and decimation, on signals that are known exactly."""
 
 from __future__ import annotations
 
@@ -8,13 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seaid._arrays import Array
-from seaid.errors import LogError
-from seaid.log.filtering import (
-    decimation,
-    despiked,
-    low_pass,
-    spline_derivatives,
-)
+from seaid.log.filtering import decimation, low_pass, spline_derivatives
 
 RATE_HZ = 1000.0
 TIME = np.arange(10_000) / RATE_HZ
@@ -100,30 +94,3 @@ def test_derivatives_of_a_missing_signal_are_missing() -> None:
 )
 def test_four_rows_a_period_of_the_cutoff(cutoff_hz: float, step: int) -> None:
     assert decimation(RATE_HZ, cutoff_hz) == step
-
-
-def test_spikes_go_and_the_other_samples_stay() -> None:
-    rng = np.random.default_rng(0)
-    clean = np.hstack([3 * sine(2.0), 1e-3 * sine(0.5)]) + rng.normal(size=(10_000, 2)) * [
-        0.1,
-        1e-5,
-    ]
-    bad = rng.random(clean.shape) < 0.01
-    spiky = clean + bad * rng.choice([-1.0, 1.0], clean.shape) * [20.0, 0.02]
-    found = despiked(spiky)
-    assert np.max(np.abs(found - clean) / [0.1, 1e-5]) < 8.0
-    assert np.mean(found[~bad] == clean[~bad]) > 0.995
-
-
-def test_despiking_leaves_a_motion_without_spikes_and_unknown_columns() -> None:
-    signals = np.hstack([sine(5.0), np.full_like(TIME[:, None], np.nan)])
-    found = despiked(signals)
-    bend = 0.5 * (2 * np.pi * 5.0 * 5 / RATE_HZ) ** 2  # of the sine within half a window
-    assert np.max(np.abs(found[:, 0] - signals[:, 0])) < bend
-    assert np.all(np.isnan(found[:, 1]))
-
-
-@pytest.mark.parametrize("setting", [{"half_window": 0}, {"threshold": 0.0}])
-def test_despiking_needs_a_window_and_a_threshold(setting: dict[str, int]) -> None:
-    with pytest.raises(LogError, match="despiked needs half_window of at least 1 and a threshold"):
-        despiked(sine(1.0), **setting)

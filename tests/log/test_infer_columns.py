@@ -102,11 +102,11 @@ def test_elastic_joint_in_milliseconds_with_current(tmp_path: Path) -> None:
         }
     }
     assert found.description.to_dict()["time"] == {"column": "time_ms", "unit": "ms"}
-    assert "joint_1: the motor turns 100 times as far: is that the gear ratio?" in found.unsure
+    assert "joint_1: the motor turns 100 times as far: check the gear ratio" in found.unsure
     assert found.unused == ("temp_1",)
 
 
-def test_degrees_counts_and_nanoseconds_are_told_by_their_size(tmp_path: Path) -> None:
+def test_degrees_counts_and_nanoseconds_are_inferred_from_their_size(tmp_path: Path) -> None:
     found = guess(
         tmp_path,
         stamp=1.7e18 + 5e6 * np.arange(500.0),
@@ -123,19 +123,19 @@ def test_degrees_counts_and_nanoseconds_are_told_by_their_size(tmp_path: Path) -
     assert found.description.to_dict()["time"] == {"column": "stamp", "unit": "ns"}
     text = "\n".join(found.unsure)
     assert "q_knee (moves by 140): taken for degrees" in text
-    assert "q_hip: in counts: 4096 a turn is a guess" in text
+    assert "q_hip: in counts: 4096 per turn is a guess" in text
     assert "stamp: has steps of 5e+06: taken for ns" in text
 
 
-def test_dead_channels_and_words_are_left_out_and_named(tmp_path: Path) -> None:
+def test_dead_channels_and_words_are_excluded_and_named(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     rows = [f"{t},{q},0,nan,ok,{q}" for t, q in zip(TIME, wave(0.5), strict=True)]
     path.write_text("\n".join(["t,pos_0,mpos_0,cur_0,state,eff_0", *rows]) + "\n")
     found = describe_log(path)
     assert list(plain(found)["joint_0"]) == ["joint_position", "motor_torque"]
-    assert "mpos_0: 0 all the time: a dead sensor, left out" in found.unsure
-    assert "cur_0: without a number: a dead sensor, left out" in found.unsure
-    assert "state: no column of numbers: left out" in found.unsure
+    assert "mpos_0: 0 all the time: a dead sensor, excluded" in found.unsure
+    assert "cur_0: without a number: a dead sensor, excluded" in found.unsure
+    assert "state: no column of numbers: excluded" in found.unsure
 
 
 def test_names_without_a_latin_letter_are_read_or_left_unused(tmp_path: Path) -> None:
@@ -177,7 +177,7 @@ def test_ten_thousand_columns_are_described_shortly(tmp_path: Path) -> None:
 
 def test_absurd_samples_are_no_sensors(tmp_path: Path) -> None:
     found = guess(tmp_path, t=TIME, q=wave(0.5), q_2=wave(0.5, 1e308), tau=wave(1.0, 1e155))
-    assert "q_2, tau: has values beyond 1e+30: no sensor, left out" in found.unsure
+    assert "q_2, tau: has values beyond 1e+30: no sensor, excluded" in found.unsure
 
 
 def test_two_positions_without_sides_are_told_by_how_far_they_move(tmp_path: Path) -> None:
@@ -193,7 +193,7 @@ def test_time_may_be_missing_or_without_a_name(tmp_path: Path) -> None:
     found = guess(tmp_path, x=TIME, q=wave(0.5), tau=wave(1.0))
     assert found.description.to_dict()["time"] == "x"
     found = guess(tmp_path, q=wave(0.5), tau=wave(1.0))
-    assert "time: no column looks like it: name it, or say time = { rate_hz" in found.unsure[-1]
+    assert "time: no column looks like it: name it, or give time = { rate_hz" in found.unsure[-1]
 
 
 def test_log_without_positions_is_refused(tmp_path: Path) -> None:
@@ -303,7 +303,7 @@ def test_a_text_among_many_columns_is_found_in_few_reads(monkeypatch: pytest.Mon
     found = describe_log("log.npz")
     assert len(reads) <= 2 * np.log2(len(names)) + 3
     assert len(found.description.joints) == 2000
-    assert "note: no column of numbers: left out" in found.unsure
+    assert "note: no column of numbers: excluded" in found.unsure
 
 
 def test_many_texts_among_many_columns_are_not_looked_for_for_ever(

@@ -234,11 +234,17 @@ def test_one_foreign_column_may_serve_two_sensors(
             "this robot's log is named 'arm.joint_position'; did you mean",
         ),
         ({"time_s": "tme_s"}, "no column is named 'tme_s'; did you mean 'time_s'? allowed: time_s"),
-        ({"time_s": ("time_s", "msec")}, "'time_s': no unit for it is named 'msec'; did you mean"),
-        ({"time_s": ("time_s", "deg")}, "no unit for it is named 'deg'; allowed: s, ms, us, ns"),
+        (
+            {"time_s": ("time_s", "msec")},
+            "'time_s': no unit of this quantity is named 'msec'; did you mean",
+        ),
+        (
+            {"time_s": ("time_s", "deg")},
+            "no unit of this quantity is named 'deg'; allowed: s, ms, us, ns",
+        ),
         (
             {"arm.motor_torque_Nm": (NAMES[3], "rad")},
-            "columns= 'arm.motor_torque_Nm': no unit for it is named 'rad'; allowed: Nm, mNm",
+            "no unit of this quantity is named 'rad'; allowed: Nm, mNm",
         ),
         ({NAMES[1]: (NAMES[1], 0.0)}, "the factor must be finite and not zero, found 0.0"),
         ({NAMES[1]: (NAMES[1], np.nan)}, "the factor must be finite and not zero, found nan"),
@@ -275,8 +281,8 @@ def test_missing_file_and_unknown_format_are_named(arm: Robot, tmp_path: Path) -
         (b"some words\nand more\n", "no column is named 'time_s'; allowed: some words"),
         (
             b"time_s,x\n0,1\n",
-            "no column of this robot; expected names as 'arm.motor_position_rad' (or map foreign "
-            "ones with columns=), found: time_s, x",
+            "no column of this robot; expected names as 'arm.motor_position_rad' (or map custom "
+            "columns with columns=), found: time_s, x",
         ),
         (
             b"time_s,arm.motor_position_rad\n0,1\n1\n",
@@ -284,11 +290,11 @@ def test_missing_file_and_unknown_format_are_named(arm: Robot, tmp_path: Path) -
         ),
         (
             b"time_s;arm.motor_position_rad\n0,5;1\n",
-            "line 2: column 'time_s' has '0,5', which is no number",
+            "line 2: column 'time_s' has '0,5', which is not a number",
         ),
         (
             b"time_s,arm.motor_position_rad\n0,1\n\n1,off\n",
-            "line 4: column 'arm.motor_position_rad' has 'off', which is no number",
+            "line 4: column 'arm.motor_position_rad' has 'off', which is not a number",
         ),
         (
             b"time_s,arm.motor_position_rad,arm.motor_position_rad\n0,1,2\n",
@@ -326,11 +332,11 @@ def test_npz_that_is_damaged_inside_is_named(arm: Robot, tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        (np.zeros((60, 2)), "must be a row of numbers, found float64 of shape (60, 2)"),
-        (np.array("text"), "must be a row of numbers, found <U4 of shape ()"),
-        (np.zeros(60, dtype=complex), "must be a row of numbers, found complex128"),
-        (np.array([{}], dtype=object), "must be a row of numbers, found object"),
-        (np.zeros(7), "columns are not equally long: 'time_s' 60, "),
+        (np.zeros((60, 2)), "must be a vector of numbers, found float64 of shape (60, 2)"),
+        (np.array("text"), "must be a vector of numbers, found <U4 of shape ()"),
+        (np.zeros(60, dtype=complex), "must be a vector of numbers, found complex128"),
+        (np.array([{}], dtype=object), "must be a vector of numbers, found object"),
+        (np.zeros(7), "columns have different lengths: 'time_s' 60, "),
     ],
 )
 def test_npz_with_a_bad_column_is_named(
@@ -356,7 +362,12 @@ def test_npz_with_a_bad_column_is_named(
             "nan",
             "column 'arm.joint_position_rad' has 1 values that are not finite, the first ",
         ),
-        (5, 2, "", "in sample 5 (t = 0.05 s); repair them, or leave the whole column NaN if there"),
+        (
+            5,
+            2,
+            "",
+            "in sample 5 (t = 0.05 s); leave the whole column NaN if there is no such sensor",
+        ),
         (5, 2, "inf", "column 'arm.joint_position_rad' has 1 values that are not finite"),
         (5, 0, "nan", "time_s has a value that is not finite in sample 5"),
         (5, 0, "0.04", "time_s repeats at sample 5 (0.04 s, then 0.04 s; 1 such places); it must"),
@@ -416,7 +427,7 @@ def test_column_with_nearly_the_name_is_pointed_at(
     arm: Robot, write_csv: Callable[..., Path], typo: str
 ) -> None:
     text = read_error(write_csv([*NAMES[:3], typo]), arm)
-    assert f"'{typo}' in the file is near 'arm.motor_torque_Nm'" in text
+    assert f"'{typo}' in the file is similar to 'arm.motor_torque_Nm'" in text
 
 
 # Log itself
@@ -450,7 +461,7 @@ def test_between_keeps_the_start_and_leaves_the_end() -> None:
         ({"time": 3.0}, r"time must have shape \(any\), found \(\)"),
         ({"time": np.zeros(60)}, r"time_s repeats at sample 1 \(0 s, then 0 s; 59 such places\)"),
         ({"joint_names": ("a", "a")}, "joint_names has a joint twice: a, a"),
-        ({"is_prismatic": (True,)}, "is_prismatic needs one entry a joint, 2, found 1"),
+        ({"is_prismatic": (True,)}, "is_prismatic needs one entry per joint, 2, found 1"),
     ],
 )
 def test_log_of_wrong_shape_is_refused(wrong: dict[str, Any], words: str) -> None:

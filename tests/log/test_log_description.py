@@ -179,7 +179,7 @@ def test_even_rate_stands_for_a_time(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.time, np.arange(200) / 250, rtol=1e-12)
 
 
-def test_own_log_is_mended_only_when_asked(tmp_path: Path) -> None:
+def test_own_log_is_repaired_only_when_asked(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, ROTARY)
     values = np.stack([wave(0.5), wave(0.7), wave(0.9)])[:, :, None]
     write_log(Log(TIME, ("arm",), *values), tmp_path / "log.npz")
@@ -187,14 +187,14 @@ def test_own_log_is_mended_only_when_asked(tmp_path: Path) -> None:
         data = dict(archive)
     data["arm.joint_position_rad"][50] = np.nan
     np.savez(tmp_path / "bad.npz", **data)
-    with pytest.raises(LogError, match=r"mends single places with repair=seaid\.Repairs\(\)"):
+    with pytest.raises(LogError, match=r"or repair single samples with repair=seaid\.Repairs\(\)"):
         read_log(tmp_path / "bad.npz", robot)
     log = read_log(tmp_path / "bad.npz", robot, repair=Repairs())
     assert log.joint_position[50, 0] == pytest.approx(values[1, 50, 0], abs=1e-3)
     assert [repair.kind for repair in log.report] == ["values that are no number"]
     data["time_s"][50] = 0.1
     np.savez(tmp_path / "bad.npz", **data)
-    with pytest.raises(LogError, match=r"or let read_log mend them with repair=seaid\.Repairs"):
+    with pytest.raises(LogError, match=r"or repair them with repair=seaid\.Repairs"):
         read_log(tmp_path / "bad.npz", robot)
 
 
@@ -209,7 +209,7 @@ def test_degrees_are_suspected_from_the_limits(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, ROTARY, kind="revolute")
     path = log_file(tmp_path, degrees=np.rad2deg(wave(0.7)))
     with pytest.warns(
-        SeaidWarning, match=r"'arm' goes from -5\d\.\d+ to 5\d\.\d+ rad, .*degrees\?"
+        SeaidWarning, match=r"'arm' ranges from -5\d\.\d+ to 5\d\.\d+ rad, .*in degrees, give"
     ):
         read_log(path, robot, description=described(joint_position="degrees"))
     with warnings.catch_warnings():
@@ -291,9 +291,15 @@ def test_description_survives_its_toml(
         ({"motor_torque": {"unit": "Nm"}}, "motor_torque: needs column"),
         ({"motor_torque": 3}, "motor_torque: must be a table, found 3"),
         ({"motor_torque": {"column": 3}}, "column must be a text, found 3"),
-        ({"motor_torque": {"column": "c", "unit": "deg"}}, "no unit of it is named 'deg'; allowed"),
-        ({"motor_torque": {"column": "c", "unit": "N"}}, "no unit for it is named 'N'; did you"),
-        ({"joint_position": {"column": "b", "unit": "m"}}, "no unit for it is named 'm'"),
+        (
+            {"motor_torque": {"column": "c", "unit": "deg"}},
+            "no unit of this quantity is named 'deg'; allowed",
+        ),
+        (
+            {"motor_torque": {"column": "c", "unit": "N"}},
+            "no unit of this quantity is named 'N'; did you",
+        ),
+        ({"joint_position": {"column": "b", "unit": "m"}}, "no unit of this quantity is named 'm'"),
         ({"motor_torque": {"column": "c", "unit": "A"}}, "unit 'A' or 'mA' and torque_constant"),
         ({"motor_torque": {"column": "c", "sign": 2}}, "sign must be 1 or -1, found 2"),
         ({"motor_torque": {"column": "c", "scale": 0}}, "scale must be not zero, found 0"),
@@ -311,7 +317,7 @@ def test_description_survives_its_toml(
         ({"motor_position": {"column": "a", "wraps": -1}}, "wraps must be above zero, found -1"),
         (
             {"motor_position": {"column": "a", "time": {"unit": "s"}}},
-            "a time needs column, or rate",
+            "a time needs either column or rate",
         ),
         ({"motor_position": {"column": "a", "time": {"column": "t", "unit": "h"}}}, "unit of time"),
         (
@@ -319,7 +325,7 @@ def test_description_survives_its_toml(
             "rate_hz must be above zero",
         ),
         ({"motor_position": {"column": "a", "time": "tt"}}, "no column is named 'tt'"),
-        ({"deflection": "c"}, "deflection beside both positions is one too much"),
+        ({"deflection": "c"}, "deflection and both positions are redundant"),
         ({"motor_position": None, "joint_position": None, "deflection": "c"}, "only together with"),
         ({"motor_torque": {"servo": {"goal": "a"}}}, "servo: key 'position' is missing"),
         (
@@ -339,15 +345,18 @@ def test_mistake_in_a_joint_is_named(tmp_path: Path, change: Table, words: str) 
     ("change", "words"),
     [
         ({"tim": "t"}, "description=: no key is named 'tim'; did you mean 'time'?"),
-        ({"joints": {}}, "needs tables [joints.<joint>], one a joint, found {}"),
+        ({"joints": {}}, "needs tables [joints.<joint>], one per joint, found {}"),
         ({"joints": {"arm": {}}}, "[joints.arm]: names no quantity; allowed: motor_position"),
         (
             {"joints": {"arn": {"joint_position": "a"}}},
             "no joint is named 'arn'; did you mean 'arm'",
         ),
-        ({"time": None}, 'no time is given; name its column, time = "...", or time = { rate_hz'),
+        (
+            {"time": None},
+            'no time is given; name its column, time = "...", or a constant rate, time = { rate_hz',
+        ),
         ({"where": 3}, "'where' must be the name of a column, found 3"),
-        ({"where": "off"}, "the column of 'where' is zero all the time"),
+        ({"where": "off"}, "the column of 'where' is zero at all samples"),
         ({"where": "short"}, "has 200 samples, the column of 'where' 7"),
         ({"time": "short"}, "must have shape (7)"),
         ({"repair": {"most_mising": 1}}, "[repair]: no key is named 'most_mising'; did you mean"),

@@ -159,7 +159,7 @@ def test_a_hole_that_takes_most_of_the_log_is_refused_with_its_place() -> None:
 
 
 def test_log_too_short_for_the_cutoff_says_what_to_do() -> None:
-    with pytest.raises(LogError, match=r"too short: 0.999 s hold fewer than 10 periods .* 4 Hz"):
+    with pytest.raises(LogError, match=r"too short: 0.999 s are fewer than 10 periods .* 4 Hz"):
         reconstruct_motion(arm(), log().between(0.0, 1.0), 4.0)
 
 
@@ -197,15 +197,15 @@ def test_proposed_cutoff_is_used_where_none_is_given() -> None:
     assert 3.0 <= motion.cutoff_hz <= 5.0
     assert reconstruct_motion(arm(), log(), motion.cutoff_hz).cutoff_hz == motion.cutoff_hz
     assert motion.processing is not None
-    assert "three times the edge of the motion's speed" in str(motion.processing)
+    assert "three times the bandwidth of the velocity" in str(motion.processing)
 
 
 def test_motion_tells_what_was_done_to_it() -> None:
     plain = reconstruct_motion(arm(), log(), 8.0).processing
     assert plain is not None
     assert str(plain) == (
-        "1000 Hz, positions below 40 Hz; regressor and torque below 8 Hz, as it was given; "
-        "0.12 s left away at both ends"
+        "1000 Hz, positions below 40 Hz; regressor and torque below 8 Hz, as given; "
+        "0.12 s excluded at both ends"
     )
     thinned = reconstruct_motion(arm(), without_samples(0.3), 8.0).processing
     assert thinned is not None
@@ -216,6 +216,6 @@ def test_motion_tells_what_was_done_to_it() -> None:
     repaired = reconstruct_motion(arm(), replace(log(), report=report), 8.0).processing
     assert repaired is not None
     assert repaired.repairs == report
-    assert str(repaired).endswith("1 kinds of faults mended on reading")
+    assert str(repaired).endswith("1 kinds of faults repaired on reading")
     wide = reconstruct_motion(arm(), log(), 100.0).processing
-    assert "positions as they are" in str(wide)
+    assert "positions unfiltered" in str(wide)

@@ -1,1 +1,1 @@
-"""Readers of log files, one a format: each gives a `Table`, columns loaded when wanted."""
+"""Readers of log files, one per format: each returns a `Table` that loads columns on demand."""

@@ -1,7 +1,7 @@
-"""Functions run in a child process with limits of time and memory, for readers that may crash.
+"""Child processes with limits of time and memory, for readers that may crash.
 
-A child needs nothing of the program that calls: no `if __name__ == "__main__"`, no main thread. It
-starts a new interpreter, and its answer comes back as JSON and .npz, never as code.
+A child starts a new interpreter, so the calling program needs no `if __name__ == "__main__"`. Its
+answer comes back as JSON and .npz, never as code.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from seaid.log.readers.memory import free_memory
 
 Arrays = Mapping[str, NDArray[Any]]
 Answer = tuple[Any, Arrays]
-"""What a function in a child gives back: facts that JSON knows, and arrays of numbers by name."""
+"""Result of a function in a child: JSON data, and arrays of numbers by name."""
 
 _MOST_MEMORY, _MEMORY_SHARE, _LEAST_MEMORY = 3e9, 0.5, 5e8
 _WALL_FACTOR = 6.0
-"""Wall time over processor time after which a child counts as hanging."""
+"""Ratio of wall time to processor time above which a child counts as hanging."""
 
 _START = (
     "import json, sys; sys.path[:] = json.load(open(sys.argv[1] + '/call.json'))['path']; "
@@ -39,25 +39,25 @@ _START = (
 )
 
 _folder: Path | None = None
-"""In a child: where its answer goes."""
+"""In a child: the folder of its answer."""
 
 
 class ChildError(Exception):
-    """A child that did not answer, and the reason, in words."""
+    """A child process ended without an answer; the message is the reason."""
 
 
 def run_in_child(
     function: Callable[..., Answer], arguments: Mapping[str, Any], *, seconds: float
 ) -> Answer:
-    """Call a function of a module in a child process; return the facts and arrays of its answer.
+    """Call a function of a module in a child process, and return its JSON data and arrays.
 
-    `arguments` by name, as JSON knows them. `seconds` is processor time: a child may take six
-    times as long on the wall. Memory is limited to half of what is free, 3 GB at most, where the
-    system can do so. Raises the function's own SeaidError, and ChildError with a reason in words
-    for whatever else goes wrong: another exception, a crash, a limit that was reached.
+    `arguments` are JSON data by name. `seconds` limits the processor time; the wall time may be six
+    times as long. Memory is limited to half of the free memory, at most 3 GB, if the system
+    supports it. Raises the SeaidError of the function, and ChildError with the reason for any other
+    exception, a crash or a limit that is reached.
     """
     if not sys.executable:
-        raise ChildError("a child process cannot be run: nobody knows where Python is")
+        raise ChildError("a child process cannot be run: the path of Python is unknown")
     memory = max(min(_MOST_MEMORY, _MEMORY_SHARE * free_memory()), _LEAST_MEMORY)
     call = {
         "path": [one for one in sys.path if isinstance(one, str)],
@@ -77,13 +77,13 @@ def run_in_child(
 
 
 def doing(text: str) -> None:
-    """Note what a child is at; the reason of a crash then names it. Without effect elsewhere."""
+    """Note the current task of a child, which the reason of a crash names. No effect elsewhere."""
     if _folder is not None:
         (_folder / "doing").write_text(text, encoding="utf-8", errors="replace")
 
 
 def _started(folder: Path, seconds: float) -> str:
-    """Run the child of a folder to its end; return how it died, or nothing."""
+    """Run the child of a folder to its end; return the reason if it died, else an empty text."""
     command = [sys.executable, "-P", "-W", "ignore", "-c", _START, str(folder)]
     one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     try:
@@ -98,19 +98,19 @@ def _started(folder: Path, seconds: float) -> str:
             check=False,
         ).returncode
     except subprocess.TimeoutExpired:
-        return f"the process that read it found no end in {_WALL_FACTOR * seconds:.3g} s"
+        return f"the process that read it did not end within {_WALL_FACTOR * seconds:.3g} s"
     if code == 0:
         return ""
     out_of_time = {-getattr(signal, one, 0) for one in ("SIGXCPU", "SIGALRM")}
     if code in out_of_time:
-        return f"the process that read it found no end in {seconds:.3g} s"
+        return f"the process that read it did not end within {seconds:.3g} s"
     with suppress(ValueError):
         return f"the process that read it crashed ({signal.Signals(-code).name})"
     return f"the process that read it ended with code {code}"
 
 
 def _answer(folder: Path, died: str) -> Answer:
-    """Return what a child left in its folder. Raises its error, or ChildError with how it died."""
+    """Return the answer in a child's folder. Raises its error, or ChildError if it died."""
     with suppress(OSError, ValueError):
         kind, reason = json.loads((folder / "reason.json").read_text(encoding="utf-8"))
         raise getattr(errors, kind, ChildError)(reason)
@@ -127,7 +127,7 @@ def _answer(folder: Path, died: str) -> Answer:
 
 
 def serve(folder: str) -> None:
-    """Do in a child what the call in its folder says, and leave the answer there."""
+    """Execute in a child the call in its folder, and write the answer there."""
     global _folder
     _folder = Path(folder)
     call = json.loads((_folder / "call.json").read_text(encoding="utf-8"))
@@ -139,18 +139,18 @@ def serve(folder: str) -> None:
         np.savez(_folder / "arrays.npz", **numbered)
         (_folder / "facts.json").write_text(json.dumps([facts, list(arrays)]), encoding="utf-8")
     except SeaidError as problem:
-        _say(type(problem).__name__, str(problem))
-    except Exception as problem:  # libraries on damaged files let whatever they meet through
-        _say("", reason_of(problem))
+        _write_reason(type(problem).__name__, str(problem))
+    except Exception as problem:  # libraries raise any exception on damaged files
+        _write_reason("", reason_of(problem))
 
 
-def _say(kind: str, reason: str) -> None:
+def _write_reason(kind: str, reason: str) -> None:
     if _folder is not None:
         (_folder / "reason.json").write_text(json.dumps([kind, reason]), encoding="utf-8")
 
 
 def _limit(seconds: float, memory: int) -> None:
-    """Limit processor time, wall time and memory of this process, where the system can."""
+    """Limit processor time, wall time and memory of this process, if the system supports it."""
     with suppress(ImportError):
         import resource  # not on Windows
 
@@ -164,5 +164,5 @@ def _limit(seconds: float, memory: int) -> None:
             soft = most if hard == resource.RLIM_INFINITY else min(most, hard)
             with suppress(OSError, ValueError):
                 resource.setrlimit(kind, (soft, hard))
-    with suppress(AttributeError):  # not on Windows: whoever waits has died as well
+    with suppress(AttributeError):  # not on Windows; ends a child whose parent has died
         signal.setitimer(signal.ITIMER_REAL, _WALL_FACTOR * seconds + 5.0)

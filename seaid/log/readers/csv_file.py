@@ -21,15 +21,15 @@ from seaid.log.readers.memory import check_memory
 from seaid.log.readers.table import Block, Blocks, Table
 
 LONGEST_LINE = 1_000_000
-"""Characters of a line of a CSV file: those of the most columns with 100 characters each."""
+"""Most characters of a line of a CSV file: 100 for each of the most columns."""
 
 _LINES, _TEXT = 50_000, 50_000_000
-"""Lines, and characters in them, that are text in memory at a time."""
+"""Most lines, and characters in them, that are held as text at a time."""
 
 
 @dataclass(frozen=True)
 class _Header:
-    """What the first line of a file says: the names of its columns, and the delimiter."""
+    """The first line of a file: the names of its columns, and the delimiter."""
 
     path: Path
     names: list[str]
@@ -41,7 +41,7 @@ class _Header:
         return {name: place for place, name in enumerate(self.names)}
 
     def places_of(self, wanted: list[str]) -> list[int]:
-        """Return the places of columns. Raises LogError for one that is named twice."""
+        """Return the places of columns. Raises LogError for a duplicate name."""
         if len(self.places) < len(self.names):
             counts = Counter(self.names)
             twice = sorted(name for name in wanted if counts[name] > 1)
@@ -51,10 +51,10 @@ class _Header:
 
 
 def open_csv(path: Path) -> Table:
-    """Return the columns of a CSV file; delimited by commas, semicolons or tabs.
+    """Return the columns of a CSV file delimited by commas, semicolons or tabs.
 
     A header behind # or % may be delimited by spaces, as NumPy and MATLAB write it. Raises LogError
-    for what is no such file, and where it is too large to be loaded as a whole.
+    for an invalid file, and for one too large to be loaded at once.
     """
     with _opened(path) as file:
         header = _header(path, next(_lines(path, file), ""))
@@ -100,7 +100,7 @@ def _lines(path: Path, file: TextIO) -> Iterator[str]:
 def _parts(
     header: _Header, lines: Iterator[str], wanted: list[str], first: int, most: int
 ) -> list[tuple[int, Block]]:
-    """Return the next lines, `most` of them, in parts: how many lines, and their columns."""
+    """Return the next `most` lines in parts: the number of lines, and their columns."""
     parts: list[tuple[int, Block]] = []
     count = 0
     while some := _some(lines, min(most - count, _LINES)):
@@ -113,7 +113,7 @@ def _parts(
 
 
 def _some(lines: Iterator[str], most: int) -> list[str]:
-    """Return the next lines, not more than memory holds at ease."""
+    """Return the next lines, limited in number and size."""
     found: list[str] = []
     size = 0
     for line in islice(lines, most):
@@ -125,7 +125,7 @@ def _some(lines: Iterator[str], most: int) -> list[str]:
 
 
 def _header(path: Path, header: str) -> _Header:
-    """Return what the first line of a file says."""
+    """Return the names and the delimiter in the first line of a file."""
     header = header.rstrip("\r\n")
     if "\0" in header:
         raise LogError(f"'{path}' is not a text file in UTF-8 (it has zero bytes); save it as such")
@@ -142,10 +142,9 @@ def _header(path: Path, header: str) -> _Header:
 
 
 def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -> Block:
-    """Return the wanted columns of lines of samples, the first of which is line `first`.
+    """Return the wanted columns of lines of samples from line `first` on; {} if all are blank.
 
-    Nothing if all are blank. Only lines with more than numbers in the wanted columns take the slow
-    way.
+    Lines of numbers are parsed by NumPy, others cell by cell.
     """
     if not any(line.strip() for line in lines):
         return {}
@@ -159,10 +158,10 @@ def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -
             )
             if len(values) == len(lines):
                 return dict(zip(wanted, values.T.copy(), strict=True))
-    return _slowly(header, lines, places, first)
+    return _parsed_cells(header, lines, places, first)
 
 
-def _slowly(header: _Header, lines: list[str], places: list[int], first: int) -> Block:
+def _parsed_cells(header: _Header, lines: list[str], places: list[int], first: int) -> Block:
     path, names, rows = header.path, header.names, []
     for line, cells in _cells(path, lines, header.delimiter, first):
         if not cells:
@@ -180,7 +179,7 @@ def _slowly(header: _Header, lines: list[str], places: list[int], first: int) ->
 def _cells(
     path: Path, lines: list[str], delimiter: str, first: int
 ) -> Iterator[tuple[int, list[str]]]:
-    """Yield the cells of lines, each with the number of its line."""
+    """Yield the line number and the cells of each line."""
     try:
         yield from enumerate(csv.reader(lines, delimiter=delimiter), first)
     except csv.Error as problem:
@@ -188,7 +187,7 @@ def _cells(
 
 
 def _number(path: Path, line: int, column: str, cell: str) -> float:
-    """Return the number in a cell; an empty one is NaN, true and false are 1 and 0."""
+    """Return the number in a cell; NaN for an empty cell, 1 and 0 for true and false."""
     try:
         return float(cell) if cell.strip() else float("nan")
     except ValueError:
@@ -197,6 +196,6 @@ def _number(path: Path, line: int, column: str, cell: str) -> float:
     if truth is None:
         raise LogError(
             f"'{path}', line {line}: column '{shortened(column)}' has '{shortened(cell)}', which "
-            "is no number"
+            "is not a number"
         )
     return truth

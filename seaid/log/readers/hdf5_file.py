@@ -31,17 +31,17 @@ _KIND = "an HDF5 file"
 
 
 def open_hdf5(path: Path) -> Table:
-    """Return the data sets of an HDF5 file as columns, by their path in it: "elbow/position".
+    """Return the datasets of an HDF5 file as columns, named by their path: "elbow/position".
 
-    Columns of a set of two dimensions are "name[0]", "name[1]", ..., those of a table "name/field".
-    Raises LogError for what is no such file, and where h5py is not installed. Sets whose samples
-    are in other files (external storage, virtual sets) are refused; links to others not followed.
+    Columns of a dataset of two dimensions are "name[0]", "name[1]", ..., those of a table
+    "name/field". Raises LogError for an invalid file, and if h5py is not installed. Datasets with
+    samples in other files (external, virtual) are refused; links to other files are not followed.
     """
     h5py = optional("h5py", "hdf5", path)
     names: list[str] = []
 
     def visit(name: str | bytes, item: Any) -> None:
-        if isinstance(name, bytes):  # not in UTF-8: listed, but not found again
+        if isinstance(name, bytes):  # not in UTF-8: listed, but cannot be loaded
             name = name.decode("utf-8", "replace")
         if isinstance(item, h5py.Dataset):
             names.extend(_columns_of(name, item))
@@ -71,9 +71,9 @@ def open_hdf5(path: Path) -> Table:
 
 
 def write_hdf5(path: Path, data: Mapping[str, Array]) -> None:
-    """Write columns, whole or not at all. Raises LogError where h5py is not installed.
+    """Write columns atomically. Raises LogError if h5py is not installed.
 
-    The file is made in memory: h5py ends the process where a disk is full.
+    The file is composed in memory, because h5py aborts the process on a full disk.
     """
     h5py = optional("h5py", "hdf5", path)
     content = BytesIO()
@@ -85,7 +85,7 @@ def write_hdf5(path: Path, data: Mapping[str, Array]) -> None:
 
 
 def _columns_of(name: str, data: Any) -> list[str]:
-    """Return the columns of a data set; one of a type or shape unknown here has its name."""
+    """Return the columns of a dataset; its name only for an unreadable type or shape."""
     try:
         fields, shape = data.dtype.names, data.shape
     except (TypeError, ValueError, RuntimeError, OSError):
@@ -94,7 +94,7 @@ def _columns_of(name: str, data: Any) -> list[str]:
 
 
 class _Column:
-    """A column of an open file: a data set, a column of one, or a field of a table."""
+    """A column of an open file: a dataset, a column of a dataset, or a field of a table."""
 
     def __init__(self, path: Path, file: Any, name: str) -> None:
         self.path, self.name = path, name
@@ -124,7 +124,7 @@ class _Column:
         self.length, self.width = int(shape[0]), max(kind.itemsize, 8)
 
     def size(self, rows: int) -> float:
-        """Return the most bytes that reading this many samples takes at once."""
+        """Return the largest number of bytes in memory while reading this many samples."""
         chunk = math.prod(self.data.chunks or (1,)) * self.data.dtype.itemsize
         return float(max(rows * self.width, chunk))
 

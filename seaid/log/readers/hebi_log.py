@@ -1,6 +1,6 @@
 """HEBI logs (.hebilog), read with HEBI's own package (`pip install 'seaid[hebi]'`).
 
-HEBI's library ends the process on some damaged files, so it works in a child process.
+HEBI's library aborts the process on some damaged files, so it runs in a child process.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ _FIELDS = (
     *("position_command", "velocity_command", "effort_command"),
 )
 _CLOCKS = {"time": "receive_time_us", "transmit_time": "hardware_transmit_time_us"}
-"""Our time columns [s]: arrival at the computer, and the module's own clock, both from zero on."""
+"""Time columns [s]: arrival at the computer, and the clock of the module, both from zero on."""
 
 _SECONDS, _BYTES_PER_SECOND = 15.0, 2e5
-"""Processor time that a child may take: at least, and the slowest rate of reading."""
+"""Smallest limit of processor time of the child, and the slowest rate of reading."""
 
 _MAGIC = 0x73B1
 _SAMPLE, _MODULES, _START = 1, 2, 4
@@ -35,9 +35,8 @@ _SAMPLE, _MODULES, _START = 1, 2, 4
 def open_hebilog(path: Path) -> Table:
     """Return the columns of a HEBI log: HEBI's field and module, as "motor_position[0]".
 
-    `time[k]` is when the sample of module k arrived, `transmit_time[k]` the module's own clock [s].
-    Raises LogError for what is no such file, one that is cut off, and where hebi-py is not
-    installed.
+    `time[k]` is the arrival of the sample of module k, `transmit_time[k]` the clock of the module
+    [s]. Raises LogError for an invalid or truncated file, and if hebi-py is not installed.
     """
     check_installed("hebi", "hebi", path)
     _check_end(path)
@@ -85,11 +84,11 @@ def _column(fields: Any, name: str) -> Any:
 
 
 def _check_end(path: Path) -> None:
-    """Check that the last record of a log ends where the file does; HEBI's reader does not.
+    """Check that the last record of a log ends at the end of the file; HEBI's reader does not.
 
-    A record starts with 73 b1 and its kind, two bytes each; a sample's has the address (8 bytes),
-    the length of the message (4) and the time (8) before the message. Kinds unknown here, and what
-    does not start as a log, are left to HEBI's reader.
+    A record starts with 73 b1 and its kind, two bytes each; that of a sample has the address
+    (8 bytes), the length of the message (4) and the time (8) before the message. Unknown kinds and
+    other files are passed on to HEBI's reader.
     """
     size, place, samples = path.stat().st_size, 0, 0
     with path.open("rb") as file:
@@ -106,19 +105,18 @@ def _check_end(path: Path) -> None:
             elif place and magic != _MAGIC and size - place >= length:
                 raise LogError(
                     f"'{path}' is a damaged HEBI log: after {samples} samples of modules there is "
-                    f"no record at byte {place} of {size}; copy it again from where it was made"
+                    f"no record at byte {place} of {size}; copy it again from its origin"
                 )
             elif place == 0 or size - place >= length:
                 return
             if place + length > size:
                 raise LogError(
                     f"'{path}' is cut off: its last record, at byte {place}, should end at byte "
-                    f"{place + length}, the file has {size} bytes; copy it again from where it was "
-                    "made"
+                    f"{place + length}, the file has {size} bytes; copy it again from its origin"
                 )
             place += length
 
 
 def _number(data: bytes) -> int:
-    """Return a number of four bytes, 0 where the file ends before it."""
+    """Return a number of four bytes, 0 if the file ends before it."""
     return int(struct.unpack(">I", data)[0]) if len(data) == 4 else 0

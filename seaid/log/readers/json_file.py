@@ -1,4 +1,4 @@
-"""JSON: a list of records, columns as lists, or either inside an object with constants beside."""
+"""JSON: a list of records, or columns as lists, also inside an object with constants."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from seaid.log.readers.memory import check_columns, check_memory
 from seaid.log.readers.table import Block, Table, no_numbers
 
 _GROWTH = 10.0
-"""Bytes in memory for a byte of JSON."""
+"""Bytes in memory per byte of JSON."""
 
 _DEEPEST = 20
-"""Lists and objects inside each other in which numbers of a log are found."""
+"""Most levels of lists and objects."""
 
 
 def open_json(path: Path) -> Table:
     """Return the columns of a JSON file: [{"t": 0.0, "q": 0.1}, ...], {"t": [...], "q": [...]}.
 
-    Where such a list of records lies in an object, as {"kp": 100, "entries": [...]}, numbers beside
-    it are constant columns. A list in a record is "q[0]", "q[1]", ..., an object "motor.current".
-    Raises LogError for what is neither.
+    If the list of records is in an object, as {"kp": 100, "entries": [...]}, the numbers of the
+    object are constant columns. A list in a record is "q[0]", "q[1]", ..., an object
+    "motor.current". Raises LogError for other content.
     """
     content = _content(path)
     constants: dict[str, float] = {}
@@ -70,7 +70,7 @@ def _are_records(value: Any) -> bool:
 
 
 def _of_records(path: Path, records: list[Mapping[str, Any]]) -> dict[str, list[Any]]:
-    """Return the columns of records; what a record does not have is None."""
+    """Return the columns of records; None for a value that a record lacks."""
     data: dict[str, list[Any]] = {}
     for row, record in enumerate(records):
         for name, value in _flat(path, "", record, 0):
@@ -96,7 +96,7 @@ def _flat(path: Path, name: str, value: Any, depth: int) -> Iterator[tuple[str, 
 
 
 def _of_lists(path: Path, value: Any, depth: int) -> dict[str, list[Any]]:
-    """Return the lists in an object; a list of equally long lists is a column each."""
+    """Return the lists in an object by name; a list of lists of equal length has one per place."""
     _check_depth(path, depth)
     data: dict[str, list[Any]] = {}
     for name, one in value.items() if isinstance(value, Mapping) else ():
@@ -116,8 +116,8 @@ def _of_lists(path: Path, value: Any, depth: int) -> dict[str, list[Any]]:
 def _check_depth(path: Path, depth: int) -> None:
     if depth > _DEEPEST:
         raise LogError(
-            f"'{path}': lists and objects are more than {_DEEPEST} deep inside each other; a JSON "
-            "log is a list of records, or lists of numbers by name"
+            f"'{path}': lists and objects are more than {_DEEPEST} levels deep; a JSON log "
+            "is a list of records, or lists of numbers by name"
         )
 
 

@@ -1,7 +1,4 @@
-"""How much memory is free.
-
-What a log may declare: columns, and bytes of samples, checked before they are read.
-"""
+"""Limits of columns and memory of a log, checked before its samples are read."""
 
 from __future__ import annotations
 
@@ -14,10 +11,10 @@ from seaid.errors import LogError, shortened
 
 
 def free_memory() -> float:
-    """Return the bytes of memory that this process may still take; infinite where nobody says.
+    """Return the bytes of memory that this process may still take; infinite if unknown.
 
-    The least of what the machine has, what the limit of the process's address space leaves, and
-    what the control group of a container leaves.
+    It is the smallest of the free memory of the machine, of the process's address space, and of
+    the control group of a container.
     """
     return min(_of_machine(), _of_process(), _of_group())
 
@@ -47,28 +44,27 @@ def _of_group() -> float:
     with suppress(OSError, ValueError):
         limit = (group / "memory.max").read_text(encoding="ascii")
         used = (group / "memory.current").read_text(encoding="ascii")
-        return float(limit) - float(used)  # "max" is no number: no limit
+        return float(limit) - float(used)  # "max" raises ValueError: no limit
     return float("inf")
 
 
 MOST_COLUMNS = 10_000
-"""Columns of a log; more are an image, a cloud of points, or a damaged file."""
+"""Most columns of a log; more are an image, a point cloud, or a damaged file."""
 
 LONGEST_NAME = 1_000
-"""Characters in the name of a column."""
+"""Most characters in the name of a column."""
 
 MEMORY_SHARE = 0.25
-"""Largest part of the free memory that samples read at once may take: what follows copies them."""
+"""Largest share of the free memory for samples read at once; later steps copy them."""
 
 MOST_BYTES, MOST_GROWTH = 1e9, 20.0
-"""A file may declare this many bytes of samples, or this many times its own size if that is more:
-what is beyond was never measured."""
+"""A file may declare this many bytes of samples, or this multiple of its size if that is more."""
 
 
 def check_memory(path: Path, size: float, pieces: bool = False) -> None:
-    """Check the bytes of the samples that are to be read at once, before they are.
+    """Raise LogError if `size` bytes of samples read at once are too many.
 
-    Raises LogError with what to do, which for `pieces` is another than for a file as a whole.
+    The advice in the message differs for a file that is read in `pieces`.
     """
     own, free = size_of(path), max(free_memory(), 0.0)
     allowed = max(MOST_BYTES, MOST_GROWTH * own)
@@ -84,7 +80,7 @@ def check_memory(path: Path, size: float, pieces: bool = False) -> None:
         raise LogError(
             f"'{path}' of {own / 1e9:.3g} GB declares {size / 1e9:.3g} GB of samples, more than "
             f"{MOST_GROWTH:g} times its size and than {MOST_BYTES / 1e9:g} GB: it is damaged, or "
-            f"padded with samples that are all the same; {advice}"
+            f"padded with equal samples; {advice}"
         )
     raise LogError(
         f"'{path}' takes {size / 1e9:.3g} GB of memory, too much for the {free / 1e9:.3g} GB that "
@@ -93,7 +89,7 @@ def check_memory(path: Path, size: float, pieces: bool = False) -> None:
 
 
 def check_columns(path: Path, count: int) -> None:
-    """Check the number of columns of a log. Raises LogError."""
+    """Raise LogError for too many columns."""
     if count > MOST_COLUMNS:
         raise LogError(
             f"'{path}' has {count:,} columns or more, allowed are {MOST_COLUMNS:,}; write the "
@@ -102,7 +98,7 @@ def check_columns(path: Path, count: int) -> None:
 
 
 def check_names(path: Path, names: Sequence[str]) -> None:
-    """Check number, length and characters of the names of columns. Raises LogError."""
+    """Raise LogError for too many columns, and for names that are too long or not Unicode."""
     check_columns(path, len(names))
     for name in names:
         if len(name) > LONGEST_NAME:
@@ -111,7 +107,7 @@ def check_names(path: Path, names: Sequence[str]) -> None:
                 f"{LONGEST_NAME:,}: '{shortened(name)}'"
             )
         if not name.isascii() and name != name.encode("utf-8", "replace").decode("utf-8"):
-            raise LogError(f"'{path}': the name of a column is no text in Unicode: {name!a}")
+            raise LogError(f"'{path}': the name of a column is not Unicode text: {name!a}")
 
 
 def size_of(path: Path) -> float:

@@ -1,4 +1,4 @@
-"""NPZ: an archive of NumPy arrays, one a column, or of two dimensions with a joint a column."""
+"""NPZ: an archive of NumPy arrays, one per column or of two dimensions with columns."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from seaid.log.readers.table import (
 
 _KIND = "a NumPy archive (.npz)"
 _COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-"""What NumPy writes; readers of others take memory without limit."""
+"""Compressions that NumPy writes; readers of others use unlimited memory."""
 
 
 @dataclass(frozen=True)
 class _Header:
-    """What the start of an array's file says of its numbers."""
+    """The header of an array: type, shape and order of its numbers."""
 
     kind: np.dtype[Any]
     shape: tuple[int, ...]
@@ -48,7 +48,7 @@ class _Header:
 
 
 def open_npz(path: Path) -> Table:
-    """Return the columns of a NumPy archive. Raises LogError for what is none."""
+    """Return the columns of a NumPy archive. Raises LogError for an invalid file."""
     names: list[str] = []
     with damaged(path, _KIND), zipfile.ZipFile(path) as archive:
         arrays = [name.removesuffix(".npy") for name in archive.namelist()]
@@ -64,7 +64,7 @@ def open_npz(path: Path) -> Table:
 
 
 def _parts(path: Path, archive: zipfile.ZipFile, name: str) -> list[str]:
-    """Return the columns of an array; a damaged one is named when it is wanted."""
+    """Return the columns of an array; a damaged array raises an error when it is loaded."""
     try:
         with _member(path, archive, name) as (_, header):
             return with_parts(name, header.shape)
@@ -73,7 +73,7 @@ def _parts(path: Path, archive: zipfile.ZipFile, name: str) -> list[str]:
 
 
 def _places(archive: zipfile.ZipFile, wanted: list[str]) -> dict[str, list[tuple[str, int | None]]]:
-    """Return the columns wanted of each array: their names, and their places in the array."""
+    """Return {array: (name, place in the array) of its wanted columns}."""
     arrays = set(archive.namelist())
     found: dict[str, list[tuple[str, int | None]]] = {}
     for name in wanted:
@@ -102,7 +102,7 @@ def _load(path: Path, wanted: list[str]) -> Block:
 
 
 def _array(path: Path, archive: zipfile.ZipFile, name: str) -> Any:
-    """Return an array of one or two dimensions, as its file has it."""
+    """Return an array of one or two dimensions, with the type of its file."""
     with _member(path, archive, name) as (file, header):
         _check_kind(path, name, header)
         check_memory(path, max(header.size, 8.0 * math.prod(header.shape)))
@@ -123,7 +123,7 @@ def _blocks(path: Path, wanted: list[str], size: int) -> Blocks:
         for base in places:
             file, header = stack.enter_context(_member(path, archive, base))
             _check_kind(path, places[base][0][0], header)
-            if header.by_columns:  # no piece of it has all columns of some rows
+            if header.by_columns:  # it cannot be read row by row
                 whole[base] = _array(path, archive, base)
             files[base] = (file, header)
         check_lengths(path, {base: header.shape[0] for base, (_, header) in files.items()})
@@ -152,10 +152,10 @@ def _rows(path: Path, name: str, file: IO[bytes], header: _Header, count: int) -
 
 @contextmanager
 def _member(path: Path, archive: zipfile.ZipFile, name: str) -> Iterator[tuple[IO[bytes], _Header]]:
-    """Give the file of an array, opened at its numbers, and what its header says."""
+    """Yield the file of an array, positioned at its numbers, and its header."""
     with damaged_column(path, name):
         if archive.getinfo(f"{name}.npy").compress_type not in _COMPRESSIONS:
-            raise ValueError("it is compressed in a way that NumPy does not write")
+            raise ValueError("it has a compression that NumPy does not write")
         with archive.open(f"{name}.npy") as file:
             yield file, _header(file)
 
@@ -176,5 +176,5 @@ def _header(file: IO[bytes]) -> _Header:
 def _exactly(file: IO[bytes], count: int) -> bytes:
     data = file.read(count)
     if len(data) < count:
-        raise ValueError("it ends too early")
+        raise ValueError("it is truncated")
     return data

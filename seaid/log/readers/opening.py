@@ -1,4 +1,4 @@
-"""Which reader a log file is for."""
+"""Selection of the reader of a log file."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ READERS: dict[str, Callable[[Path], Table]] = {
     ".bag": open_bag,
     ".hebilog": open_hebilog,
 }
-"""Readers by the ending of the file; a folder is a ROS bag."""
+"""Readers by the suffix of the file; a folder is a ROS bag."""
 
 
 def log_path(path: str | Path) -> Path:
-    """Return the path of a log as a Path. Raises LogError for what is none."""
+    """Return the path of a log as a Path. Raises LogError for another type."""
     if not isinstance(path, str | os.PathLike):
         raise LogError(f"the path of a log must be a text or a Path, found {shown(path)}")
     return Path(path)
 
 
 def open_table(path: Path) -> Table:
-    """Return the columns of a log file. Raises LogError for one that cannot be read."""
+    """Return the columns of a log file. Raises LogError if it cannot be read."""
     reader = _reader(path)
     try:
         table = reader(path)
@@ -53,7 +53,7 @@ def open_table(path: Path) -> Table:
 
 
 def _reader(path: Path) -> Callable[[Path], Table]:
-    """Return the reader of what is at a path, a file or a folder and nothing else."""
+    """Return the reader of a file or folder. Raises LogError for anything else."""
     try:
         mode = path.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):

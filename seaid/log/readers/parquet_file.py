@@ -18,9 +18,9 @@ _KIND = "a Parquet file"
 
 
 def open_parquet(path: Path) -> Table:
-    """Return the columns of a Parquet file; nulls are NaN, instants are seconds since the first.
+    """Return the columns of a Parquet file; nulls are NaN, timestamps are seconds since the first.
 
-    Raises LogError for what is no such file, and where pyarrow is not installed.
+    Raises LogError for an invalid file, and if pyarrow is not installed.
     """
     parquet = optional("pyarrow.parquet", "parquet", path)
     with damaged(path, _KIND), parquet.ParquetFile(path) as file:
@@ -50,7 +50,7 @@ def open_parquet(path: Path) -> Table:
 
 
 def write_parquet(path: Path, data: Mapping[str, Array]) -> None:
-    """Write columns, whole or not at all. Raises LogError where pyarrow is not installed."""
+    """Write columns atomically. Raises LogError if pyarrow is not installed."""
     parquet = optional("pyarrow.parquet", "parquet", path)
     arrow = optional("pyarrow", "parquet", path)
     with whole_file(path) as temporary, temporary.open("wb") as file:
@@ -58,14 +58,14 @@ def write_parquet(path: Path, data: Mapping[str, Array]) -> None:
 
 
 def _check_kinds(path: Path, file: Any, wanted: Sequence[str]) -> None:
-    """Check that columns are numbers, truth values or instants, before they are read."""
+    """Raise LogError for columns that are not numbers, booleans or timestamps."""
     types = optional("pyarrow", "parquet", path).types
     numbers = ("integer", "floating", "boolean", "timestamp", "date", "decimal", "null")
-    schema = file.schema_arrow  # made anew each time it is asked for
+    schema = file.schema_arrow  # every access builds a new schema
     for name in wanted:
         places = schema.get_all_field_indices(name)
         if len(places) != 1:
-            raise LogError(f"'{path}': column '{shortened(name)}' is there {len(places)} times")
+            raise LogError(f"'{path}': column '{shortened(name)}' exists {len(places)} times")
         kind = schema.field(places[0]).type
         inner = kind.value_type if types.is_dictionary(kind) else kind
         if not any(getattr(types, f"is_{one}")(inner) for one in numbers):
@@ -73,7 +73,7 @@ def _check_kinds(path: Path, file: Any, wanted: Sequence[str]) -> None:
 
 
 def _samples(path: Path, name: str, column: Any, starts: dict[str, Any]) -> Array:
-    """Return a column as numbers; instants since that in `starts`, where the first one is kept."""
+    """Return a column as numbers; timestamps since the first one, which `starts` keeps."""
     types = optional("pyarrow", "parquet", path).types
     if types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)

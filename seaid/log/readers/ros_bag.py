@@ -1,8 +1,8 @@
 """ROS bags, read with rosbags (`pip install 'seaid[ros]'`): ROS 2 .db3 and .mcap, ROS 1 .bag.
 
-A column is topic and field, as "/joint_states/position[elbow]": by the joint's name where the
-message has names, by the place in the array otherwise. No ROS needs to be installed. rosbags works
-in a child process: a compressed part of a bag may ask for any amount of memory.
+A column is topic and field, as "/joint_states/position[elbow]": with the joint's name if the
+message has names, else with the place in the array. ROS need not be installed. rosbags runs in a
+child process, because a compressed part of a bag may request any amount of memory.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from seaid.log.readers.memory import check_columns, size_of
 from seaid.log.readers.table import Block, Table, check_installed, damaged
 
 _LOOKED_AT = 100
-"""Messages of a topic that tell its columns: several senders may share a topic."""
+"""Messages of a topic that define its columns; several senders may share a topic."""
 
 _LONGEST_ARRAY = 1_000
-"""Numbers in an array of a message that are columns; longer ones are images or point clouds."""
+"""Longest array of a message with a column per number; longer ones are images or point clouds."""
 
 _SECONDS, _BYTES_PER_SECOND = 15.0, 2e4
-"""Processor time that a child may take: at least, and the slowest rate of reading."""
+"""Smallest limit of processor time of the child, and the slowest rate of reading."""
 
 _NAMES = ("name", "names", "joint_names", "joint_name")
 
@@ -37,9 +37,9 @@ _NAMES = ("name", "names", "joint_names", "joint_name")
 def open_bag(path: Path) -> Table:
     """Return the columns of a bag: a file, or a folder with metadata.yaml.
 
-    Beside the fields each topic has `bag_time` and, where its messages have a header,
-    `header.stamp`, in seconds since the bag began. Raises LogError for what is no bag, and where
-    rosbags is not installed.
+    In addition to the fields each topic has `bag_time` and, if its messages have a header,
+    `header.stamp`, in seconds since the start of the bag. Raises LogError for an invalid bag, and
+    if rosbags is not installed.
     """
     check_installed("rosbags.highlevel", "ros", path)
 
@@ -60,7 +60,7 @@ def _in_child(function: Callable[..., Answer], path: Path, **arguments: Any) -> 
 
 
 def bag_columns(path: str) -> Answer:
-    """Return the names of the columns of a bag, and their clocks; runs in the child."""
+    """Return the names and clocks of the columns of a bag; runs in the child."""
     names: list[str] = []
     clocks: dict[str, str] = {}
     with _opened(Path(path)) as bag:
@@ -70,7 +70,7 @@ def bag_columns(path: str) -> Answer:
                 for _, message in islice(_messages(bag, [connection]), _LOOKED_AT):
                     found |= dict(_values(message, bag.start_time))
                     check_columns(Path(path), len(names) + len(found))
-            except KeyError:  # a type whose definition is nowhere
+            except KeyError:  # a type without definition
                 continue
             if not found:
                 continue
@@ -146,7 +146,7 @@ def _opened(path: Path) -> Iterator[Any]:
 
 
 def _files(path: Path) -> list[Path]:
-    """Return what rosbags opens: the bag's folder, or its one storage file without metadata."""
+    """Return the paths for rosbags: the bag's folder, or its storage files without metadata."""
     if not path.is_dir() or (path / "metadata.yaml").is_file():
         return [path]
     endings = ("*.db3", "*.mcap", "*.bag")

@@ -1,4 +1,4 @@
-"""Table: the columns of a log file, whatever its format, loaded when they are wanted."""
+"""Table: the columns of a log file of any format, loaded on demand."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ Blocks = Iterator[Block]
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """The names of columns, and how to get the samples of some of them.
+    """The names of columns, and the functions that load them.
 
-    `load(names)` gives {name: samples (T,)}; `blocks(names, size)` the same in pieces, None where
-    the format cannot be read in pieces. `clocks` is {column: time column [s] sampled with it} where
-    the file itself says so. `sparse`: NaN says that a message did not have the value.
+    `load(names)` returns {name: samples (T,)}; `blocks(names, size)` yields the same in pieces,
+    None if the format cannot be read in pieces. `clocks` is {column: its time column [s]} if the
+    file defines it. `sparse`: NaN marks values that a message lacks.
     """
 
     names: Sequence[str]
@@ -37,9 +37,9 @@ class Table:
     sparse: bool = False
 
     def missing(self, name: str) -> str:
-        """Return the sentence for a column that is not there, with the nearest name.
+        """Return the message for a missing column, with the most similar name.
 
-        A name with a topic, as "/joint_states/position[elbow]", gets the topics.
+        In a ROS bag, a name with an unknown topic gets the list of topics.
         """
         topics = _topics(self)
         if not topics:
@@ -51,7 +51,7 @@ class Table:
 
 
 def _topics(table: Table) -> list[str]:
-    """Return the topics of a bag: all its columns' clocks stand directly below them."""
+    """Return the topics of a bag, which are the parents of the clocks of its columns."""
     clocks = dict.fromkeys(table.clocks.values())
     found = {clock.removesuffix("/header.stamp").removesuffix("/bag_time") for clock in clocks}
     return sorted(one for one in found if one.startswith("/"))
@@ -59,43 +59,43 @@ def _topics(table: Table) -> list[str]:
 
 @contextmanager
 def damaged(path: Path, kind: str) -> Iterator[None]:
-    """Turn what a library says of a file that is damaged, or no `kind`, into a LogError."""
-    with _in_words(f"'{path}' is not {kind}, or a damaged one"):
+    """Turn any exception of a library on an invalid or damaged file into a LogError."""
+    with _as_log_error(f"'{path}' is not {kind}, or a damaged one"):
         yield
 
 
 @contextmanager
 def damaged_column(path: Path, name: str) -> Iterator[None]:
-    """Turn what a library says of a column whose data are damaged into a LogError."""
-    with _in_words(f"'{path}': column '{shortened(name)}' cannot be read"):
+    """Turn any exception of a library on a damaged column into a LogError."""
+    with _as_log_error(f"'{path}': column '{shortened(name)}' cannot be read"):
         yield
 
 
 @contextmanager
-def _in_words(what: str) -> Iterator[None]:
+def _as_log_error(what: str) -> Iterator[None]:
     try:
         yield
     except LogError:
         raise
-    except Exception as problem:  # parsers of untrusted bytes let whatever they meet through
+    except Exception as problem:  # parsers of untrusted bytes raise any exception
         raise LogError(f"{what}: {reason_of(problem)}") from None
 
 
 def is_number(kind: np.dtype[Any]) -> bool:
-    """Tell whether an array's type is one of real numbers or truth values."""
+    """Return whether an array's type is a real number or a boolean."""
     return kind.kind in "biuf"
 
 
 def no_numbers(path: Path, name: str, kind: object, shape: object) -> LogError:
-    """Return the error for a column that is no row of numbers."""
+    """Return the error for a column that is not a vector of numbers."""
     return LogError(
-        f"'{path}': column '{shortened(name)}' must be a row of numbers, found "
+        f"'{path}': column '{shortened(name)}' must be a vector of numbers, found "
         f"{shortened(str(kind))} of shape {shape}"
     )
 
 
 def samples(path: Path, name: str, values: Any) -> Array:
-    """Return a column as numbers. Raises LogError where it is not a row of numbers."""
+    """Return a column as numbers. Raises LogError if it is not a vector of numbers."""
     values = np.asarray(values)
     if not is_number(values.dtype) or values.ndim != 1:
         raise no_numbers(path, name, values.dtype, values.shape)
@@ -103,30 +103,30 @@ def samples(path: Path, name: str, values: Any) -> Array:
 
 
 def as_floats(values: NDArray[Any]) -> Array:
-    """Return numbers as float64; what is too large for it is infinite."""
+    """Return numbers as float64; infinite if too large."""
     with np.errstate(all="ignore"):
         numbers: Array = values.astype(np.float64)
     return numbers
 
 
 def check_lengths(path: Path, lengths: Mapping[str, int]) -> None:
-    """Check that columns are equally long. Raises LogError."""
+    """Raise LogError for columns of different lengths."""
     if len(set(lengths.values())) > 1:
         found = listed(f"'{shortened(name)}' {length}" for name, length in lengths.items())
-        raise LogError(f"'{path}': columns are not equally long: {found}")
+        raise LogError(f"'{path}': columns have different lengths: {found}")
 
 
 def with_parts(name: str, shape: Sequence[int] | None) -> list[str]:
-    """Return the column name, and for an array of two dimensions "name[0]", "name[1]", ...
+    """Return the name of an array, and for one of two dimensions "name[0]", "name[1]", ...
 
-    An array with more columns than a log may have is no set of channels: it has no parts.
+    An array with more columns than a log may have has no parts.
     """
     many = shape is not None and len(shape) == 2 and shape[1] <= MOST_COLUMNS
     return [name, *(f"{name}[{index}]" for index in range(shape[1] if shape and many else 0))]
 
 
 def part_of(name: str) -> tuple[str, int | None]:
-    """Return the array of a column, and which of its columns: "q[2]" is ("q", 2)."""
+    """Return the array of a column, and its place in the array: "q[2]" is ("q", 2)."""
     base, bracket, index = name.rpartition("[")
     if bracket and index.endswith("]") and index[:-1].isdecimal() and index.isascii():
         return base, int(index[:-1])
@@ -134,7 +134,7 @@ def part_of(name: str) -> tuple[str, int | None]:
 
 
 def optional(module: str, extra: str, path: Path) -> Any:
-    """Import an optional package. Raises LogError naming the extra it comes with."""
+    """Import an optional package. Raises LogError naming the extra that installs it."""
     try:
         return importlib.import_module(module)
     except ImportError:
@@ -142,7 +142,7 @@ def optional(module: str, extra: str, path: Path) -> Any:
 
 
 def check_installed(module: str, extra: str, path: Path) -> None:
-    """Check that an optional package is there, without loading it. Raises as `optional` does."""
+    """Raise LogError as `optional` does, but without importing the package."""
     try:
         found = find_spec(module)
     except ImportError:

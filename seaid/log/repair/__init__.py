@@ -1,1 +1,1 @@
-"""From files to samples: what columns are, and clocks, gaps, wraps and dropouts mended."""
+"""Repair of logged channels: clocks, gaps, wraps of encoders and dropouts."""

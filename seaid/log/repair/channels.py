@@ -1,9 +1,4 @@
-"""One channel made fit for use: no dropouts, no wraps; saturation and gaps within limits.
-
-Encoders that wrap around: the period they wrap by, and the angle without wraps.
-
-Samples that are none: NaN, zeros and held values while the signal moves; saturation.
-"""
+"""Repair of one channel: dropouts, wraps of encoders, saturation and gaps."""
 
 from __future__ import annotations
 
@@ -12,25 +7,38 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, IndexArray
 from seaid.errors import LogError
 from seaid.log.repair.clocks import RepairedClock, longest_bridge, longest_step
-from seaid.log.repair.data import Channel, Repair, Repairs, is_position
-from seaid.log.repair.resampling import FEWEST, gap_error
+from seaid.log.repair.data import FEWEST, Channel, Repair, Repairs, is_position
+from seaid.log.repair.resampling import gap_error
 
 _FARTHER = 2.0
+"""A wrap exceeds this multiple of the neighbouring steps."""
+
 _ALIKE = 0.02
+"""Relative tolerance of the size of wraps."""
+
 _FULL = 1.0 + 1e-3
+"""Largest range of a wrapped position, in periods."""
+
 _STRAY = 0.1
+"""Largest share of jumps that do not look like wraps."""
+
 _CLEAR = 0.4
-_TURN = 2 * np.pi
+"""Largest distance from the extrapolated position, in periods, at which a wrap is unambiguous."""
+
 _GAP, _MEAN = 1.5, 5
+"""A step longer than this many median steps is a gap, over which the mean speed of this many steps
+on both sides is extrapolated."""
+
+_TURN = 2 * np.pi
 
 
 def wrap_period(time: Array, values: Array) -> float | None:
-    """Return the period by which a position (T,) wraps around, None where it does not.
+    """Return the period by which a position (T,) wraps around, None if it does not.
 
-    A wrap is a step of more than half the range and far larger than those beside it, after which
-    the speed is what it was. Nearly all must be alike, and the range no larger than they are. A
-    period near a whole, half or quarter turn, or near a power of two of the encoder's own steps
-    (4096 counts), is taken to be just that.
+    A wrap is a step of more than half the range and far larger than its neighbours, with the same
+    speed before and after. Nearly all wraps must have the same size, which the range does not
+    exceed. A period close to one, a half or a quarter turn, or to a power of two of the encoder's
+    resolution (4096 counts), is rounded to that value.
     """
     steps = np.diff(values)
     jumps = np.flatnonzero(np.abs(steps) > 0.5 * np.ptp(values))
@@ -53,18 +61,18 @@ def wrap_period(time: Array, values: Array) -> float | None:
     alike = np.abs(periods - period) <= _ALIKE * period + 0.5 * usual
     if np.mean(~alike) > _STRAY or np.ptp(values) > _FULL * period:
         return None
-    # a position that only jumps there and back is a glitch: it wraps as it crosses the edge
+    # a wrap jumps against the motion; a position that jumps forth and back is a glitch
     against = np.sign(steps[inner]) == -np.sign(before + after)
     strays = np.mean(~against & (usual > 1e-3 * period))
     return period if np.any(against) and strays <= _STRAY else None
 
 
 def unwrapped(name: str, time: Array, values: Array, period: float) -> tuple[Array, int, int]:
-    """Return a position (T,) without wraps, how many there were, and the sample of the first.
+    """Return a position (T,) without wraps, the number of wraps, and the sample of the first.
 
-    Each sample is taken into the period that is nearest to where the last speed leads, so the
-    position may move by more than half a period between samples, once it is under way. Raises
-    LogError where it is more than 0.4 of a period from there.
+    Each sample is shifted by whole periods to be nearest to the position extrapolated with the last
+    speed, so a position in motion may move by more than half a period between samples. Raises
+    LogError if it is more than 0.4 of a period away from the extrapolation.
     """
     steps = np.diff(values)
     nearest = steps - period * np.round(steps / period)
@@ -77,9 +85,9 @@ def unwrapped(name: str, time: Array, values: Array, period: float) -> tuple[Arr
 
 
 def _predicted(name: str, time: Array, nearest: Array, period: float) -> Array:
-    """Return steps in the period that is nearest to the speed of the step before.
+    """Return steps shifted by whole periods to be nearest to the speed of the previous step.
 
-    Over a gap, nearest to the mean speed before and after, which may differ by a period's half.
+    Over a gap they are nearest to the mean of the speeds before and after.
     """
     durations, found = np.diff(time).tolist(), nearest.tolist()
     long = _GAP * float(np.median(durations))
@@ -98,9 +106,9 @@ def _predicted(name: str, time: Array, nearest: Array, period: float) -> Array:
             raise LogError(
                 f"'{name}' moves by {abs(found[place]):.3g} from t = {time[place]:.6g} s to the "
                 f"next sample, {duration:.3g} s later, and wraps around every "
-                f"{period:.6g}: how often cannot be told (clear is at most {_CLEAR:g} of a "
-                "period from where the speed before leads); log at a higher rate, or leave this "
-                "time out"
+                f"{period:.6g}: the number of wraps is ambiguous (the position must be within "
+                f"{_CLEAR:g} of a period of its extrapolation); log at a higher rate, or exclude "
+                "this time"
             )
         rate = found[place] / duration
     return np.array(found)
@@ -109,7 +117,7 @@ def _predicted(name: str, time: Array, nearest: Array, period: float) -> Array:
 def _follows(
     found: list[float], durations: list[float], start: int, rate: float, period: float
 ) -> float:
-    """Return the mean speed of the steps from `start` on, the first one near `rate`."""
+    """Return the mean speed of the steps from `start` on, of which the first is near `rate`."""
     end, total = min(start + _MEAN, len(found)), 0.0
     for place in range(start, end):
         expected = rate * durations[place]
@@ -120,9 +128,7 @@ def _follows(
 
 
 def _plausible(period: float, values: Array) -> float:
-    """Return the period that an encoder has near a found one: parts of a turn, 2^k steps."""
-    from seaid.log.repair.channels import resolution
-
+    """Return the plausible period near an estimated one: a fraction of a turn, or 2^k steps."""
     step = resolution(values)
     candidates = [_TURN, _TURN / 2, _TURN / 4, 2 * _TURN]
     if step > 0 and period / step < 2**24:
@@ -132,16 +138,20 @@ def _plausible(period: float, values: Array) -> float:
 
 
 _FAR = 4.0
+"""A dropout is farther from the signal than this multiple of the usual change or resolution."""
+
 _SIMILAR = 4.0
-_STUCK = 3
-_PILED = 4.0
+"""Largest ratio of rates of change that count as equal."""
+
+_STUCK, _PILED = 3, 4.0
+"""A saturated extreme occurs at least this often, and this many times as often as nearby levels."""
 
 SLOWER = 1 / 3
-"""Share of held samples above which a sensor is slower than its log."""
+"""Share of held samples above which a sensor samples more slowly than its log."""
 
 
 def resolution(values: Array) -> float:
-    """Return the step of a channel (T,), the smallest change that it shows; 0 without any."""
+    """Return the resolution of a channel (T,): its smallest change, 0 for a constant channel."""
     changes = np.abs(np.diff(np.unique(values[np.isfinite(values)])))
     largest = np.max(np.abs(values[np.isfinite(values)]), initial=0.0)
     changes = changes[changes > 1e-9 * largest]
@@ -149,16 +159,16 @@ def resolution(values: Array) -> float:
 
 
 def runs(mask: BoolArray) -> IndexArray:
-    """Return first and one past last sample (R, 2) of each stretch in which `mask` (T,) is true."""
+    """Return the first sample and the end (R, 2) of each run of true values in `mask` (T,)."""
     edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
     return np.column_stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)])
 
 
 def zero_dropouts(values: Array) -> BoolArray:
-    """Tell the samples (T,) that are exactly zero where the samples around are far from it.
+    """Return the mask (T,) of samples that are exactly zero while the neighbours are far from it.
 
-    Far is by several times the changes around them, and many of the channel's own steps. Zeros up
-    to an end of the log count too, if the other end of them is such a jump.
+    Far means several times the neighbouring changes and the resolution. Zeros that reach an end of
+    the log count too, if there is such a jump at their other end.
     """
     found, step = np.zeros(len(values), dtype=bool), resolution(values)
     for start, end in runs(values == 0.0):
@@ -167,12 +177,12 @@ def zero_dropouts(values: Array) -> BoolArray:
 
 
 def held_dropouts(values: Array, fewest: int = 2) -> BoolArray:
-    """Tell the samples (T,) that repeat the one before while the signal moves on.
+    """Return the mask (T,) of samples that repeat the previous one while the signal moves.
 
-    A value that stays for `fewest` samples or more is held if the change that ends it makes up for
-    that: as fast a sample as those before and after, and many of the channel's own steps. A coarse
-    encoder that stays within its step is not held. Where more than a third are, the sensor is
-    slower than its log, and holds every value as long.
+    A value repeated for `fewest` samples or more is held if the next change makes up for it: its
+    rate over the whole time is that of the changes before and after, and it is several times the
+    resolution, so a coarse encoder within one step is not held. If more than a third of the samples
+    are held, the sensor is slower than its log, and all repetitions of that length are held.
     """
     found = np.zeros(len(values), dtype=bool)
     if not len(values):
@@ -210,10 +220,10 @@ def _is_sudden_zero(values: Array, start: int, end: int, step: float) -> bool:
 
 
 def saturated(values: Array) -> BoolArray:
-    """Tell the samples (T,) of a torque, current or voltage that are stuck at an extreme.
+    """Return the mask (T,) of samples of a torque, current or voltage that are saturated.
 
-    Stuck are those at the largest or the smallest value where that comes up far more often than any
-    other near it: a signal that just turns there does not pile up.
+    The largest or smallest value counts as saturation if it occurs far more often than any of the
+    five nearest values.
     """
     found = np.zeros(len(values), dtype=bool)
     if not np.ptp(values) > 0:
@@ -227,14 +237,14 @@ def saturated(values: Array) -> BoolArray:
 
 
 def is_constant(values: Array) -> bool:
-    """Tell whether a channel (T,) says the same number all the time."""
+    """Return whether all samples (T,) of a channel are the same finite number."""
     return bool(len(values) and np.all(np.isfinite(values)) and np.ptp(values) == 0.0)
 
 
 def repaired_channel(
     channel: Channel, clock: RepairedClock, kept: BoolArray, limits: Repairs, found: list[Repair]
 ) -> tuple[Array, Array]:
-    """Return stamps and values of the samples of a channel that are good, without wraps."""
+    """Return stamps and values of the valid samples of a channel, without wraps."""
     time, values = clock.time, channel.values[clock.rows]
     if np.all(np.isnan(values)):
         return np.empty(0), np.empty(0)
@@ -244,7 +254,7 @@ def repaired_channel(
         channel, time, values, ~np.isfinite(values), "values that are no number", found
     )
     if is_constant(values):
-        action = f"it is {values[0]:.6g} all the time; left as it is"
+        action = f"it is {values[0]:.6g} all the time; not changed"
         found.append(Repair(channel.name, "constant channel", 1, float(time[0]), action))
     time, values, lost = _without(
         channel, time, values, zero_dropouts(values), "sudden zeros", found
@@ -261,7 +271,7 @@ def repaired_channel(
         raise LogError(
             f"'{channel.name}' lacks {missing} of {total} samples (no numbers, sudden zeros or "
             f"held values), allowed {limits.most_missing:.1%} (Repairs.most_missing): take a part "
-            "of the log in which the sensor works, or leave the column out"
+            "of the log in which the sensor works, or exclude the column"
         )
     if len(values) < FEWEST:
         return time, values
@@ -278,11 +288,11 @@ def _without(
     kind: str,
     found: list[Repair],
 ) -> tuple[Array, Array, int]:
-    """Return a channel without some samples, and how many these are."""
+    """Return a channel without the `bad` samples, and their number."""
     count = int(bad.sum())
     if count:
         at = float(time[np.argmax(bad)])
-        found.append(Repair(channel.name, kind, count, at, "left out and interpolated"))
+        found.append(Repair(channel.name, kind, count, at, "excluded and interpolated"))
     return time[~bad], values[~bad], count
 
 
@@ -294,8 +304,8 @@ def _without_wraps(channel: Channel, time: Array, values: Array, found: list[Rep
         return values
     whole, count, first = unwrapped(channel.name, time, values, period)
     if count:
-        given = "as given" if channel.period else "found in the jumps"
-        action = f"by {period:.6g} ({given}), made one angle"
+        given = "as given" if channel.period else "estimated from the jumps"
+        action = f"by {period:.6g} ({given}), unwrapped"
         found.append(Repair(channel.name, "wraps", count, float(time[first]), action))
     return whole
 
@@ -303,25 +313,25 @@ def _without_wraps(channel: Channel, time: Array, values: Array, found: list[Rep
 def _check_saturation(
     channel: Channel, time: Array, values: Array, limits: Repairs, found: list[Repair]
 ) -> None:
-    """Note a torque, current or voltage that is stuck at its extreme; refuse too much of it."""
+    """Report saturation of a torque, current or voltage. Raises LogError for too much of it."""
     stuck = np.zeros(1, dtype=bool) if is_position(channel.name) else saturated(values)
     if not np.any(stuck):
         return
     count, at = int(stuck.sum()), float(time[np.argmax(stuck)])
     level = values[np.argmax(stuck)]
-    action = f"stuck at {level:.4g}, which cannot be mended: left as they are"
+    action = f"saturated at {level:.4g}, cannot be repaired: not changed"
     found.append(Repair(channel.name, "saturated samples", count, at, action))
     if count > limits.most_saturated * len(values):
         raise LogError(
-            f"'{channel.name}' is stuck at its extreme ({level:.4g}) in {count} of {len(values)} "
-            f"samples, the first at t = {at:.6g} s; allowed {limits.most_saturated:.1%} "
-            "(Repairs.most_saturated): the true value is not known there; move the robot less "
-            "hard, or widen the range of the sensor"
+            f"'{channel.name}' is saturated ({level:.4g}) in {count} of {len(values)} samples, the "
+            f"first at t = {at:.6g} s; allowed {limits.most_saturated:.1%} "
+            "(Repairs.most_saturated): reduce the torques of the motion, or widen the range of the "
+            "sensor"
         )
 
 
 def _check_gap(channel: Channel, time: Array, values: Array, limits: Repairs) -> None:
-    """Refuse a channel with a gap that cannot be bridged; holes are excluded, see `bridged_s`."""
+    """Raise LogError for a gap that cannot be interpolated; holes are excluded elsewhere."""
     steps = np.diff(time)
     hint = "take the parts before and after it as two logs"
     given, longest, usual = limits.longest_gap_s, bridged_s(time, limits), longest_step(time)
@@ -337,17 +347,17 @@ def _check_gap(channel: Channel, time: Array, values: Array, limits: Repairs) ->
         return
     error = gap_error(time, values, usual, longest)
     if error is None or error > limits.most_gap_error:
-        known = "the log is too short to tell what" if error is None else f"{error:.1%} is what"
+        known = "cannot be estimated, the log is too short" if error is None else f"is {error:.1%}"
         raise LogError(
-            f"'{channel.name}' has a gap of {bridged[place]:.3g} s at t = {time[place]:.6g} s: "
-            f"{known} bridging such gaps adds to the channel (error over standard "
+            f"'{channel.name}' has a gap of {bridged[place]:.3g} s at t = {time[place]:.6g} s: the "
+            f"relative error of interpolating such gaps {known} (rms error over standard "
             f"deviation, from known stretches), allowed {limits.most_gap_error:.1%} "
             f"(Repairs.most_gap_error; longest_gap_s sets a length instead): {hint}"
         )
 
 
 def bridged_s(time: Array, limits: Repairs) -> float:
-    """Return the longest step [s] of a channel's stamps (T,) that is bridged."""
+    """Return the longest step [s] between a channel's stamps (T,) that is interpolated."""
     if limits.longest_gap_s is None:
         return longest_bridge(time)
     return max(limits.longest_gap_s, longest_step(time))

@@ -1,9 +1,6 @@
-"""Clocks of logged samples: stamps out of order, clocks that jump, offset and drift of two clocks.
+"""Repair of clocks: stamps sorted, repeats and jumps removed, and clocks aligned with the first.
 
-A clock of a log is not trusted: stamps may repeat, come late or be set back, and every joint may
-have one of its own.
-
-Clocks of channels made fit for use: brought to the first one, put in order, without repeats.
+Stamps of a log may repeat, come late or be set back, and every joint may have its own clock.
 """
 
 from __future__ import annotations
@@ -15,33 +12,38 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray
 from seaid.errors import LogError
-from seaid.log.repair.data import Channel, Repair, Repairs
-from seaid.log.repair.resampling import FEWEST
+from seaid.log.repair.data import FEWEST, Channel, Repair, Repairs
 
-_LATE_RUN = 5
-_HOLE = 0.3
-_NEIGHBOURS = 10
-_TOLERANCE = 3.0
-_BLOCKS = 100
-_PAIRED = 3.0
+_LATE_RUN, _HOLE = 5, 0.3
+"""Most late samples in a row; their distance from earlier stamps in typical steps, at least."""
+
+_NEIGHBOURS, _TOLERANCE = 10, 3.0
+"""A signal is continuous if its change is at most this multiple of those of so many neighbours."""
+
+_BLOCKS, _PAIRED = 100, 3.0
+"""Blocks of the line between two clocks, and its largest jitter in typical steps."""
+
 _ALIKE, _MOST = 0.01, 0.8
+"""Relative tolerance of equal steps, and the share of them that makes a clock regular."""
+
 _GAP, _REGULAR = 5.0, 1e-3
+"""A longer step, in typical steps, is a gap; relative tolerance of regular steps."""
 
 LONGEST_BRIDGE_S = 0.1
-"""Up to this time, or five usual steps if that is more, missing samples are interpolated.
+"""Up to this time, or five typical steps if that is more, missing samples are interpolated.
 
-Over longer ones an interpolation follows noise instead of the robot: on a simulated leg 0.1 s leave
-the errors of friction and stiffness as they are, 0.15 s make that of the stiffness four times as
-large, 0.3 s seven times.
+Over longer gaps an interpolation follows noise instead of the robot: on a simulated leg, gaps of
+0.1 s do not change the errors of friction and stiffness, gaps of 0.15 s multiply the error of the
+stiffness by four, and gaps of 0.3 s by seven.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class RepairedClock:
-    """Stamps in order: `rows` (S,) of the samples that are left, `time` (S,) [s] that never falls.
+    """Sorted stamps: `rows` (S,) of the remaining samples, and non-decreasing `time` (S,) [s].
 
-    `late` samples were put back into place; at `jumps` (row, seconds) the clock was set back or on
-    while the sampling went on; `unknown` rows had no finite stamp and are left out.
+    `late` samples were sorted into place; at `jumps` (row, seconds) the clock was set back or
+    forward during continuous sampling; `unknown` rows had no finite stamp and are excluded.
     """
 
     rows: IndexArray
@@ -53,10 +55,10 @@ class RepairedClock:
 
 @dataclass(frozen=True)
 class ClockLine:
-    """A clock beside another: own = reference + offset_s + drift (reference - middle_s).
+    """A clock relative to a reference: own = reference + offset_s + drift (reference - middle_s).
 
-    `drift_error` is half of the 95 % interval of the drift; `jitter_s` the median distance from the
-    line.
+    `drift_error` is half of the 95 % confidence interval of the drift; `jitter_s` is the median
+    distance from the line.
     """
 
     offset_s: float
@@ -66,15 +68,15 @@ class ClockLine:
     jitter_s: float
 
     def to_reference(self, time: Array) -> Array:
-        """Return stamps (T,) of the own clock as the reference would have them."""
+        """Return stamps (T,) of this clock converted to the reference clock."""
         since = np.asarray(time) - self.offset_s - self.middle_s
         return np.asarray(self.middle_s + since / (1.0 + self.drift))
 
 
 def typical_step(time: Array) -> float:
-    """Return the time between samples [s]: that of nearly all if they are alike, else the mean.
+    """Return the typical time between samples [s]: the mean of the equal steps if most are equal.
 
-    Pauses of more than ten mean steps are left out of the mean.
+    Otherwise it is the mean of all steps but pauses of more than ten mean steps.
     """
     steps = np.diff(time)
     steps = steps[steps > 0]
@@ -87,27 +89,27 @@ def typical_step(time: Array) -> float:
 
 
 def longest_step(time: Array) -> float:
-    """Return the time between samples [s] above which it is a gap: five typical steps."""
+    """Return the time between samples [s] above which a step is a gap: five typical steps."""
     return _GAP * typical_step(time)
 
 
 def longest_bridge(time: Array) -> float:
-    """Return the time between samples [s] above which it is a hole, that nothing bridges."""
+    """Return the time between samples [s] above which a step is a hole, not interpolated."""
     return max(longest_step(time), LONGEST_BRIDGE_S)
 
 
 def irregular_steps(time: Array) -> BoolArray:
-    """Tell the steps (T - 1,) of a clock that are not as long as most of them."""
+    """Return the mask (T - 1,) of steps of a clock that differ from the median step."""
     steps = np.diff(time)
     return np.asarray(np.abs(steps - np.median(steps)) > _REGULAR * np.median(steps))
 
 
 def repaired_clock(name: str, time: Array, values: Array, longest_gap_s: float) -> RepairedClock:
-    """Return the stamps of a clock in order, with the `values` (T, any) that were sampled by it.
+    """Return the sorted stamps of a clock; `values` (T, any) are the samples stamped by it.
 
-    Single late samples are sorted into the hole that they left. Where the clock was set back, or
-    set on by more than `longest_gap_s`, while all values go on as if nothing had happened, the
-    jump is taken out. Raises LogError where values do not go on: two recordings in one.
+    Single late samples are sorted into the gap that they left. A jump of the clock backwards, or
+    forward by more than `longest_gap_s`, is removed if all values are continuous there. Raises
+    LogError for a jump backwards with discontinuous values: two recordings in one.
     """
     known = np.isfinite(time)
     rows, unknown = np.flatnonzero(known), np.flatnonzero(~known)
@@ -124,14 +126,14 @@ def repaired_clock(name: str, time: Array, values: Array, longest_gap_s: float) 
                 stamps, values, rows = _sorted(stamps, values, rows, place + run)
                 place += run
                 continue
-            if not _goes_on(values, place):
+            if not _is_continuous(values, place):
                 raise LogError(
                     f"the clock of {name} goes backwards at sample {rows[place]} (from "
-                    f"{stamps[place - 1]:.9g} s to {stamps[place]:.9g} s) and the values do not go "
-                    "on there: two recordings in one? Split the log at this place"
+                    f"{stamps[place - 1]:.9g} s to {stamps[place]:.9g} s) and the values are "
+                    "discontinuous there: two recordings in one? Split the log at this place"
                 )
-        set_on = jump > longest_gap_s and _moved(values, place, jump / max(step, 1e-12))
-        if jump < 0 or (set_on and _goes_on(values, place)):
+        forward = jump > longest_gap_s and _would_move(values, place, jump / max(step, 1e-12))
+        if jump < 0 or (forward and _is_continuous(values, place)):
             jumps.append((int(rows[place]), float(jump - step)))
             stamps[place:] -= jump - step
         place = _next_break(stamps, place + 1, longest_gap_s)
@@ -145,16 +147,16 @@ def repaired_clock(name: str, time: Array, values: Array, longest_gap_s: float) 
 
 
 def _next_break(stamps: Array, place: int, longest_gap_s: float) -> int:
-    """Return the next place whose step is backwards or a long one."""
+    """Return the next sample after a step backwards or a step above `longest_gap_s`."""
     steps = np.diff(stamps[place - 1 :])
     broken = np.flatnonzero((steps < 0) | (steps > longest_gap_s))
     return place + int(broken[0]) if len(broken) else len(stamps)
 
 
 def _late_run(stamps: Array, place: int, step: float) -> int:
-    """Return how many samples from `place` on are late, 0 where the clock was set back.
+    """Return the number of late samples from `place` on, 0 if the clock was set back.
 
-    Late ones are few, and fall into a hole between the stamps before.
+    Late samples are few, and their stamps lie in a gap between earlier stamps.
     """
     ahead = stamps[place : place + _LATE_RUN + 1] >= stamps[place - 1]
     run = int(np.argmax(ahead)) if np.any(ahead) else len(ahead)
@@ -173,8 +175,8 @@ def _sorted(
     return stamps[order], values[order], rows[order]
 
 
-def _goes_on(values: Array, place: int) -> bool:
-    """Tell whether no value changes at `place` by more than its neighbours do."""
+def _is_continuous(values: Array, place: int) -> bool:
+    """Return whether all values change at `place` by no more than a few neighbouring changes."""
     change = np.abs(values[place] - values[place - 1])
     usual = _usual_changes(values, place)
     seen = np.isfinite(change) & np.isfinite(usual)
@@ -182,7 +184,7 @@ def _goes_on(values: Array, place: int) -> bool:
 
 
 def _usual_changes(values: Array, place: int) -> Array:
-    """Return the largest change (any,) from sample to sample around a place, without that at it."""
+    """Return the largest change (any,) between samples around a place, excluding that at it."""
     around = np.abs(np.diff(values[max(0, place - _NEIGHBOURS) : place + _NEIGHBOURS], axis=0))
     around = np.delete(around, min(place, _NEIGHBOURS) - 1, axis=0)
     found = np.where(np.isfinite(around), around, -1.0)
@@ -190,8 +192,8 @@ def _usual_changes(values: Array, place: int) -> Array:
     return np.where(largest < 0, np.nan, largest)
 
 
-def _moved(values: Array, place: int, steps: float) -> bool:
-    """Tell whether some value with the same speed before and after would have moved away."""
+def _would_move(values: Array, place: int, steps: float) -> bool:
+    """Return whether a value of constant speed would have moved clearly during `steps` steps."""
     before = values[max(0, place - _NEIGHBOURS) : place]
     after = values[place : place + _NEIGHBOURS]
     if min(len(before), len(after)) < 2:
@@ -205,10 +207,10 @@ def _moved(values: Array, place: int, steps: float) -> bool:
 
 
 def clock_line(own: Array, reference: Array) -> ClockLine:
-    """Return how one clock runs beside another, both (T,) [s] stamping the same rows.
+    """Return the line of one clock over another; both (T,) [s] stamp the same rows.
 
-    Robust: medians of blocks, and the line of median slope through them (Theil 1950, Sen 1968), so
-    that stamps which came late or stood still do not turn it.
+    The line has the median slope through the medians of blocks (Theil 1950, Sen 1968), so late and
+    repeated stamps do not affect it.
     """
     from scipy.stats import theilslopes
 
@@ -222,19 +224,19 @@ def clock_line(own: Array, reference: Array) -> ClockLine:
     apart = np.array([np.median(difference[block]) for block in blocks])
     slope, _, low, high = theilslopes(apart, at)
     middle = float(np.median(reference))
-    straight = difference - slope * (reference - middle)
-    offset = float(np.median(straight))
-    jitter = float(np.median(np.abs(straight - offset)))
+    detrended = difference - slope * (reference - middle)
+    offset = float(np.median(detrended))
+    jitter = float(np.median(np.abs(detrended - offset)))
     return ClockLine(offset, float(slope), float(high - low) / 2, middle, jitter)
 
 
 def is_paired(line: ClockLine, step: float) -> bool:
-    """Tell whether rows with the same number were sampled at the same time, but for jitter."""
+    """Return whether equal rows of two clocks were sampled at the same time, except for jitter."""
     return line.jitter_s < _PAIRED * step
 
 
 def clocks_of(channels: Sequence[Channel]) -> list[list[Channel]]:
-    """Return the channels grouped by the clock that stamps them."""
+    """Return the channels grouped by their clock."""
     clocks: list[list[Channel]] = []
     for channel in channels:
         for group in clocks:
@@ -249,10 +251,10 @@ def clocks_of(channels: Sequence[Channel]) -> list[list[Channel]]:
 def clock_lines(
     clocks: Sequence[Sequence[Channel]], limits: Repairs, found: list[Repair]
 ) -> list[ClockLine | None]:
-    """Return how to bring each clock to the first one; None: as it is.
+    """Return the line of each clock over the first one; None: the clock is not changed.
 
-    Only rows that belong together can tell: clocks with as many samples, in step. An offset below
-    one step cannot be told from sensors that sample one after the other, and stays.
+    A line is determined only for clocks with the same number of samples that run in step. An offset
+    below one step stays, because it cannot be distinguished from sequential sampling.
     """
     return [None, *(_line(group, clocks[0], limits, found) for group in clocks[1:])]
 
@@ -260,7 +262,7 @@ def clock_lines(
 def _line(
     group: Sequence[Channel], first: Sequence[Channel], limits: Repairs, found: list[Repair]
 ) -> ClockLine | None:
-    """Return how to bring the clock of channels to that of the first ones; None: as it is."""
+    """Return the line of a group's clock over that of the first group; None: not changed."""
     own, reference = group[0].time, first[0].time
     line = clock_line(own, reference) if len(own) == len(reference) else None
     step = typical_step(reference[np.isfinite(reference)])
@@ -272,16 +274,16 @@ def _line(
     name, name_first = _clock_name(group), _clock_name(first)
     if drifts and abs(line.drift) > limits.largest_drift:
         raise LogError(
-            f"the clock of {name} drifts by {line.drift:.3g} s/s against that of {name_first}, "
-            f"allowed {limits.largest_drift:.3g} (Repairs.largest_drift): is its unit right, and "
-            "are its rows those of the other?"
+            f"the clock of {name} drifts by {line.drift:.3g} s/s from that of {name_first}, "
+            f"allowed {limits.largest_drift:.3g} (Repairs.largest_drift): check its unit, and that "
+            "its rows belong to those of the other clock"
         )
     for kind, there, size in (
         ("clock offset", shifted, f"{line.offset_s:.6g} s"),
         ("clock drift", drifts, f"{line.drift * 1e6:.4g} us/s"),
     ):
         if there:
-            action = f"{size} against {name_first}, taken out"
+            action = f"{size} relative to {name_first}, removed"
             found.append(Repair(name, kind, 1, float(np.nanmin(own)), action))
     if not drifts and not shifted:
         return None
@@ -298,7 +300,7 @@ def _clock_name(group: Sequence[Channel]) -> str:
 def repaired_group(
     group: Sequence[Channel], limits: Repairs, found: list[Repair]
 ) -> tuple[RepairedClock, BoolArray]:
-    """Return the clock of channels in order, and which of its samples are kept."""
+    """Return the repaired clock of channels, and the mask of the samples to keep."""
     name = _clock_name(group)
     raw = group[0].time
     values = np.column_stack([channel.values for channel in group])
@@ -309,26 +311,26 @@ def repaired_group(
         )
     clock = repaired_clock(name, raw, values, limits.longest_gap_s or longest_step(finite))
     repeats = np.concatenate([[False], np.diff(clock.time) <= 0])
-    _note_disorder(name, raw, clock, repeats, found)
-    changes = np.diff(values[clock.rows], axis=0, prepend=np.nan)  # NaN differ from all
+    _report_disorder(name, raw, clock, repeats, found)
+    changes = np.diff(values[clock.rows], axis=0, prepend=np.nan)  # NaN differs from any value
     _check_disorder(name, raw, clock, repeats & ~np.all(changes == 0, axis=1), limits)
-    _note_steps(name, clock.time[~repeats], limits, found)
+    _report_steps(name, clock.time[~repeats], limits, found)
     return clock, ~repeats
 
 
-def _note_disorder(
+def _report_disorder(
     name: str, raw: Array, clock: RepairedClock, repeats: BoolArray, found: list[Repair]
 ) -> None:
-    """Note what was wrong with the order of the stamps of a clock."""
+    """Report the faults in the order of a clock's stamps."""
     jumps = ", ".join(f"{size:.4g} s" for _, size in clock.jumps)
     for kind, places, action in (
-        ("stamps that are not finite", clock.unknown, "their samples were left out"),
+        ("stamps that are not finite", clock.unknown, "their samples were excluded"),
         ("late samples", clock.late, "sorted into place"),
         ("repeated stamps", clock.rows[repeats], "the first sample of each was kept"),
         (
             "clock jumps",
             np.array([row for row, _ in clock.jumps], dtype=np.intp),
-            f"of {jumps}, taken out: the values go on",
+            f"of {jumps}, removed: the values are continuous",
         ),
     ):
         if len(places):
@@ -339,20 +341,20 @@ def _note_disorder(
 def _check_disorder(
     name: str, raw: Array, clock: RepairedClock, other: BoolArray, limits: Repairs
 ) -> None:
-    """Refuse too many stamps out of order; `other` are those repeated with other values."""
+    """Raise LogError for too many stamps out of order; `other`: repeated with other values."""
     rows = np.concatenate([clock.unknown, clock.late, clock.rows[other]])
     if len(rows) > limits.most_disordered * len(raw):
         first = float(raw[max(int(np.min(rows)) - 1, 0)])
         raise LogError(
             f"the clock of {name}: {len(rows)} of {len(raw)} stamps are late, repeated with other "
             f"values or not finite, the first near t = {first:.6g} s; "
-            f"allowed is a share of {limits.most_disordered:g} (Repairs.most_disordered): does the "
-            "time have all its digits? Log finer stamps, or sort the log"
+            f"allowed is a share of {limits.most_disordered:g} (Repairs.most_disordered): check "
+            "that the time has all its digits, log finer stamps, or sort the log"
         )
 
 
-def _note_steps(name: str, time: Array, limits: Repairs, found: list[Repair]) -> None:
-    """Note irregular steps and gaps of a clock, and refuse too much time in gaps."""
+def _report_steps(name: str, time: Array, limits: Repairs, found: list[Repair]) -> None:
+    """Report irregular steps and gaps of a clock. Raises LogError for too much time in gaps."""
     steps = np.diff(time)
     gaps = np.flatnonzero(steps > longest_step(time))
     irregular = np.flatnonzero(irregular_steps(time))

@@ -1,7 +1,4 @@
-"""Repairs: limits within which a log is mended; Repair: what was found in it and done.
-
-Channel: the samples of one sensor on its own clock, in SI units.
-"""
+"""Data of the repair of logs: its limits (`Repairs`), its report (`Repair`), and a `Channel`."""
 
 from __future__ import annotations
 
@@ -16,17 +13,39 @@ from seaid.errors import LogError, shown
 
 @dataclass(frozen=True)
 class Repairs:
-    """Limits within which a log is mended; beyond them it is refused. Shares are between 0 and 1.
+    """Limits within which a log is repaired; a log beyond them is refused.
 
-    `rate_hz`: of the common time grid (None: the mean rate of the fastest channel, so that nothing
-    is lost; where a lower one is asked for, channels pass a low pass first). `longest_gap_s`: that
-    is bridged in any channel; None: 0.1 s or five usual steps, in a position as long as such
-    bridges, tried where the samples are known, add an error of at most `most_gap_error` of its
-    standard deviation; the time of longer ones, the holes, is excluded. `most_missing`: share of a
-    channel's samples that are no numbers, sudden zeros or held, and of the time that lies in gaps.
-    `most_disordered`: share of stamps that are late, repeated with other values, or not finite.
-    `most_saturated`: share of a torque's, current's or voltage's samples stuck at its extreme.
-    `largest_drift`: of one clock against another, s/s. Raises LogError for what cannot be meant.
+    Attributes
+    ----------
+    rate_hz : float or None
+        Rate of the common time grid; None: the mean rate of the fastest channel. A lower rate
+        applies a low pass to the channels first.
+    longest_gap_s : float or None
+        Longest gap that is interpolated in any channel; None: 0.1 s or five typical steps. The
+        time of longer gaps (holes) is excluded.
+    most_gap_error : float
+        Largest error of interpolating the gaps of a position, relative to its standard deviation,
+        as estimated on known samples; without a given `longest_gap_s`.
+    most_missing : float
+        Largest share of a channel's samples that are not numbers, sudden zeros or held values, and
+        of the time in gaps.
+    most_disordered : float
+        Largest share of stamps that are late, repeated with other values, or not finite.
+    most_saturated : float
+        Largest share of saturated samples of a torque, current or voltage.
+    largest_drift : float
+        Largest drift of one clock relative to another [s/s].
+
+    Raises
+    ------
+    LogError
+        For a share outside 0 to 1, and a rate or gap that is not positive and finite.
+
+    Examples
+    --------
+    >>> limits = seaid.Repairs(longest_gap_s=0.05)
+    >>> log = seaid.read_log("run.csv", robot, repair=limits)
+    >>> [str(repair) for repair in log.report]
     """
 
     rate_hz: float | None = None
@@ -52,8 +71,18 @@ class Repairs:
 
 @dataclass(frozen=True)
 class Repair:
-    """What was found in a channel, or in the clock of several: `kind`, `count` of samples or places
-    with it, the first at `time_s` [s] (on its own clock), and what was done; str() in one sentence.
+    """A fault of a channel, or of the clock of several, and its repair; str() is one sentence.
+
+    Attributes
+    ----------
+    channel, kind : str
+        The channel, or the first of the channels, and the kind of the fault.
+    count : int
+        Number of samples or places with the fault.
+    time_s : float
+        Time of the first one [s], on the clock of the channel.
+    action : str
+        What was done.
     """
 
     channel: str
@@ -69,23 +98,25 @@ class Repair:
         )
 
 
+FEWEST = 4
+"""Fewest samples of a channel that can be interpolated."""
+
 LARGEST = 1e30
-"""Numbers beyond are no measured ones, in whatever unit, and arithmetic on them overflows."""
+"""Largest magnitude of a sample in any unit, so that arithmetic does not overflow."""
 
 
 def is_position(name: str) -> bool:
-    """Tell whether a column name of our logs is that of a position."""
+    """Return whether a column name of seaid is that of a position."""
     return "position" in name.rsplit(".", 1)[-1]
 
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """Samples `values` (T,) of a sensor at `time` (T,) [s], as logged: nothing is sorted or mended.
+    """Samples `values` (T,) of a sensor at `time` (T,) [s] as logged, unsorted and not repaired.
 
-    `name` is a column name of our logs, as "elbow.motor_position_rad", and says the unit. `period`
-    is that of an encoder that wraps around, in the same unit, None where there is none. Either
-    array may have NaN. Raises LogError for arrays that are not of one length, and for a period that
-    is not above zero.
+    `name` is a column name of seaid with the unit, as "elbow.motor_position_rad". `period` is that
+    of an encoder that wraps around, in the same unit, or None. Both arrays may contain NaN. Raises
+    LogError for arrays of different lengths, and for a period that is not positive.
     """
 
     name: str
@@ -103,7 +134,7 @@ class Channel:
             if len(beyond):
                 raise LogError(
                     f"'{self.name}' has a {what} of {samples[beyond[0]]:g} in sample {beyond[0]}, "
-                    f"allowed are up to {LARGEST:g}: no sensor measures that; leave the sample out"
+                    f"allowed are up to {LARGEST:g}: no sensor measures that; remove the sample"
                 )
         if self.period is not None and not (np.isfinite(self.period) and self.period > 0):
             raise LogError(f"the period of '{self.name}' must be above zero, found {self.period}")

@@ -1,6 +1,6 @@
-"""Channels of a foreign log made fit for use: what is wrong is found, counted, mended or refused.
+"""Repair of the channels of a log: faults are detected, counted, and repaired or refused.
 
-Every channel may have its own clock; out comes one uniform time grid.
+Every channel may have its own clock; the result has one uniform time grid.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from seaid.log.repair.clocks import (
     repaired_group,
     typical_step,
 )
-from seaid.log.repair.data import Channel, Repair, Repairs, is_position
-from seaid.log.repair.resampling import FEWEST, in_gap, resampled
+from seaid.log.repair.data import FEWEST, Channel, Repair, Repairs, is_position
+from seaid.log.repair.resampling import in_gap, resampled
 
 
 def repaired(
     channels: Sequence[Channel], limits: Repairs | None = None
 ) -> tuple[Array, dict[str, Array], tuple[Repair, ...]]:
-    """Return a uniform time grid (T,) [s], {channel: samples (T,)}, and what was found and done.
+    """Return a uniform time grid (T,) [s], {channel: samples (T,)}, and the report of repairs.
 
-    The grid is on the clock of the first channel and covers the time that all channels share; what
-    lies in a hole of any channel, a gap too long to be bridged, is not on it.
-    Channels without any number are all NaN. Where nothing is wrong with a log of one regular clock,
-    it comes out as it went in. Raises LogError, naming channel and place, beyond the limits.
+    The grid is on the clock of the first channel and covers the time that all channels share,
+    without the holes of any channel. Channels without any number are all NaN. A log of one regular
+    clock without faults is returned unchanged. Raises LogError, naming channel and place, beyond
+    the limits.
     """
     limits = Repairs() if limits is None else limits
     if not channels:
@@ -58,7 +58,7 @@ def repaired(
 
 
 def _changed(channels: Sequence[Channel], usable: dict[str, tuple[Array, Array]]) -> bool:
-    """Tell whether anything was taken out or moved, or the steps are not alike."""
+    """Return whether samples were removed or moved, or the steps are irregular."""
     if len(usable) < len(channels) and any(
         np.any(np.isfinite(one.values)) for one in channels if one.name not in usable
     ):
@@ -74,7 +74,7 @@ def _changed(channels: Sequence[Channel], usable: dict[str, tuple[Array, Array]]
 def _on_grid(
     usable: dict[str, tuple[Array, Array]], limits: Repairs, found: list[Repair]
 ) -> tuple[Array, dict[str, Array]]:
-    """Return the channels on a uniform grid over the time that they share, without their holes."""
+    """Return the channels on a uniform grid over their common time, without their holes."""
     late = max(usable, key=lambda name: usable[name][0][0])
     early = min(usable, key=lambda name: usable[name][0][-1])
     start, end = float(usable[late][0][0]), float(usable[early][0][-1])
@@ -83,8 +83,8 @@ def _on_grid(
         raise LogError(
             f"the channels share {max(end - start, 0.0):.4g} s of {longest:.4g} s: '{late}' starts "
             f"at {start:.6g} s and '{early}' ends at {end:.6g} s; allowed to miss "
-            f"{limits.most_missing:.1%} (Repairs.most_missing): are their clocks in the same unit, "
-            "with the same zero?"
+            f"{limits.most_missing:.1%} (Repairs.most_missing): check that their clocks have the "
+            "same unit and the same zero"
         )
     rates = {name: 1.0 / typical_step(time) for name, (time, _) in usable.items()}
     rate_hz = limits.rate_hz or max(rates.values())

@@ -1,4 +1,4 @@
-"""Samples at other times: how they are interpolated, and how well a gap can be bridged."""
+"""Interpolation of samples at other times, and its error over gaps."""
 
 from __future__ import annotations
 
@@ -8,29 +8,28 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray
 from seaid.log.filtering import low_pass
-
-FEWEST = 4
-"""Samples that a channel needs to be interpolated."""
+from seaid.log.repair.clocks import longest_bridge, longest_step, typical_step
 
 _CLOSE = 0.3
-_WINDOWS = 60
-_FEWEST_WINDOWS = 5
+"""Samples closer than this part of the typical step are merged."""
+
+_WINDOWS, _FEWEST_WINDOWS = 60, 5
+"""Test windows of the error of gaps: most, and fewest."""
+
 _NOISES = 2.0
+"""Multiple of the noise that is subtracted from the error of gaps."""
 
 
 def interpolated(time: Array, values: Array, wanted: Array, *, smooth: bool) -> Array:
     """Return samples (T,) of a channel at `wanted` (W,) [s], within its first and last stamp.
 
-    `smooth` (positions): a cubic spline, whose error falls with the fourth power of the step, where
-    straight lines cut off every bend and bias whatever is differentiated afterwards. Otherwise
-    (torques, which jump and are noisy): Akima's local cubic, modified, which does not ring. Over a
-    gap a torque takes a straight line, since a slope there would be that of the noise at its ends,
-    and so does a position over a hole.
-    Samples closer than 0.3 of the usual step are merged before: between them, noise is no slope.
+    `smooth` (positions): a cubic spline, whose error falls with the fourth power of the step; a
+    linear interpolation would bias the derivatives. Otherwise (torques, which jump and are noisy):
+    the modified Akima spline, which does not overshoot (Akima 1970). Torques over gaps and
+    positions over holes are interpolated linearly, because a slope there would be that of the noise
+    at the ends. Samples closer than 0.3 of the typical step are merged first.
     """
     from scipy.interpolate import Akima1DInterpolator, CubicSpline
-
-    from seaid.log.repair.clocks import longest_bridge, longest_step
 
     origin = time[0]
     time, values = _merged(time - origin, values)
@@ -45,16 +44,14 @@ def interpolated(time: Array, values: Array, wanted: Array, *, smooth: bool) -> 
 
 
 def in_gap(time: Array, wanted: Array, longest_s: float) -> BoolArray:
-    """Tell which of the times `wanted` (W,) lie inside a step of `time` (T,) above `longest_s`."""
+    """Return the mask (W,) of times `wanted` inside a step of `time` (T,) above `longest_s`."""
     after = np.clip(np.searchsorted(time, wanted), 1, len(time) - 1)
     inside = (wanted > time[after - 1]) & (wanted < time[after])
     return np.asarray(inside & (time[after] - time[after - 1] > longest_s))
 
 
 def _merged(time: Array, values: Array) -> tuple[Array, Array]:
-    """Return a channel with bursts of samples replaced by their means; the ends stay in place."""
-    from seaid.log.repair.clocks import typical_step
-
+    """Return a channel with bursts of samples replaced by their means; the end stamps stay."""
     shortest = _CLOSE * typical_step(time)
     if np.min(np.diff(time)) >= shortest:
         return time, values
@@ -73,7 +70,7 @@ def _merged(time: Array, values: Array) -> tuple[Array, Array]:
 def resampled(
     time: Array, values: Array, grid: Array, rate_hz: float, own_rate_hz: float, *, smooth: bool
 ) -> Array:
-    """Return a channel on a uniform grid; where that is coarser than the samples, low-passed."""
+    """Return a channel on a uniform grid, low-pass filtered if the grid is the coarser one."""
     finer = math.ceil(own_rate_hz / rate_hz - 0.1)
     if finer <= 1:
         return interpolated(time, values, grid, smooth=smooth)
@@ -86,13 +83,12 @@ def resampled(
 def gap_error(
     time: Array, values: Array, longest_step_s: float, longest_bridge_s: float
 ) -> float | None:
-    """Return what bridges over the gaps of a position (T,) add to it: error over deviation.
+    """Return the rms error of interpolating the gaps of a position (T,) over its deviation.
 
-    Gaps are steps above `longest_step_s`; those above `longest_bridge_s` are holes and not bridged.
-    Stretches of the gaps' lengths are taken out where the samples are known, and interpolated; the
-    root mean square difference there, less what noise explains, is that of the gaps, whose share of
-    the time then gives that of the whole channel, over its standard deviation. None where there is
-    too little between the gaps to tell.
+    Gaps are steps above `longest_step_s`; steps above `longest_bridge_s` are holes. Known stretches
+    of the gaps' lengths are removed and interpolated. The error of the channel is
+    max(rms difference - 2 noise, 0) sqrt(share of the time in gaps) / standard deviation. None if
+    the log is too short for five test windows.
     """
     steps, spread = np.diff(time), float(np.std(values))
     gaps = np.sort(steps[(steps > longest_step_s) & (steps <= longest_bridge_s)])[::-1]
@@ -110,6 +106,7 @@ def gap_error(
     if not np.any(taken):
         return 0.0
     bridged = interpolated(time[~taken], values[~taken], time[taken], smooth=True)
+    # second differences of white noise: deviation sqrt(1 + 4 + 1) sigma, median 0.6745 of it
     noise = float(np.median(np.abs(np.diff(values, 2)))) / (0.6745 * math.sqrt(6))
     error = float(np.sqrt(np.mean((bridged - values[taken]) ** 2)))
     share = float(np.sum(gaps)) / duration

@@ -52,11 +52,11 @@ def test_facts_and_arrays_come_back() -> None:
     ("kind", "seconds", "words"),
     [
         ("value", 20, "first line"),
-        ("memory", 20, "it asks for more memory than there is"),
+        ("memory", 20, "it requests more memory than is available"),
         ("crash", 20, r"the process that read it crashed \(SIGSEGV\) at mesh 'x.ply'"),
         ("abort", 20, r"the process that read it crashed \(SIGABRT\) at mesh 'x.ply'"),
-        ("loop", 1, "the process that read it found no end in [16] s at mesh 'x.ply'"),
-        ("sleep", 0.5, "the process that read it found no end in 3 s"),
+        ("loop", 1, "the process that read it did not end within [16] s at mesh 'x.ply'"),
+        ("sleep", 0.5, "the process that read it did not end within 3 s"),
         ("exit", 20, "the process that read it ended with code 3"),
     ],
 )

@@ -231,7 +231,7 @@ def test_text_where_numbers_belong_is_named(tmp_path: Path, ending: str) -> None
         ".h5": lambda: write_text_hdf5(path),
     }
     write[ending]()
-    with pytest.raises(LogError, match="column 'a' must be a row of numbers, found"):
+    with pytest.raises(LogError, match="column 'a' must be a vector of numbers, found"):
         open_table(path).load(["a"])
 
 

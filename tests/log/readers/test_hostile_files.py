@@ -155,7 +155,7 @@ def test_arguments_of_another_kind_are_named(
         (b"a,b\n1,2\n3\n", "line 3 has 1 cells, the first line 2 column names"),
         (b"a,b\n1,2,3\n", "line 2 has 3 cells, the first line 2 column names"),
         (b"a,b\n" + b"y" * 5_000 + b",1\n", "has 'yyy"),
-        (b"a,b\n1\x00,2\n", "is no number"),
+        (b"a,b\n1\x00,2\n", "is not a number"),
     ],
 )
 def test_csv(tmp_path: Path, content: bytes, words: str) -> None:
@@ -194,12 +194,12 @@ def test_a_long_file_is_read_in_parts_like_a_short_one(
     ("content", "words"),
     [
         ("[" * 100_000, "is not valid JSON, or cut off"),
-        ('{"a": ' * 900 + "1" + "}" * 900, "are more than 20 deep inside each other"),
-        ('[{"a": ' + "[" * 30 + "1" + "]" * 30 + "}]", "are more than 20 deep inside each other"),
+        ('{"a": ' * 900 + "1" + "}" * 900, "are more than 20 levels deep"),
+        ('[{"a": ' + "[" * 30 + "1" + "]" * 30 + "}]", "are more than 20 levels deep"),
         ('{"a": [' + "1" * 5_000 + "]}", "is not valid JSON, or cut off"),
-        ('{"a": [1, "x"]}', "must be a row of numbers, found str"),
-        ('{"a": [1, [2]]}', "must be a row of numbers, found list"),
-        ('{"\\ud800": [1]}', "is no text in Unicode"),
+        ('{"a": [1, "x"]}', "must be a vector of numbers, found str"),
+        ('{"a": [1, [2]]}', "must be a vector of numbers, found list"),
+        ('{"\\ud800": [1]}', "is not Unicode text"),
         (json.dumps([{f"c{k}": 1 for k in range(20_000)}]), "columns or more, allowed are 10,000"),
         (json.dumps({"a": [[1] * 20_000]}), "columns or more, allowed are 10,000"),
         (json.dumps({"a": [1], **{f"c{k}": 1 for k in range(20_000)}}), "columns or more"),
@@ -251,11 +251,11 @@ def encrypted() -> bytes:
         (npz(a=npy("(10**30,)")), "column 'a' cannot be read: "),
         (npz(a=npy("(9" + "9" * 30 + ",)")), "declares 8e+22 GB of samples"),
         (npz(a=npy("(-5,)")), "column 'a' cannot be read: its shape is (-5,)"),
-        (npz(a=npy("(2,)", data=bytes(9))), "column 'a' cannot be read: it ends too early"),
+        (npz(a=npy("(2,)", data=bytes(9))), "column 'a' cannot be read: it is truncated"),
         (npz(a=npy("(2")), "column 'a' cannot be read"),
         (npz(a=npy("(2,)", "f8(")), "column 'a' cannot be read"),
-        (npz(a=npy("(2,)", "|O", b"\x80\x04K\x01.")), "must be a row of numbers, found object"),
-        (npz(a=npy("(1, 1, 1)", data=bytes(8))), "must be a row of numbers"),
+        (npz(a=npy("(2,)", "|O", b"\x80\x04K\x01.")), "must be a vector of numbers, found object"),
+        (npz(a=npy("(1, 1, 1)", data=bytes(8))), "must be a vector of numbers"),
         (npz(a=b"junk"), "column 'a' cannot be read"),
         (npz(zipfile.ZIP_LZMA, a=npy("(2,)", data=bytes(16))), "that NumPy does not write"),
         (npz(zipfile.ZIP_BZIP2, a=npy("(2,)", data=bytes(16))), "that NumPy does not write"),
@@ -264,7 +264,7 @@ def encrypted() -> bytes:
             npz(zipfile.ZIP_DEFLATED, **{f"c{k}": b"" for k in range(10_001)}),
             "has 10,001 columns or more",
         ),
-        (npz(a=npy("(1, 10001)", data=bytes(8 * 10_001))), "must be a row of numbers"),
+        (npz(a=npy("(1, 10001)", data=bytes(8 * 10_001))), "must be a vector of numbers"),
     ],
 )
 def test_npz(tmp_path: Path, content: bytes, words: str) -> None:
@@ -279,7 +279,7 @@ def test_npz_in_pieces_declares_no_more_than_fits(arm: Robot, tmp_path: Path) ->
     (tmp_path / "log.npz").write_bytes(content)
     with pytest.raises(LogError, match=r"read fewer samples at a time with a smaller chunk"):
         open_long_log(tmp_path / "log.npz", arm, chunk_samples=10**9)
-    with pytest.raises(LogError, match="cannot be read: it ends too early"):
+    with pytest.raises(LogError, match="cannot be read: it is truncated"):
         open_long_log(tmp_path / "log.npz", arm)
 
 
@@ -316,8 +316,8 @@ def test_one_empty_data_set_does_not_hide_the_others(tmp_path: Path) -> None:
     assert set(table.names) == {"a", "nothing", "none", "text"}
     np.testing.assert_array_equal(table.load(["a"])["a"], TIME)
     assert table.load(["none"])["none"].tolist() == []
-    assert "column 'nothing' must be a row of numbers" in error_of(path, "nothing")
-    assert "column 'text' must be a row of numbers" in error_of(path, "text")
+    assert "column 'nothing' must be a vector of numbers" in error_of(path, "nothing")
+    assert "column 'text' must be a vector of numbers" in error_of(path, "text")
 
 
 def test_samples_in_other_files_are_not_read(tmp_path: Path) -> None:
@@ -377,7 +377,7 @@ def test_hdf5_in_pieces_reads_no_column_whole(
     assert table.blocks is not None
     assert [len(one["a"]) for one in table.blocks(["a"], 400)] == [400, 400, 200]
     assert all(one.stop - one.start == 400 for one in rows)
-    with pytest.raises(LogError, match="columns are not equally long: 'a' 1000, 'b' 999"):
+    with pytest.raises(LogError, match="columns have different lengths: 'a' 1000, 'b' 999"):
         next(table.blocks(["a", "b"], 400))
 
 
@@ -422,7 +422,7 @@ def test_parquet_of_many_types(tmp_path: Path) -> None:
     assert np.all(np.isnan(found["null"]))
     assert found["instant"].tolist() == found["date"].tolist() == [0.0, 86_400.0]
     for name in bad:
-        assert f"column '{name}' must be a row of numbers" in error_of(path, name)
+        assert f"column '{name}' must be a vector of numbers" in error_of(path, name)
 
 
 def test_instants_of_parquet_in_pieces_go_on(tmp_path: Path) -> None:
@@ -448,7 +448,7 @@ def test_parquet_that_declares_too_much_has_no_rows_or_a_name_twice(
     assert [len(one["a"]) for one in blocks(["a"], 50)] == [0]
     two = arrow.Table.from_arrays([arrow.array([1.0])] * 2, names=["a", "a"])
     parquet.write_table(two, path)
-    assert "column 'a' is there 2 times" in error_of(path, "a")
+    assert "column 'a' exists 2 times" in error_of(path, "a")
 
 
 # HEBI logs
@@ -520,7 +520,7 @@ def test_a_bag_that_asks_for_all_memory_is_refused(
     monkeypatch.setattr(ros_bag, "bag_columns", greedy)
     path = tmp_path / "log.mcap"
     path.write_bytes(b"compressed")
-    text = "is not a ROS bag, or a damaged one: it asks for more memory than there is"
+    text = "is not a ROS bag, or a damaged one: it requests more memory than is available"
     assert error_of(path) == f"'{path}' {text}"
 
 
