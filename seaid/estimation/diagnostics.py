@@ -249,7 +249,7 @@ def time_blocks(rows: Regression, count: int = BLOCKS) -> list[BoolArray]:
 
 def _part(rows: Regression, block: BoolArray) -> Regression:
     arrays = {
-        name: getattr(rows, name)[block] for name in ("H", "y", "joint", "time", "run", "carried")
+        name: getattr(rows, name)[block] for name in ("H", "y", "joint", "time", "run", "propagated")
     }
     return replace(rows, **arrays)
 

@@ -48,7 +48,7 @@ class QRFactor:
         factors = frozen("factors", self.factors, (equations, p + 1, p + 1))
         object.__setattr__(self, "factors", factors)
         object.__setattr__(
-            self, "carried", frozen("carried", self.propagated, (equations, p, None))
+            self, "propagated", frozen("propagated", self.propagated, (equations, p, None))
         )
 
     @property
@@ -118,7 +118,7 @@ def load_qr_factor(path: str | Path) -> QRFactor:
                 equations=tuple(map(int, archive["equations"])),
                 counts=tuple(map(int, archive["counts"])),
                 factors=archive["factors"],
-                propagated=archive["carried"],
+                propagated=archive["propagated"],
                 excluded=int(archive["excluded"]),
                 joint_names=tuple(map(str, archive["joint_names"])),
             )

@@ -28,7 +28,7 @@ from seaid.regressor import Regress, Regression, regressions_of_parts
 Weigh = Callable[[QRFactor], Array]
 Change = Callable[[Regression], Regression]
 
-_ARRAYS = ("H", "y", "joint", "time", "run", "carried")
+_ARRAYS = ("H", "y", "joint", "time", "run", "propagated")
 
 
 def unchanged(rows: Regression) -> Regression:

@@ -60,7 +60,7 @@ class Regression:
         rows = len(self.H)
         for name in ("y", "joint", "time", "run"):
             object.__setattr__(self, name, frozen(name, getattr(self, name), (rows,)))
-        object.__setattr__(self, "carried", frozen("carried", self.propagated, (rows, None)))
+        object.__setattr__(self, "propagated", frozen("propagated", self.propagated, (rows, None)))
 
 
 def actuator_columns(
@@ -152,7 +152,7 @@ def stacked(regressions: Sequence[Regression]) -> Regression:
         joint_names=regressions[0].joint_names,
         **{
             name: np.concatenate([getattr(one, name) for one in regressions])
-            for name in ("H", "y", "joint", "time", "carried")
+            for name in ("H", "y", "joint", "time", "propagated")
         },
     )
 
@@ -184,6 +184,6 @@ def _own_rows(rows: Regression, motion: Motion, part: LogPart) -> Regression:
         excluded=equations * mine - int(np.sum(kept)),
         **{
             name: getattr(rows, name)[kept]
-            for name in ("H", "y", "joint", "time", "run", "carried")
+            for name in ("H", "y", "joint", "time", "run", "propagated")
         },
     )
