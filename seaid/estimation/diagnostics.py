@@ -249,7 +249,8 @@ def time_blocks(rows: Regression, count: int = BLOCKS) -> list[BoolArray]:
 
 def _part(rows: Regression, block: BoolArray) -> Regression:
     arrays = {
-        name: getattr(rows, name)[block] for name in ("H", "y", "joint", "time", "run", "propagated")
+        name: getattr(rows, name)[block]
+        for name in ("H", "y", "joint", "time", "run", "propagated")
     }
     return replace(rows, **arrays)
 
