@@ -18,8 +18,8 @@ from seaid.drives import (
     SMOOTH_SIGNALS,
     DriveRegressor,
     SmoothColumns,
-    beside_names,
-    no_value,
+    joint_term_parameters,
+    missing_value,
     smooth_columns,
 )
 from seaid.errors import ExcitationError
@@ -194,7 +194,7 @@ def _drive_blocks(
         if np.any(shares):
             columns = _valued(joint, motor_regressor(robot, joint))
             blocks.append(DriveBlock(index, shares, columns, (), (), motors[index], False))
-        if beside_names(robot.drives[joint]):
+        if joint_term_parameters(robot.drives[joint]):
             shares = np.zeros(len(shares))
             shares[: len(known)] = torque_map(robot)[load_rows, index]
             columns, width = _valued(joint, joint_regressor(robot, joint)), top_speed[index]
@@ -206,7 +206,7 @@ def _valued(joint: str, regressor: DriveRegressor) -> SmoothColumns:
     """Return smooth columns. Raises ExcitationError where a value is missing for them."""
     columns = smooth_columns(regressor)
     if columns.missing:
-        raise no_value(joint, columns.missing[0])
+        raise missing_value(joint, columns.missing[0])
     return columns
 
 
