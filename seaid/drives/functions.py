@@ -80,10 +80,8 @@ class DriveFunctions:
 
 def is_plain(drive: Drive) -> bool:
     """Whether a drive has at most viscous and Coulomb friction and a linear spring."""
-    spring = getattr(drive, "spring", ("linear",))
-    return (
-        set(drive.friction) <= _PLAIN_FRICTION and spring == ("linear",) and not _joint_terms(drive)
-    )
+    is_linear = getattr(drive, "spring", ("linear",)) == ("linear",)
+    return is_linear and set(drive.friction) <= _PLAIN_FRICTION and not _joint_terms(drive)
 
 
 @cache
