@@ -44,7 +44,7 @@ def main(arguments: argparse.Namespace) -> None:
         coefficients=arguments.coefficients,
         limits=limits,
         rest_to_rest=not arguments.ends_in_motion,
-        torque_joints=arguments.rows,
+        torque_joints=arguments.torque_joints,
         criterion=arguments.criterion,
         drive_parameters=arguments.drives,
         torque_std=arguments.torque_std,
@@ -60,7 +60,7 @@ def main(arguments: argparse.Namespace) -> None:
 
     print(head(robot, arguments, plan, motion))
     title = f"Expected standard errors, torque noise {arguments.torque_std:g} N m at 1 kHz"
-    print(parameter_table(title, robot, arguments.rows, plan))
+    print(parameter_table(title, robot, arguments.torque_joints, plan))
     print(margin_table("Limits, and the least distance to them", robot, plan, motion))
     motion.save(output / "excitation.json")
     motion.save_set_points(output / "excitation.csv", arguments.rate)
@@ -89,13 +89,13 @@ def head(
         else "at rest"
     )
     previous_logs = (
-        f", after {len(arguments.previous_logs)} recorded logs" if arguments.previous_logs else ""
+        f", after {len(arguments.previous_logs)} previous logs" if arguments.previous_logs else ""
     )
     first, last = (
         singular[0] / singular[-1]
         for singular in (plan.start_singular_values, plan.singular_values)
     )
-    rows = robot.rows(arguments.rows)
+    rows = robot.rows(arguments.torque_joints)
     lines = [
         f"{robot.name}: {len(plan.names)} parameters{previous_logs}",
         f"known torques: {', '.join(rows)}",
@@ -207,8 +207,8 @@ def parser() -> argparse.ArgumentParser:
     add("--criterion", choices=tuple(CRITERIA), default="condition_number", help="made small")
     add("--drives", action="store_true", help="tell friction and stiffness of the drives as well")
     add("--torque-std", type=float, default=1.0, help="torque noise at the joints, N m")
-    add("--free-ends", action="store_true", help="ends in motion, with a run-in and a run-out")
-    add("--recorded", type=Path, nargs="+", default=[], metavar="LOG", help="known already")
+    add("--ends-in-motion", action="store_true", help="ends in motion, with a run-in and a run-out")
+    add("--previous-logs", type=Path, nargs="+", default=[], metavar="LOG", help="known already")
     add("--rate", type=float, default=1000.0, help="of the set-points, 1/s")
     add("--starts", type=int, default=3, help="random starts of the search")
     add("--iterations", type=int, default=150, help="of the search, at most")

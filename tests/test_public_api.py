@@ -20,7 +20,7 @@ IMPORT_SECONDS = 1.0
 FUNCTIONS = {
     "load_robot": "urdf drives joints payloads gravity snap_tolerance_rad",
     "load_scene": "urdf robot package_dirs keep_out clearance_m disabled_pairs srdf",
-    "base_parameters": "robot motion rows",
+    "base_parameters": "robot motion torque_joints",
     "design_excitation": "robot duration basis coefficients limits rest_to_rest starts seed "
     "executor progress",
     "add_run_in": "trajectory robot limits periods",
@@ -41,10 +41,10 @@ FUNCTIONS = {
     "gear_ratio": "motor_angle_rad output_angle_rad",
     "replay": "robot log command",
     "reconstruct_motion": "robot log cutoff_hz",
-    "identify": "robot logs rows sides estimator feasible cutoff_hz encoder_offset_std executor "
+    "identify": "robot logs torque_joints method estimator feasible cutoff_hz encoder_offset_std executor "
     "progress",
-    "compare_terms": "robot logs joints terms rows cutoff_hz progress",
-    "identify_conditions": "conditions own rows estimator cutoff_hz progress",
+    "compare_terms": "robot logs joints terms torque_joints cutoff_hz progress",
+    "identify_conditions": "conditions own torque_joints estimator cutoff_hz progress",
     "cross_validate": "robot logs parts progress",
     "cutoff_sensitivity": "robot logs cutoffs_hz progress",
     "open_long_log": "path robot columns cutoff_hz chunk_samples",
@@ -89,9 +89,9 @@ CLASSES = {
     "FeasibleParameters": "robot values estimate distance chi_square held notes",
     "Identifiability": "names identifiable combinations ratios unidentifiable base rank usable gap "
     "agree table body_count",
-    "TermSelection": "gains recommended robot",
+    "TermSelection": "comparisons recommended robot",
     "Conditions": "found own differences summary",
-    "Identification": "drives load base robot checks possible summary to_dict save",
+    "Identification": "drives load base robot checks feasible summary to_dict save",
     "Estimate": "names values covariance standard_errors units residual_std condition_number "
     "interval",
     "Validation": "joints actuator load",

@@ -3,11 +3,11 @@
 The estimate is the truth with noise of a torque sensor, at random states; the robot file the search
 starts from has every body stretched, moved and heavier or lighter by about a tenth.
 
-With `--programmes 10000` random programs are solved and compared with Clarabel instead, see
-`scripts.benchmarks.random_programmes`; `OPENBLAS_CORETYPE=Prescott` and others choose the kernel,
+With `--programs 10000` random programs are solved and compared with Clarabel instead, see
+`scripts.benchmarks.random_programs`; `OPENBLAS_CORETYPE=Prescott` and others choose the kernel,
 and the table has a row for each that was run:
 
-    OPENBLAS_CORETYPE=Prescott python -m scripts.benchmarks.feasible --programmes 10000
+    OPENBLAS_CORETYPE=Prescott python -m scripts.benchmarks.feasible --programs 10000
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import seaid
-from scripts.benchmarks.random_programmes import (
+from scripts.benchmarks.random_programs import (
     HEADER,
     distorted,
     read,
@@ -116,16 +116,16 @@ def robots_table() -> str:
     return table(title, header, [row(robot) for robot in robots()])
 
 
-def programmes_table(folder: Path) -> str:
+def programs_table(folder: Path) -> str:
     """Return the table of random programs, a row for each kernel."""
-    found = {path.stem.split("_")[1]: read(path) for path in sorted(folder.glob("programmes_*"))}
+    found = {path.stem.split("_")[1]: read(path) for path in sorted(folder.glob("programs_*"))}
     rows = [summary(name, outcomes) for name, outcomes in found.items()]
     return table("Random programs; differences relative to 1 + objective", HEADER, rows)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--programmes", type=int, help="so many random ones, instead of robots")
+    parser.add_argument("--programs", type=int, help="so many random ones, instead of robots")
     parser.add_argument("--output", type=Path, default=Path("out/feasible"), help="result folder")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore", seaid.SeaidWarning)
@@ -133,4 +133,4 @@ if __name__ == "__main__":
         print(robots_table())
     else:
         run(arguments.programs, arguments.output)
-        print(programmes_table(arguments.output))
+        print(programs_table(arguments.output))

@@ -51,11 +51,13 @@ def excite(
         str, typer.Option(help="condition_number, d_optimality or relative_error.")
     ] = "condition_number",
     drive_parameters: Annotated[
-        bool, typer.Option("--drive-columns", help="Tell friction and stiffness as well.")
+        bool, typer.Option("--drive-parameters", help="Tell friction and stiffness as well.")
     ] = False,
     ends_in_motion: Annotated[
         bool,
-        typer.Option("--free-ends", help="Begin and end moving, with a way in from rest and out."),
+        typer.Option(
+            "--ends-in-motion", help="Begin and end moving, with a way in from rest and out."
+        ),
     ] = False,
     previous_logs: Annotated[
         list[Path] | None, typer.Option(help="Log that tells already. May be repeated.")
@@ -76,11 +78,11 @@ def excite(
     """Plan a motion within limits that tells the parameters well.
 
     Written: the trajectory as JSON, and its set-points as CSV beside it. The motion begins and ends
-    at rest; with --free-ends it can tell more. Limits not given are the URDF's.
+    at rest; with --ends-in-motion it can tell more. Limits not given are the URDF's.
 
     seaid excite leg.urdf --drives leg.toml --velocity 2.5 -o plan.json
     seaid excite arm.urdf --duration 20 --velocity shoulder=1,elbow=2 --torque-joints shoulder,elbow
-    seaid excite arm.urdf --free-ends --joint-trajectory arm.yaml -o plan.json
+    seaid excite arm.urdf --ends-in-motion --joint-trajectory arm.yaml -o plan.json
     """
     from seaid.excitation import Limits, add_run_in, design_excitation
 

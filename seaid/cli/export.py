@@ -57,7 +57,7 @@ def export(
     estimator: Estimator = "wls",
     feasible: Annotated[bool, typer.Option("--feasible/--as-estimated", help=FEASIBLE)] = True,
     allow_inconsistent: Annotated[
-        bool, typer.Option("--allow-impossible", help="Write bodies that cannot exist.")
+        bool, typer.Option("--allow-inconsistent", help="Write bodies that cannot exist.")
     ] = False,
     cutoff_hz: CutoffHz = None,
     encoder_offset_std: EncoderOffsetStd = 0.0,

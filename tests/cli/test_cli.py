@@ -265,11 +265,13 @@ def test_json_of_identify_is_what_it_writes(arm: Path, tmp_path: Path) -> None:
 
 
 def test_options_of_identify_reach_it(arm: Path, tmp_path: Path) -> None:
-    options = ("--method", "joint", "--estimator", "huber", "--feasible", "--cutoff-hz", "6")
+    options = ("--method", "simultaneous", "--estimator", "huber", "--feasible", "--cutoff-hz", "6")
     robot, file = robot_and_drives(arm), tmp_path / "p.json"
-    said = done("identify", *robot, arm / "run.csv", *options, "--joint-zero-std", "0", "-o", file)
+    said = done(
+        "identify", *robot, arm / "run.csv", *options, "--encoder-offset-std", "0", "-o", file
+    )
     assert "pass band 6 Hz" in said.out
-    assert "both method" in said.out
+    assert "both sides" in said.out
     assert "possible bodies" in said.out
 
 
@@ -284,7 +286,7 @@ def test_logs_read_in_pieces_tell_the_same(arm: Path, tmp_path: Path) -> None:
 
 def test_a_plan_with_free_ends_is_run_into_and_told_to_ros(arm: Path, tmp_path: Path) -> None:
     file, message = tmp_path / "plan.json", tmp_path / "plan.yaml"
-    search = ("--duration", "2", "--starts", "1", "--iterations", "5", "--free-ends")
+    search = ("--duration", "2", "--starts", "1", "--iterations", "5", "--ends-in-motion")
     said = done("excite", arm / "arm.urdf", *search, "--joint-trajectory", message, "-o", file)
     assert said.out.splitlines()[-1] == f"Results: {file}, {file.with_suffix('.csv')}, {message}"
     assert "a motion of 2 s (with ways in and out " in said.out

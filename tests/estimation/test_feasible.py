@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scripts.benchmarks import random_programmes
-from scripts.benchmarks.random_programmes import (
+from scripts.benchmarks import random_programs
+from scripts.benchmarks.random_programs import (
     Outcome,
     cone_optimum,
     objective,
@@ -244,7 +244,7 @@ def test_no_weight_is_tried_that_cannot_be_resolved(monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.parametrize("number", range(48))
-def test_random_programmes_of_robots_are_solved_as_clarabel_does(number: int) -> None:
+def test_random_programs_of_robots_are_solved_as_clarabel_does(number: int) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SeaidWarning)
         one = outcome(number, choose_every=4)
@@ -264,9 +264,9 @@ def test_outcomes_go_on_where_they_ended(tmp_path: Path, monkeypatch: pytest.Mon
         kind = ("leg", "file", "noise", "none", 1.0)
         return Outcome(number, *kind, "solved", "", 1.0, 0.1, "Solved", 0.0, 1e-9)
 
-    monkeypatch.setattr(random_programmes, "outcome", counted)
-    random_programmes.run(2, tmp_path)
-    random_programmes.run(5, tmp_path)
+    monkeypatch.setattr(random_programs, "outcome", counted)
+    random_programs.run(2, tmp_path)
+    random_programs.run(5, tmp_path)
     assert numbers == [0, 1, 2, 3, 4]
-    rows = summary("Some", read(tmp_path / "programmes_Some.jsonl"))
+    rows = summary("Some", read(tmp_path / "programs_Some.jsonl"))
     assert rows[:5] == ["Some", "5", "5", "0", "0"]

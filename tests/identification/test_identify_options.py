@@ -207,8 +207,8 @@ def test_a_file_that_is_not_there() -> None:
 
 
 def test_unknown_choices_offer_the_nearest() -> None:
-    with pytest.raises(IdentificationError, match="did you mean 'joint'"):
-        identify(KNOWN, log(), method="joints")
+    with pytest.raises(IdentificationError, match="did you mean 'simultaneous'"):
+        identify(KNOWN, log(), method="simultanous")
     with pytest.raises(IdentificationError, match=r"estimator=: .*did you mean 'wls'"):
         identify(KNOWN, log(), estimator="wlss")
 

@@ -338,7 +338,7 @@ def kernel() -> str:
 def run(count: int, folder: Path) -> None:
     """Append the outcomes of programs 0 to count - 1 that are not in the folder yet."""
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"programmes_{kernel()}.jsonl"
+    path = folder / f"programs_{kernel()}.jsonl"
     done = {one.number for one in read(path)}
     with path.open("a") as file:
         for number in range(count):

@@ -1,0 +1,58 @@
+"""How many files `seaid.identify` enters on the plain TULip leg, and how often it changes file.
+
+    python -m scripts.benchmarks.hops
+
+Counted by `sys.setprofile` over one call (two-step, weighted least squares) on the shipped plan's
+simulated log, after everything has been imported and compiled once.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import seaid
+
+MODELS = Path(__file__).resolve().parents[2] / "models"
+PACKAGE = str(Path(seaid.__file__).parent)
+
+
+def hops() -> tuple[Counter[str], int]:
+    """Return the calls per file of seaid, and how often one file calls another."""
+    robot = seaid.load_robot(MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml")
+    plan = seaid.load_trajectory(MODELS / "tulip_plan.json")
+    log = seaid.simulate(robot, plan, seed=1)
+    known = robot.without_nominal()
+    seaid.identify(known, log)
+    entered: Counter[str] = Counter()
+    changes = 0
+
+    def watch(frame: FrameType, event: str, _: Any) -> None:
+        nonlocal changes
+        file = frame.f_code.co_filename
+        if event == "call" and file.startswith(PACKAGE):
+            entered[file] += 1
+            caller = frame.f_back.f_code.co_filename if frame.f_back is not None else ""
+            changes += caller != file
+
+    sys.setprofile(watch)
+    try:
+        seaid.identify(known, log)
+    finally:
+        sys.setprofile(None)
+    return entered, changes
+
+
+def main() -> None:
+    """Print the files, the most called last."""
+    entered, changes = hops()
+    for file, calls in sorted(entered.items(), key=lambda one: one[1]):
+        print(f"{calls:8,}  {Path(file).relative_to(PACKAGE)}")
+    print(f"{len(entered)} files entered, {changes:,} changes of file")
+
+
+if __name__ == "__main__":
+    main()
