@@ -46,7 +46,7 @@ from seaid.regressor import (
     motor_regressor,
     rigid_body_regressor,
 )
-from seaid.robot import UNITS, Robot, named_in_part, torques_at_drives
+from seaid.robot import UNITS, Robot, incomplete_group, torques_at_drives
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ def load_target(robot: Robot, torque_joints: Sequence[str] | None, base: BasePar
     It needs the geometry alone: the robot is kept without parameters and drives. Raises
     ExcitationError for rows that are some of the joints that drives move together.
     """
-    group = named_in_part(robot.joint_names, robot.transmission, robot.rows(torque_joints))
+    group = incomplete_group(robot.joint_names, robot.transmission, robot.rows(torque_joints))
     if group:
         raise ExcitationError(
             f"the drives of {', '.join(group)} move these joints together: torque_joints= must "

@@ -21,7 +21,7 @@ from seaid.regressor.exact.grouping import (
 )
 from seaid.regressor.exact.lagrangian import lagrangian_table, torque_rows
 from seaid.regressor.exact.recursion import null_space
-from seaid.robot import Robot, named_in_part, parameter_names
+from seaid.robot import Robot, incomplete_group, parameter_names
 from seaid.symbolic import MAX_TERMS
 
 _SUSPICIOUS = 1e10
@@ -115,7 +115,7 @@ def _known(robot: Robot, torque_joints: Sequence[str] | None) -> list[int]:
             "torque_joints= must be a list of at least one joint name, found "
             f"{torque_joints!r}; the joints of '{robot.name}' are {', '.join(robot.joint_names)}"
         )
-    group = named_in_part(robot.joint_names, robot.transmission, torque_joints)
+    group = incomplete_group(robot.joint_names, robot.transmission, torque_joints)
     if group:
         raise SymbolicError(
             f"the drives of {', '.join(group)} move these joints together: torque_joints= must "
