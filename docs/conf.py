@@ -53,7 +53,7 @@ _NUMBER = re.compile(r"\\tag\{(.*?)\}")
 
 
 def _mathml(text: str, block: bool) -> str:
-    """Return TeX as MathML, with the index of a dotted symbol beside it and not below."""
+    """Return TeX as MathML, with the index of a dotted symbol to its right and not below."""
     ElementTree.register_namespace("", _SPACE[1:-1])
     math = ElementTree.fromstring(tex2mathml(text, as_block=block))
     for both in list(math.iter(f"{_SPACE}munderover")):

@@ -1,8 +1,8 @@
-"""Do the 95 % intervals hold the truth? Many simulated experiments, every way of estimating.
+"""Coverage of the 95 % intervals over many simulated experiments, for every estimator.
 
-The TULip leg with its test mass moves along several planned motions, each simulated once; every
-experiment measures one of them anew: torque noise, encoder zeros and steps. The base parameters'
-intervals count the joint zeros as known to 2 mrad.
+The TULip leg with its test mass moves along several planned motions, each simulated once. Every
+experiment measures one of them with new torque noise, encoder offsets and quantisation. The
+intervals of the base parameters allow for encoder offsets known to 2 mrad.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from scripts.identify_tulip_leg import (
     DURATION_S,
-    JOINT_ZERO_STD_RAD,
+    ENCODER_OFFSET_STD_RAD,
     LIMITS,
     TEST_MASS,
     load_leg,
@@ -41,7 +41,7 @@ from scripts.identify_tulip_leg import (
 )
 
 DEFAULT = "wls"
-WAYS = ("wls", "ols", "huber", "tukey", "iv", "joint", "refine")
+WAYS = ("wls", "ols", "huber", "tukey", "iv", "simultaneous", "refine")
 MOTIONS = 4
 
 
@@ -55,7 +55,7 @@ class Outcome:
 
 
 def main(output: Path, experiments: int, others: int, jobs: int) -> None:
-    """Simulate, identify, print two tables, draw."""
+    """Simulate and identify, print two tables, draw the figure."""
     begin = time.perf_counter()
     result_folder(output)
     truth = load_leg((TEST_MASS,))
@@ -82,7 +82,7 @@ def main(output: Path, experiments: int, others: int, jobs: int) -> None:
 
 
 def progress_wanted() -> bool:
-    """Tell whether anyone watches."""
+    """Return whether standard error is a terminal."""
     return sys.stderr.isatty()
 
 
@@ -97,12 +97,12 @@ def simulated(number: int) -> Motion:
 
 
 def experiment(way: str, motion: Motion, run: int) -> Outcome | None:
-    """Measure a motion anew and identify; None where the way gives no answer, and says so."""
+    """Measure a motion with new noise and identify; None, with a message, if this fails."""
     truth = load_leg((TEST_MASS,))
     log = measure(truth, motion, sensors(1000 + run), run)
-    known, zeros = truth.without_nominal(), JOINT_ZERO_STD_RAD
+    known, zeros = truth.without_nominal(), ENCODER_OFFSET_STD_RAD
     try:
-        if way == "joint":
+        if way == "simultaneous":
             found = seaid.identify(known, log, method="simultaneous", encoder_offset_std=zeros)
         elif way == "refine":
             found = seaid.identify(known, log, encoder_offset_std=zeros)
@@ -116,7 +116,7 @@ def experiment(way: str, motion: Motion, run: int) -> Outcome | None:
 
 
 def outcome(truth: seaid.Robot, found: seaid.Identification) -> Outcome:
-    """Return errors and standard errors: drives with a true value, then base parameters."""
+    """Return errors and standard errors of drives with a true value, then of base parameters."""
     error, stated, white = [], [], []
     for joint, estimate in found.drives.items():
         exact = nominal_values(truth.drives[joint])
@@ -134,7 +134,7 @@ def outcome(truth: seaid.Robot, found: seaid.Identification) -> Outcome:
 
 
 def white_errors(estimate: seaid.Estimate) -> Array:
-    """Return the standard errors of the white-noise formula, NaN where there are none."""
+    """Return the standard errors of the white-noise formula, NaN if there are none."""
     white = estimate.white_standard_errors
     return np.full(len(estimate.values), np.nan) if white is None else white
 
@@ -151,13 +151,13 @@ def parameter_names(truth: seaid.Robot) -> tuple[list[str], int]:
 
 
 def held(outcomes: Sequence[Outcome], which: str = "stated") -> Array:
-    """Return the share (P,) of experiments whose 95 % interval holds the truth."""
+    """Return the share (P,) of experiments whose 95 % interval contains the truth."""
     inside = [np.abs(one.error) < 1.96 * np.asarray(getattr(one, which)) for one in outcomes]
     return np.asarray(np.mean(inside, axis=0))
 
 
 def parameter_table(names: Sequence[str], outcomes: Sequence[Outcome]) -> str:
-    """Return bias, scatter and coverage of each parameter, of the default way."""
+    """Return the table of bias, scatter and coverage per parameter, for the default estimator."""
     scores = np.array([one.error / one.stated for one in outcomes])
     covered, white = held(outcomes), held(outcomes, "white")
     rows = [
@@ -171,12 +171,12 @@ def parameter_table(names: Sequence[str], outcomes: Sequence[Outcome]) -> str:
             strict=True,
         )
     ]
-    header = ["parameter", "bias/s.e.", "std/s.e.", "95 % hold", "white formula"]
+    header = ["parameter", "bias/s.e.", "std/s.e.", "coverage of 95 %", "white formula"]
     return table(f"{DEFAULT}, {len(outcomes)} experiments", header, rows)
 
 
 def way_table(found: dict[str, list[Outcome]], drives: int) -> str:
-    """Return coverage and rms error of every way, drives and base parameters apart."""
+    """Return the table of coverage and rms error per estimator, separate for drives and base."""
     rows = []
     for way, outcomes in found.items():
         share = held(outcomes)
@@ -187,7 +187,7 @@ def way_table(found: dict[str, list[Outcome]], drives: int) -> str:
             least, middle, most = np.quantile(share[part], (0.0, 0.5, 1.0))
             entries += [*map(percent, (least, middle, most)), f"{np.median(ratio[part]):.2f}"]
         rows.append([way, str(len(outcomes)), *entries])
-    header = ["way", "experiments", "drives: least", "median", "most", "rms"]
+    header = ["estimator", "experiments", "drives: least", "median", "most", "rms"]
     header += ["base: least", "median", "most", "rms"]
     return table(f"Coverage, and rms error over that of {DEFAULT}", header, rows)
 
@@ -199,8 +199,8 @@ def rms(outcomes: Sequence[Outcome]) -> Array:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--experiments", type=int, default=200, help="of the default way")
-    parser.add_argument("--others", type=int, default=40, help="experiments of each other way")
+    parser.add_argument("--experiments", type=int, default=200, help="of the default estimator")
+    parser.add_argument("--others", type=int, default=40, help="of each other estimator")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--output", type=Path, default=Path("out/coverage"), help="result folder")
     arguments = parser.parse_args()

@@ -1,8 +1,8 @@
-"""Numeric and exact base parameters of every robot of example-robot-data, side by side.
+"""Compare numeric and exact base parameters of every robot of example-robot-data.
 
-Whole robots with a fixed base, and their legs as chains of their own; the models here; and the four
-robots whose rounded angles split the count, with and without snapping. The table is written as
-markdown: `python scripts/cross_check.py --help` for where.
+The table has the robots with a fixed base, their legs as separate chains, the models here, and the
+four robots with rounded angles, with and without snapping. It is written as Markdown to the folder
+of `--output`.
 """
 
 from __future__ import annotations
@@ -41,21 +41,21 @@ HEADER = (
 Result = TypeVar("Result")
 
 CAUSES = """
-Where the columns differ, and where the gap is small:
+Causes of different columns and of small singular-value gaps:
 
 - `kinova` and `anymal-kinova` write 180 degrees as 3.14159265359, 2.1e-13 rad off. As written, the
-  first axis is not parallel to gravity, and the exact count, which has no tolerance, is 2 higher:
-  right for the file, not for the robot. The two columns are 1e-12 of the others, and the numeric
-  way takes them as zero.
-- `so100` and `so101` write 1.5708 and the like, 4e-6 rad off: both ways see the tilt, and both
-  count 2 more than the robot has. Snapping, the default of `load_robot`, gives 36 both ways.
+  first axis is not parallel to gravity. The exact method has no tolerance, and its count is 2
+  higher: right for the file, not for the robot. The two columns are 1e-12 of the others, and the
+  numeric method takes them as zero.
+- `so100` and `so101` write angles such as 1.5708, 4e-6 rad off. Both methods include the tilt, and
+  both count 2 more than the robot has. Snapping, the default of `load_robot`, gives 36 with both.
 - `romeo_laas_small` has wrist and elbow axes tilted by 2.58 degrees (0.045 rad) against their
-  links. Left to right, first moments and inertias are told apart by that tilt only, over and over
-  along the arm: the groupings have coefficients up to 1/0.045^2 = 493 and products up to 4166, and
+  links. From left to right, only that tilt separates first moments and inertias, again and again
+  along the arm. The groupings have coefficients up to 1/0.045^2 = 493 and products up to 4166, and
   the base columns a condition number of 3e4. Rounding of 1e-16 times these coefficients makes the
-  rejected columns 4e-12 instead of 1e-15, against the smallest accepted one of 0.018: a gap of
-  4e9. The exact null vectors annul the numeric regressor to 2e-15 of the terms they add up; nothing
-  is in doubt but the last digits of the coefficients (absolute difference 1e-9 at 4166).
+  rejected columns 4e-12 instead of 1e-15. The smallest accepted column is 0.018, which gives a gap
+  of 4e9. The exact null vectors annul the numeric regressor to 2e-15 of the terms they add up. Only
+  the last digits of the coefficients are uncertain (absolute difference 1e-9 at 4166).
 """.strip()
 
 
@@ -78,7 +78,7 @@ def timed(function: Callable[[], Result]) -> tuple[Result, float]:
 
 
 def row(name: str, robot: seaid.Robot) -> tuple[CrossCheck, list[str]]:
-    """Compare both ways on one robot; return the check and its line of the table."""
+    """Compare both methods on one robot; return the check and its line of the table."""
     numeric, numeric_time = timed(lambda: seaid.base_parameters(robot))
     exact, exact_time = timed(lambda: seaid.symbolic.base_parameters(robot))
     check = cross_check(numeric, exact)
@@ -102,7 +102,7 @@ def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def whole_and_legs(only: str) -> list[tuple[str, seaid.Robot]]:
-    """Return the robots of the table by name: whole ones, and each leg after its robot."""
+    """Return the robots of the table by name, each followed by its leg."""
     paths = [*sorted(MODELS.glob("*.urdf")), *example_urdfs()]
     paths = [path for path in paths if only in path.stem]
     robots: list[tuple[str, seaid.Robot]] = []

@@ -1,8 +1,8 @@
 """Plan an exciting motion for any robot: `design_excitation.py robot.urdf [drives.toml]`.
 
-Within the limits of the URDF and of the call, which hold at every instant. Written to the result
-folder: excitation.json (for `seaid.load_trajectory`), excitation.csv (set-points),
-joint_trajectory.yaml (for ROS 2) and excitation.png. `--help` for the options.
+The motion keeps the limits of the URDF and of the options at every instant. The result folder has
+excitation.json (for `seaid.load_trajectory`), excitation.csv (set-points), joint_trajectory.yaml
+(for ROS 2) and excitation.png. `--help` lists the options.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def main(arguments: argparse.Namespace) -> None:
     print(head(robot, arguments, plan, motion))
     title = f"Expected standard errors, torque noise {arguments.torque_std:g} N m at 1 kHz"
     print(parameter_table(title, robot, arguments.torque_joints, plan))
-    print(margin_table("Limits, and the least distance to them", robot, plan, motion))
+    print(margin_table("Limits, and the smallest distance to them", robot, plan, motion))
     motion.save(output / "excitation.json")
     motion.save_set_points(output / "excitation.csv", arguments.rate)
     motion.save_joint_trajectory(output / "joint_trajectory.yaml")
@@ -81,7 +81,7 @@ def head(
     plan: seaid.Excitation,
     motion: seaid.Trajectory,
 ) -> str:
-    """Return what was planned, and how well it tells the parameters before and after."""
+    """Return a summary of the plan, with criterion and condition number before and after."""
     begin, end = motion.main_interval
     ends = (
         f"run-in to {begin:.3g} s, run-out from {end:.3g} s"
@@ -109,7 +109,7 @@ def head(
 
 
 def before(plan: seaid.Excitation) -> str:
-    """Return the criterion of the best random start, where its singular values tell it."""
+    """Return the criterion of the best random start, if its singular values determine it."""
     singular = plan.start_singular_values
     if plan.criterion == "d_optimality":
         return f"random start {np.exp(-np.mean(np.log(singular))):.4g}, "
@@ -121,9 +121,9 @@ def before(plan: seaid.Excitation) -> str:
 def parameter_table(
     title: str, robot: seaid.Robot, rows: list[str] | None, plan: seaid.Excitation
 ) -> str:
-    """Return every parameter asked for with its nominal value and its expected standard error.
+    """Return the table of parameters with nominal values and expected standard errors.
 
-    Long groupings are cut; `seaid.base_parameters(robot).expressions` has them whole.
+    Long groupings are cut; `seaid.base_parameters(robot).expressions` has the full ones.
     """
     nominal = nominal_of(robot, rows, plan)
     relative = plan.standard_errors / np.where(nominal == 0, np.nan, np.abs(nominal))
@@ -137,7 +137,7 @@ def parameter_table(
 
 
 def nominal_of(robot: seaid.Robot, rows: list[str] | None, plan: seaid.Excitation) -> Array:
-    """Return the nominal values of the parameters (p,), NaN of those that have none."""
+    """Return the nominal values of the parameters (p,), NaN for those without one."""
     model = load_model(robot, plan.base, robot.rows(rows))
     drives = {
         (joint, name): value
@@ -145,7 +145,7 @@ def nominal_of(robot: seaid.Robot, rows: list[str] | None, plan: seaid.Excitatio
         for name, value in nominal_values(drive).items()
     }
     values = plan.base.project(robot.parameters)
-    if len(plan.names) > len(values):  # with drives: their rotors count to the bodies
+    if len(plan.names) > len(values):  # with drives: base parameters include their rotor inertias
         absorbed = [drives.get((joint, name), np.nan) for joint, name, _ in model.absorbed]
         used = model.absorption[: len(values)]
         values = values + np.where(used == 0, 0.0, used * absorbed).sum(axis=1)
@@ -156,9 +156,9 @@ def nominal_of(robot: seaid.Robot, rows: list[str] | None, plan: seaid.Excitatio
 def margin_table(
     title: str, robot: seaid.Robot, plan: seaid.Excitation, motion: seaid.Trajectory
 ) -> str:
-    """Return the limits of every joint with the margins: of torque, where it is limited.
+    """Return the table of limits and margins per joint, of the torque if it is limited.
 
-    Torque is that of the planned motion, without a run-in.
+    The torque is that of the planned motion, without a run-in.
     """
     kept, limits = margins(motion, plan.limits), plan.limits
     torque = plan.margins.joint_torque
@@ -181,12 +181,12 @@ def margin_table(
 
 
 def names(text: str) -> list[str]:
-    """Return the names of a list with commas."""
+    """Return the names in a comma-separated list."""
     return [name.strip() for name in text.split(",")]
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return what the command line takes."""
+    """Return the parser of the command line."""
     shown = argparse.ArgumentDefaultsHelpFormatter
     found = argparse.ArgumentParser(
         description=(__doc__ or "").splitlines()[0], formatter_class=shown
@@ -195,17 +195,17 @@ def parser() -> argparse.ArgumentParser:
     add("urdf", type=Path, help="the robot")
     add("toml", type=Path, nargs="?", help="its drives")
     add("--duration", type=float, default=10.0, help="of the motion, s")
-    add("--basis", choices=BASES, default="bspline", help="what the motion is made of")
-    add("--coefficients", type=int, help="a joint; by default as duration and joints ask")
+    add("--basis", choices=BASES, default="bspline", help="functions that the motion is a sum of")
+    add("--coefficients", type=int, help="per joint; default: from duration and number of joints")
     add("--lower", type=float, help="least position of all joints, rad or m; default: the URDF's")
     add("--upper", type=float, help="largest position of all joints; default: the URDF's")
     add("--velocity", type=float, help="limit of all joints, rad/s or m/s; default: the URDF's")
     add("--acceleration", type=float, default=10.0, help="limit of all joints, rad/s2 or m/s2")
     add("--joint-torque", type=float, help="limit of all joints, N m or N; default: the URDF's")
-    add("--joints", type=names, help="those that move, as a,b,c; the others are locked at zero")
+    add("--joints", type=names, help="moving joints, as a,b,c; the others are locked at zero")
     add("--torque-joints", type=names, help="joints whose torque is known, as a,b,c; default: all")
-    add("--criterion", choices=tuple(CRITERIA), default="condition_number", help="made small")
-    add("--drives", action="store_true", help="tell friction and stiffness of the drives as well")
+    add("--criterion", choices=tuple(CRITERIA), default="condition_number", help="to minimise")
+    add("--drives", action="store_true", help="excite friction and stiffness of the drives as well")
     add("--torque-std", type=float, default=1.0, help="torque noise at the joints, N m")
     add("--ends-in-motion", action="store_true", help="ends in motion, with a run-in and a run-out")
     add("--previous-logs", type=Path, nargs="+", default=[], metavar="LOG", help="known already")

@@ -7,13 +7,13 @@ from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 
 NOT_LOADABLE = ("ur3.urdf", "quadrotor_base.urdf", "iris_simple.urdf")
-"""Files of example-robot-data that are no robot: a xacro fragment, and two without any joint."""
+"""Files of example-robot-data that are not robots: a xacro fragment, and two without joints."""
 
 
 def example_urdfs() -> list[Path]:
     """Return the URDFs of example-robot-data that have joints, sorted.
 
-    Ends the script, in words, where the package is not installed.
+    Ends the script with a message if the package is not installed.
     """
     try:
         found = [Path(str(path.locate())) for path in files("example-robot-data") or []]

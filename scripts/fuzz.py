@@ -1,11 +1,11 @@
-"""Fuzz all that untrusted content enters seaid by: damaged files and requests in watched processes.
+"""Fuzz all inputs of seaid with damaged files and requests, in supervised child processes.
 
     python scripts/fuzz.py --cases 50000                      # all targets, the long run
     python scripts/fuzz.py --target npz --seed 123 --cases 1  # one case again, with its traceback
 
-A case is a target and a seed, and the same on every machine. It runs in a child process within 4 GB
-and 20 s; a child that ends, or must be ended, counts and is replaced. Findings stay in the output
-folder, each with its files and what was said. Targets and mutators stand in `tests/fuzz`.
+A case is a target and a seed, and is the same on every machine. It runs in a child process within
+4 GB and 20 s. A child that ends, or must be ended, is counted and replaced. Findings stay in the
+output folder, each with its files and its output. Targets and mutators are in `tests/fuzz`.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ KINDS = {
 }
 FINDINGS = ("exception", "crash", "time", "memory")
 SHARES = {"mesh": 0.2, "bag": 0.2, "hebilog": 0.2, "command": 0.3, "identify": 0.6}
-"""Cases of the slow targets, where the others have one."""
+"""Number of cases of the slow targets for one case of the others."""
 KEPT = 3
-"""Cases of one cause whose files are kept."""
+"""Number of cases per cause whose files are kept."""
 
 _START_SECONDS = 200.0
 Case = tuple[str, int]
@@ -59,7 +59,7 @@ Case = tuple[str, int]
 
 @dataclass(frozen=True)
 class Result:
-    """How a case ended, one of KINDS; for findings what and where, alike for those of one cause."""
+    """The end of a case, one of KINDS. `cause` of a finding has exception and place."""
 
     kind: str
     cause: str
@@ -71,7 +71,7 @@ Work = Callable[[Connection, Path], None]
 
 
 def work(pipe: Connection, folder: Path) -> None:
-    """Run the cases that come through the pipe, each in the empty folder `case` (child process)."""
+    """Run the cases from the pipe, each in the empty folder `case` (child process)."""
     os.setsid()
     said = os.open(folder / "said.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND)
     for stream in (1, 2):  # readers in C++ write there
@@ -99,7 +99,7 @@ def work(pipe: Connection, folder: Path) -> None:
 
 
 def cause_of(outcome: Outcome) -> str:
-    """Return the kind of an exception and the innermost place in seaid it came through."""
+    """Return the type of an exception and the innermost line of seaid in its traceback."""
     if outcome.kind not in FINDINGS:
         return ""
     frames = traceback.extract_tb(outcome.problem.__traceback__ if outcome.problem else None)
@@ -110,7 +110,7 @@ def cause_of(outcome: Outcome) -> str:
 
 
 class Child:
-    """A child process that runs one case after another; another takes its place when it ends."""
+    """A child process that runs one case after another, and is replaced when it ends."""
 
     def __init__(self, folder: Path, output: Path, work: Work = work, seconds: float = SECONDS):
         self.folder, self.output, self.work, self.seconds = folder, output, work, seconds
@@ -130,7 +130,7 @@ class Child:
         self.pipe.recv()
 
     def end(self, sign: int = 0) -> int | None:
-        """End the process with all that it has started; return the code it had ended with."""
+        """End the process and all its children; return its exit code."""
         self.pipe.close()
         with suppress(ProcessLookupError):
             os.kill(self.process.pid or 0, sign)
@@ -142,14 +142,14 @@ class Child:
         return code
 
     def run(self, case: Case) -> Result:
-        """Run a case, watched, and keep its files if it is a finding."""
+        """Run a case under supervision, and keep its files if it is a finding."""
         self.pipe.send(case)
         try:
             found: Result = self.pipe.recv() if self.pipe.poll(self.seconds) else _TOO_LONG
         except (EOFError, ConnectionResetError):
             found = Result("crash", f"ended with {self.end()}", 0.0)
         if found.kind == "time":
-            self.end(signal.SIGABRT)  # at which faulthandler says what takes so long
+            self.end(signal.SIGABRT)  # faulthandler then prints where it was
         alike = (case[0], found.kind, found.cause)
         self.seen[alike] += 1
         if found.kind in FINDINGS and self.seen[alike] <= KEPT:
@@ -163,7 +163,7 @@ class Child:
 
 
 def run_all(cases: Sequence[Case], workers: int, output: Path) -> list[Result]:
-    """Run cases in so many child processes, and return how each ended."""
+    """Run cases in `workers` child processes, and return their results."""
     from seaid._progress import track
 
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(workers) as pool:
@@ -190,7 +190,7 @@ def run_all(cases: Sequence[Case], workers: int, output: Path) -> list[Result]:
 
 
 def cases_of(targets: Sequence[str], count: int, first: int) -> list[Case]:
-    """Return so many cases, the targets in turns, the seeds of each from the first one on."""
+    """Return `count` cases, the targets in turns, each with consecutive seeds from `first` on."""
     total = sum(SHARES.get(name, 1.0) for name in targets)
     found = []
     for name in targets:
@@ -200,7 +200,7 @@ def cases_of(targets: Sequence[str], count: int, first: int) -> list[Case]:
 
 
 def report(cases: Sequence[Case], results: Sequence[Result]) -> str:
-    """Return the table of results, and a line for each cause of findings."""
+    """Return the table of results, and a line per cause of findings."""
     ended: dict[str, Counter[str]] = defaultdict(Counter)
     slowest: dict[str, float] = defaultdict(float)
     causes: dict[tuple[str, str, str], list[int]] = defaultdict(list)
@@ -224,7 +224,7 @@ def report(cases: Sequence[Case], results: Sequence[Result]) -> str:
 
 
 def main() -> None:
-    """Run the cases asked for; exit code 1 where there are findings."""
+    """Run the requested cases; the exit code is 1 if there are findings."""
     from seaid._files import result_folder
     from tests.fuzz.targets import TARGETS
 

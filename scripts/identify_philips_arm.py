@@ -1,7 +1,7 @@
 """Identify the Philips arm, the paper's other system, in simulation: with stiff or elastic drives.
 
-Its seven joints, by their Denavit-Hartenberg table, hang from a shoulder whose first axis is
-horizontal; `--elastic` puts a rotary spring behind each gear.
+Its seven joints follow their Denavit-Hartenberg table, and its first axis is horizontal. With
+`--elastic` there is a rotary spring behind each gear.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ STIFF, ELASTIC = "philips_arm.toml", "philips_arm_elastic.toml"
 
 
 def sensors(robot: seaid.Robot) -> seaid.Noise:
-    """Return the sensors: 2000 counts a turn of a motor with a gear of 100, torque noise of 0.5 %.
+    """Return sensors with 2000 counts per motor turn, gears of 100 and torque noise of 0.5 %.
 
-    The stiff file has its motors at the joints: there both are seen through the gear.
+    The stiff drive file has its motors at the joints, so both are converted by the gear.
     """
     gears = [robot.drives[joint].ratio for joint in robot.joint_names]
     return seaid.Noise(
@@ -66,7 +66,7 @@ def main(output: Path, drives: str, seed: int) -> None:
         print(f"! {flag}")
     print(
         f"{len(found.load.values)} base parameters with axis 1 horizontal, "
-        f"{len(upright.columns)} with it vertical; condition number of the excitation "
+        f"{len(upright.columns)} with axis 1 vertical; condition number of the excitation "
         f"{plans[0].condition_number:.0f}"
     )
     found.save(output / "parameters.json", result)

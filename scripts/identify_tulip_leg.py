@@ -1,10 +1,11 @@
 """Identify the TULip leg end to end, in simulation: the paper's experiment, section by section.
 
 A leg with known truth is simulated under an exciting motion, with encoders, torque noise, unknown
-encoder zeros and a known test mass on the foot; its log is identified with nothing but what is
-known beforehand (geometry, ratios, radii, rotor inertias, test mass); the result is validated on
+encoder offsets and a known test mass on the foot. The identification uses its log and the known
+parameters only (geometry, ratios, radii, rotor inertias, test mass). The result is validated on
 another motion. Both motions are shipped in `models/`, so that everybody gets the same log;
-`--plan-anew` searches for them again. `python scripts/identify_tulip_leg.py --help` tells the rest.
+`--plan-anew` searches for them again. `python scripts/identify_tulip_leg.py --help` lists all
+options.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ PLAN, VALIDATION_PLAN = "tulip_plan.json", "tulip_validation_plan.json"
 TEST_MASS = seaid.Payload("foot", 2.0, (0.15, 0.0, 0.0))
 LIMITS = seaid.Limits(velocity=2.5, acceleration=10.0)
 DURATION_S = 10.0
-JOINT_ZERO_STD_RAD = 0.002
+ENCODER_OFFSET_STD_RAD = 0.002
 
 
 def load_leg(payloads: tuple[seaid.Payload, ...]) -> seaid.Robot:
@@ -42,13 +43,13 @@ def load_leg(payloads: tuple[seaid.Payload, ...]) -> seaid.Robot:
 
 
 def sensors(seed: int) -> seaid.Noise:
-    """Return the leg's sensors; the encoder zeros stay what they are from one run to the next."""
+    """Return the sensors of the leg; a seed gives the same encoder offsets in every run."""
     rng = np.random.default_rng(seed)
     return seaid.Noise(
         motor_resolution_rad=2 * np.pi / 2000,
         joint_resolution_rad=2 * np.pi / 2**14,
         motor_offset_rad=tuple(rng.uniform(-np.pi, np.pi, 5)),
-        joint_offset_rad=tuple(rng.normal(0.0, JOINT_ZERO_STD_RAD, 5)),
+        joint_offset_rad=tuple(rng.normal(0.0, ENCODER_OFFSET_STD_RAD, 5)),
         torque_std_Nm=(0.005, 0.005, 0.005, 0.006, 0.006),
     )
 
@@ -64,14 +65,14 @@ def experiment(
 
 
 def shipped_plan() -> seaid.Trajectory:
-    """Return the shipped motion that the leg is identified from."""
+    """Return the shipped motion for identification."""
     return seaid.load_trajectory(MODELS / PLAN)
 
 
 def plan_anew(folder: Path, seed: int) -> None:
-    """Search for the motions to identify from and to validate on, and write them to a folder.
+    """Search for the motions for identification and validation, and write them to a folder.
 
-    Where a search ends depends on rounding, and so on the processor.
+    The end of a search depends on rounding, and so on the processor.
     """
     known = load_leg((TEST_MASS,)).without_nominal()
     plan = seaid.design_excitation(known, DURATION_S, limits=LIMITS, seed=seed, progress=True)
@@ -94,7 +95,7 @@ def condition_number(robot: seaid.Robot, motion: seaid.Trajectory) -> float:
 
 
 def main(output: Path, seed: int, anew: bool) -> None:
-    """Plan if asked to, simulate, identify, validate, write."""
+    """Plan if requested, simulate, identify, validate, write."""
     begin = time.perf_counter()
     result_folder(output)
     truth = load_leg((TEST_MASS,))
@@ -116,7 +117,7 @@ def main(output: Path, seed: int, anew: bool) -> None:
         )
 
     found = seaid.identify(
-        known, log, feasible=True, encoder_offset_std=JOINT_ZERO_STD_RAD, progress=True
+        known, log, feasible=True, encoder_offset_std=ENCODER_OFFSET_STD_RAD, progress=True
     )
     elastic = seaid.identify(known, log, torque_joints=known.elastic_joints)
     free = seaid.identify(load_leg(()).without_nominal(), free_log)
@@ -139,7 +140,7 @@ def main(output: Path, seed: int, anew: bool) -> None:
         "Seed of everything random": seed,
         "Excitation": f"B-spline of {DURATION_S:g} s, condition {condition:.3g}",
         "Validation": f"polynomial of {DURATION_S:g} s, (18)",
-        "Zeros of joint encoders known to": f"{JOINT_ZERO_STD_RAD:g} rad",
+        "Offsets of joint encoders known to": f"{ENCODER_OFFSET_STD_RAD:g} rad",
         "Robot and logs": "simulated",
     }
     plan.save_set_points(output / "excitation.csv")
@@ -150,14 +151,14 @@ def main(output: Path, seed: int, anew: bool) -> None:
     save_load_figure(result, output / "load_side.png")
     seaid.write_report(found, [result], output / "report.html", facts=facts)
     written = seaid.write_urdf(found, output / "tulip_leg_identified.urdf")
-    print("tulip_leg_identified.urdf has the possible bodies nearest to the estimate:")
+    print("tulip_leg_identified.urdf has the physically consistent bodies nearest to the estimate:")
     for note in written.notes:
         print(f"note: {note}")
     print(f"{time.perf_counter() - begin:.0f} s. Results: {output}/")
 
 
 def print_flags(found: seaid.Identification) -> None:
-    """Print what must not be trusted."""
+    """Print the warnings of an identification."""
     for flag in found.flags:
         print(f"! {flag}")
 
@@ -169,7 +170,7 @@ if __name__ == "__main__":
     parser.add_argument(
         "--plan-anew",
         action="store_true",
-        help="search for the motions instead of taking those of models/, and keep them",
+        help="search for the motions instead of using those of models/, and save them",
     )
     arguments = parser.parse_args()
     warnings.formatwarning = lambda message, *_: f"note: {message}\n"

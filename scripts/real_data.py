@@ -1,7 +1,7 @@
-"""Identify every measured set, and put what was found beside what is known about it.
+"""Identify every measured set, and compare the estimates with known values.
 
-The sets stand in `models/logs/`, with their sources and licences. Which robot, drives and log
-description belong to each, and what is known, is data: `scripts/real_data.toml`.
+The sets are in `models/logs/`, with their sources and licences. `scripts/real_data.toml` has the
+robot, drives, log description and known values of each set.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _SEEN = "the motion it was identified from"
 
 @dataclass(frozen=True)
 class Case:
-    """A measured set: files, what is known, what is asked; see `scripts/real_data.toml`."""
+    """A measured set: files, known values and targets; see `scripts/real_data.toml`."""
 
     name: str
     robot: str
@@ -54,7 +54,7 @@ class Case:
     forward: Mapping[str, float] = field(default_factory=dict)
 
     def load_robot(self) -> seaid.Robot:
-        """Return the robot with nothing but what is known of it."""
+        """Return the robot with its known parameters only."""
         package, _, name = self.robot.rpartition("/")
         urdf = packaged(package, name) if package else MODELS / name
         payloads = tuple(seaid.Payload(**one) for one in self.payload)
@@ -75,7 +75,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table; `met` None: nothing was asked."""
+    """One line of the table; `met` is None if there is no target."""
 
     case: str
     what: str
@@ -102,7 +102,7 @@ class Row:
 
 
 def packaged(package: str, name: str) -> str:
-    """Return the path of a file that a package has. Raises RobotError where it is not installed."""
+    """Return the path of a file of a package. Raises RobotError if it is not installed."""
     try:
         found = files(package) or []
     except PackageNotFoundError:
@@ -126,7 +126,7 @@ def _case(table: dict[str, Any]) -> Case:
 
 
 def rows_of(case: Case, data: Path, output: Path) -> Iterator[Row]:
-    """Identify one set, and yield what was found beside what is known."""
+    """Identify one set, and yield the rows of estimates and known values."""
     robot = case.load_robot()
     try:
         logs = case.read_logs(robot, data)
@@ -162,7 +162,7 @@ def value_of(found: seaid.Identification, name: str) -> tuple[float, float]:
 
 
 def value_rows(case: Case, found: seaid.Identification) -> Iterator[Row]:
-    """Yield found values, or ratios of two, beside the published ones."""
+    """Yield estimates, or ratios of two estimates, with the published values."""
     for known in case.value:
         value, error = value_of(found, known["found"])
         below, below_error = value_of(found, known.get("over", "1"))
@@ -183,14 +183,14 @@ def value_rows(case: Case, found: seaid.Identification) -> Iterator[Row]:
 
 
 def weak_rows(case: Case, found: seaid.Identification) -> Iterator[Row]:
-    """Yield which springs the log does not tell: they must be flagged."""
+    """Yield the springs that the log does not determine: they must be flagged."""
     if case.weak:
         flagged = {joint: bool(found.drives[joint].flags) for joint in case.weak}
         values = [
             f"{joint} {number(found.drives[joint].value('stiffness'))}" for joint in case.weak
         ]
-        told = f"{sum(flagged.values())} of {len(flagged)} flagged ({', '.join(values)})"
-        yield Row(case.name, "springs hardly loaded", told, asked="all", met=all(flagged.values()))
+        text = f"{sum(flagged.values())} of {len(flagged)} flagged ({', '.join(values)})"
+        yield Row(case.name, "springs hardly loaded", text, asked="all", met=all(flagged.values()))
 
 
 def gear_rows(case: Case, robot: seaid.Robot, logs: list[seaid.Log], data: Path) -> Iterator[Row]:
@@ -256,7 +256,7 @@ def torque_rows(
 def forward_rows(
     case: Case, logs: list[seaid.Log], found: seaid.Identification, data: Path
 ) -> Iterator[Row]:
-    """Yield how far the found robot is from the logs, simulated under its servo."""
+    """Yield the error of the identified robot against the logs, simulated under its servo."""
     if not case.forward:
         return
     errors = []
@@ -275,7 +275,7 @@ def forward_rows(
 
 
 def servo_of(case: Case, path: Path, robot: seaid.Robot) -> Callable[[float, Array], Array]:
-    """Return the voltages of the servos in a log's description, the goals held between samples."""
+    """Return the servo voltages of a log description; goals hold between samples."""
     described = description_for(path, MODELS / "logs" / case.description)
     if described is None or described.time is None or described.time.column is None:
         raise seaid.LogError(f"'{case.description}' names no time")
@@ -321,7 +321,7 @@ def markdown(rows: list[Row]) -> str:
 
 
 def main(data: Path, output: Path) -> None:
-    """Identify all sets that are there; print the table and save it with the figures."""
+    """Identify all available sets; print the table and save it with the figures."""
     result_folder(output)
     rows: list[Row] = []
     for case in track(read_cases(), "measured sets", True):

@@ -1,8 +1,9 @@
-"""Make the measured logs of `models/logs/` from their originals, and prove that nothing was lost.
+"""Make the measured logs of `models/logs/` from their originals, and check that nothing was lost.
 
-Tables of text (CSV, JSON) become compressed NPZ files: every column, every sample, each number the
-same 64 bits; what is binary, or small, is copied as it is. `--check` writes nothing and compares
-the shipped files with the originals. `models/logs/README.md` says where the originals are from.
+Tables of text (CSV, JSON) become compressed NPZ files with every column and every sample, each
+number with the same 64 bits. Binary and small files are copied unchanged. `--check` writes nothing
+and compares the shipped files with the originals. `models/logs/README.md` states the origin of the
+logs.
 """
 
 from __future__ import annotations
@@ -29,14 +30,14 @@ SETS = {
     "double_pendulum_a0": ("LICENSE.txt", "strong_torque/*.csv", "weak_torque/*.csv"),
     "xl330_pendulum": ("LICENSE.txt", "raw/*.json"),
 }
-"""What is shipped of each set: its licence, and tables that become NPZ files."""
+"""The shipped files of each set: its licence, and tables that become NPZ files."""
 
 AS_THEY_ARE = (
     "hebi_x5_unloaded/exampleLog.csv",
     "hebi_x5_unloaded/exampleLog.hebilog",
     "ur10_exciting/ur10_exciting_trajectory.db3",
 )
-"""Logs that are copied: of each kind of file one, so that its reader has a measured one to read."""
+"""Logs that are copied, one per kind of file, so that each reader is tested on a measured log."""
 
 
 def pairs(originals: Path) -> list[tuple[Path, Path]]:
@@ -57,14 +58,14 @@ def shipped_name(original: Path) -> Path:
 
 
 def columns(path: Path) -> dict[str, Array]:
-    """Return all columns of a log that hold numbers."""
+    """Return all numeric columns of a log."""
     table = open_table(path)
     found: dict[str, Array] = {}
     for name in table.names:
         try:
             found |= table.load([name])
         except seaid.LogError:
-            print(f"left out: column '{name}' of {path.name}, which holds no numbers")
+            print(f"excluded: column '{name}' of {path.name}, which has no numbers")
     return found
 
 
@@ -78,7 +79,7 @@ def ship(original: Path, shipped: Path) -> None:
 
 
 def is_same(original: Path, shipped: Path) -> bool:
-    """Return whether a shipped file holds exactly what its original does."""
+    """Return whether a shipped file has exactly the content of its original."""
     if not shipped.is_file():
         return False
     if original.suffix == shipped.suffix:
@@ -90,7 +91,7 @@ def is_same(original: Path, shipped: Path) -> bool:
 
 
 def main(originals: Path, check: bool) -> None:
-    """Ship or check every file, and print how large they are."""
+    """Ship or check every file, and print the total size."""
     if not originals.is_dir():
         print(f"skipped: the originals are not here, no folder '{originals}'; name it: --originals")
         return

@@ -1,6 +1,7 @@
-"""What the sensors of a robot can tell: `what_sensors_tell.py robot.urdf [drives.toml]`.
+"""Identifiability with given sensors: `what_sensors_tell.py robot.urdf [drives.toml]`.
 
-Without --sensors a table of common choices; with it everything that one choice tells, as in
+Without --sensors the script prints a table of common choices. With --sensors it prints the details
+of one choice, as in
 `--sensors motor_position joint_position motor_torque --of hip_yaw joint_position`.
 """
 
@@ -16,12 +17,20 @@ import seaid
 from seaid.report.text import table
 
 BOTH = ("motor_position", "joint_position")
-HEADER = ("sensors", "base", "alone", "together", "up to a factor", "not at all", "numbers")
+HEADER = (
+    "sensors",
+    "base",
+    "individually",
+    "in combination",
+    "up to scale",
+    "unidentifiable",
+    "numbers",
+)
 Choice = Sequence[str] | Mapping[str, Sequence[str]] | None
 
 
 def choices(robot: seaid.Robot) -> Iterator[tuple[str, Choice]]:
-    """Return common choices of sensors, by what they are called."""
+    """Return common choices of sensors by name."""
     yield "both positions, motor torque", (*BOTH, "motor_torque")
     if 0 < len(robot.elastic_joints) < robot.n:
         every: dict[str, Sequence[str]] = dict.fromkeys(robot.joint_names, BOTH)
@@ -51,7 +60,7 @@ def row(name: str, found: seaid.Identifiability) -> list[str]:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Print the table of all choices, or all about one."""
+    """Print the table of all choices, or the details of one."""
     robot = seaid.load_robot(arguments.urdf, arguments.toml, joints=arguments.joints)
     if arguments.sensors is None and not arguments.of:
         found = [(name, seaid.identifiability(robot, sensors)) for name, sensors in choices(robot)]
@@ -70,7 +79,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("urdf", type=Path)
     parser.add_argument("toml", type=Path, nargs="?")
-    parser.add_argument("--joints", nargs="+", help="those that move (default: all)")
+    parser.add_argument("--joints", nargs="+", help="moving joints (default: all)")
     parser.add_argument("--sensors", nargs="*", help="of every joint")
     parser.add_argument("--of", nargs="+", action="append", default=[], help="joint, its sensors")
     arguments = parser.parse_args()

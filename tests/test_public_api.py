@@ -41,8 +41,8 @@ FUNCTIONS = {
     "gear_ratio": "motor_angle_rad output_angle_rad",
     "replay": "robot log command",
     "reconstruct_motion": "robot log cutoff_hz",
-    "identify": "robot logs torque_joints method estimator feasible cutoff_hz encoder_offset_std executor "
-    "progress",
+    "identify": "robot logs torque_joints method estimator feasible cutoff_hz "
+    "encoder_offset_std executor progress",
     "compare_terms": "robot logs joints terms torque_joints cutoff_hz progress",
     "identify_conditions": "conditions own torque_joints estimator cutoff_hz progress",
     "cross_validate": "robot logs parts progress",

@@ -1,10 +1,10 @@
-"""What noise of the encoders does to least squares, and what instrumental variables make of it.
+"""Bias of least squares and of instrumental variables due to encoder noise.
 
-The TULip leg with test mass and with a free foot, each simulated once and measured anew many times.
-Bias is given in units of the mean stated standard error, +- its own uncertainty. Each draw of
-encoder errors is identified twice, with the torque noise and with its opposite: what is linear in
-it cancels, and a bias is known several times better than from single draws. Zeros of the joint
-encoders are known here: a wrong one is no noise.
+The TULip leg with test mass and with a free foot is simulated once each, and measured many times.
+The bias is in units of the mean stated standard error, +- its own uncertainty. Each draw of
+encoder errors is identified twice, with the torque noise and with its negative. Errors linear in
+the torque noise cancel, so a bias is known several times better than from single draws. The offsets
+of the joint encoders are known here, since a wrong offset is not noise.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from scripts.identify_tulip_leg import DURATION_S, LIMITS, TEST_MASS, load_leg, sensors
 
 ESTIMATORS = ("ols", "iv")
-"""Weighted least squares is the same as ordinary here: each spring has one motor equation."""
+"""Weighted equals ordinary least squares here, since each spring has one motor equation."""
 
 PARAMETERS = ("viscous_friction", "stiffness")
 LOADS = {"test mass": (TEST_MASS,), "free foot": ()}
@@ -42,7 +42,7 @@ COARSE = (2 * np.pi / 500, 2 * np.pi / 2**12)
 COARSER = (2 * np.pi / 2000, 2 * np.pi / 2**11)
 COARSEST = (2 * np.pi / 2000, 2 * np.pi / 2**10)
 BODIES = "worst base parameter"
-SETTINGS = (  # load, steps of motor and joint encoder [rad], every so many samples, pass band [Hz]
+SETTINGS = (  # load, resolution of motor and joint encoder [rad], decimation, cutoff [Hz]
     ("test mass", FINE, 1, None),
     ("test mass", COARSE, 1, None),
     ("free foot", COARSE, 1, None),
@@ -119,27 +119,27 @@ def errors(
             ]
         except seaid.IdentificationError:
             return {}
-        told = [told_by(one, truth) for one in pair]
-        for name in told[0]:
-            mean = np.mean([one[name] for one in told], axis=0)
+        results = [errors_of(one, truth) for one in pair]
+        for name in results[0]:
+            mean = np.mean([one[name] for one in results], axis=0)
             found.setdefault(name, {})[estimator] = mean
     return found
 
 
-def told_by(found: seaid.Identification, truth: seaid.Robot) -> dict[str, Array]:
+def errors_of(found: seaid.Identification, truth: seaid.Robot) -> dict[str, Array]:
     """Return {parameter: errors and standard errors}, (2, 1), and of all base parameters (2, p)."""
-    told: dict[str, Array] = {}
+    result: dict[str, Array] = {}
     for joint in truth.elastic_joints:
         estimate, exact = found.drives[joint], nominal_values(truth.drives[joint])
         for name in PARAMETERS:
             error = estimate.value(name) - exact[name]
-            told[f"{name} of {joint}"] = np.array([[error], [estimate.standard_error(name)]])
+            result[f"{name} of {joint}"] = np.array([[error], [estimate.standard_error(name)]])
     errors_of_bodies = found.load.values - found.base.project(truth.parameters)
-    return told | {BODIES: np.array([errors_of_bodies, found.load.standard_errors])}
+    return result | {BODIES: np.array([errors_of_bodies, found.load.standard_errors])}
 
 
 def thinned(log: Log, every: int) -> Log:
-    """Return the log of a slower logger: every so many samples."""
+    """Return the log with every `every`-th sample only, as of a slower logger."""
     return replace(
         log,
         time=log.time[::every],
@@ -150,7 +150,7 @@ def thinned(log: Log, every: int) -> Log:
 
 
 def in_errors(found: Array) -> str:
-    """Return the largest mean error in mean standard errors, from (draws, 2, p), and +- of it."""
+    """Return the largest mean error in mean standard errors with its +-, from (draws, 2, p)."""
     stated = np.mean(found[:, 1], axis=0)
     bias = np.mean(found[:, 0], axis=0) / stated
     half = np.std(found[:, 0], axis=0, ddof=1) / np.sqrt(len(found)) / stated

@@ -1,6 +1,6 @@
-"""Which covariance holds the truth: coverage of 95 % intervals on synthetic rows with known truth.
+"""Coverage of 95 % intervals by several covariances, on synthetic rows with known truth.
 
-Rows as an identification has them: a slow regressor, noise of the kinds that filters leave, a few
+The rows resemble those of an identification: a slow regressor, noise as filters shape it, and a few
 joints at each instant. Coverage should be 95 %.
 """
 
@@ -34,7 +34,7 @@ def autoregressive(rng: np.random.Generator, phi: float, shape: tuple[int, int])
 
 
 def behind_low_pass(rng: np.random.Generator, shape: tuple[int, int]) -> Array:
-    """Return white noise (T, c) behind the zero-phase low pass of a regression, decimated."""
+    """Return white noise (T, c) after the zero-phase low-pass filter of a regression, decimated."""
     fine = 8
     white = rng.normal(size=((shape[0] + 100) * fine, shape[1]))
     sections = butter(2, 1.0, fs=ROWS_PER_PERIOD * fine, output="sos")
@@ -76,7 +76,7 @@ def newey_west_1994(scores: Array) -> int:
 
 
 def blocks(H: Array, residual: Array, length: int) -> tuple[Array, Array]:
-    """Return information (B, p, p) and score (B, p) of blocks of instants."""
+    """Return normal matrices (B, p, p) and scores (B, p) of blocks of instants."""
     count = max(len(H) // length, 2)
     parts = [np.array_split(values, count) for values in (H, residual)]
     grams = [np.einsum("tjp,tjq->pq", part, part) for part in parts[0]]
@@ -111,7 +111,7 @@ def standard_errors(H: Array, y: Array) -> tuple[Array, dict[str, Array]]:
 
 
 def coverage(noise: str, instants: int, p: int) -> list[str]:
-    """Return a row of the table: the share of intervals that hold the truth, by method."""
+    """Return a row of the table: the share of intervals that contain the truth, by method."""
     held: dict[str, list[float]] = {name: [] for name in METHODS}
     for seed in range(EXPERIMENTS):
         rng = np.random.default_rng(seed)

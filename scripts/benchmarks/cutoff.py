@@ -1,8 +1,8 @@
-"""How near the proposed pass band comes to the best fixed one, over joint encoders fine and coarse.
+"""Compare the selected cutoff with the best fixed one, for fine and coarse joint encoders.
 
-The TULip leg with test mass and the mixed arm of the tests, simulated once and measured anew. The
-error of a pass band is the geometric mean over parameters of their rms error over draws: no
-parameter outweighs the others, whatever its unit or size.
+The TULip leg with test mass and the mixed arm of the tests are simulated once, and measured many
+times. The error of a cutoff is the geometric mean over parameters of their rms error over draws, so
+that no parameter outweighs the others, whatever its unit or size.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ ROBOTS: dict[str, tuple[Callable[[], Robot], Callable[[], Motion], Noise]] = {
     "arm": (arm, arm_motion, ARM_SENSORS),
 }
 _TELESCOPE_M = 0.05
-"""Radius at which a turn of a sliding joint's encoder is read, as by a wheel on the rail."""
+"""Radius of the wheel on the rail that drives the encoder of a prismatic joint."""
 
 
 def main(draws: int) -> None:
@@ -58,14 +58,14 @@ def main(draws: int) -> None:
             ratio = size / np.min(size[1:])
             what = "drives" if side == 1 else "bodies"
             rows.append([f"{name}, {steps}", what, proposed, *(f"{one:.2f}" for one in ratio)])
-    header = ["robot, joint encoder", "of", "proposed", "its", *(f"{one:g}" for one in CUTOFFS_HZ)]
-    print(table(f"Error over that of the best fixed pass band, {draws} draws", header, rows))
+    header = ["robot, joint encoder", "of", "selected", "its", *(f"{one:g}" for one in CUTOFFS_HZ)]
+    print(table(f"Error over that of the best fixed cutoff, {draws} draws", header, rows))
 
 
 def errors(name: str, steps: int, seed: int) -> tuple[float, Array, Array]:
-    """Return the proposed pass band and the errors (1 + cutoffs, p) of drives and of bodies.
+    """Return the selected cutoff and the errors (1 + cutoffs, p) of drives and of bodies.
 
-    The proposal's errors come first.
+    The errors of the selected cutoff come first.
     """
     make, move, sensors = ROBOTS[name]
     truth, motion = make(), move()

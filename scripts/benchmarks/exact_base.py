@@ -1,4 +1,4 @@
-"""Exact base parameters by three ways: process time on one core, least of the turns, and memory."""
+"""Exact base parameters by three methods: smallest process time on one core, and memory."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ TURNS = 3
 
 
 def seconds(function: Callable[[], object]) -> float:
-    """Return the least process time of a call over the turns."""
+    """Return the smallest process time of a call over the turns."""
     times = []
     for _ in range(TURNS):
         begin = time.process_time()
@@ -42,7 +42,7 @@ def seconds(function: Callable[[], object]) -> float:
 
 
 def line(robot: seaid.Robot, way: Route, figure: float) -> list[str]:
-    """Return robot, joints, way, base parameters, seconds and the figure to reach."""
+    """Return robot, joints, method, base parameters, seconds and the target."""
     base = seaid.symbolic.base_parameters(robot, through=way)
     found = seconds(lambda: seaid.symbolic.base_parameters(robot, through=way))
     counts = [base.fundamental_functions, base.different_rows]

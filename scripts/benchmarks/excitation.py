@@ -1,6 +1,6 @@
-"""Planning: condition numbers and seconds against the figures to reach, and what a gradient costs.
+"""Planning: condition numbers and times compared with their targets, and the cost of a gradient.
 
-Every plan has a new set of processes, whose start is part of its seconds.
+Every plan starts new processes; their start is included in its time.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ FIGURES: list[tuple[str, str, bool, float | None, float | None]] = [
     *((PANDA, basis, True, 18, 30) for basis in ("bspline", "fourier", "polynomial")),
     *((UR10, basis, True, 8, 30) for basis in ("bspline", "fourier", "polynomial")),
 ]
-"""Robot, basis, rest to rest, and the condition number and the seconds to reach."""
+"""Robot, basis, rest to rest, and the targets of condition number and seconds."""
 
 COEFFICIENTS, SAMPLES = (8, 16, 32, 64), (256, 512, 1024, 2048)
 TURNS, MOST_RATIO = 7, 12.0
@@ -81,7 +81,7 @@ def timed_plan(robot: seaid.Robot, **request: Any) -> tuple[seaid.Excitation, fl
 
 
 def figures(seeds: int) -> str:
-    """Return the table of condition numbers and seconds, worst of the seeds beside seed 0."""
+    """Return the table of condition numbers and seconds, worst of the seeds next to seed 0."""
     robots, rows = load_robots(), []
     for name, basis, rest, condition, seconds in FIGURES:
         robot, limits = robots[name]
@@ -112,7 +112,7 @@ def figures(seeds: int) -> str:
 def make(
     robot: seaid.Robot, limits: seaid.Limits, criterion: str, count: int, samples: int
 ) -> Problem:
-    """Return the planning problem of all torques, without limits on drives."""
+    """Return the planning problem with all torques and without drive limits."""
     basis, bounds = make_basis("bspline", DURATION_S, count), joint_limits(robot, limits)
     space = motion_space(basis, robot.joint_names, bounds, EndState(), EndState())
     base = pivoted_base(robot, None)
@@ -123,7 +123,7 @@ def make(
 
 
 def seconds(function: Callable[[], object]) -> float:
-    """Return the least process time of a call over the turns."""
+    """Return the smallest process time of a call over the turns."""
     times = []
     for _ in range(TURNS):
         begin = time.process_time()
@@ -139,7 +139,7 @@ def costs(problem: Problem) -> tuple[float, float]:
 
 
 def ratios() -> str:
-    """Return the table of value and gradient over value, by coefficients a joint."""
+    """Return the table of the time of value and gradient over value, by coefficients per joint."""
     rows = []
     for name, (robot, limits) in load_robots().items():
         for criterion in CRITERIA:
@@ -165,11 +165,11 @@ def scaling() -> str:
         ]
         rows.append([name, *shown])
     header = ["robot", *(f"{samples} instants" for samples in SAMPLES)]
-    return table("Value and gradient, time an instant (32 coefficients)", header, rows)
+    return table("Value and gradient, time per instant (32 coefficients)", header, rows)
 
 
 def main() -> None:
-    """Print what was asked for."""
+    """Print the requested tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seeds", type=int, default=1, help="of each plan (default 1)")
     parser.add_argument("--only", choices=("plans", "gradient"), help="one of the parts")

@@ -1,10 +1,11 @@
-"""Planning beside a peer: condition number reached over time, by seaid and by figaroh 1.0.2.
+"""Comparison of planning with figaroh 1.0.2: condition number reached over time.
 
-UR10, 10 s, limits of the URDF. figaroh (`pip install figaroh==1.0.2`, not a dependency) brings its
-motion (a quintic from rest to rest between waypoints), its objective, its constraints at 100 Hz and
-its forward differences; its solver IPOPT has to be built from outside, so scipy's SLSQP runs in its
-place. Both are judged by the same measure: the condition number of seaid's base columns
-over 2000 instants. Time is process time of one thread: wall time on an idle core.
+The robot is the UR10, with motions of 10 s and the limits of the URDF. figaroh
+(`pip install figaroh==1.0.2`, not a dependency) uses its own motion (a quintic from rest to rest
+between waypoints), objective, constraints at 100 Hz and forward differences. Its solver IPOPT needs
+a separate installation, so scipy's SLSQP runs in its place. The measure is the same for both: the
+condition number of seaid's base columns over 2000 instants. Time is process time of one thread,
+which is wall time on an idle core.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ DURATION_S, RATE_HZ = 10.0, 1000
 ITERATIONS = (1, 2, 4, 8, 16, 32, 64, 150)
 WAYPOINTS, GROUP = (6, 11), 10
 KEPT = 1e-3
-"""An iterate counts where it breaks no limit by more than this part of it."""
+"""An iterate counts if it violates no limit by more than this fraction of the limit."""
 
 PLOT = Path(__file__).resolve().parents[2] / "docs" / "excitation_peer.png"
 States = tuple[Array, Array, Array]
@@ -45,7 +46,7 @@ States = tuple[Array, Array, Array]
 
 @dataclass(frozen=True)
 class Trace:
-    """What one method reached: process seconds, condition numbers and largest breach of each."""
+    """Iterates of one method: process seconds, condition numbers and largest violations."""
 
     name: str
     seconds: list[float]
@@ -59,7 +60,7 @@ class Trace:
 
 
 class Measure:
-    """The one measure for both: condition number, and breaches as parts of the limits."""
+    """The measure for both: condition number, and violations relative to the limits."""
 
     def __init__(self) -> None:
         self.robot = seaid.load_robot(example_urdf("ur10_robot.urdf"))
@@ -73,7 +74,7 @@ class Measure:
         return float(np.linalg.cond(Y.reshape(-1, len(self.base.columns))))
 
     def breach(self, states: States) -> tuple[float, ...]:
-        """Return by how much position, velocity, acceleration, torque are broken, as parts."""
+        """Return the relative violations of position, velocity, acceleration and torque."""
         q, v, a = states
         torque = joint_torques(self.robot, q, v, a) / self.robot.effort_limits
         shares = (
@@ -86,11 +87,11 @@ class Measure:
 
 
 def seaid_trace(measure: Measure, seed: int) -> Trace:
-    """Return a whole call with each number of iterations."""
+    """Return a complete call with each number of iterations."""
     name = f"seaid, B-spline, seed {seed}"
     trace = Trace(name, [], [], [])
     time_s = np.linspace(0.0, DURATION_S, int(DURATION_S * RATE_HZ) + 1)
-    for iterations in (1, *ITERATIONS):  # the first call imports what the others use
+    for iterations in (1, *ITERATIONS):  # the first call does the imports
         begin = time.process_time()
         with ThreadPoolExecutor(1) as executor:
             plan = seaid.design_excitation(
@@ -104,7 +105,7 @@ def seaid_trace(measure: Measure, seed: int) -> Trace:
 
 
 class _OutOfBudgetError(Exception):
-    """The way out of SLSQP at the end of its time."""
+    """Raised to leave SLSQP at the end of its time."""
 
 
 def peer_trace(measure: Measure, waypoints: int, seed: int, budget: float) -> Trace:
@@ -166,9 +167,9 @@ def peer_trace(measure: Measure, waypoints: int, seed: int, budget: float) -> Tr
 
 
 def sample_groups(waypoints: int, samples: int, n: int) -> Array:
-    """Return which constraints count as their worst (G, 10): a joint's at ten instants.
+    """Return the groups of constraints that count as their worst (G, 10), of ten instants each.
 
-    SLSQP would take most of the time on the 24 000 that IPOPT is given.
+    With all 24 000 constraints, as given to IPOPT, SLSQP would spend most of its time on them.
     """
     instants = np.minimum(np.arange(-(-samples // GROUP) * GROUP), samples - 1)
     at_waypoints = np.repeat(np.arange((waypoints - 1) * n)[:, None], GROUP, axis=1)
@@ -184,8 +185,8 @@ def sample_groups(waypoints: int, samples: int, n: int) -> Array:
 def peer_problem(waypoints: int) -> tuple[Any, Array]:
     """Return figaroh's problem and its own random start, drawn within the velocity limits.
 
-    figaroh draws steps between waypoints for the peak speed of a cubic; its motion is a quintic,
-    which is faster, so that its own start would break the limits, and is drawn closer here.
+    figaroh draws steps between waypoints for the peak speed of a cubic. Its motion is a quintic,
+    which is faster, so its own start would violate the limits. The steps drawn here are smaller.
     """
     import pinocchio as pin
 
@@ -270,7 +271,7 @@ def save_plot(traces: list[Trace], path: Path) -> None:
 
 
 def row(trace: Trace) -> list[str]:
-    """Return the line of the table of one method: first and best motion, and its breaches."""
+    """Return the table line of one method: first and best motion, and the violations."""
     reached = trace.reached()
     best = int(np.argmin(reached))
     last = f"{reached[best]:.1f}" if np.isfinite(reached[best]) else "none keeps the limits"
@@ -286,7 +287,7 @@ def row(trace: Trace) -> list[str]:
 
 
 def main() -> None:
-    """Run both, print the table, draw the plot."""
+    """Run both, print the table and draw the plot."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--budget", type=float, default=120.0, help="process seconds of the peer")
     parser.add_argument("--seeds", type=int, default=2, help="of each method")
@@ -306,7 +307,7 @@ def main() -> None:
         for seed in seeds
     ]
     header = ["method", "first", "best that keeps limits", "after", "last", "position"]
-    title = f"UR10, {DURATION_S:g} s; breaches of the best motion at {RATE_HZ} Hz, as parts"
+    title = f"UR10, {DURATION_S:g} s; relative violations of the best motion at {RATE_HZ} Hz"
     rows = [row(trace) for trace in traces]
     print(table(title, [*header, "velocity", "acceleration", "torque"], rows))
     save_plot(traces, arguments.plot)

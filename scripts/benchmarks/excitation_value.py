@@ -1,9 +1,10 @@
-"""What planning is worth: identification on simulated logs of planned motions and of a random one.
+"""Benefit of planning: identification on simulated logs of planned motions and of a random one.
 
-TULip leg with the test mass, 10 s, rest to rest, the same limits. Each entry is how many times
-smaller an error is with the planned motion than with the random one: as the plans predict it, as
-the identification states it, and as it is over draws of noise and encoder zeros. The plans take
-every torque to be as good as the motor's at the joint; a spring tells its joint's torque better.
+The TULip leg with the test mass moves for 10 s, rest to rest, within the same limits. Each entry is
+the factor by which an error is smaller with the planned motion than with the random one: predicted
+by the plan, stated by the identification, and actual over draws of noise and encoder offsets. The
+plans assume that every torque is as accurate as that of the motor; a spring measures the torque of
+its joint better.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from scripts.identify_tulip_leg import (
     DURATION_S,
-    JOINT_ZERO_STD_RAD,
+    ENCODER_OFFSET_STD_RAD,
     LIMITS,
     TEST_MASS,
     load_leg,
@@ -49,12 +50,12 @@ COEFFICIENTS, SAMPLES = 35, 140
 
 
 def torque_std(truth: seaid.Robot) -> list[float]:
-    """Return the noise of the motors' torque sensors, seen at the joints [N m]."""
+    """Return the noise of the motor torque sensors, referred to the joints [N m]."""
     return [float(std) for std in transmission(truth).ratio * sensors(0).torque_std_Nm]
 
 
 def plan(truth: seaid.Robot, criterion: str, **request: Any) -> seaid.Excitation:
-    """Return a plan that tells bodies and drives; nominal values are the true ones."""
+    """Return a plan that excites bodies and drives; nominal values are the true ones."""
     return seaid.design_excitation(
         truth,
         DURATION_S,
@@ -76,22 +77,22 @@ def run(found: seaid.Excitation, draws: int) -> tuple[Array, Array]:
     both = []
     for draw in range(draws):
         log = measure(truth, motion, sensors(draw), draw)
-        told = seaid.identify(known, log, encoder_offset_std=JOINT_ZERO_STD_RAD)
-        both.append(errors_of(truth, found, told))
+        identified = seaid.identify(known, log, encoder_offset_std=ENCODER_OFFSET_STD_RAD)
+        both.append(errors_of(truth, found, identified))
     errors, stated = np.array(both).transpose(1, 0, 2)
     return errors, stated
 
 
 def errors_of(
-    truth: seaid.Robot, found: seaid.Excitation, told: seaid.Identification
+    truth: seaid.Robot, found: seaid.Excitation, identified: seaid.Identification
 ) -> tuple[Array, Array]:
     """Return error and standard error (p,) of the plan's parameters, base first."""
-    grouping = found.base.grouping[:, list(told.base.columns)]
-    off = grouping @ (told.load.values - told.base.project(truth.parameters))
-    covariance = grouping @ told.load.covariance @ grouping.T
+    grouping = found.base.grouping[:, list(identified.base.columns)]
+    off = grouping @ (identified.load.values - identified.base.project(truth.parameters))
+    covariance = grouping @ identified.load.covariance @ grouping.T
     errors, stated = list(off), list(np.sqrt(np.diag(covariance)))
     for name, joint in drive_names(found):
-        estimate = told.drives[joint]
+        estimate = identified.drives[joint]
         there = name in estimate.names
         true = nominal_values(truth.drives[joint]).get(name, np.nan)
         errors.append(estimate.value(name) - true if there else np.nan)
@@ -100,13 +101,13 @@ def errors_of(
 
 
 def drive_names(found: seaid.Excitation) -> list[tuple[str, str]]:
-    """Return (parameter, joint) of the plan's drive columns."""
+    """Return (parameter, joint) of the drive parameters of a plan."""
     parts = [name.rpartition(" of ") for name in found.names[len(found.base.columns) :]]
     return [(name, joint) for name, _, joint in parts]
 
 
 def value_table(plans: Sequence[seaid.Excitation], draws: int) -> str:
-    """Return the table of errors of the random motion, the last plan, over those of the others."""
+    """Return the table of errors of the random motion (the last plan) over those of the others."""
     with ProcessPoolExecutor(2) as executor:
         futures = [executor.submit(run, found, draws) for found in plans]
         done = [future.result() for future in track(futures, "simulating and identifying", True)]
@@ -145,10 +146,10 @@ def sequential_table(truth: seaid.Robot, first: seaid.Excitation, random: seaid.
     for previous_logs in (first, random):
         motion = simulate_motion(truth, previous_logs.trajectory, noise=sensors(0))
         log = measure(truth, motion, sensors(0), 0)
-        told = recorded_factor(target, truth, [log])
+        factor = recorded_factor(target, truth, [log])
         after = plan(truth, "relative_error", previous_logs=[log], seed=4, progress=True)
         motions = (None, previous_logs, random, alone, after)
-        columns.append([f"{worst_error(target, told, found):.3f}" for found in motions])
+        columns.append([f"{worst_error(target, factor, found):.3f}" for found in motions])
     names = (
         "the log alone",
         "and its motion again",
@@ -157,12 +158,12 @@ def sequential_table(truth: seaid.Robot, first: seaid.Excitation, random: seaid.
         "and a motion planned with previous_logs=[log]",
     )
     rows = [list(row) for row in zip(names, *columns, strict=True)]
-    header = ["told", "log of the planned motion", "log of the random motion"]
+    header = ["data", "log of the planned motion", "log of the random motion"]
     return table("Sequential design: worst relative standard error", header, rows)
 
 
 def relative_target(truth: seaid.Robot, found: seaid.Excitation) -> Target:
-    """Return what the plans for "relative_error" shall tell, scaled as there."""
+    """Return the target of the plans for "relative_error", with the same scaling."""
     bounds = joint_limits(truth, LIMITS)
     basis = make_basis("bspline", DURATION_S, COEFFICIENTS)
     space = motion_space(basis, truth.joint_names, bounds, EndState(), EndState())
@@ -171,20 +172,20 @@ def relative_target(truth: seaid.Robot, found: seaid.Excitation) -> Target:
     return scaled_target(problem, truth, found.base, torque_std(truth), relative=True)
 
 
-def worst_error(target: Target, told: Array, found: seaid.Excitation | None) -> float:
-    """Return the worst relative error of what is told, and of another motion if there is one."""
+def worst_error(target: Target, factor: Array, found: seaid.Excitation | None) -> float:
+    """Return the worst relative error from a QR factor, and from another motion if there is one."""
     H = np.empty((0, len(target.names)))
     if found is not None:
         instants = np.linspace(0.0, DURATION_S, 10 * SAMPLES)
         H = stacked_regressor(target, instants, found.trajectory.sample(instants))
-    R = triangular_factor(H, told)
+    R = triangular_factor(H, factor)
     return float(np.exp(criterion_named("relative_error").log_value(R)))
 
 
 def main() -> None:
     """Plan, simulate, identify, print both tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--draws", type=int, default=16, help="of noise and encoder zeros")
+    parser.add_argument("--draws", type=int, default=16, help="of noise and encoder offsets")
     draws = parser.parse_args().draws
     begin = time.perf_counter()
     warnings.simplefilter("ignore", seaid.SeaidWarning)

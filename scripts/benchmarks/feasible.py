@@ -1,11 +1,11 @@
-"""Possible bodies of four robots: how long they take, how far they are from estimate and truth.
+"""Physically consistent bodies of four robots: time, and distance from estimate and truth.
 
-The estimate is the truth with noise of a torque sensor, at random states; the robot file the search
-starts from has every body stretched, moved and heavier or lighter by about a tenth.
+The estimate comes from noisy torques of the true robot at random states. In the robot file that
+serves as the prior, every body is stretched, moved and heavier or lighter by about a tenth.
 
-With `--programs 10000` random programs are solved and compared with Clarabel instead, see
-`scripts.benchmarks.random_programs`; `OPENBLAS_CORETYPE=Prescott` and others choose the kernel,
-and the table has a row for each that was run:
+With `--programs 10000` random semidefinite programs are solved and compared with Clarabel instead,
+see `scripts.benchmarks.random_programs`. `OPENBLAS_CORETYPE=Prescott` and others select the kernel,
+and the table has a row per kernel:
 
     OPENBLAS_CORETYPE=Prescott python -m scripts.benchmarks.feasible --programs 10000
 """
@@ -46,7 +46,7 @@ NOISE = 0.05
 
 
 def robots() -> list[seaid.Robot]:
-    """Return a leg of five joints and arms of six and seven; fingers locked."""
+    """Return a leg of five joints and arms of six and seven, with locked fingers."""
     return [
         seaid.load_robot(MODELS / "tulip_leg.urdf"),
         robot_named("UR10"),
@@ -104,20 +104,20 @@ def row(robot: seaid.Robot) -> list[str]:
 
 
 def physical(found: FeasibleParameters) -> bool:
-    """Tell whether every body is possible, by its eigenvalues."""
+    """Return whether every body is physically consistent, by its eigenvalues."""
     return all(is_physical(body, 0.0) for body in found.parameters.reshape(-1, 10))
 
 
 def robots_table() -> str:
     """Return the table of four robots."""
-    header = ["robot", "p", "weight 0 [s]", "weight chosen [s]", "least chi2", "chi2", "weight"]
-    header += ["freedom", "file", "estimate", "weight 0", "chosen"]
-    title = "Possible bodies; the last four are errors of the torque at unseen states"
+    header = ["robot", "p", "weight 0 [s]", "weight selected [s]", "least chi2", "chi2", "weight"]
+    header += ["freedom", "file", "estimate", "weight 0", "selected"]
+    title = "Physically consistent bodies; the last four are errors of the torque at unseen states"
     return table(title, header, [row(robot) for robot in robots()])
 
 
 def programs_table(folder: Path) -> str:
-    """Return the table of random programs, a row for each kernel."""
+    """Return the table of random semidefinite programs, with a row per kernel."""
     found = {path.stem.split("_")[1]: read(path) for path in sorted(folder.glob("programs_*"))}
     rows = [summary(name, outcomes) for name, outcomes in found.items()]
     return table("Random programs; differences relative to 1 + objective", HEADER, rows)
@@ -125,7 +125,7 @@ def programs_table(folder: Path) -> str:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--programs", type=int, help="so many random ones, instead of robots")
+    parser.add_argument("--programs", type=int, help="number of random ones, instead of robots")
     parser.add_argument("--output", type=Path, default=Path("out/feasible"), help="result folder")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore", seaid.SeaidWarning)

@@ -1,4 +1,4 @@
-"""How many files `seaid.identify` enters on the plain TULip leg, and how often it changes file.
+"""Number of files that `seaid.identify` enters on the plain TULip leg, and of changes of file.
 
     python -m scripts.benchmarks.hops
 
@@ -21,7 +21,7 @@ PACKAGE = str(Path(seaid.__file__).parent)
 
 
 def hops() -> tuple[Counter[str], int]:
-    """Return the calls per file of seaid, and how often one file calls another."""
+    """Return the calls per file of seaid, and the number of calls from one file to another."""
     robot = seaid.load_robot(MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml")
     plan = seaid.load_trajectory(MODELS / "tulip_plan.json")
     log = seaid.simulate(robot, plan, seed=1)
@@ -47,7 +47,7 @@ def hops() -> tuple[Counter[str], int]:
 
 
 def main() -> None:
-    """Print the files, the most called last."""
+    """Print the files, with the most frequently called ones last."""
     entered, changes = hops()
     for file, calls in sorted(entered.items(), key=lambda one: one[1]):
         print(f"{calls:8,}  {Path(file).relative_to(PACKAGE)}")

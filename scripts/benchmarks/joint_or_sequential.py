@@ -1,9 +1,9 @@
-"""Both sides at once or one after the other: the TULip experiment with other joint encoders.
+"""Two-step or simultaneous identification: the TULip experiment with other joint encoders.
 
-Each entry is the rms error over the draws, and in brackets the mean stated standard error; of the
-base parameters the median over those parameters. "spring-free" has no (8) of elastic joints, so
-that the deflection is not used on the load side; its stiffness is that of "sequential". "torque" is
-the load torque that the base parameters give along the motion, against the true one.
+Each entry is the rms error over the draws, with the mean stated standard error in brackets. For the
+base parameters it is the median over those parameters. "spring-free" has no (8) of elastic joints,
+so the load side does not use the deflection; its stiffness is that of "two-step". "torque" is the
+error of the load torque that the base parameters give along the motion.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from scripts.identify_tulip_leg import DURATION_S, LIMITS, TEST_MASS, load_leg, 
 
 BITS = (10, 12, 14, 17)
 NAMES = {"stiffness": "k", "coulomb_friction": "F_C", "viscous_friction": "F_v"}
-WAYS = ("sequential", "joint", "spring-free")
+WAYS = ("two-step", "simultaneous", "spring-free")
 KEYS = tuple(f"{name} of {joint}" for name in NAMES for joint in load_leg(()).elastic_joints)
 
 
@@ -75,7 +75,7 @@ def picked(drives: object, base: Estimate) -> tuple[Array, Array]:
 
 
 def spring_free(robot: seaid.Robot, rows: Regression) -> Regression:
-    """Return the rows without (8) of the elastic joints, which is added to (7) instead."""
+    """Return the rows without (8) of the elastic joints; (8) is added to (7) instead."""
     H, y, propagated = rows.H.copy(), rows.y.copy(), rows.propagated.copy()
     for joint in robot.elastic_joints:
         offset = rows.names.index(f"spring_offset of {joint}")
@@ -103,7 +103,7 @@ def spring_free(robot: seaid.Robot, rows: Regression) -> Regression:
 
 
 def line(values: Array, errors: Array, truth: Array, torques: Array) -> list[str]:
-    """Return one way's entries of the table from values and errors (draws, parameters)."""
+    """Return the table entries of one method from values and errors (draws, parameters)."""
     off = values - truth
     size = np.where(truth == 0, np.inf, np.abs(truth))
     rms, stated = np.sqrt(np.mean(off**2, axis=0)) / size, np.mean(errors, axis=0) / size
@@ -154,14 +154,16 @@ def main(runs: int, zero_std: float) -> None:
         for bits in track(BITS, f"foot: {foot}", True):
             rows += study(foot, bits, motion, runs, zero_std)
     short = [f"{NAMES[key.split(' of ')[0]]} {key.split(' of ')[1].split('_')[0]}" for key in KEYS]
-    header = ["foot", "encoder", "way", *short, "base", "torque", "95 %: drives", "base"]
-    title = f"TULip leg, {runs} draws, joint zeros known to {1e3 * zero_std:g} mrad"
+    header = ["foot", "encoder", "method", *short, "base", "torque", "95 %: drives", "base"]
+    title = f"TULip leg, {runs} draws, encoder offsets known to {1e3 * zero_std:g} mrad"
     print(table(title, header, rows))
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=16, help="draws of noise and zeros")
-    parser.add_argument("--zero-std", type=float, default=0.002, help="of the joint zeros, rad")
+    parser.add_argument("--runs", type=int, default=16, help="draws of noise and offsets")
+    parser.add_argument(
+        "--offset-std", type=float, default=0.002, help="of the joint encoder offsets, rad"
+    )
     arguments = parser.parse_args()
-    main(arguments.runs, arguments.zero_std)
+    main(arguments.runs, arguments.offset_std)

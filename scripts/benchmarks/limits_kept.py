@@ -1,4 +1,4 @@
-"""Motions planned for random robots, sampled at 100 kHz: the largest breach of a linear limit."""
+"""Largest violation of a linear limit by motions of random robots, sampled at 100 kHz."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LINK = """<link name="{child}"><inertial><origin xyz="{com}"/><mass value="{mass
 
 
 def random_urdf(rng: np.random.Generator) -> str:
-    """Return a chain of one to seven joints, about one in four of which slides."""
+    """Return a chain of one to seven joints, about one in four of them prismatic."""
 
     def numbers(least: float, most: float) -> str:
         return " ".join(f"{value:.3f}" for value in rng.uniform(least, most, 3))
@@ -73,7 +73,7 @@ def random_request(rng: np.random.Generator, robot: seaid.Robot, seed: int) -> d
 
 
 def chunks(duration: float) -> Iterator[Array]:
-    """Give the times of samples at 100 kHz, and the end."""
+    """Yield the times of samples at 100 kHz, and the end."""
     count = int(duration * RATE_HZ) + 1
     for first in range(0, count, CHUNK):
         yield np.arange(first, min(first + CHUNK, count)) / RATE_HZ
@@ -81,9 +81,9 @@ def chunks(duration: float) -> Iterator[Array]:
 
 
 def breach(robot: seaid.Robot, limits: seaid.Limits, trajectory: seaid.Trajectory) -> Array:
-    """Return by how much position, velocity, acceleration are broken at most, as parts of them.
+    """Return the largest relative violations of the limits of position, velocity, acceleration.
 
-    Below zero where a limit is kept; the unit of a position is half the joint's range.
+    Values are negative if a limit is kept. The unit of a position is half the range of the joint.
     """
     bounds = joint_limits(robot, limits)
     worst = np.full(3, -np.inf)
@@ -99,7 +99,7 @@ def breach(robot: seaid.Robot, limits: seaid.Limits, trajectory: seaid.Trajector
 
 
 def main() -> None:
-    """Plan for so many random robots and print the largest breach."""
+    """Plan motions of random robots and print the largest violation."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=200, help="number of robots (default 200)")
     cases = parser.parse_args().cases
@@ -119,9 +119,9 @@ def main() -> None:
                 continue
             planned += 1
             worst = np.maximum(worst, breach(robot, request["limits"], plan.trajectory))
-    title = f"{planned} of {cases} robots planned for; breach as a part of the limit, at 100 kHz"
+    title = f"{planned} of {cases} robots planned; violations relative to the limit, at 100 kHz"
     rows = [[kind, f"{part:.2e}"] for kind, part in zip(KINDS, worst, strict=True)]
-    print(table(title, ["limit", "largest breach"], rows))
+    print(table(title, ["limit", "largest violation"], rows))
     for line in refused:
         print(line)
 

@@ -1,7 +1,7 @@
 """A million samples of an arm with seven joints, from file to estimate: time, memory, agreement.
 
-Each part runs in a process of its own, so that its peak memory is its own. Set
-OPENBLAS_NUM_THREADS=1 for one core. With "identify" as the last argument seaid.identify works on
+Each part runs in a separate process, so that its peak memory is its own. Set
+OPENBLAS_NUM_THREADS=1 for one core. With "identify" as the last argument, seaid.identify is run on
 the same arm with a spring in every joint: seven actuator sides and the load side, streamed only.
 """
 
@@ -52,7 +52,7 @@ def elastic_robot() -> seaid.Robot:
 
 
 def write_elastic_log(path: Path, samples: int) -> None:
-    """Write the log of the motion of `write_log` as the arm with springs has it."""
+    """Write the log of the motion of `write_log` for the arm with springs."""
     write_log(path, samples)
     with np.load(path) as archive:
         columns = dict(archive)
@@ -69,7 +69,7 @@ def write_elastic_log(path: Path, samples: int) -> None:
 
 
 def write_log(path: Path, samples: int) -> None:
-    """Write a log of a long smooth motion with torque noise, block by block computed."""
+    """Write a log of a long smooth motion with torque noise, computed block by block."""
     arm, rng = robot(), np.random.default_rng(0)
     frequency = rng.uniform(0.05, 0.8, (5, arm.n))
     phase, reach = rng.uniform(0, 2 * np.pi, (2, 5, arm.n))
@@ -145,7 +145,7 @@ def _identified(path: Path) -> dict[str, object]:
 
 
 def rows_to_estimate() -> list[list[str]]:
-    """Return how long 60 000 rows of 51 columns take from regressor to estimate."""
+    """Return the times of 60 000 rows of 51 columns from regressor to estimate."""
     rng, instants, joints, p = np.random.default_rng(0), 10_000, 6, 51
     H = rng.normal(size=(instants * joints, p))
     rows = Regression(
@@ -189,7 +189,7 @@ def main() -> None:
         [way, *(f"{one[name]:.1f}" for name in ("wall_s", "core_s", "before_MB", "peak_MB"))]
         for way, one in found.items()
     ]
-    header = ["way", "wall [s]", "core [s]", "memory before [MB]", "peak [MB]"]
+    header = ["method", "wall [s]", "core [s]", "memory before [MB]", "peak [MB]"]
     print(table(f"{samples} samples, 7 joints, {ending}", header, cells))
     if springs:
         return

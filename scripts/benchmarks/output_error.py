@@ -1,7 +1,8 @@
-"""Refinement to maximum likelihood on the TULip leg: errors, honesty, and what the data hold.
+"""Refinement to maximum likelihood on the TULip leg: errors, coverage, and Cramer-Rao bound.
 
-One motion, many draws of noise and encoder zeros; beside the linear regression that the refinement
-starts from stands the Cramer-Rao bound of the log: no unbiased estimate scatters less.
+One motion is measured with many draws of noise and encoder offsets. The refinement is compared with
+the linear regression from which it starts, and with the Cramer-Rao bound of the log, the smallest
+variance of any unbiased estimate.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from scripts.identify_tulip_leg import (
     DURATION_S,
-    JOINT_ZERO_STD_RAD,
+    ENCODER_OFFSET_STD_RAD,
     LIMITS,
     TEST_MASS,
     load_leg,
@@ -58,7 +59,7 @@ def true_motion() -> tuple[seaid.Robot, seaid.Motion]:
 
 
 def true_values(truth: seaid.Robot) -> dict[str, float]:
-    """Return the drives' true parameters by 'stiffness of knee_pitch'."""
+    """Return the true drive parameters by names such as 'stiffness of knee_pitch'."""
     return {
         f"{name} of {joint}": value
         for joint, drive in truth.drives.items()
@@ -68,7 +69,7 @@ def true_values(truth: seaid.Robot) -> dict[str, float]:
 
 
 def errors_of(found: seaid.Identification, truth: seaid.Robot) -> tuple[Array, Array]:
-    """Return errors and standard errors of the drives' parameters, then the base parameters."""
+    """Return errors and standard errors of the drive parameters, then of the base parameters."""
     errors, stds = [], []
     for key, true in true_values(truth).items():
         name, joint = key.split(" of ")
@@ -80,27 +81,27 @@ def errors_of(found: seaid.Identification, truth: seaid.Robot) -> tuple[Array, A
 
 
 def draw(run: int) -> tuple[Array, float]:
-    """Return errors and standard errors (2 methods, 2, p) of one draw, and the seconds refining."""
+    """Return errors and standard errors (2 methods, 2, p) of a draw, and the time to refine."""
     truth, motion = true_motion()
     log = measure(truth, motion, sensors(run), run)
-    found = seaid.identify(truth.without_nominal(), log, encoder_offset_std=JOINT_ZERO_STD_RAD)
+    found = seaid.identify(truth.without_nominal(), log, encoder_offset_std=ENCODER_OFFSET_STD_RAD)
     begin = time.perf_counter()
-    refined = seaid.refine(found, log, encoder_offset_std=JOINT_ZERO_STD_RAD)
+    refined = seaid.refine(found, log, encoder_offset_std=ENCODER_OFFSET_STD_RAD)
     seconds = time.perf_counter() - begin
     return np.array([errors_of(one, truth) for one in (found, refined)]), seconds
 
 
 def bound() -> Array:
-    """Return the Cramer-Rao bound of the drives' parameters, relative: least standard deviations.
+    """Return the Cramer-Rao bound of the drive parameters: smallest relative standard deviations.
 
-    Motor angles count as exact; rows near standstill and reversals, whose friction has no known
-    direction, are left out as the refinement does.
+    Motor angles count as exact. Rows near standstill and reversals, in which the direction of
+    friction is unknown, are excluded as in the refinement.
     """
     truth, motion = true_motion()
     noise = sensors(0)
     perfect = measure(truth, motion, replace(noise, **dict.fromkeys(_ERRORS, 0.0)))
     found = seaid.identify(truth.without_nominal(), perfect)
-    layout = layout_of(seaid.refine(found, perfect), JOINT_ZERO_STD_RAD)
+    layout = layout_of(seaid.refine(found, perfect), ENCODER_OFFSET_STD_RAD)
     run = run_of(layout, perfect)
     torque = np.array(noise.torque_std_Nm)
     drives = [truth.index(joint) for joint in layout.drives]
@@ -126,7 +127,7 @@ _ERRORS = (
 
 
 def main() -> None:
-    """Print rms errors, bias and coverage of both, beside the bound."""
+    """Print rms errors, bias and coverage of both, and the bound."""
     truth, _ = true_motion()
     with ProcessPoolExecutor(2) as executor:
         done = list(executor.map(draw, range(DRAWS)))
@@ -155,11 +156,11 @@ def main() -> None:
     base = slice(len(rows), None)
     ratio = np.median(rms[1, base] / rms[0, base])
     print(f"Base parameters: rms error of ML over WLS, median {ratio:.2f};")
-    print(f"95 % intervals hold {within[0, base].mean():.0%} (WLS), {within[1, base].mean():.0%}")
+    print(f"95 % intervals cover {within[0, base].mean():.0%} (WLS), {within[1, base].mean():.0%}")
     largest = np.max(np.abs(bias[:, base]), axis=1)
     print(f"largest bias {largest[0]:.2f} (WLS), {largest[1]:.2f} (ML) standard errors")
     print(f"(of {DRAWS} unbiased draws a bias scatters by {1 / np.sqrt(DRAWS):.2f})")
-    print(f"Refining takes {np.median([seconds for _, seconds in done]):.1f} s a log")
+    print(f"Refining takes {np.median([seconds for _, seconds in done]):.1f} s per log")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
-"""The same ordinary least squares of a rigid arm beside figaroh, where that can be imported.
+"""The same ordinary least squares of a rigid arm by seaid and by figaroh, if it can be imported.
 
-From joint positions, velocities, accelerations and torques to the estimate: time, peak memory, and
-the largest difference of the predicted torque. Each runs in a process of its own; set
-OPENBLAS_NUM_THREADS=1. figaroh is no dependency: install it elsewhere and put it on PYTHONPATH.
+Time, peak memory, and the largest difference of the predicted torque, from joint positions,
+velocities, accelerations and torques to the estimate. Each runs in a separate process; set
+OPENBLAS_NUM_THREADS=1. figaroh is not a dependency: install it elsewhere and put it on PYTHONPATH.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def ours() -> Answer:
 
 
 def peers() -> Answer:
-    """Return the same of figaroh; its rows are joint by joint, its base from the data's QR."""
+    """Return the same for figaroh; its rows are joint by joint, its base from a QR of the data."""
     from figaroh.identification.parameter import (  # type: ignore[import-not-found]
         get_standard_parameters,
     )
@@ -117,9 +117,9 @@ def peers() -> Answer:
 
 
 def main() -> None:
-    """Print both side by side."""
+    """Print both results."""
     if importlib.util.find_spec("figaroh") is None:
-        print("figaroh cannot be imported here: put it on PYTHONPATH to compare; ours alone")
+        print("figaroh cannot be imported here: put it on PYTHONPATH to compare; seaid only")
         ways = ["seaid"]
     else:
         ways = ["seaid", "figaroh"]
@@ -144,7 +144,7 @@ def main() -> None:
 
 
 def one(way: str, path: str) -> None:
-    """Run one of them and print what it took."""
+    """Run one of them and print its time and memory."""
     warnings.simplefilter("ignore")
     data(robot())
     if way == "figaroh":

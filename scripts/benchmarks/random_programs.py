@@ -1,12 +1,12 @@
-"""Random semidefinite programs of robots, what seaid makes of them, and Clarabel beside it.
+"""Random semidefinite programs of robots, solved by seaid and by Clarabel.
 
-Everything about a program follows from its number: the robot, what is known of its bodies, the
-estimate and its covariance, the bounds. They are what users can bring about, and beyond: standard
+Everything about a program follows from its number: the robot, the known bodies, the estimate with
+its covariance, and the bounds. The programs cover all that users can cause, and more: standard
 errors from 1e-6 to 1000 times a value, combinations known up to 1e5 times better than others,
-payloads that are not on the robot, bounds that leave a single mass or contradict the data.
+payloads that are not on the robot, bounds that allow a single mass or contradict the data.
 
-`outcome` solves one, and compares the least chi-square with Clarabel's. Results are appended to a
-file for each kernel of OpenBLAS (OPENBLAS_CORETYPE), so that a run goes on where it ended.
+`outcome` solves one program, and compares the smallest chi-square with that of Clarabel. Results
+are appended to one file per kernel of OpenBLAS (OPENBLAS_CORETYPE), so that a run can be continued.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ ROBOTS = ("leg", "stiff leg", "stiff knee", "arm", "UR10", "Panda")
 BOUNDS = ("none", "none", "tight", "given", "contradictory")
 ERRORS = ("noise", "noise", "wrong", "payload", "missing payload")
 AGREEMENT = 1e-6
-"""Part of the objective to which Clarabel ends: its tolerances are 1e-8 of each of many parts."""
+"""Relative accuracy of Clarabel's objective: its tolerances are 1e-8 of each of many terms."""
 
 PRIORS = ("file", "distorted", "none", "degenerate")
 
 
 @dataclass(frozen=True)
 class Kind:
-    """The number of a program, and in words what kind it is of."""
+    """The number of a program, and its kind in words."""
 
     number: int
     robot: str
@@ -65,7 +65,7 @@ class Kind:
 
 @dataclass(frozen=True, eq=False)
 class Case(Kind):
-    """A program, and of what kind it is."""
+    """A program and its kind."""
 
     program: Program
 
@@ -89,7 +89,7 @@ def robot_named(name: str) -> seaid.Robot:
 
 @cache
 def model_of(name: str) -> LoadModel:
-    """Return what the load side of one of `ROBOTS` can tell."""
+    """Return the load model of one of `ROBOTS`."""
     robot = robot_named(name)
     return load_model(robot, base_parameters(robot), robot.joint_names)
 
@@ -117,7 +117,7 @@ def random_case(number: int) -> Case:
 def _estimate(
     robot: seaid.Robot, model: LoadModel, error: str, variance: float, rng: np.random.Generator
 ) -> tuple[Estimate, Array]:
-    """Return an estimate of the truth, and its covariance if the noise were white."""
+    """Return an estimate of the truth, and its covariance for white noise."""
     bodies = robot.parameters.copy()
     if "payload" in error:
         place = slice(10 * (body := int(rng.integers(robot.n))), 10 * body + 10)
@@ -141,7 +141,7 @@ def _estimate(
 
 
 def _prior(robot: seaid.Robot, prior: str, rng: np.random.Generator) -> Array:
-    """Return the standard parameters as a file has them: right, wrong, missing, degenerate."""
+    """Return the standard parameters of a robot file: right, wrong, missing or degenerate."""
     parameters = robot.parameters
     if prior == "none":
         return np.full_like(parameters, np.nan)
@@ -156,7 +156,7 @@ def _prior(robot: seaid.Robot, prior: str, rng: np.random.Generator) -> Array:
 
 
 def distorted(robot: seaid.Robot, rng: np.random.Generator, size: float = 0.1) -> Array:
-    """Return standard parameters that are possible, and wrong by about `size`."""
+    """Return standard parameters that are physically consistent, and wrong by about `size`."""
     bodies = []
     for body in robot.parameters.reshape(-1, 10):
         change = np.eye(4)
@@ -172,7 +172,7 @@ def _bounds(
 ) -> tuple[
     Mapping[str, tuple[float, float]], Mapping[str, tuple[Sequence[float], Sequence[float]]]
 ]:
-    """Return bounds of masses and boxes of centres of some bodies."""
+    """Return mass bounds and boxes for the centre of mass of some bodies."""
     masses: dict[str, tuple[float, float]] = {}
     boxes: dict[str, tuple[list[float], list[float]]] = {}
     if bounds == "none":
@@ -192,10 +192,11 @@ def _bounds(
 
 @dataclass(frozen=True)
 class ConeOptimum:
-    """What Clarabel says of a program: its status and the least of chi-square + weight tr Q.
+    """Clarabel's result for a program: its status and the smallest chi-square + weight tr Q.
 
-    `feasible` is the objective of its point moved towards the program's start until it is inside
-    all cones: no less than the least, while `objective` is too low by what its point is outside.
+    `feasible` is the objective after its point was moved towards the start of the program until it
+    is inside all cones, and so is not below the optimum. `objective` is too low if its point is
+    outside a cone.
     """
 
     status: str
@@ -204,13 +205,13 @@ class ConeOptimum:
 
     @property
     def ends_well(self) -> bool:
-        """Tell whether it is solved, to a millionth, by its own point."""
+        """Return whether it is solved, to a millionth, at its own point."""
         apart = abs(self.feasible - self.objective)
         return self.status == "Solved" and apart < AGREEMENT * (1 + abs(self.objective))
 
 
 def cone_optimum(program: Program, weight: float) -> ConeOptimum:
-    """Solve the semidefinite program by Clarabel: least chi-square + weight times the trace."""
+    """Solve the semidefinite program by Clarabel: smallest chi-square + weight times the trace."""
     p, f = program.columns.shape
     (first, blocks), (offset, matrix) = program.cones, program.slack
     columns, rows = np.tril_indices(4)
@@ -229,7 +230,7 @@ def cone_optimum(program: Program, weight: float) -> ConeOptimum:
     )
     try:
         solution = solver.solve()
-    except BaseException as problem:  # Clarabel's own panic, in Rust, is no Exception
+    except BaseException as problem:  # a panic of Clarabel, in Rust, is not an Exception
         if type(problem).__name__ != "PanicException":
             raise
         return ConeOptimum("Panic", np.nan, np.inf)
@@ -254,7 +255,7 @@ def _is_inside(program: Program, x: Array) -> bool:
 
 
 def objective(program: Program, x: Array, weight: float) -> float:
-    """Return chi-square + weight times the trace of all bodies in units of the prior's."""
+    """Return chi-square + weight times the trace of all bodies in units of the prior."""
     first, blocks = program.cones
     u = x[: len(program.estimate)]
     trace = np.einsum("nii->", first) + x @ np.einsum("nfii->f", blocks)
@@ -263,11 +264,11 @@ def objective(program: Program, x: Array, weight: float) -> float:
 
 @dataclass(frozen=True)
 class Outcome(Kind):
-    """What became of a program: "solved", or the kind of exception and its words.
+    """The result of a program: "solved", or the type of exception and its message.
 
-    `apart` is by how much the objective of `nearest` is above Clarabel's, beyond what weight and
-    barrier explain and relative to 1 + Clarabel's: `worse` against its point made feasible, in all
-    programs; `apart` where it ends well (else None).
+    `apart` and `worse` are differences of the objective of `nearest` from Clarabel's, beyond those
+    explained by weight and barrier, relative to 1 + Clarabel's objective. `worse` compares with the
+    feasible point of Clarabel, in all programs. `apart` is None unless Clarabel ends well.
     """
 
     result: str
@@ -294,7 +295,7 @@ def outcome(number: int, choose_every: int = 10) -> Outcome:
             others.append(chosen(program, found.chi_square))
         seconds = time.process_time() - begin
         if not all(_is_possible(program, one) for one in (found, *others)):
-            result = "impossible"
+            result = "inconsistent"
         chi_square = found.chi_square
         theirs = cone_optimum(program, found.weight)
         x = np.concatenate([found.distance, found.unknowns[list(program.free)]])
@@ -307,7 +308,7 @@ def outcome(number: int, choose_every: int = 10) -> Outcome:
             apart = max(0.0, abs(mine - theirs.objective) - gap) / (1 + abs(theirs.objective))
     except SeaidError as problem:
         result, words, seconds = "refused", str(problem), time.process_time() - begin
-    except Exception as problem:  # what this looks for: an exception that is not ours
+    except Exception as problem:  # an exception that is not ours is a finding
         result, words = type(problem).__name__, str(problem)
         seconds = time.process_time() - begin
     kind = (case.robot, case.prior, case.error, case.bounds, case.variance)
@@ -315,10 +316,10 @@ def outcome(number: int, choose_every: int = 10) -> Outcome:
 
 
 def _is_possible(program: Program, found: Possible) -> bool:
-    """Tell whether bodies are possible and bounds kept, but for rounding.
+    """Return whether bodies are physically consistent and bounds kept, except for rounding.
 
-    A small body is the difference of sums as large as the largest of all. Each of up to a hundred
-    steps on the way rounds the sum of its f terms.
+    A small body is the difference of sums as large as the largest one. Each of up to a hundred
+    steps rounds the sum of its f terms.
     """
     offset, matrix = program.span
     x = np.concatenate([found.distance, found.unknowns[list(program.free)]])
@@ -331,7 +332,7 @@ def _is_possible(program: Program, found: Possible) -> bool:
 
 
 def kernel() -> str:
-    """Return the name of the kernel of OpenBLAS that was asked for."""
+    """Return the name of the requested kernel of OpenBLAS."""
     return os.environ.get("OPENBLAS_CORETYPE", "default")
 
 
@@ -348,14 +349,14 @@ def run(count: int, folder: Path) -> None:
 
 
 def read(path: Path) -> list[Outcome]:
-    """Return the outcomes in a file, none for one that is not there."""
+    """Return the outcomes in a file, none if it does not exist."""
     if not path.exists():
         return []
     return [Outcome(**json.loads(line)) for line in path.read_text().splitlines()]
 
 
 def summary(name: str, outcomes: Sequence[Outcome]) -> list[str]:
-    """Return the row of the table for a kernel."""
+    """Return the table row of a kernel."""
     solved = [one for one in outcomes if one.result == "solved"]
     refused = sum(one.result == "refused" for one in outcomes)
     apart = [one.apart for one in solved if one.apart is not None]

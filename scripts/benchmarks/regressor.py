@@ -1,4 +1,4 @@
-"""The stacked regressor against the bare Pinocchio calls, in the same process, turn by turn."""
+"""Time of the stacked regressor over that of the bare Pinocchio calls, alternately."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ SAMPLES, TURNS = 10_000, 15
 
 
 def bare(model: pin.Model, q: Array, v: Array, a: Array) -> None:
-    """Call Pinocchio for every sample and keep nothing."""
+    """Call Pinocchio for every sample and discard the results."""
     data = model.createData()
     for t in range(len(q)):
         pin.computeJointTorqueRegressor(model, data, q[t], v[t], a[t])
 
 
 def seconds(function: Callable[[], object]) -> float:
-    """Return how long one call takes."""
+    """Return the time of one call."""
     begin = time.perf_counter()
     function()
     return time.perf_counter() - begin
 
 
 def compare(robot: seaid.Robot) -> list[str]:
-    """Return a row: microseconds a sample of both, and the ratio, medians over the turns."""
+    """Return a row: microseconds per sample of both and their ratio, medians over the turns."""
     rng = np.random.default_rng(0)
     q, v, a = rng.uniform(-1, 1, (3, SAMPLES, robot.n))
     ours, theirs = [], []
@@ -58,7 +58,7 @@ def main() -> None:
     paths = [MODELS / "tulip_leg.urdf", *arms]
     rows = [compare(seaid.load_robot(path)) for path in paths]
     header = ["robot", "bare calls [us]", "stacked [us]", "ratio"]
-    print(table(f"Regressor a sample, {SAMPLES} samples, median of {TURNS}", header, rows))
+    print(table(f"Regressor per sample, {SAMPLES} samples, median of {TURNS}", header, rows))
 
 
 if __name__ == "__main__":

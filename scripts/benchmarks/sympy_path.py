@@ -21,7 +21,7 @@ TURNS = 3
 
 
 def seconds(axes: str, offsets: list[Offset]) -> tuple[list[float], int]:
-    """Return the process time of each step, and how many base parameters there are."""
+    """Return the process time of each step, and the number of base parameters."""
     lagrangian, q, parameters = arm(axes, offsets)
     marks = [time.process_time()]
     equations = equations_of_motion(lagrangian, q, [sp.Symbol(f"tau{i}") for i in range(len(q))])

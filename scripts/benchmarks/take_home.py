@@ -1,6 +1,6 @@
-"""What a user waits for: import, identification and report by command, the page in a browser.
+"""Waiting times: import, identification and report by command, and the report in a browser.
 
-Needs the files of `make tulip` and Chromium. Medians of three.
+The script needs the files of `make tulip` and Chromium. Times are medians of three.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ IMPORT = (
 
 
 def main(logs: Path) -> None:
-    """Print what was asked and what was measured."""
+    """Print targets and measurements."""
     run, other = logs / "identification_log.csv", logs / "validation_log.csv"
     for path in (run, other):
         if not path.exists():
@@ -50,7 +50,7 @@ def main(logs: Path) -> None:
             ["size of the report", "6 MB", f"{page.stat().st_size / 1e6:.2f} MB"],
             ["report opened in Chromium", "2 s", seconds(median(lambda: opened(page)))],
         ]
-    print(table("What a user waits for", ["", "asked, below", "measured"], rows))
+    print(table("Waiting times", ["", "wanted, below", "measured"], rows))
 
 
 def median(measure: Callable[[], float]) -> float:
@@ -59,18 +59,18 @@ def median(measure: Callable[[], float]) -> float:
 
 
 def seconds(value: float) -> str:
-    """Return a time in words."""
+    """Return a time as text."""
     return f"{value:.2g} s"
 
 
 def imported() -> float:
-    """Return how long `import seaid` takes in a new process [s], by its own clock."""
+    """Return the time of `import seaid` in a new process [s], by its own clock."""
     done = subprocess.run([sys.executable, "-c", IMPORT], check=True, capture_output=True)
     return float(done.stdout)
 
 
 def command(words: Sequence[str]) -> float:
-    """Return how long a command of `seaid` takes as a process [s]."""
+    """Return the time of a command of `seaid` as a process [s]."""
     begin = time.perf_counter()
     subprocess.run(
         [sys.executable, "-m", "seaid", *words, *(["--force"] if len(words) > 1 else [])],
@@ -81,7 +81,7 @@ def command(words: Sequence[str]) -> float:
 
 
 def opened(page: Path) -> float:
-    """Return how long Chromium takes to load a page [s]."""
+    """Return the time that Chromium takes to load a page [s]."""
     from playwright.sync_api import sync_playwright
 
     program = next(filter(None, map(shutil.which, BROWSERS)), None)

@@ -1,7 +1,7 @@
-"""Count how often the selection of terms finds what is not there, and what is.
+"""Rates of wrongly and rightly selected terms.
 
-The TULip leg with its test mass, every draw with other noise and encoder zeros: once as it is, and
-once a term with that term switched on at the knee, as strong as the table says.
+The TULip leg with its test mass is measured with new noise and encoder offsets in every draw: once
+as it is, and once per term with that term added at the knee, with the strength in the table.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ CHANGES = {
 
 
 def changed(log: Log, motion: Motion, robot: seaid.Robot, term: str) -> Log:
-    """Return the log of a knee with one more term: the same motion takes another torque."""
+    """Return the log of a knee with one more term: the same motion needs another torque."""
     index, drive = robot.index(JOINT), robot.drives[JOINT]
     w = motion.motor_velocity[:, index]
     spring = motion.joint_torque[:, index] / getattr(drive, "load_radius", 1.0)
@@ -55,7 +55,7 @@ def changed(log: Log, motion: Motion, robot: seaid.Robot, term: str) -> Log:
 
 
 def asked(selection: TermSelection) -> tuple[int, int, int, int]:
-    """Return terms asked about and found, drives asked about and changed."""
+    """Return the numbers of terms tested and selected, and of drives tested and changed."""
     first = [one for one in selection.comparisons if one.step == 0 and one.gain is not None]
     joints = {one.joint for one in first}
     found = sum(map(len, selection.recommended.values()))
@@ -63,7 +63,7 @@ def asked(selection: TermSelection) -> tuple[int, int, int, int]:
 
 
 def main(draws: int) -> None:
-    """Print the rate of false alarms, and how often each term is found where it is."""
+    """Print the rate of wrong selections, and the detection rate of each term."""
     truth = load_leg((TEST_MASS,))
     known = truth.without_nominal()
     motion = simulate_motion(truth, leg_trajectory(), progress=True)
@@ -72,12 +72,12 @@ def main(draws: int) -> None:
     counts = np.sum([asked(one) for one in plain], axis=0)
     rows = [
         [
-            "terms found that are not there",
+            "terms selected that are not present",
             f"{counts[1]} of {counts[0]}",
             percent(counts[1] / counts[0]),
         ],
         [
-            "drives given a term they lack",
+            "drives with a wrongly selected term",
             f"{counts[3]} of {counts[2]}",
             percent(counts[3] / counts[2]),
         ],

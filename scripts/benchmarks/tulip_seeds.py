@@ -1,4 +1,4 @@
-"""How the TULip figures scatter: the shipped motion, many draws of torque noise and zeros."""
+"""Scatter of the TULip figures: the shipped motion, many draws of torque noise and offsets."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from seaid.simulation.simulation import measure, simulate_motion
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from scripts.identify_tulip_leg import (
-    JOINT_ZERO_STD_RAD,
+    ENCODER_OFFSET_STD_RAD,
     TEST_MASS,
     load_leg,
     sensors,
@@ -37,14 +37,14 @@ ALLOWED = {
 
 
 def main() -> None:
-    """Print errors over the draws, and how far off in standard errors."""
+    """Print errors over the draws, also in standard errors."""
     truth = load_leg((TEST_MASS,))
     known = truth.without_nominal()
     motion = simulate_motion(truth, shipped_plan(), noise=sensors(0), progress=True)
     errors, scores, load_scores = [], [], []
     for run in track(range(RUNS), "identifying", True):
         log = measure(truth, motion, sensors(run), run)
-        found = seaid.identify(known, log, encoder_offset_std=JOINT_ZERO_STD_RAD)
+        found = seaid.identify(known, log, encoder_offset_std=ENCODER_OFFSET_STD_RAD)
         true = found.base.project(truth.parameters)
         load_scores.append((found.load.values - true) / found.load.standard_errors)
         off = {}
@@ -65,9 +65,9 @@ def main() -> None:
         rms = np.sqrt(np.mean(column**2))
         rows.append([*key, percent(rms), percent(column.max()), met, spread])
     header = ["joint", "parameter", "rms error", "largest", "figure met", "rms in s.e."]
-    print(table(f"TULip leg with test mass, {RUNS} draws of noise and zeros", header, rows))
+    print(table(f"TULip leg with test mass, {RUNS} draws of noise and offsets", header, rows))
     within = np.abs(load_scores) < 1.96
-    print(f"95 % intervals hold {np.mean(within):.0%} of the true base parameters")
+    print(f"95 % intervals contain {np.mean(within):.0%} of the true base parameters")
 
 
 if __name__ == "__main__":
