@@ -48,8 +48,8 @@ def sensors(seed: int) -> seaid.Noise:
     return seaid.Noise(
         motor_resolution_rad=2 * np.pi / 2000,
         joint_resolution_rad=2 * np.pi / 2**14,
-        motor_zero_rad=tuple(rng.uniform(-np.pi, np.pi, 5)),
-        joint_zero_rad=tuple(rng.normal(0.0, ENCODER_OFFSET_STD_RAD, 5)),
+        motor_offset_rad=tuple(rng.uniform(-np.pi, np.pi, 5)),
+        joint_offset_rad=tuple(rng.normal(0.0, ENCODER_OFFSET_STD_RAD, 5)),
         torque_std_Nm=(0.005, 0.005, 0.005, 0.006, 0.006),
     )
 

@@ -27,14 +27,14 @@ ELASTIC = ("hip_pitch", "knee_pitch", "ankle_pitch")
 LEG_SENSORS = Noise(
     motor_resolution_rad=2 * np.pi / 2000,
     joint_resolution_rad=2 * np.pi / 2**14,
-    motor_zero_rad=(1.0, -2.0, 0.5, 3.0, -1.5),
+    motor_offset_rad=(1.0, -2.0, 0.5, 3.0, -1.5),
     torque_std_Nm=(0.005, 0.005, 0.005, 0.006, 0.006),
 )
 
 ARM_SENSORS = Noise(
     motor_resolution_rad=2 * np.pi / 2000,
     joint_resolution_rad=(1e-5, 2 * np.pi / 2**14, 1e-5, 2 * np.pi / 2**14),
-    motor_zero_rad=(1.0, 2.0, -3.0, 4.0),
+    motor_offset_rad=(1.0, 2.0, -3.0, 4.0),
     torque_std_Nm=0.003,
 )
 

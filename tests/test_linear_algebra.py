@@ -13,7 +13,7 @@ from seaid.estimation.qr_factor import directions
 from seaid.estimation.sdp import covariance_root, floored_covariance
 from seaid.excitation.criteria import CRITERIA, singular_values
 from seaid.regressor.base import left_to_right
-from seaid.robot.inertia import impossibility, is_physical
+from seaid.robot.inertia import inconsistency, is_physical
 
 NAN, INFINITE = np.full((3, 3), np.nan), np.diag([1.0, np.inf, 2.0])
 SINGULAR = np.ones((3, 3))
@@ -54,7 +54,7 @@ def test_places_where_numbers_of_a_user_arrive() -> None:
     with pytest.raises(RobotError, match="the inertia of a body"):
         is_physical(body)
     with pytest.raises(RobotError, match="the inertia of a body"):
-        impossibility(np.append(1.0, body[1:]))
+        inconsistency(np.append(1.0, body[1:]))
     with pytest.raises(RobotError, match="torques of unit parameters are not finite"):
         left_to_right(np.full((20, 3), np.inf))
     with pytest.raises(IdentificationError, match="the equations cannot be solved"):

@@ -103,7 +103,7 @@ def errors(
         sensors(seed),
         motor_resolution_rad=motor,
         joint_resolution_rad=joint,
-        joint_zero_rad=tuple(zeros),
+        joint_offset_rad=tuple(zeros),
     )
     log = measure(truth, motion, noise, seed)
     log = replace(log, joint_position=log.joint_position - zeros)

@@ -13,12 +13,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import seaid
 from scripts.example_robots import example_urdfs
-from seaid.regressor.exact.grouping import Way
+from seaid.regressor.exact.grouping import Route
 from seaid.report.text import table
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 PANDA_ARM = [f"panda_joint{number}" for number in range(1, 8)]
-FIGURES: list[tuple[str, list[str] | None, dict[Way, float]]] = [
+FIGURES: list[tuple[str, list[str] | None, dict[Route, float]]] = [
     ("tulip_leg.urdf", None, {"recursion": 0.1, "energy": 0.1, "torque": 0.3}),
     ("ur5_robot.urdf", None, {"recursion": 0.1, "energy": 0.1, "torque": 0.3}),
     ("xarm7.urdf", None, {"recursion": 0.1, "energy": 0.4, "torque": 2.0}),
@@ -41,7 +41,7 @@ def seconds(function: Callable[[], object]) -> float:
     return min(times)
 
 
-def line(robot: seaid.Robot, way: Way, figure: float) -> list[str]:
+def line(robot: seaid.Robot, way: Route, figure: float) -> list[str]:
     """Return robot, joints, method, base parameters, seconds and the target."""
     base = seaid.symbolic.base_parameters(robot, through=way)
     found = seconds(lambda: seaid.symbolic.base_parameters(robot, through=way))

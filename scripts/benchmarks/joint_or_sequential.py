@@ -129,7 +129,7 @@ def study(foot: str, bits: int, motion: Motion, runs: int, zero_std: float) -> l
     for run in range(runs):
         noise = replace(sensors(run), joint_resolution_rad=2 * np.pi / 2**bits)
         if not zero_std:
-            noise = replace(noise, joint_zero_rad=0.0)
+            noise = replace(noise, joint_offset_rad=0.0)
         found.append(three_ways(known, measure(truth, motion, noise, run), zero_std))
     values, errors = np.array(found).transpose(1, 2, 0, 3)
     drives = [truth.drives[key.split(" of ")[1]].values for key in KEYS]

@@ -119,8 +119,8 @@ def bound() -> Array:
 _ERRORS = (
     "motor_resolution_rad",
     "joint_resolution_rad",
-    "motor_zero_rad",
-    "joint_zero_rad",
+    "motor_offset_rad",
+    "joint_offset_rad",
     "torque_std_Nm",
 )
 

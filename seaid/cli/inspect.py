@@ -47,10 +47,10 @@ def inspect(
     seaid inspect arm.urdf --joints shoulder,elbow --sensors motor_position,motor_torque
     """
     from seaid.regressor import base_parameters, identifiability
-    from seaid.robot import urdf_again
+    from seaid.robot import reread_urdf
 
     robot = robot_of(urdf, drives, joints, payload)
-    tree = urdf_again(urdf)
+    tree = reread_urdf(urdf)
     inconsistent = _inconsistent_links(tree)
     base = base_parameters(robot)
     choices = (tuple(names(sensors) or ()),) if sensors is not None else _CHOICES
@@ -116,9 +116,9 @@ def _motion(robot: Robot, joint: str) -> str:
 
 def _inconsistent_links(tree: UrdfTree) -> dict[str, str]:
     """Return {link: reason why its inertia is physically inconsistent}."""
-    from seaid.robot import impossibility
+    from seaid.robot import inconsistency
 
-    found = {link: impossibility(parameters) for link, parameters in tree.links.items()}
+    found = {link: inconsistency(parameters) for link, parameters in tree.links.items()}
     return {link: reason for link, reason in found.items() if reason is not None}
 
 

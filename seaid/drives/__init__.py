@@ -5,7 +5,7 @@ with the equations of the paper in sympy:
 
 - (1)-(3) the torque of the motor and its friction, (4) the spring,
 - (5)-(7) the motor equation, in which the spring torque is the load,
-- what parallel springs and joint friction add to the load side (8).
+- the joint terms (parallel spring, joint friction), which act next to the drive in (8).
 
 `joint_regressor` and `motor_regressor` of `seaid.regressor` turn them into columns over time by
 Algorithm 1 of `seaid.symbolic`; a new friction or spring term touches this package only.

@@ -1,12 +1,8 @@
-"""The values of a drive's parameters: which it has, their units, and where they lie.
+"""The drive of one joint as data, stiff or series elastic, checked when it is created.
 
-What a drive may be: its numbers, its terms and their values, checked where it is made.
-
-The drive of one joint as data: stiff, or series elastic.
-
-Friction and rotor inertia are at the motor. What a drive leaves at None is not known: known values
-(ratio, radii, rotor inertia, what `known` names) enter the equations, nominal ones (stiffness,
-friction, all others) only serve simulation, planning and as a start of a search.
+Friction and rotor inertia are at the motor. A field that is None is unknown. Known values (ratio,
+radii, rotor inertia, the parameters in `known`) enter the equations; nominal values (all others)
+serve only simulation, planning and as initial values of an identification.
 """
 
 from __future__ import annotations
@@ -14,21 +10,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, TypeVar
+from typing import Any, Self
 
 from seaid._arrays import FrozenMapping, number
 from seaid.drives.terms import (
     COULOMB,
-    FRICTION_TERMS,
     MOTOR_INPUTS,
-    NON_LINEAR_SPRING,
+    NONLINEAR_SPRING,
     PARAMETERS,
     PARAMETERS_OF,
     key_of,
 )
 from seaid.errors import RobotError, shortened, shown, unknown_name
-
-AnyDrive = TypeVar("AnyDrive", "StiffDrive", "SeriesElasticDrive")
 
 
 def unit_of(drive: Drive, name: str) -> str:
@@ -37,46 +30,23 @@ def unit_of(drive: Drive, name: str) -> str:
 
 
 DRY = ("coulomb", "load", "stribeck")
-"""Friction terms that can hold a motor, unless the drive's Coulomb friction is smooth."""
+"""Friction terms that can hold a motor at rest, unless the drive's Coulomb friction is smooth."""
 
 
 def is_smooth(drive: Drive) -> bool:
-    """Tell whether the drive's friction is known at standstill too."""
+    """Whether the drive's friction is a continuous function of speed, known at standstill too."""
     return bool({"smooth_coulomb", "shifted_coulomb"} & set(drive.friction))
 
 
 def is_dry(drive: Drive) -> bool:
-    """Tell whether the drive has friction whose direction is unknown at standstill."""
+    """Whether the drive has friction whose direction is unknown at standstill."""
     return bool(set(DRY) & set(drive.friction)) and not is_smooth(drive)
 
 
-def parameter_names(
-    drive: Drive, term_fields: tuple[str, ...], extra: tuple[str, ...] = ()
-) -> tuple[str, ...]:
-    """Return the names of all parameters that the terms of a drive have, in order."""
-    names = {"motor_inertia", *extra}
-    for field in term_fields:
-        terms = getattr(drive, field)
-        for term in (terms,) if isinstance(terms, str) else terms:
-            names.update(PARAMETERS_OF[field][term])
-    return tuple(name for name in PARAMETERS if name in names)
-
-
-def field_of(drive: Drive, name: str) -> str | None:
-    """Return the field that has the value of a parameter, None where `nominal` has it."""
+def _field_of(drive: Any, name: str) -> str | None:
+    """Return the field with the value of a parameter, None if its value is in `nominal`."""
     key = key_of(name, unit_of(drive, name))
     return key if hasattr(drive, key) else None
-
-
-def values_of(drive: Drive) -> Mapping[str, float]:
-    """Return {parameter: known or nominal value} of all that have one."""
-    values: dict[str, float] = {}
-    for name in PARAMETERS:
-        field = field_of(drive, name)
-        value = drive.nominal.get(name) if field is None else getattr(drive, field)
-        if value is not None:
-            values[name] = float(value)
-    return FrozenMapping(values)
 
 
 _DIVISORS = ("coulomb_width", "stribeck_speed", "torque_constant", "voltage_constant")
@@ -84,38 +54,16 @@ _LEAST_DIVISOR = 1e-12
 
 
 def check_divisors(drive: Drive, values: Mapping[str, float]) -> None:
-    """Raise RobotError for a zero by which an equation of the drive is divided.
+    """Raise RobotError if a parameter by which an equation of the drive divides is zero.
 
-    An identification may find such a zero; nothing can be computed with it.
+    An identification may return such a zero.
     """
     for name in _DIVISORS:
         if name in drive.parameter_names and values.get(name, 1.0) < _LEAST_DIVISOR:
             raise RobotError(
                 f"'{key_of(name, unit_of(drive, name))}' is {values[name]:g}, and the drive's "
-                "equation is divided by it: give a value above zero, or leave its term out"
+                "equation is divided by it: give a value above zero, or remove its term"
             )
-
-
-def with_values(drive: AnyDrive, values: Mapping[str, float]) -> AnyDrive:
-    """Return the drive with values of some parameters, in their fields or in `nominal`."""
-    changes: dict[str, Any] = {}
-    nominal = dict(drive.nominal)
-    for name, value in values.items():
-        field = field_of(drive, name)
-        if field is None:
-            nominal[name] = float(value)
-        else:
-            changes[field] = float(value)
-    return replace(drive, nominal=nominal, **changes)
-
-
-def without_nominal(drive: AnyDrive) -> AnyDrive:
-    """Return the drive with known values only."""
-    kept = {"motor_inertia", *drive.known}
-    fields_of = {name: field_of(drive, name) for name in PARAMETERS if name not in kept}
-    changes: dict[str, Any] = {field: None for field in fields_of.values() if field is not None}
-    nominal = {name: value for name, value in drive.nominal.items() if name in kept}
-    return replace(drive, nominal=nominal, **changes)
 
 
 _MAY_BE_ZERO = (
@@ -125,14 +73,14 @@ _MAY_BE_ZERO = (
 )
 _LENGTHS = ("gear_ratio", "motor_pulley_radius", "load_pulley_radius", "transmission")
 _LENGTH_SIZES, _SIZES = (1e-9, 1e9), (0.0, 1e30)
-"""So that products and powers in the equations stay doubles; no drive comes near."""
+"""Limits that keep products and powers in the equations finite; real drives are far inside."""
 
 _MOST_EXTRA_TERMS = 20
 _TERM_FIELDS = (*(name for name in PARAMETERS_OF if name != "motor_input"), "known", "extra_terms")
 _NO_NUMBERS = (*PARAMETERS_OF, "known", "extra_terms", "nominal", "transmission")
 
 
-def check_numbers(drive: Drive) -> None:
+def _check_numbers(drive: Drive) -> None:
     """Check the fields that are numbers. Raises RobotError."""
     for field in fields(drive):
         value = getattr(drive, field.name)
@@ -143,7 +91,7 @@ def check_numbers(drive: Drive) -> None:
 
 
 def _check_number(name: str, value: Any, least: str) -> None:
-    """Check a number. Raises RobotError for one that is none, or that no drive can have."""
+    """Check type, sign and size of a number. Raises RobotError."""
     size = number(name, value, RobotError)
     allowed = {"zero or more": size >= 0, "more than zero": size > 0}.get(least, True)
     if not allowed or not math.isfinite(size):
@@ -156,7 +104,7 @@ def _check_number(name: str, value: Any, least: str) -> None:
         )
 
 
-def check_terms(drive: Drive) -> None:
+def _check_terms(drive: Drive) -> None:
     """Check the fields that name terms. Raises RobotError."""
     for field in _TERM_FIELDS:
         if not hasattr(drive, field):
@@ -179,19 +127,21 @@ def check_terms(drive: Drive) -> None:
         raise RobotError(unknown_name("motor input", drive.motor_input, MOTOR_INPUTS))
     coulomb = [term for term in drive.friction if term in COULOMB]
     if len(coulomb) > 1:
-        raise RobotError(f"friction has one of {', '.join(COULOMB)}, found {', '.join(coulomb)}")
+        raise RobotError(
+            f"friction may have one of {', '.join(COULOMB)}, found {', '.join(coulomb)}"
+        )
     if hasattr(drive, "spring") and "offset" in drive.friction:
         raise RobotError(
-            "an elastic drive has no friction offset: its constant column is the deflection offset"
+            "an elastic drive has no friction offset: its constant column is the spring offset"
         )
 
 
-def check_spring(drive: SeriesElasticDrive) -> None:
-    """Check radii, stiffness and terms of a spring against each other. Raises RobotError."""
+def _check_spring(drive: SeriesElasticDrive) -> None:
+    """Check that radii, stiffness and terms of a spring fit together. Raises RobotError."""
     if drive.load_pulley_radius_m is not None and drive.motor_pulley_radius_m is None:
         raise RobotError(
             "a series elastic drive with load_pulley_radius_m needs motor_pulley_radius_m too "
-            "(leave both out for a rotary spring)"
+            "(give neither for a rotary spring)"
         )
     wrong = "stiffness_Nm_per_rad" if drive.is_linear_spring else "stiffness_N_per_m"
     if getattr(drive, wrong) is not None:
@@ -199,17 +149,17 @@ def check_spring(drive: SeriesElasticDrive) -> None:
         right = "stiffness_N_per_m" if drive.is_linear_spring else "stiffness_Nm_per_rad"
         raise RobotError(
             f"found {wrong}, but the spring is {kind} (pulley radii "
-            f"{'given' if drive.is_linear_spring else 'left out'}): use {right}"
+            f"{'given' if drive.is_linear_spring else 'not given'}): use {right}"
         )
     if not {"linear", "cubic", "fifth"} & set(drive.spring):
         raise RobotError(
-            "spring needs a term that pulls, 'linear', 'cubic' or 'fifth', found "
+            "spring needs a stiffness term, 'linear', 'cubic' or 'fifth', found "
             f"{', '.join(drive.spring) or 'none'}"
         )
 
 
-def check_values(drive: Drive) -> None:
-    """Check `nominal`, `known` and `transmission` against the terms that the drive has."""
+def _check_values(drive: Drive) -> None:
+    """Check that `nominal`, `known` and `transmission` fit the drive's terms."""
     names = drive.parameter_names
     for field in ("nominal", "transmission"):
         given = getattr(drive, field)
@@ -221,11 +171,11 @@ def check_values(drive: Drive) -> None:
     for name, value in drive.nominal.items():
         if name not in PARAMETERS:
             raise RobotError(unknown_name("nominal parameter", name, PARAMETERS))
-        field_name = field_of(drive, name)
+        field_name = _field_of(drive, name)
         if field_name is not None:
             raise RobotError(f"nominal has '{name}': give it as {field_name}")
         if name not in names:
-            raise RobotError(f"found a value of '{name}', but {_term_with(name)} is not there")
+            raise RobotError(f"found a value of '{name}', but the drive lacks {_term_with(name)}")
         if PARAMETERS[name].is_positive:
             _check_number(f"nominal '{name}'", value, "zero or more")
     for name in drive.known:
@@ -236,39 +186,106 @@ def check_values(drive: Drive) -> None:
 
 
 def _term_with(name: str) -> str:
-    """Say which term brings a parameter."""
+    """Return the description of the term that has a parameter."""
     for field, terms in PARAMETERS_OF.items():
         for term, names in terms.items():
             if name in names:
-                return f"its term '{term}' of {field}"
-    return "a spring that is not linear, whose zero it is,"
+                return f"the term '{term}' of {field}"
+    return "a nonlinear spring, of which it is the zero"
 
-
-__all__ = [
-    "FRICTION_TERMS",
-    "IDEAL_DRIVE",
-    "Drive",
-    "SeriesElasticDrive",
-    "StiffDrive",
-]
 
 _PLAIN_FRICTION = ("viscous", "coulomb")
 _NOTHING: Mapping[str, float] = FrozenMapping({})
 
 
+class _Parameters:
+    """The parameters of a drive by name, wherever their values are stored."""
+
+    known: tuple[str, ...]
+    nominal: Mapping[str, float]
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of all parameters of the drive's terms, known ones too, in the order of columns."""
+        names = {"motor_inertia"}
+        if isinstance(self, SeriesElasticDrive):
+            names.add("deflection_zero" if self.is_nonlinear_spring else "spring_offset")
+        for field in PARAMETERS_OF:
+            terms = getattr(self, field, ())
+            for term in (terms,) if isinstance(terms, str) else terms:
+                names.update(PARAMETERS_OF[field][term])
+        return tuple(name for name in PARAMETERS if name in names)
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """{parameter: known or nominal value} of all parameters that have one."""
+        values: dict[str, float] = {}
+        for name in PARAMETERS:
+            field = _field_of(self, name)
+            value = self.nominal.get(name) if field is None else getattr(self, field)
+            if value is not None:
+                values[name] = float(value)
+        return FrozenMapping(values)
+
+    def with_values(self, values: Mapping[str, float]) -> Self:
+        """Return the drive with new values {parameter: value}, stored in fields or `nominal`."""
+        changes: dict[str, Any] = {}
+        nominal = dict(self.nominal)
+        for name, value in values.items():
+            field = _field_of(self, name)
+            if field is None:
+                nominal[name] = float(value)
+            else:
+                changes[field] = float(value)
+        return replace(self, nominal=nominal, **changes)  # type: ignore[type-var]
+
+    def without_nominal(self) -> Self:
+        """Return the drive with known values only: no stiffness, no friction."""
+        kept = {"motor_inertia", *self.known}
+        others = (_field_of(self, name) for name in PARAMETERS if name not in kept)
+        changes: dict[str, Any] = {field: None for field in others if field is not None}
+        nominal = {name: value for name, value in self.nominal.items() if name in kept}
+        return replace(self, nominal=nominal, **changes)  # type: ignore[type-var]
+
+
 @dataclass(frozen=True)
-class StiffDrive:
-    """A motor behind a stiff gear: N tau_M - N^2 I_M q'' - friction = joint torque.
+class StiffDrive(_Parameters):
+    """A motor behind a stiff gear: joint torque = N (tau_M - I_M theta_M'' - friction).
 
-    `gear_ratio` motor turns a joint turn (`gear_ratio_rad_per_m` at a prismatic joint);
-    `motor_inertia_kg_m2` None = unknown, to be identified; `friction` names the terms of its
-    friction, all to be identified, see `seaid.drives.terms`; friction values are nominal.
-    `extra_terms` are expressions added to the motor's equation, see `seaid.drives.equations`.
+    Parameters
+    ----------
+    gear_ratio : float, optional
+        N, motor angle per joint angle [1], of a revolute joint; 1 if neither ratio is given.
+    gear_ratio_rad_per_m : float, optional
+        Motor angle per joint position [rad/m], of a prismatic joint.
+    motor_inertia_kg_m2 : float, optional
+        Rotor inertia I_M [kg m^2], a known value; None: unknown, to be identified.
+    viscous_friction_Nms_per_rad, coulomb_friction_Nm : float, optional
+        Nominal friction at the motor.
+    friction, parallel_spring : tuple of str
+        Terms of the motor's friction and of a spring parallel to the drive, see
+        `seaid.drives.terms`. Their parameters are identified.
+    extra_terms : tuple of str
+        Further torques [N m] at the motor as text, such as "c*theta_M_dot**3", see
+        `seaid.drives.extra_terms`.
+    motor_input : {"torque", "current", "voltage"}
+        The logged quantity of the motor.
+    known : tuple of str
+        Parameters whose values are known and not identified.
+    nominal : mapping {parameter: value}
+        Nominal values of all parameters without a field of their own, in SI units.
+    transmission : mapping {joint: factor}
+        The drive turns the sum of factor * q instead of its own joint (a differential, a
+        parallelogram), see `seaid.robot.transmission`.
 
-    `nominal` {parameter: value} are nominal values of all other parameters; `known` names those
-    whose nominal value is known and not identified. `transmission` {joint: factor} makes the drive
-    turn a sum of joint coordinates instead of its own joint's alone (a differential, a
-    parallelogram): its angle behind the gear is sum of factor times q.
+    Raises
+    ------
+    RobotError
+        For values, terms or names that do not fit together.
+
+    Examples
+    --------
+    >>> StiffDrive(gear_ratio=100.0, motor_inertia_kg_m2=1e-5, friction=("viscous", "coulomb"))
     """
 
     gear_ratio: float | None = None
@@ -285,9 +302,9 @@ class StiffDrive:
     transmission: Mapping[str, float] = _NOTHING
 
     def __post_init__(self) -> None:
-        check_numbers(self)
-        check_terms(self)
-        check_values(self)
+        _check_numbers(self)
+        _check_terms(self)
+        _check_values(self)
         if self.gear_ratio is not None and self.gear_ratio_rad_per_m is not None:
             raise RobotError(
                 "a stiff drive has gear_ratio (turning joint) or gear_ratio_rad_per_m (prismatic "
@@ -296,12 +313,12 @@ class StiffDrive:
 
     @property
     def ratio(self) -> float:
-        """Motor angle a joint coordinate, rad/rad or rad/m; 1 where none is given."""
+        """Motor angle per joint coordinate, rad/rad or rad/m; 1 if none is given."""
         return self.gear_ratio or self.gear_ratio_rad_per_m or 1.0
 
     @property
     def joint_units(self) -> tuple[str, str]:
-        """Units of what acts on the joint and of its coordinate: N m and rad, or N and m."""
+        """Units of joint torque (or force) and coordinate: N m and rad, or N and m."""
         return ("N m", "rad") if self.gear_ratio_rad_per_m is None else ("N", "m")
 
     @property
@@ -309,35 +326,35 @@ class StiffDrive:
         """Those of the joint: a stiff drive has no spring."""
         return self.joint_units
 
-    @property
-    def parameter_names(self) -> tuple[str, ...]:
-        """Names of all parameters that its terms have, known ones too, in the order of columns."""
-        return parameter_names(self, ("friction", "parallel_spring", "motor_input"))
-
-    @property
-    def values(self) -> Mapping[str, float]:
-        """{parameter: known or nominal value} of all that have one."""
-        return values_of(self)
-
-    def with_values(self, values: Mapping[str, float]) -> StiffDrive:
-        """Return the drive with values of some parameters."""
-        return with_values(self, values)
-
-    def without_nominal(self) -> StiffDrive:
-        """Return the drive with known values only: no friction."""
-        return without_nominal(self)
-
 
 @dataclass(frozen=True)
-class SeriesElasticDrive:
+class SeriesElasticDrive(_Parameters):
     """A motor with gear, and a spring between two pulleys (Fig. 1 of the paper).
 
-    No radii: a rotary spring behind the gear, `stiffness_Nm_per_rad`, the same equations with both
-    radii 1. Both radii: a linear spring, `stiffness_N_per_m`. At a prismatic joint the motor pulley
-    only (the load side counts 1), `stiffness_N_per_m`. `motor_inertia_kg_m2` None = unknown, to be
-    identified; stiffness and friction values are nominal. The terms of `friction`, `spring`,
-    `parallel_spring` and `joint_friction` are in `seaid.drives.terms`; `motor_input`,
-    `known`, `nominal` and `transmission` as in `StiffDrive`.
+    Parameters
+    ----------
+    gear_ratio : float
+        N, motor turns per turn behind the gear.
+    motor_pulley_radius_m, load_pulley_radius_m : float, optional
+        r_M and r_L of (3) and (4). Both: a linear spring. None: a rotary spring behind the gear,
+        the same equations with both radii 1. r_M alone: a linear spring at a prismatic joint.
+    stiffness_N_per_m, stiffness_Nm_per_rad : float, optional
+        Nominal stiffness k, of a linear or of a rotary spring.
+    spring : tuple of str
+        Terms of the spring force, see `seaid.drives.terms`.
+    joint_friction : tuple of str
+        Terms of the friction between the joint's two bodies, behind the spring.
+    others
+        As in `StiffDrive`.
+
+    Raises
+    ------
+    RobotError
+        For values, terms or names that do not fit together.
+
+    Examples
+    --------
+    >>> SeriesElasticDrive(gear_ratio=100.0, stiffness_Nm_per_rad=300.0)
     """
 
     gear_ratio: float
@@ -359,34 +376,34 @@ class SeriesElasticDrive:
     transmission: Mapping[str, float] = _NOTHING
 
     def __post_init__(self) -> None:
-        check_numbers(self)
-        check_terms(self)
-        check_spring(self)
-        check_values(self)
+        _check_numbers(self)
+        _check_terms(self)
+        _check_spring(self)
+        _check_values(self)
 
     @property
     def is_linear_spring(self) -> bool:
-        """True for a spring that is pulled [N/m], False for one that is twisted [N m/rad]."""
+        """True for a spring in tension [N/m], False for one in torsion [N m/rad]."""
         return self.motor_pulley_radius_m is not None
 
     @property
-    def knows_zero(self) -> bool:
-        """True for a spring whose force is no straight line, so that its zero can be found."""
-        return any(term in NON_LINEAR_SPRING for term in self.spring)
+    def is_nonlinear_spring(self) -> bool:
+        """True if the spring force is nonlinear, so that the zero of the deflection matters."""
+        return any(term in NONLINEAR_SPRING for term in self.spring)
 
     @property
     def ratio(self) -> float:
-        """Gear ratio N, motor turns a turn behind the gear."""
+        """Gear ratio N, motor turns per turn behind the gear."""
         return self.gear_ratio
 
     @property
     def motor_radius(self) -> float:
-        """r_M of (7), [m]; 1 for a rotary spring."""
+        """r_M of (7) [m]; 1 for a rotary spring."""
         return self.motor_pulley_radius_m or 1.0
 
     @property
     def load_radius(self) -> float:
-        """r_L of (8), [m]; 1 for a rotary spring and for a prismatic joint."""
+        """r_L of (8) [m]; 1 for a rotary spring and for a prismatic joint."""
         return self.load_pulley_radius_m or 1.0
 
     @property
@@ -400,42 +417,18 @@ class SeriesElasticDrive:
         return "N/m" if self.is_linear_spring else "N m/rad"
 
     @property
-    def force_unit(self) -> str:
-        """Unit of what the spring transmits: N or N m."""
-        return "N" if self.is_linear_spring else "N m"
-
-    @property
     def spring_units(self) -> tuple[str, str]:
-        """Units of what the spring transmits and of its deflection: N and m, or N m and rad."""
+        """Units of spring force (or torque) and deflection: N and m, or N m and rad."""
         return ("N", "m") if self.is_linear_spring else ("N m", "rad")
 
     @property
     def joint_units(self) -> tuple[str, str]:
-        """Units of what acts on the joint and of its coordinate: N m and rad, or N and m."""
+        """Units of joint torque (or force) and coordinate: N m and rad, or N and m."""
         slides = self.is_linear_spring and self.load_pulley_radius_m is None
         return ("N", "m") if slides else ("N m", "rad")
-
-    @property
-    def parameter_names(self) -> tuple[str, ...]:
-        """Names of all parameters that its terms have, known ones too, in the order of columns."""
-        extra = ("deflection_zero",) if self.knows_zero else ("spring_offset",)
-        return parameter_names(self, tuple(PARAMETERS_OF), extra)
-
-    @property
-    def values(self) -> Mapping[str, float]:
-        """{parameter: known or nominal value} of all that have one."""
-        return values_of(self)
-
-    def with_values(self, values: Mapping[str, float]) -> SeriesElasticDrive:
-        """Return the drive with values of some parameters."""
-        return with_values(self, values)
-
-    def without_nominal(self) -> SeriesElasticDrive:
-        """Return the drive with known values only: no stiffness, no friction."""
-        return without_nominal(self)
 
 
 Drive = StiffDrive | SeriesElasticDrive
 
 IDEAL_DRIVE = StiffDrive(gear_ratio=1.0, motor_inertia_kg_m2=0.0, friction=())
-"""The drive of a joint that has none in the description: its torque is known at the joint."""
+"""The drive of a joint without a drive in the description: its torque is known at the joint."""

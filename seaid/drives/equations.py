@@ -1,8 +1,7 @@
 """Motor, gear, spring and friction of one joint as sympy equations, (1)-(4), (7) and (8).
 
-An equation is an expression that is zero along every motion. Whatever is added to it, to
-`DriveEquation.expression` or as `extra_terms` of a drive, becomes a column of the regressor with
-the name of its unknown symbol: nothing else has to change.
+An equation is an expression that is zero along every motion. A term that is added here, or as one
+of the `extra_terms` of a drive, becomes a column of the regressor without any other change.
 """
 
 from __future__ import annotations
@@ -72,34 +71,34 @@ class DriveEquation:
 
 
 def deflection(drive: Drive) -> sp.Expr:
-    """Return how far the spring of a drive is stretched, from its zero where it knows that."""
+    """Return the deflection r_M/N theta_M - r_L theta_L, less its zero for a nonlinear spring."""
     stretch = r_M / N * theta_M - r_L * theta_L
-    return stretch - d_0 if getattr(drive, "knows_zero", False) else stretch
+    return stretch - d_0 if getattr(drive, "is_nonlinear_spring", False) else stretch
 
 
 def spring_force(drive: SeriesElasticDrive) -> sp.Expr:
-    """Return (3) with the terms of the drive's spring.
+    """Return the spring force (3) with the terms of the drive's spring.
 
-    A linear spring has the force at zero deflection that unknown encoder zeros leave.
+    A linear spring has the spring offset f_0, which absorbs unknown encoder offsets.
     """
     d = deflection(drive)
     rate = (r_M / N * theta_M - r_L * theta_L).diff(t)
     if "dead_zone" in drive.spring:
-        d = d - (sp.Abs(d + g) - sp.Abs(d - g)) / 2
+        d = d - (sp.Abs(d + g) - sp.Abs(d - g)) / 2  # d less its saturation to -g .. g
     terms = {
         "linear": k * d,
         "cubic": k_3 * d**3,
         "fifth": k_5 * d**5,
         "damping": c_k * rate,
-        "preload": f_0 if drive.knows_zero else 0,
+        "preload": f_0 if drive.is_nonlinear_spring else 0,
         "dead_zone": 0,
     }
-    offset = 0 if drive.knows_zero else f_0
+    offset = 0 if drive.is_nonlinear_spring else f_0
     return sum((terms[term] for term in drive.spring), sp.Integer(0)) + offset
 
 
 def direction(drive: Drive) -> sp.Expr:
-    """Return sign(w), or what stands for it where the drive's Coulomb friction is smooth."""
+    """Return sign(w) of the motor speed w, or its tanh for smooth Coulomb friction."""
     w = theta_M.diff(t)
     if "shifted_coulomb" in drive.friction:
         return sp.tanh((w - w_0) / w_C)
@@ -107,7 +106,7 @@ def direction(drive: Drive) -> sp.Expr:
 
 
 def friction_level(drive: Drive) -> sp.Expr:
-    """Return the friction at the motor that goes with the direction of its motion."""
+    """Return the factor of sign(w) in the motor's friction: Coulomb, load and Stribeck terms."""
     w = theta_M.diff(t)
     behind_gear = r_M / N * spring_force(drive) if _is_elastic(drive) else tau_G / N
     terms = {
@@ -119,12 +118,12 @@ def friction_level(drive: Drive) -> sp.Expr:
 
 
 def dry_friction(drive: Drive) -> sp.Expr:
-    """Return the level of the friction at the motor that can hold it, all of it times sign(w)."""
+    """Return the friction level that can hold the motor at rest: the factor of sign(w), or 0."""
     return sp.Integer(0) if is_smooth(drive) else friction_level(drive)
 
 
 def smooth_friction(drive: Drive) -> sp.Expr:
-    """Return the friction at the motor that cannot hold it, and the constant one."""
+    """Return the part of the motor's friction without sign(w), which cannot hold it at rest."""
     w = theta_M.diff(t)
     terms = {
         "viscous": F_v * w,
@@ -137,7 +136,7 @@ def smooth_friction(drive: Drive) -> sp.Expr:
 
 
 def motor_equation(drive: Drive) -> DriveEquation:
-    """Return (7) of an elastic drive, or the same with the joint torque behind a stiff gear."""
+    """Return the motor equation (7); a stiff gear has the joint torque in place of the spring."""
     behind_gear = r_M * spring_force(drive) if _is_elastic(drive) else tau_L  # (4a)
     expression = (
         I_M * theta_M.diff(t, 2)
@@ -151,14 +150,15 @@ def motor_equation(drive: Drive) -> DriveEquation:
 
 
 def spring_equation(drive: SeriesElasticDrive) -> DriveEquation:
-    """Return (4b) as a balance of forces, for a joint whose spring torque is measured."""
+    """Return (4b) as a balance of spring forces, for a joint whose torque is measured."""
     return DriveEquation(spring_force(drive) - tau_L / r_L, _known(drive))
 
 
 def joint_equation(drive: Drive) -> DriveEquation:
-    """Return what acts between the joint's bodies beside the drive: parallel spring, friction.
+    """Return the equation of the joint terms: parallel spring and joint friction less `tau_L`.
 
-    `tau_L` is their sum, which (8) has beside the rigid bodies' torque.
+    They act between the joint's two bodies, and add their sum `tau_L` to the rigid bodies' torque
+    in (8).
     """
     speed = theta_L.diff(t)
     spring = {"linear": k_P * theta_L, "preload": tau_P}

@@ -1,10 +1,12 @@
-"""What a drive's terms do while it moves: its equations as numbers of its state.
+"""Drive equations as compiled functions: values for simulation, values and slopes for planning.
 
-Columns of a drive's regressor with their slopes: what a search with gradients needs of (10).
+- `drive_functions`, `spring_curve`: the terms of a drive with its values, at a state;
+- `smooth_columns`: columns of the regressor (10) with derivatives by the signals;
+- `friction_curve`, `joint_curve`: friction and joint terms with derivatives, along a plan;
+- `nonlinear_spring`: deflection of a nonlinear spring as a function of its force.
 
-How far a spring that is no straight line is stretched by a force, and how that changes.
-
-Friction of a drive, and what acts beside it, with slopes: numbers of its terms along a plan.
+A "slope" is a derivative. "Joint terms" are parallel spring and joint friction, which act between
+the joint's two bodies.
 """
 
 from __future__ import annotations
@@ -49,62 +51,61 @@ from seaid.drives.symbols import t as time_symbol
 from seaid.drives.terms import PARAMETERS_OF, key_of
 from seaid.errors import ExcitationError, RobotError
 
-Acting = Callable[..., float]
-"""Of motor angle and speed, joint position and speed, and torque through the gear."""
+OfState = Callable[..., float]
+"""A function of motor angle and speed, joint position and speed, and torque through the gear."""
 
 _STATE = ("theta_M", "theta_M_dot", "theta_L", "theta_L_dot", "tau_G")
 _PLAIN_FRICTION = {"viscous", "coulomb"}
 
 
 @dataclass(frozen=True, eq=False)
-class ActingDrive:
-    """The terms of a drive with its values.
+class DriveFunctions:
+    """The terms of a drive with its values, as functions of the state.
 
-    `friction` [N m] at the motor, which cannot hold it, `level` [N m] of the friction that can,
-    `force` of the spring (zero of a stiff drive), `beside` of the joint's own position and speed:
-    what acts between its bodies beside the drive [N m or N] and cannot hold it, `joint_level` of
-    the friction there that can. `is_under_load`: the friction of a stiff drive depends on the
-    torque through its gear.
+    At the motor [N m]: `friction`, which cannot hold it at rest, and `level` of the dry friction,
+    which can. `force` of the spring, zero of a stiff drive. At the joint [N m or N]: `joint_torque`
+    of the joint terms as a function of joint position and speed, without the dry friction of level
+    `joint_level`. `is_under_load`: the friction of a stiff drive depends on the torque through its
+    gear.
     """
 
-    friction: Acting
-    level: Acting
-    force: Acting
-    beside: Callable[[float, float], float]
+    friction: OfState
+    level: OfState
+    force: OfState
+    joint_torque: Callable[[float, float], float]
     joint_level: float
     is_dry: bool
     is_under_load: bool
 
 
 def is_plain(drive: Drive) -> bool:
-    """Tell whether a drive has viscous and Coulomb friction and a linear spring at most."""
-    spring = getattr(drive, "spring", ("linear",))
-    beside = (*drive.parallel_spring, *getattr(drive, "joint_friction", ()))
-    return set(drive.friction) <= _PLAIN_FRICTION and spring == ("linear",) and not beside
+    """Whether a drive has at most viscous and Coulomb friction and a linear spring."""
+    is_linear = getattr(drive, "spring", ("linear",)) == ("linear",)
+    return is_linear and set(drive.friction) <= _PLAIN_FRICTION and not _joint_terms(drive)
 
 
 @cache
-def acting_drive(drive: Drive) -> ActingDrive:
+def drive_functions(drive: Drive) -> DriveFunctions:
     """Return the terms of a drive with its values.
 
-    The deflection offset of a linear spring without preload does not act: it is what unknown
-    encoder zeros leave. A deflection zero that is not given is zero. Raises RobotError naming a
-    parameter without a value by its key.
+    The spring offset of a linear spring without preload is ignored, because it describes encoder
+    offsets, not a force. A missing deflection zero counts as zero. Raises RobotError naming the key
+    of a parameter without a value.
     """
     level = _with_values(drive, dry_friction(drive))
     friction = _with_values(drive, smooth_friction(drive))
     force = sp.Integer(0)
     if isinstance(drive, SeriesElasticDrive):
         force = _with_values(drive, spring_force(drive))
-    beside = _with_values(drive, joint_equation(drive).expression + tau_L)
-    smooth = beside.replace(sp.sign, lambda _: sp.Integer(0))
+    joint = _with_values(drive, joint_equation(drive).expression + tau_L)
+    smooth = joint.replace(sp.sign, lambda _: sp.Integer(0))
     position, speed = sp.symbols("theta_L theta_L_dot")
-    return ActingDrive(
+    return DriveFunctions(
         friction=_function(friction),
         level=_function(level),
         force=_function(force),
-        beside=sp.lambdify([position, speed], smooth, modules="math"),
-        joint_level=float(beside.coeff(sp.sign(speed))),
+        joint_torque=sp.lambdify([position, speed], smooth, modules="math"),
+        joint_level=float(joint.coeff(sp.sign(speed))),
         is_dry=is_dry(drive),
         is_under_load=not isinstance(drive, SeriesElasticDrive) and "load" in drive.friction,
     )
@@ -112,9 +113,9 @@ def acting_drive(drive: Drive) -> ActingDrive:
 
 @dataclass(frozen=True, eq=False)
 class SpringCurve:
-    """The force of a spring at rest and its slope, as functions of the stretch (any shape).
+    """Force and stiffness of a spring at rest as functions of the deflection (any shape).
 
-    The stretch is r_M/N theta_M - r_L theta_L.
+    The deflection is r_M/N theta_M - r_L theta_L.
     """
 
     force: Callable[[Array], Array]
@@ -125,7 +126,7 @@ class SpringCurve:
 def spring_curve(drive: SeriesElasticDrive) -> SpringCurve:
     """Return the curve of a drive's spring with its values, without damping.
 
-    Raises RobotError naming a parameter without a value by its key.
+    Raises RobotError naming the key of a parameter without a value.
     """
     stretch = sp.Symbol("stretch", real=True)
     undamped = [term for term in drive.spring if term != "damping"]
@@ -138,9 +139,10 @@ def spring_curve(drive: SeriesElasticDrive) -> SpringCurve:
 
 
 def stretch_of(curve: SpringCurve, force: Array) -> Array:
-    """Return the stretch at which a spring has a force, any shape; bisected from the zero outward.
+    """Return the deflection at which a spring has a force (any shape), by bisection.
 
-    Within a dead zone it is one of its ends. Raises RobotError where the spring never has it.
+    Within a dead zone it is one of the zone's ends. Raises RobotError for a force that the spring
+    never reaches.
     """
     most, least = float(np.max(force)), float(np.min(force))
     bound = 1e-6
@@ -148,8 +150,8 @@ def stretch_of(curve: SpringCurve, force: Array) -> Array:
         bound *= 1.2
         if bound > 1e6:
             raise RobotError(
-                f"its spring never pulls with {least:.4g} to {most:.4g}: check the nominal values "
-                "of its terms"
+                f"its spring never reaches forces of {least:.4g} to {most:.4g}: check the nominal "
+                "values of its terms"
             )
     low, high = np.full_like(force, -bound), np.full_like(force, bound)
     for _ in range(70):
@@ -165,7 +167,7 @@ def _reaches(curve: SpringCurve, bound: float, least: float, most: float) -> tup
 
 
 def _with_values(drive: Drive, expression: sp.Expr, needed: list[str] | None = None) -> sp.Expr:
-    """Return an expression of flat states with the drive's values in it."""
+    """Return an expression with flat names of signals and the drive's values inserted."""
     flat = flat_names(expression).subs(known_values(drive))
     values = dict(drive.values)
     if "preload" not in getattr(drive, "spring", ()):
@@ -184,7 +186,7 @@ def _with_values(drive: Drive, expression: sp.Expr, needed: list[str] | None = N
     return flat.subs({SYMBOLS[name]: value for name, value in values.items()})
 
 
-def _function(expression: sp.Expr) -> Acting:
+def _function(expression: sp.Expr) -> OfState:
     arguments = [sp.Symbol(name) for name in _STATE]
     return sp.lambdify(arguments, expression, modules="math", cse=True)  # type: ignore[no-any-return]
 
@@ -196,10 +198,10 @@ def _vectorised(argument: sp.Symbol, expression: sp.Expr) -> Callable[[Array], A
 
 STATES = ("theta_M", "theta_M_dot", "theta_M_ddot", "theta_L", "theta_L_dot", "theta_L_ddot")
 SMOOTH_SIGNALS = (*STATES, "tau_G")
-"""What the columns are differentiated by, in this order; `tau_G` is the torque on the load."""
+"""The signals by which columns are differentiated, in order; `tau_G` is the torque on the load."""
 
-WIDTH = sp.Symbol("sign_width", real=True)
-"""Speed within which the sign of a speed turns, in `smoothed` expressions."""
+_WIDTH = sp.Symbol("sign_width", real=True)
+"""The speed w_s of tanh(w / w_s), which replaces sign(w) in smooth expressions."""
 
 _POSITIVE = {str(symbol) for symbol in (N, r_M, r_L, *PARAMETER_NAMES) if symbol.is_positive}
 _SPEEDS = {"theta_M_dot", "theta_L_dot"}
@@ -210,7 +212,7 @@ _NAMES = {str(symbol): name for symbol, name in PARAMETER_NAMES.items()}
 class SmoothColumns:
     """The columns of a drive's regressor as expressions of `SMOOTH_SIGNALS` and `known` values.
 
-    Plain data, which can be sent to other processes.
+    Plain data, so that it can be sent to other processes.
     """
 
     names: tuple[str, ...]
@@ -220,18 +222,18 @@ class SmoothColumns:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """The parameters near whose values the columns are taken, and that have none."""
+        """The parameters at whose values the columns are linearised, and that have no value."""
         symbols = {str(symbol) for entry in self.row for symbol in entry.free_symbols}
         return tuple(name for key, name in _NAMES.items() if key in symbols - set(self.known))
 
     def evaluate(self, signals: Mapping[str, Array], sign_width: float) -> tuple[Array, Array]:
         """Return the columns (T, p) and their slopes (T, p, 7) by `SMOOTH_SIGNALS`, each (T,).
 
-        As `DriveRegressor.evaluate`, with the sign of a speed as tanh(speed / sign_width), so that
-        friction has a slope. A signal that is in no column may be left out.
+        As `DriveRegressor.evaluate`, with tanh(speed / sign_width) in place of sign(speed), so that
+        friction has a slope. Signals that occur in no column are optional.
         """
         function, names = _compiled_slopes(self.row)
-        known = {**self.known, str(WIDTH): sign_width}
+        known = {**self.known, str(_WIDTH): sign_width}
         arguments = [known[name] if name in known else signals[name] for name in names]
         p, length = len(self.row), len(next(iter(signals.values())))
         table = np.empty((p * (1 + len(SMOOTH_SIGNALS)), length))
@@ -243,8 +245,8 @@ class SmoothColumns:
 def smooth_columns(regressor: DriveRegressor) -> SmoothColumns:
     """Return the columns of a drive's regressor with slopes.
 
-    Current and voltage are those that the drive needs for its motion, with its values; zeros of
-    encoders are zero where they are not given.
+    Current and voltage follow from the motion by (7) with the drive's values; missing encoder
+    offsets count as zero.
     """
     row = tuple(_with_input(flat_names(entry), regressor.drive) for entry in regressor.row)
     values = {"deflection_zero": 0.0, "spring_offset": 0.0, **regressor.drive.values}
@@ -259,60 +261,62 @@ def smooth_columns(regressor: DriveRegressor) -> SmoothColumns:
 def _with_input(entry: sp.Expr, drive: Drive) -> sp.Expr:
     """Return a flat column in which current or voltage follow from the motor equation (7)."""
     constants = {"i_M": K_t, "u_M": K_u}
-    asked = [symbol for symbol in entry.free_symbols if str(symbol) in constants]
-    if not asked:
+    inputs = [symbol for symbol in entry.free_symbols if str(symbol) in constants]
+    if not inputs:
         return entry
-    needed = flat_names(motor_equation(drive).expression)
+    torque = flat_names(motor_equation(drive).expression)
     nothing = dict.fromkeys(map(sp.Symbol, constants), 0)
-    needed = needed.subs({**nothing, sp.Symbol("tau_L"): sp.Symbol("tau_G")})
-    return entry.subs({symbol: needed / constants[str(symbol)] for symbol in asked})
+    torque = torque.subs({**nothing, sp.Symbol("tau_L"): sp.Symbol("tau_G")})
+    return entry.subs({symbol: torque / constants[str(symbol)] for symbol in inputs})
 
 
-def smoothed(expression: sp.Expr) -> sp.Expr:
-    """Return a flat expression of real symbols in which the signs of speeds turn within `WIDTH`."""
-    real = {symbol: real_symbol(str(symbol)) for symbol in expression.free_symbols}
-    return expression.xreplace(real).replace(sp.sign, _turning)
+def _smoothed(expression: sp.Expr) -> sp.Expr:
+    """Return a flat expression of real symbols with sign(speed) as tanh(speed / _WIDTH)."""
+    real = {symbol: _real_symbol(str(symbol)) for symbol in expression.free_symbols}
+    return expression.xreplace(real).replace(sp.sign, _smooth_sign)
 
 
-def slope_of(expression: sp.Expr, name: str) -> sp.Expr:
-    """Return the derivative of a smoothed expression by a signal; a step has none."""
-    slope = expression.diff(real_symbol(name))
+def _slope_of(expression: sp.Expr, name: str) -> sp.Expr:
+    """Return the derivative of a smoothed expression by a signal; that of a step is zero."""
+    slope = expression.diff(_real_symbol(name))
     return slope.replace(sp.DiracDelta, lambda *_: sp.Integer(0))
 
 
-def real_symbol(name: str) -> sp.Symbol:
-    """Return the symbol of a signal or parameter in `smoothed` expressions."""
+def _real_symbol(name: str) -> sp.Symbol:
+    """Return the symbol of a signal or parameter in smoothed expressions."""
     return sp.Symbol(name, positive=True) if name in _POSITIVE else sp.Symbol(name, real=True)
 
 
-def _turning(x: sp.Expr) -> sp.Expr:
-    of_speed = {str(symbol) for symbol in x.free_symbols & set(map(real_symbol, SMOOTH_SIGNALS))}
-    return sp.tanh(x / WIDTH) if of_speed and of_speed <= _SPEEDS else sp.sign(x)
+def _smooth_sign(x: sp.Expr) -> sp.Expr:
+    """Return tanh(x / _WIDTH) if x depends on speeds alone, else sign(x)."""
+    of_speed = {str(symbol) for symbol in x.free_symbols & set(map(_real_symbol, SMOOTH_SIGNALS))}
+    return sp.tanh(x / _WIDTH) if of_speed and of_speed <= _SPEEDS else sp.sign(x)
 
 
 @cache
 def _compiled_slopes(row: tuple[sp.Expr, ...]):  # type: ignore[no-untyped-def]
-    smooth = [smoothed(entry) for entry in row]
-    entries = [*smooth, *(slope_of(entry, signal) for entry in smooth for signal in SMOOTH_SIGNALS)]
+    smooth = [_smoothed(entry) for entry in row]
+    slopes = [_slope_of(entry, signal) for entry in smooth for signal in SMOOTH_SIGNALS]
+    entries = [*smooth, *slopes]
     names = sorted({str(symbol) for entry in entries for symbol in entry.free_symbols})
-    arguments = [real_symbol(name) for name in names]
+    arguments = [_real_symbol(name) for name in names]
     return sp.lambdify(arguments, entries, modules="numpy", cse=True), names
 
 
 _SOFTEST = 0.1
-"""Where a spring is softer than this part of its stiffness at zero it is continued straight."""
+"""A spring is extrapolated linearly where it is softer than this part of its stiffness at zero."""
 
 _CROSSING = 0.5
-"""A dead zone is crossed while the spring behind it stretches by this part of the zone."""
+"""Width of the smooth crossing of a dead zone, as deflection of the spring per half width."""
 
 _HALVINGS = 64
 
 
 @dataclass(frozen=True, eq=False)
-class BentSpring:
-    """force = preload + k d + k_3 d^3 + k_5 d^5, d = stretch less `zero` less a dead zone `gap`.
+class NonlinearSpring:
+    """force = preload + k d + k_3 d^3 + k_5 d^5, d = deflection less `zero` less dead zone `gap`.
 
-    From the deflection `end` on it is continued straight, so that every force has one stretch.
+    Beyond |d| = `end` the force is extrapolated linearly, so that every force has one deflection.
     """
 
     coefficients: tuple[float, float, float]
@@ -322,7 +326,7 @@ class BentSpring:
     end: float
 
     def stretch(self, force: Array) -> tuple[Array, Array]:
-        """Return the stretch under a force (any shape) from the spring's zero, and its slope."""
+        """Return the deflection from the spring's zero under a force (any shape), and its slope."""
         pull = np.abs(force - self.preload)
         low, high = np.zeros_like(pull), pull / (_SOFTEST * self.coefficients[0])
         for _ in range(_HALVINGS):
@@ -333,39 +337,40 @@ class BentSpring:
         slope = 1.0 / self._pull(high)[1]
         if self.gap == 0:
             return d, slope
-        crossing = np.tanh(d / (_CROSSING * self.gap))
+        crossing = np.tanh(d / (_CROSSING * self.gap))  # smooth sign(d), d/dx tanh = 1 - tanh^2
         return d + self.gap * crossing, slope * (1 + (1 - crossing**2) / _CROSSING)
 
     def _pull(self, d: Array) -> tuple[Array, Array]:
-        """Return force without preload and stiffness at deflections that are not negative."""
+        """Return force less preload, and stiffness, at deflections d >= 0."""
         k, k_3, k_5 = self.coefficients
         x = np.minimum(d, self.end)
         stiffness = k + 3 * k_3 * x**2 + 5 * k_5 * x**4
         return x * (k + k_3 * x**2 + k_5 * x**4) + (d - x) * stiffness, stiffness
 
 
-def nonlinear_spring(joint: str, drive: SeriesElasticDrive) -> BentSpring:
-    """Return the spring of a drive whose values are all given, at rest: damping is left out.
+def nonlinear_spring(joint: str, drive: SeriesElasticDrive) -> NonlinearSpring:
+    """Return the spring of a drive whose values are all given, without damping.
 
-    Raises ExcitationError for one without linear stiffness: at zero force its motor would have no
-    speed that ends.
+    Raises ExcitationError for a spring without linear stiffness, whose compliance at zero force is
+    infinite and with it the motor speed.
     """
     values, terms = drive.values, drive.spring
     k = values["stiffness"] if "linear" in terms else 0.0
     if k <= 0:
         raise ExcitationError(
-            f"joint '{joint}': its spring has no linear stiffness, so that no force holds its "
-            "deflection at zero: where its motor goes along a planned motion cannot be told; plan "
-            "for the base parameters, without parameters and limits of its drive"
+            f"joint '{joint}': its spring has no linear stiffness, so that the motor motion along "
+            "a plan is undetermined at zero spring force; plan for the base parameters, without "
+            "parameters and limits of its drive"
         )
     k_3 = values["cubic_stiffness"] if "cubic" in terms else 0.0
     k_5 = values["fifth_stiffness"] if "fifth" in terms else 0.0
+    # k + 3 k_3 d^2 + 5 k_5 d^4 = _SOFTEST k, quadratic in d^2.
     squares = np.roots([5 * k_5, 3 * k_3, (1 - _SOFTEST) * k])
     softest = [float(root.real) for root in squares if root.imag == 0 and root.real > 0]
-    return BentSpring(
+    return NonlinearSpring(
         coefficients=(k, k_3, k_5),
         preload=values["spring_offset"] if "preload" in terms else 0.0,
-        zero=values.get("deflection_zero", 0.0) if drive.knows_zero else 0.0,
+        zero=values.get("deflection_zero", 0.0) if drive.is_nonlinear_spring else 0.0,
         gap=values["dead_zone"] if "dead_zone" in terms else 0.0,
         end=float(np.sqrt(min(softest))) if softest else np.inf,
     )
@@ -375,7 +380,7 @@ def nonlinear_spring(joint: str, drive: SeriesElasticDrive) -> BentSpring:
 class DriveCurve:
     """A torque as an expression of two `signals` and of `values` {parameter: value}.
 
-    Plain data, which can be sent to other processes.
+    Plain data, so that it can be sent to other processes.
     """
 
     expression: sp.Expr
@@ -385,7 +390,7 @@ class DriveCurve:
     def evaluate(self, one: Array, other: Array, width: float) -> tuple[Array, Array, Array]:
         """Return the torque and its slopes by both signals, each (T,).
 
-        Signs of speeds turn within `width` [rad/s or m/s].
+        tanh(speed / width) replaces sign(speed), `width` in rad/s or m/s.
         """
         function, names = _compiled(self.expression, self.signals)
         given = [self.values[name] for name in names]
@@ -396,34 +401,34 @@ class DriveCurve:
 
 
 def friction_curve(joint: str, drive: Drive) -> DriveCurve:
-    """Return the friction [N m] at the motor of its speed and the torque on what the drive turns.
+    """Return the friction [N m] at the motor as a function of motor speed and torque on the load.
 
-    Extra terms are left out. Raises ExcitationError where a nominal value is missing.
+    Extra terms are not included. Raises ExcitationError for a missing nominal value.
     """
     return _curve(joint, drive, *_friction(drive))
 
 
-def beside_curve(joint: str, drive: Drive) -> DriveCurve:
-    """Return the torque of parallel spring and joint friction of the joint's position and speed.
+def joint_curve(joint: str, drive: Drive) -> DriveCurve:
+    """Return the torque [N m or N] of the joint terms as a function of joint position and speed.
 
-    In N m, or N. Raises ExcitationError where a nominal value is missing.
+    Raises ExcitationError for a missing nominal value.
     """
-    beside = joint_equation(drive).expression + tau_L
-    return _curve(joint, drive, beside, ("theta_L", "theta_L_dot"))
+    torque = joint_equation(drive).expression + tau_L
+    return _curve(joint, drive, torque, ("theta_L", "theta_L_dot"))
 
 
-def beside_names(drive: Drive) -> tuple[str, ...]:
-    """Return the parameters of what acts between the joint's bodies beside the drive."""
-    return tuple(
-        name
-        for field in ("parallel_spring", "joint_friction")
-        for term in getattr(drive, field, ())
-        for name in PARAMETERS_OF[field][term]
-    )
+def joint_term_parameters(drive: Drive) -> tuple[str, ...]:
+    """Return the parameters of the joint terms: parallel spring and joint friction."""
+    return tuple(name for field, term in _joint_terms(drive) for name in PARAMETERS_OF[field][term])
 
 
-def no_value(joint: str, name: str) -> ExcitationError:
-    """Return the error of a nominal value that is missing."""
+def _joint_terms(drive: Drive) -> list[tuple[str, str]]:
+    fields = ("parallel_spring", "joint_friction")
+    return [(field, term) for field in fields for term in getattr(drive, field, ())]
+
+
+def missing_value(joint: str, name: str) -> ExcitationError:
+    """Return the error for a missing nominal value."""
     return ExcitationError(
         f"joint '{joint}': its drive has no nominal {name.replace('_', ' ')}; "
         "this criterion or limit needs one: give it in the drives of load_robot"
@@ -431,7 +436,7 @@ def no_value(joint: str, name: str) -> ExcitationError:
 
 
 def _friction(drive: Drive) -> tuple[sp.Expr, tuple[str, str]]:
-    """Return friction as if the drive was stiff: the load's torque stands for the spring's."""
+    """Return the friction as that of a stiff drive, with the load torque as the spring's torque."""
     lever = drive.ratio * getattr(drive, "load_radius", 1.0) / getattr(drive, "motor_radius", 1.0)
     stiff = StiffDrive(friction=drive.friction)
     turning = dry_friction(stiff) * sp.sign(theta_M.diff(time_symbol))
@@ -443,17 +448,16 @@ def _curve(joint: str, drive: Drive, expression: sp.Expr, signals: tuple[str, st
     flat = flat_names(expression)
     for name in _compiled(flat, signals)[1]:
         if name not in drive.values:
-            raise no_value(joint, name)
+            raise missing_value(joint, name)
     check_divisors(drive, drive.values)
     return DriveCurve(flat, signals, FrozenMapping(drive.values))
 
 
 @cache
 def _compiled(expression: sp.Expr, signals: tuple[str, str]):  # type: ignore[no-untyped-def]
-    smooth = smoothed(expression)
-    names = {str(symbol): name for symbol, name in PARAMETER_NAMES.items()}
-    used = sorted({str(symbol) for symbol in smooth.free_symbols} & set(names))
-    entries = [smooth, *(slope_of(smooth, signal) for signal in signals)]
-    arguments = [real_symbol(name) for name in (*signals, str(WIDTH), *used)]
+    smooth = _smoothed(expression)
+    used = sorted({str(symbol) for symbol in smooth.free_symbols} & set(_NAMES))
+    entries = [smooth, *(_slope_of(smooth, signal) for signal in signals)]
+    arguments = [_real_symbol(name) for name in (*signals, str(_WIDTH), *used)]
     function = sp.lambdify(arguments, entries, modules="numpy", cse=True)
-    return function, [names[name] for name in used]
+    return function, [_NAMES[name] for name in used]

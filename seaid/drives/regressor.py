@@ -1,7 +1,7 @@
 """The regressor of a drive, (10), derived by Algorithm 1 and evaluated over all samples at once.
 
-What is linear in its parameters stays so. An equation that is not is taken near given values of
-them: e(p) ~ e(p_0) + de/dp (p - p_0), a regressor like any other, and exact at p_0.
+An equation e(p) = 0 that is nonlinear in its parameters is linearised at given values p_0:
+e(p) ~ e(p_0) + de/dp (p - p_0), which is a regressor as well.
 """
 
 from __future__ import annotations
@@ -25,17 +25,16 @@ _ARGUMENTS = {
     for order, suffix in ((2, "_ddot"), (1, "_dot"), (0, ""))
     for signal in SIGNALS
 }
-"""Derivatives first, so that a substitution of the signal does not break them."""
+"""{signal or derivative: flat name}, highest derivatives first for substitution."""
 
 
 @dataclass(frozen=True)
 class DriveRegressor:
-    """zeta = regressor @ parameters of one drive: names, units and the derived form (9).
+    """The regressor form (9), zeta = row @ parameters, of one drive equation.
 
     `zeta` and `row` (p,) are expressions of the signals, with the known values (ratio, radii, rotor
-    inertia) still as symbols. Of an equation that is not linear, `non_linear` names the parameters
-    that must be given for it to be linear in the others: their symbols stand in the expressions,
-    and their columns are slopes near the drive's values.
+    inertia) as symbols. `non_linear` names the parameters that must be given for the equation to
+    be linear in the others; their columns are derivatives at the drive's values.
     """
 
     names: tuple[str, ...]
@@ -47,48 +46,47 @@ class DriveRegressor:
 
     @cached_property
     def signals(self) -> set[str]:
-        """Names of the signals that are in the equation."""
+        """Names of the signals in the equation."""
         found = [flat_names(entry).free_symbols for entry in (self.zeta, *self.row)]
         return {str(symbol) for symbols in found for symbol in symbols} & set(_ARGUMENTS.values())
 
     @property
     def linear(self) -> tuple[str, ...]:
-        """The parameters in which the equation is linear when `non_linear` are given."""
+        """The parameters in which the equation is linear once `non_linear` are given."""
         return tuple(name for name in self.names if name not in self.non_linear)
 
     def evaluate(
         self, signals: Mapping[str, Array], values: Mapping[str, float] | None = None
     ) -> tuple[Array, Array]:
-        """Return zeta (T,) and the regressor (T, p) over signals (T,).
+        """Return zeta (T,) and the regressor (T, p), linearised where necessary.
 
-        `signals` has "theta_M", "theta_M_dot", "theta_M_ddot", the same of "theta_L", "tau_M",
-        "i_M", "u_M" and "tau_L"; only those in the equation are needed. `values` {parameter: value}
-        stand before the drive's where the equation is not linear. Raises RobotError naming a
-        parameter without one.
+        `signals` {name: (T,)} needs those named in `signals` only, as "theta_M_ddot" or "tau_L".
+        `values` {parameter: value} override the drive's as point of linearisation. Raises
+        RobotError naming a nonlinear parameter without a value.
         """
         near = self.drive.values if values is None else {**self.drive.values, **values}
         zeta, R = _evaluate(self, signals, near, self.names)
         nonlinear = [self.names.index(name) for name in self.non_linear]
+        # 0 = e(p_0) + de/dp (p - p_0), so zeta = -e(p_0) + de/dp p_0.
         return zeta + R[:, nonlinear] @ [near[name] for name in self.non_linear], R
 
     def given(
         self, signals: Mapping[str, Array], values: Mapping[str, float]
     ) -> tuple[Array, Array]:
-        """Return zeta (T,) and the columns (T, l) of `linear` with `values` of `non_linear`."""
+        """Return zeta (T,) and the columns (T, l) of `linear`, exact for `values` of the others."""
         return _evaluate(self, signals, values, self.linear)
 
 
 def drive_regressor(equation: DriveEquation, drive: Drive) -> DriveRegressor:
-    """Derive the regressor of a drive's equation by Algorithm 1.
+    """Derive the regressor of a drive's equation, by Algorithm 1 or, if nonlinear, by derivatives.
 
-    Terms that are not linear in their unknowns are taken near the values of the drive. Raises
-    SymbolicError where an extra term is not linear in its unknowns.
+    Raises SymbolicError if an extra term is nonlinear in its unknowns.
     """
     nonlinear = () if _hides_a_parameter(equation) else non_linear(equation)
     if nonlinear and all(symbol in PARAMETER_NAMES for symbol in nonlinear):
         row = tuple(_slope(equation.expression, symbol) for symbol in equation.unknowns)
-        straight = {symbol: 0 for symbol in equation.unknowns if symbol not in nonlinear}
-        zeta, parameters = -flat_names(equation.expression).subs(straight), equation.unknowns
+        linear = {symbol: 0 for symbol in equation.unknowns if symbol not in nonlinear}
+        zeta, parameters = -flat_names(equation.expression).subs(linear), equation.unknowns
     else:
         nonlinear, (zeta, parameters, row) = (), _separated(equation)
     return DriveRegressor(
@@ -104,9 +102,9 @@ def drive_regressor(equation: DriveEquation, drive: Drive) -> DriveRegressor:
 
 
 def _hides_a_parameter(equation: DriveEquation) -> bool:
-    """Tell whether a parameter of an extra term stands inside a function: Algorithm 1 says which.
+    """Whether a parameter of an extra term is inside a function, which Algorithm 1 refuses.
 
-    Its slope is not even looked for, which sympy could take minutes to simplify.
+    Such a term is not differentiated: sympy could take minutes to simplify its derivative.
     """
     own = set(equation.unknowns) - set(PARAMETER_NAMES)
     return any(own & one.free_symbols for one in equation.expression.atoms(sp.Function))
@@ -114,7 +112,10 @@ def _hides_a_parameter(equation: DriveEquation) -> bool:
 
 @cache
 def non_linear(equation: DriveEquation) -> tuple[sp.Symbol, ...]:
-    """Return the unknowns that must be given for the equation to be linear in all others."""
+    """Return the unknowns that must be given for the equation to be linear in the others.
+
+    These are the unknowns p with p in de/dp, and then those that remain in other derivatives.
+    """
     found: list[sp.Symbol] = []
     slopes = {symbol: _slope(equation.expression, symbol) for symbol in equation.unknowns}
     for symbol, slope in slopes.items():
@@ -128,7 +129,7 @@ def non_linear(equation: DriveEquation) -> tuple[sp.Symbol, ...]:
 
 
 def _slope(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
-    """Return the derivative by a parameter, of real signals with flat names; a step has none."""
+    """Return the derivative by a parameter, for real signals; the derivative of a step is 0."""
     flat = flat_names(expression)
     real = {sp.Symbol(name): sp.Symbol(name, real=True) for name in _ARGUMENTS.values()}
     return flat.xreplace(real).diff(symbol).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
@@ -150,9 +151,9 @@ def _separated(
 def _factor(
     expression: sp.Expr, parameters: tuple[sp.Expr, ...], row: tuple[sp.Expr, ...]
 ) -> sp.Expr:
-    """Return by what a row of (9) must be multiplied to balance what the equation balances.
+    """Return the factor that gives a row of (9) the scale of the equation, N m at the motor.
 
-    Algorithm 1 leaves the scale of a row open; the torque on the load counts in the equation's.
+    Algorithm 1 fixes the scale of a row by its own rule, see `seaid.symbolic.separate`.
     """
     pairs = [pair for pair in zip(parameters, row, strict=True) if pair[0].is_Symbol]
     if not pairs:
@@ -168,7 +169,7 @@ def _evaluate(
     near: Mapping[str, float],
     wanted: tuple[str, ...],
 ) -> tuple[Array, Array]:
-    """Return zeta (T,) and the columns (T, wanted) with the bent parameters at `near`."""
+    """Return zeta (T,) and the columns (T, wanted), with nonlinear parameters at `near`."""
     columns = tuple(regressor.row[regressor.names.index(name)] for name in wanted)
     function, names = _compiled(regressor.zeta, columns)
     known = {str(SYMBOLS[name]): value for name, value in near.items()}
@@ -177,8 +178,8 @@ def _evaluate(
     if missing:
         named = {str(symbol): name for symbol, name in PARAMETER_NAMES.items()}
         raise RobotError(
-            f"the drive's terms are not linear: {named.get(missing[0], missing[0])} needs a value "
-            "to start from"
+            "the drive's equation is nonlinear in its parameters: "
+            f"{named.get(missing[0], missing[0])} needs an initial value"
         )
     length = len(next(iter(signals.values())))
     table = np.empty((1 + len(wanted), length))
@@ -205,6 +206,6 @@ def _unit(symbol: sp.Expr, column: sp.Expr, drive: Drive) -> str:
 
 
 def flat_names(expression: sp.Expr) -> sp.Expr:
-    """Return an expression of signals with each as a plain symbol, as "theta_M_dot"."""
+    """Return an expression with each signal or derivative as a symbol such as "theta_M_dot"."""
     flat = {signal: sp.Symbol(name) for signal, name in _ARGUMENTS.items()}
     return expression.xreplace(flat)

@@ -1,4 +1,4 @@
-"""The symbols of the drive's equations: signals over time, known values, parameters."""
+"""The symbols of the drive's equations: signals, known values and parameters."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ theta_M, theta_L, tau_M, tau_L = (
 """Motor angle, joint coordinate, motor torque and the torque (or force) on the load."""
 
 i_M, u_M = (sp.Function(name)(t) for name in ("i_M", "u_M"))
-"""Motor current and voltage, where they stand for the torque."""
+"""Motor current and voltage, the inputs of motors without a logged torque."""
 
 tau_G = sp.Function("tau_G")(t)
-"""Torque that a stiff drive puts through its gear to the load, as far as it is known already."""
+"""Torque of a stiff gear on its load, a given signal in the load-dependent friction."""
 
 N, r_M, r_L = sp.symbols("N r_M r_L", positive=True)
 I_M, F_v, F_C, F_0, F_a, F_q, F_L, F_S, w_0 = sp.symbols(
@@ -52,7 +52,7 @@ PARAMETER_NAMES = {
     b_L: "joint_viscous_friction",
     c_L: "joint_coulomb_friction",
 }
-"""Symbols of the parameters of `seaid.drives.terms`, in its order."""
+"""{symbol: name} of the parameters in `seaid.drives.terms`, in the same order."""
 
 SYMBOLS = {name: symbol for symbol, name in PARAMETER_NAMES.items()}
 SIGNALS = (theta_M, theta_L, tau_M, tau_L, i_M, u_M, tau_G)
@@ -64,7 +64,7 @@ STATES = {
     "theta_L_dot": theta_L.diff(t),
     "theta_L_ddot": theta_L.diff(t, 2),
 }
-"""What an extra term may depend on, by the name it has in text."""
+"""{name in the text of an extra term: signal}."""
 
 
 def known_values(drive: Drive) -> dict[sp.Symbol, float]:

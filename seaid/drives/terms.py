@@ -1,63 +1,47 @@
-"""The terms a drive may have, and the parameters they bring: names, units, keys of the TOML."""
+"""The catalogue of a drive's terms, and of their parameters: names, units, keys of the TOML.
+
+`friction` of the motor, with motor speed w:
+
+- viscous F_v w, quadratic F_q w |w|, asymmetric F_a |w| (differs between the directions);
+- coulomb F_C sign(w); or smooth_coulomb F_C tanh(w / w_C) of width w_C; or shifted_coulomb
+  F_C tanh((w - w_0) / w_C), zero at the speed w_0 (Gaz et al. 2019). The smooth ones are known at
+  standstill too, and their tanh replaces sign(w) in the next two terms;
+- stribeck F_S exp(-(w / w_S)^2) sign(w), static friction above the sliding one;
+- load F_L |torque through the gear| sign(w): the spring's torque, or the load of a stiff drive;
+- offset F_0, a constant torque that makes Coulomb friction differ between the directions. Stiff
+  drives only: the spring offset of an elastic one is the same column.
+
+`spring`, with deflection d: linear k d, cubic k_3 d^3, fifth k_5 d^5; dead_zone subtracts a half
+width g from |d| (backlash); damping c_k d' parallel to the spring; preload a constant force f_0.
+A nonlinear spring has the unknown zero of its deflection, `deflection_zero`; a linear one has a
+force at zero measured deflection instead, `spring_offset`, which contains its preload.
+
+Between the joint's two bodies: `parallel_spring` linear k_P q and preload tau_P; `joint_friction`
+viscous b_L q' and coulomb c_L sign(q').
+
+`motor_input`, the logged quantity: torque; current, with torque = torque constant * current;
+voltage, with torque = voltage constant * voltage (the viscous friction then contains the back-EMF).
+The constants are unknown parameters.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-FRICTION_TERMS = (
-    "viscous",
-    "coulomb",
-    "smooth_coulomb",
-    "shifted_coulomb",
-    "offset",
-    "asymmetric",
-    "quadratic",
-    "load",
-    "stribeck",
-)
-"""What `friction` may name, all at the motor, with w the motor speed:
-
-- viscous F_v w, quadratic F_q w |w|, asymmetric F_a |w| (the other direction has less);
-- coulomb F_C sign(w), or smooth_coulomb F_C tanh(w / w_C) with its width w_C, or shifted_coulomb
-  F_C tanh((w - w_0) / w_C), which is zero at another speed w_0 (Gaz et al. 2019). The smooth ones
-  are known at standstill too, and sign(w) of the next two terms is then theirs;
-- stribeck F_S exp(-(w / w_S)^2) sign(w), what sticks more than it slides;
-- load F_L |torque through the gear| sign(w): of the spring, or of what a stiff drive moves;
-- offset F_0, a constant torque: it gives Coulomb friction of its own to each direction. Only at a
-  stiff drive, since the deflection offset of an elastic one is the same column."""
-
-SPRING_TERMS = ("linear", "cubic", "fifth", "dead_zone", "damping", "preload")
-"""What `spring` may name, with d the deflection: k d, k_3 d^3, k_5 d^5; dead_zone takes its half
-width g away on both sides before anything stretches (backlash); damping c d' beside the spring;
-preload a constant force f_0. A spring that is not linear also has the zero of its deflection as
-an unknown, `deflection_zero`; a linear one has a force at zero deflection instead,
-`spring_offset`, and its preload is that."""
-
-PARALLEL_TERMS = ("linear", "preload")
-"""What `parallel_spring` may name: k_P q and a constant torque, between the joint's two bodies."""
-
-JOINT_FRICTION_TERMS = ("viscous", "coulomb")
-"""What `joint_friction` may name: friction between the joint's two bodies, behind the spring."""
-
-MOTOR_INPUTS = ("torque", "current", "voltage")
-"""What is logged of a motor: its torque, its current (torque = torque constant times current), or
-its voltage (torque = voltage constant times voltage; the viscous friction has the back-EMF in it).
-The constant is unknown."""
-
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of a drive: its unit and the keys of its nominal value in the TOML.
+    """A parameter of a drive: its unit, and whether it cannot be negative.
 
-    In `unit` stand F and L for force and length of the spring (N and m, or N m and rad), P and Q
-    for those of the joint. `is_positive`: zero or more, in the file and in a robot that simulates.
+    In `unit`, F and L are force and length of the spring (N and m, or N m and rad), P and Q those
+    of the joint.
     """
 
     unit: str
     is_positive: bool = True
 
     def unit_for(self, spring: tuple[str, str], joint: tuple[str, str]) -> str:
-        """Return the unit; `spring` and `joint` are the units of force and length there."""
+        """Return the unit for given units (force, length) of spring and joint."""
         letters = dict(zip("FLPQ", (*spring, *joint), strict=True))
         return "".join(letters.get(letter, letter) for letter in self.unit)
 
@@ -88,11 +72,11 @@ PARAMETERS = {
     "joint_viscous_friction": Parameter("P s/Q"),
     "joint_coulomb_friction": Parameter("P"),
 }
-"""Every parameter by the name it has in an estimate, in the order of the columns."""
+"""Every parameter by its name in an estimate, in the order of the columns."""
 
 
 def key_of(name: str, unit: str) -> str:
-    """Return the TOML key of a parameter in a unit: "stribeck_speed_rad_per_s" of "rad/s"."""
+    """Return the TOML key of a parameter with a unit: "stribeck_speed_rad_per_s" for "rad/s"."""
     if unit == "1":
         return name
     above, _, below = unit.replace("^", "").partition("/")
@@ -134,10 +118,12 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
         "voltage": ("voltage_constant",),
     },
 }
-"""{field of a drive: {term: the parameters it brings}}."""
+"""{field of a drive: {term: its parameters}}."""
+
+MOTOR_INPUTS = tuple(PARAMETERS_OF["motor_input"])
 
 COULOMB = ("coulomb", "smooth_coulomb", "shifted_coulomb")
-"""Friction terms of which a drive has one at most."""
+"""Friction terms of which a drive has at most one."""
 
-NON_LINEAR_SPRING = ("cubic", "fifth", "dead_zone")
-"""Spring terms that know where the deflection is zero."""
+NONLINEAR_SPRING = ("cubic", "fifth", "dead_zone")
+"""Spring terms whose force depends on where the deflection is zero."""

@@ -1,7 +1,4 @@
-"""Drives from a TOML file or a mapping: one table a joint.
-
-Drives as a TOML file that `load_robot` reads.
-"""
+"""Drives as TOML or as a mapping, one table per joint: reading and writing."""
 
 from __future__ import annotations
 
@@ -23,7 +20,7 @@ _OF_SPRING = ("spring_offset", "deflection_zero")
 
 
 def read_drives(path: str | Path) -> dict[str, Drive]:
-    """Read a drive TOML, one table a joint. Raises RobotError naming joint and key."""
+    """Read a drive TOML as {joint: drive}. Raises RobotError naming joint and key."""
     tables = read_toml(path, "drives", RobotError)
     return {
         joint: _drive(f"{path}: [{shortened(joint)}]", table) for joint, table in tables.items()
@@ -31,7 +28,7 @@ def read_drives(path: str | Path) -> dict[str, Drive]:
 
 
 def drives_from_mapping(drives: Mapping[str, Any]) -> dict[str, Drive]:
-    """Return {joint: drive} of a mapping whose values are drives or tables as in the TOML."""
+    """Return {joint: drive} from a mapping whose values are drives or tables as in the TOML."""
     return {
         joint: value
         if isinstance(value, StiffDrive | SeriesElasticDrive)
@@ -55,7 +52,7 @@ def _drive(where: str, table: Any) -> Drive:
     if all(values.get(key) is None for key in needed):
         _check_keys(where, others, keys, _every_key())
         raise RobotError(
-            f"{where}: key '{needed[0]}' is missing; give the motor turns a turn behind the gear"
+            f"{where}: key '{needed[0]}' is missing; give the motor turns per turn behind the gear"
         )
     try:
         bare = kind(**{key: value for key, value in values.items() if key != "known"})
@@ -89,7 +86,7 @@ def _possible(kind: type[Drive]) -> list[str]:
 
 
 def _every_key() -> dict[str, str]:
-    """Return {key: parameter} in all units: for a drive that cannot be told yet."""
+    """Return {key: parameter} in all units, for a table whose units are not known yet."""
     units = (("N", "m"), ("N m", "rad"))
     return {
         key_of(name, parameter.unit_for(one, one)): name
@@ -99,10 +96,23 @@ def _every_key() -> dict[str, str]:
 
 
 def write_drives(drives: Mapping[str, Drive], path: str | Path) -> None:
-    """Write {joint: drive} as TOML, one table a joint, whole or not at all.
+    """Write drives as a TOML file that `load_robot` reads, one table per joint.
 
-    Ideal drives are left out: a joint without a table has one. Raises SeaidError where the file
-    cannot be written.
+    Parameters
+    ----------
+    drives : mapping {joint: drive}
+        Ideal drives are skipped: a joint without a table has one.
+    path : str or Path
+        The file; it is replaced only once the new one is complete.
+
+    Raises
+    ------
+    SeaidError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> seaid.write_drives(identification.robot.drives, "leg_drives.toml")
     """
     import tomli_w
 
@@ -111,7 +121,7 @@ def write_drives(drives: Mapping[str, Drive], path: str | Path) -> None:
 
 
 def drive_table(drive: Drive) -> dict[str, Any]:
-    """Return the TOML table of a drive: what differs from the defaults, values under their keys."""
+    """Return the TOML table of a drive: the fields that differ from their defaults, and values."""
     kind = "series_elastic" if isinstance(drive, SeriesElasticDrive) else "stiff"
     table: dict[str, Any] = {"type": kind}
     for field in fields(drive):
@@ -121,7 +131,7 @@ def drive_table(drive: Drive) -> dict[str, Any]:
             continue
         table[field.name] = _plain(value)
     if isinstance(drive, StiffDrive) and not {"gear_ratio", "gear_ratio_rad_per_m"} & set(table):
-        table["gear_ratio"] = 1.0  # what it has where none is given
+        table["gear_ratio"] = 1.0  # the default, which a table must state
     nominal = {key_of(name, unit_of(drive, name)): value for name, value in drive.nominal.items()}
     transmission = table.pop("transmission", None)
     table |= {key: float(value) for key, value in nominal.items()}
@@ -129,7 +139,7 @@ def drive_table(drive: Drive) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Return a field as what TOML knows."""
+    """Return a field as a TOML type."""
     if isinstance(value, Mapping):
         return {name: float(number) for name, number in value.items()}
     if isinstance(value, tuple):

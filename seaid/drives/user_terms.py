@@ -1,4 +1,4 @@
-"""Extra terms of a drive: text that is added to the motor's equation (7)."""
+"""Extra terms of a drive: a user's text, added to the motor equation (7)."""
 
 from __future__ import annotations
 
@@ -28,11 +28,10 @@ from seaid.symbolic import expression_of
 
 
 def extra_terms(drive: Drive) -> list[sp.Expr]:
-    """Return the drive's extra terms as expressions.
+    """Return the drive's extra terms as expressions of torque [N m] at the motor.
 
-    They are texts such as "c*theta_M'**3" or "c*theta_M_dot**3", a torque [N m] at the motor; names
-    other than those of STATES, N, r_M, r_L and I_M are unknown parameters. Raises RobotError for
-    text that is no expression.
+    A term is a text such as "c*theta_M'**3" or "c*theta_M_dot**3". Names other than those of
+    STATES, N, r_M, r_L and I_M are unknown parameters. Raises RobotError for any other text.
     """
     return [_expression(text) for text in drive.extra_terms]
 
@@ -61,7 +60,7 @@ _FUNCTIONS = {
 
 @lru_cache(maxsize=256)
 def _expression(text: str) -> sp.Expr:
-    """Return one extra term as an expression, of names and functions that mean something here."""
+    """Return one extra term as an expression."""
     plain = re.sub(r"(theta_[ML])''", r"\1_ddot", text)
     plain = re.sub(r"(theta_[ML])'", r"\1_dot", plain)
     try:
@@ -73,7 +72,7 @@ def _expression(text: str) -> sp.Expr:
 
 
 def _symbol(name: str) -> sp.Expr:
-    """Return what a name stands for; a state with a typo is not taken for a parameter."""
+    """Return the symbol of a name; a misspelled state is an error, not a parameter."""
     if name in _NAMES:
         return _NAMES[name]
     if name == "t" or name.startswith(("theta", "tau")):
@@ -84,10 +83,10 @@ def _symbol(name: str) -> sp.Expr:
 
 
 def extra_torque(drive: Drive) -> Callable[[float, float, float, float], float]:
-    """Return the extra terms as a number of motor angle and speed, joint position and speed.
+    """Return the sum [N m] of the extra terms as a function of (theta_M, w, q, q').
 
-    Raises RobotError where they have unknown parameters, so that they have no value; the function
-    raises it where they have none at a state.
+    Raises RobotError if a term has unknown parameters; the function raises it for a state at which
+    a term has no real value.
     """
     flat = {state: sp.Symbol(name, real=True) for name, state in STATES.items()}
     expression = sum(extra_terms(drive), sp.Integer(0)).xreplace(flat)

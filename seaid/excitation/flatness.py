@@ -16,13 +16,13 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.drives import (
     PARAMETERS_OF,
-    BentSpring,
     Drive,
     DriveCurve,
+    NonlinearSpring,
     SeriesElasticDrive,
-    beside_curve,
-    beside_names,
-    no_value,
+    joint_curve,
+    joint_term_parameters,
+    missing_value,
     nonlinear_spring,
 )
 from seaid.errors import ExcitationError
@@ -52,7 +52,7 @@ class Transmission:
     lever: Array
     compliance: Array
     matrix: Array
-    nonlinear: tuple[tuple[int, float, BentSpring], ...] = ()
+    nonlinear: tuple[tuple[int, float, NonlinearSpring], ...] = ()
 
     @property
     def is_elastic(self) -> bool:
@@ -117,7 +117,7 @@ def check_spring(joint: str, drive: SeriesElasticDrive) -> None:
     for term in drive.spring:
         for name in PARAMETERS_OF["spring"][term]:
             if term != "damping" and name not in drive.values:
-                raise no_value(joint, name)
+                raise missing_value(joint, name)
 
 
 def besides(robot: Robot, top_speed: Array, joints: Sequence[str]) -> Besides:
@@ -129,9 +129,9 @@ def besides(robot: Robot, top_speed: Array, joints: Sequence[str]) -> Besides:
     """
     wanted = {i for joint in joints for i in group_of(robot.transmission, robot.index(joint))}
     return tuple(
-        (index, beside_curve(joint, drive), SIGN_WIDTH * float(top_speed[index]))
+        (index, joint_curve(joint, drive), SIGN_WIDTH * float(top_speed[index]))
         for index, joint in enumerate(robot.joint_names)
-        if index in wanted and beside_names(drive := robot.drives[joint])
+        if index in wanted and joint_term_parameters(drive := robot.drives[joint])
     )
 
 
@@ -156,7 +156,7 @@ def load_derivatives(robot: Robot, beside: Besides, states: States) -> Array:
 def nominal(joint: str, drive: Drive, name: str) -> float:
     """Return a nominal value of a drive. Raises ExcitationError where it is not given."""
     if name not in drive.values:
-        raise no_value(joint, name)
+        raise missing_value(joint, name)
     return drive.values[name]
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, frozen
-from seaid.drives import DriveCurve, beside_names, friction_curve
+from seaid.drives import DriveCurve, friction_curve, joint_term_parameters
 from seaid.errors import ExcitationError, unknown_name
 from seaid.excitation.basis import Basis
 from seaid.excitation.criteria import States
@@ -301,7 +301,7 @@ def drive_limits(robot: Robot, limits: Limits, top_speed: Array) -> DriveLimits 
 def _knows_beside(robot: Robot) -> BoolArray:
     """Tell for each joint (n,) whether what acts beside its drive has values."""
     drives = [robot.drives[joint] for joint in robot.joint_names]
-    return np.array([set(beside_names(drive)) <= set(drive.values) for drive in drives])
+    return np.array([set(joint_term_parameters(drive)) <= set(drive.values) for drive in drives])
 
 
 def _check_flat(robot: Robot, limited: BoolArray) -> None:

@@ -18,8 +18,8 @@ from seaid.drives import (
     SMOOTH_SIGNALS,
     DriveRegressor,
     SmoothColumns,
-    beside_names,
-    no_value,
+    joint_term_parameters,
+    missing_value,
     smooth_columns,
 )
 from seaid.errors import ExcitationError
@@ -46,7 +46,7 @@ from seaid.regressor import (
     motor_regressor,
     rigid_body_regressor,
 )
-from seaid.robot import UNITS, Robot, named_in_part, torques_at_drives
+from seaid.robot import UNITS, Robot, incomplete_group, torques_at_drives
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ def load_target(robot: Robot, torque_joints: Sequence[str] | None, base: BasePar
     It needs the geometry alone: the robot is kept without parameters and drives. Raises
     ExcitationError for rows that are some of the joints that drives move together.
     """
-    group = named_in_part(robot.joint_names, robot.transmission, robot.rows(torque_joints))
+    group = incomplete_group(robot.joint_names, robot.transmission, robot.rows(torque_joints))
     if group:
         raise ExcitationError(
             f"the drives of {', '.join(group)} move these joints together: torque_joints= must "
@@ -194,7 +194,7 @@ def _drive_blocks(
         if np.any(shares):
             columns = _valued(joint, motor_regressor(robot, joint))
             blocks.append(DriveBlock(index, shares, columns, (), (), motors[index], False))
-        if beside_names(robot.drives[joint]):
+        if joint_term_parameters(robot.drives[joint]):
             shares = np.zeros(len(shares))
             shares[: len(known)] = torque_map(robot)[load_rows, index]
             columns, width = _valued(joint, joint_regressor(robot, joint)), top_speed[index]
@@ -206,7 +206,7 @@ def _valued(joint: str, regressor: DriveRegressor) -> SmoothColumns:
     """Return smooth columns. Raises ExcitationError where a value is missing for them."""
     columns = smooth_columns(regressor)
     if columns.missing:
-        raise no_value(joint, columns.missing[0])
+        raise missing_value(joint, columns.missing[0])
     return columns
 
 

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from seaid._arrays import Array, safely
 from seaid.errors import RobotError
-from seaid.robot import THIN, Robot, absurdity, impossible_body, is_physical, pseudo_inertia
+from seaid.robot import THIN, Robot, inconsistent_link, is_physical, out_of_range, pseudo_inertia
 
 TINY = 1e-14
 """Mass [kg] and second moments [kg m^2] that stand for nothing: MuJoCo refuses less than 1e-15."""
@@ -105,10 +105,10 @@ def _add_inertial(body: Any, link: str, parameters: Array, notes: list[str], for
 
 
 def _check_possible(link: str, parameters: Array, force: bool) -> None:
-    absurd = absurdity(parameters)
+    absurd = out_of_range(parameters)
     if absurd is not None and parameters[0] > 0:
         raise RobotError(f"link '{link}' would have {absurd}, which no model may say")
-    problem = impossible_body(link, parameters)
+    problem = inconsistent_link(link, parameters)
     if problem is None or (force and parameters[0] > 0):
         return
     advice = "identify with feasible=True, or write the nearest body with force=True"

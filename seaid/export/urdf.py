@@ -27,11 +27,11 @@ from seaid.robot import (
     THIN,
     Robot,
     UrdfTree,
-    absurdity,
-    impossible_body,
     in_parent_frame,
+    inconsistent_link,
     is_physical,
-    urdf_again,
+    out_of_range,
+    reread_urdf,
     urdf_text,
 )
 
@@ -231,7 +231,7 @@ def write_urdf(
         if written is not None and real_path(written) == real_path(source):
             raise RobotError(f"'{written}' is the URDF that is taken: name another file to write")
     text = urdf_text(source)  # read once: the file may change meanwhile
-    tree = urdf_again(source, text)
+    tree = reread_urdf(source, text)
     _check_links(source, tree, robot)
     notes: list[str] = []
     bodies = _bodies(robot, tree, notes, force)
@@ -317,10 +317,10 @@ def _carried(tree: UrdfTree, joint: str, moving: frozenset[str]) -> dict[str, pi
 
 def _check_possible(body: str, parameters: Array, force: bool, notes: list[str]) -> None:
     massless = _is_massless(parameters)
-    absurd = absurdity(parameters) if np.any(parameters) and not massless else None
+    absurd = out_of_range(parameters) if np.any(parameters) and not massless else None
     if absurd is not None:
         raise RobotError(f"link '{body}' would have {absurd}, which no URDF may say")
-    problem = impossible_body(body, parameters)
+    problem = inconsistent_link(body, parameters)
     if problem is not None and not force:
         raise RobotError(f"{problem}: identify with feasible=True, or write it with force=True")
     if massless:

@@ -6,8 +6,8 @@ are the equations at the sampled instants:
 - `actuator_regression`: the motor equation (7), (10) of an elastic joint;
 - `load_regression`: the load side (8) with the base parameters of the bodies.
 
-`base_parameters` finds which combinations of inertial parameters are identifiable, by QR with
-column pivoting; `exact/` derives the same in exact arithmetic, and `cross_check` compares both.
+`base_parameters` finds which combinations of inertial parameters are identifiable, by a QR
+reduction; `exact/` derives the same in exact arithmetic, and `cross_check` compares both.
 `identifiability` (`structural/`) answers which parameters a set of sensors can identify at all.
 
 >>> import seaid

@@ -1,6 +1,6 @@
 """Base parameters by QR reduction of the numeric regressor (Gautier 1991), left to right.
 
-The agreement of two ways to base parameters, as numbers: numeric by QR, and exact.
+`cross_check` compares them with the exact ones of `seaid.regressor.exact`.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from seaid.regressor.rigid_body import regressor_at_drives
 from seaid.robot import Robot
 
 RANK_TOLERANCE = 1e-8
-"""Relative: a column is dependent if less than this part of it is new."""
+"""A unit column is dependent if its residual after projection on earlier ones is below this."""
 
 _FEWEST_STATES = 40
 
 _MOST_BYTES = 16e9
-"""Of a regressor, which is held twice while it is reduced."""
+"""Limit on the size of a regressor, which is in memory twice while it is reduced."""
 
-_NOTHING = 1e-12
-"""An entry that makes less than this part of a column is rounding."""
+_ROUNDING = 1e-12
+"""Grouping coefficients of unit columns below this are rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +34,19 @@ class BaseParameters:
     """The p identifiable combinations of m standard parameters.
 
     base = grouping @ standard, and Y @ standard = Y[..., columns] @ base for every motion.
-    `columns` (p,) are the indices of the base columns; `names` the standard parameters there;
-    `expressions` the combinations as text; `grouping` (p, m); `gap` the smallest accepted over the
-    largest rejected relative column residual: how clear the rank decision was.
+
+    Attributes
+    ----------
+    columns : tuple of p int
+        Indices of the base columns in the standard regressor.
+    names : tuple of p str
+        The standard parameters of these columns.
+    expressions : tuple of p str
+        The combinations as text, such as 'Iyy_thigh + 0.0756 m_shank'.
+    grouping : array (p, m)
+    gap : float
+        Smallest accepted over largest rejected relative column residual, the margin of the rank
+        decision.
     """
 
     columns: tuple[int, ...]
@@ -54,7 +64,7 @@ class BaseParameters:
         return self.grouping @ np.asarray(theta)
 
     def least(self, values: Array) -> Array:
-        """Return the smallest standard parameters (10n,) that have these base parameters (p,)."""
+        """Return the standard parameters (m,) of least norm with these base parameters (p,)."""
         inverse = safely(
             np.linalg.pinv, self.grouping, what="the base parameters", error=RobotError
         )
@@ -68,11 +78,34 @@ def base_parameters(
     torque_joints: Sequence[str] | None = None,
     seed: int = 0,
 ) -> BaseParameters:
-    """Return the base parameters of a robot: structural, or what one motion can tell.
+    """Return the base parameters of a robot, structural ones or those that a motion excites.
 
-    Without `motion` the regressor is taken at random full states. `rows` names the joints whose
-    torques are known (default all): those of their drives. Columns of known bodies are left
-    out; where all are known there are none. Raises ExcitationError where nothing is identifiable.
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion, optional
+        A motion whose regressor is reduced. Default: random states, which excite every structurally
+        identifiable combination.
+    torque_joints : list of str, optional
+        Joints whose torque is known. Default: all.
+    seed : int, default 0
+        Seed of the random states.
+
+    Returns
+    -------
+    BaseParameters
+        Without columns of known bodies; empty if all bodies are known.
+
+    Raises
+    ------
+    ExcitationError
+        If nothing is identifiable, or if the regressor is too large for the memory.
+
+    Examples
+    --------
+    >>> robot = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")
+    >>> base = seaid.base_parameters(robot)
+    >>> len(base.columns), base.expressions[0]
     """
     torques = robot.rows(torque_joints)
     known = [robot.index(joint) for joint in torques]
@@ -92,7 +125,7 @@ def base_parameters(
 
 
 def _check_memory(robot: Robot, samples: int) -> None:
-    """Raise ExcitationError where the regressor of a robot with very many joints is too large."""
+    """Raise ExcitationError if the regressor of a robot with very many joints is too large."""
     needed = 8 * 10 * samples * robot.n**2
     if needed > _MOST_BYTES:
         raise ExcitationError(
@@ -105,7 +138,7 @@ def _check_memory(robot: Robot, samples: int) -> None:
 def base_of_columns(
     robot: Robot, columns: Sequence[int], grouping: Array, gap: float
 ) -> BaseParameters:
-    """Return the base parameters of a choice of columns with its grouping matrix, named."""
+    """Return the base parameters of selected columns and their grouping matrix, with names."""
     names = robot.parameter_names
     return BaseParameters(
         columns=tuple(columns),
@@ -119,10 +152,10 @@ def base_of_columns(
 def random_states(
     robot: Robot, seed: int, torques: int | None = None
 ) -> tuple[Array, Array, Array]:
-    """Return random q, v, a, enough for a rank decision with so many known torques (default n).
+    """Return random q, v, a, enough for a rank decision with `torques` known torques (default n).
 
-    Positions over a full turn or a metre; three rows a parameter and more. Where all torques are
-    known each body has one of its own, and forty states tell its ten parameters in any robot.
+    Positions cover a full turn or +-1 m. There are at least three rows per parameter; if all
+    torques are known, forty states determine the ten parameters of each body in any robot.
     """
     rng = np.random.default_rng(seed_of(seed))
     known = robot.n if torques is None else torques
@@ -135,8 +168,9 @@ def random_states(
 def left_to_right(H: Array, zero: BoolArray | None = None) -> tuple[list[int], Array, float]:
     """Return base columns, grouping matrix (p, m) and gap of the columns of H, taken in order.
 
-    Columns are scaled to unit norm first; those marked `zero` (default: none but exact zeros) are
-    left out before. The triangular factor of H stands for H: both have the same dependencies.
+    Columns marked `zero` (default: exact zeros) are excluded; the others are scaled to unit norm.
+    With H = Q R the dependencies of H are those of R, found by Gram-Schmidt with
+    reorthogonalisation.
     """
     norms = np.linalg.norm(H, axis=0)
     zero = norms == 0 if zero is None else zero | (norms == 0)
@@ -169,10 +203,10 @@ def left_to_right(H: Array, zero: BoolArray | None = None) -> tuple[list[int], A
         what="the base parameters",
         error=RobotError,
     )
-    grouping[np.abs(grouping) < _NOTHING] = 0.0
+    grouping[np.abs(grouping) < _ROUNDING] = 0.0
     grouping *= scale[None, :] / scale[columns][:, None]
     grouping[:, zero] = 0.0
-    for row, base in enumerate(columns):  # exact where it is known: left of the base column, at it
+    for row, base in enumerate(columns):  # entries known exactly: up to the base column, and in it
         grouping[row, :base] = 0.0
         grouping[:, base] = 0.0
         grouping[row, base] = 1.0
@@ -180,7 +214,7 @@ def left_to_right(H: Array, zero: BoolArray | None = None) -> tuple[list[int], A
 
 
 def grouped_text(coefficients: Array, names: Sequence[str]) -> str:
-    """Return 'Iyy_thigh + 0.0756 m_shank' of coefficients (m,), four digits, 1 left out."""
+    """Return a combination (m,) as text: 'Iyy_thigh + 0.0756 m_shank', four digits, no 1."""
     text = ""
     for index in map(int, np.flatnonzero(coefficients)):
         value = coefficients[index]
@@ -191,28 +225,35 @@ def grouped_text(coefficients: Array, names: Sequence[str]) -> str:
 
 
 def negligible(H: Array) -> BoolArray:
-    """Tell columns that are zero but for rounding, before scaling makes them look like others.
+    """Return which columns (m,) of H are zero up to rounding, before they are scaled.
 
-    A column of H is the torque of a unit parameter; those of mass times one or two metres are
-    alike in size, so one far below the largest is the trace of a rounded angle.
+    A column of H is the torque of a unit parameter. Their sizes are similar, so that a column far
+    below the largest is the trace of a rounded angle.
     """
     norms = np.linalg.norm(H, axis=0)
     return np.asarray(norms < 1e-9 * norms.max(initial=0.0))
 
 
 AGREEMENT = 1e-9
-"""The largest difference of groupings that rounding explains."""
+"""The largest difference of groupings that rounding can cause."""
 
 
 @dataclass(frozen=True)
 class CrossCheck:
-    """What numeric and exact base parameters have in common.
+    """Comparison of numeric and exact base parameters.
 
-    `same_columns` is true for the same base columns; then `max_difference` is the largest
-    difference of the grouping matrices, each base parameter's divided by its largest coefficient
-    (which is at least 1), else infinite. `gap` is the numeric rank decision's. `agree` is true for
-    the same columns and a difference below 1e-9. `counts` are the numeric and the exact number of
-    base parameters.
+    Attributes
+    ----------
+    agree : bool
+        True for the same base columns and `max_difference` below 1e-9.
+    same_columns : bool
+    max_difference : float
+        Largest difference of the grouping matrices, relative to the largest coefficient of each
+        base parameter; infinite for different columns.
+    gap : float
+        Margin of the numeric rank decision, see `BaseParameters`.
+    counts : (int, int)
+        Number of base parameters, numeric and exact.
     """
 
     agree: bool
@@ -225,7 +266,24 @@ class CrossCheck:
 def cross_check(numeric: BaseParameters, exact: BaseParameters) -> CrossCheck:
     """Compare the numeric base parameters of a robot with its exact ones.
 
-    Raises SeaidError where both do not belong to the same number of standard parameters.
+    Parameters
+    ----------
+    numeric, exact : BaseParameters
+        Of `seaid.base_parameters` and of `seaid.symbolic.base_parameters`, for the same robot.
+
+    Returns
+    -------
+    CrossCheck
+
+    Raises
+    ------
+    SeaidError
+        For different numbers of standard parameters.
+
+    Examples
+    --------
+    >>> exact = seaid.symbolic.base_parameters(robot)
+    >>> seaid.cross_check(seaid.base_parameters(robot), exact).agree
     """
     widths = numeric.grouping.shape[1], exact.grouping.shape[1]
     if widths[0] != widths[1]:

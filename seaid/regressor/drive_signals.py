@@ -1,4 +1,4 @@
-"""The regressors of a robot's drives, and the signals of a motion that they take."""
+"""The regressors of a robot's drives, and the signals of a motion at which they are evaluated."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from seaid.log import Motion
 from seaid.robot import Robot, at_drives, torques_at_drives
 
 INPUTS = {"torque": "tau_M", "current": "i_M", "voltage": "u_M"}
-"""The signal that a drive's equation has as the motor's input."""
+"""{motor input: its signal in the drive's equation}."""
 
 _STILL = 1e-5
-"""Speed below which nothing moves [rad/s or m/s]: an encoder of 2^14 steps makes one in 40 s. The
-rounding of speeds, about 1e-10, is far enough below for no sample to stand at the edge."""
+"""Speed [rad/s or m/s] below which a joint stands still: an encoder of 2^14 steps makes one step in
+40 s. The rounding of speeds, about 1e-10, is far below, so that it decides no sample."""
 
 
 def motor_regressor(robot: Robot, joint: str) -> DriveRegressor:
@@ -42,7 +42,7 @@ def spring_regressor(robot: Robot, joint: str) -> DriveRegressor:
 
 
 def joint_regressor(robot: Robot, joint: str) -> DriveRegressor:
-    """Return the regressor of what acts beside the drive: parallel spring, joint friction."""
+    """Return the regressor of the joint terms: parallel spring and joint friction."""
     return _joint_regressor(robot.drives[joint])
 
 
@@ -62,11 +62,10 @@ def _spring_regressor(drive: SeriesElasticDrive) -> DriveRegressor:
 
 
 def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
-    """Return the signals of a drive's equations by name, each (T,); no load torque yet.
+    """Return the signals {name: (T,)} of a drive's equations, with a load torque of zero.
 
-    theta_L is what the drive turns: the joint, or the sum of joints of its transmission. A speed
-    that is nothing but rounding is zero: what stands still has no direction, and the sign that
-    friction has of it would be the processor's.
+    theta_L is the drive's coordinate phi = C q. Speeds that are nothing but rounding are set to
+    zero, because their sign, and with it friction, would depend on the processor.
     """
     position, velocity, acceleration = (
         at_drives(robot.transmission, state)[:, index] for state in motion.joint_states
@@ -87,9 +86,9 @@ def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
 
 
 def fed_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
-    """Return `signals` with the torque of a motor without one that the sensor at its load saw.
+    """Return `signals`, with the measured joint torque / N if the motor torque was not logged.
 
-    That is for stiff drives: their gear hands it on, less its friction.
+    A stiff gear transmits it, less its friction.
     """
     found, drive = signals(robot, motion, index), robot.drives[robot.joint_names[index]]
     if np.all(np.isnan(found["tau_M"])) and drive.motor_input == "torque":
@@ -106,8 +105,8 @@ def _channel(samples: Array | None, motion: Motion, index: int) -> Array:
 
 
 def sensed_torque(robot: Robot, motion: Motion, index: int) -> Array:
-    """Return the torque (T,) on what a drive turns by the sensors at the joints, NaN without.
+    """Return the torque (T,) on a drive's coordinate by the joint torque sensors, NaN without.
 
-    Of a drive that moves several joints it takes the sensors of all joints that are coupled.
+    A drive that moves several joints needs the sensors of all coupled joints.
     """
     return np.asarray(torques_at_drives(robot.transmission, motion.joint_torque)[:, index])

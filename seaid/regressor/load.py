@@ -1,10 +1,9 @@
-"""Columns that drives bring to the load side (8): stiff ones, and what acts beside any.
+"""The load side (8) over time: base parameters, and columns of drives, from torques on the load.
 
-What the load side (8) can tell: base parameters, and the columns of drives beside them.
-
-The load side (8): base parameters, and what stiff drives add, from the torques on the load.
-
-What a shifted zero of a joint encoder does to the load side (8).
+- `load_model` decides which columns are identifiable: base parameters of the bodies, friction and
+  rotor inertia of stiff drives, and the joint terms (parallel spring, joint friction) of any drive;
+- `load_regression` evaluates these columns along a motion;
+- `offset_sensitivity` gives the effect of joint encoder offsets.
 """
 
 from __future__ import annotations
@@ -45,9 +44,9 @@ _JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
 def drive_parameters(
     robot: Robot, rows: Sequence[str], signals_of: Callable[[int], dict[str, Array]]
 ) -> tuple[Array, list[tuple[str, str, str]]]:
-    """Return the drives' columns (T, rows, columns) on the load side, and what they are.
+    """Return the drives' columns (T, rows, columns) on the load side, and (joint, parameter, unit).
 
-    Those of stiff drives, and of what acts beside any drive between the joint's bodies.
+    They are those of stiff drives, and of the joint terms of any drive.
     """
     blocks, drives = [], []
     known = [robot.index(joint) for joint in rows]
@@ -74,7 +73,7 @@ def drive_parameters(
 
 
 def load_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
-    """Return the signals of a drive, and the states of its own joint as own_theta_L."""
+    """Return the signals of a drive, and the states of its own joint as own_theta_L etc."""
     own = {
         f"own_{name}": values[:, index]
         for name, values in zip(_JOINT, motion.joint_states, strict=True)
@@ -83,9 +82,9 @@ def load_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
 
 
 def stiff_signals(robot: Robot, index: int, q: Array, v: Array, a: Array) -> dict[str, Array]:
-    """Return the signals of a stiff drive at joint states: the motor turns with its joints.
+    """Return the signals of a stiff drive at joint states, with its motor following the joints.
 
-    What is independent of them, current, voltage and the torque through the gear, is random.
+    Signals that are independent of the states are random: current, voltage and gear torque.
     """
     ratio, nothing = robot.drives[robot.joint_names[index]].ratio, np.zeros(len(q))
     own = {f"own_{name}": values[:, index] for name, values in zip(_JOINT, (q, v, a), strict=True)}
@@ -101,13 +100,23 @@ def stiff_signals(robot: Robot, index: int, q: Array, v: Array, a: Array) -> dic
 
 @dataclass(frozen=True, eq=False)
 class LoadModel:
-    """What the load side can tell: base parameters, and the columns of the stiff drives.
+    """The identifiable columns of the load side: base parameters and drive parameters.
 
-    `drives` (p_d) are (joint, parameter, unit) of the drive columns that are identifiable beside
-    the p base columns; the others are part of the base parameters, as `expressions` (p,) say: they
-    are `absorbed` (a), and `absorption` (p + p_d, a) is how much of each is in every column. `rows`
-    are the joints whose equations are used: those of their drives, which for drives that move
-    several joints are the torques on what each of them turns.
+    Attributes
+    ----------
+    base : BaseParameters
+        The p base parameters of the bodies.
+    rows : tuple of str
+        Joints whose equations are used: the torques on the coordinates of their drives.
+    drives : tuple of (joint, parameter, unit)
+        The p_d drive parameters that are identifiable next to the base parameters.
+    expressions : tuple of p str
+        The base parameters, with the absorbed drive parameters.
+    absorbed : tuple of (joint, parameter, unit)
+        The a other drive parameters, which are identifiable only in combination with base
+        parameters.
+    absorption : array (p + p_d, a)
+        Coefficient of each absorbed parameter in each column.
     """
 
     base: BaseParameters
@@ -130,7 +139,7 @@ class LoadModel:
 
 
 def load_model(robot: Robot, base: BaseParameters, rows: Sequence[str]) -> LoadModel:
-    """Return which columns of stiff drives are identifiable beside the base parameters."""
+    """Return the identifiable columns of the load side, for the joints `rows`."""
     known = [robot.index(joint) for joint in rows]
     q, v, a = random_states(robot, seed=1, torques=len(known))
     Y = base.reduce(regressor_at_drives(robot, q, v, a))[:, known]
@@ -142,7 +151,7 @@ def load_model(robot: Robot, base: BaseParameters, rows: Sequence[str]) -> LoadM
     nonlinear = [
         p + place
         for place, (joint, name, _) in enumerate(drives)
-        if name in _bent_parameters(robot, joint)
+        if name in _nonlinear_parameters(robot, joint)
     ]
     found, grouping = _identifiable(H, nonlinear)
     names = (*base.expressions, *(f"{name}_{joint}" for joint, name, _ in drives))
@@ -162,24 +171,24 @@ def load_model(robot: Robot, base: BaseParameters, rows: Sequence[str]) -> LoadM
     )
 
 
-def _bent_parameters(robot: Robot, joint: str) -> tuple[str, ...]:
-    """Return the parameters in which a stiff drive is not linear."""
+def _nonlinear_parameters(robot: Robot, joint: str) -> tuple[str, ...]:
+    """Return the parameters in which the equation of a stiff drive is nonlinear."""
     elastic = isinstance(robot.drives[joint], SeriesElasticDrive)
     return () if elastic else motor_regressor(robot, joint).non_linear
 
 
 def _identifiable(H: Array, nonlinear: Sequence[int]) -> tuple[list[int], Array]:
-    """Return the columns of H that are identifiable, and how much of each is in every column.
+    """Return the identifiable columns of H, and the grouping matrix of all columns.
 
-    The slopes of what is `nonlinear` stand beside the others whatever the random states: they live
-    where the motor is slow.
+    Columns of `nonlinear` parameters count as independent: they differ from the others at low motor
+    speeds, which random states do not cover.
     """
-    straight = [column for column in range(H.shape[1]) if column not in nonlinear]
-    chosen, grouping, _ = left_to_right(H[:, straight], negligible(H[:, straight]))
-    found = sorted([straight[column] for column in chosen] + list(nonlinear))
+    linear = [column for column in range(H.shape[1]) if column not in nonlinear]
+    selected, grouping, _ = left_to_right(H[:, linear], negligible(H[:, linear]))
+    found = sorted([linear[column] for column in selected] + list(nonlinear))
     whole = np.zeros((len(found), H.shape[1]))
-    rows = [found.index(straight[column]) for column in chosen]
-    whole[np.ix_(rows, straight)] = grouping
+    rows = [found.index(linear[column]) for column in selected]
+    whole[np.ix_(rows, linear)] = grouping
     whole[[found.index(column) for column in nonlinear], list(nonlinear)] = 1.0
     return found, whole
 
@@ -187,7 +196,7 @@ def _identifiable(H: Array, nonlinear: Sequence[int]) -> tuple[list[int], Array]
 def load_columns(
     robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array]
 ) -> tuple[Array, Array, Array, Array]:
-    """Return the load side over time: torque (T, rows), what is known of it, H and carried.
+    """Return the load side over time: torque and payload torque (T, rows), H, and `propagated`.
 
     torque = payload + H (T, rows, columns) @ theta; see `load_regression`.
     """
@@ -196,7 +205,7 @@ def load_columns(
     signals_of = partial(load_signals, robot, motion)
     columns, drives = drive_parameters(robot, model.rows, signals_of)
     wanted = [drives.index(drive) for drive in model.drives]
-    flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # no copy: so the regressor lies in memory
+    flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # a view: the memory layout of the regressor
     places = np.add.outer(known, robot.n * np.array(model.base.columns, dtype=np.intp))
     base = np.take(flat, places.ravel(), axis=1).reshape(len(Y), *places.shape)
     H = np.concatenate([base, columns[:, :, wanted]], axis=2) if wanted else base
@@ -210,18 +219,19 @@ def load_columns(
 def load_regression(
     robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array]
 ) -> Regression:
-    """Return the load side (8): base parameters, and friction and rotor inertia of stiff drives.
+    """Return the load side (8) over time, with the columns of `model`.
 
-    `springs` has stiffness and offset of the elastic joints in `model.rows`; one that is not there
-    takes its joint torque from the log. The payload's torque is moved to the known side.
+    `springs` {joint: parameters of (4b)} gives the load torques of elastic joints; an elastic joint
+    that it does not contain takes its joint torque from the log. The torque of known bodies and
+    payloads is on the known side y.
     """
     torque, payload, H, propagated = load_columns(robot, motion, model, springs)
     rows = row_samples(motion)
     y, H, propagated = (
         in_band_at(motion, part, rows) for part in (torque - payload, H, propagated)
     )
-    told = np.array([~unknown_friction(robot, motion, joint)[rows] for joint in model.rows])
-    which, kept = np.nonzero(told)
+    usable = np.array([~unknown_friction(robot, motion, joint)[rows] for joint in model.rows])
+    which, kept = np.nonzero(usable)
     return Regression(
         names=model.names,
         units=model.units,
@@ -237,18 +247,17 @@ def load_regression(
 
 
 def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
-    """Tell the samples (T,) at which the load side of a joint has unknown friction.
+    """Return the samples (T,) at which the load side of a joint has unknown friction.
 
-    That of a stiff drive with dry friction has where it stands still; an elastic one has it only
-    where the joint itself has dry friction behind the spring.
+    These are the standstills of a stiff drive with dry friction, and of joints with dry friction
+    of their own.
     """
     drive, index = robot.drives[joint], robot.index(joint)
     unknown = np.zeros(len(motion.time), dtype=bool)
     if isinstance(drive, StiffDrive) and is_dry(drive):
         unknown |= standstill(motion, index, still_share(drive))
     for other in group_of(robot.transmission, index):
-        beside = robot.drives[robot.joint_names[other]]
-        if "coulomb" in getattr(beside, "joint_friction", ()):
+        if "coulomb" in getattr(robot.drives[robot.joint_names[other]], "joint_friction", ()):
             unknown |= joint_standstill(motion, other)
     return unknown
 
@@ -285,15 +294,15 @@ def _load_targets(
 
 
 OFFSET_STEP = 1e-4
-"""Shift [rad or m] of an encoder's zero for a difference quotient."""
+"""Encoder offset [rad or m] of the difference quotients."""
 
 
 _LARGEST_STD = 1e3
-"""Of a zero [rad or m]: beyond it nothing is known of it, and its square may be no number."""
+"""Limit on the standard deviation of an encoder offset [rad or m], which is squared."""
 
 
 def check_offset_std(encoder_offset_std: float) -> None:
-    """Raise IdentificationError for a standard deviation of encoder zeros that is none."""
+    """Raise IdentificationError for an invalid standard deviation of encoder offsets."""
     if not 0 <= encoder_offset_std <= _LARGEST_STD:
         raise IdentificationError(
             f"encoder_offset_std must be from 0 to {_LARGEST_STD:g} rad or m, found "
@@ -304,10 +313,9 @@ def check_offset_std(encoder_offset_std: float) -> None:
 def offset_sensitivity(
     robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
 ) -> Regression:
-    """Return the load side with `propagated` (R, n): what a shifted zero of each joint encoder
-    does.
+    """Return the load side with `propagated` (R, n), the derivative of y by the encoder offsets.
 
-    It is minus the change of the computed torque, at the parameters `theta`, a unit of shift.
+    It is that of the residual y - H theta at the parameters `theta`, by difference quotients.
     """
     reference, changes = load_regression(robot, motion, model, springs), []
     for index in range(robot.n):
@@ -318,9 +326,9 @@ def offset_sensitivity(
 
 
 def shifted_encoder(robot: Robot, motion: Motion, index: int) -> Motion:
-    """Return the motion with the zero of one joint's encoder shifted by a small step.
+    """Return the motion with `OFFSET_STEP` added to one joint's encoder.
 
-    The motors of springs go along: the deflection's own zero takes what the shift does to it.
+    The motors of springs move along, because the spring offset absorbs a constant deflection.
     """
     joint, motor = motion.joint_position.copy(), motion.motor_position.copy()
     joint[:, index] += OFFSET_STEP

@@ -1,6 +1,6 @@
 """Regression: y = H theta over time, (15); the actuator side (10).
 
-Regressor and torque pass the same low pass, then every few samples make a row.
+Regressor and torque are filtered by the same low pass and then decimated.
 """
 
 from __future__ import annotations
@@ -36,12 +36,21 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class Regression:
-    """Rows y (R,) = H (R, p) theta, each of one equation at one time.
+    """Linear equations y = H theta; each of the R rows is one equation at one instant.
 
-    `joint` (R,) tells the equation, `time` (R,) [s] the instant; `excluded` counts the instants
-    near standstill that are not rows. `propagated` (R, s) is the derivative of y with respect to
-    parameters that were estimated before (the springs'), if there are any; `run` (R,) tells the
-    log, where several are stacked; `joint_names` (n,) are those that `joint` counts, if known.
+    Attributes
+    ----------
+    names, units : tuples of p str
+        Of the parameters theta.
+    H, y : arrays (R, p) and (R,)
+        Observation matrix (W of the paper) and torques [N m, or N].
+    joint, time, run : arrays (R,)
+        Index of the row's joint in `joint_names`, instant [s] and index of the log.
+    excluded : int
+        Number of instants near standstill that make no rows.
+    propagated : array (R, s)
+        Derivative of y by s parameters that were estimated before (those of the springs).
+    joint_names : tuple of n str
     """
 
     names: tuple[str, ...]
@@ -66,10 +75,10 @@ class Regression:
 def actuator_columns(
     robot: Robot, motion: Motion, joint: str
 ) -> tuple[DriveRegressor, Array, Array]:
-    """Return the regressor of an elastic joint's actuator side, zeta (T,) and R (T, p), (10).
+    """Return the regressor of an elastic joint's actuator side (10), zeta (T,) and R (T, p).
 
-    From the motor torque and (7); where the log has only the spring's torque, from (4b), which
-    tells stiffness and offset. Raises LogError where neither was measured.
+    From (7) and the motor torque; if the log has only the joint torque, from (4b), which determines
+    stiffness and spring offset. Raises LogError if neither was measured.
     """
     regressor, by_name = actuator_equation(robot, motion, joint)
     return regressor, *regressor.evaluate(by_name)
@@ -78,7 +87,7 @@ def actuator_columns(
 def actuator_equation(
     robot: Robot, motion: Motion, joint: str
 ) -> tuple[DriveRegressor, dict[str, Array]]:
-    """Return the regressor that `actuator_columns` evaluates, and the signals it takes."""
+    """Return the regressor of `actuator_columns` and the signals at which it is evaluated."""
     index = robot.index(joint)
     by_name = signals(robot, motion, index)
     sensed = sensed_torque(robot, motion, index)
@@ -88,16 +97,16 @@ def actuator_equation(
     if np.all(np.isfinite(sensed)):
         return spring_regressor(robot, joint), {**by_name, "tau_L": sensed}
     others = [other for other, name in INPUTS.items() if np.all(np.isfinite(by_name[name]))]
-    hint = f"; it has its {others[0]}: say motor_input = '{others[0]}'" if others else ""
+    hint = f"; it has its {others[0]}: set motor_input = '{others[0]}'" if others else ""
     raise LogError(
         f"elastic joint '{joint}' has no torque in the log: motor {kind} or joint torque{hint}"
     )
 
 
 def actuator_regression(robot: Robot, motion: Motion, joint: str) -> Regression:
-    """Return the actuator side (10) over time: friction, stiffness, deflection offset.
+    """Return the actuator side (10) of an elastic joint over time: friction and spring parameters.
 
-    Instants near standstill are left out where dry friction is among them.
+    Instants near standstill are excluded if the drive has dry friction.
     """
     index = robot.index(joint)
     regressor, y, H = actuator_columns(robot, motion, joint)
@@ -119,9 +128,9 @@ def actuator_regression(robot: Robot, motion: Motion, joint: str) -> Regression:
 def actuator_rows(
     robot: Robot, motion: Motion, joint: str, regressor: DriveRegressor
 ) -> tuple[IndexArray, int]:
-    """Return the samples that become rows of an actuator side, and how many are left out.
+    """Return the samples that become rows of an actuator side, and the number of excluded ones.
 
-    The spring equation (4b) has no derivative in it: it holds to the ends of the log.
+    The spring equation (4b) has no derivatives, so that its rows reach the ends of the log.
     """
     if "tau_M" not in regressor.signals and not regressor.signals & {"i_M", "u_M"}:
         return row_samples(replace(motion, trim_s=0.0)), 0
@@ -134,14 +143,14 @@ def actuator_rows(
 
 
 def stacked(regressions: Sequence[Regression]) -> Regression:
-    """Return the regressions of several logs as one, (15).
+    """Return the regressions of several logs stacked as one, (15).
 
-    Raises LogError where they do not have the same columns.
+    Raises LogError if their columns differ.
     """
     for one in regressions[1:]:
         if one.names != regressions[0].names:
             raise LogError(
-                f"one log tells {', '.join(regressions[0].names)}, another "
+                f"one log determines {', '.join(regressions[0].names)}, another "
                 f"{', '.join(one.names)}: the logs must have the same torque sensors"
             )
     return Regression(
@@ -158,13 +167,13 @@ def stacked(regressions: Sequence[Regression]) -> Regression:
 
 
 Regress = Callable[[Motion], Regression]
-"""What makes the rows of a motion."""
+"""A function from a motion to its rows."""
 
 
 def regressions_of_parts(
     long_log: LongLog, equations: Mapping[str, Regress]
 ) -> Iterator[tuple[str, Regression]]:
-    """Yield name and rows of each of several equations, part by part: the log is read once.
+    """Yield (name, rows) of several equations, part by part, so that the log is read once.
 
     Together the rows of an equation are those of the whole log.
     """
@@ -174,7 +183,7 @@ def regressions_of_parts(
 
 
 def _own_rows(rows: Regression, motion: Motion, part: LogPart) -> Regression:
-    """Return the rows whose instant is the part's own, and how many of those were left out."""
+    """Return the rows whose instants are inside the part, without those of its overlaps."""
     instants = motion.time[row_samples(motion)]
     mine = int(np.sum((instants >= part.start_s) & (instants < part.end_s)))
     equations = (len(rows.y) + rows.excluded) // max(len(instants), 1)

@@ -1,4 +1,4 @@
-"""Regressors over time: the rigid body's by Pinocchio, stacked over samples (15)."""
+"""The joint-torque regressor of the rigid bodies over time, by Pinocchio."""
 
 from __future__ import annotations
 
@@ -11,11 +11,29 @@ from seaid.robot import Robot, rows_at_drives
 
 
 def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
-    """Return the joint-torque regressor Y (T, n, 10n): Y[t] @ theta is the inverse dynamics at t.
+    """Return the joint-torque regressor Y of the rigid bodies: Y[t] @ theta = inverse dynamics.
 
-    `q`, `v`, `a` (T, n) are joint position, velocity and acceleration [rad or m, s], in the robot's
-    joint order; theta the standard parameters in the order of `robot.parameter_names`. Without
-    payload, friction and rotor inertia. Raises SeaidError for wrong shapes.
+    Parameters
+    ----------
+    robot : Robot
+    q, v, a : arrays (T, n)
+        Joint positions, velocities and accelerations [rad or m, s], in the robot's joint order.
+
+    Returns
+    -------
+    array (T, n, 10n)
+        For standard parameters theta in the order of `robot.parameter_names`; without payload,
+        friction and rotor inertia.
+
+    Raises
+    ------
+    SeaidError
+        For wrong shapes.
+
+    Examples
+    --------
+    >>> Y = seaid.regressor.rigid_body_regressor(robot, q, v, a)
+    >>> torque = Y @ robot.parameters
     """
     model, data, n = robot.model, robot.model.createData(), robot.n
     order = list(robot.model_order)
@@ -26,7 +44,7 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     if not len(q) == len(v) == len(a):
         raise SeaidError(f"q, v and a must have as many rows, found {len(q)}, {len(v)}, {len(a)}")
     pin.computeJointTorqueRegressor(model, data, np.zeros(n), np.zeros(n), np.zeros(n))
-    # Pinocchio's matrix is column-major: its transposed view copies in one run into C order.
+    # Pinocchio's matrix is column-major: its transposed view is copied as one block.
     flat = data.jointTorqueRegressor.T.reshape(-1)
     stacked, compute = np.empty((len(q), 10 * n * n)), pin.computeJointTorqueRegressor
     for t, (q_t, v_t, a_t) in enumerate(zip(q, v, a, strict=True)):
@@ -41,9 +59,9 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
 
 
 def regressor_at_drives(robot: Robot, q: Array, v: Array, a: Array) -> Array:
-    """Return `rigid_body_regressor` of the torques on what the drives turn, (T, n, 10n).
+    """Return `rigid_body_regressor` for the torques on the drives' coordinates, (T, n, 10n).
 
-    Row i is that of joint i but for drives that move several joints: see `transmission`.
+    Row i is that of joint i unless drives move several joints, see `seaid.robot.transmission`.
     """
     return rows_at_drives(robot.transmission, rigid_body_regressor(robot, q, v, a))
 

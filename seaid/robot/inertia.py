@@ -1,4 +1,4 @@
-"""The ten inertial parameters of a body: order, names, pseudo-inertia.
+"""The ten inertial parameters of a body: order, names, pseudo-inertia, physical consistency.
 
 Pinocchio's order (m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz): mass [kg], first moments [kg m] and
 the inertia [kg m^2] about the origin of the body's frame.
@@ -19,29 +19,29 @@ UNITS = ("kg",) + ("kg m",) * 3 + ("kg m^2",) * 6
 _FILE_DIGITS, _ROUNDING = 1e-3, 1e-9
 
 THIN = 1e-9
-"""Relative: a pseudo-inertia less negative than this is one of a body without thickness."""
+"""Relative tolerance on the least eigenvalue of a pseudo-inertia, which is 0 for a thin body."""
 LARGEST_M, LARGEST_KG, LARGEST_KG_M2 = 1e4, 1e9, 1e15
-"""Of what a description of a robot may say, as centre of mass, mass and inertia.
+"""Limits on the centre of mass, mass and inertia in a description of a robot.
 
-Seen from another frame an inertia grows by the mass times its distance squared: beyond 10 km that
-sum keeps no digit of what the body itself has, and beyond 1e154 m it is no number any more.
+In another frame an inertia grows by mass * distance^2: beyond 10 km that sum keeps no digit of the
+body's own inertia, and beyond 1e154 m it overflows.
 """
 SMALLEST_KG = 1e-30
-"""Of a mass that is not zero: what divides by less loses its digits."""
+"""The least mass that is not zero; divisions by less lose all digits."""
 
 _UPPER = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 
 def parameter_names(bodies: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of the standard parameters of the bodies, ten a body, as 'Iyy_thigh'."""
+    """Return the names of the standard parameters, ten per body, such as 'Iyy_thigh'."""
     return tuple(f"{parameter}_{body}" for body in bodies for parameter in PARAMETERS)
 
 
 def pseudo_inertia(parameters: Array) -> Array:
     """Return the 4x4 pseudo-inertia [[S, h], [h^T, m]] of ten parameters (Wensing et al. 2018).
 
-    It is linear in the parameters; the body is physically possible where it is positive
-    semidefinite.
+    S = trace(I)/2 * 1 - I. It is linear in the parameters, which are physically consistent if it is
+    positive semidefinite.
     """
     inertia = np.zeros((3, 3))
     for value, (row, column) in zip(parameters[4:], _UPPER, strict=True):
@@ -61,44 +61,45 @@ def from_pseudo_inertia(pseudo: Array) -> Array:
 
 
 def in_parent_frame(parameters: Array, placement: pin.SE3) -> Array:
-    """Return the ten parameters seen from the frame in which `placement` places the body."""
+    """Return the ten parameters in the parent frame, T J T^T with the body's `placement` T."""
     transform = placement.homogeneous
     return from_pseudo_inertia(transform @ pseudo_inertia(parameters) @ transform.T)
 
 
 def from_center_of_mass(mass: float, com: Array, inertia: Array) -> Array:
     """Return the ten parameters of mass [kg], centre [m] and 3x3 inertia at the centre [kg m^2]."""
+    # Parallel axes (Steiner) in terms of the second moments: S = S_c + m c c^T.
     second = 0.5 * np.trace(inertia) * np.eye(3) - inertia + mass * np.outer(com, com)
     pseudo = np.block([[second, mass * com[:, None]], [mass * com[None, :], np.array([[mass]])]])
     return from_pseudo_inertia(pseudo)
 
 
-def _spread(matrix: Array) -> Array:
-    """Return the eigenvalues of a symmetric matrix of a body, rising."""
+def _eigenvalues(matrix: Array) -> Array:
+    """Return the eigenvalues of a symmetric matrix of a body, in ascending order."""
     return np.asarray(
         safely(np.linalg.eigvalsh, matrix, what="the inertia of a body", error=RobotError)
     )
 
 
 def is_physical(parameters: Array, tolerance: float = 1e-12) -> bool:
-    """Tell whether a body with these ten parameters can exist (no negative mass density)."""
-    eigenvalues = _spread(pseudo_inertia(parameters))
+    """Whether ten parameters are physically consistent: some mass density >= 0 has them."""
+    eigenvalues = _eigenvalues(pseudo_inertia(parameters))
     return bool(eigenvalues[0] >= -tolerance * max(eigenvalues[-1], 1e-300))
 
 
-def impossible_body(link: str, parameters: Array) -> str | None:
-    """Say that a link would be no possible body, None where it would; thin bodies are possible."""
+def inconsistent_link(link: str, parameters: Array) -> str | None:
+    """Return the message about a physically inconsistent link, None if consistent or just thin."""
     if is_physical(parameters, THIN):
         return None
-    least = float(_spread(pseudo_inertia(parameters))[0])
+    least = float(_eigenvalues(pseudo_inertia(parameters))[0])
     return (
-        f"link '{link}' would be no possible body (mass {parameters[0]:.4g} kg, least eigenvalue "
-        f"of its pseudo-inertia {least:.2g})"
+        f"link '{link}' would be physically inconsistent (mass {parameters[0]:.4g} kg, least "
+        f"eigenvalue of its pseudo-inertia {least:.2g})"
     )
 
 
-def absurdity(parameters: Array) -> str | None:
-    """Say which of ten parameters is beyond what a description of a robot may say, None if none."""
+def out_of_range(parameters: Array) -> str | None:
+    """Return which of ten parameters exceeds the limits of a robot description, None if none."""
     mass, first = float(parameters[0]), float(np.max(np.abs(parameters[1:4])))
     if abs(mass) > LARGEST_KG:
         return f"a mass of {mass:.4g} kg (at most {LARGEST_KG:g} kg)"
@@ -110,10 +111,11 @@ def absurdity(parameters: Array) -> str | None:
     return None
 
 
-def impossibility(parameters: Array) -> str | None:
-    """Say why no body has these ten parameters, None where one can: in numbers of its centre.
+def inconsistency(parameters: Array) -> str | None:
+    """Return why ten parameters are physically inconsistent, by mass and principal moments.
 
-    Rounded digits of a file are no reason: a thousandth of the largest principal moment is allowed.
+    None if they are consistent up to the rounded digits of a file: a thousandth of the largest
+    principal moment.
     """
     mass, scale = float(parameters[0]), float(np.max(np.abs(parameters[4:])))
     if mass < 0:
@@ -122,7 +124,7 @@ def impossibility(parameters: Array) -> str | None:
         return "inertia without mass" if np.any(parameters) else None
     pseudo = pseudo_inertia(parameters)
     second = pseudo[:3, :3] - np.outer(pseudo[:3, 3], pseudo[:3, 3]) / mass
-    moments = _spread(np.trace(second) * np.eye(3) - second)
+    moments = _eigenvalues(np.trace(second) * np.eye(3) - second)
     allowed = _FILE_DIGITS * float(np.max(np.abs(moments))) + _ROUNDING * scale
     clean = np.where(np.abs(moments) > _ROUNDING * np.max(np.abs(moments)), moments, 0.0)
     shown = ", ".join(f"{moment:.4g}" for moment in clean)
@@ -136,7 +138,7 @@ def impossibility(parameters: Array) -> str | None:
 def to_pinocchio(parameters: Array) -> pin.Inertia:
     """Return the Pinocchio inertia of ten parameters.
 
-    Pinocchio keeps the centre of mass, so a body without mass cannot have first moments there.
+    Pinocchio stores the centre of mass, so that a body without mass cannot have first moments.
     """
     if not np.any(parameters):
         return pin.Inertia.Zero()

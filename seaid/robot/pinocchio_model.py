@@ -1,7 +1,7 @@
-"""A tree of a URDF assembled into Pinocchio's model, joint by joint.
+"""The Pinocchio model of a URDF tree, assembled joint by joint.
 
-Fixed and locked joints are merged; every joint has one coordinate (nq = nv = n), where Pinocchio's
-own reader gives two to a continuous one.
+Links behind fixed and locked joints are merged. Every joint has one coordinate (nq = nv = n);
+Pinocchio's own reader gives two to a continuous joint.
 """
 
 from __future__ import annotations
@@ -30,8 +30,27 @@ _MOVING = (*TURNING, "prismatic")
 
 @dataclass(frozen=True)
 class Payload:
-    """A known body fixed to a link: mass [kg], centre of mass [m] in the link's frame, and its
-    inertia at that centre [kg m^2] (a point mass where left out).
+    """A known body fixed to a link.
+
+    Parameters
+    ----------
+    link : str
+        Link of the URDF.
+    mass : float
+        Mass [kg], above zero.
+    com : 3 floats, default (0, 0, 0)
+        Centre of mass [m] in the link's frame.
+    inertia : 3 x 3 floats, default zero (a point mass)
+        Inertia [kg m^2] at the centre of mass.
+
+    Raises
+    ------
+    RobotError
+        For values that no body has.
+
+    Examples
+    --------
+    >>> Payload("foot", mass=0.5, com=(0.05, 0.0, -0.02))
     """
 
     link: str
@@ -69,15 +88,14 @@ class Payload:
 def _check_size(what: str, found: float, most: float, unit: str, least: float = 0.0) -> None:
     if not least <= found <= most:
         raise RobotError(
-            f"{what} is beyond what a robot can have, found {found:g}: allowed are {least:g} to "
-            f"{most:g} {unit}"
+            f"{what} is out of range, found {found:g}: allowed are {least:g} to {most:g} {unit}"
         )
 
 
 def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the joints that move, in their order: those asked for, or all of the tree.
+    """Return the joints that move, in their order: the given ones, or all of the tree.
 
-    Raises RobotError for a name that is not there or twice, and for a joint that cannot move here.
+    Raises RobotError for an unknown or repeated name, and for a joint of an unsupported type.
     """
     if joints is None:
         names = [joint for joint in _depth_first(tree) if tree.joints[joint].type != "fixed"]
@@ -95,7 +113,7 @@ def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ..
         if kind not in _MOVING:
             raise RobotError(
                 f"'{tree.name}': joint '{name}' is {kind}; seaid moves {', '.join(_MOVING)} joints "
-                "of a robot with a fixed base: leave it out with joints=[...] (locked at zero)"
+                "of a robot with a fixed base: exclude it from joints=[...] to lock it at zero"
             )
     if not names:
         raise RobotError(f"'{tree.name}' has no joint that moves")
@@ -116,7 +134,7 @@ def _depth_first(tree: UrdfTree) -> list[str]:
 class Assembly:
     """Pinocchio's model (without inertias), and (n, 10) parameters of bodies and of payloads.
 
-    `order` tells which of the n moving joints asked for each joint of the model is.
+    `order` has the index of each joint of the model among the n moving joints.
     """
 
     model: pin.Model
@@ -128,9 +146,9 @@ class Assembly:
 def assemble(
     tree: UrdfTree, moving: tuple[str, ...], payloads: Sequence[Payload], gravity: Array
 ) -> Assembly:
-    """Walk the tree from its root, adding a joint of Pinocchio's for each that moves.
+    """Assemble the model from the root outward, with one Pinocchio joint per moving joint.
 
-    Raises RobotError for a payload on no link that moves and for inertia without mass.
+    Raises RobotError for a payload on a link that does not move, and for inertia without mass.
     """
     model = pin.Model()
     model.name = tree.name

@@ -1,4 +1,4 @@
-"""Robot and load_robot: a URDF, its drives and known payloads as one frozen piece of data."""
+"""Robot and load_robot: a URDF, its drives and known payloads as one frozen object."""
 
 from __future__ import annotations
 
@@ -31,15 +31,28 @@ __all__ = ["Payload", "Robot", "load_robot"]
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A fixed-base tree of n one-axis joints with their drives.
+    """A fixed-base tree of n one-axis joints with their drives, made by `load_robot`.
 
-    All arrays of seaid have the joints in the order of `joint_names`; body i is what joint i moves,
-    named after its link, with what is fixed to it lumped in. `model` is Pinocchio's (nq = nv = n)
-    with the payloads; its joint k is joint `model_order[k]` here, which differs only where the
-    order asked for is not the tree's. `parameters` (10n,) are the standard parameters of the bodies
-    without payload, `payload_parameters` (10n,) those of the payloads alone. `limits` are rows of
-    lower and upper position, velocity and effort, in rad or m. `urdf` is the file it came from.
-    `known_bodies` names those whose parameters are known and not identified.
+    Attributes
+    ----------
+    name : str
+    joint_names, body_names : tuple of n str
+        The order of the joints in all arrays of seaid. Body i is the link that joint i moves, with
+        everything fixed to it.
+    is_prismatic : tuple of n bool
+    model : pinocchio.Model
+        nq = nv = n, with the payloads. Its joint k is joint `model_order[k]` of the robot; the
+        orders differ only if `joints` of `load_robot` deviates from the tree.
+    model_order : tuple of n int
+    drives : mapping {joint: StiffDrive or SeriesElasticDrive}
+    parameters, payload_parameters : arrays (10n,)
+        Standard inertial parameters of the bodies without payloads, and of the payloads alone.
+    lower_limits, upper_limits, velocity_limits, effort_limits : arrays (n,)
+        Of the URDF: position [rad or m], velocity, torque or force; infinite if not given.
+    urdf : Path or None
+        The file.
+    known_bodies : tuple of str
+        Bodies whose parameters are known and not identified.
     """
 
     name: str
@@ -65,22 +78,22 @@ class Robot:
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """Names of the 10n standard parameters, as 'Iyy_thigh'."""
+        """Names of the 10n standard parameters, such as 'Iyy_thigh'."""
         return parameter_names(self.body_names)
 
     @property
     def is_known(self) -> BoolArray:
-        """Tells which of the standard parameters (10n,) are those of known bodies."""
+        """Whether each standard parameter (10n,) belongs to a known body."""
         return np.repeat([body in self.known_bodies for body in self.body_names], 10)
 
     @property
     def known_parameters(self) -> Array:
-        """What is known beforehand of the standard parameters (10n,): payloads, known bodies."""
+        """The known part of the standard parameters (10n,): payloads and known bodies."""
         return self.payload_parameters + np.where(self.is_known, self.parameters, 0.0)
 
     @property
     def elastic_joints(self) -> tuple[str, ...]:
-        """The joints that have a spring."""
+        """The joints with a series elastic drive."""
         return tuple(
             joint
             for joint in self.joint_names
@@ -89,33 +102,31 @@ class Robot:
 
     @property
     def transmission(self) -> Array:
-        """C (n, n) of phi = C q, what the drives turn; the identity where each has its joint.
+        """C (n, n) of phi = C q, the identity if each drive moves its own joint only.
 
-        Rows are drives, by the joint in whose table they stand; see `seaid.robot.transmission`.
+        Row i is the drive in the table of joint i; see `seaid.robot.transmission`.
         """
         return transmission_matrix(self.joint_names, self.drives)
 
     def index(self, joint: str) -> int:
-        """Return the column of a joint. Raises RobotError with the nearest name."""
+        """Return the index of a joint. Raises RobotError with the nearest name."""
         if joint not in self.joint_names:
             raise RobotError(f"{self.name}: " + unknown_name("joint", joint, self.joint_names))
         return self.joint_names.index(joint)
 
     def rows(self, names: str | Sequence[str] | None) -> tuple[str, ...]:
-        """Return the joints that `torque_joints=` means, each once: all for None, one for a plain
-        name.
+        """Return the joints that `torque_joints=` selects, each once; None selects all.
 
-        Raises RobotError with the nearest name for one that is not there.
+        Raises RobotError with the nearest name for an unknown joint.
         """
-        chosen = (
-            self.joint_names if names is None else (names,) if isinstance(names, str) else names
-        )
-        for name in chosen:
+        given = (names,) if isinstance(names, str) else names
+        selected = self.joint_names if given is None else given
+        for name in selected:
             self.index(name)
-        return tuple(dict.fromkeys(chosen))
+        return tuple(dict.fromkeys(selected))
 
     def with_values(self, parameters: Array, drives: Mapping[str, Drive]) -> Robot:
-        """Return the same robot with other standard parameters (10n,) and drives."""
+        """Return the robot with other standard parameters (10n,) and drives {joint: drive}."""
         parameters = frozen("parameters", parameters, (10 * self.n,), RobotError)
         model = self.model.copy()
         loaded = (parameters + self.payload_parameters).reshape(self.n, 10)
@@ -125,16 +136,16 @@ class Robot:
         return replace(self, model=model, parameters=parameters, drives=given)
 
     def with_drives(self, drives: Mapping[str, Drive]) -> Robot:
-        """Return the same robot with other drives at some joints. Raises RobotError for others."""
+        """Return the robot with other drives at some of its joints. Raises RobotError."""
         for joint in drives:
             self.index(joint)
         return self.with_values(self.parameters, {**self.drives, **drives})
 
     def without_nominal(self) -> Robot:
-        """Return what is known before an identification: geometry, ratios, rotor inertias, payload.
+        """Return the robot as known before an identification: geometry, ratios, rotor inertias.
 
-        The standard parameters are NaN but for known bodies, and the drives have no stiffness and
-        no friction, so no result computed from this robot can lean on them.
+        The standard parameters are NaN except those of known bodies, and the drives have neither
+        stiffness nor friction, so that no result computed from this robot can depend on them.
         """
         known = {joint: drive.without_nominal() for joint, drive in self.drives.items()}
         return self.with_values(np.where(self.is_known, self.parameters, np.nan), known)
@@ -150,17 +161,43 @@ def load_robot(
     gravity: Sequence[float] = (0.0, 0.0, -9.81),
     snap_tolerance_rad: float = SNAP_RAD,
 ) -> Robot:
-    """Load a URDF with its base fixed.
+    """Load a URDF with a fixed base, and its drives.
 
-    `drives`: TOML path, {joint: drive or table}, or None; a joint not named has an ideal stiff
-    drive (its torque is known at the joint). `joints`: those that move, in this order; the rest is
-    locked at zero; None = all, in Pinocchio's order. `payloads` are known and not identified; so
-    are the bodies of the links that `known_bodies` names, with what is fixed to them, as they are
-    in the URDF.
-    `gravity` [m/s^2] in the base frame. `snap_tolerance_rad`: see `seaid.robot.urdf.read_urdf`.
+    Revolute, continuous and prismatic joints of any axis can move; links behind fixed joints are
+    merged into their parents; mimic joints become independent, with a warning.
 
-    Revolute, continuous and prismatic joints of any axis can move; fixed ones are merged; mimic
-    joints stay independent, with a warning. Raises RobotError for everything else.
+    Parameters
+    ----------
+    urdf : str or Path
+        The robot description; meshes are not opened.
+    drives : path of a TOML file, mapping {joint: drive or table}, or None
+        A joint without a drive has an ideal stiff one: its torque is known at the joint.
+    joints : list of str, optional
+        The joints that move, in the order of all arrays; the others are locked at zero. Default:
+        all, in Pinocchio's order.
+    payloads : list of Payload
+        Known bodies fixed to links; they are not identified.
+    known_bodies : list of str
+        Links whose inertial parameters in the URDF are known and not identified.
+    gravity : 3 floats, default (0, 0, -9.81)
+        Gravity [m/s^2] in the base frame.
+    snap_tolerance_rad : float, default 2e-3
+        Rounded angles in joint origins become the multiples of pi/2 that they mean, such as 1.5708,
+        if they are closer than this; 0 keeps all angles. See `seaid.robot.urdf.read_urdf`.
+
+    Returns
+    -------
+    Robot
+
+    Raises
+    ------
+    RobotError
+        For files that cannot be read, joints of other types, and arguments that do not fit.
+
+    Examples
+    --------
+    >>> robot = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")
+    >>> robot.joint_names, robot.elastic_joints
     """
     tree = read_urdf(urdf, snap_tolerance_rad)
     moving = moving_joints(tree, joints)
@@ -210,8 +247,8 @@ def _known_bodies(robot: Robot, tree: UrdfTree, names: Sequence[str]) -> tuple[s
     for name in names:
         if name in tree.links and name not in robot.body_names:
             raise RobotError(
-                f"known_bodies: no joint that moves carries '{name}'; the bodies are those of "
-                f"{', '.join(robot.body_names)}, with what is fixed to them"
+                f"known_bodies: no moving joint carries '{name}' as its own link; the bodies are "
+                f"{', '.join(robot.body_names)}, each with the links fixed to it"
             )
         if name not in robot.body_names:
             raise RobotError("known_bodies: " + unknown_name("body", name, robot.body_names))
@@ -247,9 +284,9 @@ def _drives(
 
 
 def check_kind(joint: str, kind: str, drive: Drive) -> None:
-    """Refuse a drive for turning joints at a prismatic one and the reverse, and unread terms.
+    """Raise RobotError for a drive that does not fit the joint's URDF type, or bad extra terms.
 
-    `kind` is the type of the joint in a URDF. Raises RobotError.
+    A drive for revolute joints does not fit a prismatic one, and the reverse.
     """
     turning = kind in TURNING
     if drive is IDEAL_DRIVE:

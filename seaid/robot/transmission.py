@@ -1,12 +1,12 @@
-"""Drives that move several joints: phi = C q, and by power tau = C^T tau_phi.
+"""Drives that move several joints: phi = C q, and by the principle of power tau = C^T tau_phi.
 
-phi_i is the coordinate that drive i turns: behind its gear, in front of its joint. C (n, n) has the
-robot's joint order on both sides, row i the factors of the drive in the table of joint i; it is the
-identity but for the groups of joints that are coupled (a differential, a parallelogram, a wrist).
-A factor on a sliding joint is in rad/m at a drive of a turning one, in m/rad the other way round.
+phi_i is the output coordinate of drive i, behind its gear. C (n, n) has the robot's joint order on
+both sides; row i has the factors in the table of joint i. It is the identity except for groups of
+coupled joints (a differential, a parallelogram, a wrist). A factor on a prismatic joint is in rad/m
+for the drive of a revolute one, and in m/rad the other way round.
 
-Functions of an array act on its last axis (n) and touch only coupled joints: what is not coupled
-stays what it is bit by bit, and NaN of one group does not reach another.
+Functions of an array act on its last axis (n) and change only coupled joints: all others keep their
+values bit by bit, and NaN of one group does not spread to another.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from seaid.drives import Drive
 from seaid.errors import RobotError, unknown_name
 
 _SINGULAR = 1e-9
-"""Relative: a group whose drives tell a motion of its joints worse than that does not move it."""
+"""Least singular value of a regular block of C, with rows and columns scaled."""
 
 
 def transmission_matrix(joints: Sequence[str], drives: Mapping[str, Drive]) -> Array:
-    """Return C (n, n), read-only, of joints and their drives; rows default to the joint's own."""
+    """Return C (n, n), read-only; a drive without a transmission moves its own joint."""
     matrix = np.eye(len(joints))
     for row, joint in enumerate(joints):
         factors = drives[joint].transmission if joint in drives else {}
@@ -37,20 +37,20 @@ def transmission_matrix(joints: Sequence[str], drives: Mapping[str, Drive]) -> A
 def check_transmission(
     joints: Sequence[str], drives: Mapping[str, Drive], others: Collection[str]
 ) -> None:
-    """Raise RobotError for factors on joints that do not move and for a matrix without inverse.
+    """Raise RobotError for factors on joints that do not move and for a singular matrix.
 
-    `others` are the names of the robot's joints that are locked or fixed.
+    `others` are the names of the robot's locked and fixed joints.
     """
     for joint in joints:
         for name in drives[joint].transmission:
-            where = f"joint '{joint}': the transmission of its drive "
+            where = f"joint '{joint}': the transmission of its drive"
             if name in others:
                 raise RobotError(
-                    f"{where}has a factor on '{name}', which does not move here (fixed, or locked "
-                    "at zero): let it move with joints=, or leave the factor out"
+                    f"{where} has a factor on '{name}', which does not move here (fixed, or locked "
+                    "at zero): let it move with joints=, or remove the factor"
                 )
             if name not in joints:
-                raise RobotError(f"{where}names another: " + unknown_name("joint", name, joints))
+                raise RobotError(f"{where}: " + unknown_name("joint", name, joints))
     if not any(drives[joint].transmission for joint in joints):
         return
     matrix = transmission_matrix(joints, drives)
@@ -66,14 +66,14 @@ def check_transmission(
             names = ", ".join(joints[index] for index in group)
             raise RobotError(
                 f"the drives of {names} do not move these joints independently: their "
-                f"transmission matrix {block.tolist()} is singular; as many independent rows are "
-                "needed as joints are coupled"
+                f"transmission matrix {block.tolist()} is singular; it needs as many independent "
+                "rows as there are coupled joints"
             )
 
 
 def coupled_groups(matrix: Array) -> tuple[list[int], ...]:
-    """Return the groups of joints that belong together, without those that have a plain drive."""
-    if np.array_equal(matrix, np.eye(len(matrix))):  # nearly always, and asked for often
+    """Return the groups of coupled joints; a joint moved by its own drive alone is in none."""
+    if np.array_equal(matrix, np.eye(len(matrix))):  # the usual case, and called often
         return ()
     links = matrix != 0
     _, labels = connected_components(links | links.T, directed=False)
@@ -82,47 +82,49 @@ def coupled_groups(matrix: Array) -> tuple[list[int], ...]:
 
 
 def group_of(matrix: Array, index: int) -> list[int]:
-    """Return the joints that are coupled with one, itself among them: alone if it is not."""
+    """Return the group of coupled joints that contains a joint, or the joint alone."""
     return next((group for group in coupled_groups(matrix) if index in group), [index])
 
 
 def coupled_names(joints: Sequence[str], matrix: Array) -> tuple[str, ...]:
-    """Return the names of all joints whose drive is not theirs alone, one to one."""
+    """Return the names of all coupled joints."""
     coupled = {index for group in coupled_groups(matrix) for index in group}
     return tuple(joint for index, joint in enumerate(joints) if index in coupled)
 
 
-def named_in_part(joints: Sequence[str], matrix: Array, rows: Collection[str]) -> tuple[str, ...]:
-    """Return the joints of the first coupled group of which `rows` names some, not all; or none."""
+def incomplete_group(
+    joints: Sequence[str], matrix: Array, selected: Collection[str]
+) -> tuple[str, ...]:
+    """Return the first coupled group of which some joints are selected but not all, or ()."""
     for group in coupled_groups(matrix):
         names = tuple(joints[index] for index in group)
-        if 0 < sum(name in rows for name in names) < len(names):
+        if 0 < sum(name in selected for name in names) < len(names):
             return names
     return ()
 
 
 def at_drives(matrix: Array, states: Array) -> Array:
-    """Return phi = C q of joint positions, or of velocities or accelerations, (..., n)."""
+    """Return phi = C q of joint positions, velocities or accelerations (..., n)."""
     return _mapped(matrix, states, lambda block: block.T)
 
 
 def at_joints(matrix: Array, states: Array) -> Array:
-    """Return q of phi, or velocities or accelerations, (..., n)."""
+    """Return q = C^-1 phi of drive positions, velocities or accelerations (..., n)."""
     return _mapped(matrix, states, lambda block: _inverse(block).T)
 
 
 def torques_at_drives(matrix: Array, torques: Array) -> Array:
-    """Return the torques tau_phi on the drives' coordinates of those at the joints, (..., n)."""
+    """Return tau_phi = C^-T tau of joint torques (..., n)."""
     return _mapped(matrix, torques, _inverse)
 
 
 def torques_at_joints(matrix: Array, torques: Array) -> Array:
-    """Return tau = C^T tau_phi, (..., n)."""
+    """Return tau = C^T tau_phi of drive torques (..., n)."""
     return _mapped(matrix, torques, lambda block: block)
 
 
 def rows_at_drives(matrix: Array, rows: Array) -> Array:
-    """Return rows (T, n, ...) of joint torques, as a regressor has them, at the drives."""
+    """Return the rows (T, n, ...) of a regressor of joint torques for the drive torques."""
     flipped = torques_at_drives(matrix, np.moveaxis(rows, 1, -1))
     return np.moveaxis(flipped, -1, 1)
 
@@ -134,6 +136,7 @@ def _inverse(block: Array) -> Array:
 
 
 def _mapped(matrix: Array, values: Array, factor: Callable[[Array], Array]) -> Array:
+    """Multiply each coupled group of values (..., n) by `factor` of its block of the matrix."""
     groups = coupled_groups(matrix)
     if not groups:
         return values

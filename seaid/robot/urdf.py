@@ -1,14 +1,8 @@
-"""The elements of a URDF that count for the dynamics, checked: names, types, ends, numbers.
+"""A URDF file as a tree of joints and link inertias, checked, with rounded angles made exact.
 
-Angles of a URDF that were rounded when it was written, made the multiples of pi/2 they mean.
-
-The XML of a URDF as elements, counted while it is read: a file too large is refused early.
-
-Where the meshes of a URDF are: package://, file:// and plain names, searched in folders.
-
-A URDF file as a plain tree of joints and link inertias, with its rounded angles made exact.
-
-yourdfpy reads and checks the file; nothing of it leaves this module. Meshes are never opened.
+`read_urdf` parses the XML with limits on its size, checks the elements that matter for the
+dynamics (names, types, links, numbers), snaps angles such as 1.5708 to the multiples of pi/2 that
+they mean, and lets yourdfpy read the rest. `find_mesh` locates mesh files; none is opened here.
 """
 
 from __future__ import annotations
@@ -46,7 +40,7 @@ _LONGEST_NAME = 1000
 
 
 class _Numbers(NamedTuple):
-    """How many numbers an attribute has, and how large they may be, with the unit."""
+    """Count of the numbers in an attribute, and their largest size with its unit."""
 
     many: int
     largest: float = math.inf
@@ -62,7 +56,7 @@ _NUMBERS: Mapping[str, Mapping[str, _Numbers]] = {
     ),
     "limit": dict.fromkeys(("lower", "upper", "velocity", "effort"), _Numbers(1)),
 }
-"""Attributes of the elements that count for the dynamics."""
+"""Attributes of the elements that matter for the dynamics."""
 _NEEDED = {"mass": ("value",), "inertia": ("ixx", "iyy", "izz")}
 _ONCE = {
     "link": ("inertial",),
@@ -72,11 +66,11 @@ _ONCE = {
         *("dynamics", "mimic", "calibration", "safety_controller"),
     ),
 }
-"""Elements of which there is one at most; which of several was meant nobody can know."""
+"""{element: children of which it has at most one}; readers would silently pick one of several."""
 
 
-def check_elements(path: Path, root: Any) -> None:
-    """Refuse what yourdfpy would trip over, fill in or pass over: names, types, ends, numbers."""
+def _check_elements(path: Path, root: Any) -> None:
+    """Raise RobotError for bad names, types, links and numbers, which yourdfpy may accept."""
     _check_length(path, "robot", root.get("name") or "")
     joints, links = root.findall("joint"), root.findall("link")
     _check_names(path, "link", links)
@@ -122,13 +116,13 @@ def _check_length(path: Path, tag: str, name: str) -> None:
 
 
 def _check_once(where: str, parent: Any) -> None:
-    """Refuse a second element of which one counts: a reader would pass over one of the two."""
+    """Refuse repeated elements, see `_ONCE`."""
     counts = Counter(element.tag for element in parent)
     for tag in _ONCE[parent.tag]:
         if counts[tag] > 1:
             inside = "" if parent.tag in ("link", "joint") else f" in its <{parent.tag}>"
             raise RobotError(
-                f"{where} has {counts[tag]} elements <{tag}>{inside}: leave the one that is meant"
+                f"{where} has {counts[tag]} elements <{tag}>{inside}: keep one of them"
             )
 
 
@@ -156,13 +150,13 @@ def _check_number(where: str, tag: str, name: str, text: str, wanted: _Numbers) 
     if any(abs(number) > wanted.largest for number in found):
         allowed = f"-{wanted.largest:g} to {wanted.largest:g} {wanted.unit}"
         raise RobotError(
-            f"{where}: {name} of <{tag}> is beyond what a robot can have, found "
-            f"'{shortened(text)}': allowed are {allowed}"
+            f"{where}: {name} of <{tag}> is out of range, found '{shortened(text)}': allowed are "
+            f"{allowed}"
         )
     if tag == "mass" and 0 < abs(found[0]) < SMALLEST_KG:
         raise RobotError(
-            f"{where}: its mass is too small to count with, found '{shortened(text)}': allowed "
-            f"are 0 and {SMALLEST_KG:g} to {LARGEST_KG:g} kg"
+            f"{where}: its mass is too small, found '{shortened(text)}': allowed are 0 and "
+            f"{SMALLEST_KG:g} to {LARGEST_KG:g} kg"
         )
 
 
@@ -178,11 +172,11 @@ def _check_limit(where: str, limit: Any) -> None:
 
 
 FLOAT_NOISE_RAD = 1e-6
-"""Closer than this to a multiple of pi/2 (or to zero) is float noise of an exporter."""
+"""An angle closer than this to a multiple of pi/2 (or to zero) has an exporter's float noise."""
 
 
-def snap(joint: Any, tolerance: float) -> list[str]:
-    """Write the exact multiples of pi/2 into a joint's rpy; return what was rounded before."""
+def _snap(joint: Any, tolerance: float) -> list[str]:
+    """Write exact multiples of pi/2 into a joint's rpy; return the rounded texts they replace."""
     origin = joint.find("origin")
     if origin is None or not origin.get("rpy") or tolerance <= 0:
         return []
@@ -197,7 +191,7 @@ def snap(joint: Any, tolerance: float) -> list[str]:
 
 
 def _meant_angle(text: str, tolerance: float) -> float | None:
-    """Return the multiple of pi/2 that a rounded angle means, None if it means itself."""
+    """Return the multiple of pi/2 that a rounded angle means, None for any other angle."""
     try:
         value, exponent = float(text), Decimal(text).as_tuple().exponent
     except (ValueError, InvalidOperation):
@@ -211,22 +205,22 @@ def _meant_angle(text: str, tolerance: float) -> float | None:
 
 
 LARGEST_BYTES = 64_000_000
-"""Of a URDF file."""
+"""Limit on the size of a URDF file."""
 
 MOST_JOINTS, MOST_ELEMENTS = 5_000, 500_000
-"""Of a URDF: joints, links as many and one more, and elements of all kinds.
+"""Limits on the joints (and links less one) and on the elements of all kinds.
 
-Pinocchio keeps for each joint all that are before and behind it: 5,000 in a row take 1 GB.
+Pinocchio stores for each joint all joints before and behind it: 5,000 in a row take 1 GB.
 """
 
 _PIECE_BYTES = 65_536
 
 
-def parse_urdf(path: Path, text: bytes) -> Any:
-    """Return the <robot> element of a URDF's text, without comments; `path` names it.
+def _parse_urdf(path: Path, text: bytes) -> Any:
+    """Return the <robot> element of a URDF's text, without comments; `path` is for messages.
 
-    Raises RobotError for what is not well-formed, for another root, and for more joints, links or
-    elements than allowed, as soon as they are counted.
+    Raises RobotError for malformed XML, for another root, and for more joints, links or elements
+    than allowed, as soon as they are counted.
     """
     from lxml import etree
 
@@ -260,9 +254,9 @@ def _check_counts(path: Path, counts: dict[str, int], elements: int) -> None:
 
 
 def search_folders(urdf: Path, package_dirs: str | Path | Sequence[str | Path]) -> list[Path]:
-    """Return where meshes are searched: the folders given, that of the file and its parents.
+    """Return the folders in which meshes are searched: the given ones, and all above the file.
 
-    Raises RobotError for a folder that is not there.
+    Raises RobotError for a folder that does not exist.
     """
     several = [package_dirs] if isinstance(package_dirs, str | Path) else package_dirs
     given = [real_path(folder) for folder in several]
@@ -273,13 +267,13 @@ def search_folders(urdf: Path, package_dirs: str | Path | Sequence[str | Path]) 
 
 
 def find_mesh(name: str, folders: Sequence[Path]) -> Path | None:
-    """Return the file of a mesh under the name that a URDF has for it, None if it is not there."""
+    """Return the file of a mesh by its name in a URDF (package://, file:// or plain), or None."""
     candidates = (path for path in _candidates(name, folders) if os.path.isfile(path))
     return next(candidates, None)
 
 
 def _candidates(name: str, folders: Sequence[Path]) -> Iterator[Path]:
-    """Yield where a mesh may be; a folder given may be that of its package itself."""
+    """Yield the possible paths of a mesh; a folder may contain the package or be it."""
     scheme, _, rest = name.rpartition("://")
     if scheme == "file":
         yield Path(rest)
@@ -293,12 +287,12 @@ def _candidates(name: str, folders: Sequence[Path]) -> Iterator[Path]:
 
 
 SNAP_RAD = 2e-3
-"""How far an angle may be from the multiple of pi/2 that it means, if nothing else is asked."""
+"""Default of `snap_tolerance_rad`: 1.57 is 8e-4 away from pi/2, 3.14 is 1.6e-3 away from pi."""
 
 
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
-    """One joint as in the file: type, links, placement in the parent link, unit axis, limits."""
+    """One joint of the file: type, links, placement in the parent link, unit axis, limits."""
 
     name: str
     type: str
@@ -315,7 +309,7 @@ class UrdfJoint:
 
 @dataclass(frozen=True, eq=False)
 class UrdfTree:
-    """A URDF: its name, joints by name, and the ten inertial parameters a link (in its frame)."""
+    """A URDF: its name, joints by name, and ten inertial parameters per link (in its frame)."""
 
     name: str
     root: str
@@ -334,10 +328,10 @@ class UrdfTree:
         return below
 
 
-def urdf_again(path: str | Path, text: bytes | None = None) -> UrdfTree:
-    """Read the URDF of a robot that was loaded before, not warning of rounded angles again.
+def reread_urdf(path: str | Path, text: bytes | None = None) -> UrdfTree:
+    """Read the URDF of a loaded robot without repeating the warning about rounded angles.
 
-    `text` is its content where it has been read already.
+    `text` is the file's content if it has been read already.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SeaidWarning)
@@ -345,11 +339,12 @@ def urdf_again(path: str | Path, text: bytes | None = None) -> UrdfTree:
 
 
 def read_urdf(path: str | Path, snap_tolerance_rad: float) -> UrdfTree:
-    """Read a URDF file; angles within the tolerance of the multiple of pi/2 they mean are snapped.
+    """Read a URDF file, with angles snapped to the multiples of pi/2 that they mean.
 
-    An angle means a multiple of pi/2 if it is one to the digits that the file writes (1.57, 1.5708,
-    3.14159), or to float noise (1e-6 rad). One warning lists them; tolerance 0 leaves all as they
-    are. Raises RobotError for a file that is missing, broken or not a tree.
+    An angle means a multiple of pi/2 if it agrees with it within the tolerance and either to the
+    digits in the file (1.57, 1.5708, 3.14159) or to float noise (1e-6 rad). One warning lists
+    them; tolerance 0 keeps all angles. Raises RobotError for a file that is missing, broken or not
+    a tree.
     """
     path = Path(path)
     if not 0 <= snap_tolerance_rad < math.pi / 4:
@@ -360,7 +355,7 @@ def read_urdf(path: str | Path, snap_tolerance_rad: float) -> UrdfTree:
 
 
 def urdf_text(path: Path) -> bytes:
-    """Return the bytes of a URDF file. Raises RobotError where it is missing or too large."""
+    """Return the bytes of a URDF file. Raises RobotError if it is missing or too large."""
     missing = f"no URDF file at '{shortened(str(path), 500)}' ({working_folder()})"
     try:
         if not path.is_file():
@@ -376,11 +371,11 @@ def urdf_text(path: Path) -> bytes:
 
 
 def _urdf_of(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
-    """Return the tree of a URDF's text; `path` names it. See `read_urdf`."""
-    root = parse_urdf(path, text)
-    check_elements(path, root)
+    """Return the tree of a URDF's text; see `read_urdf`."""
+    root = _parse_urdf(path, text)
+    _check_elements(path, root)
     joints_as_written = root.findall("joint")
-    snapped = [text for joint in joints_as_written for text in snap(joint, snap_tolerance_rad)]
+    snapped = [text for joint in joints_as_written for text in _snap(joint, snap_tolerance_rad)]
     if snapped:
         shown = ", ".join(dict.fromkeys(snapped))
         warnings.warn(
@@ -399,7 +394,7 @@ def _urdf_of(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
 
 
 def _parse_robot(path: Path, root: Any) -> Any:
-    """Let yourdfpy read the XML and report what it finds missing."""
+    """Read the elements with yourdfpy and report what it refuses."""
     import logging
 
     from lxml import etree
@@ -441,7 +436,7 @@ def _joint(path: Path, joint: Any, noise: float) -> UrdfJoint:
 
 
 def _placement(origin: Any) -> pin.SE3:
-    """Return the joint's placement; entries within float noise of 0 and +-1 made exact."""
+    """Return a joint's placement, with rotation entries within float noise of 0 and +-1 exact."""
     if origin is None:
         return pin.SE3.Identity()
     rotation = np.array(origin[:3, :3])

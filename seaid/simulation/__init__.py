@@ -1,8 +1,8 @@
 """Simulation: the complete model forward in time, with its controller and its sensors.
 
 A `Robot` whose parameters are all known and a `Trajectory` come in; a `Log` goes out, as the
-robot's own sensors would have written it: (7) and (8) integrated together, dry friction with true
-sticking, encoders with their resolution and noise.
+robot's own sensors would have written it: (7) and (8) integrated together, dry friction with
+stick-slip, encoders with their resolution and offsets, torques with noise.
 
 - `simulate` follows a planned trajectory by PD control;
 - `replay` drives the model with the motor torques of a measured log.

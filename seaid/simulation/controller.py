@@ -1,7 +1,4 @@
-"""A joint controller for simulated experiments: feedforward of the plan, feedback on the motor.
-
-What a log has of motors that are driven by torque, current or voltage.
-"""
+"""A joint controller for simulated experiments: feedforward of the plan, feedback on the motor."""
 
 from __future__ import annotations
 
@@ -20,9 +17,9 @@ from seaid.simulation.plant import Plant, inverse_inertia
 
 @dataclass(frozen=True, eq=False)
 class MotorInputs:
-    """Torque [N m], current [A] and voltage [V] (T, n), NaN where a motor is logged by another.
+    """Torque [N m], current [A] and voltage [V] (T, n), NaN for a motor logged by another one.
 
-    Current and voltage are None where no motor is.
+    Current and voltage are None if no motor is logged by them.
     """
 
     torque: Array
@@ -31,9 +28,9 @@ class MotorInputs:
 
 
 def motor_inputs(robot: Robot, torque: Array) -> MotorInputs:
-    """Return what is logged of motors that give torques (T, n) [N m].
+    """Return the logged inputs of motors that deliver torques (T, n) [N m].
 
-    Each is logged by its drive's input: current is torque over torque constant, voltage torque over
+    Each motor is logged by its drive's `motor_input`: torque, torque / torque constant, or torque /
     voltage constant. Raises RobotError naming a joint whose constant has no value.
     """
     kinds = np.array([robot.drives[joint].motor_input for joint in robot.joint_names])
@@ -50,9 +47,9 @@ def motor_inputs(robot: Robot, torque: Array) -> MotorInputs:
 
 
 def input_gain(robot: Robot, joint: str) -> float:
-    """Return the torque [N m] a unit of what the drive of a joint is fed with.
+    """Return the motor torque [N m] per unit of the drive's motor input.
 
-    Raises RobotError where its constant has no value, or is zero.
+    Raises RobotError if the motor's constant has no value or is zero.
     """
     drive = robot.drives[joint]
     if drive.motor_input == "torque":
@@ -70,13 +67,15 @@ def input_gain(robot: Robot, joint: str) -> float:
 _LEAST_BANDWIDTH_RAD_S = 60.0
 _DAMPING = 0.7
 _PASSAGE_S = 0.01
+"""Smoothing of steps in the planned motor motion: dead zones, reversals of dry joint friction."""
+
 _SLOW = 0.02
 """Below this part of the highest speed the feedforward of Coulomb friction fades."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointController:
-    """Motor references and feedforward torque (T, n) a tick, and feedback gains (n,)."""
+    """Motor references and feedforward torque (T, n) per tick, and feedback gains (n,)."""
 
     motor_position: Array
     motor_velocity: Array
@@ -86,7 +85,7 @@ class JointController:
     velocity_filter: Array
 
     def torque(self, tick: int, position: Array, velocity: Array) -> Array:
-        """Return the motor torque [N m] for the motor angle and speed that were measured."""
+        """Return the motor torque [N m] for a measured motor angle and speed."""
         return np.asarray(
             self.feedforward[tick]
             + self.position_gain * (self.motor_position[tick] - position)
@@ -95,9 +94,9 @@ class JointController:
 
 
 def joint_controller(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float) -> JointController:
-    """Design the controller for a planned joint motion (T, n), sampled at its own rate.
+    """Design the controller for a planned joint motion (T, n), sampled at the controller's rate.
 
-    An elastic joint is flat in its position: (8) gives the motor angle, (7) the motor torque.
+    The joint positions are a flat output: (8) gives the motor angle, (7) the motor torque.
     """
     planned, load = q, _drive_torques(plant, q, v, a, rate_hz)
     if plant.coupling is not None:
@@ -107,18 +106,18 @@ def joint_controller(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float)
         plant.elastic, load / (np.where(plant.stiffness > 0, plant.stiffness, 1) * r_L), 0
     )
     stiffness = plant.stiffness.copy()
-    for index, _ in plant.acting:
+    for index, _ in plant.functions:
         if plant.elastic[index]:
             force = load[:, index] / r_L[index]
-            stretch[:, index], stiffness[index] = _bent_stretch(plant, index, force, rate_hz)
+            stretch[:, index], stiffness[index] = _nonlinear_stretch(plant, index, force, rate_hz)
     motor_position = np.where(plant.elastic, N / r_M * (r_L * q + stretch), N * q)
     motor_velocity = np.gradient(motor_position, 1 / rate_hz, axis=0)
     motor_acceleration = np.gradient(motor_velocity, 1 / rate_hz, axis=0)
     slow = _SLOW * np.maximum(np.max(np.abs(motor_velocity), axis=0), 1e-300)
     friction = plant.viscous * motor_velocity + plant.coulomb * np.tanh(motor_velocity / slow)
-    for index, drive in plant.acting:
-        turned = (motor_position, motor_velocity, q, v, load)
-        states = np.column_stack([values[:, index] for values in turned])
+    for index, drive in plant.functions:
+        state = (motor_position, motor_velocity, q, v, load)
+        states = np.column_stack([values[:, index] for values in state])
         direction = np.tanh(motor_velocity[:, index] / slow[index])
         friction[:, index] = [drive.friction(*state) for state in states.tolist()]
         friction[:, index] += direction * [drive.level(*state) for state in states.tolist()]
@@ -139,26 +138,28 @@ def joint_controller(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float)
 
 
 def _drive_torques(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float) -> Array:
-    """Return the torques (T, n) on what the drives turn, with the rotors of stiff drives.
+    """Return the torques (T, n) on the drives' coordinates, with the rotors of stiff drives.
 
-    Where a joint's own dry friction turns, a spring cannot: it passes within some milliseconds.
+    Steps of dry joint friction are smoothed over `_PASSAGE_S`, because a spring cannot follow them.
     """
     data = plant.model.createData()
     load = np.array([pin.rnea(plant.model, data, *states) for states in zip(q, v, a, strict=True)])
-    for index, drive in plant.acting:
+    for index, drive in plant.functions:
         pairs = zip(q[:, index].tolist(), v[:, index].tolist(), strict=True)
-        load[:, index] += [drive.beside(*pair) for pair in pairs]
-        turning = gaussian_filter1d(np.sign(v[:, index]), _PASSAGE_S * rate_hz, mode="nearest")
-        load[:, index] += drive.joint_level * turning
+        load[:, index] += [drive.joint_torque(*pair) for pair in pairs]
+        direction = gaussian_filter1d(np.sign(v[:, index]), _PASSAGE_S * rate_hz, mode="nearest")
+        load[:, index] += drive.joint_level * direction
     if plant.rotors is None or plant.uncoupling is None:
         return load
     return np.asarray((load + a @ plant.rotors) @ plant.uncoupling)
 
 
-def _bent_stretch(plant: Plant, index: int, force: Array, rate_hz: float) -> tuple[Array, float]:
-    """Return the stretch (T,) of a spring under a force (T,), without jumps, and its stiffness.
+def _nonlinear_stretch(
+    plant: Plant, index: int, force: Array, rate_hz: float
+) -> tuple[Array, float]:
+    """Return the deflection (T,) of a spring under a force (T,), and its median stiffness.
 
-    Through a dead zone the motor cannot jump: it passes within some milliseconds.
+    The jump across a dead zone is smoothed over `_PASSAGE_S`.
     """
     drive = plant.drives[index]
     assert isinstance(drive, SeriesElasticDrive)
@@ -170,13 +171,13 @@ def _bent_stretch(plant: Plant, index: int, force: Array, rate_hz: float) -> tup
 
 
 def _least_inertia(plant: Plant, q: Array) -> Array:
-    """Return the least inertia (n,) that each drive feels along a motion with the others free.
+    """Return the least effective inertia (n,) at each drive along a motion, the others free.
 
-    Gains on the diagonal inertia would be too high where joints are strongly coupled.
+    Gains for the diagonal of the mass matrix would be too high for strongly coupled joints.
     """
     data, C = plant.model.createData(), plant.coupling
-    felt = []
+    inertias = []
     for configuration in q[:: max(1, len(q) // 50)]:
         inverse = inverse_inertia(plant.model, data, configuration, plant.rotors)
-        felt.append(1 / np.diag(inverse if C is None else C @ inverse @ C.T))
-    return np.asarray(np.min(felt, axis=0))
+        inertias.append(1 / np.diag(inverse if C is None else C @ inverse @ C.T))
+    return np.asarray(np.min(inertias, axis=0))

@@ -1,12 +1,9 @@
-"""What dry friction holds: motors behind stiff gears and rubbing joints that must stay at rest.
+"""Forward dynamics of the complete model (7) and (8) with stick-slip friction.
 
-The complete model (7) + (8) of a plant: accelerations and torques where friction is known.
-
-All joints are in the order of Pinocchio's model.
-
-Where dry friction slips, and where it can hold.
-
-The state of a plant one step later, stopped inside it wherever friction brings one to rest.
+`slip_directions` decides where dry friction slips and where it sticks, `accelerations` solves the
+model for given directions, and `advance` integrates over a step that ends early at each event where
+friction brings a motor or joint to rest. All joints are in the order of Pinocchio's model; the m
+"dry joints" have dry friction between their own two bodies.
 """
 
 from __future__ import annotations
@@ -29,61 +26,64 @@ from seaid.simulation.plant import (
     mass_matrix,
 )
 
-_safely = partial(safely, what="what dry friction holds", error=RobotError)
+_safely = partial(safely, what="the sticking friction", error=RobotError)
 
 
-def held_rows(plant: Plant, held: IndexArray) -> Array:
-    """Return what held drives and joints turn, as rows (held, n) on the joints."""
+def sticking_rows(plant: Plant, sticking: IndexArray) -> Array:
+    """Return the constraint rows (sticking, n): phi of sticking drives, q of sticking joints."""
     n = len(plant.elastic)
     turned = np.eye(n) if plant.coupling is None else plant.coupling
-    return np.vstack([turned, np.eye(n)[plant.rubbing]])[held]
+    return np.vstack([turned, np.eye(n)[plant.dry_joints]])[sticking]
 
 
-def without(plant: Plant, joint: Array, held: IndexArray) -> Array:
-    """Return joint speeds or accelerations without those of held drives and joints: no creeping."""
+def without_sticking(plant: Plant, joint: Array, sticking: IndexArray) -> Array:
+    """Return joint speeds or accelerations projected onto the sticking constraints, no creep."""
     n = len(joint)
     if plant.coupling is not None:
-        rows = held_rows(plant, held)
+        rows = sticking_rows(plant, sticking)
         joint = joint - _safely(np.linalg.pinv, rows) @ (rows @ joint)
-        held = held[held >= n]
-    joint[plant.places[held]] = 0.0
+        sticking = sticking[sticking >= n]
+    joint[plant.places[sticking]] = 0.0
     return joint
 
 
-def holding(
-    plant: Plant, data: pin.Data, state: Array, joint: Array, held: IndexArray
+def sticking_torques(
+    plant: Plant, data: pin.Data, state: Array, joint: Array, sticking: IndexArray
 ) -> tuple[Array, Array]:
-    """Return the torques that keep held drives and joints still, and their joint accelerations."""
+    """Return the constraint torques of sticking friction, and the joint accelerations they cause.
+
+    With rows A of the constraints, A (qdd + M^-1 A^T torque) = 0.
+    """
     inverse = inverse_inertia(plant.model, data, state[JOINT_POSITION], plant.rotors)
     if plant.coupling is None:
-        places = plant.places[held]
+        places = plant.places[sticking]
         torque = np.asarray(
             -_safely(np.linalg.solve, inverse[np.ix_(places, places)], joint[places])
         )
         return torque, np.asarray(inverse[:, places] @ torque)
-    rows = held_rows(plant, held)
+    rows = sticking_rows(plant, sticking)
     torque = np.asarray(-_safely(np.linalg.lstsq, rows @ inverse @ rows.T, rows @ joint)[0])
     return torque, np.asarray(inverse @ rows.T @ torque)
 
 
-_MOST_TURNS, _SETTLED = 60, 1e-11
-"""The torque through a gear, where friction depends on it, settles to this part of itself."""
+_MOST_ITERATIONS, _SETTLED = 60, 1e-11
+"""Relative tolerance of the torque through a gear on which friction depends."""
 
 
 def drive_states(plant: Plant, state: Array) -> Array:
-    """Return a state (4, n) with what the drives turn, phi = C q, in place of the joints."""
+    """Return a state (4, n) with the drives' coordinates phi = C q in place of the joints'."""
     if plant.coupling is None:
         return state
     return np.concatenate([state[:JOINT_POSITION], state[JOINT_POSITION:] @ plant.coupling.T])
 
 
 def spring_force(plant: Plant, turned: Array) -> Array:
-    """Return (3) of each joint (n,), zero where stiff, at a state of `drive_states`."""
+    """Return the spring forces (3), (n,), zero for stiff drives, at a state of `drive_states`."""
     force = np.asarray(
         plant.stiffness
         * (plant.motor_lever * turned[POSITION] - plant.load_radius * turned[JOINT_POSITION])
     )
-    for index, drive in plant.acting:
+    for index, drive in plant.functions:
         if plant.elastic[index]:
             force[index] = drive.force(*turned[:, index].tolist(), 0.0)
     return force
@@ -92,25 +92,24 @@ def spring_force(plant: Plant, turned: Array) -> Array:
 def accelerations(
     plant: Plant, data: pin.Data, state: Array, torque: Array, slip: Array
 ) -> tuple[Array, Array]:
-    """Return motor and joint acceleration at a state under a motor torque.
+    """Return motor and joint accelerations at a state under a motor torque.
 
-    `slip` (n + m,) is the direction in which dry friction is overcome, 0 where it holds: that of
-    the motors, then that of the m rubbing joints. Raises SeaidError where friction under load has
-    no solution.
+    `slip` (n + m,) is the direction in which dry friction slips, 0 where it sticks, at the motors
+    and then at the dry joints. Raises SeaidError if load-dependent friction has no solution.
     """
     turned = drive_states(plant, state)
     free = torque - plant.viscous * state[SPEED] - plant.coulomb * slip[: len(torque)]
     for index, extra in plant.extras:
         free[index] -= extra(*turned[:, index])
     force = spring_force(plant, turned)
-    if not plant.acting:
+    if not plant.functions:
         return _driven(plant, data, state, free, force, slip)
     at = turned.T.tolist()
     gear, under_load = np.zeros_like(free), list(plant.under_load)
     last: tuple[Array, Array] | None = None
-    for _ in range(_MOST_TURNS):
+    for _ in range(_MOST_ITERATIONS):
         rest = free.copy()
-        for index, drive in plant.acting:
+        for index, drive in plant.functions:
             through = float(gear[index])
             rest[index] -= drive.friction(*at[index], through)
             if slip[index] != 0:
@@ -122,11 +121,14 @@ def accelerations(
             return motor, joint
         gear[under_load] = found if last is None else _faster(found, error, *last)
         last = found, error
-    raise SeaidError("friction under load does not settle: load_friction must be well below one")
+    raise SeaidError(
+        "load-dependent friction does not converge: load_friction must be well below one"
+    )
 
 
 def _faster(found: Array, error: Array, found_before: Array, error_before: Array) -> Array:
     """Return the next guess of a fixed point, by the secant of the last two (Anderson 1965)."""
+    # x+ = g - b (g - g_before), b = <e, de> / <de, de>, with g the map and e = g - x its residual.
     change = error - error_before
     size = float(change @ change)
     part = float(error @ change) / size if size > 0 else 0.0
@@ -136,17 +138,17 @@ def _faster(found: Array, error: Array, found_before: Array, error_before: Array
 def _driven(
     plant: Plant, data: pin.Data, state: Array, free: Array, force: Array, slip: Array
 ) -> tuple[Array, Array]:
-    """Return motor and joint acceleration under motor torques less friction, and spring forces."""
+    """Return motor and joint accelerations under motor torques less friction, and spring forces."""
     load_torque = plant.elastic_lever * force + plant.stiff_ratio * free
     joint = _joint_accelerations(plant, data, state, load_torque, slip)
     motor = (free - plant.motor_lever * force) * plant.motor_mobility
     resting = not slip.all()
     if resting:
-        held = np.flatnonzero((slip == 0) & plant.holds_load)
+        sticking = np.flatnonzero((slip == 0) & plant.acts_on_load)
         motor[slip[: len(motor)] == 0] = 0.0
-        if held.size:
-            joint += holding(plant, data, state, joint, held)[1]
-            joint = without(plant, joint, held)
+        if sticking.size:
+            joint += sticking_torques(plant, data, state, joint, sticking)[1]
+            joint = without_sticking(plant, joint, sticking)
     turning = joint if plant.coupling is None else plant.coupling @ joint
     motor = motor + plant.stiff_ratio * turning
     if resting and plant.coupling is not None:
@@ -157,13 +159,13 @@ def _driven(
 def _joint_accelerations(
     plant: Plant, data: pin.Data, state: Array, torque: Array, slip: Array
 ) -> Array:
-    """Return the joint accelerations under torques on what the drives turn."""
+    """Return the joint accelerations (n,) under torques on the drives' coordinates."""
     position, speed = state[JOINT_POSITION], state[JOINT_SPEED]
     torque = torque if plant.coupling is None else plant.coupling.T @ torque
-    for index, drive in plant.acting:
-        torque[index] -= drive.beside(float(position[index]), float(speed[index]))
-    if plant.rubbing.size:
-        torque[plant.rubbing] -= plant.joint_coulomb * slip[len(torque) :]
+    for index, drive in plant.functions:
+        torque[index] -= drive.joint_torque(float(position[index]), float(speed[index]))
+    if plant.dry_joints.size:
+        torque[plant.dry_joints] -= plant.joint_coulomb * slip[len(torque) :]
     if plant.rotors is None:
         return np.array(pin.aba(plant.model, data, position, speed, torque))
     bias = pin.nle(plant.model, data, position, speed)
@@ -176,34 +178,35 @@ def _joint_accelerations(
 def gear_torques(
     plant: Plant, data: pin.Data, state: Array, acceleration: Array, slip: Array
 ) -> Array:
-    """Return what stiff gears put on their load (n,), NaN where elastic; of joint accelerations.
+    """Return the torque (n,) of stiff gears on their loads at joint accelerations, else NaN.
 
-    A rubbing joint that is held counts without its friction.
+    The friction of a sticking dry joint is not included.
     """
     armature, plant.model.armature = plant.model.armature.copy(), np.zeros(plant.model.nv)
     torque = pin.rnea(plant.model, data, state[JOINT_POSITION], state[JOINT_SPEED], acceleration)
     plant.model.armature = armature
     torque = np.array(torque)
-    for index, drive in plant.acting:
-        torque[index] += drive.beside(*state[JOINT_POSITION:, index].tolist())
-    torque[plant.rubbing] += plant.joint_coulomb * slip[len(torque) :]
+    for index, drive in plant.functions:
+        torque[index] += drive.joint_torque(*state[JOINT_POSITION:, index].tolist())
+    torque[plant.dry_joints] += plant.joint_coulomb * slip[len(torque) :]
     torque = torque if plant.uncoupling is None else torque @ plant.uncoupling
     return np.where(plant.elastic, np.nan, torque)
 
 
 REST_RAD_S = 1e-9
-"""A motor slower than this is at rest, and friction may hold it."""
+"""A motor slower than this is at rest, so that friction may stick."""
 
-_NOTHING = 1e-300
-"""A slip that is there and has no friction."""
+_FRICTIONLESS = 1e-300
+"""A slip direction that is not zero and adds no friction."""
 
 
 def slip_directions(plant: Plant, data: pin.Data, state: Array, torque: Array) -> Array:
-    """Return where friction slips (+-1) and where it can hold (0), (n + m,), all at once.
+    """Return where friction slips (+-1) and where it sticks (0), (n + m,), as `accelerations`.
 
-    That of the motors, then that of the m rubbing joints.
+    Resting places are assumed to stick; those whose constraint torque exceeds the friction level
+    are released, until the others are consistent.
     """
-    n, speed = len(torque), rubbing_speeds(plant, state)
+    n, speed = len(torque), friction_speeds(plant, state)
     slip = np.where(np.abs(speed) > REST_RAD_S, np.sign(speed), 0.0)
     slip[~plant.is_dry] = 1.0
     resting = np.flatnonzero(slip == 0)
@@ -212,46 +215,46 @@ def slip_directions(plant: Plant, data: pin.Data, state: Array, torque: Array) -
     free, turned = torque.copy(), drive_states(plant, state)
     for index, extra in plant.extras:
         free[index] -= extra(*turned[:, index])
-    for index, drive in plant.acting:
+    for index, drive in plant.functions:
         free[index] -= drive.friction(*turned[:, index].tolist(), 0.0)
     free -= plant.motor_lever * spring_force(plant, turned)
-    level = levels(plant, turned, np.zeros_like(free))
+    level = friction_levels(plant, turned, np.zeros_like(free))
     moves = np.flatnonzero(plant.elastic & (slip[:n] == 0) & (np.abs(free) > level[:n]))
     slip[moves] = np.sign(free[moves])
-    while (held := np.flatnonzero((slip == 0) & plant.holds_load)).size:
+    while (sticking := np.flatnonzero((slip == 0) & plant.acts_on_load)).size:
         without = slip.copy()
-        without[held] = _NOTHING
+        without[sticking] = _FRICTIONLESS
         joint = accelerations(plant, data, state, torque, without)[1]
-        motors = held[held < n]
-        needed = -holding(plant, data, state, joint, held)[0]
+        motors = sticking[sticking < n]
+        needed = -sticking_torques(plant, data, state, joint, sticking)[0]
         needed[: len(motors)] /= plant.ratio[motors]
         if plant.under_load:
             through = np.zeros_like(free)
             through[motors] = plant.ratio[motors] * (free[motors] - needed[: len(motors)])
-            level = levels(plant, turned, through)
-        breaks = np.abs(needed) > level[held]
+            level = friction_levels(plant, turned, through)
+        breaks = np.abs(needed) > level[sticking]
         if not np.any(breaks):
             break
-        slip[held[breaks]] = np.sign(needed[breaks])
+        slip[sticking[breaks]] = np.sign(needed[breaks])
     return slip
 
 
-def rubbing_speeds(plant: Plant, state: Array) -> Array:
-    """Return the speeds (n + m,) of the motors, then of the rubbing joints."""
-    if not plant.rubbing.size:
+def friction_speeds(plant: Plant, state: Array) -> Array:
+    """Return the speeds (n + m,) of the motors, then of the dry joints."""
+    if not plant.dry_joints.size:
         return np.asarray(state[SPEED])
-    return np.append(state[SPEED], state[JOINT_SPEED, plant.rubbing])
+    return np.append(state[SPEED], state[JOINT_SPEED, plant.dry_joints])
 
 
-def levels(plant: Plant, turned: Array, through: Array) -> Array:
-    """Return the friction (n + m,) that can hold motors, and rubbing joints.
+def friction_levels(plant: Plant, turned: Array, through: Array) -> Array:
+    """Return the levels (n + m,) of dry friction at the motors, then at the dry joints.
 
-    `through` is the torque through the gears of stiff drives.
+    `through` (n,) is the torque through the gears of stiff drives.
     """
-    if not plant.acting:
+    if not plant.functions:
         return plant.coulomb
     level = np.append(plant.coulomb, plant.joint_coulomb)
-    for index, drive in plant.acting:
+    for index, drive in plant.functions:
         level[index] = drive.level(*turned[:, index].tolist(), float(through[index]))
     return level
 
@@ -262,10 +265,10 @@ _MOST_EVENTS = 200
 def advance(
     plant: Plant, data: pin.Data, state: Array, torque: Array, torque_rate: Array, step: float
 ) -> Array:
-    """Return the state one step later, stopping inside it wherever a motor comes to rest.
+    """Return the state (4, n) after a step [s], with an event wherever friction stops a motion.
 
-    The torque is `torque` at the start and grows with `torque_rate`. Raises SeaidError if the
-    state is no longer finite or the friction events do not end.
+    The motor torque is `torque` at the start and changes with `torque_rate`. Raises SeaidError if
+    the state is not finite or the friction events do not end.
     """
     parts = math.ceil(step / plant.longest_step) if step > plant.longest_step else 1
     try:
@@ -291,7 +294,7 @@ def _advance(
         slip[stuck] = 0.0
         rest = step - done
         new = _runge_kutta(plant, data, state, now, torque_rate, slip, rest)
-        before, after = (rubbing_speeds(plant, one) * slip for one in (state, new))
+        before, after = (friction_speeds(plant, one) * slip for one in (state, new))
         crossed = np.flatnonzero((after < 0) & plant.is_dry)
         if not crossed.size:
             if not np.all(np.isfinite(new)):
@@ -304,22 +307,22 @@ def _advance(
         state = _runge_kutta(plant, data, state, now, torque_rate, slip, fraction * rest)
         _stop(plant, state, int(first), np.flatnonzero(slip == 0))
         done += fraction * rest
-    raise SeaidError("the simulation stopped: friction events without end in one step")
+    raise SeaidError("the simulation stopped: endless friction events within one step")
 
 
 def _stop(plant: Plant, state: Array, first: int, resting: IndexArray) -> None:
-    """Set the speed of a motor or rubbing joint to zero, and that of stiff motors with it."""
+    """Set the speed of a motor or dry joint to zero, and that of stiff motors accordingly."""
     n = len(plant.elastic)
     if first < n:
         state[SPEED, first] = 0.0
         if plant.elastic[first]:
             return
-    held = np.append(resting[plant.holds_load[resting]], first)
-    state[JOINT_SPEED] = without(plant, state[JOINT_SPEED], held)
+    sticking = np.append(resting[plant.acts_on_load[resting]], first)
+    state[JOINT_SPEED] = without_sticking(plant, state[JOINT_SPEED], sticking)
     if plant.coupling is not None:
         turning = plant.ratio * (plant.coupling @ state[JOINT_SPEED])
         stiff = ~plant.elastic
-        stiff[held[held < n]] = False
+        stiff[sticking[sticking < n]] = False
         state[SPEED, stiff] = turning[stiff]
 
 

@@ -1,8 +1,6 @@
-"""The numbers and functions of the complete model (7) + (8) that a simulation moves.
+"""The plant: numbers and functions of the complete model (7) and (8), and its mass matrix.
 
 All joints are in the order of Pinocchio's model.
-
-The mass matrix of a model, its inverse, and what every drive feels of it.
 """
 
 from __future__ import annotations
@@ -16,10 +14,10 @@ import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
 from seaid.drives import (
-    ActingDrive,
     Drive,
+    DriveFunctions,
     SeriesElasticDrive,
-    acting_drive,
+    drive_functions,
     extra_torque,
     is_plain,
 )
@@ -30,7 +28,7 @@ _safely = partial(safely, what="the mass matrix", error=RobotError)
 
 
 def mass_matrix(model: pin.Model, data: pin.Data, position: Array) -> Array:
-    """Return the mass matrix (n, n) of a model with its armature."""
+    """Return the mass matrix (n, n) of a model at a position (n,), armature included."""
     upper = np.triu(pin.crba(model, data, position))
     return np.asarray(upper + np.triu(upper, 1).T)
 
@@ -38,7 +36,7 @@ def mass_matrix(model: pin.Model, data: pin.Data, position: Array) -> Array:
 def inverse_inertia(
     model: pin.Model, data: pin.Data, position: Array, rotors: Array | None
 ) -> Array:
-    """Return the inverse of the mass matrix (n, n), with `rotors` (n, n) that the model has not."""
+    """Return the inverse of the mass matrix (n, n), with `rotors` (n, n) added if given."""
     if rotors is not None:
         return np.asarray(_safely(np.linalg.inv, mass_matrix(model, data, position) + rotors))
     inverse = np.array(pin.computeMinverse(model, data, position))
@@ -49,12 +47,15 @@ def inverse_inertia(
 
 @cache
 def _below(n: int) -> tuple[IndexArray, IndexArray]:
-    """Return the places below the diagonal, which Pinocchio leaves empty."""
+    """Return the indices below the diagonal, which Pinocchio does not fill."""
     return np.tril_indices(n, -1)
 
 
-def felt_inertia(model: pin.Model, C: Array, rotors: Array | None) -> Array:
-    """Return the inertia (n,) that each drive feels at zero with the others free."""
+def effective_inertia(model: pin.Model, C: Array, rotors: Array | None) -> Array:
+    """Return the effective inertia (n,) at each drive, at zero position with the others free.
+
+    It is 1 / diag(C M^-1 C^T), the operational-space inertia (Khatib 1987) of each phi = C q.
+    """
     inertia = mass_matrix(model, model.createData(), np.zeros(model.nv))
     inertia = inertia if rotors is None else inertia + rotors
     return np.asarray(1 / np.diag(C @ _safely(np.linalg.solve, inertia, C.T)))
@@ -63,8 +64,8 @@ def felt_inertia(model: pin.Model, C: Array, rotors: Array | None) -> Array:
 POSITION, SPEED, JOINT_POSITION, JOINT_SPEED = range(4)
 """Rows of a state (4, n): motor angle and speed, joint position and speed."""
 
-_STEP_A_RATE = 1.0
-"""Steps are so many parts of the time in which what damps a joint would stop it."""
+_STEP_PER_TIME_CONSTANT = 1.0
+"""Longest step, as part of the time constant inertia / damping of a joint."""
 
 _SHORTEST_STEP_S = 1e-6
 
@@ -73,13 +74,13 @@ Extra = Callable[[float, float, float, float], float]
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """Numbers of the complete model, each (n,); stiffness 0 and not `elastic` where stiff.
+    """Numbers of the complete model, each (n,); stiffness 0 and not `elastic` for a stiff drive.
 
-    `model` carries the rotor inertia of stiff drives as armature, seen at the joint. Where drives
-    move several joints `coupling` is C of phi = C q, and `rotors` (n, n) that rotor inertia, which
-    `model` then has not. Drives with more terms than plain friction and a linear spring are in
-    `acting`, by index, with zeros in `viscous`, `coulomb` and `stiffness`. No step is longer than
-    `longest_step` [s].
+    `model` has the rotor inertia of stiff drives, reflected to the joint, as armature. If drives
+    move several joints, `coupling` is C of phi = C q and `rotors` (n, n) has the rotor inertia
+    instead. Drives with more than plain friction and a linear spring are in `functions`, by index,
+    and have zeros in `viscous`, `coulomb` and `stiffness`. No step is longer than `longest_step`
+    [s].
     """
 
     model: pin.Model
@@ -92,71 +93,71 @@ class Plant:
     motor_radius: Array
     load_radius: Array
     stiffness: Array
-    acting: tuple[tuple[int, ActingDrive], ...]
+    functions: tuple[tuple[int, DriveFunctions], ...]
     longest_step: float
     coupling: Array | None
     rotors: Array | None
 
     @cached_property
     def motor_lever(self) -> Array:
-        """The lever r_M/N (n,) of a spring at its motor."""
+        """r_M/N (n,), the lever of a spring at its motor."""
         return self.motor_radius / self.ratio
 
     @cached_property
     def elastic_lever(self) -> Array:
-        """The lever r_L (n,) of a spring at its load, zero where stiff."""
+        """r_L (n,), the lever of a spring at its load, zero for a stiff drive."""
         return np.where(self.elastic, self.load_radius, 0.0)
 
     @cached_property
     def motor_mobility(self) -> Array:
-        """1/I_M (n,), zero where stiff."""
+        """1/I_M (n,), zero for a stiff drive."""
         return np.where(self.elastic, 1 / np.where(self.elastic, self.motor_inertia, 1.0), 0.0)
 
     @cached_property
     def stiff_ratio(self) -> Array:
-        """N (n,), zero where elastic."""
+        """N (n,), zero for an elastic drive."""
         return np.where(self.elastic, 0.0, self.ratio)
 
     @cached_property
     def extras(self) -> tuple[tuple[int, Extra], ...]:
-        """The extra terms of drives that have some, by index."""
+        """The extra terms of drives, by index."""
         pairs = enumerate(self.drives)
         return tuple((index, extra_torque(drive)) for index, drive in pairs if drive.extra_terms)
 
     @cached_property
     def under_load(self) -> tuple[int, ...]:
         """Indices of the drives whose friction depends on the torque through a stiff gear."""
-        return tuple(index for index, drive in self.acting if drive.is_under_load)
+        return tuple(index for index, drive in self.functions if drive.is_under_load)
 
     @cached_property
-    def rubbing(self) -> IndexArray:
-        """Indices (m,) of the joints whose own friction can hold them."""
+    def dry_joints(self) -> IndexArray:
+        """Indices (m,) of the joints with dry friction between their two bodies."""
         return np.array(
-            [index for index, drive in self.acting if drive.joint_level > 0], dtype=np.intp
+            [index for index, drive in self.functions if drive.joint_level > 0], dtype=np.intp
         )
 
     @cached_property
     def joint_coulomb(self) -> Array:
-        """The friction (m,) [N m or N] that holds rubbing joints."""
-        return np.array([drive.joint_level for _, drive in self.acting if drive.joint_level > 0])
+        """The level (m,) [N m or N] of the dry friction at `dry_joints`."""
+        return np.array([drive.joint_level for _, drive in self.functions if drive.joint_level > 0])
 
     @cached_property
     def is_dry(self) -> BoolArray:
-        """Tells (n + m,) which friction can hold: that of motors, then that of rubbing joints."""
+        """Whether friction can stick (n + m,): at the n motors, then at the m dry joints."""
         dry = self.coulomb > 0
-        for index, drive in self.acting:
+        for index, drive in self.functions:
             dry[index] = drive.is_dry
-        return np.append(dry, np.ones(len(self.rubbing), dtype=bool))
+        return np.append(dry, np.ones(len(self.dry_joints), dtype=bool))
 
     @cached_property
-    def holds_load(self) -> BoolArray:
-        """Tells (n + m,) which friction holds something at the load."""
-        return np.append(~self.elastic, np.ones(len(self.rubbing), dtype=bool))
+    def acts_on_load(self) -> BoolArray:
+        """Whether friction (n + m,) acts on the load side when it sticks."""
+        return np.append(~self.elastic, np.ones(len(self.dry_joints), dtype=bool))
 
     @cached_property
     def places(self) -> IndexArray:
-        """The joints (n + m,) that friction holds, where none are coupled."""
-        return np.append(np.arange(len(self.elastic)), self.rubbing)
+        """The joints (n + m,) at which friction acts, if none are coupled."""
+        return np.append(np.arange(len(self.elastic)), self.dry_joints)
 
     @cached_property
     def uncoupling(self) -> Array | None:
@@ -171,7 +172,7 @@ class Plant:
 def plant_of(robot: Robot) -> Plant:
     """Return the plant of a robot with its payloads and nominal values.
 
-    Raises RobotError naming joint and value where a nominal value is not given.
+    Raises RobotError naming the joint and the parameter if a nominal value is missing.
     """
     if not np.all(np.isfinite(robot.parameters)):
         raise RobotError(f"'{robot.name}' has no inertial parameters: it cannot be simulated")
@@ -182,14 +183,14 @@ def plant_of(robot: Robot) -> Plant:
     elastic = np.array([isinstance(drive, SeriesElasticDrive) for drive in drives])
     ratio = np.array([drive.ratio for drive in drives])
     inertia = np.array([_motor_inertia(*pair) for pair in pairs])
-    acting = _acting(names, drives)
+    functions = _drive_functions(names, drives)
     C = robot.transmission[np.ix_(order, order)]
     is_coupled = bool(coupled_groups(robot.transmission))
     armature = np.where(elastic, 0.0, ratio**2 * inertia)
     rotors = C.T @ np.diag(armature) @ C if is_coupled else None
     model = robot.model.copy()
     model.armature = np.zeros(robot.n) if is_coupled else armature
-    felt = felt_inertia(model, C, rotors) if acting else np.ones(robot.n)
+    effective = effective_inertia(model, C, rotors) if functions else np.ones(robot.n)
     return Plant(
         model=model,
         drives=tuple(drives),
@@ -201,8 +202,8 @@ def plant_of(robot: Robot) -> Plant:
         motor_radius=np.array([getattr(drive, "motor_radius", 1.0) for drive in drives]),
         load_radius=np.array([getattr(drive, "load_radius", 1.0) for drive in drives]),
         stiffness=np.array([_nominal(*pair, "stiffness") for pair in pairs]),
-        acting=acting,
-        longest_step=_longest_step(names, drives, acting, felt),
+        functions=functions,
+        longest_step=_longest_step(names, drives, functions, effective),
         coupling=C if is_coupled else None,
         rotors=rotors,
     )
@@ -232,12 +233,14 @@ def _friction(joint: str, drive: Drive, term: str) -> float:
     return _nominal(joint, drive, name) if is_there else 0.0
 
 
-def _acting(names: list[str], drives: list[Drive]) -> tuple[tuple[int, ActingDrive], ...]:
+def _drive_functions(
+    names: list[str], drives: list[Drive]
+) -> tuple[tuple[int, DriveFunctions], ...]:
     found = []
     for index, (name, drive) in enumerate(zip(names, drives, strict=True)):
         if not is_plain(drive):
             try:
-                found.append((index, acting_drive(drive)))
+                found.append((index, drive_functions(drive)))
             except RobotError as problem:
                 raise RobotError(f"joint '{name}': {problem}") from None
     return tuple(found)
@@ -246,32 +249,32 @@ def _acting(names: list[str], drives: list[Drive]) -> tuple[tuple[int, ActingDri
 def _longest_step(
     names: list[str],
     drives: list[Drive],
-    acting: tuple[tuple[int, ActingDrive], ...],
-    felt: Array,
+    functions: tuple[tuple[int, DriveFunctions], ...],
+    effective: Array,
 ) -> float:
-    """Return the longest step [s] that what damps the joints allows."""
+    """Return the longest step [s] that the damping of the joints allows."""
     longest = np.inf
-    for index, _ in acting:
+    for index, _ in functions:
         drive = drives[index]
         values = drive.values
         damping = values.get("spring_damping", 0.0)
-        beside = values.get("joint_viscous_friction", 0.0)
-        rate = (beside + damping * getattr(drive, "load_radius", 1.0) ** 2) / felt[index]
+        at_joint = values.get("joint_viscous_friction", 0.0)
+        rate = (at_joint + damping * getattr(drive, "load_radius", 1.0) ** 2) / effective[index]
         at_motor = values.get("viscous_friction", 0.0)
         if "coulomb_width" in values:
-            turning = values.get("coulomb_friction", 0.0) + abs(values.get("stribeck_friction", 0))
-            at_motor += turning / max(values["coulomb_width"], 1e-300)
+            level = values.get("coulomb_friction", 0.0) + abs(values.get("stribeck_friction", 0))
+            at_motor += level / max(values["coulomb_width"], 1e-300)  # slope of F tanh(w / w_C)
         if isinstance(drive, SeriesElasticDrive):
             inertia = float(drive.motor_inertia_kg_m2 or 0.0)
             rate += (at_motor + damping * (drive.motor_radius / drive.ratio) ** 2) / inertia
         else:
-            rate += at_motor * drive.ratio**2 / felt[index]
-        step = _STEP_A_RATE / rate if rate > 0 else np.inf
+            rate += at_motor * drive.ratio**2 / effective[index]
+        step = _STEP_PER_TIME_CONSTANT / rate if rate > 0 else np.inf
         if step < _SHORTEST_STEP_S:
             raise RobotError(
-                f"joint '{names[index]}': its friction brakes within {1 / rate:.2g} s, too stiff "
-                "to simulate: give a larger coulomb_width_rad_per_s, or take the term 'coulomb' "
-                "(sharp) instead"
+                f"joint '{names[index]}': its friction has a time constant of {1 / rate:.2g} s, "
+                "too stiff to simulate: give a larger coulomb_width_rad_per_s, or use the term "
+                "'coulomb' (sharp) instead"
             )
         longest = min(longest, step)
     return longest

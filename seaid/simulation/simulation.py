@@ -1,4 +1,4 @@
-"""An experiment in simulation: plant, joint controller and the sensors that watch."""
+"""A simulated experiment: plant, joint controller and sensors."""
 
 from __future__ import annotations
 
@@ -24,25 +24,35 @@ from seaid.simulation.forward_dynamics import (
 from seaid.simulation.plant import JOINT_POSITION, JOINT_SPEED, POSITION, SPEED, Plant, plant_of
 
 SETTLE_S = 1.0
-"""The controller holds the start of the trajectory so long before the log begins."""
+"""Time for which the controller holds the start of the trajectory before the log begins."""
 
 _LONGEST_STEP_S, _LARGEST_NOISE = 5e-4, 1e9
 _LEAST_RATE_HZ = 0.1
-"""A controller that is slower holds nothing, and takes endless steps between its ticks."""
+"""A slower controller is unstable, and needs too many steps between its ticks."""
 
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """What the sensors add: a number for all joints or one a joint; the default adds nothing.
+    """Errors of the simulated sensors: one number for all joints, or one per joint; default 0.
 
-    Encoder steps and unknown encoder zeros of both sides [rad; joint side of a prismatic joint m],
-    and the standard deviation of the white noise on the motor torque [N m].
+    Parameters
+    ----------
+    motor_resolution_rad, joint_resolution_rad : float or n floats
+        Step of the encoders [rad; m at the joint side of a prismatic joint]; 0: continuous.
+    motor_offset_rad, joint_offset_rad : float or n floats
+        Encoder offsets, added to the true positions, in the same units.
+    torque_std_Nm : float or n floats
+        Standard deviation of the white noise on the motor torque [N m].
+
+    Examples
+    --------
+    >>> Noise(motor_resolution_rad=2 * np.pi / 4096, torque_std_Nm=0.002)
     """
 
     motor_resolution_rad: float | tuple[float, ...] = 0.0
     joint_resolution_rad: float | tuple[float, ...] = 0.0
-    motor_zero_rad: float | tuple[float, ...] = 0.0
-    joint_zero_rad: float | tuple[float, ...] = 0.0
+    motor_offset_rad: float | tuple[float, ...] = 0.0
+    joint_offset_rad: float | tuple[float, ...] = 0.0
     torque_std_Nm: float | tuple[float, ...] = 0.0
 
 
@@ -55,12 +65,41 @@ def simulate(
     seed: int = 0,
     progress: bool = False,
 ) -> Log:
-    """Return the log of a robot that follows a trajectory under joint control.
+    """Simulate a robot that follows a trajectory under PD joint control, and return its log.
 
-    The robot moves with its payloads and all terms of its drives at their nominal values; the
-    controller sees the motor encoders as the log has them. A motor whose drive has the input
-    "current" or "voltage" is logged by that, without a torque. The same seed gives the same log.
-    Raises RobotError where a drive lacks a nominal value.
+    Parameters
+    ----------
+    robot : Robot
+        The true robot, with its payloads and nominal values of all drive parameters.
+    trajectory : Trajectory
+        The planned joint motion, of the robot's joints in their order.
+    rate_hz : float, default 1000
+        Rate of the controller and of the log.
+    noise : Noise, optional
+        Errors of the sensors; the controller sees the same motor encoders as the log.
+    seed : int, default 0
+        Seed of the torque noise; the same seed gives the same log.
+    progress : bool, default False
+        Show a progress bar on stderr.
+
+    Returns
+    -------
+    Log
+        Motor and joint positions, and the motor torque; of a drive with `motor_input` "current" or
+        "voltage" that input instead.
+
+    Raises
+    ------
+    RobotError
+        If a drive lacks a nominal value.
+    SeaidError
+        For a trajectory of other joints, and if the simulation diverges.
+
+    Examples
+    --------
+    >>> robot = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")
+    >>> plan = seaid.load_trajectory("models/tulip_plan.json")
+    >>> log = seaid.simulate(robot, plan, noise=seaid.Noise(torque_std_Nm=0.002), seed=1)
     """
     noise = Noise() if noise is None else noise
     motion = simulate_motion(robot, trajectory, rate_hz=rate_hz, noise=noise, progress=progress)
@@ -68,7 +107,7 @@ def simulate(
 
 
 def measure(robot: Robot, motion: Motion, noise: Noise, seed: int = 0) -> Log:
-    """Return what the sensors say of a true motion: zeros, steps, white torque noise."""
+    """Return the log of a true motion: encoder offsets, encoder steps and white torque noise."""
     rng = np.random.default_rng(seed_of(seed))
     noise_torque = rng.normal(size=motion.motor_torque.shape) * _spread(
         robot, "torque_std_Nm", noise.torque_std_Nm
@@ -94,17 +133,16 @@ def simulate_motion(
     noise: Noise | None = None,
     progress: bool = False,
 ) -> Motion:
-    """Return the true motion of the experiment: states, accelerations and torques at each tick.
+    """Return the true motion of a simulated experiment: states, accelerations and torques.
 
-    `trajectory` needs `duration` [s] and `sample(time) -> q, v, a`. The motor current ramps from
-    one command of the controller to the next within one tick, so the torque that a sensor reads at
-    a tick is the one that acts then; it is there whatever the motor is logged by. `gear_torque` is
-    there where friction of stiff drives depends on it.
+    `trajectory` needs `duration` [s] and `sample(time) -> q, v, a`. The motor torque ramps from one
+    command of the controller to the next within one tick, so that the logged torque is the one
+    that acts at the tick. `gear_torque` is given if friction of a stiff drive depends on it.
     """
     check_rate(rate_hz, trajectory.duration, _LEAST_RATE_HZ)
     _check_joints(robot, trajectory)
     for joint in robot.joint_names:
-        input_gain(robot, joint)  # a missing constant is told before anything moves
+        input_gain(robot, joint)  # report a missing constant before the simulation starts
     plant, order = plant_of(robot), list(robot.model_order)
     noise = Noise() if noise is None else noise
     settle = round(SETTLE_S * rate_hz)
@@ -119,7 +157,7 @@ def simulate_motion(
 
 
 def _check_joints(robot: Robot, trajectory: Trajectory) -> None:
-    """Refuse a motion of other joints; one without names counts as the robot's."""
+    """Refuse a trajectory of other joints; one without names is taken as the robot's."""
     names = getattr(trajectory, "joint_names", robot.joint_names)
     if tuple(names) != robot.joint_names:
         raise SeaidError(
@@ -195,14 +233,14 @@ def _motion(robot: Robot, plant: Plant, time: Array, states: Array, torques: Arr
 
 
 def _spring_torques(plant: Plant, states: Array) -> Array:
-    """Return (4b) along states (T, 4, n): the torque (T, n) of springs on what the drives turn."""
+    """Return the spring torques (4b) (T, n) on the drives' coordinates along states (T, 4, n)."""
     turned = states
-    if plant.coupling is not None or plant.acting:
+    if plant.coupling is not None or plant.functions:
         turned = np.array([drive_states(plant, state) for state in states])
     stretch = plant.motor_radius / plant.ratio * turned[:, POSITION]
     stretch = stretch - plant.load_radius * turned[:, JOINT_POSITION]
     load = np.where(plant.elastic, plant.load_radius * plant.stiffness * stretch, np.nan)
-    for index, drive in plant.acting:
+    for index, drive in plant.functions:
         if plant.elastic[index]:
             force = [drive.force(*state, 0.0) for state in turned[:, :, index].tolist()]
             load[:, index] = plant.load_radius[index] * np.array(force)
@@ -210,15 +248,15 @@ def _spring_torques(plant: Plant, states: Array) -> Array:
 
 
 def _reading(robot: Robot, noise: Noise, side: str, position: Array) -> Array:
-    """Return the encoder's reading (T, n) of a position: shifted zero, whole steps."""
+    """Return the reading (T, n) of the encoders on a side: offset added, rounded to whole steps."""
     step = _spread(robot, f"{side}_resolution_rad", getattr(noise, f"{side}_resolution_rad"))
-    zero = _spread(robot, f"{side}_zero_rad", getattr(noise, f"{side}_zero_rad"))
-    shifted = position + zero
+    shifted = position + _spread(robot, f"{side}_offset_rad", getattr(noise, f"{side}_offset_rad"))
     whole = np.where(step > 0, step, 1.0)
     return np.where(step > 0, np.round(shifted / whole) * whole, shifted)
 
 
 def _spread(robot: Robot, name: str, value: float | tuple[float, ...]) -> Array:
+    """Return a field of `Noise` per joint (n,), checked."""
     values = np.full(robot.n, value) if np.ndim(value) == 0 else value
     spread = frozen(f"Noise.{name}", values, (robot.n,))
     if not np.all(np.abs(spread) <= _LARGEST_NOISE):

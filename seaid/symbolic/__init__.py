@@ -1,8 +1,24 @@
-"""The exact engine: any Euler-Lagrange system to its regressor form and its base parameters.
+"""Exact symbolic regressors: equations of motion -> regressor form (9) -> base form (14).
 
-`equations_of_motion` makes equations from a Lagrangian, `separate` brings them (or any others) to
-zeta = R theta (9) by Algorithm 1 on exact polynomials, `reduce` finds the base form (11)-(14).
-`base_parameters` does the same for a Robot, through its geometry as exact rationals.
+sympy equations of any Euler-Lagrange system come in; regressor matrices and base parameters go
+out, computed on polynomials over the rationals, so that no tolerance decides a rank:
+
+- `equations_of_motion`: the Euler-Lagrange equations (5) of a Lagrangian;
+- `separate`: Algorithm 1, which brings equations to zeta = R theta (9);
+- `reduce`: the base regressor form zeta = R_0 theta_0, (11)-(14), by Gauss-Jordan elimination.
+
+This package knows no robot and no drive. `base_parameters`, `rigid_body` and `complete_model`
+do the same for a Robot; they live in `seaid.regressor.exact` and are reachable here too.
+
+>>> from sympy import Eq, Function, symbols
+>>> from seaid.symbolic import reduce, separate
+>>> t, m, b, c = symbols("t m b c")
+>>> x, F = Function("x")(t), Function("F")(t)
+>>> balance = Eq(m * x.diff(t, 2) + (b + c) * x.diff(t), F)
+>>> reduce(separate(balance, motion=[x, F], unknowns=[m, b, c])).parameters
+Matrix([
+[    m],
+[b + c]])
 """
 
 from __future__ import annotations
@@ -46,7 +62,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Import what derives the equations of a Robot when it is first used."""
+    """Import a name of `seaid.regressor.exact` on first use, to keep robots out of this package."""
     if name not in __all__:
         raise AttributeError(f"module 'seaid.symbolic' has no attribute '{name}'")
     from seaid.regressor import exact

@@ -1,8 +1,7 @@
-"""The elements of R and zeta as exact polynomials.
+"""The elements of R and zeta as exact polynomials, and the normalisation of their rows.
 
-The scale of an equation: zeta = R theta does not change when the equation is multiplied.
-
-The rule of `seaid.symbolic.separate`, by which one equation has one regressor form.
+zeta = R theta holds for any multiple of an equation; `normalised` applies the rule stated in
+`seaid.symbolic.separate`, which gives every equation exactly one regressor form.
 """
 
 from __future__ import annotations
@@ -30,20 +29,20 @@ from seaid.symbolic.polynomial import (
 
 
 class Entry(NamedTuple):
-    """One element of R or zeta: sum of coefficient times motion term, over a function of motion."""
+    """One element of R or zeta: sum of coefficient * motion monomial, over a denominator."""
 
     terms: Mapping[Exponents, Ratio]
     denominator: fmpq_mpoly
 
 
 Row = Mapping[Exponents, Entry]
-"""One equation: for each product of unknowns (its exponents) what it multiplies."""
+"""One equation: {exponents of a product of unknowns: its coefficient}."""
 
 
 def grouped(ring: Ring, polynomial: fmpq_mpoly) -> dict[Exponents, dict[Exponents, fmpq_mpoly]]:
     """Return {exponents of the unknowns: {exponents of the motion: coefficient in the knowns}}.
 
-    The first exponents are those of `ring.unknown` only, the second have a place a generator.
+    The first exponents are those of `ring.unknown` only, the second those of all generators.
     """
     kinds = [[i in places for i in range(len(ring.generators))] for places in _kinds(ring)]
     found: dict[Exponents, dict[Exponents, dict[Exponents, fmpq]]] = {}
@@ -66,7 +65,7 @@ def grouped(ring: Ring, polynomial: fmpq_mpoly) -> dict[Exponents, dict[Exponent
 
 
 def grouped_by_motion(ring: Ring, polynomial: fmpq_mpoly) -> dict[Exponents, fmpq_mpoly]:
-    """Return {exponents of the motion: coefficient in the knowns}, for want of unknowns."""
+    """Return {exponents of the motion: coefficient in the knowns} of the part without unknowns."""
     return grouped(ring, polynomial).get((0,) * len(ring.unknown), {})
 
 
@@ -75,7 +74,7 @@ def _kinds(ring: Ring) -> tuple[tuple[int, ...], ...]:
 
 
 def _spread(ring: Ring, places: tuple[int, ...], exponents: Exponents) -> Exponents:
-    """Put exponents of some generators to their places among all."""
+    """Return exponents of some generators as exponents of all generators."""
     result = [0] * len(ring.generators)
     for place, exponent in zip(places, exponents, strict=True):
         result[place] = int(exponent)
@@ -94,21 +93,21 @@ def entry_to_sympy(ring: Ring, entry: Entry | None) -> sp.Expr:
 
 
 def column_key(monomial: Exponents) -> tuple[int, bool, Exponents, Exponents]:
-    """Order of the columns: as the unknowns are declared, a product after its first factor."""
+    """Return the sort key of columns: unknowns as declared, products after their first factor."""
     factors = tuple(i for i, e in enumerate(monomial) for _ in range(abs(e)))
     single = len(factors) == 1 and sum(monomial) == 1
     return factors[0] if factors else -1, not single, factors, monomial
 
 
 _MOST_SCALES = 12
-"""Coefficients tried as the scale of a row that has no input."""
+"""Number of coefficients tried as the scale of a row without an input."""
 
 
 def normalised(ring: Ring, row: Row) -> Row:
-    """Divide a row by its scale and bring the terms without unknowns to the other side.
+    """Divide a row by its scale and move the terms without unknowns to the other side.
 
-    `row` holds an equation that is zero, its coefficients with denominator 1; the result holds R
-    and, for the product of no unknowns, zeta.
+    `row` is an equation that is zero, with coefficients of denominator 1. The result is a row of R
+    and, under the exponents (0, ..., 0), zeta.
     """
     if not row:
         return row
@@ -135,7 +134,7 @@ def _negative(value: Ratio) -> Ratio:
 
 
 def _scale(ring: Ring, row: Row) -> tuple[Ratio, Exponents]:
-    """Return the coefficient to divide the row by, and the product of unknowns it belongs to."""
+    """Return the coefficient to divide the row by, and the product of unknowns that has it."""
     terms = [
         (monomial, motion, value)
         for monomial, entry in sorted(row.items(), key=lambda item: column_key(item[0]))
@@ -170,7 +169,7 @@ _Term = tuple[Exponents, Exponents, Ratio]
 
 
 def _shortlist(ring: Ring, terms: list[_Term]) -> list[_Term]:
-    """The first terms of the few coefficients that are simplest without their common factor."""
+    """Return one term per coefficient, for the few simplest once the common factor is removed."""
     common = terms[0][2].numerator
     for _, _, value in terms:
         common = common.gcd(value.numerator)
@@ -187,7 +186,7 @@ def _shortlist(ring: Ring, terms: list[_Term]) -> list[_Term]:
 def _cost_of_row(
     ring: Ring, weighted: Sequence[tuple[Ratio, int]], scale: Ratio
 ) -> tuple[int, int]:
-    """How complicated the coefficients of a row are once divided by `scale`."""
+    """Return the complexity of a row divided by `scale`: (known symbols, binary digits)."""
     symbols, digits = 0, 0
     for value, count in weighted:
         cost = _cost(quotient(ring, value, scale))
@@ -196,7 +195,7 @@ def _cost_of_row(
 
 
 def _cost(value: Ratio) -> tuple[int, int]:
-    """Known symbols in a coefficient, with multiplicity, and binary digits of its numbers."""
+    """Return the complexity of a coefficient: (known symbols with multiplicity, binary digits)."""
     symbols, digits = 0, 0
     for polynomial in value:
         for exponents, number in polynomial.terms():
@@ -206,7 +205,7 @@ def _cost(value: Ratio) -> tuple[int, int]:
 
 
 def _is_input(ring: Ring, row: Row, motion: Exponents) -> bool:
-    """True for a signal alone in its term, no function of which occurs elsewhere in the row."""
+    """Whether a term is a bare signal, of which no function occurs elsewhere in the row."""
     if sum(motion) != 1:
         return False
     place = motion.index(1)

@@ -1,7 +1,7 @@
-"""Text of a user as an expression, read through its syntax tree; nothing in it is evaluated.
+"""A user's text as a sympy expression, parsed through its syntax tree; nothing is evaluated.
 
-What is allowed is listed: ASCII names, numbers, + - * / and powers, and the functions that are
-given. What is large is refused before it is made, so that no text takes long.
+Allowed are ASCII names, numbers, + - * /, powers and the given functions. Large expressions are
+refused before they are built, so that no text takes long.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ _MOST_DIGITS = 40
 _MOST_POWER = 20
 _MOST_DEGREE = 60
 _MOST_TERMS = 100
-"""Of numerator and denominator each, multiplied out."""
+"""Limit on the terms of numerator and denominator each, multiplied out."""
 
 _MOST_DEPTH = 60
 _MOST_BITS = 4096
-"""Of numerator and denominator of a number together."""
+"""Limit on the bits of numerator and denominator of a number together."""
 
 _MOST_ARGUMENT = 700.0
-"""Of a function of numbers alone: exp(700) is near the largest double."""
+"""Limit on the argument of a function of numbers: exp(700) is near the largest double."""
 
 _OF_SUMS = (TrigonometricFunction, HyperbolicFunction)
-"""Multiplied out by the sum of angles: the terms double with each term of the argument."""
+"""Functions expanded by angle sums: the terms double with each term of the argument."""
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)(?![\w.])"
@@ -46,9 +46,9 @@ _TOKEN = re.compile(
 
 @dataclass(frozen=True)
 class _Part:
-    """An expression and its value, if it is a number.
+    """An expression, its value if it is a number, and a bound on its size.
 
-    `above` and `below` are the terms that it has multiplied out as one fraction.
+    `above` and `below` bound the terms of numerator and denominator once multiplied out.
     """
 
     expression: sp.Expr
@@ -63,9 +63,9 @@ def expression_of(
 ) -> sp.Expr:
     """Return a text such as "c*sin(2*x)**2" or "0.1*x^3" as an expression.
 
-    Decimals become exact rationals. `symbol` gives what a name stands for, `functions` those of one
-    argument that may be called. Raises SymbolicError for all other text, and for what has no finite
-    real value or would be too large.
+    Decimals become exact rationals. `symbol` maps a name to its expression; `functions` are the
+    allowed functions of one argument. Raises SymbolicError for any other text, and for expressions
+    that are too large or have no finite real value.
     """
     if len(text) > _MOST_LETTERS:
         raise SymbolicError(f"is longer than {_MOST_LETTERS} letters")
@@ -82,7 +82,7 @@ def expression_of(
 
 
 def _check_tokens(text: str, functions: Mapping[str, object]) -> None:
-    """Refuse letters and words that no expression has, before Python's parser sees them."""
+    """Refuse characters and words that no expression has, before Python's parser sees them."""
     place = 0
     while place < len(text):
         token = _TOKEN.match(text, place)
@@ -168,7 +168,7 @@ def _product(left: _Part, right: _Part) -> _Part:
 def _power(base: _Part, exponent: sp.Expr) -> _Part:
     if not isinstance(exponent, sp.Rational) or exponent.q > _MOST_POWER:
         raise SymbolicError(
-            f"has a power that is no plain number; allowed are numbers from -{_MOST_POWER} to "
+            f"has a power that is not a plain number; allowed are numbers from -{_MOST_POWER} to "
             f"{_MOST_POWER}, and exp()"
         )
     if abs(exponent) > _MOST_POWER:
@@ -206,7 +206,7 @@ def _called(function: Callable[..., sp.Expr], argument: _Part) -> _Part:
 def _made(
     expression: Callable[[], sp.Expr], above: int, below: int, degree: int, value: float | None
 ) -> _Part:
-    """Make a part, if it is not too large."""
+    """Build a part after checking that it is not too large."""
     if max(above, below) > _MOST_TERMS:
         raise SymbolicError(f"has more than {_MOST_TERMS} terms, multiplied out")
     if degree > _MOST_DEGREE:
@@ -218,11 +218,11 @@ def _made(
 
 
 def _bounded(part: _Part) -> _Part:
-    """Return a part whose number, if it is one, is finite and of few digits."""
+    """Return the part; refuse a number that is not finite or has too many digits."""
     if part.number is not None:
         lost = part.number == 0 and part.expression != 0
         if not math.isfinite(part.number) or lost:
-            raise SymbolicError("has a number that no double can hold")
+            raise SymbolicError("has a number outside the range of doubles")
         if _bits(part.expression) > _MOST_BITS:
             raise SymbolicError("has a number of too many digits")
     return part
@@ -235,7 +235,7 @@ def _bits(expression: sp.Expr) -> int:
 
 
 def _double(value: Callable[..., float | complex], *arguments: object) -> float:
-    """Return a real, finite value. Raises SymbolicError where there is none."""
+    """Return a real, finite value, or raise SymbolicError."""
     try:
         found = complex(value(*arguments))
     except (ArithmeticError, TypeError, ValueError):

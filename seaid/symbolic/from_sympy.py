@@ -1,7 +1,4 @@
-"""What the caller declares: equations, motion and unknowns, checked before any work starts.
-
-From sympy to polynomials: equations as ratios of polynomials in the functions of the motion.
-"""
+"""sympy equations as ratios of polynomials; the caller's arguments are checked first."""
 
 from __future__ import annotations
 
@@ -48,7 +45,7 @@ from seaid.symbolic.polynomial import (
 def declared(
     equations: Any, motion: Any, unknowns: Any
 ) -> tuple[list[sp.Expr], tuple[sp.Expr, ...], tuple[sp.Symbol, ...]]:
-    """Return the three arguments as sequences. Raises SymbolicError for what cannot be used."""
+    """Return the three arguments of `separate` as checked sequences."""
     expressions = [scalar("an equation", equation) for equation in listed(equations)]
     signals = tuple(m.expr if isinstance(m, sp.Derivative) else m for m in listed(motion))
     symbols = tuple(listed(unknowns))
@@ -58,18 +55,18 @@ def declared(
     for signal in signals:
         if not isinstance(signal, sp.Symbol | AppliedUndef):
             raise SymbolicError(
-                f"motion holds {signal!r}; allowed are functions of time such as Function('q')(t), "
-                "and symbols"
+                f"motion contains {signal!r}; allowed are functions of time such as "
+                "Function('q')(t), and symbols"
             )
     for place, symbol in enumerate(symbols):
         if not isinstance(symbol, sp.Symbol):
-            raise SymbolicError(f"unknowns holds {symbol!r}; allowed are sympy symbols")
+            raise SymbolicError(f"unknowns contains {symbol!r}; allowed are sympy symbols")
         if symbol in symbols[:place]:
             raise SymbolicError(f"the unknown {symbol} is listed twice; list it once")
         if any(symbol == signal or signal.has(symbol) for signal in signals):
             raise SymbolicError(
-                f"{symbol} is both unknown and known: it stands in unknowns and in motion; take it "
-                "out of one of them"
+                f"{symbol} is both unknown and known: it is in unknowns and in motion; remove it "
+                "from one of them"
             )
     _check_names(expressions, (*signals, *symbols))
     return expressions, signals, symbols
@@ -97,7 +94,7 @@ def scalar(what: str, given: Any) -> sp.Expr:
 
 
 def _check_names(expressions: Sequence[sp.Expr], declared: Sequence[sp.Expr]) -> None:
-    """Refuse two different symbols of one name, a declared one and one of the equations."""
+    """Refuse a symbol of the equations with the name, but not the identity, of a declared one."""
     names = {str(x): x for x in declared}
     for number, expression in enumerate(expressions, 1):
         for found in subexpressions(expression):
@@ -106,17 +103,17 @@ def _check_names(expressions: Sequence[sp.Expr], declared: Sequence[sp.Expr]) ->
             twin = names.get(str(found), found)
             if twin != found:
                 raise SymbolicError(
-                    f"equation {number} holds a {found} that is not the declared {twin}: they "
-                    "share the name but not the assumptions (real, positive ...); make it once and "
-                    "use it everywhere"
+                    f"equation {number} contains a {found} that is not the declared {twin}: they "
+                    "share the name but not the assumptions (real, positive ...); create it once "
+                    "and use it everywhere"
                 )
 
 
 _MOST_POWER = 10**9
-"""Of an exponential or a root: exponents of flint's polynomials are machine words."""
+"""Largest power of an exponential or a root: exponents in flint are machine words."""
 
 _MOST_TURNS = 1000
-"""The sine of n q is a polynomial of n terms with numbers of n digits in sin q and cos q."""
+"""Largest multiple of an angle: sin(n q) has n terms with n digits in sin q and cos q."""
 
 Memory = dict[sp.Expr, Ratio]
 
@@ -129,11 +126,10 @@ def read_equations(
     *,
     progress: bool = False,
 ) -> tuple[Ring, list[Ratio]]:
-    """Return the ring of the equations and each of them as a ratio of polynomials in it.
+    """Return the polynomial ring of the equations, and each equation as a ratio in it.
 
-    Floats become the rational numbers they are exactly. Raises SymbolicError, with the equation,
-    the term and the unknown, where an unknown stands inside a function; and where the equations
-    are too large.
+    Floats become their exact rational values. Raises SymbolicError, naming equation, term and
+    unknown, if an unknown is the argument of a function or if the equations are too large.
     """
     equations = [prepared(equation) for equation in equations]
     ring = find_functions(equations, motion, unknowns, max_terms)
@@ -147,7 +143,7 @@ def read_equations(
 
 
 def _add_relations(ring: Ring) -> None:
-    """Write the relations down, lowest generator first: each reading uses those below it."""
+    """Add the ring's relations, lowest generator first, because each uses those below it."""
     roots = {root(x, unit): (x, unit) for (kind, x), unit in ring.units.items() if kind == "root"}
     for place in reversed(range(len(ring.generators))):
         expression, x = ring.generators[place], ring.context.gen(place)
@@ -168,6 +164,8 @@ def _add_relations(ring: Ring) -> None:
 
 
 def _read(ring: Ring, expression: sp.Expr, memory: Memory) -> Ratio:
+    """Return an expression as a ratio; `memory` keeps the subexpressions that were read."""
+
     def needed(part: sp.Expr) -> tuple[sp.Expr, ...]:
         return () if part in ring.index else operands(part)
 
@@ -177,7 +175,7 @@ def _read(ring: Ring, expression: sp.Expr, memory: Memory) -> Ratio:
 
 
 def _read_part(ring: Ring, expression: sp.Expr, memory: Memory) -> Ratio:
-    """Read an expression whose operands have been read."""
+    """Read an expression whose operands are in `memory`."""
     if expression in ring.index:
         return from_polynomial(ring, ring.generator(expression))
     if expression.is_Rational:
@@ -233,7 +231,7 @@ def _powers(ring: Ring, factors: list[tuple[sp.Expr, sp.Rational]]) -> Ratio:
 
 
 def _read_circular(ring: Ring, function: sp.Expr, memory: Memory) -> Ratio:
-    """Read sin, cos, tan ... of a sum, from the product of cos + i sin of its parts."""
+    """Read sin, cos, tan ... of a sum from de Moivre's product of (cos x_k + i sin x_k)."""
     pair = (ring.constant(1), ring.constant(0))
     for turn in turns(function.args[0]):
         cosine, sine = (_read(ring, f(turn), memory).numerator for f in (sp.cos, sp.sin))
@@ -260,7 +258,7 @@ Pair = tuple[fmpq_mpoly, fmpq_mpoly]
 
 
 def _turned(ring: Ring, left: Pair, right: Pair) -> Pair:
-    """Cosine and sine of the sum of two angles."""
+    """Return cosine and sine of the sum of two angles."""
     (c, s), (d, t) = left, right
     return (
         multiply(ring, c, d) - multiply(ring, s, t),
@@ -269,7 +267,7 @@ def _turned(ring: Ring, left: Pair, right: Pair) -> Pair:
 
 
 def _times(ring: Ring, step: Pair, times: int) -> Pair:
-    """Cosine and sine of a multiple of an angle, by repeated doubling."""
+    """Return cosine and sine of a multiple of an angle, by repeated doubling."""
     if times > _MOST_TURNS:
         raise SymbolicError(
             f"found the sine or cosine of {times} times an angle; "

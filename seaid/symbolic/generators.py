@@ -1,7 +1,7 @@
-"""Which functions equations are made of: the generators of their polynomials.
+"""The functions that occur in equations, as generators of their polynomial ring.
 
-Sums inside sin, cos and exp are taken apart, so that sin(q1 + 2 q2) needs sin q1, cos q1, sin q2
-and cos q2; |x| needs sign(x); any other function is a generator of its own.
+Arguments of sin, cos and exp are split at their sums: sin(q1 + 2 q2) needs sin q1, cos q1, sin q2
+and cos q2. |x| needs sign(x). Any other function is a generator of its own.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ CIRCULAR = (sp.sin, sp.cos, sp.tan, sp.cot, sp.sec, sp.csc)
 
 @dataclass(frozen=True, eq=False)
 class _Scan:
-    """What was declared, and what has been found so far while walking through the equations."""
+    """The caller's declarations, and the functions found so far in the equations."""
 
     motion: tuple[sp.Expr, ...]
     unknowns: tuple[sp.Symbol, ...]
@@ -39,7 +39,7 @@ class _Scan:
 
 @contextmanager
 def located(place: str, detail: object = None) -> Iterator[None]:
-    """Put place and detail in front of the message of a SymbolicError raised inside."""
+    """Prefix the message of a SymbolicError raised inside with `place` and `detail`."""
     try:
         yield
     except SymbolicError as problem:
@@ -49,7 +49,7 @@ def located(place: str, detail: object = None) -> Iterator[None]:
 
 
 def shortened(expression: object) -> str:
-    """Return an expression as text that is short enough for a message."""
+    """Return an expression as text, cut to the length of a message."""
     text = str(expression)
     return text if len(text) <= _LONGEST_TEXT else text[: _LONGEST_TEXT - 4] + " ..."
 
@@ -60,10 +60,10 @@ def find_functions(
     unknowns: tuple[sp.Symbol, ...],
     max_terms: int,
 ) -> Ring:
-    """Return the ring of the equations' functions and symbols, its relations still to be added.
+    """Return the ring of the functions and symbols in the equations, without relations yet.
 
-    Raises SymbolicError, with the equation, the term and the unknown, where an unknown stands
-    inside a function.
+    Raises SymbolicError, naming equation, term and unknown, if an unknown is the argument of a
+    function.
     """
     scan = _Scan(motion, unknowns, time_symbols(subexpressions(*equations), motion))
     for number, equation in enumerate(equations, 1):
@@ -74,7 +74,7 @@ def find_functions(
 
 
 def subexpressions(*expressions: sp.Basic) -> set[sp.Basic]:
-    """Return every different part of the expressions; shared parts are walked through once."""
+    """Return the set of all subexpressions; shared ones are visited once."""
     found: set[sp.Basic] = set()
     waiting = list(expressions)
     while waiting:
@@ -86,7 +86,7 @@ def subexpressions(*expressions: sp.Basic) -> set[sp.Basic]:
 
 
 def prepared(expression: sp.Expr) -> sp.Expr:
-    """Carry out derivatives of composites, and make floats the rationals they are exactly."""
+    """Evaluate derivatives of composite expressions, and make floats exact rationals."""
     found = subexpressions(expression)
     composite = {
         part: part.doit()
@@ -100,7 +100,7 @@ def prepared(expression: sp.Expr) -> sp.Expr:
 
 
 def time_symbols(parts: set[sp.Basic], motion: tuple[sp.Expr, ...]) -> frozenset[sp.Symbol]:
-    """The symbols that mean time: arguments of the declared signals, and any symbol t."""
+    """Return the time symbols: arguments of the declared signals, and any symbol named t."""
     declared = {s for m in motion if isinstance(m, AppliedUndef) for s in m.free_symbols}
     named = {s for s in parts if s.is_Symbol and s.name == "t" and s not in motion}
     return frozenset(declared | named)
@@ -109,9 +109,9 @@ def time_symbols(parts: set[sp.Basic], motion: tuple[sp.Expr, ...]) -> frozenset
 def bottom_up(
     expression: sp.Expr, known: Container[sp.Expr], operands: Callable[[sp.Expr], Iterable[sp.Expr]]
 ) -> Iterator[sp.Expr]:
-    """Yield what is needed for the expression and not in `known`, operands before their result.
+    """Yield the subexpressions that are not in `known`, operands before their results.
 
-    The caller adds each to `known`. However deep the expression is nested, nothing recurses.
+    The caller adds each to `known`. There is no recursion, so that deep expressions are safe.
     """
     waiting = [expression]
     while waiting:
@@ -125,7 +125,7 @@ def bottom_up(
 
 
 def operands(expression: sp.Expr) -> tuple[sp.Expr, ...]:
-    """Return what a sum, a product or an integer power is made of; nothing for all else."""
+    """Return the operands of a sum, a product or an integer power; none for anything else."""
     if expression.is_Add or expression.is_Mul:
         return tuple(expression.args)
     if expression.is_Pow and expression.exp.is_Integer:
@@ -134,7 +134,7 @@ def operands(expression: sp.Expr) -> tuple[sp.Expr, ...]:
 
 
 def _visit(scan: _Scan, expression: sp.Expr) -> None:
-    """Note every function and symbol of the expression."""
+    """Record every function and symbol of the expression in `scan`."""
     for part in bottom_up(expression, scan.seen, operands):
         scan.seen.add(part)
         if part.is_Rational or operands(part):
@@ -151,8 +151,8 @@ def _visit_function(scan: _Scan, function: sp.Expr) -> None:
     inside = [u for u in scan.unknowns if u in function.free_symbols]
     if inside:
         raise SymbolicError(
-            f"the unknown {inside[0]} stands inside {function}, so the equation is not linear in "
-            f"any product of unknowns; make {inside[0]} known, or name the whole function as one "
+            f"the unknown {inside[0]} is inside {function}, so the equation is not linear in any "
+            f"product of unknowns; make {inside[0]} known, or name the whole function as one "
             "unknown"
         )
     if isinstance(function, CIRCULAR):
@@ -181,13 +181,13 @@ def _note_units(scan: _Scan, kind: str, argument: sp.Expr) -> None:
 
 
 def parts(argument: sp.Expr) -> list[tuple[sp.Expr, sp.Rational]]:
-    """Take a sum inside a function apart: what stands in it, with its rational factor."""
+    """Split the argument of a function at its sum: [(term, rational factor)]."""
     parts = sp.expand(argument).as_coefficients_dict().items()
     return [(part, factor) for part, factor in parts if not _is_turn(part * factor)]
 
 
 def turns(argument: sp.Expr) -> list[sp.Expr]:
-    """The fractions of pi in the sum whose sine and cosine sympy knows in square roots."""
+    """Return the fractions of pi in a sum whose sine and cosine sympy knows in square roots."""
     parts = sp.expand(argument).as_coefficients_dict().items()
     return [part * factor for part, factor in parts if _is_turn(part * factor)]
 
@@ -197,27 +197,27 @@ def _is_turn(angle: sp.Expr) -> bool:
 
 
 def root_bases(base: sp.Expr) -> dict[sp.Expr, int]:
-    """Return {part: power}, the base of a root as product; roots of primes are independent."""
+    """Return {factor: power} of the base of a root; roots of different primes are independent."""
     if not base.is_Integer:
         return {base: 1}
     return {sp.Integer(p): int(n) for p, n in sp.factorint(base, limit=_LARGEST_PRIME).items()}
 
 
 def signed(argument: sp.Expr) -> tuple[int, sp.Expr]:
-    """Return sign and expression such that sign(x), sign(2 x), sign(-x) share the expression."""
+    """Return (sign, expression) so that sign(x), sign(2 x) and sign(-x) share the expression."""
     argument = sp.expand(argument).primitive()[1]
     return (-1, -argument) if argument.could_extract_minus_sign() else (1, argument)
 
 
 def expanded_inside(function: sp.Expr) -> sp.Expr:
-    """Return a function with its arguments expanded, the same however they are written."""
+    """Return a function with expanded arguments, so that equal ones compare equal."""
     if isinstance(function, AppliedUndef | sp.Derivative):
         return function
     return function.func(*(sp.expand(a) if isinstance(a, sp.Expr) else a for a in function.args))
 
 
 def _ring(scan: _Scan, max_terms: int) -> Ring:
-    """Order the generators so that the leading term of every relation is the one it removes."""
+    """Order the generators so that the leading term of every relation is the eliminated one."""
     roots = {root(base, unit): base for (kind, base), unit in scan.units.items() if kind == "root"}
     order = [
         *sorted(roots, key=lambda x: (-roots[x].count_ops(), sp.default_sort_key(x))),
@@ -247,12 +247,12 @@ def _ring(scan: _Scan, max_terms: int) -> Ring:
 
 
 def root(base: sp.Expr, unit: int) -> sp.Expr:
-    """Return the generator of the roots of `base`, of which all others are powers."""
+    """Return base^(1/unit), the generator whose powers are all roots of `base`."""
     return sp.Pow(base, sp.Rational(1, unit))
 
 
 def _plain_key(scan: _Scan) -> Callable[[sp.Expr], tuple[object, ...]]:
-    """Order signals as declared, each before its derivatives; unknowns as declared; then names."""
+    """Return the sort key: signals as declared, each before its derivatives; unknowns; names."""
     place = {x: i for i, x in enumerate((*scan.motion, *scan.unknowns))}
 
     def key(x: sp.Expr) -> tuple[object, ...]:
@@ -263,6 +263,7 @@ def _plain_key(scan: _Scan) -> Callable[[sp.Expr], tuple[object, ...]]:
 
 
 def _kind(scan: _Scan, generator: sp.Expr) -> str:
+    """Return "motion", "unknown" or "known"."""
     if generator in scan.unknowns:
         return "unknown"
     free = generator.free_symbols
@@ -270,7 +271,7 @@ def _kind(scan: _Scan, generator: sp.Expr) -> str:
 
 
 def _undeclared(scan: _Scan, generator: sp.Expr) -> bool:
-    """True for a generator that holds a function of time which is not in `motion`."""
+    """Whether a generator contains a function of time that is not in `motion`."""
     return any(
         signal not in scan.motion and scan.time.intersection(signal.args)
         for signal in generator.atoms(AppliedUndef)

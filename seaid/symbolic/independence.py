@@ -1,7 +1,8 @@
-"""Are the fundamental functions of (11) linearly independent? The paper needs it and does not say.
+"""Linear independence of the fundamental functions of (11), which the paper presupposes.
 
-Monomials in signals, and in sine, cosine and exponential of different signals (sin^2 reduced), are.
-Of other functions nobody knows beforehand: they are evaluated at random points with high precision.
+Monomials in signals and in sine, cosine and exponential of different signals are independent once
+sin^2 is reduced. All other functions are tested numerically: they are evaluated with 200 digits at
+random points, and a dependence is accepted if it also holds at fresh points.
 """
 
 from __future__ import annotations
@@ -33,12 +34,11 @@ _CERTAIN = (sp.Symbol, AppliedUndef, sp.Derivative, sp.sin, sp.cos, sp.exp)
 def independent_functions(
     ring: Ring, functions: Collection[Exponents]
 ) -> tuple[dict[Exponents, Combination], tuple[tuple[sp.Expr, sp.Expr], ...]]:
-    """Return what to replace functions by, so that the rest is independent; and the relations.
+    """Return {dependent function: combination of independent ones}, and the relations behind it.
 
-    `functions` are exponents of the motion's generators. The first result has, for each
-    function to be replaced, its combination of others; the second the relations behind it,
-    pairs of sympy expressions, said in a SeaidWarning too. Raises SymbolicError for a dependence
-    whose factors are no short rationals.
+    `functions` are exponents of the motion's generators. The relations are pairs of sympy
+    expressions, and are also reported in a SeaidWarning. Raises SymbolicError for a dependence
+    whose factors are not short rationals.
     """
     replaced: dict[Exponents, Combination] = {}
     relations: list[tuple[sp.Expr, sp.Expr]] = []
@@ -64,7 +64,7 @@ def independent_functions(
 
 
 def _groups(ring: Ring) -> list[tuple[int, ...]]:
-    """Generators that share a signal, directly or through others, where any is not certain."""
+    """Return the groups of generators that share signals and need the numerical test."""
     groups: list[tuple[set[int], set[sp.Expr]]] = []
     for place in ring.motion:
         places, signals = {place}, _signals(ring, ring.generators[place])
@@ -83,7 +83,7 @@ def _groups(ring: Ring) -> list[tuple[int, ...]]:
 
 
 def _signals(ring: Ring, expression: sp.Basic) -> set[sp.Expr]:
-    """The functions of time and moving symbols an expression is made of."""
+    """Return the functions of time and moving symbols in an expression."""
     if isinstance(expression, AppliedUndef | sp.Derivative) or expression in ring.moving:
         return {expression}
     return {signal for part in expression.args for signal in _signals(ring, part)}
@@ -119,7 +119,7 @@ def _relation(ring: Ring, part: Exponents, found: Combination) -> tuple[sp.Expr,
 def _dependences(
     ring: Ring, group: tuple[int, ...], parts: list[Exponents]
 ) -> dict[Exponents, Combination]:
-    """Return {function: combination of functions before it}, by evaluation at random points."""
+    """Return {function: combination of functions before it}, from values at random points."""
     with mp.workdps(_DIGITS):
         few = len(parts) <= _MOST_FUNCTIONS
         table = _evaluated(ring, group, parts, len(parts) + 4, seed=1) if few else None
@@ -153,7 +153,7 @@ def _no_rationals(ring: Ring, function: Exponents, others: list[Exponents]) -> S
     names = ", ".join(str(term_to_sympy(ring, other)) for other in others)
     return SymbolicError(
         f"the function {term_to_sympy(ring, function)} of the motion depends on {names} with "
-        "factors that are no short rational numbers; write the equations with one of these "
+        "factors that are not short rational numbers; write the equations with one of these "
         "functions less"
     )
 
@@ -161,7 +161,7 @@ def _no_rationals(ring: Ring, function: Exponents, others: list[Exponents]) -> S
 def _evaluated(
     ring: Ring, group: tuple[int, ...], parts: list[Exponents], count: int, seed: int
 ) -> list[list[mpf]] | None:
-    """Values of the functions at `count` random points, one row a point; None if not real there."""
+    """Return the values at `count` random points, a row per point; None if they are not real."""
     generator = random.Random(seed)
     expressions = {i: ring.generators[i] for i in group}
     signals = sorted({s for x in expressions.values() for s in _signals(ring, x)}, key=str)
@@ -186,7 +186,7 @@ def _random(generator: random.Random, positive: bool) -> sp.Rational:
 
 
 def _surely_independent(table: list[list[mpf]]) -> bool:
-    """True if already double precision shows independence, as it nearly always does."""
+    """Whether singular values in double precision already show independence, the usual case."""
     values = np.array(table, dtype=np.float64)
     values /= np.linalg.norm(values, axis=0)
     singular = safely(
@@ -200,7 +200,7 @@ def _surely_independent(table: list[list[mpf]]) -> bool:
 
 
 def _eliminated(table: list[list[mpf]]) -> dict[int, dict[int, mpf]]:
-    """Gauss-Jordan with row exchange: {dependent column: factors of the independent ones}."""
+    """Return {dependent column: factors of the independent ones}, by pivoted Gauss-Jordan."""
     rows = [list(row) for row in table]
     pivots: list[int] = []
     for column in range(len(rows[0])):

@@ -1,4 +1,4 @@
-"""From a Lagrangian to equations of motion, by the rule of Euler and Lagrange."""
+"""Equations of motion from a Lagrangian: d/dt dL/dq' - dL/dq + dD/dq' = force."""
 
 from __future__ import annotations
 
@@ -22,26 +22,48 @@ def equations_of_motion(
     *,
     dissipation: Any = None,
 ) -> list[sp.Expr]:
-    """Return the equations of motion, one expression a coordinate that is zero.
+    """Derive the Euler-Lagrange equations of motion, the form behind (5) of the paper.
 
-    Equation i is d/dt dL/dq_i' - dL/dq_i + dD/dq_i' - force_i, the form behind (5). `lagrangian` L
-    is a sympy expression in the coordinates, functions of one time symbol, their first derivatives
-    and any symbols; `forces` has one generalised force a coordinate (0, a symbol, any expression);
-    `dissipation` D, for example F_v q'^2 / 2, is in the same terms as L. Coordinates may turn or
-    slide, and are real. Any differentiable function of them is allowed; at the jumps of sign(x) the
-    derivative is left out.
+    Equation i is the expression d/dt dL/dq_i' - dL/dq_i + dD/dq_i' - force_i, which is zero.
 
-    Raises SymbolicError for a coordinate that is no function of time, is listed twice or never
-    occurs with a derivative; for a wrong number of forces; for another function of time or a
-    second derivative in the Lagrangian.
+    Parameters
+    ----------
+    lagrangian : sympy expression
+        L = kinetic minus potential energy, in the coordinates, their first derivatives and any
+        symbols. Any differentiable function is allowed; the derivative of sign(x) counts as zero.
+    coordinates : sympy functions of one time symbol
+        The n generalised coordinates, rotary or prismatic, taken as real.
+    forces : n expressions
+        Generalised force per coordinate; 0 where none acts.
+    dissipation : sympy expression, optional
+        Rayleigh's dissipation function D, for example F_v q'^2 / 2.
+
+    Returns
+    -------
+    list of sympy expressions
+        The n equations, in the order of the coordinates, for `separate`.
+
+    Raises
+    ------
+    SymbolicError
+        For a coordinate that is not a function of time, is listed twice or never occurs with a
+        derivative; for a wrong number of forces; for another function of time or a second
+        derivative in the Lagrangian.
+
+    Examples
+    --------
+    >>> t, m, g, tau = sympy.symbols("t m g tau")
+    >>> q = sympy.Function("q")(t)
+    >>> equations_of_motion(m * q.diff(t) ** 2 / 2 - m * g * q, [q], [tau])
+    [g*m + m*Derivative(q(t), (t, 2)) - tau]
     """
     signals = _coordinates(coordinates)
     time = signals[0].args[0]
     applied = [scalar("a force", force) for force in listed(forces)]
     if len(applied) != len(signals):
         raise SymbolicError(
-            f"found {len(applied)} forces for {len(signals)} coordinates; give one a coordinate, 0 "
-            "where none acts"
+            f"found {len(applied)} forces for {len(signals)} coordinates; give one per coordinate, "
+            "0 where none acts"
         )
     energy = prepared(scalar("the Lagrangian", lagrangian))
     loss = prepared(scalar("the dissipation", 0 if dissipation is None else dissipation))
@@ -65,9 +87,9 @@ def equations_of_motion(
 
 
 def _derived(expression: sp.Expr, rule: _Rule, memory: dict[sp.Expr, sp.Expr]) -> sp.Expr:
-    """Return the derivative that takes each variable of `rule` to its value there.
+    """Return the derivation of `expression` that maps each variable of `rule` to its value there.
 
-    Each shared part is derived once, which sympy's own `diff` does not do.
+    Each shared subexpression is differentiated once, which sympy's own `diff` does not do.
     """
     for part in bottom_up(expression, memory, operands):
         memory[part] = _derived_part(part, rule, memory)
@@ -75,7 +97,7 @@ def _derived(expression: sp.Expr, rule: _Rule, memory: dict[sp.Expr, sp.Expr]) -
 
 
 def _derived_part(part: sp.Expr, rule: _Rule, memory: dict[sp.Expr, sp.Expr]) -> sp.Expr:
-    """Derive an expression whose operands have been derived."""
+    """Differentiate an expression whose operands have been differentiated."""
     if part in rule:
         return rule[part]
     if not part.args or _is_rate(part):
@@ -93,12 +115,12 @@ def _derived_part(part: sp.Expr, rule: _Rule, memory: dict[sp.Expr, sp.Expr]) ->
 
 
 def _is_rate(expression: sp.Expr) -> bool:
-    """True for a derivative with respect to time, not for the slope of some f(q)."""
+    """Whether this is a derivative with respect to time, not the slope of some f(q)."""
     return isinstance(expression, sp.Derivative) and expression.variables[0].is_Symbol
 
 
 def _derived_function(function: sp.Expr, rule: _Rule) -> sp.Expr:
-    """Derive one function by sympy's chain rule, its variables and symbols taken as real."""
+    """Differentiate one function by sympy's chain rule, with real variables and symbols."""
     parts = subexpressions(function)
     variables = {x: sp.Dummy("x", real=True) for x in rule if x in parts}
     symbols = {x for x in parts if x.is_Symbol and x.is_real is None and x not in variables}
@@ -110,6 +132,7 @@ def _derived_function(function: sp.Expr, rule: _Rule) -> sp.Expr:
 
 
 def _coordinates(given: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
+    """Check the coordinates and return them as a tuple."""
     signals = tuple(listed(given))
     if not signals:
         raise SymbolicError("there are no coordinates; give at least one function of time")
@@ -117,8 +140,8 @@ def _coordinates(given: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
         ok = isinstance(signal, AppliedUndef) and len(signal.args) == 1
         if not (ok and signal.args[0].is_Symbol):
             raise SymbolicError(
-                f"the coordinate {signal} is no function of time, so it has no derivatives; make "
-                f"it one: Function('{signal}')(t)"
+                f"the coordinate {signal} is not a function of time, so it has no derivatives; "
+                f"make it one: Function('{signal}')(t)"
             )
         if signal.args != signals[0].args:
             raise SymbolicError(
@@ -130,19 +153,19 @@ def _coordinates(given: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
 
 
 def _check_functions(energies: dict[str, sp.Expr], signals: Sequence[sp.Expr]) -> None:
-    """Refuse functions of time that are no coordinates, and accelerations."""
+    """Refuse functions of time that are not coordinates, and accelerations."""
     allowed = ", ".join(map(str, signals))
     for what, energy in energies.items():
         for found in _found(energy, AppliedUndef):
             if found not in signals and signals[0].args[0] in found.args:
                 raise SymbolicError(
-                    f"{what} holds {found}, which is not declared; the coordinates are {allowed}; "
-                    f"add {found} to them, or make it a symbol if it is constant"
+                    f"{what} contains {found}, which is not declared; the coordinates are "
+                    f"{allowed}; add {found} to them, or make it a symbol if it is constant"
                 )
         for found in _found(energy, sp.Derivative):
             if found.expr in signals and found.derivative_count > 1:
                 raise SymbolicError(
-                    f"{what} holds {found}; only coordinates and their first derivatives are "
+                    f"{what} contains {found}; only coordinates and their first derivatives are "
                     "allowed in it"
                 )
 
@@ -157,6 +180,6 @@ def _check_derivatives(signals: Sequence[sp.Expr], expressions: Sequence[sp.Expr
         if signal not in moving:
             raise SymbolicError(
                 f"the coordinate {signal} occurs without derivatives: neither Lagrangian, "
-                f"dissipation nor forces hold {signal.diff(signal.args[0])}; add its kinetic "
+                f"dissipation nor forces contain {signal.diff(signal.args[0])}; add its kinetic "
                 "energy, or write its equation down without a Lagrangian"
             )

@@ -1,8 +1,8 @@
 """Exact arithmetic for equations of motion: quotients of sparse polynomials over the rationals.
 
 The generators are the functions of the motion (q', q'', sin q, cos q, sign q' ...), the known
-symbols and the unknown ones. Algebraic generators are reduced wherever they occur (sin^2 to
-1 - cos^2, sqrt(a)^2 to a, sign^2 to 1), so a polynomial is zero exactly when it has no terms.
+symbols and the unknown ones. Algebraic generators are reduced everywhere (sin^2 to 1 - cos^2,
+sqrt(a)^2 to a, sign^2 to 1), so that a polynomial is zero exactly if it has no terms.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MAX_TERMS = 500_000
 """Default limit on the terms of one polynomial, a few hundred megabytes."""
 
 _PRODUCTS_PER_TERM = 100
-"""A multiplication may form this many products a term of the limit before it is refused."""
+"""A multiplication may form this many products per term of the limit before it is refused."""
 
 
 class Relation(NamedTuple):
@@ -45,12 +45,12 @@ class Ratio(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Ring:
-    """The generators of a system of equations and what is known of them.
+    """The generators of a system of equations, their kinds and their relations.
 
-    `generators` are sympy expressions; `motion`, `unknown`, `known` are their places by kind;
-    `undeclared` are the functions of time that nobody declared, `moving` the symbols that change in
-    a motion, time among them. `units` holds, for every angle, exponent and base of a root, the
-    common denominator of its rational factors.
+    `generators` are sympy expressions; `motion`, `unknown`, `known` are their indices by kind;
+    `undeclared` are functions of time that the caller did not declare; `moving` are the symbols
+    that change during a motion, time among them. `units` has the common denominator of the
+    rational factors of every angle, exponent and base of a root.
     """
 
     context: fmpq_mpoly_ctx
@@ -69,11 +69,11 @@ class Ring:
         object.__setattr__(self, "index", {g: i for i, g in enumerate(self.generators)})
 
     def constant(self, value: int | fmpq) -> fmpq_mpoly:
-        """Return the polynomial of one number."""
+        """Return a constant polynomial."""
         return self.context.constant(value)
 
     def generator(self, expression: sp.Expr) -> fmpq_mpoly:
-        """Return the generator that stands for `expression`."""
+        """Return the generator of `expression`."""
         return self.context.gen(self.index[expression])
 
 
@@ -220,7 +220,7 @@ def power(ring: Ring, base: Ratio, exponent: int) -> Ratio:
 
 
 def by_doubling(combine: Callable[[Part, Part], Part], part: Part, times: int, none: Part) -> Part:
-    """Return a part combined with itself `times` times, in steps that double; `none` for zero."""
+    """Return `part` combined with itself `times` times by repeated doubling; `none` for zero."""
     result = none
     while times:
         if times % 2:

@@ -1,9 +1,7 @@
-"""From the regressor form to the base regressor form, (11)-(14), over the exact known numbers.
+"""From the regressor form to the base regressor form, (11)-(14), by exact elimination.
 
-Coefficients are quotients of polynomials in the known symbols, so lengths may stay symbols and the
-groupings come out in closed form. Nothing is rounded, and no tolerance decides the rank.
-
-Gauss-Jordan elimination of (13), exact: over the rationals, or over quotients of polynomials.
+Coefficients are rationals or quotients of polynomials in the known symbols, so lengths may stay
+symbols and the groupings are closed forms. Nothing is rounded, and no tolerance decides the rank.
 """
 
 from __future__ import annotations
@@ -41,10 +39,10 @@ _Row = dict[int, fmpq_mpoly]
 def eliminate(
     ring: Ring, rows: Iterable[SparseRow], width: int
 ) -> tuple[list[SparseRow], tuple[int, ...], int]:
-    """Return the nonzero rows of the echelon form, their pivots, and how many rows differed.
+    """Return the nonzero rows of the echelon form, their pivots, and the number of distinct rows.
 
     `rows` are sparse, {column: value}, of `width` columns; the pivots are the leftmost possible.
-    Rows that differ by a factor only are counted and used once.
+    Rows that differ only by a factor count once.
     """
     different = _different(_primitive(ring, _cleared(ring, row)) for row in rows)
     if all(value.is_constant() for row in different for value in row.values()):
@@ -60,7 +58,7 @@ def eliminate(
 
 
 def _cleared(ring: Ring, row: SparseRow) -> _Row:
-    """Multiply a row by its denominators."""
+    """Multiply a row by its common denominator."""
     common = ring.constant(1)
     for _, denominator in row.values():
         if not denominator.is_one():
@@ -72,7 +70,7 @@ def _cleared(ring: Ring, row: SparseRow) -> _Row:
 
 
 def _primitive(ring: Ring, row: _Row) -> _Row:
-    """Divide a row by its common factor, so that multiples of a row become equal."""
+    """Divide a row by its common factor, so that multiples of one row become equal."""
     row = {column: value for column, value in sorted(row.items()) if not value.is_zero()}
     if not row:
         return row
@@ -92,7 +90,7 @@ def _different(rows: Iterable[_Row]) -> list[_Row]:
 
 
 def _rational(ring: Ring, rows: list[_Row], width: int) -> list[_Row]:
-    """Echelon form of rows of numbers."""
+    """Return the echelon form of rows of numbers."""
     zero = ring.constant(0)
     numbers = [
         [row.get(j, zero).leading_coefficient() if j in row else 0 for j in range(width)]
@@ -132,7 +130,7 @@ def _back_substituted(ring: Ring, rows: list[_Row]) -> list[_Row]:
 
 
 def _combined(ring: Ring, row: _Row, pivot: _Row, column: int) -> _Row:
-    """Remove one column of a row by a multiple of the pivot row, without fractions."""
+    """Eliminate one column of a row by the pivot row, without fractions."""
     common = row[column].gcd(pivot[column])
     by, off, zero = pivot[column] / common, row[column] / common, ring.constant(0)
     return _primitive(
@@ -153,11 +151,11 @@ _Table = dict[_Function, SparseRow]
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """One column of the regressor and its type in the echelon form.
+    """One column of the regressor and its type in the echelon form (13).
 
-    `kind` is "zero" (the parameter has no effect), "base" (needed, independent of the columns
-    before it) or "dependent"; then R_column = sum of coefficient * R_base over `depends_on`, which
-    has the coefficient for each base column's parameter.
+    `kind` is "zero" (the parameter has no effect), "base" (independent of the columns before it)
+    or "dependent": R_column = sum of coefficient * R_base over `depends_on`, {base column's
+    parameter: coefficient}.
     """
 
     parameter: sp.Expr
@@ -169,13 +167,25 @@ class Column:
 class BaseForm:
     """The base regressor form (14): zeta = regressor * parameters, with independent columns.
 
-    `zeta` (n, 1); `regressor` R_0 (n, p), the columns of R at `pivots`; `parameters` theta_0
-    (p, 1), each a base parameter with what is grouped to it; `echelon` B_Eu (p, m) of (13);
-    `fundamental_functions` f (k, 1), linearly independent; `columns` the type of each of
-    the m columns. `function_relations` holds what had to be replaced among functions that were
-    not independent, pairs of a function and its replacement; `different_rows` is the number of rows
-    of B that differ by more than a factor. `form` is what was reduced, `rows` hold B as exact
-    polynomials, `rows[i]` the rows of equation i.
+    Attributes
+    ----------
+    zeta : sympy matrix (n, 1)
+    parameters : sympy matrix (p, 1)
+        The base parameters theta_0, each with the parameters grouped to it.
+    echelon : sympy matrix (p, m)
+        B_Eu of (13), so that theta_0 = B_Eu theta.
+    pivots : tuple of int
+        The columns of R that make R_0.
+    fundamental_functions : sympy matrix (k, 1)
+        The linearly independent functions f of (11).
+    columns : tuple of Column
+        The type of each of the m columns of R.
+    function_relations : tuple of pairs
+        Dependent functions and what replaced them.
+    different_rows : int
+        Number of rows of B (12) that differ by more than a factor.
+    form, rows
+        The regressor form that was reduced; B as exact polynomials, `rows[i]` for equation i.
     """
 
     zeta: sp.ImmutableMatrix
@@ -191,12 +201,12 @@ class BaseForm:
 
     @cached_property
     def regressor(self) -> sp.ImmutableMatrix:
-        """R_0, (n, p). Made when first asked for."""
+        """The base regressor R_0 (n, p), computed on first access."""
         return self.form.columns(self.pivots)
 
     @cached_property
     def B(self) -> sp.ImmutableSparseMatrix:
-        """The matrix of (12), (n k, m): R = kron(identity, f^T) B. Made when first asked for."""
+        """B (n k, m) of (12), R = kron(identity, f^T) B, computed on first access."""
         k = len(self.fundamental_functions)
         entries = {
             (i * k + j, column): ratio_to_sympy(self.form.ring, value)
@@ -208,16 +218,35 @@ class BaseForm:
 
 
 def reduce(form: RegressorForm) -> BaseForm:
-    """Reduce the regressor form of `separate` to the base regressor form, by (11)-(14).
+    """Reduce a regressor form to the base regressor form zeta = R_0 theta_0 of (14).
 
-    R is written in linearly independent functions of the motion (11), their coefficients make B
-    (12), Gauss-Jordan brings it to echelon form (13), with the leftmost possible columns as base.
-    Functions whose independence is not certain (tanh, roots, sign ... of one signal) are
-    evaluated at random points with high precision; a dependence is removed, said in a
-    SeaidWarning and kept in `function_relations`.
+    R is written in linearly independent functions of the motion (11), whose coefficients are B
+    (12). Gauss-Jordan elimination brings B to echelon form (13), with the leftmost possible columns
+    as base. Functions whose independence is uncertain (tanh, roots, sign ... of one signal) are
+    tested at random points with 200 digits; a dependence is removed and reported in a SeaidWarning.
 
-    Raises SymbolicError if no parameter is identifiable, and where functions depend on each other
-    with factors that are no short rational numbers.
+    Parameters
+    ----------
+    form : RegressorForm
+        The result of `separate`.
+
+    Returns
+    -------
+    BaseForm
+
+    Raises
+    ------
+    SymbolicError
+        If no parameter is identifiable, or if functions depend on each other with factors that are
+        not short rational numbers.
+
+    Examples
+    --------
+    >>> form = separate(m * x.diff(t, 2) + (b + c) * x.diff(t) - F, [x, F], [m, b, c])
+    >>> reduce(form).parameters
+    Matrix([
+    [    m],
+    [b + c]])
     """
     if not isinstance(form, RegressorForm):
         raise SymbolicError(f"reduce takes the result of separate, found {type(form).__name__}")
@@ -254,7 +283,7 @@ def reduce(form: RegressorForm) -> BaseForm:
 
 
 def _table(ring: Ring, row: Row, monomials: Sequence[Exponents]) -> _Table:
-    """Return one equation's part of B: {fundamental function: {column: coefficient}}."""
+    """Return the block of B of one equation: {fundamental function: {column: coefficient}}."""
     entries = [(j, row[monomial]) for j, monomial in enumerate(monomials) if monomial in row]
     common = ring.constant(1)
     for _, entry in entries:
@@ -268,7 +297,7 @@ def _table(ring: Ring, row: Row, monomials: Sequence[Exponents]) -> _Table:
 
 
 def _over(ring: Ring, entry: Entry, common: fmpq_mpoly) -> Mapping[Exponents, Ratio]:
-    """Return the terms of an element of R written over a common denominator of its row."""
+    """Return the terms of an element of R over the common denominator of its row."""
     if entry.denominator == common:
         return entry.terms
     one = ring.constant(1)
@@ -285,7 +314,7 @@ def _over(ring: Ring, entry: Entry, common: fmpq_mpoly) -> Mapping[Exponents, Ra
 def _replaced(
     ring: Ring, table: _Table, replaced: Mapping[Exponents, Mapping[Exponents, fmpq]]
 ) -> _Table:
-    """Write a table in independent functions."""
+    """Rewrite a table in independent functions."""
     if not replaced:
         return table
     result: dict[_Function, dict[int, list[Ratio]]] = {}
@@ -302,7 +331,7 @@ def _replaced(
 
 
 def _function_key(function: _Function) -> tuple[str, int, tuple[int, ...]]:
-    """Order of the fundamental functions: by degree, then by the order of the generators."""
+    """Return the sort key of the fundamental functions: degree, then order of the generators."""
     below, motion = function
     return str(below), sum(motion), tuple(-e for e in motion)
 
@@ -310,7 +339,7 @@ def _function_key(function: _Function) -> tuple[str, int, tuple[int, ...]]:
 def _column_types(
     parameters: sp.ImmutableMatrix, echelon: sp.ImmutableMatrix, pivots: tuple[int, ...]
 ) -> tuple[Column, ...]:
-    """Name the type of each column of (13)."""
+    """Return the type of each column of (13)."""
     columns = []
     for j, parameter in enumerate(parameters):
         factors = {parameters[p]: echelon[i, j] for i, p in enumerate(pivots) if echelon[i, j] != 0}

@@ -1,8 +1,8 @@
-"""Algorithm 1: equations of motion into zeta, R and theta of (9), exactly.
+"""Algorithm 1 of the paper: equations of motion into zeta, R and theta of (9), exactly.
 
-The equations are expanded as polynomials and grouped by the powers of the unknowns: a group without
-unknowns belongs to zeta, every other one is a column of R and a parameter, a lumped one where
-unknowns stand as a product.
+The equations are expanded as polynomials and grouped by the powers of the unknowns. The group
+without unknowns is zeta; every other group is a column of R, and its product of unknowns a
+parameter.
 """
 
 from __future__ import annotations
@@ -43,10 +43,13 @@ from seaid.symbolic.polynomial import (
 class RegressorForm:
     """The regressor form (9): zeta = regressor * parameters.
 
-    `zeta` (n, 1), `regressor` (n, m) and `parameters` (m, 1) are sympy matrices for n equations and
-    m parameters. `ring`, `rows` and `monomials` hold the same as exact polynomials: `rows[i]` has
-    the elements of equation i by the exponents of the unknowns, `monomials` these exponents in
-    the order of the columns.
+    Attributes
+    ----------
+    zeta, parameters : sympy matrices, (n, 1) and (m, 1)
+        For n equations and m parameters.
+    ring, rows, monomials
+        The same as exact polynomials: `rows[i]` are the elements of equation i by the exponents of
+        the unknowns, `monomials` these exponents in the order of the columns.
     """
 
     zeta: sp.ImmutableMatrix
@@ -57,13 +60,13 @@ class RegressorForm:
 
     @cached_property
     def regressor(self) -> sp.ImmutableMatrix:
-        """R of (9), (n, m). Made when first asked for: of a large system it takes seconds."""
+        """The regressor R (n, m) of (9), computed on first access; seconds for a large system."""
         return self.columns(range(len(self.monomials)))
 
     def columns(self, places: Iterable[int]) -> sp.ImmutableMatrix:
         """Return the columns of R at `places`."""
-        chosen = [self.monomials[place] for place in places]
-        rows = [[entry_to_sympy(self.ring, row.get(m)) for m in chosen] for row in self.rows]
+        selected = [self.monomials[place] for place in places]
+        rows = [[entry_to_sympy(self.ring, row.get(m)) for m in selected] for row in self.rows]
         return sp.ImmutableMatrix(rows)
 
 
@@ -77,25 +80,49 @@ def separate(
 ) -> RegressorForm:
     """Bring equations of motion to the regressor form zeta = R theta of (9), by Algorithm 1.
 
-    `equations`: one expression that is zero or a sympy Eq, or several. `motion`: the measured
-    signals, functions of time (their derivatives come with them) or plain symbols. `unknowns`:
-    the symbols to identify, in the order of the columns; unknowns that only occur as products
-    become one lumped parameter a product, which comes after its first factor. Every other symbol
-    is known and stays a symbol; a function of time that is not in `motion` is taken as an input
-    where it stands without unknowns; a symbol t is time. An unknown that no equation holds keeps a
-    column of zeros. `progress` shows the equations done, on stderr.
+    Parameters
+    ----------
+    equations : sympy expression, Eq, or several
+        Expressions that are zero along every motion.
+    motion : sympy functions of time or symbols
+        The measured signals; the derivatives of a function of time are included.
+    unknowns : sympy symbols
+        The symbols to identify, in the order of the columns. Unknowns that occur only as a product
+        become one lumped parameter, placed after its first factor. Every other symbol is known and
+        stays a symbol; a symbol t is time. A function of time that is not in `motion` is an input
+        and must not multiply an unknown.
+    max_terms : int, default 500 000
+        Limit on the terms of one polynomial.
+    progress : bool, default False
+        Show a progress bar on stderr.
 
+    Returns
+    -------
+    RegressorForm
+        An unknown that occurs in no equation keeps a column of zeros.
+
+    Raises
+    ------
+    SymbolicError
+        If an unknown is inside a function or in a denominator that cannot be cleared, for unusable
+        `motion` or `unknowns`, for an undeclared function of time that multiplies an unknown, for
+        equations without unknowns and for equations of more than `max_terms` terms.
+
+    Notes
+    -----
     The result does not depend on how an equation is written. A denominator with unknowns is
-    cleared. Each row is then divided by one coefficient: that of its input, a signal which stands
-    alone, linearly, in one term without unknowns, of which no derivative or function occurs, and
-    whose coefficient is, up to a number, also that of a term with an unknown (tau_M of (7)). If
-    several terms could be the input, or none, it is the coefficient by which the others become
-    simplest: fewest known symbols, then shortest numbers, then first in order. This coefficient
-    becomes +1, in zeta if its term has no unknowns. So (7) gives (10).
+    cleared; each row is then divided by one coefficient, which becomes +1. It is that of the row's
+    input: a signal that occurs once, linearly and without unknowns, with a coefficient that is, up
+    to a number, also that of a term with an unknown, as tau_M in (7). If no term or several terms
+    qualify, it is the coefficient that leaves the others simplest: fewest known symbols, then
+    shortest numbers, then first in order. So (7) gives (10).
 
-    Raises SymbolicError where an unknown stands inside a function or in a denominator that cannot
-    be cleared, for unusable `motion` or `unknowns`, for an undeclared function of time beside an
-    unknown, for equations without any unknown and for equations of more than `max_terms` terms.
+    Examples
+    --------
+    >>> t, m, b = sympy.symbols("t m b")
+    >>> x, F = sympy.Function("x")(t), sympy.Function("F")(t)
+    >>> separate(m * x.diff(t, 2) + b * x.diff(t) - F, motion=[x, F], unknowns=[m, b]).regressor
+    Matrix([[Derivative(x(t), (t, 2)), Derivative(x(t), t)]])
     """
     expressions, signals, symbols = declared(equations, motion, unknowns)
     ring, ratios = read_equations(expressions, signals, symbols, max_terms, progress=progress)
@@ -123,7 +150,7 @@ def _lumped(unknowns: Sequence[sp.Symbol], monomial: Exponents) -> sp.Expr:
 def _grouped(
     ring: Ring, equation: Ratio, expression: sp.Expr, unknowns: Sequence[sp.Symbol]
 ) -> dict[Exponents, Entry]:
-    """Group an equation by its products of unknowns, the denominators with unknowns cleared."""
+    """Clear the denominators with unknowns, and group an equation by its products of unknowns."""
     numerator = equation.numerator
     unknown_part, motion_part = _denominators(ring, equation.denominator)
     shift = _shift(ring, numerator, unknown_part, expression)
@@ -138,7 +165,7 @@ def _grouped(
 
 
 def _denominators(ring: Ring, denominator: fmpq_mpoly) -> tuple[fmpq_mpoly, fmpq_mpoly]:
-    """Split a denominator: what holds unknowns, what holds motion; known factors only scale."""
+    """Split a denominator into factors with unknowns and with motion; known ones only scale."""
     with_unknown, with_motion = ring.constant(1), ring.constant(1)
     if not denominator.is_constant():
         for factor, times in denominator.factor()[1]:
@@ -153,9 +180,9 @@ def _denominators(ring: Ring, denominator: fmpq_mpoly) -> tuple[fmpq_mpoly, fmpq
 def _shift(
     ring: Ring, numerator: fmpq_mpoly, denominator: fmpq_mpoly, expression: sp.Expr
 ) -> Exponents:
-    """Return the exponents to take off each term: not zero where quotients like m1/m2 are lumped.
+    """Return the exponents to subtract from each term; not zero for lumped quotients like m1/m2.
 
-    Clearing the denominator is right if a term without unknowns is left, to fix the scale.
+    A denominator may be cleared only if a term without unknowns remains and fixes the scale.
     """
     cleared = (0,) * len(ring.unknown)
     if denominator.is_constant():
@@ -171,8 +198,8 @@ def _shift(
     terms = sp.Add.make_args(expression)
     term = next((x for x in terms if sp.fraction(sp.together(x))[1].has(unknown)), expression)
     raise SymbolicError(
-        f"the unknown {unknown} stands in the denominator {found} of the term {shortened(term)}, "
-        "and it does not clear: multiplied by it, every term holds an unknown and nothing fixes "
+        f"the unknown {unknown} is in the denominator {found} of the term {shortened(term)} and "
+        "cannot be cleared: multiplied by it, every term contains an unknown and nothing fixes "
         "their scale; make it known, or name the whole fraction as one unknown"
     )
 
@@ -187,7 +214,7 @@ def _entry(ring: Ring, terms: Mapping[Exponents, fmpq_mpoly], below: fmpq_mpoly)
 
 
 def _columns(rows: Sequence[Row], unknowns: Sequence[sp.Symbol]) -> tuple[Exponents, ...]:
-    """Return the columns: the products that occur, and unknowns that occur in none."""
+    """Return the columns: the products that occur, and the unknowns that occur in none."""
     found = {monomial for row in rows for monomial in row if any(monomial)}
     if not found:
         raise SymbolicError(

@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from seaid._arrays import Array, IndexArray, finite, frozen
 from seaid.errors import RobotError
-from seaid.robot import Robot, UrdfTree, find_mesh, search_folders, urdf_again
+from seaid.robot import Robot, UrdfTree, find_mesh, reread_urdf, search_folders
 
 Color = tuple[int, int, int]
 
@@ -299,7 +299,7 @@ def picture_of(robot: Robot, *, package_dirs: str | Path | Sequence[str | Path] 
 def _tree_of(robot: Robot) -> UrdfTree:
     if robot.urdf is None:
         raise RobotError(f"'{robot.name}' has no URDF to show: make it by load_robot")
-    tree = urdf_again(robot.urdf)
+    tree = reread_urdf(robot.urdf)
     gone = [joint for joint in robot.joint_names if joint not in tree.joints]
     if gone:
         raise RobotError(

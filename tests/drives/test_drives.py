@@ -55,14 +55,14 @@ def test_linear_spring_has_radii_and_newtons_a_metre(tmp_path: Path) -> None:
     drive = read(tmp_path, f"{ELASTIC}{radii}stiffness_N_per_m = 5e4\n")
     assert isinstance(drive, SeriesElasticDrive)
     assert (drive.motor_radius, drive.load_radius, drive.ratio) == (0.02, 0.04, 100.0)
-    assert (drive.stiffness, drive.stiffness_unit, drive.force_unit) == (5e4, "N/m", "N")
+    assert (drive.stiffness, drive.stiffness_unit, drive.spring_units[0]) == (5e4, "N/m", "N")
 
 
 def test_rotary_spring_has_radii_of_one_and_newton_metres_a_radian(tmp_path: Path) -> None:
     drive = read(tmp_path, f"{ELASTIC}stiffness_Nm_per_rad = 70\n")
     assert isinstance(drive, SeriesElasticDrive)
     assert (drive.motor_radius, drive.load_radius) == (1.0, 1.0)
-    assert (drive.stiffness, drive.stiffness_unit, drive.force_unit) == (70, "N m/rad", "N m")
+    assert (drive.stiffness, drive.stiffness_unit, drive.spring_units[0]) == (70, "N m/rad", "N m")
 
 
 def test_drum_of_a_prismatic_joint_counts_one_on_the_load_side(tmp_path: Path) -> None:
@@ -135,7 +135,7 @@ def test_file_that_is_no_toml_is_named(tmp_path: Path) -> None:
             "no drive type is named 'serial_elastic'; did you mean 'series_elastic'? allowed: ",
         ),
         ('[knee]\ntype = ["stiff"]\n', "no drive type is named '['stiff']'"),
-        ('[knee]\ntype = "stiff"\n', "key 'gear_ratio' is missing; give the motor turns a turn"),
+        ('[knee]\ntype = "stiff"\n', "key 'gear_ratio' is missing; give the motor turns per turn"),
         ('[knee]\ntype = "series_elastic"\n', "key 'gear_ratio' is missing; give the motor turns"),
         (
             f"{STIFF}motor_inertia_kgm2 = 1\n",
@@ -145,11 +145,11 @@ def test_file_that_is_no_toml_is_named(tmp_path: Path) -> None:
         (f"{STIFF}gear_ratio_rad_per_m = 1\n", "(prismatic joint), found both"),
         (
             f"{ELASTIC}load_pulley_radius_m = 1\n",
-            "needs motor_pulley_radius_m too (leave both out for a rotary spring)",
+            "needs motor_pulley_radius_m too (give neither for a rotary spring)",
         ),
         (
             f"{ELASTIC}stiffness_N_per_m = 1\n",
-            "found stiffness_N_per_m, but the spring is rotary (pulley radii left out): use "
+            "found stiffness_N_per_m, but the spring is rotary (pulley radii not given): use "
             "stiffness_Nm_per_rad",
         ),
         (
@@ -163,7 +163,7 @@ def test_file_that_is_no_toml_is_named(tmp_path: Path) -> None:
         (f'{STIFF}friction = "viscous"\n', "friction must be a list of texts, found 'viscous'"),
         (f"{STIFF}friction = 1\n", "friction must be a list of texts, found 1"),
         (f'{STIFF}friction = ["coulomb", "coulomb"]\n', "names a term twice: coulomb, coulomb"),
-        (f'{ELASTIC}friction = ["offset"]\n', "constant column is the deflection offset"),
+        (f'{ELASTIC}friction = ["offset"]\n', "constant column is the spring offset"),
         (f"{STIFF}extra_terms = [1]\n", "extra_terms must be a list of texts, found [1]"),
         (f"{STIFF}coulomb_friction_Nm = 1e300\n", "from 0 to 1e+30 in size, found 1e+300"),
         (f"{STIFF}coulomb_friction_Nm = nan\n", "must be a finite number"),

@@ -113,7 +113,7 @@ def test_with_the_bent_parameters_given_the_rest_is_the_same_equation() -> None:
 
 def test_a_term_that_is_not_linear_needs_a_start() -> None:
     drive = replace(ELASTIC, friction=("coulomb", "stribeck"))
-    with pytest.raises(RobotError, match=r"stribeck_.* needs a value to start from"):
+    with pytest.raises(RobotError, match=r"stribeck_.* needs an initial value"):
         drive_regressor(motor_equation(drive), drive).evaluate(signals())
 
 
@@ -229,7 +229,7 @@ def test_values_are_read_under_keys_with_units() -> None:
     ("change", "words"),
     [
         ({"spring": ["linear", "quintic"]}, "no spring term is named 'quintic'"),
-        ({"spring": ["dead_zone"]}, "needs a term that pulls"),
+        ({"spring": ["dead_zone"]}, "needs a stiffness term"),
         (
             {"friction": ["coulomb", "smooth_coulomb"]},
             "one of coulomb, smooth_coulomb, shifted_coulomb, found coulomb, sm",
@@ -239,8 +239,8 @@ def test_values_are_read_under_keys_with_units() -> None:
         ({"joint_friction": ["viscos"]}, "did you mean 'viscous'?"),
         ({"known": ["stiffnes"]}, "no known parameter is named 'stiffnes'"),
         ({"known": ["stiffness"]}, "known names 'stiffness', but it has no value"),
-        ({"dead_zone_rad": 0.1}, "but its term 'dead_zone' of spring is not there"),
-        ({"deflection_zero_rad": 0.1}, "a spring that is not linear"),
+        ({"dead_zone_rad": 0.1}, "but the drive lacks the term 'dead_zone' of spring"),
+        ({"deflection_zero_rad": 0.1}, "a nonlinear spring"),
         ({"nominal": {"stifness": 1.0}}, "did you mean 'stiffness'?"),
         ({"nominal": {"stiffness": 1.0}}, "give it as stiffness_Nm_per_rad"),
         ({"nominal": 3}, "nominal must be a table of numbers, found 3"),

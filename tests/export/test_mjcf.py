@@ -491,7 +491,9 @@ def body(robot: Robot, index: int, place: int, value: float) -> Robot:
 
 def test_impossible_bodies_are_refused_unless_forced(tmp_path: Path) -> None:
     path, wrong = tmp_path / "out.xml", body(arm(), 1, 4, -1.0)
-    with pytest.raises(RobotError, match=r"'upper_arm' would be no possible body .*feasible=True"):
+    with pytest.raises(
+        RobotError, match=r"'upper_arm' would be physically inconsistent .*feasible=True"
+    ):
         write_mjcf(wrong, path)
     assert not path.exists()
     written = write_mjcf(wrong, path, force=True)

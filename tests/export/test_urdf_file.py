@@ -139,11 +139,13 @@ def test_impossible_bodies_are_refused_unless_forced(tmp_path: Path) -> None:
     parameters = robot.parameters.copy()
     parameters[4] = -1.0
     wrong = robot.with_values(parameters, robot.drives)
-    with pytest.raises(RobotError, match=r"'thigh' would be no possible body .*feasible=True, or"):
+    with pytest.raises(
+        RobotError, match=r"'thigh' would be physically inconsistent .*feasible=True, or"
+    ):
         write_urdf(wrong, tmp_path / "out.urdf")
     assert not (tmp_path / "out.urdf").exists()
     written = write_urdf(wrong, tmp_path / "out.urdf", force=True)
-    assert "no possible body" in written.notes[0]
+    assert "physically inconsistent" in written.notes[0]
     np.testing.assert_allclose(load_robot(written.urdf).parameters, parameters, rtol=1e-12)
 
 

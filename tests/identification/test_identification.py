@@ -165,7 +165,7 @@ def test_uncertain_joint_zeros_widen_the_errors_and_move_nothing() -> None:
 
 
 def test_wrong_joint_zeros_are_within_errors_that_know_of_them() -> None:
-    noise = replace(LEG_SENSORS, joint_zero_rad=(0.01, -0.01, 0.01, 0.01, -0.01))
+    noise = replace(LEG_SENSORS, joint_offset_rad=(0.01, -0.01, 0.01, 0.01, -0.01))
     shifted = measure(leg(TEST_MASS), leg_motion(TEST_MASS), noise, 1)
     worst = []
     for std in (0.0, 0.01):

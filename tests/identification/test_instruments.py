@@ -106,7 +106,7 @@ def test_coarse_joint_encoders_bias_least_squares_more() -> None:
     freed: list[list[float]] = []
     for seed in range(4):
         rng = np.random.default_rng(seed)
-        noise = replace(ARM_SENSORS, motor_zero_rad=tuple(rng.uniform(-3, 3, 4)))
+        noise = replace(ARM_SENSORS, motor_offset_rad=tuple(rng.uniform(-3, 3, 4)))
         log = measure(arm(), arm_motion(), noise, seed)
         position = log.joint_position + 2e-2 * rng.normal(size=log.joint_position.shape) * (
             [0.02, 1.0, 0.02, 1.0]

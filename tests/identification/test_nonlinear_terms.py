@@ -408,7 +408,7 @@ def test_refine_says_what_it_does_not_simulate(terms: Case, message: str) -> Non
 def test_an_input_that_was_not_logged_is_named() -> None:
     drive = with_terms(ELASTIC, {"motor_input": "current"}, {"torque_constant": 0.05})
     with pytest.raises(
-        LogError, match=r"'two' has no torque in the log: motor current.*say motor_input = 'torque'"
+        LogError, match=r"'two' has no torque in the log: motor current.*set motor_input = 'torque'"
     ):
         found_in(noisy("plain"), robot(STIFF, drive))
 

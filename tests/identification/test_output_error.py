@@ -24,7 +24,7 @@ REACH = {"rail": (0.0, 0.4), "shoulder": (0.3, 0.8), "telescope": (0.15, 0.2), "
 SENSORS = Noise(
     motor_resolution_rad=2 * np.pi / 2000,
     joint_resolution_rad=(2 * np.pi / 2**14, 2e-5),
-    motor_zero_rad=(1.0, -2.0),
+    motor_offset_rad=(1.0, -2.0),
     torque_std_Nm=0.003,
 )
 
@@ -233,7 +233,7 @@ def test_refining_again_changes_nothing() -> None:
 
 
 def test_joint_zeros_are_estimated_where_they_are_uncertain() -> None:
-    shifted_log = measure(SPRINGS, motion(), Noise(joint_zero_rad=(0.01, 0.0)))
+    shifted_log = measure(SPRINGS, motion(), Noise(joint_offset_rad=(0.01, 0.0)))
     start = identify(SPRINGS.without_nominal(), shifted_log)
     trusting, doubting = (refine(start, shifted_log, encoder_offset_std=std) for std in (0.0, 0.01))
     assert base_error(doubting, SPRINGS) < 0.5 * base_error(trusting, SPRINGS)

@@ -177,7 +177,7 @@ def _doubled(drive: StiffDrive | SeriesElasticDrive) -> StiffDrive | SeriesElast
 def test_encoder_zeros_end_up_in_the_deflection_offset() -> None:
     truth, motion = arm(), arm_motion()
     zeros = (0.7, -0.4, 2.0, 0.1)
-    log = measure(truth, motion, Noise(motor_zero_rad=zeros))
+    log = measure(truth, motion, Noise(motor_offset_rad=zeros))
     found, plain = (
         identify(truth.without_nominal(), one) for one in (log, perfect_log(truth, motion))
     )

@@ -137,7 +137,7 @@ def base_errors(estimator: str, seed: int) -> Array:
     rng = np.random.default_rng(seed)
     noise = Noise(
         motor_resolution_rad=2 * np.pi / 2000,
-        motor_zero_rad=tuple(rng.uniform(-3, 3, 3)),
+        motor_offset_rad=tuple(rng.uniform(-3, 3, 3)),
         torque_std_Nm=0.003,
     )
     log = measure(TRUTH, true_motion(), noise, seed)

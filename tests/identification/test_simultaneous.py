@@ -258,7 +258,9 @@ def start_of(robot: Robot, log: Log) -> tuple[Array, Array]:
 @cache
 def free_foot() -> tuple[Regression, Array, Array, Array, Estimate]:
     """Return rows, truth, sequential values and errors, and the joint estimate of a noisy log."""
-    log = measure(IN_MOTION, leg_case(rate_hz=1000.0), replace(LEG_SENSORS, motor_zero_rad=0.0), 3)
+    log = measure(
+        IN_MOTION, leg_case(rate_hz=1000.0), replace(LEG_SENSORS, motor_offset_rad=0.0), 3
+    )
     known, model = IN_MOTION.without_nominal(), model_of(IN_MOTION)
     rows = simultaneous_regression(known, reconstruct_motion(known, log), model, ELASTIC)
     start, errors = start_of(known, log)

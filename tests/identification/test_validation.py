@@ -103,7 +103,7 @@ def test_wrong_parameters_show() -> None:
 
 def test_other_encoder_zeros_of_the_motor_are_not_forgiven() -> None:
     """The offset belongs to one mounting: a log with other zeros is another robot."""
-    log = measure(arm(), arm_motion(seed=5), Noise(motor_zero_rad=(0.0, 50.0, 0.0, 0.0)))
+    log = measure(arm(), arm_motion(seed=5), Noise(motor_offset_rad=(0.0, 50.0, 0.0, 0.0)))
     assert validate(found(), log).load.relative_error[1] > 0.3
 
 

@@ -12,8 +12,8 @@ from seaid.robot.inertia import (
     UNITS,
     from_center_of_mass,
     from_pseudo_inertia,
-    impossibility,
     in_parent_frame,
+    inconsistency,
     is_physical,
     parameter_names,
     pseudo_inertia,
@@ -139,7 +139,7 @@ def test_point_mass_and_nothing_are_possible_negative_mass_is_not() -> None:
 @given(seeds)
 def test_no_reason_is_found_against_a_possible_body(seed: int) -> None:
     _, parameters = random_body(seed)
-    assert impossibility(parameters) is None
+    assert inconsistency(parameters) is None
 
 
 @pytest.mark.parametrize(
@@ -158,11 +158,11 @@ def test_an_impossible_tensor_is_named_wherever_the_body_is(
     moments: tuple[float, float, float], reason: str | None, seed: int
 ) -> None:
     body = from_center_of_mass(2.0, np.zeros(3), np.diag(moments))
-    found = impossibility(in_parent_frame(body, random_placement(seed)))
+    found = inconsistency(in_parent_frame(body, random_placement(seed)))
     assert found is None if reason is None else found is not None and reason in found
 
 
 def test_mass_that_no_body_has_is_named() -> None:
-    assert impossibility(np.zeros(10)) is None
-    assert impossibility(np.eye(10)[4]) == "inertia without mass"
-    assert impossibility(-np.eye(10)[0]) == "a negative mass, -1 kg"
+    assert inconsistency(np.zeros(10)) is None
+    assert inconsistency(np.eye(10)[4]) == "inertia without mass"
+    assert inconsistency(-np.eye(10)[0]) == "a negative mass, -1 kg"

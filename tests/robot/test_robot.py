@@ -208,7 +208,7 @@ def test_payload_of_impossible_shape_is_refused() -> None:
     ("payload", "words"),
     [
         ((1e10, (0.0, 0.0, 0.0)), r"mass .*, found 1e\+10: allowed are 1e-30 to 1e\+09 kg"),
-        ((1e-320, (0.0, 0.0, 0.0)), "mass of the payload on 'foot' is beyond what"),
+        ((1e-320, (0.0, 0.0, 0.0)), "mass of the payload on 'foot' is out of range"),
         ((1.0, (0.0, -1e200, 0.0)), r"com .*, found 1e\+200: allowed are 0 to 10000 m"),
         ((1.0, (0.0, 0.0, 0.0), ((1e300, 0, 0), (0, 1e300, 0), (0, 0, 1e300))), "inertia of"),
     ],
@@ -233,7 +233,7 @@ def test_joint_of_several_axes_is_refused_by_name_and_can_be_left_out(
     write_chain: Chain, kind: str
 ) -> None:
     path = write_chain({"ball": kind, "elbow": 'revolute <axis xyz="0 1 0"/>'})
-    with pytest.raises(RobotError, match=f"joint 'ball' is {kind}; .*leave it out with joints="):
+    with pytest.raises(RobotError, match=f"joint 'ball' is {kind}; .*exclude it from joints="):
         load_robot(path)
     with pytest.raises(RobotError, match=f"joint 'ball' is {kind}"):
         load_robot(path, joints=["elbow", "ball"])

@@ -96,7 +96,7 @@ def test_what_is_missing_is_said() -> None:
     with pytest.raises(seaid.LogError, match="no motor torque of 'pendulum'"):
         replay(robot, swing(robot))
     electric = pendulum(replace(DRIVE, motor_input="voltage"))
-    with pytest.raises(seaid.RobotError, match="'voltage_constant' is not given"):
+    with pytest.raises(seaid.RobotError, match="'voltage_constant_Nm_per_V' is not given"):
         replay(electric, replace(swing(robot), motor_voltage=np.zeros((240, 1))))
     with pytest.raises(seaid.RobotError, match="is not given; a simulation needs"):
         replay(pendulum(seaid.StiffDrive(gear_ratio=10.0)), swing(robot, np.zeros((240, 1))))

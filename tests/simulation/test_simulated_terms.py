@@ -335,7 +335,9 @@ def test_steep_friction_is_stepped_finely_and_absurd_friction_refused(write_chai
     assert ends[0][POSITION] > 0.2
     assert ends[0] == pytest.approx(ends[1], rel=0.01)
     absurd = elastic({"coulomb_width": 1e-3}, friction=friction)
-    with pytest.raises(RobotError, match=r"'swing': its friction brakes within 3\.3e-07 s"):
+    with pytest.raises(
+        RobotError, match=r"'swing': its friction has a time constant of 3\.3e-07 s"
+    ):
         plant_of(pendulum(write_chain, absurd))
 
 

@@ -238,7 +238,7 @@ def test_same_seed_gives_the_same_log_and_another_only_other_torque_noise(
 
 def test_encoders_read_whole_steps_from_a_shifted_zero() -> None:
     steps, zeros = (1e-3, 0.0, 2e-3, 5e-3), (0.5, -0.1, 0.0, 3.0)
-    noise = Noise(motor_resolution_rad=steps, motor_zero_rad=zeros, joint_zero_rad=0.01)
+    noise = Noise(motor_resolution_rad=steps, motor_offset_rad=zeros, joint_offset_rad=0.01)
     motion = arm_motion()
     log = measure(arm(), motion, noise)
     shifted = motion.motor_position + zeros
@@ -281,8 +281,8 @@ def test_joints_in_the_users_order_move_the_same() -> None:
     trajectory = short(usual)
     turned = Trajectory(names, trajectory.basis, trajectory.coefficients[:, ::-1])
     noise = replace(LEG_SENSORS, torque_std_Nm=0.0)
-    assert not isinstance(noise.motor_zero_rad, float)
-    backwards = replace(noise, motor_zero_rad=noise.motor_zero_rad[::-1])
+    assert not isinstance(noise.motor_offset_rad, float)
+    backwards = replace(noise, motor_offset_rad=noise.motor_offset_rad[::-1])
     one, other = simulate(usual, trajectory, noise=noise), simulate(robot, turned, noise=backwards)
     assert np.allclose(one.joint_position, other.joint_position[:, ::-1], rtol=0, atol=1e-9)
     assert np.allclose(one.motor_torque, other.motor_torque[:, ::-1], rtol=0, atol=1e-6)

@@ -73,12 +73,18 @@ def test_real_functions_of_symbols_without_assumptions() -> None:
 
 X = sp.Symbol("x")
 REFUSED = [
-    (X**2, [X], [0], None, ["coordinate x is no function of time", "Function('x')(t)"]),
+    (X**2, [X], [0], None, ["coordinate x is not a function of time", "Function('x')(t)"]),
     (KINETIC, [], [], None, ["no coordinates"]),
     (KINETIC, [q, q], [0, 0], None, ["q(t) is listed twice"]),
     (KINETIC, [q, sp.Function("z")(X)], [0, 0], None, ["different times"]),
-    (KINETIC - k * p, [q], [0], None, ["the Lagrangian holds p(t)", "not declared", "q(t)", "add"]),
-    (KINETIC, [q], [0], other.diff(t) ** 2, ["the dissipation holds z(t)", "not declared"]),
+    (
+        KINETIC - k * p,
+        [q],
+        [0],
+        None,
+        ["the Lagrangian contains p(t)", "not declared", "q(t)", "add"],
+    ),
+    (KINETIC, [q], [0], other.diff(t) ** 2, ["the dissipation contains z(t)", "not declared"]),
     (KINETIC - k * p**2, [q, p], [0, 0], None, ["p(t) occurs without derivatives", "kinetic"]),
     (KINETIC + q.diff(t, 2), [q], [0], None, ["Derivative(q(t), (t, 2))", "first derivatives"]),
     (KINETIC, [q], [0, force], None, ["found 2 forces for 1 coordinates"]),

@@ -1,8 +1,7 @@
-"""Source text of a robot's regressor: a plain NumPy module, and C99. Both stand alone.
+"""Straight-line programs, evaluated or written as NumPy and C99 source that needs nothing else.
 
-A straight-line program: named sums of products of numbers and names, in the order of evaluation.
-
-Common subexpressions have one name each. Coefficients are rationals until text is made of them.
+A program is a list of named sums of products of numbers and names, in the order of evaluation, with
+one name per common subexpression. Coefficients stay rational until they are evaluated or written.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ ZERO: Value = {}
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """Steps {name: value}, each from names before it; `circular` are {name: ('sin', 'q1')}."""
+    """Steps {name: value}, each in earlier names; `circular` are {name: ('sin', 'q1')}."""
 
     circular: dict[str, tuple[str, str]] = field(default_factory=dict)
     steps: dict[str, Value] = field(default_factory=dict)
@@ -125,7 +124,7 @@ _Terms = tuple[tuple[float, tuple[str, ...]], ...]
 
 @dataclass(frozen=True, eq=False)
 class Numeric:
-    """What entries {place: value} need of a program, with doubles as coefficients."""
+    """The part of a program that entries {place: value} need, with doubles as coefficients."""
 
     circular: tuple[tuple[str, str, str], ...]
     steps: tuple[tuple[str, _Terms], ...]
@@ -134,7 +133,7 @@ class Numeric:
     def evaluate(self, motion: Mapping[str, Array]) -> Iterator[tuple[tuple[int, int], Any]]:
         """Yield places and their values (T,) along `motion` {name: (T,)}.
 
-        Bit by bit those of the program's text.
+        They agree bit by bit with those of the exported source.
         """
         known: dict[str, Any] = dict(motion)
         for text, function, argument in self.circular:
@@ -146,7 +145,7 @@ class Numeric:
 
 
 def numeric(program: Program, entries: Mapping[tuple[int, int], Value]) -> Numeric:
-    """Return what the entries need of a program, for numbers."""
+    """Return the part of a program that the entries need, for numeric evaluation."""
     used = needed(program, entries.values())
     return Numeric(
         tuple((text, *call) for text, call in program.circular.items() if text in used),
@@ -173,7 +172,7 @@ def _sum_of(terms: _Terms, known: Mapping[str, Any]) -> Any:
 
 
 def text_of(value: Value, number: Callable[[fmpq], str]) -> str:
-    """Return a value as an expression that Python and C read alike."""
+    """Return a value as an expression that is valid in Python and in C."""
     text = ""
     for factors, x in value.items():
         sign = ("-" if x < 0 else "") if not text else (" - " if x < 0 else " + ")
@@ -188,8 +187,8 @@ _Entries = Mapping[tuple[int, int], Value]
 def export_numpy(form: RigidBodyForm, path: str | Path) -> None:
     """Write the regressor as one Python file that needs NumPy only.
 
-    It has `regressor(q, v, a)`, `base_regressor(q, v, a)` over (T, n) arrays, the names of joints
-    and parameters, and the grouping matrix. Raises SeaidError where it cannot be written.
+    It has `regressor(q, v, a)` and `base_regressor(q, v, a)` for (T, n) arrays, the names of joints
+    and parameters, and the grouping matrix. Raises SeaidError if the file cannot be written.
     """
     write_whole(path, numpy_source(form))
 
@@ -198,7 +197,7 @@ def export_c(form: RigidBodyForm, path: str | Path) -> None:
     """Write the regressor as one C99 file that needs <math.h> only.
 
     It has `<robot>_regressor(q, v, a, Y)` and `<robot>_base_regressor(q, v, a, Y)` with row-major
-    Y. Raises SeaidError where it cannot be written.
+    Y. Raises SeaidError if the file cannot be written.
     """
     write_whole(path, c_source(form))
 
@@ -257,10 +256,10 @@ _MOST_OF_A_NAME = 60
 
 
 def _as_comment(text: str) -> str:
-    """Return a text with names of a user in it so that no comment of C or Python ends with it.
+    """Return a text with a user's names so that it cannot end a comment of C or Python.
 
-    Neither by `*/` or quotes, nor by what a compiler joins first: a backslash, or the trigraph for
-    one, before the end of a line. What is no letter could also hide text from who reads the file.
+    It could do so by `*/` or quotes, or by a backslash (or its trigraph) before the end of a line.
+    Unprintable characters, which could hide text from a reader of the file, are replaced.
     """
     shown = "".join(one if one.isprintable() else "_" for one in text)
     plain = shown.translate({ord("\\"): "_", ord("?"): "_", ord('"'): "'"})
@@ -298,7 +297,7 @@ def c_source(form: RigidBodyForm) -> str:
     return "\n".join(
         [
             "/* " + _about(form).replace("\n", "\n   "),
-            "   Y is row-major, a row a joint. Base parameters:",
+            "   Y is row-major, one row per joint. Base parameters:",
             names,
             "   Written by seaid; C99, needs <math.h> only. */",
             "",
@@ -344,7 +343,7 @@ def _statements(
     declare: str,
     number_text: Callable[[fmpq], str],
 ) -> list[str]:
-    """Return the assignments of what the entries need, in order."""
+    """Return the assignments that the entries need, in order."""
     used = needed(program, entries.values())
     lines = [
         f"{declare}{text} = {module}{function}({argument})"

@@ -1,7 +1,4 @@
-"""The exact joint-torque regressor of a Robot: in sympy, as a numeric function, as source text.
-
-The complete model of a leg as one symbolic system: (7) and (8) of every joint in sympy.
-"""
+"""The exact joint-torque regressor of a Robot, and its complete model (7) and (8) in sympy."""
 
 from __future__ import annotations
 
@@ -46,8 +43,8 @@ from seaid.robot import Robot, coupled_groups
 class RigidBodyForm:
     """The regressor R of (9) for a robot's load side, and R_0 of (14), over exact geometry.
 
-    `base` are the exact base parameters; `program` and `entries` {(joint, parameter): value} the
-    regressor as a straight-line program in q0 .., v0 .., a0 .., the joints in the robot's order.
+    `base` are the exact base parameters. `program` and `entries` {(joint, parameter): value} are
+    the regressor as a straight-line program in q0 .., v0 .., a0 .., in the robot's joint order.
     """
 
     robot_name: str
@@ -70,7 +67,7 @@ class RigidBodyForm:
 
     @cached_property
     def subexpressions(self) -> tuple[tuple[sp.Symbol, sp.Expr], ...]:
-        """What R and R_0 are written in: (symbol, expression in symbols before it), as sp.cse."""
+        """Common subexpressions of R and R_0: (symbol, expression in earlier ones), as sp.cse."""
         circular = [
             (_symbol(text), getattr(sp, function)(_symbol(argument)))
             for text, (function, argument) in self.program.circular.items()
@@ -89,9 +86,9 @@ class RigidBodyForm:
         return self._matrix(self.base_entries, self.base.rank)
 
     def expanded(self, expression: Any) -> Any:
-        """Return an expression or a matrix such as R in positions, velocities, accelerations alone.
+        """Return an expression or a matrix such as R without the common subexpressions.
 
-        Nothing is multiplied out; of a long chain the result is deep.
+        Nothing is multiplied out; for a long chain the result is deep.
         """
         values: dict[sp.Symbol, sp.Expr] = {}
         for symbol, value in self.subexpressions:
@@ -103,7 +100,7 @@ class RigidBodyForm:
         return self._evaluated(self._numeric, len(self.parameter_names), q, v, a)
 
     def base_regressor(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the base columns (T, n, p) of `regressor`, computing no others."""
+        """Return the base columns (T, n, p) of `regressor`, without computing the others."""
         return self._evaluated(self._numeric_base, self.base.rank, q, v, a)
 
     def _matrix(self, entries: Mapping[tuple[int, int], Value], width: int) -> sp.ImmutableMatrix:
@@ -137,9 +134,9 @@ class RigidBodyForm:
 
 
 def rigid_body(robot: Robot) -> RigidBodyForm:
-    """Return the regressor of a robot's load side, exact, in sympy and as a function.
+    """Derive the exact regressor of a robot's load side, in sympy and as a numeric function.
 
-    Without payload, friction and rotor inertia, as `seaid.regressor.rigid_body_regressor`.
+    It is without payload, friction and rotor inertia, as `seaid.regressor.rigid_body_regressor`.
     """
     program, entries = regressor_program(exact_tree(robot))
     return RigidBodyForm(
@@ -166,14 +163,15 @@ def _rational(x: fmpq) -> sp.Rational:
 
 @dataclass(frozen=True, eq=False)
 class CompleteModel:
-    """A robot with its drives as equations that are zero, for `separate` or any other use.
+    """The equations of a robot with its drives, each an expression that is zero.
 
-    An elastic joint has two, (7) of its motor and (8) of its load, a stiff one the one that joins
-    them. `coordinates` are the joints' and the elastic joints' motors' positions, functions of
-    time; `inputs` the motor torques (at an ideal drive the joint torque). `parameters` are the
-    standard inertial parameters, the other symbols those of `seaid.drives.equations` with the
-    joint's name behind, as k_knee: N, r_M, r_L and I_M are known, the others not. The equations of
-    a drive that moves several joints are those of what it turns; its factors are exact numbers.
+    An elastic joint has two equations, (7) of its motor and (8) of its load; a stiff one has one,
+    with (8) inserted in (7). For drives that move several joints, (8) is that of the drives'
+    coordinates. `coordinates` are the positions of the joints and of the elastic joints' motors,
+    functions of time; `inputs` are the motor torques, or the joint torque of an ideal drive.
+    `parameters` are the standard inertial parameters. The other symbols are those of
+    `seaid.drives.equations` followed by the joint's name, such as k_knee; of these N, r_M, r_L and
+    I_M are known.
     """
 
     equations: tuple[sp.Expr, ...]
@@ -183,7 +181,7 @@ class CompleteModel:
 
 
 def complete_model(robot: Robot) -> CompleteModel:
-    """Return (7) and (8) of a robot: lengths and gravity are exact numbers, the rest symbols."""
+    """Derive (7) and (8) of a robot; lengths and gravity are exact numbers, the rest symbols."""
     form = rigid_body(robot)
     joints = [sp.Function(f"q_{joint}")(t) for joint in robot.joint_names]
     inertial = tuple(sp.Symbol(text) for text in robot.parameter_names)
@@ -194,7 +192,7 @@ def complete_model(robot: Robot) -> CompleteModel:
         for symbol, joint in zip(symbols, joints, strict=True)
     }
     loads = [
-        torque.xreplace(in_time) + _beside(robot.drives[joint], joint, position)
+        torque.xreplace(in_time) + _joint_terms(robot.drives[joint], joint, position)
         for torque, joint, position in zip(torques, robot.joint_names, joints, strict=True)
     ]
     turned, loads = _at_drives(robot, joints, loads)
@@ -221,8 +219,8 @@ def complete_model(robot: Robot) -> CompleteModel:
     return CompleteModel(tuple(equations), tuple(coordinates), tuple(inputs), inertial)
 
 
-def _beside(drive: Drive, joint: str, position: sp.Expr) -> sp.Expr:
-    """Return the torque that acts at the joint itself, beside its drive."""
+def _joint_terms(drive: Drive, joint: str, position: sp.Expr) -> sp.Expr:
+    """Return the torque of parallel spring and joint friction."""
     if drive is IDEAL_DRIVE:
         return sp.Integer(0)
     return _of_joint(joint_equation(drive).expression + tau_L, joint, position, theta_M, tau_M)
@@ -231,7 +229,7 @@ def _beside(drive: Drive, joint: str, position: sp.Expr) -> sp.Expr:
 def _at_drives(
     robot: Robot, joints: list[sp.Expr], loads: list[sp.Expr]
 ) -> tuple[list[sp.Expr], list[sp.Expr]]:
-    """Return what the drives turn, C q, and the torques on that, C^-T tau."""
+    """Return the drives' coordinates C q and the torques on them, C^-T tau."""
     if not coupled_groups(robot.transmission):
         return joints, loads
     factors = sp.Matrix(
@@ -243,7 +241,7 @@ def _at_drives(
 def _of_joint(
     expression: sp.Expr, joint: str, position: sp.Expr, motor: sp.Expr, torque: sp.Expr
 ) -> sp.Expr:
-    """Give the signals and symbols of a drive's equation the name of their joint."""
+    """Return a drive's equation with the joint's name in its signals and symbols."""
     signals = {theta_M: motor, theta_L: position, tau_M: torque, i_M: torque, u_M: torque}
     symbols = {
         symbol: sp.Symbol(f"{symbol.name}_{joint}", positive=symbol.is_positive)

@@ -1,15 +1,14 @@
 """The exact geometry of a Robot: rational translations, exactly orthogonal rational rotations.
 
-Numbers are the decimals that the file meant, freed of float noise. Angles that are
-multiples of 90 degrees within float noise are so exactly; of any other angle the half tangent is a
-rational, so that sine and cosine are rationals with sin^2 + cos^2 = 1.
+Numbers are the decimals of the file, freed of float noise. Angles that are multiples of 90 degrees
+within float noise are so exactly; any other angle has a rational half tangent t, so that
+cos = (1 - t^2) / (1 + t^2) and sin = 2 t / (1 + t^2) are rational with sin^2 + cos^2 = 1.
 
-How a joint changes what its body's energy is made of: v, v v^T and gravity, as plain sums.
-
-v = (linear, angular) velocity; v v^T is kept as its 21 upper entries. A joint about or along z
-makes v into X(q) v + phi q' with X(q) = A_0 + A_c cos q + A_s sin q or A_0 + A_q q, and so each of
-the three into a sum over monomials of q, after sin^2 = 1 - cos^2: no reduction is left to do.
-The entries may be rationals or polynomials. Motion of the base and bodies: METHOD 2.
+The energy of a body is linear in v v^T and gravity, with v = (linear, angular) velocity; v v^T is
+stored as its 21 upper entries. A joint about or along z maps v to X(q) v + phi q' with
+X(q) = A_0 + A_c cos q + A_s sin q or A_0 + A_q q. `JointKind` has this map, and those of v v^T and
+gravity, as sums over monomials of q with sin^2 = 1 - cos^2 applied. The entries that are mapped may
+be rationals or polynomials.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ _LENGTH_NOISE = 1e-15
 """Float noise of a translation after merging fixed joints, relative to one metre or itself."""
 
 _FILE_DIGITS = 14
-"""A decimal with more digits is taken as the result of arithmetic."""
+"""A decimal with more digits is the result of arithmetic, not a number of the file."""
 
 _ANGLE_NOISE = 1e-14
 """Float noise of an angle after merging fixed joints; angles rounded in a file are further off."""
@@ -46,9 +45,9 @@ _HALF_TURN = fmpq_mat([[1, 0, 0], [0, -1, 0], [0, 0, -1]])
 class ExactJoint:
     """One joint between aligned frames, in which the axis of every joint is z.
 
-    `parent` is the place of the parent joint in the tree, -1 for the base, whose aligned frame is
-    its own; `rotation` (3, 3) and `translation` (3, 1) place the joint's aligned frame at zero in
-    the parent's; `alignment` (3, 3) has the axes of the aligned frame in the frame of the body.
+    `parent` is the index of the parent joint in the tree, -1 for the base, whose aligned frame is
+    its own; `rotation` (3, 3) and `translation` (3, 1) place the joint's aligned frame at zero
+    position in the parent's; `alignment` (3, 3) has the axes of the aligned frame in the body's.
     """
 
     parent: int
@@ -60,9 +59,9 @@ class ExactJoint:
 
 @dataclass(frozen=True, eq=False)
 class ExactTree:
-    """Joints with parents first, the gravity (3, 1) in the base frame, and whose body is whose.
+    """Joints with parents first, and the gravity (3, 1) in the base frame.
 
-    `bodies[i]` is the place among the robot's bodies of the body that joint i moves.
+    `bodies[i]` is the index, among the robot's bodies, of the body that joint i moves.
     """
 
     joints: tuple[ExactJoint, ...]
@@ -97,8 +96,8 @@ def exact_tree(robot: Robot) -> ExactTree:
 def _between_axes(above: fmpq_mat, placed: fmpq_mat, axis: Array) -> tuple[fmpq_mat, fmpq_mat]:
     """Return a joint's rotation between aligned frames, and its alignment.
 
-    Axes that are parallel but for float noise are made parallel: by the axis where the frames are
-    turned by multiples of 90 degrees, else by the rotation.
+    Axes that are parallel up to float noise are made exactly parallel: by changing the axis if the
+    frames are rotated by multiples of 90 degrees, else by changing the rotation.
     """
     alignment = _alignment(axis)
     rotation = above.transpose() * placed * alignment
@@ -113,7 +112,7 @@ def _between_axes(above: fmpq_mat, placed: fmpq_mat, axis: Array) -> tuple[fmpq_
 
 
 def joint_axis(joint: object) -> Array:
-    """Return the unit axis of one of Pinocchio's joint models with one coordinate."""
+    """Return the unit axis of a Pinocchio joint model with one coordinate."""
     name = joint.shortname()  # type: ignore[attr-defined]
     if name[-1] in "XYZ":
         return np.array(np.eye(3)["XYZ".index(name[-1])])
@@ -121,10 +120,10 @@ def joint_axis(joint: object) -> Array:
 
 
 def exact_number(value: float) -> fmpq:
-    """Return the decimal that a double means, as a rational.
+    """Return the decimal that a double represents, as a rational.
 
-    It is the shortest one of that double; where that is long, a trace of arithmetic, the shortest
-    one within float noise.
+    It is the shortest decimal of that double or, if that is long because of arithmetic, the
+    shortest one within float noise.
     """
     value = float(value)
     exact = Fraction(repr(value))
@@ -138,24 +137,24 @@ def exact_number(value: float) -> fmpq:
 def exact_rotation(rotation: Array) -> fmpq_mat:
     """Return an exactly orthogonal rational matrix within 1e-15 of a rotation (3, 3).
 
-    Entries that are 0 or 1 but for float noise are so exactly; float noise is 1e-14.
+    Entries that are 0 or +-1 up to float noise (1e-14) become exact.
     """
     row, column = _special_entry(rotation)
     before, after = (_alignment(np.eye(3)[place]) for place in (row, column))
     inner = as_floats(before).T @ rotation @ as_floats(after)
-    # As Rz(a) Rx(b) Rz(c): where b is 0 or 90 degrees, zeros elsewhere come from a and c.
+    # Euler angles Rz(a) Rx(b) Rz(c): if b is 0 or 90 degrees, zeros elsewhere come from a and c.
     tilt = math.atan2(math.hypot(inner[0, 2], inner[1, 2]), inner[2, 2])
     first = _about_x(tilt)
     if min(tilt, math.pi - tilt) > _ANGLE_NOISE:
         first = _about_z(math.atan2(inner[0, 2], -inner[1, 2])) * first
-    # What is left is measured, so that the error of a, large where b is small, does not stay.
+    # c is measured on the remainder, which removes the error of a, large for small b.
     rest = as_floats(first).T @ inner
     inner_exact = first * _about_z(math.atan2(rest[1, 0], rest[0, 0]))
     return before * inner_exact * after.transpose()
 
 
 def _special_entry(rotation: Array) -> tuple[int, int]:
-    """Return the place of an entry that is 1 or -1, else of one that is 0, else the last."""
+    """Return the indices of an entry that is 1 or -1, else of one that is 0, else the last."""
     sizes = np.abs(rotation)
     for special in (sizes > 1 - _ANGLE_NOISE, sizes < _ANGLE_NOISE):
         if special.any():
@@ -176,14 +175,14 @@ def number(value: fmpq) -> float:
 
 
 def _alignment(axis: Array) -> fmpq_mat:
-    """Return a rotation whose last column is the axis: a permutation for a coordinate axis."""
+    """Return a rotation whose last column is the axis; a permutation for a coordinate axis."""
     along = np.flatnonzero(np.abs(axis) == 1.0)
     if along.size:
         last = int(along[0])
         columns = [(last + 1) % 3, (last + 2) % 3, last]
         turned = fmpq_mat([[int(row == column) for column in columns] for row in range(3)])
         return turned if axis[last] > 0 else turned * _HALF_TURN
-    # Half a turn about the line between z and the axis.
+    # Half a turn about w, the bisector of z and the axis: R = 2 w w^T / (w^T w) - 1.
     up = 1 if axis[2] >= 0 else -1
     w = _unit_vector(axis) + fmpq_mat(3, 1, [0, 0, up])
     turned = 2 / (w.transpose() * w)[0, 0] * (w * w.transpose()) - _IDENTITY
@@ -191,7 +190,7 @@ def _alignment(axis: Array) -> fmpq_mat:
 
 
 def _unit_vector(axis: Array) -> fmpq_mat:
-    """Return an exact unit vector, the same for the same components in any order and sign."""
+    """Return an exact unit vector; permuted or negated components give permuted or negated ones."""
     order = np.argsort(np.abs(axis), kind="stable")
     x, y, z = np.abs(axis)[order]
     high, low = _cosine_and_sine(math.atan2(x, math.hypot(y, z)))
@@ -213,7 +212,7 @@ def _about_x(angle: float) -> fmpq_mat:
 
 
 def _cosine_and_sine(angle: float) -> tuple[fmpq, fmpq]:
-    """Return rationals on the unit circle, in steps of 90 degrees exact."""
+    """Return rational cosine and sine of an angle, exact at multiples of 90 degrees."""
     quarters = round(angle / (math.pi / 2))
     rest = angle - quarters * (math.pi / 2)
     t = fmpq(0) if abs(rest) <= _ANGLE_NOISE else _simplest(math.tan(rest / 2))
@@ -238,7 +237,7 @@ def _simplest(value: float) -> fmpq:
 
 
 Powers = tuple[int, int]
-"""Powers of (cos q, sin q), or of (q, -) where the joint slides."""
+"""Powers of (cos q, sin q), or of (q, -) for a prismatic joint."""
 
 Sum = tuple[tuple[int, int, Any], ...]
 """A sparse matrix of integers or rationals: (row, column, value)."""
@@ -246,7 +245,7 @@ Sum = tuple[tuple[int, int, Any], ...]
 _Square = Sequence[Sequence[int]]
 
 PAIRS = tuple((i, j) for i in range(6) for j in range(i, 6))
-"""The entries of a symmetric matrix (6, 6) that are kept, in their order."""
+"""The stored entries of a symmetric matrix (6, 6), in order."""
 
 PAIR = {pair: place for place, pair in enumerate(PAIRS)} | {
     (j, i): place for place, (i, j) in enumerate(PAIRS)
@@ -257,7 +256,7 @@ _ONE, _C, _S, _CC, _CS = (0, 0), (1, 0), (0, 1), (2, 0), (1, 1)
 
 @dataclass(frozen=True, eq=False)
 class JointKind:
-    """What a joint of a kind does: `axis` is the place of 1 in phi, the rest sums by monomial."""
+    """The maps of a joint type: `axis` is the index of 1 in phi, the others {monomial: matrix}."""
 
     axis: int
     velocity: Mapping[Powers, Sum]
@@ -335,7 +334,7 @@ TWICE_KINETIC: Sum = (
     *((4, PAIR[3, 3], 1), (5, PAIR[3, 4], 2), (6, PAIR[4, 4], 1)),
     *((7, PAIR[3, 5], 2), (8, PAIR[4, 5], 2), (9, PAIR[5, 5], 1)),
 )
-"""2 K of a body, a row for each of its ten parameters, from the 21 entries of v v^T."""
+"""2 K of a body from the 21 entries of v v^T, one row per inertial parameter."""
 
 
 def applied(matrix: Sum, vector: Sequence[Any], rows: int, zero: Any) -> list[Any]:
@@ -356,7 +355,7 @@ def with_axis(kind: JointKind, velocity: Sequence[Any], zero: Any) -> list[Any]:
 
 
 def twist_transform(rotation: fmpq_mat, translation: fmpq_mat) -> fmpq_mat:
-    """Return (6, 6): the velocity at the frame placed by both, in its axes, from the parent's."""
+    """Return the map (6, 6) from the parent's velocity to that of a frame placed in it."""
     x, y, z = translation.entries()
     cross = fmpq_mat([[0, z, -y], [-z, 0, x], [y, -x, 0]])
     turned, moved = rotation.transpose(), rotation.transpose() * cross
@@ -365,7 +364,7 @@ def twist_transform(rotation: fmpq_mat, translation: fmpq_mat) -> fmpq_mat:
 
 
 def inertia_transform(rotation: fmpq_mat, translation: fmpq_mat) -> fmpq_mat:
-    """Return (10, 10): the ten parameters in the frame in which both place the body's frame.
+    """Return the map (10, 10) from a body's ten parameters to those in the parent frame.
 
     By the pseudo-inertia T J T^T (Wensing et al. 2018), as `seaid.robot.inertia.in_parent_frame`.
     """

@@ -15,7 +15,7 @@ from seaid._arrays import frozen
 from seaid.regressor.base import BaseParameters
 from seaid.regressor.exact.geometry import number
 
-Way = Literal["recursion", "energy", "torque"]
+Route = Literal["recursion", "energy", "torque"]
 
 SparseRow = dict[int, fmpq]
 """{column: value}, without zeros."""
@@ -25,15 +25,22 @@ _LONGEST_FRACTION = 10_000
 
 @dataclass(frozen=True, eq=False)
 class ExactBaseParameters(BaseParameters):
-    """Base parameters without rounding, and their certificate. Fields as in BaseParameters.
+    """Base parameters over the rationals. Fields as in BaseParameters, with an infinite `gap`.
 
-    `grouping` is the double nearest to each rational of the grouping, `gap` infinite: nothing was
-    close. `rank` is the rank over the rationals, by `through`; the ways by polynomials also count
-    the `fundamental_functions` of the motion and the `different_rows` of B in (12), which
-    are None for the recursion. `exact_rows` hold the grouping as {column: value}.
+    Attributes
+    ----------
+    through : {"recursion", "energy", "torque"}
+        The route of the derivation.
+    rank : int
+        Rank over the rationals.
+    fundamental_functions, different_rows : int or None
+        Number of functions of the motion, and of rows of B in (12) that differ by more than a
+        factor; None for the recursion.
+    exact_rows : tuple of p mappings {column: Fraction}
+        The grouping, to which `grouping` has the nearest doubles.
     """
 
-    through: Way
+    through: Route
     rank: int
     fundamental_functions: int | None
     different_rows: int | None
@@ -41,7 +48,7 @@ class ExactBaseParameters(BaseParameters):
 
     @cached_property
     def exact_grouping(self) -> tuple[tuple[Fraction, ...], ...]:
-        """The grouping matrix (p, m) as rationals. Made when first asked for."""
+        """The grouping matrix (p, m) as rationals, computed on first access."""
         zero, width = Fraction(0), self.grouping.shape[1]
         return tuple(tuple(row.get(j, zero) for j in range(width)) for row in self.exact_rows)
 
@@ -49,11 +56,11 @@ class ExactBaseParameters(BaseParameters):
 def packed(
     echelon: Sequence[SparseRow],
     names: Sequence[str],
-    through: Way,
+    through: Route,
     functions: int | None = None,
     different: int | None = None,
 ) -> ExactBaseParameters:
-    """Return the base parameters of an echelon form, a row a base parameter."""
+    """Return the base parameters of an echelon form, one per row."""
     rows = tuple(
         {j: Fraction(int(x.p), int(x.q)) for j, x in sorted(row.items())} for row in echelon
     )
@@ -77,9 +84,9 @@ def packed(
 
 
 def from_null_space(nulls: Iterable[SparseRow], width: int) -> list[SparseRow]:
-    """Return the echelon form whose null space the given rows span.
+    """Return the echelon form whose null space is spanned by the given rows.
 
-    Each row ends in a column that depends on those before; reduced, it says how.
+    The last column of each row depends on the columns before it, with the row's coefficients.
     """
     dependent: dict[int, SparseRow] = {}
     for null in nulls:
@@ -101,7 +108,7 @@ def from_null_space(nulls: Iterable[SparseRow], width: int) -> list[SparseRow]:
 
 
 def _subtract(row: SparseRow, factor: fmpq, other: SparseRow) -> None:
-    """Subtract factor * other from a row, zeros left out."""
+    """Subtract factor * other from a row, without keeping zeros."""
     for j, x in other.items():
         value = row.get(j, 0) - factor * x
         if value == 0:
@@ -125,20 +132,20 @@ def from_rows(rows: Iterable[SparseRow], width: int) -> tuple[list[SparseRow], i
 
 
 def without_columns(echelon: Sequence[SparseRow], known: Collection[int]) -> list[SparseRow]:
-    """Return the echelon form of the other columns, where some parameters are known."""
+    """Return the echelon form without the columns of known parameters."""
     rows = [{j: x for j, x in row.items() if j not in known} for row in echelon]
     return from_rows(rows, 1 + max((j for row in rows for j in row), default=0))[0]
 
 
 def _primitive(row: SparseRow) -> SparseRow:
-    """Return the multiple of a row that begins with 1."""
+    """Return the multiple of a row whose first element is 1."""
     order = sorted(row)
     first = row[order[0]]
     return {j: row[j] / first for j in order}
 
 
 def exact_text(row: Mapping[int, Fraction], names: Sequence[str]) -> str:
-    """Return 'Iyy_thigh + 121/1600 m_shank': short fractions exactly, others to four digits."""
+    """Return a combination as text, 'Iyy_thigh + 121/1600 m_shank'; long fractions as decimals."""
     text = ""
     for column, value in sorted(row.items()):
         size = abs(value)

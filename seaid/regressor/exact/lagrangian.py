@@ -1,14 +1,12 @@
-"""The energy of every body as exact polynomials, a column for each standard parameter.
+"""The Lagrangian as a table of exact numbers, and the rows of B in (12) derived from it.
 
-The Lagrangian L = K - U is linear in the standard parameters, so it is a table: the rows are
-functions of the motion (monomials in sin q, cos q, q' with sin^2 taken out, which are linearly
-independent), the columns the parameters. Nothing of it is an equation of motion yet.
+L = K - U is linear in the standard parameters: L = sum of f_i(q, q') * (row i of the table) @ theta
+with f_i monomials in sin q, cos q and q', linearly independent once sin^2 is replaced.
 
-The rows of B in (12) from the torques: Euler-Lagrange on every function of the energy's table.
-
-L = sum of f_i(q, q') times a row of the table, so the torques are the sum of E(f_i) times the same
-row, E = d/dt d/dq' - d/dq: one small monomial at a time, and the equations of motion are never
-written down. Monomials are numbers: three bits a joint tell its function of q.
+The torques are then the sum of E(f_i) * (row i) @ theta with Euler's operator
+E = d/dt d/dq' - d/dq, applied to one monomial at a time, without ever forming the equations of
+motion. For this, monomials are encoded as integers, with three bits per joint for its function of
+q.
 """
 
 from __future__ import annotations
@@ -39,17 +37,17 @@ from seaid.regressor.exact.geometry import (
 from seaid.regressor.exact.grouping import SparseRow
 
 Monomial = tuple[int, ...]
-"""Exponents: three a joint, of cos q (of q where it slides), of sin q, of q'."""
+"""Exponents, three per joint: of cos q (of q if prismatic), of sin q, of q'."""
 
 _GROWTH = 4
-"""About how many times as many terms a body's motion has as its parent's."""
+"""Estimated growth of the number of terms from a parent's motion to its child's."""
 
 _NO_SHIFT = fmpq_mat(3, 1)
 
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """A body's motion as polynomials: v, v v^T, gravity in its frame, gravity times place."""
+    """A body's motion as polynomials: v, v v^T, gravity in its frame, gravity @ position."""
 
     velocity: Sequence[fmpq_mpoly]
     square: Sequence[fmpq_mpoly]
@@ -60,9 +58,9 @@ class _State:
 def lagrangian_table(
     tree: ExactTree, max_terms: int, *, progress: bool = False
 ) -> dict[Monomial, SparseRow]:
-    """Return {function of the motion: {parameter: coefficient}} of L, constants left out.
+    """Return {function of the motion: {parameter: coefficient}} of L, without constants.
 
-    Raises SymbolicError before there are more than `max_terms` terms in it.
+    Raises SymbolicError before it has more than `max_terms` terms.
     """
     n = len(tree.joints)
     names = [f"{letter}{i}" for i in range(n) for letter in ("c", "s", "v")]
@@ -92,16 +90,16 @@ def lagrangian_table(
 
 
 def too_large(count: int, max_terms: int, place: int, joints: int) -> SymbolicError:
-    """Return the error for a system that does not fit."""
+    """Return the error for a system with too many terms."""
     return SymbolicError(
         f"the system is too large for its polynomials: about {count} terms at joint {place + 1} of "
         f'{joints}, max_terms={max_terms}; take through="recursion", which has none, fewer joints '
-        "with load_robot(..., joints=[...]), or raise max_terms (about 1 kB a term)"
+        "with load_robot(..., joints=[...]), or raise max_terms (about 1 kB per term)"
     )
 
 
 def _placed(joint: ExactJoint, above: _State, zero: fmpq_mpoly) -> _State:
-    """Return the parent's motion as seen from the joint's frame at zero."""
+    """Return the parent's motion in the joint's frame at zero position."""
     X = _sparse(twist_transform(joint.rotation, joint.translation))
     turned = _sparse(joint.rotation.transpose())
     w = [[above.square[PAIR[i, j]] for j in range(6)] for i in range(6)]
@@ -185,10 +183,10 @@ def torque_rows(
     *,
     progress: bool = False,
 ) -> tuple[list[SparseRow], int]:
-    """Return the rows of B for the torques of the joints `known`, and how many functions there are.
+    """Return the rows of B for the torques of the joints `known`, and the number of functions.
 
-    Rows that are the same sum of rows of the table are left out but for the first. Raises
-    SymbolicError before there are more than `max_terms` terms.
+    Repeated sums of rows of the table are kept once. Raises SymbolicError before there are more
+    than `max_terms` terms.
     """
     bases: dict[tuple[tuple[int, fmpq], ...], int] = {}
     n = len(tree.joints)
@@ -211,9 +209,9 @@ def torque_rows(
 def _euler_lagrange(
     monomial: Monomial, n: int, slopes: Sequence[_Slopes], wanted: frozenset[int]
 ) -> Iterator[tuple[int, int, int]]:
-    """Yield (joint, function, factor) of the terms of E for one monomial of the energy.
+    """Yield (joint, function, factor) of the terms of E(f) for one monomial f of the energy.
 
-    A function is its part in q and, above those bits, nothing, q_i' q_j' or q_j''.
+    A function is encoded as its part in q, with nothing, q_i' q_j' or q_j'' in the higher bits.
     """
     codes = [_CODES[monomial[3 * i], monomial[3 * i + 1]] for i in range(n)]
     part = sum(code << 3 * i for i, code in enumerate(codes))
@@ -224,7 +222,7 @@ def _euler_lagrange(
     }
     speeds = [i for i in range(n) for _ in range(monomial[3 * i + 2])]
     top = 3 * n
-    if speeds:
+    if speeds:  # f = g(q) q_a' q_b': d/dt df/dq_a' = g q_b'' + sum_i dg/dq_i q_i' q_b'
         a, b = speeds
         for k, other in (a, b), (b, a):
             if k in wanted:
@@ -245,7 +243,7 @@ def _pair(i: int, j: int, n: int) -> int:
 
 
 def _primitive(terms: _Row) -> tuple[tuple[int, int], ...]:
-    """Return the terms without zeros and common factor, the first one positive."""
+    """Return the terms divided by their common factor, without zeros, the first one positive."""
     left = sorted((base, factor) for base, factor in terms.items() if factor)
     common = gcd(*(factor for _, factor in left)) if left else 1
     if left and left[0][1] < 0:

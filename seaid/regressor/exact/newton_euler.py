@@ -1,8 +1,9 @@
-"""The joint-torque regressor as a straight-line program: Newton and Euler, body by body.
+"""The joint-torque regressor as a straight-line program, by Newton-Euler body by body.
 
-In the aligned frame of a body with origin acceleration a (less gravity), angular velocity w and
-acceleration e, the force is m a + B h and the moment about the origin h x a + I e + w x I w, with
-B = [e]x + [w]x [w]x. Each joint above takes its part by the velocity that it gives the body.
+In the aligned frame of a body with origin acceleration a (less gravity), angular velocity w,
+angular acceleration e, mass m and first moments h, the force is m a + B h and the moment about the
+origin h x a + I e + w x I w, with B = [e]x + [w]x [w]x. The torque at each joint above is their
+product with the partial velocities of the joint (Kane).
 """
 
 from __future__ import annotations
@@ -40,9 +41,9 @@ _Vector = Sequence[Value]
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """A frame's motion in its own axes: acceleration of its origin, w and e.
+    """A frame's motion in its own axes: acceleration of its origin, w (`angular`), e (`turning`).
 
-    `partial` are, by the joints above, linear and angular velocity for unit joint velocity.
+    `partial` has the linear and angular velocity per unit velocity of each joint above.
     """
 
     acceleration: _Vector
@@ -52,9 +53,9 @@ class _Motion:
 
 
 def regressor_program(tree: ExactTree) -> tuple[Program, Entries]:
-    """Return the program and the elements that are not zero, in the order of the robot's joints.
+    """Return the program and the nonzero elements, with the joints in the robot's order.
 
-    The inputs are q0, q1 ..., v0 ..., a0 ...: positions, velocities, accelerations in that order.
+    The inputs are the positions q0, q1 ..., velocities v0 ... and accelerations a0 ... .
     """
     program, entries = Program(), Entries()
     gravity = [constant(-x) for x in tree.gravity.entries()]
@@ -72,7 +73,7 @@ def regressor_program(tree: ExactTree) -> tuple[Program, Entries]:
 
 
 def _placed(program: Program, joint: ExactJoint, above: _Motion) -> _Motion:
-    """Return the parent's motion at the joint's frame at zero."""
+    """Return the parent's motion at the joint's frame at zero position."""
     turned = joint.rotation.transpose().tolist()
     offset = [constant(x) for x in joint.translation.entries()]
     B = _shape(program, above.angular, above.turning)
@@ -91,7 +92,7 @@ def _placed(program: Program, joint: ExactJoint, above: _Motion) -> _Motion:
 
 
 def _turned(program: Program, place: int, body: int, placed: _Motion) -> _Motion:
-    """Return the motion behind a joint that turns about z."""
+    """Return the motion behind a joint that rotates about z."""
     c, s, speed, rate = (f"{x}{body}" for x in "csva")
     program.circular[c], program.circular[s] = ("cos", f"q{body}"), ("sin", f"q{body}")
     propagated = named(program, _about_axis(c, s, placed.angular))
@@ -143,7 +144,7 @@ def _times(factor: Value, vector: _Vector) -> list[Value]:
 
 
 def _about_axis(c: str, s: str, vector: _Vector) -> list[Value]:
-    """Return a vector in the axes turned about z by the joint."""
+    """Return a vector in the axes rotated about z by the joint."""
     cosine, sine, (x, y, z) = name(c), name(s), vector
     return [
         plus(times(cosine, x), times(sine, y)),
@@ -153,7 +154,7 @@ def _about_axis(c: str, s: str, vector: _Vector) -> list[Value]:
 
 
 def _shape(program: Program, w: _Vector, e: _Vector) -> list[list[Value]]:
-    """Return B = [e]x + [w]x [w]x, row by row; formed once, since sums are known by their terms."""
+    """Return B = [e]x + [w]x [w]x, row by row; equal sums share one name in the program."""
     columns = [
         named(program, _added(cross(e, axis), cross(w, named(program, cross(w, axis)))))
         for axis in _UNIT
@@ -178,12 +179,12 @@ def _inertia_moments(program: Program, motion: _Motion) -> list[list[Value]]:
 
 
 def _by_products(program: Program, value: Value) -> Value:
-    """Name each product of a sum, so that it is formed once."""
+    """Name each product of a sum, so that it is computed once."""
     return plus(*(named(program, [{factors: x}])[0] for factors, x in value.items()))
 
 
 def _columns(program: Program, joint: ExactJoint, motion: _Motion) -> dict[tuple[int, int], Value]:
-    """Return {(joint above, parameter of the body): torque} of what is not zero."""
+    """Return the nonzero {(joint above, parameter of the body): torque}."""
     a = motion.acceleration
     B = _shape(program, motion.angular, motion.turning)
     forces = [a, *([row[i] for row in B] for i in range(3))]

@@ -1,9 +1,9 @@
-"""The undetectable changes of a whole tree's inertial parameters, one small question a joint.
+"""The undetectable changes of a tree's inertial parameters, by one small null space per joint.
 
-A change of body i is undetectable, together with a change of its parent, exactly when its energy
-seen from the parent does not depend on q_i and q_i' (METHOD 2; the numeric recursion of Wensing,
-Niemeyer, Slotine 2017 agrees). The motions of the parent enter by the span of three functions of
-time: v, v v^T and gravity. O(n) joints; nothing is rounded.
+A change of body i is undetectable, in combination with a change of its parent, exactly if its
+energy seen from the parent does not depend on q_i and q_i' (Wensing, Niemeyer and Slotine 2017, who
+do it numerically). The parent's motions enter by the spans of v, v v^T and gravity. The cost is
+O(n); nothing is rounded.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from seaid.regressor.exact.geometry import (
 Vector = list[fmpq]
 
 Null = dict[int, fmpq]
-"""A combination of standard parameters that no motion shows: {column: value}."""
+"""A combination of standard parameters without any effect: {column: value}."""
 
 _ZERO = fmpq(0)
 _NO_SHIFT = fmpq_mat(3, 1)
@@ -39,7 +39,7 @@ _NO_SHIFT = fmpq_mat(3, 1)
 
 @dataclass(frozen=True, eq=False)
 class Spans:
-    """What the motions of a body reach: bases of v (at most 6), v v^T (21) and gravity (3)."""
+    """Bases of the spans over all motions of a body: v (at most 6), v v^T (21), gravity (3)."""
 
     velocity: list[Vector]
     square: list[Vector]
@@ -47,7 +47,7 @@ class Spans:
 
     @property
     def is_full(self) -> bool:
-        """True if every body further out sees the same."""
+        """True if the spans are the whole spaces, and so those of every body further out."""
         return (len(self.velocity), len(self.square), len(self.gravity)) == (6, 21, 3)
 
 
@@ -82,7 +82,7 @@ def _at(column: int, parameters: fmpq_mat) -> Null:
 
 
 def _hidden(joint: ExactJoint, above: Spans) -> tuple[list[fmpq_mat], Spans]:
-    """Return the changes (10, 1) of a body that its parent can take over, and the body's spans."""
+    """Return the changes (10, 1) of a body that its parent can compensate, and the body's spans."""
     kind = SLIDING if joint.is_prismatic else TURNING
     if above.is_full:
         return _hidden_from_all(kind), above
@@ -104,7 +104,7 @@ def _unit(size: int) -> list[Vector]:
 
 
 def _placed(above: Spans, joint: ExactJoint) -> Spans:
-    """Return the parent's spans as seen from the joint's frame at zero."""
+    """Return the parent's spans in the joint's frame at zero position."""
     turned = joint.rotation.transpose()
     X = twist_transform(joint.rotation, joint.translation)
     velocity, square, gravity = above.velocity, above.square, above.gravity
@@ -154,7 +154,7 @@ def _basis(vectors: Sequence[Sequence[fmpq]]) -> list[Vector]:
 
 
 def _nullspace(rows: Sequence[Vector]) -> list[fmpq_mat]:
-    """Return a basis (10, 1) of what all rows map to zero."""
+    """Return a basis of vectors (10, 1) that all rows map to zero."""
     echelon = _basis(rows)
     pivots = [next(j for j, x in enumerate(row) if x != 0) for row in echelon]
     found = []

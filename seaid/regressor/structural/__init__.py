@@ -1,1 +1,1 @@
-"""What sensors leave of a robot's equations, and what these can tell: see `seaid.sensors`."""
+"""Structural identifiability: the parameters that a set of sensors determines, before any log."""

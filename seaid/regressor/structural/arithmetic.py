@@ -1,12 +1,9 @@
-"""Two kinds of numbers in which the same equations are taken: doubles here, residues elsewhere.
+"""Two kinds of numbers in which the same equations are evaluated: doubles, and residues of a prime.
 
-`seaid.symbolic.residues` has the exact ones.
-
-Exact arithmetic without growth: numbers modulo a prime, for questions of rank.
-
-What is rational has a value modulo the prime, and what is dependent stays so. A rank comes out too
-small only where a random point happens to be a zero of a polynomial that has some, with a chance of
-its degree over the prime, 1e-15 here (Schwartz 1980, Zippel 1979); never too large.
+Residues are exact arithmetic without growth. A rational has a value modulo the prime, and dependent
+rows stay dependent, so that a rank never comes out too large. It comes out too small only if a
+random point is a zero of a nonzero polynomial, with a probability of at most degree / prime, 1e-15
+here (Zippel 1979, Schwartz 1980).
 """
 
 from __future__ import annotations
@@ -37,7 +34,7 @@ Known = dict[sp.Expr, Any]
 
 
 class Numbers(Protocol):
-    """A kind of numbers, with what is asked of it; arrays are numpy's."""
+    """The operations of a kind of numbers; arrays are numpy's."""
 
     def number(self, value: float | Fraction) -> Any:
         """Return a rational number."""
@@ -67,13 +64,13 @@ class Numbers(Protocol):
         """Return the values of an expression."""
 
     def sign(self, values: Any) -> Any:
-        """Return signs: of the values, or any where numbers have none."""
+        """Return the signs of the values; random ones for numbers without an order."""
 
     def over(self, above: Any, below: Any) -> Any:
         """Return above / below."""
 
     def reduced(self, values: Any) -> Any:
-        """Return sums and products as plain numbers of the kind."""
+        """Return the canonical representatives of sums and products."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +150,7 @@ def _compiled(expression: sp.Expr) -> tuple[Any, list[sp.Symbol]]:
 
 
 PRIME = 2**61 - 1
-"""A Mersenne prime that leaves room in a machine word."""
+"""A Mersenne prime that fits in a machine word."""
 
 Residues = NDArray[np.object_]
 """Integers from 0 to PRIME - 1."""
@@ -165,8 +162,8 @@ _inverse = np.frompyfunc(lambda x: pow(x, -1, PRIME), 1, 1)
 class ResidueNumbers:
     """The numbers modulo PRIME, and the regressor of a robot in them.
 
-    A function that is not rational, as exp or tanh, is an independent number at every instant; of
-    sine and cosine of one angle the squares add up to one, and a sign is 1 or -1.
+    A function that is not rational, such as exp or tanh, is an independent number at every instant;
+    sine and cosine of an angle satisfy sin^2 + cos^2 = 1, and a sign is 1 or -1.
     """
 
     robot: Robot
@@ -177,7 +174,7 @@ class ResidueNumbers:
         object.__setattr__(self, "_program", regressor_program(exact_tree(self.robot)))
 
     def depends(self) -> list[frozenset[int]]:
-        """Return for each joint those whose motion its torque depends on."""
+        """Return, for each joint, the joints on whose motion its torque depends."""
         program, entries = self._program
         found = []
         for row in range(self.robot.n):
@@ -187,7 +184,7 @@ class ResidueNumbers:
         return found
 
     def number(self, value: float | Fraction) -> int:
-        """Return the residue of a rational, of a double as the decimal that it means."""
+        """Return the residue of a rational; a double counts as the decimal that it represents."""
         if not isinstance(value, Fraction):
             exact = exact_number(value)
             value = Fraction(int(exact.p), int(exact.q))
@@ -204,7 +201,7 @@ class ResidueNumbers:
     def states(self, count: int) -> tuple[Residues, tuple[Residues, Residues], Residues, Residues]:
         """Return random q, cosine and sine, v and a, each (count, n).
 
-        Cosine and sine are no function of q: neither is, among polynomials.
+        Cosine and sine are independent of q, because no polynomial relation links them.
         """
         q, turn, v, a = (self.random(count, self.robot.n) for _ in range(4))
         return q, _circle(turn), v, a
@@ -270,7 +267,7 @@ class ResidueNumbers:
         return values % PRIME
 
     def value(self, expression: sp.Expr, known: dict[sp.Expr, Any]) -> Any:
-        """Return an expression of known symbols; functions that it needs are added to `known`."""
+        """Return an expression of known symbols; the functions in it are added to `known`."""
         if expression in known:
             return known[expression]
         if isinstance(expression, sp.Rational):
@@ -292,7 +289,7 @@ class ResidueNumbers:
         return known[expression]
 
     def _function(self, expression: sp.Expr, known: dict[sp.Expr, Any]) -> Residues:
-        """Return a function that is not rational at as many instants as there are."""
+        """Return random values of a function that is not rational, one per instant."""
         count = max(len(x) for x in known.values() if isinstance(x, np.ndarray))
         if isinstance(expression, sp.sign):
             return self.sign(self.random(count))
@@ -323,7 +320,7 @@ def echelon(H: Residues) -> tuple[list[int], Residues]:
 def short_fraction(value: int) -> Fraction | None:
     """Return the rational below 1e9 in both parts with this residue, None if there is none.
 
-    By Euclid's algorithm on PRIME and the residue (Wang 1981).
+    By rational reconstruction: Euclid's algorithm on PRIME and the residue (Wang 1981).
     """
     most = isqrt(PRIME // 2)
     before, here, factor_before, factor = PRIME, value % PRIME, 0, 1
@@ -335,7 +332,7 @@ def short_fraction(value: int) -> Fraction | None:
 
 
 def _circle(t: Residues) -> tuple[Residues, Residues]:
-    """Return cosine and sine of angles with half tangent t."""
+    """Return cosine (1 - t^2) / (1 + t^2) and sine 2 t / (1 + t^2) for half tangents t."""
     below = _inverse((1 + t * t) % PRIME)
     return (1 - t * t) * below % PRIME, 2 * t * below % PRIME
 

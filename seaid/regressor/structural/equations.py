@@ -1,15 +1,9 @@
-"""Which positions the encoders of a robot tell, directly or through others.
+"""The equations of a robot with its drives that remain usable with a set of sensors.
 
-The equations of one drive as the sensors of its motor see it, in plain symbols.
-
-The equations of a robot with its drives, and which of them some sensors leave to be used.
-
-Every drive has a motor balance (7) and, if it is elastic, a spring (3); every joint has a load row
-(8). The torques of the motors and those on what the drives turn stand between them: a torque that
-no sensor measures is an unknown function of time, so it has to be eliminated, and a position that
-none measures makes every equation useless in which it stands.
-
-Which equations of a joint its sensors leave to be used, and why not the others, in words.
+Every drive has a motor equation (7) and, if elastic, a spring equation (3); every joint has a load
+equation (8). They share the torques of the motors and those on the drives' coordinates. A torque
+without a sensor is an unknown function of time and must be eliminated; an equation with a position
+that no sensor determines cannot be used. `explanations` reports both in sentences.
 """
 
 from __future__ import annotations
@@ -46,8 +40,8 @@ from seaid.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """Which positions the sensors tell: of motors, of what drives turn, of joints, of springs."""
+class KnownPositions:
+    """Which positions the sensors determine: motors, drives' coordinates, joints, deflections."""
 
     motor: tuple[bool, ...]
     driven: tuple[bool, ...]
@@ -55,8 +49,11 @@ class Seen:
     stretch: tuple[bool, ...]
 
 
-def positions_seen(robot: Robot, sensors: Mapping[str, frozenset[str]]) -> Seen:
-    """Return what the encoders tell, each directly or through others and the transmission."""
+def known_positions(robot: Robot, sensors: Mapping[str, frozenset[str]]) -> KnownPositions:
+    """Return which positions the encoders determine, directly or through the transmission.
+
+    A position is determined if it is in the row space of the encoders' and stiff drives' equations.
+    """
     n = robot.n
     C = exact_transmission(robot)
     rows: list[list[fmpq]] = []
@@ -84,11 +81,13 @@ def positions_seen(robot: Robot, sensors: Mapping[str, frozenset[str]]) -> Seen:
             rows.append(stretch)
     rank = fmpq_mat(rows).rank() if rows else 0
 
-    def told(position: list[fmpq] | None) -> bool:
+    def determined(position: list[fmpq] | None) -> bool:
         return position is not None and fmpq_mat([*rows, position]).rank() == rank
 
     joints = [[fmpq(int(j == n + i)) for j in range(2 * n)] for i in range(n)]
-    return Seen(*(tuple(map(told, each)) for each in (motors, driven, joints, stretches)))
+    return KnownPositions(
+        *(tuple(map(determined, each)) for each in (motors, driven, joints, stretches))
+    )
 
 
 def exact_transmission(robot: Robot) -> fmpq_mat:
@@ -97,10 +96,10 @@ def exact_transmission(robot: Robot) -> fmpq_mat:
 
 
 INPUTS = {"motor_torque": "torque", "motor_current": "current", "motor_voltage": "voltage"}
-"""Sensors of what drives a motor, and the `motor_input` that each is; the best first."""
+"""{sensor of a motor's input: `motor_input`}, the best first."""
 
 BACK_EMF = sp.Symbol("back_emf_damping", real=True)
-"""What a voltage loses to the motor's speed, where the torque is measured beside it."""
+"""Damping by the back-EMF, a parameter of its own if voltage and torque are both measured."""
 
 _REAL = {
     name: sp.Symbol(name, real=True)
@@ -113,25 +112,25 @@ _SCALES = {"motor_torque": sp.Integer(1), "motor_current": K_t, "motor_voltage":
 
 
 def plain(name: str) -> sp.Symbol:
-    """Return the symbol of a signal, as "theta_M_dot"."""
+    """Return the real symbol of a signal such as "theta_M_dot"."""
     return _REAL[name]
 
 
 @dataclass(frozen=True, eq=False)
 class DriveTerms:
-    """The equations of one drive in plain real symbols.
+    """The equations of one drive in real symbols.
 
-    `motor` is (7) without the torques on both sides of it: motor + share * tau = tau_M, `share`
-    that of the torque tau on what the drive turns; `spring` is (3), None for a stiff drive;
-    `beside` is what the joint has beside the rigid bodies. `inputs` {sensor: what it says of the
-    motor's torque}; `driver` is the sensor in which the motor balance is written.
+    `motor` is (7) without motor and load torque: motor + share * tau = tau_M with the torque tau on
+    the drive's coordinate. `spring` is (3), None for a stiff drive; `joint` is the torque of the
+    joint terms. `inputs` {sensor: motor torque by that sensor}; `driver` is the sensor with which
+    the motor equation is written.
     """
 
     drive: Drive
     motor: sp.Expr
     share: sp.Expr
     spring: sp.Expr | None
-    beside: sp.Expr
+    joint: sp.Expr
     inputs: Mapping[str, sp.Expr]
     driver: str
     known: Mapping[sp.Symbol, float]
@@ -145,7 +144,7 @@ class DriveTerms:
 
 @cache
 def drive_terms(drive: Drive, sensors: frozenset[str]) -> DriveTerms:
-    """Return the equations of a drive as the sensors of its motor see it."""
+    """Return the equations of a drive whose motor has the given sensors."""
     own = next(sensor for sensor, name in INPUTS.items() if name == drive.motor_input)
     sensed = [sensor for sensor in INPUTS if sensor in sensors] or [own]
     driver = sensed[0]
@@ -154,16 +153,16 @@ def drive_terms(drive: Drive, sensors: frozenset[str]) -> DriveTerms:
     behind = tau_L / N if force is None else r_M / N * force
     motor = _plain(motor_equation(seen).expression - behind) + scale * plain(source)
     spring = None if force is None else _by_stretch(_plain(force))
-    beside = _plain(joint_equation(seen).expression + tau_L)
+    joint = _plain(joint_equation(seen).expression + tau_L)
     inputs = {sensor: _input(sensor, driver) for sensor in sensed}
     motor, known = _by_stretch(sp.expand(motor)), known_values(seen)
-    expressions = [motor, beside, *inputs.values(), *([] if spring is None else [spring])]
+    expressions = [motor, joint, *inputs.values(), *([] if spring is None else [spring])]
     return DriveTerms(
         drive=seen,
         motor=motor,
         share=1 / N if force is None else r_M / (N * r_L),
         spring=spring,
-        beside=beside,
+        joint=joint,
         inputs=inputs,
         driver=driver,
         known=known,
@@ -172,7 +171,7 @@ def drive_terms(drive: Drive, sensors: frozenset[str]) -> DriveTerms:
 
 
 def _input(sensor: str, driver: str) -> sp.Expr:
-    """Return what a sensor says of the motor's torque, 0 for one of the torque itself."""
+    """Return the motor torque by a sensor of current or voltage, 0 for a torque sensor."""
     if sensor == "motor_torque":
         return sp.Integer(0)
     lost = BACK_EMF * plain("theta_M_dot") if sensor == "motor_voltage" != driver else 0
@@ -190,7 +189,7 @@ def _unknowns(
 
 
 def _driven_by(drive: Drive, motor_input: str) -> Drive:
-    """Return the drive with another motor input."""
+    """Return the drive with another motor input, and the constants that go with it."""
     if motor_input == drive.motor_input:
         return drive
     constants = ("torque_constant", "voltage_constant")
@@ -206,7 +205,7 @@ def _plain(expression: sp.Expr) -> sp.Expr:
 
 
 def _by_stretch(expression: sp.Expr) -> sp.Expr:
-    """Write what depends on both positions only through the deflection as a function of that."""
+    """Rewrite an expression that depends on both positions only through the deflection."""
     found = expression
     for suffix, stretch in (("", STRETCH), ("_dot", STRETCH_DOT)):
         motor, load = _REAL[f"theta_M{suffix}"], _REAL[f"theta_L{suffix}"]
@@ -221,10 +220,10 @@ def _by_stretch(expression: sp.Expr) -> sp.Expr:
 class Equation:
     """An equation that is zero along every motion.
 
-    `kind` is "motor", "spring", "input", "load" or "sensor", `index` its drive or joint. Its
-    `parts` are (drive, factor, expression), to be summed; a load row has the rigid bodies' torque
-    of its joint besides, with a minus. `torques` {("motor" or "load", drive): factor} are those of
-    which it is linear. `missing` says in words what no sensor tells, so that it cannot be used.
+    `kind` is "motor", "spring", "input", "load" or "sensor", `index` its drive or joint. It is the
+    sum of its `parts` (drive, factor, expression), of `torques` {("motor" or "load", drive):
+    factor} and, for kind "load", of minus the rigid bodies' torque. `missing` has the reasons for
+    which it cannot be used.
     """
 
     kind: str
@@ -240,11 +239,11 @@ def equations_of(
     sensors: Mapping[str, frozenset[str]],
     depends: Sequence[frozenset[int]],
 ) -> list[Equation]:
-    """Return all equations, with what is missing to use each.
+    """Return all equations, with the reasons for which some cannot be used.
 
-    `depends` are the joints whose motion the rigid bodies' torque at each joint depends on.
+    `depends` has, for each joint, the joints on whose motion its rigid-body torque depends.
     """
-    seen = positions_seen(robot, sensors)
+    seen = known_positions(robot, sensors)
     found: list[Equation] = []
     for i, (joint, drive) in enumerate(zip(robot.joint_names, terms, strict=True)):
         found += _drive_equations(i, drive, sensors[joint], seen)
@@ -253,7 +252,7 @@ def equations_of(
 
 
 def _drive_equations(
-    i: int, terms: DriveTerms, sensors: frozenset[str], seen: Seen
+    i: int, terms: DriveTerms, sensors: frozenset[str], seen: KnownPositions
 ) -> Iterator[Equation]:
     share = _number(terms.share, terms)
     one = fmpq(1)
@@ -283,13 +282,13 @@ def _load_rows(
     robot: Robot,
     terms: Sequence[DriveTerms],
     sensors: Mapping[str, frozenset[str]],
-    seen: Seen,
+    seen: KnownPositions,
     depends: Sequence[frozenset[int]],
 ) -> Iterator[Equation]:
     C = exact_transmission(robot)
     for j, joint in enumerate(robot.joint_names):
         factors = {i: C[i, j] for i in range(robot.n) if C[i, j] != 0}
-        parts = tuple((i, -x, terms[i].beside) for i, x in factors.items())
+        parts = tuple((i, -x, terms[i].joint) for i, x in factors.items())
         unseen = [robot.joint_names[k] for k in sorted(depends[j]) if not seen.joint[k]]
         missing = [f"the position of {', '.join(unseen)} is not known"] if unseen else []
         for i, _, expression in parts:
@@ -300,8 +299,10 @@ def _load_rows(
             yield Equation("sensor", j, (), torques)
 
 
-def _missing(expression: sp.Expr, i: int, sensors: frozenset[str], seen: Seen) -> tuple[str, ...]:
-    """Return what an expression of a drive's signals needs and the sensors do not tell."""
+def _missing(
+    expression: sp.Expr, i: int, sensors: frozenset[str], seen: KnownPositions
+) -> tuple[str, ...]:
+    """Return the quantities in an expression that the sensors do not determine."""
     found = {symbol.name for symbol in expression.free_symbols}
     names = {name.removesuffix("_ddot").removesuffix("_dot") for name in found}
     needs = {
@@ -313,7 +314,7 @@ def _missing(expression: sp.Expr, i: int, sensors: frozenset[str], seen: Seen) -
             bool(sensors & {*INPUTS, "joint_torque"}),
         ),
     }
-    return tuple(words for name, (words, told) in needs.items() if name in names and not told)
+    return tuple(text for name, (text, given) in needs.items() if name in names and not given)
 
 
 def _number(expression: sp.Expr, terms: DriveTerms) -> fmpq:
@@ -324,9 +325,9 @@ def _number(expression: sp.Expr, terms: DriveTerms) -> fmpq:
 
 
 def eliminations(equations: Sequence[Equation]) -> fmpq_mat:
-    """Return the sums (W, E) of usable equations in which no unknown torque is left.
+    """Return the combinations (W, E) of usable equations without unknown torques.
 
-    Echelon from the back, so that as few equations as possible stand in each.
+    They are the rows of the echelon form of [torques, 1] that are zero in all torques.
     """
     usable = [e for e, equation in enumerate(equations) if not equation.missing]
     torques = sorted({torque for e in usable for torque in equations[e].torques})
@@ -343,9 +344,9 @@ def eliminations(equations: Sequence[Equation]) -> fmpq_mat:
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """The equations that some sensors leave: `sums` (W, E) of them are free of unknown torques.
+    """The equations of a robot; the combinations `sums` (W, E) of them have no unknown torques.
 
-    `names` are those of the unknown parameters: ten a body, then those of the drives.
+    `names` are those of the unknown parameters: ten per body, then those of the drives.
     """
 
     robot: Robot
@@ -356,17 +357,14 @@ class System:
 
     @property
     def used(self) -> frozenset[int]:
-        """The places of the equations that are in a sum."""
+        """The indices of the equations that occur in a sum."""
         return frozenset(np.flatnonzero(np.any(self.sums != 0, axis=0)).tolist())
 
 
 def system_of(
     robot: Robot, sensors: Mapping[str, frozenset[str]], depends: Sequence[frozenset[int]]
 ) -> System:
-    """Return the equations of a robot that its sensors leave.
-
-    `depends` are the joints whose motion the rigid bodies' torque at each joint depends on.
-    """
+    """Return the equations of a robot with given sensors; `depends` as in `equations_of`."""
     joints = robot.joint_names
     terms = tuple(drive_terms(robot.drives[joint], sensors[joint]) for joint in joints)
     equations = equations_of(robot, terms, sensors, depends)
@@ -386,8 +384,8 @@ _TORQUES = {
 }
 
 
-def words_of(system: System, scaled: Collection[str]) -> dict[str, tuple[str, ...]]:
-    """Return {joint: sentences} of all joints; `scaled` are names known only up to a factor."""
+def explanations(system: System, scaled: Collection[str]) -> dict[str, tuple[str, ...]]:
+    """Return {joint: sentences about its equations}; `scaled` are parameters known up to scale."""
     return {
         joint: (*_sentences(system, index), *_scales(joint, scaled))
         for index, joint in enumerate(system.robot.joint_names)
@@ -395,7 +393,7 @@ def words_of(system: System, scaled: Collection[str]) -> dict[str, tuple[str, ..
 
 
 def _scales(joint: str, scaled: Collection[str]) -> Iterator[str]:
-    """Say which torque of a joint has no scale of its own."""
+    """Yield the torques of a joint that are known only up to scale."""
     for name, torque in _TORQUES.items():
         if f"{name} of {joint}" in scaled:
             yield f"its {torque} is known only up to the scale of its {name.replace('_', ' ')}"
@@ -415,11 +413,11 @@ def _sentences(system: System, index: int) -> Iterator[str]:
         elif equation.kind == "motor" and not inputs:
             yield f"{title} cannot be used: no motor torque, current or voltage"
         else:
-            yield f"{title} cannot be used: nothing tells the torque on its load"
+            yield f"{title} cannot be used: the torque on its load is not determined"
 
 
 def _by(system: System, equation: Equation) -> str:
-    """Say by what sensor a motor balance is used."""
+    """Return the sensor with which a motor equation is used, as text."""
     if equation.kind != "motor":
         return ""
     terms = system.terms[equation.index]

@@ -1,8 +1,8 @@
-"""Which sensors tell what: the parameters that a robot's sensors can tell, before any log.
+"""Structural identifiability: the parameters that a robot's sensors determine, before any log.
 
-The equations are those of `seaid.symbolic.sensing`. A combination of parameters can be found if it
-is in the row space of the equations' slopes by all parameters, over all motions. That is decided
-modulo a prime (`seaid.symbolic.residues`), without rounding, and confirmed in doubles.
+A combination of parameters is identifiable if it is in the row space of the derivatives of the
+usable equations (`equations`) by all parameters, over all motions. This is decided modulo a prime
+(`arithmetic`, `rank`), without rounding, and confirmed in doubles.
 """
 
 from __future__ import annotations
@@ -27,22 +27,37 @@ SENSORS = (
     "motor_voltage",
     "joint_torque",
 )
-"""What a joint may have: encoders of motor and joint, one across the spring; torques."""
+"""Sensors of a joint: encoders of motor and joint, one across the spring; motor input; torque."""
 
 
 @dataclass(frozen=True, eq=False)
 class Identifiability:
-    """What sensors tell of a robot's parameters, those of the drives and ten a body.
+    """Structural identifiability of a robot's parameters, those of the drives and ten per body.
 
-    `identifiable` are found alone; `combinations` only together, as expressions of names;
-    `ratios` are groups of parameters and combinations known only up to one common factor each (as
-    inertias over a stiffness that no torque scales); `unidentifiable` are in no equation left.
-    `base` are all of these combinations over `names` (m,), groups among them; `rank` is how many
-    numbers a log can tell: a group has one less than members. `usable` {joint: sentences} says
-    which equations of a joint are used and why others cannot be.
-
-    `gap` is that of the numeric rank decision, `agree` whether doubles find the same combinations
-    and the same rank as exact arithmetic does.
+    Attributes
+    ----------
+    names : tuple of m str
+        All parameters.
+    identifiable : tuple of str
+        Parameters that are identifiable individually.
+    combinations : tuple of str
+        Expressions that are identifiable only in combination.
+    ratios : tuple of tuples of str
+        Groups of parameters and combinations that are identifiable up to scale, such as inertias
+        over a stiffness if no torque is measured.
+    unidentifiable : tuple of str
+        Parameters in no usable equation.
+    base : BaseParameters
+        All of these combinations, groups included, over `names`.
+    rank : int
+        Number of values that a log determines; a group counts one less than its members.
+    usable : mapping {joint: sentences}
+        Which equations of a joint are used, and why others cannot be.
+    sensors : mapping {joint: names}
+    gap : float
+        Singular-value gap of the numeric rank decision, see `BaseParameters`.
+    agree : bool
+        Whether doubles give the same combinations and rank as exact arithmetic.
     """
 
     robot_name: str
@@ -60,11 +75,11 @@ class Identifiability:
 
     @property
     def body_count(self) -> int:
-        """Number of combinations that begin with a parameter of a body: the base parameters."""
+        """Number of combinations whose first parameter is a body's: the base parameters."""
         return sum(" of " not in name for name in self.base.names)
 
     def table(self) -> str:
-        """Return all of it as text."""
+        """Return the result as text."""
         from seaid.report import sensors_table
 
         return sensors_table(self)
@@ -80,21 +95,42 @@ def identifiability(
     conditions: Sequence[Robot] = (),
     seed: int = 0,
 ) -> Identifiability:
-    """Tell which parameters of a robot its sensors can tell, in a log of a motion that moves all.
+    """Return which parameters a set of sensors can identify, with motions of all joints.
 
-    `sensors`: names of `SENSORS` for every joint, or {joint: names}, a joint left out having none;
-    None: positions of both sides of a spring, of the joint where there is none, and what the motor
-    is logged by. A deflection gives the position on one side of a spring from the other.
-    `conditions` are the same robot with other payloads, of which there are logs too. Numbers of the
-    robot are not used, but for geometry, ratios and what is known.
+    Of the robot only geometry, ratios and known values are used. Equations that are nonlinear in
+    their parameters are linearised at random values, so that the result is local. Parameters that
+    could be found by integrating the model past a missing sensor do not count.
 
-    Equations that are not linear count near random values of their parameters, so locally. What a
-    sensor's absence leaves to be found by integrating the model is not counted. Raises RobotError
-    for names that are not there and for conditions of another robot.
+    Parameters
+    ----------
+    robot : Robot
+    sensors : names for every joint, or mapping {joint: names}, optional
+        Of "motor_position", "joint_position", "deflection", "motor_torque", "motor_current",
+        "motor_voltage" and "joint_torque"; a joint missing in the mapping has none. A deflection
+        gives the position on one side of a spring from the other. Default: the positions on both
+        sides of a spring, or of the joint, and the drive's motor input.
+    conditions : list of Robot
+        The same robot with other payloads, of which there are logs too.
+    seed : int, default 0
+        Seed of the random instants.
+
+    Returns
+    -------
+    Identifiability
+
+    Raises
+    ------
+    RobotError
+        For unknown names, and for conditions of another robot.
+
+    Examples
+    --------
+    >>> sensors = ["motor_position", "joint_position", "motor_current"]
+    >>> print(seaid.identifiability(robot, sensors))
     """
     from seaid.regressor.structural.arithmetic import RealNumbers, ResidueNumbers
-    from seaid.regressor.structural.equations import system_of, words_of
-    from seaid.regressor.structural.rank import decided
+    from seaid.regressor.structural.equations import explanations, system_of
+    from seaid.regressor.structural.rank import decide
 
     seed = seed_of(seed)
     sensed = _sensed(robot, sensors)
@@ -104,12 +140,12 @@ def identifiability(
     names = system.names
     payloads = [one.known_parameters for one in (robot, *conditions)]
     numeric = RealNumbers(robot, np.random.default_rng(seed))
-    base, groups, rank, agree = decided(system, payloads, exact, numeric)
+    base, groups, rank, agree = decide(system, payloads, exact, numeric)
     known = set(np.flatnonzero(robot.is_known).tolist())
-    held = {member for group in groups for member in group}
+    up_to_scale = {member for group in groups for member in group}
     alone = [len(np.flatnonzero(row)) == 1 for row in base.grouping]
-    free = [place for place in range(len(base.names)) if place not in held]
-    usable = words_of(system, [base.names[place] for place in sorted(held)])
+    free = [place for place in range(len(base.names)) if place not in up_to_scale]
+    usable = explanations(system, [base.names[place] for place in sorted(up_to_scale)])
     return Identifiability(
         robot_name=robot.name,
         names=names,
@@ -161,15 +197,15 @@ def _checked(joint: str, names: Iterable[str]) -> frozenset[str]:
             f"sensors of '{joint}' must be a list of names, found the text '{names}': "
             f"write ['{names}']"
         )
-    chosen = frozenset(names)
-    for name in sorted(map(str, chosen)):
+    selected = frozenset(names)
+    for name in sorted(map(str, selected)):
         if name not in SENSORS:
             raise RobotError(f"sensors of '{joint}': " + unknown_name("sensor", name, SENSORS))
-    return chosen
+    return selected
 
 
 def _check_conditions(robot: Robot, conditions: Sequence[Robot]) -> None:
-    """Refuse conditions that are not the same robot but for its payloads."""
+    """Refuse conditions that differ from the robot in more than payloads."""
     own = robot.model
     for other in conditions:
         same = other.joint_names == robot.joint_names and all(

@@ -1,11 +1,10 @@
-"""What a system of sensed equations can tell: exactly by residues, and once more in doubles.
+"""The rank decision of structural identifiability: modulo a prime, and again in doubles.
 
-The columns of sensed equations at random instants: in doubles, or modulo a prime.
-
-An instant is free, every signal a random number; or one of a true motion, at which all equations
-hold for true parameters. Free instants tell which combinations of parameters the equations have;
-true ones what a log can tell of them, since there the signals are not independent: the deflection
-of a spring is the torque of the bodies behind it over its stiffness.
+The equations are evaluated at random instants of two kinds. At a free instant every signal is a
+random number: these give the combinations of parameters that occur in the equations. At an instant
+of a true motion all equations hold for random true parameters, so that signals are dependent (the
+deflection of a spring is the torque of the bodies behind it over its stiffness): these give the
+rank that a log can reach, and the groups of parameters that are identifiable up to scale.
 """
 
 from __future__ import annotations
@@ -52,14 +51,14 @@ _STATES = ("", "_dot", "_ddot")
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """True values: of the unknown standard parameters (10n,), and of the symbols of each drive."""
+    """True values of the unknown standard parameters (10n,) and of the symbols of each drive."""
 
     bodies: Any
     drives: tuple[Mapping[sp.Expr, Any], ...]
 
 
 def random_truth(numbers: Numbers, system: System) -> Truth:
-    """Return random values of all unknown parameters beside the known ones."""
+    """Return random values of all unknown parameters, and the known values."""
     drives = []
     for drive in system.terms:
         known: Known = {symbol: numbers.number(x) for symbol, x in drive.known.items()}
@@ -76,17 +75,16 @@ def random_truth(numbers: Numbers, system: System) -> Truth:
 
 
 def _speed(drive: DriveTerms) -> float:
-    """Return how fast a motor turns in random states [rad/s], about."""
+    """Return the typical motor speed [rad/s] of random states."""
     return 3.0 * (drive.drive.ratio if drive.spring is None else 1.0)
 
 
 def columns_at_instants(
     numbers: Numbers, system: System, truth: Truth, count: int, payload: Any = None
 ) -> Any:
-    """Return (count * W, m): the slopes of the sums of equations by all unknown parameters.
+    """Return the derivatives (count * W, m) of the sums of equations by all unknown parameters.
 
-    Instants are free, or of a true motion with `payload` (10n,): what is known
-    of the standard parameters.
+    Instants are free or, with the known parameters `payload` (10n,), those of a true motion.
     """
     robot, terms, sums = system.robot, system.terms, system.sums
     Y, drives = _instants(numbers, robot, terms, truth, count, payload)
@@ -109,7 +107,7 @@ def columns_at_instants(
 
 @cache
 def _slope(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
-    """Return the derivative by a parameter; a step has none."""
+    """Return the derivative by a parameter; that of a step is zero."""
     return expression.diff(symbol).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
 
 
@@ -130,7 +128,7 @@ def _instants(
     count: int,
     payload: Any,
 ) -> tuple[Any, list[Known]]:
-    """Return the regressor (T, n, 10n) at random instants and every drive's signals."""
+    """Return the regressor (T, n, 10n) at random instants and the signals of every drive."""
     q, turned, v, a = numbers.states(count)
     exact = exact_transmission(robot)
     C, C_inv = (_matrix(numbers, x, q.dtype) for x in (exact, exact.inv()))
@@ -147,7 +145,7 @@ def _instants(
         drives.append(known)
     if payload is not None:
         bodies = numbers.reduced(truth.bodies + payload)
-        a = _held(numbers, terms, drives, (q, turned, v, a), C_inv, bodies)
+        a = _balanced(numbers, terms, drives, (q, turned, v, a), C_inv, bodies)
         for i, drive in enumerate(terms):
             drives[i][plain("theta_L_ddot")] = numbers.product(a, C[i])
             if drive.spring is None:
@@ -162,7 +160,7 @@ def _instants(
 
 
 def _turn_motor(numbers: Numbers, drive: DriveTerms, known: Known, count: int) -> None:
-    """Add the motor's states: of a stiff drive those of its joint, else random ones."""
+    """Add the motor's states: N times the joint's for a stiff drive, else random ones."""
     for suffix in _STATES:
         load = known[plain(f"theta_L{suffix}")]
         motor = plain(f"theta_M{suffix}")
@@ -180,7 +178,7 @@ def _turn_motor(numbers: Numbers, drive: DriveTerms, known: Known, count: int) -
             known[STRETCH_DOT] = numbers.reduced(rate - known[r_L] * load)
 
 
-def _held(
+def _balanced(
     numbers: Numbers,
     terms: Sequence[DriveTerms],
     drives: Sequence[Known],
@@ -188,32 +186,33 @@ def _held(
     C_inv: Any,
     bodies: Any,
 ) -> Any:
-    """Return accelerations (T, n) with which every spring holds what is behind it, (8)."""
+    """Return accelerations (T, n) with which the load equation (8) of every spring holds."""
     q, turned, v, a = state
     elastic = [i for i, drive in enumerate(terms) if drive.spring is not None]
     if not elastic:
         return a
-    pushed = np.concatenate([a, *(a + C_inv[:, i] for i in elastic)])
-    held, *turns, speeds = (np.tile(x, (1 + len(elastic), 1)) for x in (q, *turned, v))
-    torques = numbers.torques(held, tuple(turns), speeds, numbers.reduced(pushed), bodies)
+    # The torques are affine in a: unit steps of the drives' accelerations give the inertia.
+    stepped = np.concatenate([a, *(a + C_inv[:, i] for i in elastic)])
+    repeated, *turns, speeds = (np.tile(x, (1 + len(elastic), 1)) for x in (q, *turned, v))
+    torques = numbers.torques(repeated, tuple(turns), speeds, numbers.reduced(stepped), bodies)
     loads = numbers.product(torques, C_inv)[:, elastic].reshape(-1, *q[:, elastic].shape)
     inertia = numbers.reduced(loads[1:] - loads[0]).transpose(1, 2, 0)
     wanted = -loads[0]
     for place, i in enumerate(elastic):
         force = numbers.value(terms[i].spring, drives[i]) * drives[i][r_L]
-        wanted[:, place] += force - numbers.value(terms[i].beside, drives[i])
+        wanted[:, place] += force - numbers.value(terms[i].joint, drives[i])
     change = numbers.solve(inertia, numbers.reduced(wanted))
     return numbers.reduced(a + numbers.product(change, C_inv.T[elastic]))
 
 
 def _drive_motor(numbers: Numbers, drive: DriveTerms, known: Known, load: Any, count: int) -> None:
-    """Add the torque, current and voltage of a motor: random ones, or what the motion takes."""
+    """Add the torque, current and voltage of a motor: random, or those of the motion by (7)."""
     tau, current, voltage = (plain(MOTOR_SIGNALS[sensor]) for sensor in MOTOR_SIGNALS)
     if load is None:
         for signal in (tau, current, voltage, plain("tau_G")):
             known[signal] = numbers.signal(count)
         return
-    load = numbers.reduced(load + numbers.value(drive.beside, known))
+    load = numbers.reduced(load + numbers.value(drive.joint, known))
     known[plain("tau_G")] = load
     torque = numbers.value(drive.share, known) * load + numbers.value(drive.motor, known)
     known[tau] = numbers.reduced(torque)
@@ -229,16 +228,16 @@ _SAME = 1e-7
 _ROUNDING = 1e-9
 
 Decision = tuple[BaseParameters, tuple[tuple[int, ...], ...], int, bool]
-"""Combinations, groups of their places known up to a factor, rank, and whether doubles agree."""
+"""Combinations, groups of them (as indices) up to scale, rank, and whether doubles agree."""
 
 
-def decided(
+def decide(
     system: System,
     payloads: Sequence[Array],
     exact: ResidueNumbers,
     numeric: RealNumbers,
 ) -> Decision:
-    """Return what can be told, with the known `payloads` (10n,) of which there are logs."""
+    """Return the identifiable combinations, for logs with each of the known `payloads` (10n,)."""
     columns, rows = _free(system, exact)
     on_motion = _on_motion(system, payloads, exact, columns)
     groups = _groups(on_motion, len(columns))
@@ -259,7 +258,7 @@ def decided(
 
 
 def _free(system: System, exact: ResidueNumbers) -> tuple[list[int], Residues]:
-    """Return pivots and rows of the echelon form, of as many instants as tell something new."""
+    """Return pivots and rows of the echelon form over free instants, added until the rank stays."""
     width, sums = len(system.names), len(system.sums)
     columns: list[int] = []
     rows: Residues = np.zeros((0, width), dtype=object)
@@ -277,7 +276,7 @@ def _free(system: System, exact: ResidueNumbers) -> tuple[list[int], Residues]:
 def _on_motion(
     system: System, payloads: Sequence[Array], exact: ResidueNumbers, columns: list[int]
 ) -> tuple[list[int], Residues] | None:
-    """Return the echelon form of the combinations over true motions, None where it is full."""
+    """Return the echelon form of the combinations over true motions, None if it is surely full."""
     if not columns or not _can_be_homogeneous(system):
         return None
     truth, count = random_truth(exact, system), _count(system, columns)
@@ -289,7 +288,7 @@ def _on_motion(
 
 
 def _can_be_homogeneous(system: System) -> bool:
-    """Tell whether a signal that follows from the others stands beside an unknown parameter."""
+    """Whether the equations can be homogeneous: a dependent signal has an unknown parameter."""
     signals = {plain(name) for name in MOTOR_SIGNALS.values()}
     return any(
         system.terms[i].spring is not None or expression.free_symbols & signals
@@ -307,7 +306,7 @@ def _numbers(numbers: Numbers, values: Array) -> Any:
 
 
 def _groups(on_motion: tuple[list[int], Residues] | None, p: int) -> tuple[tuple[int, ...], ...]:
-    """Return the combinations that a direction without any trace moves together."""
+    """Return the groups of combinations that are coupled by directions of the null space."""
     if on_motion is None:
         return ()
     pivots, rows = on_motion
@@ -316,8 +315,8 @@ def _groups(on_motion: tuple[list[int], Residues] | None, p: int) -> tuple[tuple
         links[free, [pivot for pivot, row in zip(pivots, rows, strict=True) if row[free]]] = True
         links[free, free] = True
     _, labels = connected_components(links, directed=False)
-    held = np.any(links, axis=0) | np.any(links, axis=1)
-    labelled = [np.flatnonzero((labels == label) & held) for label in dict.fromkeys(labels)]
+    coupled = np.any(links, axis=0) | np.any(links, axis=1)
+    labelled = [np.flatnonzero((labels == label) & coupled) for label in dict.fromkeys(labels)]
     return tuple(tuple(group.tolist()) for group in labelled if len(group))
 
 
@@ -345,15 +344,15 @@ def _in_doubles(
             np.linalg.lstsq,
             H[:, columns],
             H,
-            what="what the sensors tell",
+            what="the identifiable combinations",
             error=SymbolicError,
             rcond=None,
         )[0]
     seen = np.abs(grouping) > _SAME * np.max(np.abs(grouping), axis=1, keepdims=True)
-    exact = rows != 0  # what is zero in doubles alone is the trace of an irrational direction
+    exact = rows != 0  # an entry that is zero in doubles only belongs to an irrational direction
     agree &= not np.any(seen & ~exact)
-    told = _rank_in_doubles(system, payloads, numeric, columns, truth)
-    return np.where(exact, grouping, 0.0), gap, bool(agree and told == rank)
+    numeric_rank = _rank_in_doubles(system, payloads, numeric, columns, truth)
+    return np.where(exact, grouping, 0.0), gap, bool(agree and numeric_rank == rank)
 
 
 def _rank_in_doubles(
@@ -371,13 +370,13 @@ def _rank_in_doubles(
 
 
 def _negligible(system: System, H: Array) -> BoolArray:
-    """Tell columns of bodies that are zero but for rounding, as `base.negligible`."""
+    """Return which columns of bodies are zero up to rounding, as `base.negligible`."""
     norms, bodies = np.linalg.norm(H, axis=0), np.arange(H.shape[1]) < 10 * system.robot.n
     return np.asarray(bodies & (norms < 1e-9 * norms[bodies].max(initial=0.0)))
 
 
 def _fractions(row: Residues, values: Array) -> dict[int, Fraction]:
-    """Return a row of the grouping as rationals: exactly where they are short, else the doubles."""
+    """Return a row of the grouping as rationals: exact ones if short, else the doubles."""
     found = {}
     for column in np.flatnonzero(values).tolist():
         value = float(values[column])

@@ -130,7 +130,7 @@ def test_directions_that_coincide_through_sliding_joints_are_named(
             for name, (kind, axis, xyz, rpy) in joints.items()
         }
     )
-    with pytest.warns(SeaidWarning, match=r"my_d_link is told apart by directions .* [1-9]e-17"):
+    with pytest.warns(SeaidWarning, match=r"my_d_link counts as identifiable .* [1-9]e-17"):
         assert base_parameters(load_robot(path)).rank == 19
 
 

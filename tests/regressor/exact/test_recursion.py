@@ -210,9 +210,9 @@ def floating_regressor(robot: Robot) -> Array:
 
 
 def test_options_that_do_not_go_together(tulip_leg: Robot) -> None:
-    with pytest.raises(SymbolicError, match=r'through="energy"; only through="torque"'):
+    with pytest.raises(SymbolicError, match=r'through="energy", but only through="torque"'):
         base_parameters(tulip_leg, through="energy", torque_joints=("knee_pitch",))
     with pytest.raises(SymbolicError, match="did you mean 'torque'"):
         base_parameters(tulip_leg, through="torques")  # type: ignore[arg-type]
-    with pytest.raises(SymbolicError, match="floating_base=True goes with"):
+    with pytest.raises(SymbolicError, match="floating_base=True needs"):
         base_parameters(tulip_leg, through="energy", floating_base=True)
