@@ -81,7 +81,7 @@ def timed_plan(robot: seaid.Robot, **request: Any) -> tuple[seaid.Excitation, fl
 
 
 def figures(seeds: int) -> str:
-    """Return the table of condition numbers and seconds, worst of the seeds beside seed 0."""
+    """Return the table of condition numbers and seconds, worst of the seeds next to seed 0."""
     robots, rows = load_robots(), []
     for name, basis, rest, condition, seconds in FIGURES:
         robot, limits = robots[name]

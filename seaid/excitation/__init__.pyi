@@ -10,9 +10,9 @@ from .criteria import CRITERIA as CRITERIA
 from .criteria import pivoted_base as pivoted_base
 from .design import Excitation as Excitation
 from .design import design_excitation as design_excitation
-from .flatness import besides as besides
 from .flatness import check_nominal_bodies as check_nominal_bodies
 from .flatness import load_torques as load_torques
+from .flatness import parallel_elements as parallel_elements
 from .flatness import transmission as transmission
 from .fourier import FourierBasis as FourierBasis
 from .limits import JointLimits as JointLimits

@@ -18,16 +18,16 @@ from seaid.excitation.basis import Basis
 from seaid.excitation.criteria import States
 from seaid.excitation.flatness import (
     SIGN_WIDTH,
-    Besides,
+    ParallelElements,
     Transmission,
-    besides,
     check_nominal_bodies,
     differentiation,
     load_derivatives,
     load_torques,
     motor_signals,
     motor_speeds,
-    nominal,
+    nominal_value,
+    parallel_elements,
     rigid_transmission,
     transmission,
 )
@@ -240,28 +240,28 @@ zone a motor jumps, a damped spring remembers."""
 class DriveLimits:
     """Largest values (4, n) of `DRIVE_KINDS`, inf where not limited, and the nominal motors (n,).
 
-    `friction` is that of motors limited in torque, by index; `beside` acts beside the drives.
+    `friction` is that of motors limited in torque, by index; `parallel` acts parallel the drives.
     """
 
     robot: Robot
-    most: Array
+    largest: Array
     drives: Transmission
     motor_inertia: Array
     friction: tuple[tuple[int, DriveCurve], ...]
-    beside: Besides
+    parallel: ParallelElements
     sign_width: Array
 
 
 def drive_limits(robot: Robot, limits: Limits, top_speed: Array) -> DriveLimits | None:
     """Return the limits on the drives, None where there are none.
 
-    The joint torque is limited by the URDF's effort where the nominal bodies and what acts beside
+    The joint torque is limited by the URDF's effort where the nominal bodies and what acts parallel
     the drive are known, unless given. Raises ExcitationError where a limit needs a nominal value
     that is not there, and for motors that do not follow from the joint's motion.
     """
     nothing = np.full(robot.n, np.inf)
     effort = robot.effort_limits
-    known = _knows_beside(robot) & np.all(np.isfinite(robot.parameters))
+    known = _has_parallel_values(robot) & np.all(np.isfinite(robot.parameters))
     usable = np.isfinite(effort) & (effort > 0) & known
     elastic = np.array([joint in robot.elastic_joints for joint in robot.joint_names])
     defaults = {"joint_torque": np.where(usable, effort, np.inf)}
@@ -284,22 +284,22 @@ def drive_limits(robot: Robot, limits: Limits, top_speed: Array) -> DriveLimits 
     inertia = np.zeros(robot.n)
     for index in motors:
         joint = robot.joint_names[index]
-        inertia[index] = nominal(joint, robot.drives[joint], "motor_inertia")
+        inertia[index] = nominal_value(joint, robot.drives[joint], "motor_inertia")
     names = [robot.joint_names[index] for index in motors]
     curves = [friction_curve(joint, robot.drives[joint]) for joint in names]
     return DriveLimits(
         robot=robot,
-        most=most,
+        largest=most,
         drives=drives,
         motor_inertia=inertia,
         friction=tuple(zip(motors.tolist(), curves, strict=True)),
-        beside=besides(robot, top_speed, asked),
+        parallel=parallel_elements(robot, top_speed, asked),
         sign_width=SIGN_WIDTH * motor_speeds(drives, top_speed),
     )
 
 
-def _knows_beside(robot: Robot) -> BoolArray:
-    """Tell for each joint (n,) whether what acts beside its drive has values."""
+def _has_parallel_values(robot: Robot) -> BoolArray:
+    """Tell for each joint (n,) whether what acts parallel its drive has values."""
     drives = [robot.drives[joint] for joint in robot.joint_names]
     return np.array([set(beside_names(drive)) <= set(drive.values) for drive in drives])
 
@@ -324,15 +324,15 @@ def drive_loads(limits: DriveLimits, time: Array, states: States) -> Array:
 
     The first is at the joints, the others are at what the drives turn.
     """
-    torque = load_torques(limits.robot, limits.beside, states)
-    through = torques_at_drives(limits.drives.matrix, torque)
-    signals = motor_signals(limits.drives, states, through, differentiation(time))
+    torque = load_torques(limits.robot, limits.parallel, states)
+    drive_torque = torques_at_drives(limits.drives.matrix, torque)
+    signals = motor_signals(limits.drives, states, drive_torque, differentiation(time))
     speed, acceleration = signals[1], signals[2]
-    motor = limits.motor_inertia * acceleration + through / limits.drives.ratio  # (7) with (8)
+    motor = limits.motor_inertia * acceleration + drive_torque / limits.drives.ratio  # (7) with (8)
     for index, curve in limits.friction:
         width = float(limits.sign_width[index])
-        motor[:, index] += curve.evaluate(speed[:, index], through[:, index], width)[0]
-    return np.stack([torque, motor, speed, limits.drives.stretch(through)[0]])
+        motor[:, index] += curve.evaluate(speed[:, index], drive_torque[:, index], width)[0]
+    return np.stack([torque, motor, speed, limits.drives.spring_deflection(drive_torque)[0]])
 
 
 def drive_load_gradient(
@@ -350,11 +350,11 @@ def drive_load_gradient(
     """
     kinds, instants, joints = picked
     matrix = limits.drives.matrix
-    tables = load_derivatives(limits.robot, limits.beside, states)
+    tables = load_derivatives(limits.robot, limits.parallel, states)
     at_drives = np.moveaxis(torques_at_drives(matrix, np.moveaxis(tables, 2, -1)), -1, 2)
-    through = torques_at_drives(matrix, loads[0])
-    by_force = limits.drives.stretch(through)[1]
-    give = limits.drives.lever * by_force
+    drive_torque = torques_at_drives(matrix, loads[0])
+    by_force = limits.drives.spring_deflection(drive_torque)[1]
+    motor_compliance = limits.drives.lever * by_force
     first, second = differentiation(time)
     by_state = np.stack(maps)
     gradient = np.zeros((len(kinds), limits.robot.n, by_state.shape[2]))
@@ -365,10 +365,10 @@ def drive_load_gradient(
         ):
             t = instants[mine]
             by_acceleration, by_speed, by_torque = _slopes(
-                limits, int(joint), kinds[mine], loads[2, t, joint], through[t, joint]
+                limits, int(joint), kinds[mine], loads[2, t, joint], drive_torque[t, joint]
             )
             by_torque[kinds[mine] == _DEFLECTION] = by_force[t, joint][kinds[mine] == _DEFLECTION]
-            weights = give[:, joint] * (
+            weights = motor_compliance[:, joint] * (
                 by_speed[:, None] * first[t] + by_acceleration[:, None] * second[t]
             )
             weights[np.arange(len(mine)), t] += by_torque

@@ -24,7 +24,7 @@ from seaid.excitation.criteria import (
     Criterion,
     States,
     criterion_named,
-    tells_all,
+    has_full_rank,
     triangular_factor,
 )
 from seaid.excitation.flatness import check_nominal_bodies
@@ -44,7 +44,7 @@ from seaid.log import Log, reconstruct_motion, row_samples
 from seaid.regressor import BaseParameters
 from seaid.robot import Robot
 
-AIM = 0.97
+TARGET_USE = 0.97
 """The search keeps to this part of the limits that it sees at instants only."""
 
 _SAFE = 0.985
@@ -58,7 +58,7 @@ class Problem:
     """Minimise a criterion over x (n k,), within limits.
 
     Coefficients are those of `space`; `maps` (3) of (T, k) give position, velocity and acceleration
-    at `time` (T,) for joints of unit range, `home` (3, T, n) those at x = 0. Joint j keeps its
+    at `time` (T,) for joints of unit range, `start_states` (3, T, n) those at x = 0. Joint j keeps its
     linear limits at every instant where |rows[j] x_j + offset[j]| <= 1; `rows` (n, g, c, k).
     """
 
@@ -67,7 +67,7 @@ class Problem:
     space: MotionSpace
     time: Array
     maps: tuple[Array, Array, Array]
-    home: Array
+    start_states: Array
     half_range: Array
     rows: Array
     offset: Array
@@ -96,26 +96,26 @@ def make_problem(
 ) -> Problem:
     """Return the problem that looks at so many equally spaced instants."""
     rows, offset = limit_rows(space, limits)
-    time, maps, home = _at_instants(space, samples)
+    time, maps, start_states = _at_instants(space, samples)
     half_range = limits.half_range
     return Problem(
-        target, criterion, space, time, maps, home, half_range, rows, offset, drives, scene
+        target, criterion, space, time, maps, start_states, half_range, rows, offset, drives, scene
     )
 
 
-def seen_at(problem: Problem, samples: int) -> Problem:
+def with_instants(problem: Problem, samples: int) -> Problem:
     """Return the problem looking at another number of instants."""
-    time, maps, home = _at_instants(problem.space, samples)
-    return replace(problem, time=time, maps=maps, home=home)
+    time, maps, start_states = _at_instants(problem.space, samples)
+    return replace(problem, time=time, maps=maps, start_states=start_states)
 
 
-def counted_from(problem: Problem, x: Array) -> Problem:
-    """Return the problem with the motion x as its home."""
+def recentred(problem: Problem, x: Array) -> Problem:
+    """Return the problem with the motion x as its start_states."""
     joints = x.reshape(problem.shape)
     return replace(
         problem,
-        space=replace(problem.space, home=problem.space.coefficients(x)),
-        home=np.stack(states_of(problem, x)),
+        space=replace(problem.space, feasible_start=problem.space.coefficients(x)),
+        start_states=np.stack(states_of(problem, x)),
         offset=problem.offset + np.einsum("jgck,jk->jgc", problem.rows, joints),
     )
 
@@ -126,16 +126,18 @@ def _at_instants(
     time = np.linspace(0.0, space.basis.duration, samples)
     position, velocity, acceleration = space.basis.matrices(time)
     maps = (position @ space.free, velocity @ space.free, acceleration @ space.free)
-    home = np.stack([matrix @ space.home for matrix in (position, velocity, acceleration)])
-    return time, maps, home
+    start_states = np.stack(
+        [matrix @ space.feasible_start for matrix in (position, velocity, acceleration)]
+    )
+    return time, maps, start_states
 
 
 def states_of(problem: Problem, x: Array) -> States:
     """Return q, v and a of x, each (T, n)."""
     joints = x.reshape(problem.shape).T
     q, v, a = (
-        home + problem.half_range * (matrix @ joints)
-        for home, matrix in zip(problem.home, problem.maps, strict=True)
+        start_states + problem.half_range * (matrix @ joints)
+        for start_states, matrix in zip(problem.start_states, problem.maps, strict=True)
     )
     return q, v, a
 
@@ -144,7 +146,7 @@ def value_of(problem: Problem, x: Array) -> float:
     """Return the log of the criterion, infinite where the motion does not tell all parameters."""
     H = stacked_regressor(problem.target, problem.time, states_of(problem, x))
     R = triangular_factor(H, problem.target.known)
-    return problem.measure.log_value(R) if tells_all(R) else np.inf
+    return problem.measure.log_value(R) if has_full_rank(R) else np.inf
 
 
 def value_and_gradient(problem: Problem, x: Array) -> tuple[float, Array]:
@@ -152,7 +154,7 @@ def value_and_gradient(problem: Problem, x: Array) -> tuple[float, Array]:
     states = states_of(problem, x)
     H = stacked_regressor(problem.target, problem.time, states)
     R = triangular_factor(H, problem.target.known)
-    if not tells_all(R):
+    if not has_full_rank(R):
         return np.inf, np.zeros(x.size)
     value, slope = problem.measure.smooth(R)
     gradients = regressor_pull_back(problem.target, problem.time, states, H @ slope)
@@ -185,12 +187,12 @@ def linear_slack(problem: Problem, x: Array) -> tuple[Array, Array]:
     return slack, gradient.reshape(2 * n * groups, n * k)
 
 
-def is_curved(problem: Problem) -> bool:
+def has_nonlinear_limits(problem: Problem) -> bool:
     """Tell whether there are limits that are not linear in x."""
     return problem.drive_limits is not None or problem.scene is not None
 
 
-def curved_use(problem: Problem, x: Array) -> tuple[Array, Array]:
+def nonlinear_use(problem: Problem, x: Array) -> tuple[Array, Array]:
     """Return how much of the limits on drives and distances is used, and its derivative.
 
     One entry (m,) a limit and ten instants, the largest there: 1 is all of a limit. The derivative
@@ -207,37 +209,37 @@ def curved_use(problem: Problem, x: Array) -> tuple[Array, Array]:
     )
 
 
-def most_curved_use(problem: Problem, x: Array) -> float:
+def largest_nonlinear_use(problem: Problem, x: Array) -> float:
     """Return the largest part of a limit on drives or distances that is used; 0 without any."""
     states, most = states_of(problem, x), 0.0
     if problem.drive_limits is not None:
         loads = np.abs(drive_loads(problem.drive_limits, problem.time, states))
-        most = float(np.max(loads.max(axis=1) / problem.drive_limits.most))
+        most = float(np.max(loads.max(axis=1) / problem.drive_limits.largest))
     if problem.scene is not None:
         closest = _capped(problem.scene, states[0]).min()
         most = max(most, float(_use_of_distance(problem.scene, closest)))
     return most
 
 
-def drawn_inside(problem: Problem, x: Array) -> Array:
+def scaled_into_limits(problem: Problem, x: Array) -> Array:
     """Return x, drawn towards zero until no limit is broken.
 
     A joint that breaks a linear limit alone; all of them while a drive or a distance breaks one.
     """
     joints = x.reshape(problem.shape)
-    return drawn_together(
+    return scaled_into_nonlinear_limits(
         problem, np.ravel(joints / np.maximum(linear_use(problem, x), 1.0)[:, None]), _SAFE
     )
 
 
-def drawn_together(problem: Problem, x: Array, most: float) -> Array:
+def scaled_into_nonlinear_limits(problem: Problem, x: Array, most: float) -> Array:
     """Return x, drawn towards zero until no drive or distance uses more than `most` of a limit."""
-    if not is_curved(problem) or most_curved_use(problem, x) <= most:
+    if not has_nonlinear_limits(problem) or largest_nonlinear_use(problem, x) <= most:
         return x
     inside, outside = 0.0, 1.0
     for _ in range(_BISECTIONS):
         middle = 0.5 * (inside + outside)
-        kept = most_curved_use(problem, middle * x) <= most
+        kept = largest_nonlinear_use(problem, middle * x) <= most
         inside, outside = (middle, outside) if kept else (inside, middle)
     return inside * x
 
@@ -247,23 +249,25 @@ def random_start(problem: Problem, rng: np.random.Generator) -> Array:
     joints = rng.normal(size=problem.shape)
     share = rng.uniform(0.6, 0.95, problem.shape[0])
     x = np.ravel(joints * (share / linear_use(problem, joints.ravel()))[:, None])
-    return drawn_inside(problem, x)
+    return scaled_into_limits(problem, x)
 
 
 def _drive_use(problem: Problem, limits: DriveLimits, states: States) -> tuple[Array, Array]:
     loads = drive_loads(limits, problem.time, states)
-    limited = np.argwhere(np.isfinite(limits.most))
+    limited = np.argwhere(np.isfinite(limits.largest))
     starts = np.arange(0, len(problem.time), _INSTANTS)
     kinds, joints = (np.repeat(column, len(starts)) for column in limited.T)
-    used = np.abs(loads[limited[:, 0], :, limited[:, 1]]) / limits.most[tuple(limited.T)][:, None]
+    used = (
+        np.abs(loads[limited[:, 0], :, limited[:, 1]]) / limits.largest[tuple(limited.T)][:, None]
+    )
     instants = np.concatenate(
         [start + used[:, start : start + _INSTANTS].argmax(axis=1)[:, None] for start in starts], 1
     ).ravel()
     picked = (kinds, instants, joints)
     maps = problem.maps
     gradient = drive_load_gradient(limits, problem.time, states, loads, picked, maps)
-    signed = loads[kinds, instants, joints] / limits.most[kinds, joints]
-    factor = np.sign(signed) / limits.most[kinds, joints]
+    signed = loads[kinds, instants, joints] / limits.largest[kinds, joints]
+    factor = np.sign(signed) / limits.largest[kinds, joints]
     return np.abs(signed), gradient * factor[:, None, None] * problem.half_range[:, None]
 
 
@@ -298,8 +302,8 @@ def _use_of_distance(scene: Scene, distance: Array) -> Array:
 def constraints(problem: Problem, curved: bool = True) -> list[dict[str, Any]]:
     """Return the limits as SLSQP takes them; the `curved` ones as well where there are any."""
     functions = [_remembered(lambda x: linear_slack(problem, x))]
-    if curved and is_curved(problem):
-        functions.append(_remembered(lambda x: _curved_slack(problem, x)))
+    if curved and has_nonlinear_limits(problem):
+        functions.append(_remembered(lambda x: _nonlinear_slack(problem, x)))
     return [
         {
             "type": "ineq",
@@ -310,9 +314,9 @@ def constraints(problem: Problem, curved: bool = True) -> list[dict[str, Any]]:
     ]
 
 
-def _curved_slack(problem: Problem, x: Array) -> tuple[Array, Array]:
-    use, gradient = curved_use(problem, x)
-    return AIM - use, -gradient
+def _nonlinear_slack(problem: Problem, x: Array) -> tuple[Array, Array]:
+    use, gradient = nonlinear_use(problem, x)
+    return TARGET_USE - use, -gradient
 
 
 def _remembered(function: Callable[[Array], Any]) -> Callable[[bytes], Any]:
@@ -325,7 +329,11 @@ _FINER, _MOST_INSTANTS = 8, 2000
 
 def motion_within(problem: Problem, x: Array) -> Array:
     """Return x, drawn towards zero if a limit is broken between the instants of the search."""
-    return drawn_together(_closer(problem), x, 1.0) if is_curved(problem) else x
+    return (
+        scaled_into_nonlinear_limits(_on_fine_grid(problem), x, 1.0)
+        if has_nonlinear_limits(problem)
+        else x
+    )
 
 
 def all_margins(problem: Problem, x: Array, trajectory: Trajectory, bounds: JointLimits) -> Margins:
@@ -334,22 +342,22 @@ def all_margins(problem: Problem, x: Array, trajectory: Trajectory, bounds: Join
     The grid has eight times the instants of the search, 2000 at most.
     """
     found = margins(trajectory, bounds)
-    if not is_curved(problem):
+    if not has_nonlinear_limits(problem):
         return found
-    fine = _closer(problem)
+    fine = _on_fine_grid(problem)
     states = states_of(fine, x)
     if fine.drive_limits is not None:
         most = np.abs(drive_loads(fine.drive_limits, fine.time, states)).max(axis=1)
-        left = fine.drive_limits.most - most
+        left = fine.drive_limits.largest - most
         found = replace(found, **dict(zip(DRIVE_KINDS, left, strict=True)))
     if fine.scene is not None:
         found = replace(found, distance_m=float(distances(fine.scene, states[0]).min()))
     return found
 
 
-def _closer(problem: Problem) -> Problem:
+def _on_fine_grid(problem: Problem) -> Problem:
     samples = len(problem.time)
-    return seen_at(problem, min(_FINER * samples, max(_MOST_INSTANTS, samples)))
+    return with_instants(problem, min(_FINER * samples, max(_MOST_INSTANTS, samples)))
 
 
 _REFERENCES = 3
@@ -393,7 +401,7 @@ def scaled_target(
     return replace(target, column_scale=scale)
 
 
-def recorded_factor(target: Target, robot: Robot, logs: Sequence[Log]) -> Array:
+def previous_logs_factor(target: Target, robot: Robot, logs: Sequence[Log]) -> Array:
     """Return the triangular factor (., columns) of what recorded logs tell, scaled as the target.
 
     Of the joints' motion in the logs' own pass band; a log that does not fit the robot raises

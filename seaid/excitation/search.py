@@ -28,16 +28,16 @@ from seaid.errors import ExcitationError
 from seaid.excitation.collision import distances
 from seaid.excitation.limits import DRIVE_KINDS, drive_loads
 from seaid.excitation.problem import (
-    AIM,
+    TARGET_USE,
     Problem,
     constraints,
-    counted_from,
-    curved_use,
-    drawn_inside,
-    is_curved,
+    has_nonlinear_limits,
+    largest_nonlinear_use,
     linear_use,
-    most_curved_use,
+    nonlinear_use,
     random_start,
+    recentred,
+    scaled_into_limits,
     states_of,
     value_and_gradient,
     value_of,
@@ -75,7 +75,7 @@ def run_all(
                     results.append(future.result())
                     done(len(results), results[-1])
             except KeyboardInterrupt:
-                return results + _handed_in(futures[len(results) - before :]), True
+                return results + _finished_results(futures[len(results) - before :]), True
             return results, False
         except BrokenExecutor as problem:
             if attempts:
@@ -99,13 +99,13 @@ def _processes(tasks: int) -> Executor:
         max_workers=min(tasks, cpu_count()),
         timeout=_IDLE_SECONDS,
         env=_ONE_THREAD,
-        initializer=_end_with,
+        initializer=_exit_with_parent,
         initargs=(os.getpid(),),
     )
     return executor
 
 
-def _end_with(parent: int) -> None:
+def _exit_with_parent(parent: int) -> None:
     """End this process soon after its parent, which may be killed and then says nothing."""
 
     def watch() -> None:
@@ -116,7 +116,7 @@ def _end_with(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _handed_in(futures: Sequence[Future[Result]]) -> list[Result]:
+def _finished_results(futures: Sequence[Future[Result]]) -> list[Result]:
     """Return what workers, interrupted as well, still hand in."""
     found = []
     for future in futures:
@@ -136,7 +136,7 @@ class _FoundError(Exception):
     """The way out of SLSQP once a motion is well within the limits."""
 
 
-def with_feasible_home(problem: Problem, seed: int) -> Problem:
+def with_feasible_start(problem: Problem, seed: int) -> Problem:
     """Return the problem counted from a motion that keeps all limits.
 
     That is its own home, unless a drive or a distance breaks a limit there: then the one that uses
@@ -144,7 +144,7 @@ def with_feasible_home(problem: Problem, seed: int) -> Problem:
     naming the joint or the links and the limit, where none is found.
     """
     nothing = np.zeros(np.prod(problem.shape))
-    if not is_curved(problem) or most_curved_use(problem, nothing) <= AIM:
+    if not has_nonlinear_limits(problem) or largest_nonlinear_use(problem, nothing) <= TARGET_USE:
         return problem
     rng = np.random.default_rng(seed)
     tried = [nothing]
@@ -154,9 +154,9 @@ def with_feasible_home(problem: Problem, seed: int) -> Problem:
             joints = rng.normal(size=problem.shape)
             x = 0.8 * np.ravel(joints / linear_use(problem, joints.ravel())[:, None])
         tried.append(_least_use(problem, x))
-        if most_curved_use(problem, tried[-1]) <= AIM:
-            return counted_from(problem, tried[-1])
-    raise _impossible(problem, min(tried, key=lambda x: most_curved_use(problem, x)))
+        if largest_nonlinear_use(problem, tried[-1]) <= TARGET_USE:
+            return recentred(problem, tried[-1])
+    raise _infeasible(problem, min(tried, key=lambda x: largest_nonlinear_use(problem, x)))
 
 
 def _least_use(problem: Problem, start: Array) -> Array:
@@ -168,11 +168,11 @@ def _least_use(problem: Problem, start: Array) -> Array:
     def watch(x: Array) -> None:
         nonlocal found
         found = x / max(1.0, float(linear_use(problem, x).max()) * (1 + 1e-6))
-        if most_curved_use(problem, found) < _ENOUGH:
+        if largest_nonlinear_use(problem, found) < _ENOUGH:
             raise _FoundError
 
     def objective(x: Array) -> tuple[float, Array]:
-        use, gradient = curved_use(problem, x)
+        use, gradient = nonlinear_use(problem, x)
         shares = np.exp(_SHARPNESS * (use - use.max()))
         value = float(use.max()) + np.log(shares.sum()) / _SHARPNESS
         return value, gradient.T @ (shares / shares.sum())
@@ -183,26 +183,26 @@ def _least_use(problem: Problem, start: Array) -> Array:
             start,
             jac=True,
             method="SLSQP",
-            constraints=constraints(problem, curved=False),
+            constraints=constraints(problem, nonlinear=False),
             options={"maxiter": _ITERATIONS},
             callback=watch,
         )
     return found
 
 
-def _impossible(problem: Problem, x: Array) -> ExcitationError:
+def _infeasible(problem: Problem, x: Array) -> ExcitationError:
     """Name what breaks its limit most at the best motion found."""
     states, worst, words = states_of(problem, x), 0.0, ""
     if problem.drive_limits is not None:
         limits = problem.drive_limits
         loads = np.abs(drive_loads(limits, problem.time, states)).max(axis=1)
-        kind, joint = np.unravel_index(np.argmax(loads / limits.most), loads.shape)
-        worst, name = float(loads[kind, joint] / limits.most[kind, joint]), DRIVE_KINDS[kind]
+        kind, joint = np.unravel_index(np.argmax(loads / limits.largest), loads.shape)
+        worst, name = float(loads[kind, joint] / limits.largest[kind, joint]), DRIVE_KINDS[kind]
         owner = limits.robot.joint_names[joint]
         unit = _UNITS.get(name, "rad (or m)")
         words = (
             f"keeps joint '{owner}' within its {name.replace('_', ' ')} limit, "
-            f"{limits.most[kind, joint]:.4g} {unit}: the best needs {loads[kind, joint]:.4g}. Give "
+            f"{limits.largest[kind, joint]:.4g} {unit}: the best needs {loads[kind, joint]:.4g}. Give "
             f"more by Limits({name}={{'{owner}': ...}}) (math.inf: not limited), a smaller range "
             "or a longer duration"
         )
@@ -257,7 +257,7 @@ def search(
     begin = min(outcomes, key=lambda outcome: outcome.value)
     if not np.isfinite(begin.value):
         raise ExcitationError(
-            f"no motion of this kind tells all {problem.target.asked}: condition number "
+            f"no motion of this kind tells all {problem.target.description}: condition number "
             "infinite; give more coefficients, more samples or wider limits"
         )
     first = -(-iterations // 3) if starts > 1 else 0
@@ -282,7 +282,7 @@ def optimise(
 
     def watch(x: Array) -> None:
         nonlocal best
-        inside = drawn_inside(problem, x)
+        inside = scaled_into_limits(problem, x)
         value = value_of(problem, inside)
         if value < best.value:
             best = Outcome(value, inside)

@@ -99,18 +99,18 @@ def _planned(robot: Robot, trajectory: Trajectory, name: str) -> Playback:
 
 def _nominal_deflection(robot: Robot, states: tuple[Array, Array, Array]) -> Array:
     from seaid.excitation import (
-        besides,
         check_nominal_bodies,
         load_torques,
+        parallel_elements,
         transmission,
     )
 
     drives = transmission(robot)
     check_nominal_bodies(robot)
-    beside = besides(robot, np.max(np.abs(states[1]), axis=0), robot.elastic_joints)
-    torque = torques_at_drives(robot.transmission, load_torques(robot, beside, states))
+    parallel = parallel_elements(robot, np.max(np.abs(states[1]), axis=0), robot.elastic_joints)
+    torque = torques_at_drives(robot.transmission, load_torques(robot, parallel, states))
     radius = [getattr(robot.drives[joint], "load_radius", 1.0) for joint in robot.joint_names]
-    deflection: Array = drives.stretch(torque)[0] / np.array(radius)
+    deflection: Array = drives.spring_deflection(torque)[0] / np.array(radius)
     return deflection
 
 
