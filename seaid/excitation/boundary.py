@@ -173,15 +173,6 @@ def _end_values(name: str, given: Any, joint_names: tuple[str, ...]) -> Array:
     return finite(name, wanted, (len(joint_names),), ExcitationError)
 
 
-__all__ = [
-    "IN_MOTION",
-    "EndState",
-    "MotionSpace",
-    "limit_rows",
-    "motion_space",
-    "with_interior_start",
-]
-
 _RUN_IN_SHARE, _RUN_IN_DENSITY = 0.98, 4
 
 

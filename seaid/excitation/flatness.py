@@ -40,9 +40,9 @@ ParallelElements = tuple[tuple[int, DriveCurve, float], ...]
 class Transmission:
     """The map from joints to motors, each (n,): theta_M = ratio phi + lever * deflection(tau).
 
-    phi = C q are the output angles of the drives, C the `matrix` (n, n), and tau the torques on
-    them. `ratio` is N r_L / r_M, `lever` is N / r_M, and `compliance` 1 / (r_L k) the deflection per
-    torque; both are zero for a stiff drive. `nonlinear` springs are listed by index, with their r_L.
+    phi = C q are the output angles of the drives, C the `matrix` (n, n), tau the torques on them.
+    `ratio` is N r_L / r_M, `lever` N / r_M, and `compliance` 1 / (r_L k) the deflection per torque;
+    the last two are zero for a stiff drive. `nonlinear` lists springs by index, with their r_L.
     """
 
     ratio: Array

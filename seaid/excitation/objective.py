@@ -1,9 +1,8 @@
-"""What a planned motion shall tell, as one regressor: base parameters, and drives if wanted.
+"""The observation matrix (15) of a planned motion, and its gradient by the motion.
 
-Load rows are the known joint torques of (8), motor rows those of (7) seen from the joint, so that
-are torques at a joint [N m, or N]. A row is divided by the standard deviation of its torque.
-
-The regressor of a target along a motion, (15), and the gradient back to the motion.
+Columns are the base parameters and, if wanted, the parameters of the drives. Load rows are the
+known joint torques of (8), motor rows are (7) reflected to the joint, so all are torques at a joint
+[N m or N]. A row is divided by the standard deviation of its torque.
 """
 
 from __future__ import annotations
@@ -51,10 +50,10 @@ from seaid.robot import UNITS, Robot, named_in_part, torques_at_drives
 
 @dataclass(frozen=True, eq=False)
 class DriveBlock:
-    """Columns of one drive: where the parameters `picked` of its regressor stand in the whole.
+    """The columns of one drive: parameters `picked` of its regressor are `columns` of the target.
 
-    Torques of the regressor times `shares` (rows,) are what they are in every row. `is_parallel`:
-    its signals are those of the joint itself, otherwise of the motor and what it turns.
+    `shares` (rows,) are the factors of its torques in every row. `is_parallel`: its signals are
+    those of the joint itself, otherwise of the motor and the output of the drive.
     """
 
     joint: int
@@ -74,14 +73,14 @@ class DriveBlock:
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """The stacked regressor that a motion shall make well conditioned, and how it is scaled.
+    """The rows, columns and scaling of the observation matrix that a motion makes well conditioned.
 
-    Columns are the p base columns, then those of the drives in `blocks`; `names` and `units` tell
-    them. Rows at one instant are the known torques `rows`, then the motors of elastic joints;
-    `at_drives` (r, r) makes torques on what the drives turn of those at joints. `needs_load`: drive
-    columns depend on the load's torque, to which `parallel` belongs.
-    `row_weights` (rows,) and `column_scale` (columns,) multiply them; `known` (., columns), scaled
-    alike, is the triangular factor of what recorded logs tell already.
+    Columns are the p base columns, then those of the drives in `blocks`, with `names` and `units`.
+    Rows at one instant are the known torques `rows`, then the motors of elastic joints; `at_drives`
+    (r, r) maps torques at joints to torques at drives. `needs_load`: columns of drives depend on
+    the load torque, which includes the `parallel` elements. `row_weights` (rows,) and
+    `column_scale` (columns,) multiply the matrix; `known` (., columns), scaled alike, is the
+    triangular factor of previous logs.
     """
 
     robot: Robot
@@ -100,15 +99,15 @@ class Target:
 
     @property
     def description(self) -> str:
-        """How many parameters of what kind, in words."""
+        """Number and kind of the parameters, for messages."""
         return f"{len(self.names)} {'parameters' if self.blocks else 'base parameters'}"
 
 
 def load_target(robot: Robot, torque_joints: Sequence[str] | None, base: BaseParameters) -> Target:
-    """Return the target of the base parameters alone, unscaled, as (16) has it.
+    """Return the target of the base parameters alone, unscaled, as in (16).
 
-    It needs the geometry alone: the robot is kept without parameters and drives. Raises
-    ExcitationError for rows that are some of the joints that drives move together.
+    Its robot has geometry alone, without parameters and drives. Raises ExcitationError if
+    `torque_joints` names some but not all of the joints that drives move together.
     """
     group = named_in_part(robot.joint_names, robot.transmission, robot.rows(torque_joints))
     if group:
@@ -141,9 +140,9 @@ def drive_target(
 ) -> Target:
     """Return the target of base parameters and drives: friction, stiffness, rotor inertia.
 
-    `top_speed` (n,) [rad/s or m/s] sets where Coulomb friction turns. A motor's speed and its
-    spring's deflection follow from the nominal model; raises ExcitationError where an elastic drive
-    or a body has none, and where a column is a slope near a value that is not given.
+    `top_speed` (n,) [rad/s or m/s] scales the speed width of Coulomb friction. Motor speed and
+    deflection follow from the nominal model; raises ExcitationError if an elastic drive or a body
+    lacks nominal values, or a column linearised about a nominal value that is missing.
     """
     known, drives = robot.rows(torque_joints), transmission(robot)
     parts = _drive_blocks(robot, drives, known, top_speed)
@@ -183,7 +182,7 @@ def drive_target(
 def _drive_blocks(
     robot: Robot, drives: Transmission, known: Sequence[str], top_speed: Array
 ) -> list[DriveBlock]:
-    """Return what drives, and what acts parallel them, bring to the rows; nothing picked yet."""
+    """Return the blocks of drives and of elements parallel to them, without `picked` columns."""
     load_rows = [robot.index(joint) for joint in known]
     motors = SIGN_WIDTH * motor_speeds(drives, top_speed)
     blocks = []
@@ -205,7 +204,7 @@ def _drive_blocks(
 
 
 def _smooth_columns(joint: str, regressor: DriveRegressor) -> SmoothColumns:
-    """Return smooth columns. Raises ExcitationError where a value is missing for them."""
+    """Return smooth columns. Raises ExcitationError if they need a value that is missing."""
     columns = smooth_columns(regressor)
     if columns.missing:
         raise no_value(joint, columns.missing[0])
@@ -213,16 +212,16 @@ def _smooth_columns(joint: str, regressor: DriveRegressor) -> SmoothColumns:
 
 
 def torque_map(robot: Robot) -> Array:
-    """Return the matrix (n, n) that makes torques on what the drives turn of those at joints."""
+    """Return the matrix (n, n) from torques at joints to torques at drives."""
     return torques_at_drives(robot.transmission, np.eye(robot.n)).T
 
 
 READINGS_HZ = 1000.0
-"""Readings of torque a second, with independent errors, for which standard errors are stated."""
+"""Rate of the torque readings with independent errors for which standard errors are stated."""
 
 
 def stacked_regressor(target: Target, time: Array, states: States) -> Array:
-    """Return the weighted and scaled regressor (T rows, columns) of a motion, (15).
+    """Return the weighted and scaled observation matrix (T rows, columns) of a motion, (15).
 
     `time` (T,) is equally spaced.
     """
@@ -238,7 +237,7 @@ def stacked_regressor(target: Target, time: Array, states: States) -> Array:
 
 
 def regressor_pull_back(target: Target, time: Array, states: States, G: Array) -> States:
-    """Return the gradient by q, v and a, each (T, n), of a function whose gradient by H is G."""
+    """Return the gradient by q, v and a, each (T, n), of a function with gradient G by H."""
     G = G.reshape(len(time), len(target.row_weights), -1)
     G = G * _weights(target, time) * target.column_scale
     robot, r = target.robot, len(target.rows)
@@ -267,12 +266,12 @@ def regressor_pull_back(target: Target, time: Array, states: States, G: Array) -
 
 
 def _transformed(matrix: Array, rows: Array) -> Array:
-    """Return rows (T, r, p) mapped by a matrix (r, r); bit by bit what they are by the identity."""
+    """Return matrix (r, r) @ rows (T, r, p); for the identity without rounding."""
     return rows if np.array_equal(matrix, np.eye(len(matrix))) else np.asarray(matrix @ rows)
 
 
 def _weights(target: Target, time: Array) -> Array:
-    """Return the weights (T, rows, 1): a row stands for the readings around it."""
+    """Return the weights (T, rows, 1): each row represents all readings around its instant."""
     step = (time[-1] - time[0]) / max(len(time) - 1, 1)
     readings = np.full(len(time), READINGS_HZ * step)
     readings[[0, -1]] *= 0.5
@@ -282,7 +281,7 @@ def _weights(target: Target, time: Array) -> Array:
 def _drive_columns(
     target: Target, time: Array, states: States
 ) -> tuple[list[tuple[DriveBlock, tuple[Array, Array]]], Array]:
-    """Return each drive's picked columns (T, p) and their slopes (T, p, 7); torques on drives."""
+    """Return each drive's picked columns (T, p) with slopes (T, p, 7), and the drive torques."""
     drive_torque = np.zeros_like(states[0])
     if not target.blocks:
         return [], drive_torque

@@ -142,7 +142,7 @@ def test_dead_zone_is_crossed_smoothly_and_whole_outside() -> None:
 def test_loads_obey_the_equations(
     one: Drive, two: Drive, is_coupled: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """(4b), (7) and (8) with parallel elements, along a periodic motion differentiated by itself."""
+    """(4b), (7), (8) with parallel elements, along a periodic motion differentiated by itself."""
     time, rate_hz = terms.TIME[::2], terms.RATE_HZ / 2
     monkeypatch.setattr(terms, "TIME", time)
     monkeypatch.setattr(terms, "RATE_HZ", rate_hz)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from seaid._arrays import Array
 from seaid.errors import ExcitationError
-from seaid.excitation import IN_MOTION, EndState, JointLimits, MotionSpace, Trajectory, make_basis
-from seaid.excitation.boundary import limit_rows, motion_space
+from seaid.excitation import EndState, JointLimits, Trajectory, make_basis
+from seaid.excitation.boundary import IN_MOTION, MotionSpace, limit_rows, motion_space
 
 pytestmark = pytest.mark.rounding
 
@@ -150,7 +150,7 @@ FEW = r"7 coefficients per joint are too few for the 6 conditions at the ends"
         ({"position": 0.0}, {"position": 1.5}, {"duration": 0.2}, SLOW),
         ({"position": 0.0}, {"position": 1.5}, {"count": 6}, "give at least 7"),
         ({"position": 0.0}, {"position": 0.0}, {"count": 6}, "6 coefficients .* are too few"),
-        ({}, {}, {"name": "fourier", "count": 3}, "which are 2 conditions; give at least 4"),
+        ({}, {}, {"name": "fourier", "count": 3}, "2 conditions at the ends; give at least 4"),
         (
             {"position": 0.0},
             {"position": 1.0},

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from seaid.errors import ExcitationError
 from seaid.excitation import (
-    IN_MOTION,
     EndState,
     Limits,
     Trajectory,
@@ -18,7 +17,7 @@ from seaid.excitation import (
     margins,
 )
 from seaid.excitation.basis import JoinedBasis
-from seaid.excitation.boundary import limit_rows, motion_space
+from seaid.excitation.boundary import IN_MOTION, limit_rows, motion_space
 from seaid.excitation.run_in import add_run_in, with_run_in
 from seaid.robot.robot import Robot
 

@@ -62,7 +62,7 @@ def test_checks_of_the_model_are_there_by_side(tmp_path: Path) -> None:
         assert set(checks[side]["whiteness"]) == set(own.whiteness)
 
 
-def test_possible_bodies_are_told_with_their_distance(tmp_path: Path) -> None:
+def test_feasible_parameters_are_written_with_their_distance(tmp_path: Path) -> None:
     told, own = content(tmp_path)["feasible"], found().feasible
     assert own is not None
     assert told["chi_square"] == own.chi_square
@@ -127,10 +127,10 @@ def test_what_is_no_such_file_is_told(tmp_path: Path) -> None:
         read_parameters(path, KNOWN)
     for text, words in (
         ("{", r"parameters '.*other.json' is not JSON: Expecting"),
-        ("[]", "is no file of identified parameters: 'format' is None, not 'seaid parameters 1'"),
-        ('{"joints": []}', "'format' is None.*: give one|; give one that seaid identify or save"),
-        ('{"format": 2}', "'format' is 2, not 'seaid parameters 1'"),
-        ('{"format": "seaid parameters 1"}', "other.json': key 'robot' is missing"),
+        ("[]", "is no file of identified parameters: 'format' is None, not 'seaid parameters 2'"),
+        ('{"joints": []}', "'format' is None.*: give one|; give one written by seaid identify"),
+        ('{"format": 2}', "'format' is 2, not 'seaid parameters 2'"),
+        ('{"format": "seaid parameters 2"}', "other.json': key 'robot' is missing"),
         ('{"format": 1, "format": 2}', "key 'format' stands twice in one object"),
         ('{"m": NaN}', "NaN is no number of JSON; give a finite one, or null"),
         ('{"m": 1e999}', "other.json': m must be a finite number"),
@@ -169,21 +169,29 @@ SLIDING, TURNING = (
 @pytest.mark.parametrize(
     ("place", "value", "words"),
     [
-        (f"drives.{TURNING}", ..., f"drives: key '{TURNING}' is missing"),
+        (f"drive_tables.{TURNING}", ..., f"drive_tables: key '{TURNING}' is missing"),
         ("drive_tables", ..., "key 'drive_tables' is missing"),
         ("drive_tables", [], r"drive_tables must be an object, found \[\]"),
-        ("drives.more", ROTARY, "drives: no key is named 'more'"),
-        (f"drives.{SLIDING}", ROTARY, f"joint '{SLIDING}' is prismatic: its elastic drive has"),
-        (f"drives.{TURNING}", {"type": "stiff", "gear_ratio_rad_per_m": 3.0}, "found gear_ratio_"),
-        (f"drives.{TURNING}", {"type": "stiff", "gear_ratio": None}, "gear_ratio"),
-        (f"drives.{TURNING}", {"type": "stiff", "gear_ratio": True}, "a number, found True"),
-        (f"drives.{TURNING}.gear_ratio", 1e300, "from 1e-09 to 1e\\+09 in size"),
-        ("bodies.boom.m", 0.0, "bodies.boom: its mass, 0 kg, is none for its other parameters"),
-        ("bodies.boom.m", 5e-324, "bodies.boom: its mass, 4.94066e-324 kg, is none"),
+        ("drive_tables.more", ROTARY, "drive_tables: no key is named 'more'"),
+        (
+            f"drive_tables.{SLIDING}",
+            ROTARY,
+            f"joint '{SLIDING}' is prismatic: its elastic drive has",
+        ),
+        (
+            f"drive_tables.{TURNING}",
+            {"type": "stiff", "gear_ratio_rad_per_m": 3.0},
+            "found gear_ratio_",
+        ),
+        (f"drive_tables.{TURNING}", {"type": "stiff", "gear_ratio": None}, "gear_ratio"),
+        (f"drive_tables.{TURNING}", {"type": "stiff", "gear_ratio": True}, "a number, found True"),
+        (f"drive_tables.{TURNING}.gear_ratio", 1e300, "from 1e-09 to 1e\\+09 in size"),
+        ("bodies.boom.m", 0.0, "bodies.boom: its mass, 0 kg, is too small for its other"),
+        ("bodies.boom.m", 5e-324, "bodies.boom: its mass, 4.94066e-324 kg, is too small"),
         ("bodies.boom.m", None, "bodies.boom.m must be a number, found None"),
         ("bodies.boom.m", "1", "bodies.boom.m must be a number, found '1'"),
         ("bodies.boom.m", True, "bodies.boom.m must be a number, found True"),
-        ("bodies.boom.mx", 1e300, "bodies.boom: 1e\\+300 is no mass"),
+        ("bodies.boom.mx", 1e300, "bodies.boom: 1e\\+300 is not a mass"),
         ("bodies.boom.mx", ..., "bodies.boom: key 'mx' is missing"),
         ("bodies.boom.mw", 1.0, "bodies.boom: no key is named 'mw'"),
         ("bodies.boom", [1.0], r"bodies.boom must be an object, found \[1.0\]"),
@@ -191,7 +199,7 @@ SLIDING, TURNING = (
         ("bodies", None, "bodies must be an object, found None"),
         ("joints", None, "is of another robot"),
         ("joints", list(KNOWN.joint_names)[::-1], "is of another robot"),
-        ("format", "seaid parameters 2", "'format' is 'seaid parameters 2'"),
+        ("format", "seaid parameters 1", "'format' is 'seaid parameters 1'"),
         ("model", 1, "no key is named 'model'"),
     ],
 )
