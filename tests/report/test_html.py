@@ -24,7 +24,7 @@ from seaid.identification.validation import Validation, compared
 from seaid.report import html_tables, html_traces
 from seaid.report.html import runs_of, write_report
 from seaid.report.html_maps import cells_of, correlation_map, packed_correlations, singular_values
-from seaid.report.html_verdict import NOT_VALIDATED, doubts_of, verdict
+from seaid.report.html_verdict import NOT_VALIDATED, warnings_of, verdict
 from tests.report_pages import HOSTILE, arm_found, arm_result, made_up, prediction
 
 PAGE_BYTES = 6_000_000
@@ -117,7 +117,7 @@ def test_page_says_how_well_the_unseen_motion_is_predicted(page: Page) -> None:
     errors = np.concatenate([result.actuator.relative_error, result.load.relative_error])
     errors = errors[np.isfinite(errors)]
     runs = runs_of(arm_found(), [result])
-    said = verdict(arm_found(), runs, doubts_of(arm_found(), runs))
+    said = verdict(arm_found(), runs, warnings_of(arm_found(), runs))
     assert said in page.text
     percents = [
         float(one) / 100 for one in re.findall(r"([\d.]+)\N{NO-BREAK SPACE}% (?:err|at)", said)
@@ -258,22 +258,22 @@ def test_three_hundred_joints_are_a_page(tmp_path: Path, monkeypatch: pytest.Mon
 # Doubts
 
 
-def doubts(found: Identification, *results: Validation) -> dict[str, tuple[str, ...]]:
-    return {one.subject: one.sentences for one in doubts_of(found, runs_of(found, list(results)))}
+def warnings(found: Identification, *results: Validation) -> dict[str, tuple[str, ...]]:
+    return {one.subject: one.sentences for one in warnings_of(found, runs_of(found, list(results)))}
 
 
 def test_report_without_validation_says_so_at_its_top(tmp_path: Path) -> None:
     page = page_of(tmp_path, arm_found(), [])
     assert "not validated on a motion it has not seen" in page.words
     assert NOT_VALIDATED in page.words
-    assert doubts(arm_found())["Validation"] == (NOT_VALIDATED,)
+    assert warnings(arm_found())["Validation"] == (NOT_VALIDATED,)
     assert "a motion the identification has not seen" not in page.words
 
 
 def test_own_motion_given_as_validation_does_not_count(tmp_path: Path) -> None:
     found = arm_found()
     own = compared(found, found.motions[0])
-    said = doubts(found, own)["Validation"]
+    said = warnings(found, own)["Validation"]
     assert said[0] == NOT_VALIDATED
     assert "is of a motion that was identified from" in said[1]
     assert "not validated" in page_of(tmp_path, found, own).words
@@ -284,10 +284,10 @@ def test_bodies_that_cannot_exist_are_named() -> None:
     impossible[0] = -1.0
     robot = arm_found().robot
     found = replace(arm_found(), robot=robot.with_values(impossible, robot.drives))
-    (sentence,) = doubts(found, arm_result())["Bodies"]
+    (sentence,) = warnings(found, arm_result())["Bodies"]
     assert sentence.startswith(robot.body_names[0])
     possible = replace(found, robot=arm_found().known.with_values(_bodies(), robot.drives))
-    assert "Bodies" not in doubts(possible, arm_result())
+    assert "Bodies" not in warnings(possible, arm_result())
 
 
 @cache
@@ -305,7 +305,7 @@ def test_checks_that_fail_are_flagged() -> None:
         checks=FrozenMapping({"load": bad}),
         excluded=FrozenMapping({"load": 10**6}),
     )
-    said = doubts(found, arm_result())
+    said = warnings(found, arm_result())
     assert said["Combinations that the data hardly tell"] == (
         "Load side: the data tell 1e-03 of the combination a - b.",
     )
@@ -319,12 +319,12 @@ def test_checks_that_fail_are_flagged() -> None:
 def test_bad_predictions_are_flagged_and_good_ones_not() -> None:
     result = arm_result()
     bad = replace(result.load, relative_error=np.array([0.01, 0.35, 0.01, 0.01]))
-    said = doubts(arm_found(), replace(result, load=bad))["Validation"]
+    said = warnings(arm_found(), replace(result, load=bad))["Validation"]
     assert said == (
         "The torque of shoulder (load side) is predicted badly in the validation: "
         "35\N{NO-BREAK SPACE}% of its size is error.",
     )
-    assert "Validation" not in doubts(arm_found(), result)
+    assert "Validation" not in warnings(arm_found(), result)
 
 
 # What the data tell
