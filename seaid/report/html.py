@@ -39,7 +39,7 @@ from seaid.report.html_tables import (
     worst_rows,
 )
 from seaid.report.html_traces import Run, traces_of
-from seaid.report.html_verdict import warnings_of, verdict
+from seaid.report.html_verdict import verdict, warnings_of
 
 Fact = str | int | float
 

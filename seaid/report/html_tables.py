@@ -107,7 +107,7 @@ _GROUPINGS_ROOM = 1_000_000
 """Characters of the page for groupings; beyond them groupings are shortened with a note."""
 
 CORRELATED = 0.9
-"""Autocorrelation at lag 1 above which a term is missing; a low-pass filter alone makes about 0.5."""
+"""Autocorrelation at lag 1 above which a term is missing; a low-pass filter alone causes 0.5."""
 
 _UNITS = {"^2": "²", "^3": "³", "^5": "⁵"}
 

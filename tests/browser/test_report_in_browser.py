@@ -170,15 +170,15 @@ def test_drag_zooms_both_time_charts_and_a_double_click_goes_back(opened: Opened
 
 def test_selectors_change_motion_joint_and_side(opened: Opened) -> None:
     shown = opened.page.locator("#shown")
-    assert "rail, load side, validation (not identified from)" in shown.inner_text()
+    assert "rail, load side, validation (unseen)" in shown.inner_text()
     options = opened.page.locator("#side option")
     assert options.nth(0).is_disabled()  # the rail is stiff: it has no actuator side
     opened.page.select_option("#joint", label="shoulder")
     opened.page.select_option("#side", value="actuator")
     assert "shoulder, actuator side, validation" in shown.inner_text()
-    assert "the motor's torque as logged" in opened.page.locator("#source").inner_text()
+    assert "the logged motor torque" in opened.page.locator("#source").inner_text()
     opened.page.select_option("#run", index=0)
-    assert "own log (identified from" in shown.inner_text()
+    assert "own log (used for identification" in shown.inner_text()
     opened.page.select_option("#joint", label="wrist")  # stiff: falls back to the load side
     assert "wrist, load side, own log" in shown.inner_text()
     assert opened.page.locator("#side").input_value() == "load"

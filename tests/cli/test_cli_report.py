@@ -40,7 +40,7 @@ def test_report_without_validation_says_so_and_is_json_for_machines(
     assert said.err.splitlines()[-1] == f"Results: {page}"
     text = page.read_text(encoding="utf-8")
     assert "Not validated on an unseen motion" in text
-    assert "<dt>Pass band</dt><dd>6 Hz</dd>" in text
+    assert "<dt>Cutoff</dt><dd>6 Hz</dd>" in text
     assert "Physically consistent parameters" in text
 
 
