@@ -61,7 +61,7 @@ def test_places_where_numbers_of_a_user_arrive() -> None:
         directions(np.full((3, 3), np.nan), ("a", "b"))
     with pytest.raises(IdentificationError, match="covariance must be finite"):
         root_of(np.full((2, 2), np.inf), np.ones(2))
-    with pytest.raises(IdentificationError, match="covariance parallel that of white noise"):
+    with pytest.raises(IdentificationError, match="covariance beside that of white noise"):
         least_spread(np.eye(2), np.zeros((2, 2)))
     with pytest.raises(ExcitationError, match="the regressor of the motion"):
         singular_values(np.full((3, 3), np.nan))
