@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -24,7 +24,7 @@ from seaid._arrays import Array
 from seaid._files import result_folder
 from seaid._progress import track
 from seaid.log.motion import Motion
-from seaid.report.figures import save_coverage_figure
+from seaid.report.figures import save_figure
 from seaid.report.text import percent, table
 from seaid.simulation.simulation import measure, simulate_motion
 
@@ -51,6 +51,45 @@ class Outcome:
     error: Array
     stated: Array
     white: Array
+
+
+WANTED = (0.90, 0.98)
+LEVEL = 0.95
+
+
+def save_coverage_figure(
+    names: Sequence[str],
+    coverage: Mapping[str, Array],
+    experiments: Mapping[str, int],
+    path: str | Path,
+) -> None:
+    """Draw the coverage (P,) of each parameter's 95 % interval, one panel per estimator.
+
+    `names` (P,) are the parameters, `experiments` the number per estimator. The grey band contains
+    95 % of the dots if the intervals are correct; the dashed lines are the accepted range. Raises
+    SeaidError if the file cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    estimators, places = list(coverage), np.arange(len(names))
+    height = 0.6 + 0.17 * len(names)
+    figure = Figure(figsize=(2.2 + 1.5 * len(estimators), height), layout="constrained")
+    axes = figure.subplots(1, len(estimators), sharey=True, squeeze=False)[0]
+    for axis, one in zip(axes, estimators, strict=True):
+        # binomial standard deviation of a share over N experiments: sqrt(p (1 - p) / N)
+        half = 1.96 * np.sqrt(LEVEL * (1 - LEVEL) / experiments[one])
+        axis.axvspan(LEVEL - half, min(LEVEL + half, 1.0), color="0.9", zorder=0)
+        for edge in WANTED:
+            axis.axvline(edge, color="tab:red", linestyle="--", linewidth=0.8)
+        axis.plot(coverage[one], places, "o", color="black", markersize=3)
+        axis.set_title(f"{one}, {experiments[one]}", fontsize="medium")
+        axis.set_xlim(min(0.7, float(np.min(coverage[one])) - 0.02), 1.01)
+        axis.grid(axis="y", color="0.94")
+        axis.set_xlabel("share")
+    axes[0].set_yticks(places, names, fontsize="x-small")
+    axes[0].set_ylim(len(names) - 0.5, -0.5)
+    figure.suptitle("Share of experiments whose 95 % interval contains the true value")
+    save_figure(figure, path)
 
 
 def main(output: Path, experiments: int, others: int, jobs: int) -> None:

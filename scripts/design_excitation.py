@@ -22,8 +22,11 @@ from seaid._files import result_folder
 from seaid.excitation import CRITERIA, margins
 from seaid.excitation.basis import BASES
 from seaid.regressor.load import load_model
-from seaid.report.excitation_figure import save_excitation_figure
 from seaid.report.text import number, percent, table
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from scripts.excitation_figure import save_excitation_figure
 
 LIMIT_NAMES = ("lower", "upper", "velocity", "acceleration", "joint_torque")
 

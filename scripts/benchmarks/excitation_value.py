@@ -28,7 +28,7 @@ from seaid.excitation.boundary import EndState
 from seaid.excitation.criteria import criterion_named, triangular_factor
 from seaid.excitation.flatness import transmission
 from seaid.excitation.objective import Target, drive_target, stacked_regressor
-from seaid.excitation.problem import make_problem, recorded_factor, scaled_target
+from seaid.excitation.problem import make_problem, previous_logs_factor, scaled_target
 from seaid.report.text import percent, table
 from seaid.simulation.simulation import measure, simulate_motion
 
@@ -145,7 +145,7 @@ def sequential_table(truth: seaid.Robot, first: seaid.Excitation, random: seaid.
     for previous_logs in (first, random):
         motion = simulate_motion(truth, previous_logs.trajectory, noise=sensors(0))
         log = measure(truth, motion, sensors(0), 0)
-        factor = recorded_factor(target, truth, [log])
+        factor = previous_logs_factor(target, truth, [log])
         after = plan(truth, "relative_error", previous_logs=[log], seed=4, progress=True)
         motions = (None, previous_logs, random, alone, after)
         columns.append([f"{worst_error(target, factor, found):.3f}" for found in motions])

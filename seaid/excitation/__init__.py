@@ -1,13 +1,13 @@
-"""Exciting trajectories: a motion that determines the parameters well, within the limits.
+"""Exciting trajectories: motions within limits from which the parameters can be identified well.
 
-A `Robot` and `Limits` come in; a `Trajectory` goes out, (16)-(19): B-splines, a polynomial or a
+A `Robot` and `Limits` come in, a `Trajectory` goes out, (16)-(19): a B-spline, a polynomial or a
 Fourier series whose coefficients minimise the condition number (or another criterion) of the
 regressor, within limits of position, velocity, acceleration, torque, motor speed and deflection,
 and without collisions.
 
-- `design_excitation` plans, `add_run_in` joins a start and an end at rest to a plan;
-- `load_scene` says what may collide;
-- `Trajectory.save`, `save_set_points` and `save_joint_trajectory` write it for a controller.
+- `design_excitation` plans a motion, `add_run_in` adds a start from rest and an end at rest;
+- `load_scene` loads the bodies and boxes that must not collide;
+- `Trajectory.save`, `save_set_points` and `save_joint_trajectory` write the plan for a controller.
 
 >>> import seaid
 >>> robot = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")

@@ -1,18 +1,15 @@
 from .basis import Basis as Basis
 from .basis import JoinedBasis as JoinedBasis
 from .basis import make_basis as make_basis
-from .boundary import IN_MOTION as IN_MOTION
 from .boundary import EndState as EndState
-from .boundary import MotionSpace as MotionSpace
-from .boundary import limit_rows as limit_rows
 from .boundary import motion_space as motion_space
 from .criteria import CRITERIA as CRITERIA
 from .criteria import pivoted_base as pivoted_base
 from .design import Excitation as Excitation
 from .design import design_excitation as design_excitation
-from .flatness import besides as besides
 from .flatness import check_nominal_bodies as check_nominal_bodies
 from .flatness import load_torques as load_torques
+from .flatness import parallel_elements as parallel_elements
 from .flatness import transmission as transmission
 from .fourier import FourierBasis as FourierBasis
 from .limits import JointLimits as JointLimits
@@ -21,7 +18,6 @@ from .limits import Margins as Margins
 from .limits import joint_limits as joint_limits
 from .limits import margins as margins
 from .run_in import add_run_in as add_run_in
-from .run_in import with_run_in as with_run_in
 from .scene_file import Box as Box
 from .scene_file import load_scene as load_scene
 from .spline import SplineBasis as SplineBasis

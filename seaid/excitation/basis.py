@@ -1,10 +1,8 @@
-"""Functions of time that a planned motion is made of, linear in their coefficients (18).
+"""Bases of a planned motion: functions of time, linear in their coefficients (18).
 
-"bspline" is quintic on uniform knots. "polynomial" is (18), as a spline without a knot inside: its
-coefficients are the Bernstein ones, which stay of the size of the motion. "fourier" is periodic. A
-`JoinedBasis` is several of them, one after another.
-
-Motions one after another as one motion: its basis is that of the parts, side by side.
+"bspline" is quintic on uniform knots. "polynomial" is (18) as a spline without inner knots: its
+Bernstein coefficients stay of the size of the motion. "fourier" is periodic. A `JoinedBasis`
+concatenates several bases in time.
 """
 
 from __future__ import annotations
@@ -27,8 +25,8 @@ from seaid.excitation.spline import SplineBasis
 class JoinedBasis:
     """Bases over consecutive intervals, each with its own coefficients, stacked in their order.
 
-    That the motion goes on smoothly where parts meet is up to the coefficients; there, the later
-    part counts. Raises ExcitationError without a part.
+    The coefficients must make the motion continuous where two parts meet; there, the later part is
+    evaluated. Raises ExcitationError without a part.
     """
 
     parts: tuple[Basis, ...]
@@ -40,7 +38,7 @@ class JoinedBasis:
 
     @cached_property
     def starts(self) -> tuple[float, ...]:
-        """When each part starts, then the end of the last [s]."""
+        """Start time of each part, then the end of the last [s]."""
         durations = [part.duration for part in self.parts]
         return (0.0, *np.cumsum(durations).tolist())
 
@@ -51,7 +49,7 @@ class JoinedBasis:
 
     @property
     def size(self) -> int:
-        """Number of coefficients a joint, those of all parts."""
+        """Number of coefficients per joint, over all parts."""
         return sum(part.size for part in self.parts)
 
     @property
@@ -60,9 +58,9 @@ class JoinedBasis:
         return np.concatenate([part.constant for part in self.parts])
 
     @property
-    def natural(self) -> Array:
-        """The matrix (K, K) from variables of like size to coefficients, block by block."""
-        return _block_diagonal([part.natural for part in self.parts])
+    def scaling(self) -> Array:
+        """The block-diagonal matrix (K, K) of the parts' scalings."""
+        return _block_diagonal([part.scaling for part in self.parts])
 
     def matrices(self, time: Array) -> tuple[Array, Array, Array]:
         """Return the matrices (T, K) of position, velocity and acceleration at times (T,) [s]."""
@@ -79,20 +77,17 @@ class JoinedBasis:
         return found[0], found[1], found[2]
 
     def hull(self, order: int, density: int) -> Array:
-        """Return the matrix (C, K) whose largest |row @ c| the derivative of `order` never exceeds.
-
-        Those of the parts, block by block.
-        """
+        """Return the block-diagonal matrix (C, K) of the parts' hulls."""
         return _block_diagonal([part.hull(order, density) for part in self.parts])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what a JSON file keeps of the basis."""
+        """Return the basis as JSON content."""
         return {"type": "joined", "parts": [part.to_dict() for part in self.parts]}
 
     def _pieces(self, time: Array) -> Iterator[tuple[Basis, slice, BoolArray, Array]]:
-        """Give each part in use, its columns, the times that are its own, and these from its start.
+        """Yield each part in use, its columns, the mask of its times, and these from its start.
 
-        Rounding must not carry a time over the end of its part.
+        Times are clipped to the part, because rounding may place one beyond its end.
         """
         owner = np.searchsorted(self.starts[1:-1], time, side="right")
         first = 0
@@ -114,11 +109,11 @@ BASES = ("bspline", "polynomial", "fourier")
 _QUINTIC = 5
 _SHORTEST_S, _LONGEST_S = 1e-3, 1e6
 _LEAST = {"bspline": 6, "polynomial": 4, "fourier": 3}
-"""The least number of coefficients a joint; given ends may need more."""
+"""The least number of coefficients per joint; prescribed ends may need more."""
 
 
 class Basis(Protocol):
-    """What a motion needs of its basis; K coefficients a joint."""
+    """The protocol of a basis with K coefficients per joint."""
 
     @property
     def duration(self) -> float:
@@ -126,7 +121,7 @@ class Basis(Protocol):
 
     @property
     def size(self) -> int:
-        """Number of coefficients a joint, K."""
+        """Number of coefficients per joint, K."""
 
     @property
     def constant(self) -> Array:
@@ -139,24 +134,24 @@ class Basis(Protocol):
         """Return position, velocity and acceleration (T, n) of coefficients (K, n) at times."""
 
     def hull(self, order: int, density: int) -> Array:
-        """Return a matrix (C, K) whose largest |row @ c| the derivative of `order` never exceeds.
+        """Return a matrix (C, K) whose largest |row @ c| bounds the derivative of `order`.
 
-        About `density` rows a coefficient; the more, the closer.
+        It has about `density` rows per coefficient; more rows give a tighter bound.
         """
 
     @property
-    def natural(self) -> Array:
-        """The matrix (K, K) from variables of like size to coefficients."""
+    def scaling(self) -> Array:
+        """The matrix (K, K) from variables of similar magnitude to coefficients."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what a JSON file keeps; `basis_from_dict` reads it."""
+        """Return the basis as JSON content; `basis_from_dict` reads it."""
 
 
 def make_basis(name: str, duration: float, coefficients: int) -> Basis:
-    """Return the basis "bspline", "polynomial" or "fourier" with so many coefficients a joint.
+    """Return the basis "bspline", "polynomial" or "fourier".
 
-    `duration` [s]. Raises ExcitationError for another name, a duration that is not more than zero,
-    or a number of coefficients that the basis cannot have.
+    `duration` [s] is from 0.001 to 1e6; `coefficients` is their number per joint, odd for a Fourier
+    series. Raises ExcitationError for other arguments.
     """
     if name not in BASES:
         raise ExcitationError(unknown_name("basis", name, BASES))
@@ -168,13 +163,13 @@ def make_basis(name: str, duration: float, coefficients: int) -> Basis:
         )
     if coefficients != int(coefficients) or coefficients < _LEAST[name]:
         raise ExcitationError(
-            f"a {name} needs at least {_LEAST[name]} coefficients a joint, a whole number, "
+            f"a {name} needs at least {_LEAST[name]} coefficients per joint, a whole number, "
             f"found {coefficients}"
         )
     if name == "fourier":
         if coefficients % 2 == 0:
             raise ExcitationError(
-                "a fourier series has an odd number of coefficients a joint, one and two a "
+                "a fourier series has an odd number of coefficients per joint, one and two per "
                 f"harmonic, found {coefficients}"
             )
         return FourierBasis(int(coefficients) // 2, float(duration))
@@ -185,9 +180,9 @@ def make_basis(name: str, duration: float, coefficients: int) -> Basis:
 
 
 def basis_from_dict(content: Any) -> Basis:
-    """Return the basis that `to_dict` described.
+    """Return the basis of the JSON content that `to_dict` made.
 
-    Raises ExcitationError for another type or bad values, KeyError for missing ones.
+    Raises ExcitationError for an unknown type or invalid values, KeyError for missing keys.
     """
     if not isinstance(content, dict):
         raise ExcitationError(f"a basis must be an object with a type, found {shown(content)}")

@@ -1,8 +1,7 @@
-"""The collision geometry of a URDF, placed on the joints of a Robot.
+"""Scene: distances between the bodies of a robot and to keep-out boxes, with exact gradients.
 
-Convex hulls of mesh files, read in a child process: the readers crash on damaged files.
-
-Scene: distances between the bodies of a robot and to keep-out boxes, with exact gradients.
+Also the collision geometry of a URDF, on the joints of a Robot. Mesh files become convex hulls, in
+a child process because their readers crash on damaged files.
 """
 
 from __future__ import annotations
@@ -17,17 +16,16 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from seaid._arrays import Array, BoolArray, finite
+from seaid._arrays import Array, finite
 from seaid.errors import ExcitationError, RobotError, listed, reason_of, shortened
-from seaid.excitation.trajectory import Trajectory
 from seaid.log import Answer, ChildError, doing, run_in_child
 from seaid.robot import Robot, find_mesh, read_urdf, search_folders
 
 _SECONDS, _BYTES_PER_SECOND = 15.0, 1e6
-"""Processor time that a child may take: at least, and the slowest rate of reading."""
+"""Processor time of a child: the minimum [s], and the slowest rate of reading [bytes/s]."""
 
 _MOST_SIZE_M = 1e6
-"""Coordinates beyond are no mesh of a robot, and too large for the arithmetic of distances."""
+"""Largest coordinate of a mesh; larger ones overflow the arithmetic of distances."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +38,9 @@ class Mesh:
 
 
 def hulls(urdf: str | Path, meshes: Sequence[Mesh]) -> list[Any]:
-    """Return the convex hulls of meshes, as coal's shapes.
+    """Return the convex hulls of meshes as shapes of coal.
 
-    Raises RobotError naming the link and the file of a mesh that cannot be read or is flat.
+    Raises RobotError, naming link and file, for a mesh that cannot be read or is flat.
     """
     if not meshes:
         return []
@@ -60,7 +58,7 @@ def hulls(urdf: str | Path, meshes: Sequence[Mesh]) -> list[Any]:
 
 
 def hull_corners(meshes: Sequence[tuple[str, str, Sequence[float]]]) -> Answer:
-    """Return Qhull's option for, and the corners (C, 3) of, each mesh's hull; runs in the child."""
+    """Return the option of Qhull and the corners (C, 3) of each mesh's hull; runs in the child."""
     loader = coal.MeshLoader()
     options, corners = [], {}
     for place, (link, path, scale) in enumerate(meshes):
@@ -81,7 +79,7 @@ def _corners(where: str, vertices: Array) -> tuple[str, Array]:
     if not len(vertices) or not np.all(np.abs(vertices) < _MOST_SIZE_M):
         raise RobotError(f"{where} has no corners, or some that are beyond {_MOST_SIZE_M:g} m")
     try:
-        # coal's own hull ends the process on flat ones
+        # coal's own hull aborts the process on a flat mesh
         corners = vertices[ConvexHull(vertices).vertices]
     except (QhullError, ValueError):
         raise RobotError(
@@ -89,14 +87,14 @@ def _corners(where: str, vertices: Array) -> tuple[str, Array]:
         ) from None
     try:
         coal.Convex.convexHull(_points(corners), True, "Qt")
-    except RuntimeError:  # coal takes 255 neighbours of a corner: joggled, it has fewer
+    except RuntimeError:  # coal allows 255 neighbours per corner; joggling leaves fewer
         coal.Convex.convexHull(_points(corners), True, "QJ")
         return "QJ", corners
     return "Qt", corners
 
 
 def _reason(problem: Exception) -> str:
-    """Return what coal's message says beside where in coal it was written."""
+    """Return the message of an exception, without its location in coal's source."""
     _, found, message = str(problem).partition("message: ")
     said = message.splitlines()[1:2] if found else []
     return shortened(said[0], 300) if said else reason_of(problem)
@@ -109,7 +107,7 @@ def _points(corners: Array) -> Any:
 
 
 _SAME_PLACEMENT = 1e-2
-"""Placements of one joint differ by less [m, rad] between two readings of one file (snapping)."""
+"""Largest difference [m, rad] of a placement between two readings of a file (angle snapping)."""
 
 
 def collision_geometry(
@@ -117,9 +115,8 @@ def collision_geometry(
 ) -> tuple[pin.GeometryModel, tuple[str, ...]]:
     """Return the collision geometry on the joints of `robot.model`, and the link of each object.
 
-    Boxes, spheres and cylinders stay what they are; a mesh becomes its convex hull, which is never
-    smaller. Raises RobotError for meshes that are not found or not read, and for another robot's
-    file.
+    Boxes, spheres and cylinders are kept; a mesh becomes its convex hull, which contains it. Raises
+    RobotError for meshes that are not found or not readable, and for the file of another robot.
     """
     tree = read_urdf(urdf, 0.0)
     strangers = [name for name in robot.joint_names if name not in tree.joints]
@@ -151,7 +148,7 @@ def collision_geometry(
 
 
 def _moving(full: pin.Model, joint: int, robot: Robot) -> int:
-    """Return the joint, or the nearest one towards the base that is not locked (0: the base)."""
+    """Return the joint, or its nearest ancestor that is not locked (0: the base)."""
     while joint and full.names[joint] not in robot.joint_names:
         joint = full.parents[joint]
     return joint
@@ -163,7 +160,7 @@ def _check_same_tree(where: str, full: pin.Model, robot: Robot) -> None:
     for own, name in enumerate(robot.model.names[1:], 1):
         joint = full.getJointId(name)
         parent = _moving(full, full.parents[joint], robot)
-        # a locked joint is at zero: all joints at neutral leave the placements as they are
+        # a locked joint is at zero, so neutral positions reproduce the placements
         placement = data.oMi[parent].actInv(data.oMi[joint]).homogeneous
         difference = placement - robot.model.jointPlacements[own].homogeneous
         same_parent = full.names[parent] == robot.model.names[robot.model.parents[own]]
@@ -174,9 +171,9 @@ def _check_same_tree(where: str, full: pin.Model, robot: Robot) -> None:
 
 
 def _without_meshes(urdf: Path, folders: Sequence[Path]) -> tuple[str, dict[str, Mesh]]:
-    """Return the text of the file with a ball in the place of every collision mesh, and those.
+    """Return the URDF text with every collision mesh replaced by a sphere, and the meshes by name.
 
-    They are named as Pinocchio names its objects: link, and number of the link's collision element.
+    The names are those of Pinocchio's objects: link, and number of the link's collision element.
     """
     from lxml import etree
 
@@ -220,31 +217,22 @@ def _scale(urdf: Path, link: str, text: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def bounding_spheres(geometry: pin.GeometryModel) -> tuple[Array, Array]:
-    """Return centres (G, 3) in the objects' own frames and radii (G,) of spheres about them."""
-    shapes = [shape.geometry for shape in geometry.geometryObjects]
-    centres = np.array([shape.aabb_center for shape in shapes])
-    return centres, np.array([shape.aabb_radius for shape in shapes])
-
-
 Pair = tuple[str, str]
 
 _TOLERANCE, _TOLERANCE_CURVED = 1e-10, 1e-6
-"""[m]. On polytopes (a sphere is a point, a capsule a line, thick) GJK and EPA end exactly; EPA on
-two deeply overlapping cylinders fails below 1e-6."""
+"""[m]. On polytopes (a sphere is an inflated point, a capsule an inflated line) GJK and EPA
+terminate exactly; EPA on two deeply overlapping cylinders fails below 1e-6."""
 _ITERATIONS, _ITERATIONS_CURVED = 1000, 255
 _CURVED = (coal.Cylinder, coal.Cone, coal.Ellipsoid)
-_HULL_DENSITY = 16
-_COARSE = 16
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What may collide: pairs of convex bodies on the joints of a robot, from `load_scene`.
+    """The pairs of convex bodies that may collide, on the joints of a robot; from `load_scene`.
 
-    `pairs` names the two links, or the link and the box, of each of the P pairs watched; `ignored`
-    those left out because they collide in nearly every posture. `clearance_m` is the least
-    distance [m] that a planned motion keeps. Plain data, which can be sent to a process.
+    `pairs` names the two links, or the link and the box, of each of the P pairs checked; `ignored`
+    names the pairs excluded because they collide in nearly every posture. `clearance_m` is the
+    minimum distance [m] of a planned motion.
     """
 
     joint_names: tuple[str, ...]
@@ -257,14 +245,14 @@ class Scene:
 
     @cached_property
     def ends(self) -> tuple[Array, Array]:
-        """The objects of each pair, as indices (P,) into the geometry."""
+        """The first and second objects of the pairs, as indices (P,) into the geometry."""
         pairs = self.geometry.collisionPairs
         first, second = [pair.first for pair in pairs], [pair.second for pair in pairs]
         return np.array(first, dtype=int), np.array(second, dtype=int)
 
     @cached_property
     def moves(self) -> Array:
-        """Which joints (of the model) move each object of the geometry, (G, n) of 0 and 1."""
+        """1 where a joint of the model moves an object of the geometry, else 0, (G, n)."""
         moved = np.zeros((self.geometry.ngeoms, self.model.nv))
         for row, shape in zip(moved, self.geometry.geometryObjects, strict=True):
             row[[joint - 1 for joint in self.model.supports[shape.parentJoint] if joint]] = 1.0
@@ -274,9 +262,9 @@ class Scene:
 def distances(scene: Scene, q: Array, *, cap_m: float = np.inf) -> Array:
     """Return the signed distance (T, P) [m] of every pair at positions q (T, n) [rad or m].
 
-    Negative where two bodies overlap: the shortest shift that parts them. Distances of more than
-    `cap_m` count as `cap_m`, which saves most of the time. Raises ExcitationError for positions of
-    another shape or not finite.
+    The distance of overlapping bodies is minus their penetration depth. Distances are capped at
+    `cap_m`, which saves most of the time. Raises ExcitationError for positions of another shape or
+    not finite.
     """
     return _witnesses(scene, q, cap_m)[0]
 
@@ -284,15 +272,16 @@ def distances(scene: Scene, q: Array, *, cap_m: float = np.inf) -> Array:
 def distance_gradients(scene: Scene, q: Array, *, cap_m: float = np.inf) -> tuple[Array, Array]:
     """Return the `distances` (T, P) and their exact gradient (T, P, n) by the joint positions.
 
-    A distance changes as its nearest points, carried along by the bodies, come apart along the
-    normal. Zero where the distance is capped. Where the nearest points are not unique (parallel
-    faces), this is the derivative of one choice of them. With cylinders the normal is good to 1e-5,
-    to 1e-2 where they overlap. Raises as `distances` does.
+    The gradient of a capped distance is zero. If the nearest points are not unique (parallel
+    faces), it is that of one choice of them. The normal of a cylinder is accurate to 1e-5, to 1e-2
+    in overlap. Raises as `distances` does.
     """
     found, normals, points, jacobians = _witnesses(scene, q, cap_m)
     linear, angular = jacobians[:, :3], jacobians[:, 3:]
     first, second = scene.ends
     sign = scene.moves[second] - scene.moves[first]
+    # d(distance)/dq = normal^T (J_second - J_first), Jacobians of the two nearest points, where
+    # normal^T J(point) = normal^T J_linear + (point x normal)^T J_angular
     along = sign * (normals @ linear + np.cross(points, normals) @ angular)
     gradient = np.empty_like(along)
     gradient[:, :, list(scene.model_order)] = along
@@ -300,16 +289,18 @@ def distance_gradients(scene: Scene, q: Array, *, cap_m: float = np.inf) -> tupl
 
 
 def _witnesses(scene: Scene, q: Array, cap_m: float) -> tuple[Array, Array, Array, Array]:
-    """Return distances (T, P), normals and points of the first body (T, P, 3), Jacobians (T, 6, n).
+    """Return distances (T, P), normals and nearest points of the first body, each (T, P, 3).
 
-    The Jacobians are those of Pinocchio's model, at the origin of the base.
+    Also return the Jacobians (T, 6, n) of Pinocchio's model, at the origin of the base.
     """
     q = finite("q", q, (None, len(scene.joint_names)), ExcitationError)[:, list(scene.model_order)]
     model, geometry = scene.model, scene.geometry
     data, placed = model.createData(), geometry.createData()
     _set_accuracy(geometry, placed)
     first, second = scene.ends
-    centres, radii = bounding_spheres(geometry)
+    shapes = [shape.geometry for shape in geometry.geometryObjects]
+    centres = np.array([shape.aabb_center for shape in shapes])
+    radii = np.array([shape.aabb_radius for shape in shapes])
     least = np.maximum(radii[first] + radii[second] + cap_m, 0.0)
     found = np.full((len(q), len(first)), cap_m)
     normals, points = np.zeros((2, len(q), len(first), 3))
@@ -336,82 +327,3 @@ def _set_accuracy(geometry: pin.GeometryModel, placed: pin.GeometryData) -> None
         request.gjk_tolerance, request.gjk_max_iterations = _TOLERANCE, _ITERATIONS
         request.epa_tolerance = _TOLERANCE_CURVED if either else _TOLERANCE
         request.epa_max_iterations = _ITERATIONS_CURVED if either else _ITERATIONS
-
-
-@dataclass(frozen=True, eq=False)
-class Clearance:
-    """The least distance of a motion: `distance_m` [m] of `pair` at `time_s`, over the samples.
-
-    Between the samples, no pair comes closer than `proven_m` at any instant.
-    """
-
-    distance_m: float
-    pair: Pair
-    time_s: float
-    proven_m: float
-
-
-def clearance(scene: Scene, trajectory: Trajectory, *, rate_hz: float = 1000.0) -> Clearance:
-    """Return the least distance of any pair over a motion, sampled at `rate_hz` [1/s].
-
-    What no sample shows is bounded: a distance changes at most by the way that the points of its
-    bodies go, which is that of the joints times their greatest lever arms; the joints' speed
-    between samples is bounded by the hull of their accelerations. Raises ExcitationError for a
-    trajectory of other joints and a rate that is not more than zero.
-    """
-    if trajectory.joint_names != scene.joint_names:
-        raise ExcitationError(
-            f"the trajectory is of joints {', '.join(trajectory.joint_names)}; the scene has "
-            f"{', '.join(scene.joint_names)}"
-        )
-    if not (np.isfinite(rate_hz) and rate_hz > 0):
-        raise ExcitationError(f"rate_hz must be more than zero, found {rate_hz}")
-    steps = int(np.ceil(trajectory.duration * rate_hz))
-    time = np.linspace(0.0, trajectory.duration, steps + 1)
-    q, v, _ = trajectory.sample(time)
-    reach, _, acceleration = (
-        np.max(np.abs(trajectory.basis.hull(order, _HULL_DENSITY) @ trajectory.coefficients), 0)
-        for order in range(3)
-    )
-    half = 0.5 * trajectory.duration / steps
-    way = (np.abs(v) + 0.5 * half * acceleration) * half
-    change = way @ lever_arms(scene, reach).T
-    nearest = float(np.min(distances(scene, q[::_COARSE])))
-    found = distances(scene, q, cap_m=nearest + float(np.max(change)))
-    sample, pair = np.unravel_index(np.argmin(found), found.shape)
-    return Clearance(
-        float(found[sample, pair]),
-        scene.pairs[pair],
-        float(time[sample]),
-        float(np.min(found - change)),
-    )
-
-
-def lever_arms(scene: Scene, reach: Array) -> Array:
-    """Return how far [m] the pairs' points go at most, (P, n), a radian or metre of each joint.
-
-    `reach` (n,) is the greatest |position| of each joint, which prismatic ones stretch the arm by.
-    """
-    model, slides = scene.model, _slides(scene.model)
-    order = list(scene.model_order)
-    steps = np.array([np.linalg.norm(M.translation) for M in model.jointPlacements])
-    steps[1:] += np.where(slides, reach[order], 0.0)
-    centres, radii = bounding_spheres(scene.geometry)
-    arms = np.zeros((scene.geometry.ngeoms, model.nv))
-    for row, shape, centre, radius in zip(
-        arms, scene.geometry.geometryObjects, centres, radii, strict=True
-    ):
-        arm = float(np.linalg.norm(shape.placement.act(centre))) + radius
-        for joint in reversed([joint for joint in model.supports[shape.parentJoint] if joint]):
-            row[joint - 1] = 1.0 if slides[joint - 1] else arm
-            arm += steps[joint]
-    first, second = scene.ends
-    apart = (arms[first] + arms[second]) * (scene.moves[first] != scene.moves[second])
-    levers = np.empty(apart.shape)
-    levers[:, order] = apart
-    return levers
-
-
-def _slides(model: pin.Model) -> BoolArray:
-    kinds = [joint.shortname() for joint in model.joints[1:]]
-    return np.array([kind.startswith("JointModelP") for kind in kinds], dtype=bool)

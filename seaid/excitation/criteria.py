@@ -1,18 +1,11 @@
-"""How much a motion tells, from the triangular factor R of its stacked regressor (15).
+"""Criteria of excitation, from the triangular factor R of the observation matrix H (15).
 
-Each criterion is a number to make small and its slope: a symmetric matrix S (p, p) with which a
-change dH of the regressor changes the number by the sum of (H S) * dH. Where the best motions lie
-the plain criteria have kinks, so a search uses smooth ones: maxima over several singular values or
-parameters (Kreisselmeier and Steinhauser 1979), at most log(several) / 32 above the plain one.
+A criterion is the logarithm of a cost and its gradient as a symmetric matrix S (p, p): a change dH
+changes the logarithm by sum((H S) * dH). The plain criteria have kinks at the best motions, where
+singular values meet, so the search minimises smooth maxima instead.
 
-The base columns a condition number is of: picked by QR with column pivoting, once for all.
-
-Derivatives of inverse dynamics and of the regressor, contracted over all samples.
-
-Exact, through Pinocchio's derivatives of the inverse dynamics (Carpentier and Mansard 2018): the
-torque of one joint weighted by a parameter vector is the inverse dynamics of a robot that has these
-parameters, so a gradient costs one such pass a known torque, however many parameters or trajectory
-coefficients there are.
+Also the base columns of a condition number, picked by QR with column pivoting, and the exact
+gradient of the rigid-body regressor by the motion.
 """
 
 from __future__ import annotations
@@ -39,17 +32,17 @@ from seaid.robot import Robot
 _safely = partial(safely, what="the regressor of the motion", error=ExcitationError)
 
 _WORST = 1e12
-"""A condition number above this is rounding: the motion does not tell all parameters."""
+"""Condition number above which H counts as rank deficient, so a parameter is unidentifiable."""
 
 _SHARPNESS, _NEIGHBOURS = 32.0, 4
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """A number to make small, as its logarithm.
+    """A cost to minimise, as its logarithm, of an R that `has_full_rank`.
 
-    `log_value(R)` is what is reported and what motions are compared by; `smooth(R)` returns what a
-    search descends, with its slope S. Both need an R that `tells_all`. `meaning` is a noun.
+    `log_value(R)` is reported and compared; `smooth(R)` returns the smooth approximation that the
+    search descends and its gradient S. `meaning` is the name of the cost in messages.
     """
 
     meaning: str
@@ -75,8 +68,8 @@ def singular_values(R: Array) -> Array:
     return np.asarray(_safely(np.linalg.svd, R, compute_uv=False), dtype=np.float64)
 
 
-def tells_all(R: Array) -> bool:
-    """Tell whether all columns can be told apart, rounding aside."""
+def has_full_rank(R: Array) -> bool:
+    """Return whether all columns are linearly independent, rounding errors aside."""
     singular = singular_values(R)
     return bool(R.shape[0] == R.shape[1] and singular[-1] > singular[0] / _WORST)
 
@@ -87,8 +80,9 @@ def _log_condition(R: Array) -> float:
 
 
 def _smooth_condition(R: Array) -> tuple[float, Array]:
-    """Log of (16) by the largest and smallest few: d log sigma = u^T dH v / sigma = (H v)^T..."""
+    """Return the smooth log condition number (16), over the largest and smallest few sigma."""
     _, singular, right = _safely(np.linalg.svd, R)
+    # d log sigma = u^T dH v / sigma = (H v)^T dH v / sigma^2, so S = v v^T / sigma^2
     value, slope = 0.0, np.zeros_like(R)
     for sign, picked in ((1.0, slice(None, _NEIGHBOURS)), (-1.0, slice(-_NEIGHBOURS, None))):
         part, shares = _smooth_maximum(sign * np.log(singular[picked]))
@@ -98,17 +92,18 @@ def _smooth_condition(R: Array) -> tuple[float, Array]:
 
 
 def _log_mean_error(R: Array) -> float:
-    """Return -log det(H^T H) / 2p: the log of the geometric mean of the axes of uncertainty."""
+    """Return the log of the geometric mean of the confidence ellipsoid's axes (D-optimality)."""
+    # -log det(H^T H) / 2p = -mean(log |R_ii|) (Fedorov 1972)
     return float(-np.mean(np.log(np.abs(np.diag(R)))))
 
 
 def _smooth_mean_error(R: Array) -> tuple[float, Array]:
-    inverse = _inverse(R)
+    inverse = _inverse(R)  # d log det(H^T H) / 2 = trace((H^T H)^-1 H^T dH)
     return _log_mean_error(R), -(inverse @ inverse.T) / len(R)
 
 
 def _log_worst_error(R: Array) -> float:
-    """Return the log of the largest standard error, of columns scaled by their parameters."""
+    """Return the log of the largest standard error; columns are scaled by parameter size."""
     return float(np.log(np.linalg.norm(_inverse(R), axis=1).max()))
 
 
@@ -116,6 +111,7 @@ def _smooth_worst_error(R: Array) -> tuple[float, Array]:
     inverse = _inverse(R)
     covariance, errors = inverse @ inverse.T, np.linalg.norm(inverse, axis=1)
     value, shares = _smooth_maximum(np.log(errors))
+    # with P = (H^T H)^-1: d P = -P (dH^T H + H^T dH) P, and d log error_i = d P_ii / (2 P_ii)
     return value, -(covariance * (shares / errors**2)) @ covariance
 
 
@@ -125,6 +121,8 @@ def _inverse(R: Array) -> Array:
 
 def _smooth_maximum(values: Array) -> tuple[float, Array]:
     """Return a smooth maximum of values (k,) and its derivative by each."""
+    # max + log(sum exp(s (x - max))) / s, at most log(k) / s above the maximum
+    # (Kreisselmeier and Steinhauser 1979)
     shares = np.exp(_SHARPNESS * (values - values.max()))
     total = float(shares.sum())
     return float(values.max()) + np.log(total) / _SHARPNESS, shares / total
@@ -137,31 +135,30 @@ CRITERIA = {
         "worst relative standard error", _log_worst_error, _smooth_worst_error, needs_nominal=True
     ),
 }
-"""(16); D-optimality (Fedorov 1972), as the geometric mean of the standard errors along the axes of
-uncertainty; and the largest expected standard error over the size of its parameter."""
+"""The condition number (16); D-optimality, as the geometric mean of the standard errors along the
+axes of the confidence ellipsoid; and the largest standard error over the size of its parameter."""
 
 
 _safely_grouped = partial(safely, what="the base parameters", error=ExcitationError)
 
 _DRAWS = 16
 _LEFT = 1e-6
-"""How much less every column weighs in the pivoting than its left neighbour. Columns whose parts
-outside of those picked before are equally long occur in every robot; without it rounding, and so
-the processor, would choose between them."""
+"""Relative decrease of a column's weight in the pivoting, from each column to the next on its
+right. Columns with equal residual norms occur in every robot; without these weights rounding errors
+would choose between them, and the choice would depend on the processor."""
 
 _ALIKE = 1e-6
-"""Relative difference of condition numbers that does not decide."""
+"""Relative difference below which condition numbers count as equal."""
 
 
 def pivoted_base(robot: Robot, torque_joints: Sequence[str] | None = None) -> BaseParameters:
     """Return the base parameters whose columns QR with column pivoting picks at random states.
 
-    The pivoting (Businger and Golub 1965) is repeated over 16 draws of states; the columns kept are
-    those with the smallest condition number over all states drawn, for it differs by a factor of
-    two or three between draws. Between equally good columns the left one is picked. How many there
-    are is the rank that `base_parameters` finds; the groupings are its own, solved for these
-    columns. The choice depends on the robot and on `rows` alone. Raises ExcitationError where
-    nothing is identifiable.
+    The pivoting (Businger and Golub 1965) is repeated over 16 draws of states, because the
+    condition number of the picked columns varies by a factor of two or three; the columns with the
+    smallest condition number over all states are returned. Their number is the rank of
+    `base_parameters`, and their groupings follow from its. The choice depends on the robot and on
+    `torque_joints` alone. Raises ExcitationError if nothing is identifiable.
     """
     leftmost = base_parameters(robot, torque_joints=torque_joints)
     known = [robot.index(joint) for joint in robot.rows(torque_joints)]
@@ -179,10 +176,7 @@ def _random_rows(robot: Robot, known: list[int], seed: int) -> Array:
 
 
 def _best_pivots(draws: list[Array], rank: int) -> list[int]:
-    """Return the columns of the one pivoting whose pick is best conditioned over all draws.
-
-    Of two that are equal but for rounding it is the first.
-    """
+    """Return the columns of the best conditioned pivoting; the first one among equals."""
     from scipy.linalg import qr
 
     R: Array = qr(np.concatenate(draws), mode="r")[0][: draws[0].shape[1]]
@@ -212,14 +206,16 @@ def regressor_gradient(
 ) -> tuple[Array, Array, Array]:
     """Return the gradient of sum_t sum_r Y_t[rows[r]] . weights[t, r] by q, v and a, each (T, n).
 
-    `weights` (T, r, 10n) are those of the standard regressor's entries. Pinocchio needs bodies with
-    mass; torques are linear in the parameters, so equal masses are added everywhere, and taken off
-    again once for all rows.
+    `weights` (T, r, 10n) weight the entries of the standard regressor Y. Y_t[row] . w is the torque
+    of one joint of a robot with the parameters w, so the gradient takes one pass of Pinocchio's
+    derivatives (Carpentier and Mansard 2018) per row, whatever the number of parameters.
     """
     model, order, n = robot.model.copy(), list(robot.model_order), robot.n
     positions = [order.index(row) for row in rows]
     ordered = tuple(np.ascontiguousarray(state[:, order]) for state in states)
     bodies = weights.reshape(*weights.shape[:2], n, 10)[:, :, order]
+    # Pinocchio needs bodies with positive mass: equal masses are added to all bodies, and their
+    # torques, which are linear in the parameters, are subtracted again
     mass = 2.0 * max(float(np.abs(weights).max(initial=0.0)), 1e-12)
     bodies[:, :, :, 0] += mass
     plain = np.zeros(10)
@@ -239,8 +235,8 @@ def _derivatives(
 ) -> Array:
     """Return d tau[rows] / d (q, v, a), (3, T, rows, n), all in the order of the model.
 
-    `bodies` (T, n, 10) are the parameters at every instant, None for those of the model; only those
-    that the one row feels are set.
+    `bodies` (T, n, 10) are the parameters at every instant, None for those of the model; with
+    `bodies`, there must be one row, and only the bodies of its subtree are set.
     """
     data, n = model.createData(), model.nv
     q, v, a = (np.ascontiguousarray(state) for state in states)
@@ -260,7 +256,7 @@ def _derivatives(
         compute(model, data, q[t], v[t], a[t])
         tables[0, t], tables[1, t] = by_q[index], by_v[index]
         tables[2, t], tables[3, t] = mass_matrix[index], mass_matrix.T[index]
-    # the mass matrix is sure in its upper triangle only
+    # Pinocchio fills only the upper triangle of the mass matrix
     upper = np.arange(n)[None, :] >= everything[:, None]
     tables[2] = np.where(upper, tables[2], tables[3])
     return tables[:3]

@@ -1,4 +1,4 @@
-"""design_excitation: the motion within limits that tells the parameters best, (17)-(19)."""
+"""design_excitation: the motion within limits with the best criterion, (16)-(19)."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from seaid.excitation.boundary import IN_MOTION, EndState, motion_space
 from seaid.excitation.collision import Scene
 from seaid.excitation.criteria import (
     criterion_named,
+    has_full_rank,
     pivoted_base,
     singular_values,
-    tells_all,
     triangular_factor,
 )
 from seaid.excitation.limits import JointLimits, Limits, Margins, drive_limits, joint_limits
@@ -29,12 +29,12 @@ from seaid.excitation.problem import (
     all_margins,
     make_problem,
     motion_within,
-    recorded_factor,
+    previous_logs_factor,
     scaled_target,
     states_of,
 )
 from seaid.excitation.run_in import with_run_in
-from seaid.excitation.search import Outcome, search, with_feasible_home
+from seaid.excitation.search import Outcome, search, with_feasible_start
 from seaid.excitation.trajectory import Trajectory
 from seaid.log import Log
 from seaid.regressor import BaseParameters
@@ -47,14 +47,25 @@ _safely = partial(safely, what="the regressor of the motion", error=ExcitationEr
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """A planned motion and what it tells.
+    """A planned motion, its criterion and its margins to the limits.
 
-    `condition_number` (16) is raw, of the columns of `base`, over 2000 instants of `trajectory`
-    alone. `criterion` and `value` tell what was made small; `names` and `units` (p,) the parameters
-    asked for, `standard_errors` (p,) what to expect of them from white torque noise of `torque_std`
-    at 1 kHz. `singular_values` (p,) are those of the criterion's scaled regressor, recorded logs
-    included, `start_singular_values` those of the best random start. `limits` are what the motion
-    keeps, `margins` the least distances to them over the whole motion.
+    Attributes
+    ----------
+    trajectory : Trajectory
+    condition_number : float
+        (16) of the unscaled columns of `base`, over 2000 instants of `trajectory` alone.
+    base : BaseParameters
+    margins : Margins
+        Minimum distances to the `limits` over the whole motion.
+    limits : JointLimits
+    criterion, value : str, float
+        The criterion and its value, previous logs included.
+    names, units : tuple of p str
+        The parameters of the criterion.
+    standard_errors : array (p,)
+        Expected ones, for white torque noise of `torque_std` at 1 kHz.
+    singular_values, start_singular_values : array (p,)
+        Of the scaled observation matrix of the plan, and of the best random start.
     """
 
     trajectory: Trajectory
@@ -94,29 +105,71 @@ def design_excitation(
     progress: bool = False,
     executor: Executor | None = None,
 ) -> Excitation:
-    """Plan a motion of `duration` [s] that tells the parameters of the robot well.
+    """Plan an exciting motion within limits, by minimising a criterion of its regressor (16)-(19).
 
-    The motion has so many `coefficients` a joint of a "bspline", a "polynomial" (18) or a "fourier"
-    series. `start` and `end` are its `EndState`s; those not given are at rest at a free position,
-    or free if not `rest_to_rest` (`add_run_in` then finds a way there from rest). The `limits`
-    (default: the robot's, see `Limits`) and the clearances of a `scene` hold over the whole motion.
+    Nominal values of the robot are needed only for "relative_error", the drive parameters of
+    elastic joints, and limits on torques or drives; otherwise they may be NaN. Ctrl-C ends the
+    search and returns the best motion so far; a search that ends early issues a SeaidWarning.
 
-    `criterion`: "condition_number" (16), "d_optimality" (log det of the information), or
-    "relative_error" (the worst expected standard error relative to the parameter's nominal size).
-    It is that of the base parameters, from the torques of the joints `rows` (default all), and with
-    `drive_parameters` of friction, stiffness and what else the drives have as well. Rows are
-    torques at the joints over their `torque_std` [N m or N], a number, one a joint or {joint:
-    value}. Base columns are raw in a condition number; drive columns are scaled to the same mean
-    norm there. `previous_logs` logs count as told already: the motion is the one that helps most
-    after them. Only "relative_error", the drive columns of elastic joints, and limits on torque or
-    drives use the robot's nominal values; otherwise they may be NaN.
+    Parameters
+    ----------
+    robot : Robot
+    duration : float
+        Length of the motion [s].
+    basis : {"bspline", "polynomial", "fourier"}
+        Functions of time that compose the motion; "polynomial" is (18).
+    coefficients : int, optional
+        Number of coefficients per joint; by default it grows with the duration.
+    limits : Limits, optional
+        Limits that hold over the whole motion. Default: the robot's, see `Limits`.
+    rest_to_rest : bool
+        Whether an end that is not given is at rest at a free position. If False it may be in
+        motion, and `add_run_in` finds a run-in from rest.
+    start, end : EndState, optional
+        State at the start and at the end.
+    torque_joints : sequence of str, optional
+        Joints whose torques are known. Default: all.
+    criterion : {"condition_number", "d_optimality", "relative_error"}
+        The condition number (16), the determinant of the covariance, or the largest expected
+        standard error relative to the nominal size of its parameter.
+    drive_parameters : bool
+        Whether the criterion includes friction, stiffness and the other parameters of the drives,
+        besides the base parameters. A condition number scales their columns to the mean norm of the
+        base columns, which stay unscaled.
+    torque_std : float, sequence of n floats or dict
+        Standard deviation of the torques at the joints [N m or N], which weights the rows.
+    previous_logs : sequence of Log
+        Logs that will be identified together with this motion, as prior information.
+    scene : Scene, optional
+        Collision pairs, from `load_scene`, whose clearance holds over the whole motion.
+    starts, iterations : int
+        Random starts of the search (SLSQP with exact gradients) and its iterations: a third of them
+        from every start, then all of them from the best.
+    seed : int
+        The same seed gives the same motion, with any `executor`.
+    samples : int, optional
+        Instants at which the criterion is evaluated. Default: four per coefficient.
+    progress : bool
+        Whether to show a progress bar on stderr.
+    executor : concurrent.futures.Executor, optional
+        Runs the starts. Default: processes of this machine.
 
-    The search is SLSQP with the exact gradient: a third of the `iterations` from each of the random
-    `starts`, then all of them from the best; it looks at so many `samples` (default: four a
-    coefficient). The same seed gives the same motion, whatever `executor` (concurrent.futures; by
-    default processes of this machine) runs the starts. `progress` shows a bar on stderr. Ctrl-C
-    ends the search and gives the best motion so far; a search that ends early says so in a
-    SeaidWarning. Raises ExcitationError for what cannot be planned with.
+    Returns
+    -------
+    Excitation
+
+    Raises
+    ------
+    ExcitationError
+        For invalid arguments, missing nominal values, and if no motion keeps the limits or no
+        motion identifies all parameters.
+
+    Examples
+    --------
+    >>> limits = seaid.Limits(velocity=2.0, joint_torque={"knee": 20.0})
+    >>> plan = seaid.design_excitation(robot, 10.0, limits=limits, drive_parameters=True)
+    >>> plan.condition_number
+    >>> plan.trajectory.save_set_points("plan.csv")
     """
     measure = criterion_named(criterion)
     for name, count in (("starts", starts), ("iterations", iterations)):
@@ -139,24 +192,24 @@ def design_excitation(
     )
     instants = _samples(target, function.size, samples)
     problem = make_problem(target, criterion, space, instants, bounds, drives, scene)
-    problem = with_feasible_home(problem, seed)
+    problem = with_feasible_start(problem, seed)
     target = scaled_target(problem, robot, base, torque_std, measure.needs_nominal)
-    target = replace(target, known=recorded_factor(target, robot, previous_logs))
+    target = replace(target, known=previous_logs_factor(target, robot, previous_logs))
     problem = replace(problem, target=target)
-    found, begin = search(problem, starts, iterations, seed, executor=executor, progress=progress)
-    _warn_if_early(found, measure.meaning)
-    return _excitation(robot, problem, found, begin, base, bounds)
+    outcome, first = search(problem, starts, iterations, seed, executor=executor, progress=progress)
+    _warn_if_early(outcome, measure.meaning)
+    return _excitation(robot, problem, outcome, first, base, bounds)
 
 
 def _excitation(
     robot: Robot,
     problem: Problem,
-    found: Outcome,
-    begin: Array,
+    outcome: Outcome,
+    first: Array,
     base: BaseParameters,
     bounds: JointLimits,
 ) -> Excitation:
-    x = motion_within(problem, found.x)
+    x = motion_within(problem, outcome.x)
     trajectory = Trajectory(
         robot.joint_names,
         problem.space.basis,
@@ -166,9 +219,9 @@ def _excitation(
     time = np.linspace(0.0, trajectory.duration, _REPORT_SAMPLES)
     plain = load_target(robot, [robot.joint_names[row] for row in problem.target.rows], base)
     kappa = _safely(np.linalg.cond, stacked_regressor(plain, time, trajectory.sample(time)))
-    R, R_begin = (_factor(problem, x) for x in (x, begin))
+    R, R_first = (_factor(problem, x) for x in (x, first))
     target = problem.target
-    inverse = _safely(np.linalg.inv, R) if tells_all(R) else np.full_like(R, np.inf)
+    inverse = _safely(np.linalg.inv, R) if has_full_rank(R) else np.full_like(R, np.inf)
     return Excitation(
         trajectory=trajectory,
         condition_number=float(kappa),
@@ -181,7 +234,7 @@ def _excitation(
         units=target.units,
         standard_errors=np.linalg.norm(inverse, axis=1) * target.column_scale,
         singular_values=singular_values(R),
-        start_singular_values=singular_values(R_begin),
+        start_singular_values=singular_values(R_first),
     )
 
 
@@ -191,7 +244,7 @@ def _factor(problem: Problem, x: Array) -> Array:
 
 
 def _coefficients(robot: Robot, basis: str, duration: float) -> int:
-    """Return how many coefficients a joint: more for longer motions, fewer for many joints."""
+    """Return the default number of coefficients per joint, by duration and number of joints."""
     if basis == "polynomial":
         return 18
     spans = min(3.0 * duration, 160.0 / robot.n) if duration > 0 else 0.0
@@ -200,24 +253,24 @@ def _coefficients(robot: Robot, basis: str, duration: float) -> int:
 
 
 def _samples(target: Target, size: int, samples: int | None) -> int:
-    """Return how many instants the criterion looks at: four a coefficient unless given."""
+    """Return the number of instants of the criterion: four per coefficient unless given."""
     rows = len(target.row_weights)
     needed = -(-len(target.names) // rows)
     if samples is None:
         return max(100, 4 * size, 4 * needed)
     if samples < needed:
         raise ExcitationError(
-            f"{samples} samples of {rows} torques cannot tell {target.asked}; "
+            f"{samples} samples of {rows} torques cannot identify {target.description}; "
             f"give at least {needed}"
         )
     return int(samples)
 
 
-def _warn_if_early(found: Outcome, meaning: str) -> None:
-    if found.early:
+def _warn_if_early(outcome: Outcome, meaning: str) -> None:
+    if outcome.early:
         warnings.warn(
-            f"the search for an excitation ended early: {found.early}; the motion keeps all "
-            f"limits, its {meaning} is {np.exp(found.value):.4g}",
+            f"the search for an excitation ended early: {outcome.early}; the motion keeps all "
+            f"limits, its {meaning} is {np.exp(outcome.value):.4g}",
             SeaidWarning,
             stacklevel=3,
         )

@@ -1,8 +1,7 @@
-"""What a planned joint motion asks of the drives: a series elastic robot is flat in its joints.
+"""Motor motion and torque of a planned joint motion: a series elastic robot is flat in its joints.
 
-With the joint torque tau of the nominal model, (3) and (8) give the deflection, the motor angle and
-its derivatives, and (7) the motor torque. The derivatives of the deflection are those of a quintic
-spline through its samples.
+With the joint torque tau of the nominal model, (3) and (8) give the deflection and the motor angle,
+and (7) the motor torque. The deflection is differentiated through a quintic interpolating spline.
 """
 
 from __future__ import annotations
@@ -31,21 +30,19 @@ from seaid.regressor import joint_torques
 from seaid.robot import Robot, at_drives, group_of, torques_at_joints
 
 SIGN_WIDTH = 0.02
-"""Coulomb friction turns within this part of the largest motor speed, so that it has a slope."""
+"""Coulomb friction changes sign over this share of the top speed, so that it is differentiable."""
 
-
-Besides = tuple[tuple[int, DriveCurve, float], ...]
-"""What acts beside the drives: joint, curve, and the speed within which dry friction turns."""
+ParallelElements = tuple[tuple[int, DriveCurve, float], ...]
+"""Elements parallel to the drives: joint, torque curve, and the speed width of dry friction."""
 
 
 @dataclass(frozen=True, eq=False)
 class Transmission:
-    """From joints to motors, each (n,): motor angle = ratio phi + give tau.
+    """The map from joints to motors, each (n,): theta_M = ratio phi + lever * deflection(tau).
 
-    phi = C q is what the drives turn, C the `matrix` (n, n), and tau the torque on it. `ratio` is
-    N r_L / r_M, `lever` N / r_M and `compliance` 1 / (r_L k), the deflection a unit of torque; the
-    last two are zero where the drive is stiff. Springs that are no straight lines are in
-    `nonlinear`, by index, with their r_L.
+    phi = C q are the output angles of the drives, C the `matrix` (n, n), tau the torques on them.
+    `ratio` is N r_L / r_M, `lever` N / r_M, and `compliance` 1 / (r_L k) the deflection per torque;
+    the last two are zero for a stiff drive. `nonlinear` lists springs by index, with their r_L.
     """
 
     ratio: Array
@@ -56,13 +53,13 @@ class Transmission:
 
     @property
     def is_elastic(self) -> bool:
-        """True where some motor does not turn with the joints alone."""
+        """True if any drive is elastic."""
         return bool(np.any(self.lever))
 
-    def stretch(self, torque: Array) -> tuple[Array, Array]:
-        """Return the deflection of the springs (T, n) under torques on the drives, and its slope.
+    def spring_deflection(self, torque: Array) -> tuple[Array, Array]:
+        """Return the deflection of the springs (T, n) under torques, and its slope by the torque.
 
-        From the springs' zeros, in rad or m, and a unit of torque.
+        It is counted from the unloaded springs [m or rad].
         """
         deflection = self.compliance * torque
         slope = np.broadcast_to(self.compliance, torque.shape)
@@ -74,8 +71,8 @@ class Transmission:
         return deflection, slope
 
     @property
-    def zero(self) -> Array:
-        """Where the springs are not stretched (n,), in rad or m."""
+    def unloaded_deflection(self) -> Array:
+        """The measured deflection of the unloaded springs (n,) [m or rad]."""
         zeros = np.zeros(len(self.ratio))
         for index, _, spring in self.nonlinear:
             zeros[index] = spring.zero
@@ -83,7 +80,7 @@ class Transmission:
 
 
 def transmission(robot: Robot) -> Transmission:
-    """Return every joint's transmission. Raises ExcitationError where a spring has no value."""
+    """Return the transmission of a robot. Raises ExcitationError if a spring has no value."""
     ratio, lever, compliance = np.zeros((3, robot.n))
     nonlinear = []
     for index, joint in enumerate(robot.joint_names):
@@ -102,30 +99,29 @@ def transmission(robot: Robot) -> Transmission:
 
 
 def rigid_transmission(robot: Robot) -> Transmission:
-    """Return a transmission in which motors are the joints: for what does not ask for motors."""
+    """Return a transmission with motors directly on the joints, if motor motions are not needed."""
     nothing = np.zeros(robot.n)
     return Transmission(np.ones(robot.n), nothing, nothing, robot.transmission)
 
 
 def motor_speeds(drives: Transmission, top_speed: Array) -> Array:
-    """Return how fast motors turn at most (n,) [rad/s] if joints move at `top_speed` (n,)."""
+    """Return the largest motor speeds (n,) [rad/s] for joint speeds up to `top_speed` (n,)."""
     return np.asarray(drives.ratio * (np.abs(drives.matrix) @ top_speed))
 
 
 def check_spring(joint: str, drive: SeriesElasticDrive) -> None:
-    """Raise ExcitationError where a value of a drive's spring is missing."""
+    """Raise ExcitationError if a value of a drive's spring is missing."""
     for term in drive.spring:
         for name in PARAMETERS_OF["spring"][term]:
             if term != "damping" and name not in drive.values:
                 raise missing_value(joint, name)
 
 
-def besides(robot: Robot, top_speed: Array, joints: Sequence[str]) -> Besides:
-    """Return what acts beside the drives of joints, and of those that are coupled with them.
+def parallel_elements(robot: Robot, top_speed: Array, joints: Sequence[str]) -> ParallelElements:
+    """Return the elements parallel to the drives of joints, and of joints coupled with them.
 
-    `top_speed` (n,) sets where dry friction turns.
-
-    Raises ExcitationError where a nominal value is missing.
+    `top_speed` (n,) scales the speed width of dry friction. Raises ExcitationError if a nominal
+    value is missing.
     """
     wanted = {i for joint in joints for i in group_of(robot.transmission, robot.index(joint))}
     return tuple(
@@ -135,33 +131,33 @@ def besides(robot: Robot, top_speed: Array, joints: Sequence[str]) -> Besides:
     )
 
 
-def load_torques(robot: Robot, beside: Besides, states: States) -> Array:
-    """Return what the drives together put on every joint (T, n): (8) and what acts beside them."""
+def load_torques(robot: Robot, parallel: ParallelElements, states: States) -> Array:
+    """Return the torques of the drives at the joints (T, n): (8) with the parallel elements."""
     torque = joint_torques(robot, *states)
-    for index, curve, width in beside:
+    for index, curve, width in parallel:
         torque[:, index] += curve.evaluate(states[0][:, index], states[1][:, index], width)[0]
     return torque
 
 
-def load_derivatives(robot: Robot, beside: Besides, states: States) -> Array:
+def load_derivatives(robot: Robot, parallel: ParallelElements, states: States) -> Array:
     """Return d tau_i / d (q, v, a)_j of `load_torques`, (3, T, n, n)."""
     tables = torque_derivatives(robot, states)
-    for index, curve, width in beside:
+    for index, curve, width in parallel:
         _, by_q, by_v = curve.evaluate(states[0][:, index], states[1][:, index], width)
         tables[0, :, index, index] += by_q
         tables[1, :, index, index] += by_v
     return tables
 
 
-def nominal(joint: str, drive: Drive, name: str) -> float:
-    """Return a nominal value of a drive. Raises ExcitationError where it is not given."""
+def nominal_value(joint: str, drive: Drive, name: str) -> float:
+    """Return a nominal value of a drive. Raises ExcitationError if it is not given."""
     if name not in drive.values:
         raise missing_value(joint, name)
     return drive.values[name]
 
 
 def check_nominal_bodies(robot: Robot) -> None:
-    """Raise ExcitationError where the robot has no nominal inertial parameters."""
+    """Raise ExcitationError if the robot lacks nominal inertial parameters."""
     missing = [
         robot.body_names[body]
         for body, values in enumerate(robot.parameters.reshape(robot.n, 10))
@@ -177,7 +173,7 @@ def check_nominal_bodies(robot: Robot) -> None:
 
 
 def differentiation(time: Array) -> tuple[Array, Array]:
-    """Return the matrices (T, T) of the first and second derivative at equally spaced times."""
+    """Return the differentiation matrices (T, T), first and second, at equally spaced times."""
     first, second = _unit_differentiation(len(time))
     step = (time[-1] - time[0]) / (len(time) - 1)
     return first / step, second / step**2
@@ -195,18 +191,20 @@ def _unit_differentiation(samples: int) -> tuple[Array, Array]:
 def motor_signals(
     drives: Transmission, states: States, torque: Array, derivative: tuple[Array, Array]
 ) -> Array:
-    """Return motor angle, speed, acceleration, those of phi, tau: (7, T, n), as `smooth.SIGNALS`.
+    """Return theta_M, its speed and acceleration, those of phi, and tau: (7, T, n).
 
-    `torque` (T, n) is that on phi. Damping of a spring does not count in its deflection.
+    The order is that of `seaid.drives.SMOOTH_SIGNALS`; `torque` (T, n) is tau. The deflection
+    neglects the damping of a spring.
     """
     q, v, a = (at_drives(drives.matrix, state) for state in states)
     first, second = derivative
-    sagging = drives.lever * drives.stretch(torque)[0]
+    # (3), (4b): theta_M = N / r_M (r_L phi + deflection(tau)); the spring's part is differentiated
+    spring_angle = drives.lever * drives.spring_deflection(torque)[0]
     return np.stack(
         [
-            drives.ratio * q + sagging + drives.lever * drives.zero,
-            drives.ratio * v + first @ sagging,
-            drives.ratio * a + second @ sagging,
+            drives.ratio * q + spring_angle + drives.lever * drives.unloaded_deflection,
+            drives.ratio * v + first @ spring_angle,
+            drives.ratio * a + second @ spring_angle,
             q,
             v,
             a,
@@ -218,9 +216,9 @@ def motor_signals(
 def motor_signals_gradient(
     drives: Transmission, weights: Array, torque: Array, derivative: tuple[Array, Array]
 ) -> tuple[Array, Array]:
-    """Return the gradient by (q, v, a) (3, T, n) and by tau (T, n) of sum weights * signals."""
+    """Return the gradient by (q, v, a) (3, T, n) and by tau (T, n) of sum(weights * signals)."""
     first, second = derivative
     by_state = torques_at_joints(drives.matrix, drives.ratio * weights[:3] + weights[3:6])
     through = weights[0] + first.T @ weights[1] + second.T @ weights[2]
-    by_torque = weights[6] + drives.lever * drives.stretch(torque)[1] * through
+    by_torque = weights[6] + drives.lever * drives.spring_deflection(torque)[1] * through
     return by_state, by_torque

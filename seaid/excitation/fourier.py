@@ -13,11 +13,18 @@ from seaid.errors import ExcitationError, shown
 
 @dataclass(frozen=True)
 class FourierBasis:
-    """Sines and cosines of so many `harmonics` of one period, `duration` [s].
+    """A finite Fourier series over one period.
 
     The coefficients of a joint are the constant, then the amplitudes of the sines, then those of
-    the cosines [rad or m]. The motion can run period after period without a jump, so that the runs
-    can be averaged. Raises ExcitationError for less than one harmonic or no duration.
+    the cosines [rad or m]. The motion can be repeated without a jump, so that periods can be
+    averaged.
+
+    Parameters
+    ----------
+    harmonics : int
+        Number of harmonics, at least 1.
+    duration : float
+        The period [s].
     """
 
     harmonics: int
@@ -35,7 +42,7 @@ class FourierBasis:
 
     @property
     def size(self) -> int:
-        """Number of coefficients a joint, 2 harmonics + 1."""
+        """Number of coefficients per joint, 2 harmonics + 1."""
         return 2 * self.harmonics + 1
 
     @property
@@ -44,8 +51,8 @@ class FourierBasis:
         return np.asarray(np.eye(self.size)[0])
 
     @property
-    def natural(self) -> Array:
-        """The matrix (K, K) from variables of like size to amplitudes that fall with harmonics."""
+    def scaling(self) -> Array:
+        """The matrix (K, K) from variables to amplitudes that fall as 1 / harmonic."""
         falling = 1.0 / np.arange(1, self.harmonics + 1)
         return np.diag(np.concatenate([[1.0], falling, falling]))
 
@@ -53,7 +60,7 @@ class FourierBasis:
         """Return the matrices (T, K) of position, velocity and acceleration at times (T,) [s]."""
         number = np.arange(1, self.harmonics + 1)
         rate = 2 * np.pi * number / self.duration
-        # the phase is that of the time within the period: zero at its end as at its start
+        # modulo the period, so that the end gives exactly the values of the start
         phase = 2 * np.pi * np.outer(np.asarray(time) / self.duration % 1.0, number)
         sine, cosine = np.sin(phase), np.cos(phase)
         one = np.ones((len(phase), 1))
@@ -69,22 +76,20 @@ class FourierBasis:
         return position @ coefficients, velocity @ coefficients, acceleration @ coefficients
 
     def shifted(self, coefficients: Array, time: float) -> Array:
-        """Return the coefficients (K, n) of the same motion, begun at `time` [s] of its period."""
+        """Return the coefficients (K, n) of the motion started at `time` [s] of its period."""
         phase = 2 * np.pi * np.arange(1, self.harmonics + 1) * (time / self.duration % 1.0)
         sine, cosine = np.sin(phase)[:, None], np.cos(phase)[:, None]
         a, b = np.split(coefficients[1:], 2)
         return np.vstack([coefficients[:1], cosine * a - sine * b, sine * a + cosine * b])
 
     def hull(self, order: int, density: int) -> Array:
-        """Return the matrix (C, K) whose largest |row @ c| the derivative of `order` never exceeds.
-
-        Samples, `density` a coefficient, over cos(pi harmonics / samples): near its largest value a
-        series of N harmonics falls off no faster than cos(N phase) (M. Riesz 1914).
-        """
+        """Return the matrix (C, K) whose largest |row @ c| bounds the derivative of `order`."""
         count = max(density, 2) * self.size
         time = self.duration * np.arange(count) / count
+        # M. Riesz (1914): around a maximum M of |s|, |s(phase)| >= M cos(N phase) for N harmonics,
+        # so the largest of C equally spaced samples is at least M cos(pi N / C)
         return np.asarray(self.matrices(time)[order] / np.cos(np.pi * self.harmonics / count))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what a JSON file keeps of the basis."""
+        """Return the basis as JSON content."""
         return {"type": "fourier", "harmonics": self.harmonics, "duration": self.duration}

@@ -1,6 +1,7 @@
-"""Limits of a motion (17), as linear inequalities that hold at every instant.
+"""Limits of a motion (17), linear ones at every instant, and those of the drives on a grid.
 
-Limits on what a motion asks of the drives: joint and motor torque, motor speed, deflection.
+Limits of position, velocity and acceleration are linear in the coefficients. Those of joint torque,
+motor torque, motor speed and deflection are computed from the nominal model.
 """
 
 from __future__ import annotations
@@ -18,16 +19,16 @@ from seaid.excitation.basis import Basis
 from seaid.excitation.criteria import States
 from seaid.excitation.flatness import (
     SIGN_WIDTH,
-    Besides,
+    ParallelElements,
     Transmission,
-    besides,
     check_nominal_bodies,
     differentiation,
     load_derivatives,
     load_torques,
     motor_signals,
     motor_speeds,
-    nominal,
+    nominal_value,
+    parallel_elements,
     rigid_transmission,
     transmission,
 )
@@ -38,7 +39,7 @@ DEFAULT_ACCELERATION = 10.0
 """rad/s^2 or m/s^2."""
 
 _SMALLEST, _LARGEST = 1e-9, 1e9
-"""Of limits in their units: what is beyond is no limit of a robot, and its square no number."""
+"""Smallest and largest limit, in its unit: squares of larger ones could overflow."""
 
 _DENSITY, _GROUP = 16, 20
 _DENSITIES = (_DENSITY, 4 * _DENSITY)
@@ -51,17 +52,31 @@ LimitValue = float | Sequence[float] | Array | Mapping[str, float] | None
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """What a motion must keep to: position, speed, acceleration [rad or m, s], and what it asks.
+    """Limits of a planned motion.
 
-    Each is one number for all joints, one a joint, a mapping {joint: value} for some joints, or
-    None. What is not given is the robot's: position and velocity from its file (a joint that turns
-    without end stays within +-pi), acceleration 10 rad/s^2 or m/s^2.
+    Each is one number for all joints, one per joint, {joint: value} for some joints, or None for
+    the default. The last four are computed from the nominal values of the robot, and `math.inf`
+    means not limited.
 
-    The other four are computed from the robot's nominal values, and `math.inf` means not limited:
-    `joint_torque` [N m, or N at a joint that slides], by default the effort limit of the file where
-    that is more than zero and the nominal values are known, else not limited; `motor_torque` [N m]
-    and `motor_speed` [rad/s] at the motor, and `deflection` of the spring, r_M/N theta_M - r_L q
-    [m or rad], by default not limited.
+    Parameters
+    ----------
+    lower, upper : limit
+        Position [rad or m]. Default: the robot's file, +-pi for a continuous joint.
+    velocity : limit
+        [rad/s or m/s]. Default: the robot's file.
+    acceleration : limit
+        [rad/s^2 or m/s^2]. Default: 10.
+    joint_torque : limit
+        [N m or N]. Default: the effort limit of the robot's file if it is positive and the nominal
+        values are known, else not limited.
+    motor_torque, motor_speed : limit
+        At the motor [N m], [rad/s]. Default: not limited.
+    deflection : limit
+        Of the spring, r_M/N theta_M - r_L q [m or rad]. Default: not limited.
+
+    Examples
+    --------
+    >>> limits = seaid.Limits(velocity=2.0, joint_torque={"knee": 20.0})
     """
 
     lower: LimitValue = None
@@ -76,7 +91,7 @@ class Limits:
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """The limits of n joints, each (n,), checked: lower < upper, the others more than zero."""
+    """The limits of n joints, each (n,), with lower < upper and the others more than zero."""
 
     lower: Array
     upper: Array
@@ -96,12 +111,11 @@ class JointLimits:
 
 @dataclass(frozen=True, eq=False)
 class Margins:
-    """Least distance to the limits over the whole motion, each (n,) [rad or m, s].
+    """Minimum distance to the limits over the whole motion, each (n,), in the units of `Limits`.
 
-    Position, velocity and acceleration from a hull close to the curve, so the true distance is at
-    no instant less. The others, in the units of `Limits`, are at instants of a fine grid; inf where
-    not limited, None where no drive is. `distance_m` is the least distance between bodies and boxes
-    of the scene, if there is one.
+    Those of position, velocity and acceleration are lower bounds over all instants. The others are
+    minima over a fine grid: inf for a joint that is not limited, None if no drive is. `distance_m`
+    is the minimum distance between the bodies and boxes of the scene, if there is one.
     """
 
     position: Array
@@ -117,8 +131,8 @@ class Margins:
 def joint_limits(robot: Robot, limits: Limits | None = None) -> JointLimits:
     """Return the limits of every joint: those given, else the robot's.
 
-    Raises ExcitationError, naming the joint and the limit, for one that is missing, not finite,
-    zero or inverted.
+    Raises ExcitationError, naming joint and limit, for one that is missing, not finite, zero or
+    inverted.
     """
     limits = Limits() if limits is None else limits
     turns = ~np.array(robot.is_prismatic)
@@ -142,10 +156,10 @@ def joint_limits(robot: Robot, limits: Limits | None = None) -> JointLimits:
 def hull_rows(
     basis: Basis, limits: JointLimits, kind: int, density: int | None = None
 ) -> tuple[Array, Array, Array]:
-    """Return a hull (C, K), its limits (n,) and the middle to count from (n,).
+    """Return a hull (C, K), its limits (n,), and the middle of their range (n,).
 
     `kind` is 0 for position, 1 for velocity, 2 for acceleration. A motion of coefficients c keeps
-    the limit at every instant if |hull @ (c - constant middle)| is nowhere more than it.
+    the limit at every instant if |hull @ (c - constant middle)| <= limit.
     """
     bounds = (limits.half_range, limits.velocity, limits.acceleration)
     middle = limits.middle if kind == 0 else np.zeros_like(limits.middle)
@@ -153,7 +167,7 @@ def hull_rows(
 
 
 def grouped(rows: Array, axis: int) -> Array:
-    """Return rows, C of them along `axis`, as (g, c) groups, the last row repeated."""
+    """Return the C rows along `axis` in groups (g, c), the last one repeated."""
     missing = -rows.shape[axis] % _GROUP
     padding = [(0, missing if dimension == axis else 0) for dimension in range(rows.ndim)]
     shape = (*rows.shape[:axis], -1, _GROUP, *rows.shape[axis + 1 :])
@@ -161,7 +175,7 @@ def grouped(rows: Array, axis: int) -> Array:
 
 
 def margins(trajectory: Trajectory, limits: JointLimits) -> Margins:
-    """Return the least distance of a trajectory to its limits; below zero where one is broken."""
+    """Return the minimum distance of a trajectory to its limits, negative if one is broken."""
     basis, c = trajectory.basis, trajectory.coefficients
     about_middle = c - np.outer(basis.constant, limits.middle)
     q, v, a = (
@@ -174,10 +188,10 @@ def margins(trajectory: Trajectory, limits: JointLimits) -> Margins:
 def limit_values(
     robot: Robot, name: str, given: LimitValue, default: Array, *, unlimited: bool = False
 ) -> Array:
-    """Return one limit of all joints (n,), read-only: `default` (n,) where it is not given.
+    """Return one limit of all joints (n,), read-only; `default` (n,) for those not given.
 
-    Raises ExcitationError, naming the joint, for one that is not finite, or with `unlimited` for
-    one that is not finite nor infinity; for other joints and other shapes.
+    Raises ExcitationError, naming the joint, for a value that is not finite (infinity is allowed
+    with `unlimited`), for unknown joints and other shapes.
     """
     wanted: Any = given
     if isinstance(given, Mapping):
@@ -197,12 +211,12 @@ def limit_values(
             found = "missing" if given is None else f"{value}, which is not finite"
             raise ExcitationError(
                 f"joint '{joint}' of '{robot.name}': {name} limit is {found}; give it by "
-                f"Limits({name}=...), one number for all joints, one a joint or {{'{joint}': ...}}"
+                f"Limits({name}=...), one for all joints, one per joint or {{'{joint}': ...}}"
             )
         if np.isfinite(value) and abs(value) > _LARGEST:
             raise ExcitationError(
-                f"joint '{joint}': {name} limit is beyond what a motion can have, found "
-                f"{value:.6g}: allowed are -{_LARGEST:g} to {_LARGEST:g}; give another by "
+                f"joint '{joint}': {name} limit must be from -{_LARGEST:g} to {_LARGEST:g}, found "
+                f"{value:.6g}; give another by "
                 f"Limits({name}={{'{joint}': ...}})"
             )
     return values
@@ -232,36 +246,37 @@ _NOT_FLAT = {
     "dead_zone": ("motor_torque", "motor_speed"),
     "damping": ("motor_torque", "motor_speed", "deflection"),
 }
-"""{spring term: kinds that do not follow from the joint's motion at each instant}: across a dead
-zone a motor jumps, a damped spring remembers."""
+"""{spring term: kinds that the joint's motion does not determine at each instant}: the motor jumps
+across a dead zone, and the deflection of a damped spring depends on the past."""
 
 
 @dataclass(frozen=True, eq=False)
 class DriveLimits:
-    """Largest values (4, n) of `DRIVE_KINDS`, inf where not limited, and the nominal motors (n,).
+    """Limits of the drives: `largest` values (4, n) of `DRIVE_KINDS`, inf where not limited.
 
-    `friction` is that of motors limited in torque, by index; `beside` acts beside the drives.
+    `friction` has the curves of motors limited in torque, by index; `sign_width` (n,) [rad/s] is
+    the speed over which it changes sign.
     """
 
     robot: Robot
-    most: Array
+    largest: Array
     drives: Transmission
     motor_inertia: Array
     friction: tuple[tuple[int, DriveCurve], ...]
-    beside: Besides
+    parallel: ParallelElements
     sign_width: Array
 
 
 def drive_limits(robot: Robot, limits: Limits, top_speed: Array) -> DriveLimits | None:
-    """Return the limits on the drives, None where there are none.
+    """Return the limits of the drives, None if there are none.
 
-    The joint torque is limited by the URDF's effort where the nominal bodies and what acts beside
-    the drive are known, unless given. Raises ExcitationError where a limit needs a nominal value
-    that is not there, and for motors that do not follow from the joint's motion.
+    A joint torque that is not given is limited by the effort of the URDF, if the nominal bodies and
+    parallel elements are known. Raises ExcitationError if a limit needs a nominal value that is
+    missing, or a quantity that the motion of the joint does not determine.
     """
     nothing = np.full(robot.n, np.inf)
     effort = robot.effort_limits
-    known = _knows_beside(robot) & np.all(np.isfinite(robot.parameters))
+    known = _has_parallel_values(robot) & np.all(np.isfinite(robot.parameters))
     usable = np.isfinite(effort) & (effort > 0) & known
     elastic = np.array([joint in robot.elastic_joints for joint in robot.joint_names])
     defaults = {"joint_torque": np.where(usable, effort, np.inf)}
@@ -280,32 +295,32 @@ def drive_limits(robot: Robot, limits: Limits, top_speed: Array) -> DriveLimits 
     _check_flat(robot, limited)
     motors = np.flatnonzero(limited[DRIVE_KINDS.index("motor_torque")])
     drives = transmission(robot) if np.any(limited[1:]) else rigid_transmission(robot)
-    asked = [robot.joint_names[index] for index in np.flatnonzero(limited.any(axis=0))]
+    limited_joints = [robot.joint_names[index] for index in np.flatnonzero(limited.any(axis=0))]
     inertia = np.zeros(robot.n)
     for index in motors:
         joint = robot.joint_names[index]
-        inertia[index] = nominal(joint, robot.drives[joint], "motor_inertia")
+        inertia[index] = nominal_value(joint, robot.drives[joint], "motor_inertia")
     names = [robot.joint_names[index] for index in motors]
     curves = [friction_curve(joint, robot.drives[joint]) for joint in names]
     return DriveLimits(
         robot=robot,
-        most=most,
+        largest=most,
         drives=drives,
         motor_inertia=inertia,
         friction=tuple(zip(motors.tolist(), curves, strict=True)),
-        beside=besides(robot, top_speed, asked),
+        parallel=parallel_elements(robot, top_speed, limited_joints),
         sign_width=SIGN_WIDTH * motor_speeds(drives, top_speed),
     )
 
 
-def _knows_beside(robot: Robot) -> BoolArray:
-    """Tell for each joint (n,) whether what acts beside its drive has values."""
+def _has_parallel_values(robot: Robot) -> BoolArray:
+    """Return for each joint (n,) whether the elements parallel to its drive have values."""
     drives = [robot.drives[joint] for joint in robot.joint_names]
     return np.array([set(joint_term_parameters(drive)) <= set(drive.values) for drive in drives])
 
 
 def _check_flat(robot: Robot, limited: BoolArray) -> None:
-    """Raise ExcitationError for limits on what jumps, or remembers."""
+    """Raise ExcitationError for limits of quantities that the joint's motion does not determine."""
     for index, joint in enumerate(robot.joint_names):
         for term in getattr(robot.drives[joint], "spring", ()):
             kinds = [
@@ -315,24 +330,25 @@ def _check_flat(robot: Robot, limited: BoolArray) -> None:
                 raise ExcitationError(
                     f"joint '{joint}' has a spring with {term.replace('_', ' ')}: its "
                     f"{' and '.join(kinds)} do not follow from the motion of the joint, so that a "
-                    "plan cannot limit them; leave these limits out"
+                    "plan cannot limit them; remove these limits"
                 )
 
 
 def drive_loads(limits: DriveLimits, time: Array, states: States) -> Array:
     """Return the `DRIVE_KINDS` along a motion, (4, T, n) [N m or N, N m, rad/s, rad or m].
 
-    The first is at the joints, the others are at what the drives turn.
+    The first kind is per joint, the others are per drive.
     """
-    torque = load_torques(limits.robot, limits.beside, states)
-    through = torques_at_drives(limits.drives.matrix, torque)
-    signals = motor_signals(limits.drives, states, through, differentiation(time))
+    torque = load_torques(limits.robot, limits.parallel, states)
+    drive_torque = torques_at_drives(limits.drives.matrix, torque)
+    signals = motor_signals(limits.drives, states, drive_torque, differentiation(time))
     speed, acceleration = signals[1], signals[2]
-    motor = limits.motor_inertia * acceleration + through / limits.drives.ratio  # (7) with (8)
+    # (7) with (8): tau_M = I_M theta_M'' + friction + tau / ratio
+    motor = limits.motor_inertia * acceleration + drive_torque / limits.drives.ratio
     for index, curve in limits.friction:
         width = float(limits.sign_width[index])
-        motor[:, index] += curve.evaluate(speed[:, index], through[:, index], width)[0]
-    return np.stack([torque, motor, speed, limits.drives.stretch(through)[0]])
+        motor[:, index] += curve.evaluate(speed[:, index], drive_torque[:, index], width)[0]
+    return np.stack([torque, motor, speed, limits.drives.spring_deflection(drive_torque)[0]])
 
 
 def drive_load_gradient(
@@ -345,16 +361,16 @@ def drive_load_gradient(
 ) -> Array:
     """Return the derivatives (m, n, k) of loads[kind, t, j] for `picked` (kind, t, j), each (m,).
 
-    They are by variables x (n, k) with q = half range times (maps[0] @ x.T) and so on; `maps` are
-    (3) of (T, k), for joints of unit range. `loads` are those of `drive_loads`.
+    They are by variables x (n, k) with q = maps[0] @ x.T and so on, for joints of unit range;
+    `maps` are 3 of (T, k). `loads` are those of `drive_loads`.
     """
     kinds, instants, joints = picked
     matrix = limits.drives.matrix
-    tables = load_derivatives(limits.robot, limits.beside, states)
+    tables = load_derivatives(limits.robot, limits.parallel, states)
     at_drives = np.moveaxis(torques_at_drives(matrix, np.moveaxis(tables, 2, -1)), -1, 2)
-    through = torques_at_drives(matrix, loads[0])
-    by_force = limits.drives.stretch(through)[1]
-    give = limits.drives.lever * by_force
+    drive_torque = torques_at_drives(matrix, loads[0])
+    by_force = limits.drives.spring_deflection(drive_torque)[1]
+    motor_compliance = limits.drives.lever * by_force
     first, second = differentiation(time)
     by_state = np.stack(maps)
     gradient = np.zeros((len(kinds), limits.robot.n, by_state.shape[2]))
@@ -365,10 +381,12 @@ def drive_load_gradient(
         ):
             t = instants[mine]
             by_acceleration, by_speed, by_torque = _slopes(
-                limits, int(joint), kinds[mine], loads[2, t, joint], through[t, joint]
+                limits, int(joint), kinds[mine], loads[2, t, joint], drive_torque[t, joint]
             )
             by_torque[kinds[mine] == _DEFLECTION] = by_force[t, joint][kinds[mine] == _DEFLECTION]
-            weights = give[:, joint] * (
+            # d(motor speed)/dx = ratio v_x + D1 diag(compliance) tau_x, D1 the differentiation
+            # matrix; likewise the acceleration with D2: `weights` (m, T) multiply tau_x
+            weights = motor_compliance[:, joint] * (
                 by_speed[:, None] * first[t] + by_acceleration[:, None] * second[t]
             )
             weights[np.arange(len(mine)), t] += by_torque
@@ -384,9 +402,9 @@ def drive_load_gradient(
 def _slopes(
     limits: DriveLimits, joint: int, kinds: IndexArray, speed: Array, torque: Array
 ) -> tuple[Array, Array, Array]:
-    """Return the derivatives (m,) of loads by motor acceleration, motor speed, torque.
+    """Return the derivatives (m,) of loads by motor acceleration, motor speed and torque.
 
-    That of the deflection is left at zero.
+    Those of the deflection are zero here.
     """
     slopes = np.zeros((3, len(kinds)))
     at_joint, motor, fast = (kinds == number for number in range(3))

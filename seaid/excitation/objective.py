@@ -1,9 +1,8 @@
-"""What a planned motion shall tell, as one regressor: base parameters, and drives if wanted.
+"""The observation matrix (15) of a planned motion, and its gradient by the motion.
 
-Load rows are the known joint torques of (8), motor rows those of (7) seen from the joint, so that
-are torques at a joint [N m, or N]. A row is divided by the standard deviation of its torque.
-
-The regressor of a target along a motion, (15), and the gradient back to the motion.
+Columns are the base parameters and, if wanted, the parameters of the drives. Load rows are the
+known joint torques of (8), motor rows are (7) reflected to the joint, so all are torques at a joint
+[N m or N]. A row is divided by the standard deviation of its torque.
 """
 
 from __future__ import annotations
@@ -26,9 +25,8 @@ from seaid.errors import ExcitationError
 from seaid.excitation.criteria import States, regressor_gradient
 from seaid.excitation.flatness import (
     SIGN_WIDTH,
-    Besides,
+    ParallelElements,
     Transmission,
-    besides,
     check_nominal_bodies,
     differentiation,
     load_derivatives,
@@ -36,6 +34,7 @@ from seaid.excitation.flatness import (
     motor_signals,
     motor_signals_gradient,
     motor_speeds,
+    parallel_elements,
     rigid_transmission,
     transmission,
 )
@@ -51,10 +50,10 @@ from seaid.robot import UNITS, Robot, incomplete_group, torques_at_drives
 
 @dataclass(frozen=True, eq=False)
 class DriveBlock:
-    """Columns of one drive: where the parameters `picked` of its regressor stand in the whole.
+    """The columns of one drive: parameters `picked` of its regressor are `columns` of the target.
 
-    Torques of the regressor times `shares` (rows,) are what they are in every row. `acts_beside`:
-    its signals are those of the joint itself, otherwise of the motor and what it turns.
+    `shares` (rows,) are the factors of its torques in every row. `is_parallel`: its signals are
+    those of the joint itself, otherwise of the motor and the output of the drive.
     """
 
     joint: int
@@ -63,7 +62,7 @@ class DriveBlock:
     columns: tuple[int, ...]
     picked: tuple[int, ...]
     sign_width: float
-    acts_beside: bool
+    is_parallel: bool
 
     @property
     def signals(self) -> set[str]:
@@ -74,14 +73,14 @@ class DriveBlock:
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """The stacked regressor that a motion shall make well conditioned, and how it is scaled.
+    """The rows, columns and scaling of the observation matrix that a motion makes well conditioned.
 
-    Columns are the p base columns, then those of the drives in `blocks`; `names` and `units` tell
-    them. Rows at one instant are the known torques `rows`, then the motors of elastic joints;
-    `at_drives` (r, r) makes torques on what the drives turn of those at joints. `needs_load`: drive
-    columns depend on the load's torque, to which `beside` belongs.
-    `row_weights` (rows,) and `column_scale` (columns,) multiply them; `known` (., columns), scaled
-    alike, is the triangular factor of what recorded logs tell already.
+    Columns are the p base columns, then those of the drives in `blocks`, with `names` and `units`.
+    Rows at one instant are the known torques `rows`, then the motors of elastic joints; `at_drives`
+    (r, r) maps torques at joints to torques at drives. `needs_load`: columns of drives depend on
+    the load torque, which includes the `parallel` elements. `row_weights` (rows,) and
+    `column_scale` (columns,) multiply the matrix; `known` (., columns), scaled alike, is the
+    triangular factor of previous logs.
     """
 
     robot: Robot
@@ -91,7 +90,7 @@ class Target:
     names: tuple[str, ...]
     units: tuple[str, ...]
     drives: Transmission
-    beside: Besides
+    parallel: ParallelElements
     needs_load: bool
     at_drives: Array
     row_weights: Array
@@ -99,16 +98,16 @@ class Target:
     known: Array
 
     @property
-    def asked(self) -> str:
-        """How many parameters of what kind, in words."""
+    def description(self) -> str:
+        """Number and kind of the parameters, for messages."""
         return f"{len(self.names)} {'parameters' if self.blocks else 'base parameters'}"
 
 
 def load_target(robot: Robot, torque_joints: Sequence[str] | None, base: BaseParameters) -> Target:
-    """Return the target of the base parameters alone, unscaled, as (16) has it.
+    """Return the target of the base parameters alone, unscaled, as in (16).
 
-    It needs the geometry alone: the robot is kept without parameters and drives. Raises
-    ExcitationError for rows that are some of the joints that drives move together.
+    Its robot has geometry alone, without parameters and drives. Raises ExcitationError if
+    `torque_joints` names some but not all of the joints that drives move together.
     """
     group = incomplete_group(robot.joint_names, robot.transmission, robot.rows(torque_joints))
     if group:
@@ -127,7 +126,7 @@ def load_target(robot: Robot, torque_joints: Sequence[str] | None, base: BasePar
         names=base.expressions,
         units=tuple(UNITS[column % 10] for column in base.columns),
         drives=rigid_transmission(bare),
-        beside=(),
+        parallel=(),
         needs_load=False,
         at_drives=np.eye(len(known)),
         row_weights=np.ones(len(known)),
@@ -141,9 +140,9 @@ def drive_target(
 ) -> Target:
     """Return the target of base parameters and drives: friction, stiffness, rotor inertia.
 
-    `top_speed` (n,) [rad/s or m/s] sets where Coulomb friction turns. A motor's speed and its
-    spring's deflection follow from the nominal model; raises ExcitationError where an elastic drive
-    or a body has none, and where a column is a slope near a value that is not given.
+    `top_speed` (n,) [rad/s or m/s] scales the speed width of Coulomb friction. Motor speed and
+    deflection follow from the nominal model; raises ExcitationError if an elastic drive or a body
+    lacks nominal values, or a column linearised about a nominal value that is missing.
     """
     known, drives = robot.rows(torque_joints), transmission(robot)
     parts = _drive_blocks(robot, drives, known, top_speed)
@@ -152,9 +151,11 @@ def drive_target(
     blocks = []
     for block in parts:
         joint, regressor = robot.joint_names[block.joint], block.regressor
-        told = {name for owner, name, _ in model.drives if owner == joint}
+        in_load_model = {name for owner, name, _ in model.drives if owner == joint}
         in_motor_row = np.any(block.shares[len(known) :])
-        picked = [i for i, name in enumerate(regressor.names) if in_motor_row or name in told]
+        picked = [
+            i for i, name in enumerate(regressor.names) if in_motor_row or name in in_load_model
+        ]
         columns = tuple(range(len(names), len(names) + len(picked)))
         blocks.append(replace(block, columns=columns, picked=tuple(picked)))
         names += [f"{regressor.names[i]} of {joint}" for i in picked]
@@ -169,7 +170,7 @@ def drive_target(
         names=tuple(names),
         units=tuple(units),
         drives=drives,
-        beside=besides(robot, top_speed, robot.joint_names) if needs_load else (),
+        parallel=parallel_elements(robot, top_speed, robot.joint_names) if needs_load else (),
         needs_load=needs_load,
         at_drives=torque_map(robot)[np.ix_(plain.rows, plain.rows)],
         row_weights=np.ones(len(known) + len(robot.elastic_joints)),
@@ -181,7 +182,7 @@ def drive_target(
 def _drive_blocks(
     robot: Robot, drives: Transmission, known: Sequence[str], top_speed: Array
 ) -> list[DriveBlock]:
-    """Return what drives, and what acts beside them, bring to the rows; nothing picked yet."""
+    """Return the blocks of drives and of elements parallel to them, without `picked` columns."""
     load_rows = [robot.index(joint) for joint in known]
     motors = SIGN_WIDTH * motor_speeds(drives, top_speed)
     blocks = []
@@ -192,18 +193,18 @@ def _drive_blocks(
         elif joint in known:
             shares[known.index(joint)] = drives.ratio[index]
         if np.any(shares):
-            columns = _valued(joint, motor_regressor(robot, joint))
+            columns = _smooth_columns(joint, motor_regressor(robot, joint))
             blocks.append(DriveBlock(index, shares, columns, (), (), motors[index], False))
         if joint_term_parameters(robot.drives[joint]):
             shares = np.zeros(len(shares))
             shares[: len(known)] = torque_map(robot)[load_rows, index]
-            columns, width = _valued(joint, joint_regressor(robot, joint)), top_speed[index]
+            columns, width = _smooth_columns(joint, joint_regressor(robot, joint)), top_speed[index]
             blocks.append(DriveBlock(index, shares, columns, (), (), SIGN_WIDTH * width, True))
     return blocks
 
 
-def _valued(joint: str, regressor: DriveRegressor) -> SmoothColumns:
-    """Return smooth columns. Raises ExcitationError where a value is missing for them."""
+def _smooth_columns(joint: str, regressor: DriveRegressor) -> SmoothColumns:
+    """Return smooth columns. Raises ExcitationError if they need a value that is missing."""
     columns = smooth_columns(regressor)
     if columns.missing:
         raise missing_value(joint, columns.missing[0])
@@ -211,22 +212,22 @@ def _valued(joint: str, regressor: DriveRegressor) -> SmoothColumns:
 
 
 def torque_map(robot: Robot) -> Array:
-    """Return the matrix (n, n) that makes torques on what the drives turn of those at joints."""
+    """Return the matrix (n, n) from torques at joints to torques at drives."""
     return torques_at_drives(robot.transmission, np.eye(robot.n)).T
 
 
 READINGS_HZ = 1000.0
-"""Readings of torque a second, with independent errors, for which standard errors are stated."""
+"""Rate of the torque readings with independent errors for which standard errors are stated."""
 
 
 def stacked_regressor(target: Target, time: Array, states: States) -> Array:
-    """Return the weighted and scaled regressor (T rows, columns) of a motion, (15).
+    """Return the weighted and scaled observation matrix (T rows, columns) of a motion, (15).
 
     `time` (T,) is equally spaced.
     """
     H = np.zeros((len(time), len(target.row_weights), len(target.names)))
     Y = rigid_body_regressor(target.robot, *states)[:, list(target.rows)]
-    H[:, : len(target.rows), : len(target.base_columns)] = _mapped(
+    H[:, : len(target.rows), : len(target.base_columns)] = _transformed(
         target.at_drives, Y[:, :, list(target.base_columns)]
     )
     for block, (columns, _) in _drive_columns(target, time, states)[0]:
@@ -236,41 +237,41 @@ def stacked_regressor(target: Target, time: Array, states: States) -> Array:
 
 
 def regressor_pull_back(target: Target, time: Array, states: States, G: Array) -> States:
-    """Return the gradient by q, v and a, each (T, n), of a function whose gradient by H is G."""
+    """Return the gradient by q, v and a, each (T, n), of a function with gradient G by H."""
     G = G.reshape(len(time), len(target.row_weights), -1)
     G = G * _weights(target, time) * target.column_scale
     robot, r = target.robot, len(target.rows)
     weights = np.zeros((len(time), r, 10 * robot.n))
-    weights[:, :, list(target.base_columns)] = _mapped(
+    weights[:, :, list(target.base_columns)] = _transformed(
         target.at_drives.T, G[:, :r, : len(target.base_columns)]
     )
     gradient = np.stack(regressor_gradient(robot, states, target.rows, weights))
     by_signal, by_joint = np.zeros((2, len(SMOOTH_SIGNALS), len(time), robot.n))
-    blocks, through = _drive_columns(target, time, states)
+    blocks, drive_torque = _drive_columns(target, time, states)
     for block, (_, slopes) in blocks:
         by_column = np.einsum("r,trp->tp", block.shares, G[:, :, list(block.columns)])
-        felt = by_joint if block.acts_beside else by_signal
+        felt = by_joint if block.is_parallel else by_signal
         felt[:, :, block.joint] += np.einsum("tp,tps->st", by_column, slopes)
     if not blocks:
         return gradient[0], gradient[1], gradient[2]
     by_state, by_torque = motor_signals_gradient(
-        target.drives, by_signal, through, differentiation(time)
+        target.drives, by_signal, drive_torque, differentiation(time)
     )
     gradient += by_state + by_joint[3:6]
     if target.needs_load:
-        tables = load_derivatives(robot, target.beside, states)
-        by_torque = _mapped(torque_map(robot).T, by_torque[:, :, None])[:, :, 0]
+        tables = load_derivatives(robot, target.parallel, states)
+        by_torque = _transformed(torque_map(robot).T, by_torque[:, :, None])[:, :, 0]
         gradient += np.einsum("ti,xtij->xtj", by_torque, tables)
     return gradient[0], gradient[1], gradient[2]
 
 
-def _mapped(matrix: Array, rows: Array) -> Array:
-    """Return rows (T, r, p) mapped by a matrix (r, r); bit by bit what they are by the identity."""
+def _transformed(matrix: Array, rows: Array) -> Array:
+    """Return matrix (r, r) @ rows (T, r, p); for the identity without rounding."""
     return rows if np.array_equal(matrix, np.eye(len(matrix))) else np.asarray(matrix @ rows)
 
 
 def _weights(target: Target, time: Array) -> Array:
-    """Return the weights (T, rows, 1): a row stands for the readings around it."""
+    """Return the weights (T, rows, 1): each row represents all readings around its instant."""
     step = (time[-1] - time[0]) / max(len(time) - 1, 1)
     readings = np.full(len(time), READINGS_HZ * step)
     readings[[0, -1]] *= 0.5
@@ -280,22 +281,22 @@ def _weights(target: Target, time: Array) -> Array:
 def _drive_columns(
     target: Target, time: Array, states: States
 ) -> tuple[list[tuple[DriveBlock, tuple[Array, Array]]], Array]:
-    """Return each drive's picked columns (T, p) and their slopes (T, p, 7); torques on drives."""
-    through = np.zeros_like(states[0])
+    """Return each drive's picked columns (T, p) with slopes (T, p, 7), and the drive torques."""
+    drive_torque = np.zeros_like(states[0])
     if not target.blocks:
-        return [], through
+        return [], drive_torque
     if target.needs_load:
-        torque = load_torques(target.robot, target.beside, states)
-        through = torques_at_drives(target.drives.matrix, torque)
-    signals = motor_signals(target.drives, states, through, differentiation(time))
+        torque = load_torques(target.robot, target.parallel, states)
+        drive_torque = torques_at_drives(target.drives.matrix, torque)
+    signals = motor_signals(target.drives, states, drive_torque, differentiation(time))
     own = signals.copy()
     own[3:6] = states
     found = []
     for block in target.blocks:
-        seen = (own if block.acts_beside else signals)[:, :, block.joint]
+        seen = (own if block.is_parallel else signals)[:, :, block.joint]
         columns, slopes = block.regressor.evaluate(
             dict(zip(SMOOTH_SIGNALS, seen, strict=True)), block.sign_width
         )
         picked = list(block.picked)
         found.append((block, (columns[:, picked], slopes[:, picked])))
-    return found, through
+    return found, drive_torque

@@ -1,11 +1,4 @@
-"""The limits of a planning problem as SLSQP takes them.
-
-The planning problem (16)-(19) over free variables x: its value, its gradient, its limits.
-
-How far a planned motion stays from its limits, looked at more closely than the search did.
-
-How the rows and columns of a criterion are scaled, and what recorded logs tell already.
-"""
+"""The planning problem (16)-(19) over free variables x: value, gradient, limits and scaling."""
 
 from __future__ import annotations
 
@@ -24,7 +17,7 @@ from seaid.excitation.criteria import (
     Criterion,
     States,
     criterion_named,
-    tells_all,
+    has_full_rank,
     triangular_factor,
 )
 from seaid.excitation.flatness import check_nominal_bodies
@@ -44,8 +37,8 @@ from seaid.log import Log, reconstruct_motion, row_samples
 from seaid.regressor import BaseParameters
 from seaid.robot import Robot
 
-AIM = 0.97
-"""The search keeps to this part of the limits that it sees at instants only."""
+TARGET_USE = 0.97
+"""Share of a limit, evaluated at instants only, that the search may use."""
 
 _SAFE = 0.985
 _SCENE_REACH_M = 0.1
@@ -57,9 +50,9 @@ _BISECTIONS = 14
 class Problem:
     """Minimise a criterion over x (n k,), within limits.
 
-    Coefficients are those of `space`; `maps` (3) of (T, k) give position, velocity and acceleration
-    at `time` (T,) for joints of unit range, `home` (3, T, n) those at x = 0. Joint j keeps its
-    linear limits at every instant where |rows[j] x_j + offset[j]| <= 1; `rows` (n, g, c, k).
+    `maps`, 3 of (T, k), give position, velocity and acceleration at `time` (T,) for joints of unit
+    range, `start_states` (3, T, n) those at x = 0. Joint j keeps its linear limits at every instant
+    if |rows[j] x_j + offset[j]| <= 1; `rows` are (n, g, c, k).
     """
 
     target: Target
@@ -67,7 +60,7 @@ class Problem:
     space: MotionSpace
     time: Array
     maps: tuple[Array, Array, Array]
-    home: Array
+    start_states: Array
     half_range: Array
     rows: Array
     offset: Array
@@ -76,12 +69,12 @@ class Problem:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Number of joints and of free variables a joint."""
+        """Number of joints and of free variables per joint."""
         return self.rows.shape[0], self.rows.shape[3]
 
     @property
     def measure(self) -> Criterion:
-        """The criterion by its name."""
+        """The criterion of that name."""
         return criterion_named(self.criterion)
 
 
@@ -94,28 +87,28 @@ def make_problem(
     drives: DriveLimits | None,
     scene: Scene | None,
 ) -> Problem:
-    """Return the problem that looks at so many equally spaced instants."""
+    """Return the problem with a number of equally spaced instants."""
     rows, offset = limit_rows(space, limits)
-    time, maps, home = _at_instants(space, samples)
+    time, maps, start_states = _at_instants(space, samples)
     half_range = limits.half_range
     return Problem(
-        target, criterion, space, time, maps, home, half_range, rows, offset, drives, scene
+        target, criterion, space, time, maps, start_states, half_range, rows, offset, drives, scene
     )
 
 
-def seen_at(problem: Problem, samples: int) -> Problem:
-    """Return the problem looking at another number of instants."""
-    time, maps, home = _at_instants(problem.space, samples)
-    return replace(problem, time=time, maps=maps, home=home)
+def with_instants(problem: Problem, samples: int) -> Problem:
+    """Return the problem with another number of instants."""
+    time, maps, start_states = _at_instants(problem.space, samples)
+    return replace(problem, time=time, maps=maps, start_states=start_states)
 
 
-def counted_from(problem: Problem, x: Array) -> Problem:
-    """Return the problem with the motion x as its home."""
+def recentred(problem: Problem, x: Array) -> Problem:
+    """Return the problem with the motion x as its origin."""
     joints = x.reshape(problem.shape)
     return replace(
         problem,
-        space=replace(problem.space, home=problem.space.coefficients(x)),
-        home=np.stack(states_of(problem, x)),
+        space=replace(problem.space, feasible_start=problem.space.coefficients(x)),
+        start_states=np.stack(states_of(problem, x)),
         offset=problem.offset + np.einsum("jgck,jk->jgc", problem.rows, joints),
     )
 
@@ -126,33 +119,35 @@ def _at_instants(
     time = np.linspace(0.0, space.basis.duration, samples)
     position, velocity, acceleration = space.basis.matrices(time)
     maps = (position @ space.free, velocity @ space.free, acceleration @ space.free)
-    home = np.stack([matrix @ space.home for matrix in (position, velocity, acceleration)])
-    return time, maps, home
+    start_states = np.stack(
+        [matrix @ space.feasible_start for matrix in (position, velocity, acceleration)]
+    )
+    return time, maps, start_states
 
 
 def states_of(problem: Problem, x: Array) -> States:
     """Return q, v and a of x, each (T, n)."""
     joints = x.reshape(problem.shape).T
     q, v, a = (
-        home + problem.half_range * (matrix @ joints)
-        for home, matrix in zip(problem.home, problem.maps, strict=True)
+        start_states + problem.half_range * (matrix @ joints)
+        for start_states, matrix in zip(problem.start_states, problem.maps, strict=True)
     )
     return q, v, a
 
 
 def value_of(problem: Problem, x: Array) -> float:
-    """Return the log of the criterion, infinite where the motion does not tell all parameters."""
+    """Return the log of the criterion, infinite if a parameter is unidentifiable."""
     H = stacked_regressor(problem.target, problem.time, states_of(problem, x))
     R = triangular_factor(H, problem.target.known)
-    return problem.measure.log_value(R) if tells_all(R) else np.inf
+    return problem.measure.log_value(R) if has_full_rank(R) else np.inf
 
 
 def value_and_gradient(problem: Problem, x: Array) -> tuple[float, Array]:
-    """Return the smooth criterion and its exact gradient (n k,); infinity has none (zero)."""
+    """Return the smooth criterion and its exact gradient (n k,), zero where it is infinite."""
     states = states_of(problem, x)
     H = stacked_regressor(problem.target, problem.time, states)
     R = triangular_factor(H, problem.target.known)
-    if not tells_all(R):
+    if not has_full_rank(R):
         return np.inf, np.zeros(x.size)
     value, slope = problem.measure.smooth(R)
     gradients = regressor_pull_back(problem.target, problem.time, states, H @ slope)
@@ -161,17 +156,17 @@ def value_and_gradient(problem: Problem, x: Array) -> tuple[float, Array]:
 
 
 def linear_use(problem: Problem, x: Array) -> Array:
-    """Return how much of its linear limits each joint uses on its way from x = 0 (n,): 1 is all."""
+    """Return the share of its linear limits that each joint uses between 0 and x (n,)."""
     used = np.einsum("jgck,jk->jgc", problem.rows, x.reshape(problem.shape))
     room = np.where(used > 0, 1.0 - problem.offset, 1.0 + problem.offset)
     return np.asarray((np.abs(used) / room).max(axis=(1, 2)))
 
 
 def linear_slack(problem: Problem, x: Array) -> tuple[Array, Array]:
-    """Return what each group of rows leaves above and below (2 n g,), and its derivative.
+    """Return the slack of each group of rows above and below (2 n g,), and its derivative.
 
-    A group counts as its largest: a maximum of linear functions has the same feasible set, and its
-    derivative is the row that is largest.
+    The slack of a group is the smallest of its rows: the feasible set is the same, and the
+    derivative is that of the smallest row.
     """
     used = np.einsum("jgck,jk->jgc", problem.rows, x.reshape(problem.shape)) + problem.offset
     highest, lowest = used.argmax(axis=2), used.argmin(axis=2)
@@ -185,16 +180,15 @@ def linear_slack(problem: Problem, x: Array) -> tuple[Array, Array]:
     return slack, gradient.reshape(2 * n * groups, n * k)
 
 
-def is_curved(problem: Problem) -> bool:
-    """Tell whether there are limits that are not linear in x."""
+def has_nonlinear_limits(problem: Problem) -> bool:
+    """Return whether there are limits that are not linear in x."""
     return problem.drive_limits is not None or problem.scene is not None
 
 
-def curved_use(problem: Problem, x: Array) -> tuple[Array, Array]:
-    """Return how much of the limits on drives and distances is used, and its derivative.
+def nonlinear_use(problem: Problem, x: Array) -> tuple[Array, Array]:
+    """Return the used shares (m,) of the limits on drives and distances, and derivatives (m, n k).
 
-    One entry (m,) a limit and ten instants, the largest there: 1 is all of a limit. The derivative
-    is (m, n k).
+    There is one entry per limit and ten instants, the largest there.
     """
     states, parts = states_of(problem, x), []
     if problem.drive_limits is not None:
@@ -207,63 +201,65 @@ def curved_use(problem: Problem, x: Array) -> tuple[Array, Array]:
     )
 
 
-def most_curved_use(problem: Problem, x: Array) -> float:
-    """Return the largest part of a limit on drives or distances that is used; 0 without any."""
+def largest_nonlinear_use(problem: Problem, x: Array) -> float:
+    """Return the largest used share of a limit on drives or distances, 0 without any."""
     states, most = states_of(problem, x), 0.0
     if problem.drive_limits is not None:
         loads = np.abs(drive_loads(problem.drive_limits, problem.time, states))
-        most = float(np.max(loads.max(axis=1) / problem.drive_limits.most))
+        most = float(np.max(loads.max(axis=1) / problem.drive_limits.largest))
     if problem.scene is not None:
         closest = _capped(problem.scene, states[0]).min()
         most = max(most, float(_use_of_distance(problem.scene, closest)))
     return most
 
 
-def drawn_inside(problem: Problem, x: Array) -> Array:
-    """Return x, drawn towards zero until no limit is broken.
+def scaled_into_limits(problem: Problem, x: Array) -> Array:
+    """Return x, scaled towards zero until no limit is broken.
 
-    A joint that breaks a linear limit alone; all of them while a drive or a distance breaks one.
+    A linear limit scales its own joint, a limit on a drive or a distance scales all joints.
     """
     joints = x.reshape(problem.shape)
-    return drawn_together(
+    return scaled_into_nonlinear_limits(
         problem, np.ravel(joints / np.maximum(linear_use(problem, x), 1.0)[:, None]), _SAFE
     )
 
 
-def drawn_together(problem: Problem, x: Array, most: float) -> Array:
-    """Return x, drawn towards zero until no drive or distance uses more than `most` of a limit."""
-    if not is_curved(problem) or most_curved_use(problem, x) <= most:
+def scaled_into_nonlinear_limits(problem: Problem, x: Array, most: float) -> Array:
+    """Return x, scaled towards zero until no drive or distance uses more than `most` of a limit."""
+    if not has_nonlinear_limits(problem) or largest_nonlinear_use(problem, x) <= most:
         return x
     inside, outside = 0.0, 1.0
     for _ in range(_BISECTIONS):
         middle = 0.5 * (inside + outside)
-        kept = most_curved_use(problem, middle * x) <= most
+        kept = largest_nonlinear_use(problem, middle * x) <= most
         inside, outside = (middle, outside) if kept else (inside, middle)
     return inside * x
 
 
 def random_start(problem: Problem, rng: np.random.Generator) -> Array:
-    """Return a random x within limits: each joint uses 60 to 95 percent of the linear ones."""
+    """Return a random x within limits that uses 60 to 95 % of each joint's linear ones."""
     joints = rng.normal(size=problem.shape)
     share = rng.uniform(0.6, 0.95, problem.shape[0])
     x = np.ravel(joints * (share / linear_use(problem, joints.ravel()))[:, None])
-    return drawn_inside(problem, x)
+    return scaled_into_limits(problem, x)
 
 
 def _drive_use(problem: Problem, limits: DriveLimits, states: States) -> tuple[Array, Array]:
     loads = drive_loads(limits, problem.time, states)
-    limited = np.argwhere(np.isfinite(limits.most))
+    limited = np.argwhere(np.isfinite(limits.largest))
     starts = np.arange(0, len(problem.time), _INSTANTS)
     kinds, joints = (np.repeat(column, len(starts)) for column in limited.T)
-    used = np.abs(loads[limited[:, 0], :, limited[:, 1]]) / limits.most[tuple(limited.T)][:, None]
+    used = (
+        np.abs(loads[limited[:, 0], :, limited[:, 1]]) / limits.largest[tuple(limited.T)][:, None]
+    )
     instants = np.concatenate(
         [start + used[:, start : start + _INSTANTS].argmax(axis=1)[:, None] for start in starts], 1
     ).ravel()
     picked = (kinds, instants, joints)
     maps = problem.maps
     gradient = drive_load_gradient(limits, problem.time, states, loads, picked, maps)
-    signed = loads[kinds, instants, joints] / limits.most[kinds, joints]
-    factor = np.sign(signed) / limits.most[kinds, joints]
+    signed = loads[kinds, instants, joints] / limits.largest[kinds, joints]
+    factor = np.sign(signed) / limits.largest[kinds, joints]
     return np.abs(signed), gradient * factor[:, None, None] * problem.half_range[:, None]
 
 
@@ -286,20 +282,20 @@ def _capped(scene: Scene, q: Array) -> Array:
 
 
 def _cap(scene: Scene) -> float:
-    """Return the distance beyond which no limit is near: farther pairs need not be looked at."""
+    """Return the distance beyond which pairs need not be evaluated."""
     return scene.clearance_m + _SCENE_REACH_M
 
 
 def _use_of_distance(scene: Scene, distance: Array) -> Array:
-    """Return 1 at the clearance, less where it is farther."""
+    """Return the used share of a distance limit: 1 at the clearance, less beyond it."""
     return 1.0 - (distance - scene.clearance_m) / _SCENE_REACH_M
 
 
-def constraints(problem: Problem, curved: bool = True) -> list[dict[str, Any]]:
-    """Return the limits as SLSQP takes them; the `curved` ones as well where there are any."""
+def constraints(problem: Problem, nonlinear: bool = True) -> list[dict[str, Any]]:
+    """Return the limits as constraints of scipy's SLSQP, with or without the nonlinear ones."""
     functions = [_remembered(lambda x: linear_slack(problem, x))]
-    if curved and is_curved(problem):
-        functions.append(_remembered(lambda x: _curved_slack(problem, x)))
+    if nonlinear and has_nonlinear_limits(problem):
+        functions.append(_remembered(lambda x: _nonlinear_slack(problem, x)))
     return [
         {
             "type": "ineq",
@@ -310,13 +306,13 @@ def constraints(problem: Problem, curved: bool = True) -> list[dict[str, Any]]:
     ]
 
 
-def _curved_slack(problem: Problem, x: Array) -> tuple[Array, Array]:
-    use, gradient = curved_use(problem, x)
-    return AIM - use, -gradient
+def _nonlinear_slack(problem: Problem, x: Array) -> tuple[Array, Array]:
+    use, gradient = nonlinear_use(problem, x)
+    return TARGET_USE - use, -gradient
 
 
 def _remembered(function: Callable[[Array], Any]) -> Callable[[bytes], Any]:
-    """Return a function of x as bytes that keeps its last result: SLSQP asks for it twice."""
+    """Return a function of x as bytes that caches its last results: SLSQP evaluates x twice."""
     return lru_cache(maxsize=2)(lambda x: function(np.frombuffer(x)))
 
 
@@ -324,32 +320,36 @@ _FINER, _MOST_INSTANTS = 8, 2000
 
 
 def motion_within(problem: Problem, x: Array) -> Array:
-    """Return x, drawn towards zero if a limit is broken between the instants of the search."""
-    return drawn_together(_closer(problem), x, 1.0) if is_curved(problem) else x
+    """Return x, scaled towards zero if a limit is broken between the instants of the search."""
+    return (
+        scaled_into_nonlinear_limits(_on_fine_grid(problem), x, 1.0)
+        if has_nonlinear_limits(problem)
+        else x
+    )
 
 
 def all_margins(problem: Problem, x: Array, trajectory: Trajectory, bounds: JointLimits) -> Margins:
-    """Return the margins of the motion x: the linear ones at every instant, the others on a grid.
+    """Return the margins of the motion x: linear ones at every instant, the others on a grid.
 
-    The grid has eight times the instants of the search, 2000 at most.
+    The grid has eight times the instants of the search, at most 2000.
     """
     found = margins(trajectory, bounds)
-    if not is_curved(problem):
+    if not has_nonlinear_limits(problem):
         return found
-    fine = _closer(problem)
+    fine = _on_fine_grid(problem)
     states = states_of(fine, x)
     if fine.drive_limits is not None:
         most = np.abs(drive_loads(fine.drive_limits, fine.time, states)).max(axis=1)
-        left = fine.drive_limits.most - most
+        left = fine.drive_limits.largest - most
         found = replace(found, **dict(zip(DRIVE_KINDS, left, strict=True)))
     if fine.scene is not None:
         found = replace(found, distance_m=float(distances(fine.scene, states[0]).min()))
     return found
 
 
-def _closer(problem: Problem) -> Problem:
+def _on_fine_grid(problem: Problem) -> Problem:
     samples = len(problem.time)
-    return seen_at(problem, min(_FINER * samples, max(_MOST_INSTANTS, samples)))
+    return with_instants(problem, min(_FINER * samples, max(_MOST_INSTANTS, samples)))
 
 
 _REFERENCES = 3
@@ -364,13 +364,13 @@ def scaled_target(
     torque_std: float | Sequence[float] | Mapping[str, float],
     relative: bool,
 ) -> Target:
-    """Return the problem's target with weights of rows and scales of columns.
+    """Return the problem's target with row weights and column scales.
 
-    Rows are divided by `torque_std`. Columns are multiplied by the nominal size of their parameter
-    where the criterion is `relative` (those that have none, as offsets, so much that they do not
-    count). Otherwise base columns stay raw, and each drive column gets the geometric mean norm of
-    the base columns. Norms are those over three random motions within limits, the same for every
-    seed. Raises ExcitationError where a nominal value is missing.
+    Rows are divided by `torque_std`. A `relative` criterion multiplies columns by the nominal size
+    of their parameter; parameters without one, as offsets, get a scale at which they do not affect
+    the criterion. Otherwise base columns stay unscaled, and each drive column gets the geometric
+    mean norm of the base columns. Norms are over three random motions within limits, the same for
+    every seed. Raises ExcitationError if a nominal value is missing.
     """
     std = positive_values(robot, "torque_std", torque_std, np.ones(robot.n))
     motors = [robot.index(joint) for joint in robot.elastic_joints] if problem.target.blocks else []
@@ -383,7 +383,7 @@ def scaled_target(
     norms, p = np.linalg.norm(H, axis=0), len(target.base_columns)
     if np.any(norms == 0):
         lost = target.names[int(np.argmin(norms))]
-        raise ExcitationError(f"no motion within these limits tells the {lost}")
+        raise ExcitationError(f"no motion within these limits identifies the {lost}")
     if relative:
         sizes = _sizes(target, robot, base)
         scale = np.where(np.isnan(sizes), _UNCOUNTED * np.nanmax(sizes * norms) / norms, sizes)
@@ -393,11 +393,10 @@ def scaled_target(
     return replace(target, column_scale=scale)
 
 
-def recorded_factor(target: Target, robot: Robot, logs: Sequence[Log]) -> Array:
-    """Return the triangular factor (., columns) of what recorded logs tell, scaled as the target.
+def previous_logs_factor(target: Target, robot: Robot, logs: Sequence[Log]) -> Array:
+    """Return the triangular factor (., columns) of previous logs, scaled as the target.
 
-    Of the joints' motion in the logs' own pass band; a log that does not fit the robot raises
-    LogError.
+    Each log is filtered at its own cutoff. Raises LogError for a log that does not fit the robot.
     """
     factor = np.empty((0, len(target.names)))
     for log in logs:
@@ -405,7 +404,7 @@ def recorded_factor(target: Target, robot: Robot, logs: Sequence[Log]) -> Array:
         picked = row_samples(motion)
         for start in range(0, len(picked), _BLOCK):
             rows = picked[start : start + _BLOCK]
-            if len(rows) > 5:  # a quintic through its samples needs six
+            if len(rows) > 5:  # an interpolating quintic needs six samples
                 q, v, a = (state[rows] for state in motion.joint_states)
                 H = stacked_regressor(target, motion.time[rows], (q, v, a))
                 factor = triangular_factor(H, factor)
@@ -413,9 +412,9 @@ def recorded_factor(target: Target, robot: Robot, logs: Sequence[Log]) -> Array:
 
 
 def _sizes(target: Target, robot: Robot, base: BaseParameters) -> Array:
-    """Return the nominal size of every parameter (p,), NaN of those that have none.
+    """Return the nominal size of every parameter (p,), NaN for those without.
 
-    That of one that is nearly zero is a tenth of the median of its kind, by unit.
+    It is at least a tenth of the median size of the parameters with the same unit.
     """
     check_nominal_bodies(robot)
     sizes = list(np.abs(base.project(robot.parameters)))

@@ -1,10 +1,9 @@
-"""Ways from rest into a motion whose ends are free, and out of it to rest.
+"""Run-in and run-out: from rest into a motion that starts in motion, and from its end to rest.
 
-Motions that can be run into from rest, and out of to rest, within limits.
-
-A free end may be anywhere, at the end of the range at full speed as well, where nothing stops a
-robot in time. So each end that moves gets a way to rest that hangs on it linearly: the one with the
-least mean square acceleration. Its limits are linear in the motion's own coefficients.
+A motion may start or end anywhere within limits, also at the end of the range at full speed, where
+no run-out can stop the robot in time. `with_run_in` therefore attaches to each moving end the
+run-in of least mean square acceleration, which is linear in the motion's coefficients; so its
+limits are linear inequalities too. `add_run_in` then shortens the run-in of the planned motion.
 """
 
 from __future__ import annotations
@@ -18,13 +17,13 @@ from seaid._arrays import Array, safely
 from seaid.errors import ExcitationError
 from seaid.excitation.basis import Basis, JoinedBasis, make_basis
 from seaid.excitation.boundary import (
-    SAME,
+    ROUNDING,
     EndState,
     MotionSpace,
     end_conditions,
     motion_space,
-    solutions,
-    with_room,
+    null_space,
+    with_interior_start,
 )
 from seaid.excitation.fourier import FourierBasis
 from seaid.excitation.limits import JointLimits, Limits, joint_limits
@@ -36,56 +35,58 @@ _COEFFICIENTS = 12
 
 
 def with_run_in(space: MotionSpace, joint_names: Sequence[str], limits: JointLimits) -> MotionSpace:
-    """Return the space, kept to motions that can be run into from rest and out of to rest.
+    """Return the space restricted to motions with a run-in from rest and a run-out to rest.
 
-    `limit_rows` of what is returned has the limits of the ways too, so `add_run_in` will find one.
-    Ends at rest need none. Raises ExcitationError, naming joint and limit, where given ends leave
-    no way.
+    `limit_rows` of the result includes the limits of the run-ins, so `add_run_in` succeeds. Ends at
+    rest need none. Raises ExcitationError, naming joint and limit, if the given ends admit none.
     """
     tables = space.basis.matrices(np.array([0.0, space.basis.duration]))
-    ways = []
+    run_ins = []
     for which in range(2):
         state = np.array([table[which] for table in tables])
-        speed = state[1:] @ np.column_stack([space.free, space.home])
-        whole = np.linalg.norm(state[1:] @ space.basis.natural, axis=1, keepdims=True)
-        if np.any(np.abs(speed) > SAME * whole):
-            ways.append(_way(state, way_duration(limits), out=bool(which)))
-    found = replace(space, ways=tuple(ways))
+        speed = state[1:] @ np.column_stack([space.free, space.feasible_start])
+        whole = np.linalg.norm(state[1:] @ space.basis.scaling, axis=1, keepdims=True)
+        if np.any(np.abs(speed) > ROUNDING * whole):
+            run_ins.append(_run_in(state, run_in_duration(limits), out=bool(which)))
+    found = replace(space, run_ins=tuple(run_ins))
     middle = np.outer(space.basis.constant, limits.middle)
-    moved = np.any(np.abs(space.home - middle) > SAME * limits.half_range, axis=0)
-    return with_room(found, joint_names, limits, moved)
+    moved = np.any(np.abs(space.feasible_start - middle) > ROUNDING * limits.half_range, axis=0)
+    return with_interior_start(found, joint_names, limits, moved)
 
 
-def way_duration(limits: JointLimits) -> float:
-    """Return how long a way lasts [s]: twice what the slowest joint needs to stop."""
+def run_in_duration(limits: JointLimits) -> float:
+    """Return the duration of a run-in [s]: twice the stopping time of the slowest joint."""
     stopping = np.minimum(
         limits.velocity / limits.acceleration, np.sqrt(limits.half_range / limits.acceleration)
     )
     return 2.0 * float(stopping.max())
 
 
-def way_basis(duration: float) -> SplineBasis:
-    """Return the splines that ways are made of."""
+def run_in_basis(duration: float) -> SplineBasis:
+    """Return the B-spline basis of a run-in."""
     basis = make_basis("bspline", duration, _COEFFICIENTS)
     assert isinstance(basis, SplineBasis)
     return basis
 
 
-def _way(state: Array, duration: float, *, out: bool) -> tuple[Basis, Array]:
-    """Return the basis of a way and its coefficients (L, K) for position, velocity, ... (3, K)."""
-    basis = way_basis(duration)
+def _run_in(state: Array, duration: float, *, out: bool) -> tuple[Basis, Array]:
+    """Return the basis of a run-in and its matrix (L, K) from the motion's coefficients.
+
+    `state` (3, K) maps these to position, velocity and acceleration at the end of the motion.
+    """
+    basis = run_in_basis(duration)
     names = [str(column) for column in range(state.shape[1])]
     moving, rest = EndState(*state), EndState()
-    asked = end_conditions(basis, names, *((moving, rest) if out else (rest, moving)))
-    free, back = solutions(basis, asked)
+    conditions = end_conditions(basis, names, *((moving, rest) if out else (rest, moving)))
+    free, inverse = null_space(basis, conditions)
     time = np.linspace(0.0, duration, 8 * basis.size)
     acceleration = basis.matrices(time)[2] * duration**2
-    some = back @ (asked.values / asked.sizes[:, None])
+    some = inverse @ (conditions.values / conditions.row_norms[:, None])
     least = safely(
         np.linalg.lstsq,
         acceleration @ free,
         -acceleration @ some,
-        what="the way to the start of a motion",
+        what="the run-in of a motion",
         error=ExcitationError,
         rcond=None,
     )[0]
@@ -93,28 +94,48 @@ def _way(state: Array, duration: float, *, out: bool) -> tuple[Basis, Array]:
 
 
 _SHARE = 0.9
-"""How much of each limit a run-in uses, unless the motion itself begins or ends with more."""
+"""Share of each limit that a run-in uses, unless the motion itself starts or ends with more."""
 _GROWTH, _FINEST, _TRIALS = 1.6, 1.2, 6
 _PHASES = 200
 
 State = tuple[Array, Array, Array]
-Piece = tuple[Basis, Array]
+Segment = tuple[Basis, Array]
 
 
 def add_run_in(
     trajectory: Trajectory, robot: Robot, limits: Limits | None = None, *, periods: int = 1
 ) -> Trajectory:
-    """Return a trajectory with a way from rest into it, and out of it to rest.
+    """Add a run-in from rest and a run-out to rest to a trajectory.
 
-    `periods` runs of a motion that ends as it starts follow each other, so that they can be
-    averaged; `main_interval` of what is returned tells from when to when they last. Position,
-    velocity and acceleration are continuous, the ways in and out are short and keep the `limits`
-    (default: the robot's) at every instant; where they rest is up to them. A Fourier series, which
-    may begin anywhere in its period, begins where it is easiest to run in.
+    Position, velocity and acceleration are continuous, and the limits hold at every instant. The
+    postures at rest are free. A Fourier series is shifted in its period to the start that needs the
+    least room.
 
-    Raises ExcitationError for other joints than the robot's, for more than one period of a motion
-    whose ends do not meet, and where there is no way within limits: a motion that starts at the end
-    of its range at full speed cannot be run into. One of a space `with_run_in` always can.
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion, of the joints of the robot.
+    robot : Robot
+    limits : Limits, optional
+        Default: the robot's, see `Limits`.
+    periods : int
+        Number of repetitions of a motion that ends in the state in which it starts, to average.
+
+    Returns
+    -------
+    Trajectory
+        Its `main_interval` [s] is the interval of the given motion and its repetitions.
+
+    Raises
+    ------
+    ExcitationError
+        For joints other than the robot's, for several periods of a motion whose ends do not meet,
+        and if no run-in keeps the limits. A plan with `rest_to_rest=False` always has one.
+
+    Examples
+    --------
+    >>> plan = seaid.design_excitation(robot, 10.0, basis="fourier", rest_to_rest=False)
+    >>> motion = seaid.add_run_in(plan.trajectory, robot, periods=5)
     """
     if trajectory.joint_names != robot.joint_names:
         raise ExcitationError(
@@ -124,13 +145,13 @@ def add_run_in(
     if not (periods >= 1 and periods == int(periods)):
         raise ExcitationError(f"periods must be a whole number of at least 1, found {periods}")
     bounds = joint_limits(robot, limits)
-    main = trajectory if trajectory.rests_at_ends else _easily_begun(trajectory, bounds)
+    main = trajectory if trajectory.rests_at_ends else _with_best_phase(trajectory, bounds)
     start, end = _ends(main)
     if periods > 1:
         _check_meets(main, start, end)
     names = trajectory.joint_names
-    into = [] if main.rests_at_ends else [_piece(names, bounds, start, out=False)]
-    out = [] if main.rests_at_ends else [_piece(names, bounds, end, out=True)]
+    into = [] if main.rests_at_ends else [_shortest_segment(names, bounds, start, out=False)]
+    out = [] if main.rests_at_ends else [_shortest_segment(names, bounds, end, out=True)]
     pieces = [*into, *[(main.basis, main.coefficients)] * int(periods), *out]
     basis = JoinedBasis(tuple(part for part, _ in pieces))
     begins = basis.starts[len(into)]
@@ -160,8 +181,8 @@ def _check_meets(trajectory: Trajectory, start: State, end: State) -> None:
             )
 
 
-def _easily_begun(trajectory: Trajectory, bounds: JointLimits) -> Trajectory:
-    """Return a Fourier series begun where all joints have most room to stop, both ways in time."""
+def _with_best_phase(trajectory: Trajectory, bounds: JointLimits) -> Trajectory:
+    """Return a Fourier series started at the phase at which all joints have most room to stop."""
     basis = trajectory.basis
     if not isinstance(basis, FourierBasis):
         return trajectory
@@ -173,55 +194,57 @@ def _easily_begun(trajectory: Trajectory, bounds: JointLimits) -> Trajectory:
     return replace(trajectory, coefficients=basis.shifted(trajectory.coefficients, easiest))
 
 
-def _piece(names: tuple[str, ...], bounds: JointLimits, state: State, *, out: bool) -> Piece:
-    """Return a short way from rest to a state, or `out` of it to rest.
+def _shortest_segment(
+    names: tuple[str, ...], bounds: JointLimits, state: State, *, out: bool
+) -> Segment:
+    """Return a short segment from rest to a state, or with `out` from the state to rest.
 
-    Too short a way breaks the acceleration limit; too long a one cannot turn fast enough, for its
-    coefficients are few. So durations are tried from what a joint needs to stop, both ways.
+    A segment that is too short breaks the acceleration limit; one that is too long has too few
+    coefficients to turn. So longer and shorter durations than the stopping time are tried in turn.
     """
-    problem: ExcitationError | None = None
+    refusal: ExcitationError | None = None
     for share in (_SHARE, 1.0):
         tightened = _tightened(bounds, state, share)
         for power in sorted(range(-_TRIALS, _TRIALS + 1), key=abs):
-            duration = way_duration(bounds) * _GROWTH**power
+            duration = run_in_duration(bounds) * _GROWTH**power
             try:
-                found = _joined_to(names, tightened, state, duration, out=out)
+                found = _segment(names, tightened, state, duration, out=out)
             except ExcitationError as refused:
-                problem = refused
+                refusal = refused
             else:
                 return _shortened(names, tightened, state, found, out=out)
-    side = "out of its end" if out else "into its start"
+    side = "run-out from its end" if out else "run-in to its start"
     raise ExcitationError(
-        f"there is no way {side} within limits ({problem}); plan the motion with rest at its ends, "
-        "within a narrower range, or with basis='fourier', which can begin anywhere in its period"
+        f"there is no {side} within limits ({refusal}); plan the motion with rest at its ends, "
+        "within a narrower range, or with basis='fourier', which can start anywhere in its period"
     )
 
 
 def _shortened(
-    names: tuple[str, ...], bounds: JointLimits, state: State, piece: Piece, *, out: bool
-) -> Piece:
-    """Return a way that is shorter by steps, which halve, as long as there is one."""
+    names: tuple[str, ...], bounds: JointLimits, state: State, piece: Segment, *, out: bool
+) -> Segment:
+    """Return the segment, shortened by steps that are halved when one fails."""
     step = _GROWTH
     while step > _FINEST:
         try:
-            piece = _joined_to(names, bounds, state, piece[0].duration / step, out=out)
+            piece = _segment(names, bounds, state, piece[0].duration / step, out=out)
         except ExcitationError:
             step = float(np.sqrt(step))
     return piece
 
 
-def _joined_to(
+def _segment(
     names: tuple[str, ...], bounds: JointLimits, state: State, duration: float, *, out: bool
-) -> Piece:
-    """Return a way of one duration. Raises ExcitationError where there is none within bounds."""
-    basis = way_basis(duration)
+) -> Segment:
+    """Return a segment of one duration. Raises ExcitationError if none is within bounds."""
+    basis = run_in_basis(duration)
     moving, rest = EndState(*state), EndState()
     start, end = (moving, rest) if out else (rest, moving)
-    return basis, motion_space(basis, names, bounds, start, end).home
+    return basis, motion_space(basis, names, bounds, start, end).feasible_start
 
 
 def _tightened(bounds: JointLimits, state: State, share: float) -> JointLimits:
-    """Return a share of each limit, or what the state itself uses where that is more."""
+    """Return limits reduced to a share of each, but not below the values of the state itself."""
     q, v, a = state
     half = np.maximum(share * bounds.half_range, np.abs(q - bounds.middle))
     return JointLimits(

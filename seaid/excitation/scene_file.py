@@ -1,4 +1,4 @@
-"""load_scene: which bodies of a URDF, and which keep-out boxes, a motion must keep apart."""
+"""load_scene: the bodies of a URDF and the keep-out boxes that a motion must keep apart."""
 
 from __future__ import annotations
 
@@ -27,18 +27,28 @@ from seaid.robot import Robot
 
 _POSTURES = 500
 _NEARLY_ALWAYS = 0.95
-"""The share of random postures that MoveIt's setup assistant takes for 'always in collision'."""
+"""Share of random postures that MoveIt's setup assistant takes for 'always in collision'."""
 
 _MOST_M = 1e6
-"""Of a keep-out box."""
+"""Largest coordinate and edge of a keep-out box."""
 
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """A box that the robot must keep out of: centre and edge lengths [m] in the base frame.
+    """A box, in the base frame, that the robot must keep out of.
 
-    `rotation_rpy` [rad] turns it about its centre, as a URDF's rpy. Raises ExcitationError for a
-    size that is not more than zero and for values that are not finite.
+    Parameters
+    ----------
+    center, size : array (3,)
+        Centre and edge lengths [m].
+    rotation_rpy : array (3,)
+        Rotation about the centre [rad]: roll, pitch, yaw as in a URDF.
+    name : str
+        Its name in `Scene.pairs` and messages.
+
+    Examples
+    --------
+    >>> table = seaid.Box(center=(0.4, 0.0, -0.05), size=(0.6, 0.8, 0.1), name="table")
     """
 
     center: Sequence[float] | Array
@@ -68,7 +78,7 @@ class Box:
 
     @property
     def shape(self) -> pin.GeometryObject:
-        """The box as Pinocchio's geometry on the base."""
+        """The box as a geometry object of Pinocchio, on the base."""
         box = coal.Box(*map(float, self.size))
         box.computeLocalAABB()
         turned = pin.rpy.rpyToMatrix(*map(float, self.rotation_rpy))
@@ -85,26 +95,53 @@ def load_scene(
     disabled_pairs: Iterable[Pair] = (),
     srdf: str | Path | None = None,
 ) -> Scene:
-    """Return the pairs of bodies of a URDF, and of bodies and boxes, that must not touch.
+    """Load the collision pairs of a robot and its surroundings.
 
-    Watched are the collision geometries of any two bodies but those that one joint connects, and of
-    every body that moves with every box of `keep_out`. Not watched: `disabled_pairs` of link or box
-    names, what `srdf` disables, and bodies closer than `clearance_m` [m] in 95 % of 500 random
-    postures within the robot's limits (a SeaidWarning lists them; they are `Scene.ignored`).
-    Meshes are taken as their convex hulls, which are never smaller: a motion found clear is clear.
-    They are searched in `package_dirs`, the folder of the file and those above it.
+    The pairs are those of any two bodies that no joint connects directly, and of every moving body
+    with every box. Pairs closer than `clearance_m` in 95 % of 500 random postures within the limits
+    are excluded; a SeaidWarning and `Scene.ignored` list them. Meshes are replaced by their convex
+    hulls, which contain them: a motion that keeps the clearance is free of collisions.
 
-    Raises RobotError for another robot's file, meshes that are not found or read, and a broken
-    SRDF; ExcitationError for names that are not there, a file without collision geometry, a box no
-    posture is clear of, and where nothing is left to watch.
+    Parameters
+    ----------
+    urdf : path
+        The file of the robot, with `<collision>` elements.
+    robot : Robot
+    package_dirs : path or sequence of paths
+        Folders to search for meshes, besides the folder of the file and those above it.
+    keep_out : sequence of Box
+        Boxes that the robot must not enter.
+    clearance_m : float
+        Minimum distance of a planned motion [m].
+    disabled_pairs : iterable of (str, str)
+        Pairs of link or box names that are not checked.
+    srdf : path, optional
+        A file of MoveIt whose disabled pairs are not checked either.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    RobotError
+        For the file of another robot, a mesh that is missing or not readable, and an invalid SRDF.
+    ExcitationError
+        For unknown names, a file without collision geometry, a box that no posture avoids, and if
+        no pair remains.
+
+    Examples
+    --------
+    >>> scene = seaid.load_scene("arm.urdf", robot, keep_out=[table], clearance_m=0.02)
+    >>> plan = seaid.design_excitation(robot, 10.0, scene=scene)
     """
     if not (np.isfinite(clearance_m) and clearance_m >= 0):
         raise ExcitationError(f"clearance_m must be zero or more, found {clearance_m}")
     geometry, links = collision_geometry(urdf, robot, package_dirs)
     if not links:
         raise ExcitationError(
-            f"'{urdf}' has no collision geometry: no distance can be told of '{robot.name}', "
-            "neither to itself nor to a box; add <collision> elements to its links"
+            f"'{urdf}' has no collision geometry, so no distance of '{robot.name}' to itself or to "
+            "a box can be computed; add <collision> elements to its links"
         )
     names = _with_boxes(geometry, links, keep_out)
     disabled = {*_checked(disabled_pairs, names), *_disabled_by_srdf(srdf)}
@@ -120,7 +157,7 @@ def load_scene(
     scene = Scene(
         robot.joint_names, robot.model, robot.model_order, geometry, pairs, (), float(clearance_m)
     )
-    return _without_hopeless(scene, robot, {box.name for box in keep_out})
+    return _without_always_close(scene, robot, {box.name for box in keep_out})
 
 
 def _with_boxes(
@@ -131,8 +168,8 @@ def _with_boxes(
     for box in boxes:
         if box.name in names:
             raise ExcitationError(
-                f"keep-out box '{box.name}' has the name of another box or of a link; give it its "
-                "own by Box(..., name=...)"
+                f"keep-out box '{box.name}' has the name of another box or of a link; give it "
+                "another by Box(..., name=...)"
             )
         geometry.addGeometryObject(box.shape)
         names.append(box.name)
@@ -162,7 +199,7 @@ def _checked(pairs: Iterable[Pair], names: Sequence[str]) -> set[frozenset[str]]
 
 
 def _disabled_by_srdf(srdf: str | Path | None) -> set[frozenset[str]]:
-    """Return the pairs of links that an SRDF disables; links it names in vain do no harm."""
+    """Return the pairs of links that an SRDF disables; unknown links are ignored."""
     if srdf is None:
         return set()
     from lxml import etree
@@ -178,10 +215,10 @@ def _disabled_by_srdf(srdf: str | Path | None) -> set[frozenset[str]]:
     }
 
 
-def _without_hopeless(scene: Scene, robot: Robot, boxes: set[str]) -> Scene:
+def _without_always_close(scene: Scene, robot: Robot, boxes: set[str]) -> Scene:
     """Return the scene without pairs that are too close in nearly every posture.
 
-    A box is asked for: that it cannot be kept out of is an error.
+    A box in collision in every posture raises ExcitationError instead.
     """
     close = distances(scene, _postures(robot), cap_m=scene.clearance_m) < scene.clearance_m
     shares = np.mean(close, axis=0)
@@ -189,7 +226,7 @@ def _without_hopeless(scene: Scene, robot: Robot, boxes: set[str]) -> Scene:
         if boxes.intersection(pair) and share == 1.0:
             raise ExcitationError(
                 f"no posture keeps link '{pair[0]}' clear of keep-out box '{pair[1]}' (of "
-                f"{_POSTURES} tried); move the box, or leave the pair out by "
+                f"{_POSTURES} tried); move the box, or exclude the pair by "
                 f"disabled_pairs=[{pair!r}]"
             )
     keep = [
@@ -199,14 +236,15 @@ def _without_hopeless(scene: Scene, robot: Robot, boxes: set[str]) -> Scene:
     ignored = tuple(dict.fromkeys(p for p, kept in zip(scene.pairs, keep, strict=True) if not kept))
     if ignored:
         warnings.warn(
-            f"'{robot.name}': not watched for collision, as closer than {scene.clearance_m:g} m in "
-            f"nearly every posture: {', '.join(' and '.join(pair) for pair in ignored)}",
+            f"'{robot.name}': not checked for collision, because closer than "
+            f"{scene.clearance_m:g} m in nearly every posture: "
+            f"{', '.join(' and '.join(pair) for pair in ignored)}",
             SeaidWarning,
             stacklevel=3,
         )
     if not any(keep):
         raise ExcitationError(
-            f"'{robot.name}' has no two bodies to keep apart: leave the scene out, or give boxes "
+            f"'{robot.name}' has no two bodies to keep apart: plan without a scene, or give boxes "
             "by keep_out=[...]"
         )
     pairs = tuple(pair for pair, kept in zip(scene.pairs, keep, strict=True) if kept)
@@ -219,7 +257,7 @@ def _without_hopeless(scene: Scene, robot: Robot, boxes: set[str]) -> Scene:
 
 
 def _postures(robot: Robot) -> Array:
-    """Return random positions (T, n) within the limits; +-pi (or 1 m) where there are none."""
+    """Return random positions (T, n) within the limits (+-pi or 1 m for an unlimited joint)."""
     some = np.where(robot.is_prismatic, 1.0, np.pi)
     bounded = robot.lower_limits < robot.upper_limits
     lower = np.where(np.isfinite(robot.lower_limits) & bounded, robot.lower_limits, -some)

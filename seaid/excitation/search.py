@@ -1,12 +1,8 @@
-"""Who runs the starts of a search: processes of this machine, unless an executor is given.
+"""The search of design_excitation: SLSQP from a feasible start and many random ones, in processes.
 
-A motion that keeps the limits on drives and distances, for the search to set out from.
-
-The search behind design_excitation: SLSQP from many starts, within limits.
-
-SLSQP (Kraft 1988) because it takes linear inequalities, keeps to them at every step, needs first
-derivatives alone, and comes with scipy. It descends the smooth criterion, for it stalls at the
-kinks of the plain one; which motion is the best is judged by the plain one.
+SLSQP (Kraft 1988) satisfies linear inequalities at every step, needs first derivatives only, and is
+part of scipy. It minimises the smooth criterion, because it stalls at the kinks of the plain one;
+motions are compared by the plain one.
 """
 
 from __future__ import annotations
@@ -28,16 +24,16 @@ from seaid.errors import ExcitationError
 from seaid.excitation.collision import distances
 from seaid.excitation.limits import DRIVE_KINDS, drive_loads
 from seaid.excitation.problem import (
-    AIM,
+    TARGET_USE,
     Problem,
     constraints,
-    counted_from,
-    curved_use,
-    drawn_inside,
-    is_curved,
+    has_nonlinear_limits,
+    largest_nonlinear_use,
     linear_use,
-    most_curved_use,
+    nonlinear_use,
     random_start,
+    recentred,
+    scaled_into_limits,
     states_of,
     value_and_gradient,
     value_of,
@@ -55,12 +51,12 @@ def run_all(
     executor: Executor | None,
     done: Callable[[int, Result], None],
 ) -> tuple[list[Result], bool]:
-    """Return the results of a function for all tasks, in their order, and whether Ctrl-C came.
+    """Return the results of a function for all tasks, in order, and whether Ctrl-C interrupted.
 
-    By the executor, or by processes that stay for the next search; `done` is called with the number
-    and the result of each task. After Ctrl-C the results are those that were handed in. A process
-    of ours that dies takes the tasks of all with it: they are given to new processes, once. Raises
-    ExcitationError where that does not help, or an executor of the user's breaks.
+    The tasks run by the executor, or by processes that remain for the next search; `done` is called
+    with the number and result of each. After Ctrl-C the results are those of finished tasks. If a
+    process of the library dies, the remaining tasks are repeated once in new processes. Raises
+    ExcitationError if that fails as well, or if an executor of the user breaks.
     """
     results: list[Result] = []
     attempts = 2 if executor is None else 1
@@ -75,7 +71,7 @@ def run_all(
                     results.append(future.result())
                     done(len(results), results[-1])
             except KeyboardInterrupt:
-                return results + _handed_in(futures[len(results) - before :]), True
+                return results + _finished_results(futures[len(results) - before :]), True
             return results, False
         except BrokenExecutor as problem:
             if attempts:
@@ -88,10 +84,10 @@ def run_all(
 
 
 def _processes(tasks: int) -> Executor:
-    """Return processes that stay for the next search and end with this one.
+    """Return processes that remain for the next search and end with this process.
 
-    They are loky's, which need no `if __name__ == "__main__"` in a user's script, as those of
-    concurrent.futures do; one a task, at most one a core, with one thread each.
+    They are those of loky, which unlike concurrent.futures need no `if __name__ == "__main__"` in
+    the user's script; one per task, at most one per core, with one thread each.
     """
     from loky import cpu_count, get_reusable_executor
 
@@ -99,14 +95,14 @@ def _processes(tasks: int) -> Executor:
         max_workers=min(tasks, cpu_count()),
         timeout=_IDLE_SECONDS,
         env=_ONE_THREAD,
-        initializer=_end_with,
+        initializer=_exit_with_parent,
         initargs=(os.getpid(),),
     )
     return executor
 
 
-def _end_with(parent: int) -> None:
-    """End this process soon after its parent, which may be killed and then says nothing."""
+def _exit_with_parent(parent: int) -> None:
+    """End this process soon after its parent, which may be killed without notice."""
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -116,8 +112,8 @@ def _end_with(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _handed_in(futures: Sequence[Future[Result]]) -> list[Result]:
-    """Return what workers, interrupted as well, still hand in."""
+def _finished_results(futures: Sequence[Future[Result]]) -> list[Result]:
+    """Return the results of the tasks that finish after an interrupt."""
     found = []
     for future in futures:
         future.cancel()
@@ -133,18 +129,18 @@ _UNITS = {"joint_torque": "N m (or N)", "motor_torque": "N m", "motor_speed": "r
 
 
 class _FoundError(Exception):
-    """The way out of SLSQP once a motion is well within the limits."""
+    """Stops SLSQP once a motion is well within the limits."""
 
 
-def with_feasible_home(problem: Problem, seed: int) -> Problem:
-    """Return the problem counted from a motion that keeps all limits.
+def with_feasible_start(problem: Problem, seed: int) -> Problem:
+    """Return the problem with a motion within all limits as its origin.
 
-    That is its own home, unless a drive or a distance breaks a limit there: then the one that uses
-    least of them, by SLSQP within the linear limits from a few starts. Raises ExcitationError,
-    naming the joint or the links and the limit, where none is found.
+    If a drive or a distance breaks a limit at the present origin, SLSQP minimises the used share of
+    these limits within the linear ones, from a few starts. Raises ExcitationError, naming joint or
+    links and the limit, if no such motion is found.
     """
     nothing = np.zeros(np.prod(problem.shape))
-    if not is_curved(problem) or most_curved_use(problem, nothing) <= AIM:
+    if not has_nonlinear_limits(problem) or largest_nonlinear_use(problem, nothing) <= TARGET_USE:
         return problem
     rng = np.random.default_rng(seed)
     tried = [nothing]
@@ -154,13 +150,13 @@ def with_feasible_home(problem: Problem, seed: int) -> Problem:
             joints = rng.normal(size=problem.shape)
             x = 0.8 * np.ravel(joints / linear_use(problem, joints.ravel())[:, None])
         tried.append(_least_use(problem, x))
-        if most_curved_use(problem, tried[-1]) <= AIM:
-            return counted_from(problem, tried[-1])
-    raise _impossible(problem, min(tried, key=lambda x: most_curved_use(problem, x)))
+        if largest_nonlinear_use(problem, tried[-1]) <= TARGET_USE:
+            return recentred(problem, tried[-1])
+    raise _infeasible(problem, min(tried, key=lambda x: largest_nonlinear_use(problem, x)))
 
 
 def _least_use(problem: Problem, start: Array) -> Array:
-    """Return the x that SLSQP finds to use least of the limits, pulled inside the linear ones."""
+    """Return an x within the linear limits that minimises the used share of the others."""
     from scipy.optimize import minimize
 
     found = start
@@ -168,11 +164,11 @@ def _least_use(problem: Problem, start: Array) -> Array:
     def watch(x: Array) -> None:
         nonlocal found
         found = x / max(1.0, float(linear_use(problem, x).max()) * (1 + 1e-6))
-        if most_curved_use(problem, found) < _ENOUGH:
+        if largest_nonlinear_use(problem, found) < _ENOUGH:
             raise _FoundError
 
     def objective(x: Array) -> tuple[float, Array]:
-        use, gradient = curved_use(problem, x)
+        use, gradient = nonlinear_use(problem, x)
         shares = np.exp(_SHARPNESS * (use - use.max()))
         value = float(use.max()) + np.log(shares.sum()) / _SHARPNESS
         return value, gradient.T @ (shares / shares.sum())
@@ -183,28 +179,28 @@ def _least_use(problem: Problem, start: Array) -> Array:
             start,
             jac=True,
             method="SLSQP",
-            constraints=constraints(problem, curved=False),
+            constraints=constraints(problem, nonlinear=False),
             options={"maxiter": _ITERATIONS},
             callback=watch,
         )
     return found
 
 
-def _impossible(problem: Problem, x: Array) -> ExcitationError:
-    """Name what breaks its limit most at the best motion found."""
+def _infeasible(problem: Problem, x: Array) -> ExcitationError:
+    """Return the error that names the most broken limit of the best motion found."""
     states, worst, words = states_of(problem, x), 0.0, ""
     if problem.drive_limits is not None:
         limits = problem.drive_limits
         loads = np.abs(drive_loads(limits, problem.time, states)).max(axis=1)
-        kind, joint = np.unravel_index(np.argmax(loads / limits.most), loads.shape)
-        worst, name = float(loads[kind, joint] / limits.most[kind, joint]), DRIVE_KINDS[kind]
+        kind, joint = np.unravel_index(np.argmax(loads / limits.largest), loads.shape)
+        worst, name = float(loads[kind, joint] / limits.largest[kind, joint]), DRIVE_KINDS[kind]
         owner = limits.robot.joint_names[joint]
         unit = _UNITS.get(name, "rad (or m)")
         words = (
             f"keeps joint '{owner}' within its {name.replace('_', ' ')} limit, "
-            f"{limits.most[kind, joint]:.4g} {unit}: the best needs {loads[kind, joint]:.4g}. Give "
-            f"more by Limits({name}={{'{owner}': ...}}) (math.inf: not limited), a smaller range "
-            "or a longer duration"
+            f"{limits.largest[kind, joint]:.4g} {unit}: the best needs {loads[kind, joint]:.4g}. "
+            f"Give more by Limits({name}={{'{owner}': ...}}) (math.inf: not limited), a smaller "
+            "range or a longer duration"
         )
     if problem.scene is not None:
         far = distances(problem.scene, states[0])
@@ -224,7 +220,7 @@ _HOPELESS = 100.0
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Where a search ended: log of the criterion and x within limits; `early` says why it ended."""
+    """Result of a search: log of the criterion, x within limits, reason of an `early` stop."""
 
     value: float
     x: Array
@@ -233,7 +229,7 @@ class Outcome:
 
 
 class _StallError(Exception):
-    """The way out of SLSQP once it gains no more."""
+    """Stops SLSQP once the criterion no longer decreases."""
 
 
 def search(
@@ -245,11 +241,10 @@ def search(
     executor: Executor | None = None,
     progress: bool = False,
 ) -> tuple[Outcome, Array]:
-    """Search from random starts, a third of the iterations each, then on from the best of them.
+    """Search from random starts, a third of the iterations each, then continue from the best.
 
     Also return the best of the starts themselves. Ties go to the first start, so the result does
-    not depend on who computes it, nor in which order. Raises ExcitationError where no start tells
-    all parameters.
+    not depend on the executor. Raises ExcitationError if no start identifies all parameters.
     """
     seeds = np.random.SeedSequence(seed).spawn(starts)
     begins = [random_start(problem, np.random.default_rng(one)) for one in seeds]
@@ -257,7 +252,7 @@ def search(
     begin = min(outcomes, key=lambda outcome: outcome.value)
     if not np.isfinite(begin.value):
         raise ExcitationError(
-            f"no motion of this kind tells all {problem.target.asked}: condition number "
+            f"no motion of this kind identifies all {problem.target.description}: condition number "
             "infinite; give more coefficients, more samples or wider limits"
         )
     first = -(-iterations // 3) if starts > 1 else 0
@@ -274,7 +269,7 @@ def search(
 def optimise(
     problem: Problem, start: Array, iterations: int, report: Report | None = None
 ) -> Outcome:
-    """Run SLSQP from one start; never worse than it. Other processes can be asked for this."""
+    """Return the best motion of SLSQP from one start, which is never worse than the start."""
     from scipy.optimize import minimize
 
     best = Outcome(value_of(problem, start), start)
@@ -282,7 +277,7 @@ def optimise(
 
     def watch(x: Array) -> None:
         nonlocal best
-        inside = drawn_inside(problem, x)
+        inside = scaled_into_limits(problem, x)
         value = value_of(problem, inside)
         if value < best.value:
             best = Outcome(value, inside)
@@ -307,19 +302,23 @@ def optimise(
     except KeyboardInterrupt:
         return replace(best, early="interrupted", interrupted=True)
     if result.status == 9 and _gain(history) > _STILL_FALLING:
-        return replace(best, early=f"after {iterations} iterations it still fell; give more")
+        early = (
+            f"stopped at the iteration limit ({iterations}) while the criterion was still "
+            "decreasing; raise iterations"
+        )
+        return replace(best, early=early)
     if result.status in (0, 8, 9):  # 8: no descent at a kink, where two singular values meet
         return best
     return replace(best, early=f"SLSQP: {result.message}")
 
 
 def _finite(value: float, gradient: Array) -> tuple[float, Array]:
-    """Return a value that SLSQP goes back from where a trial step tells nothing."""
+    """Return a large value in place of infinity, from which the line search of SLSQP retreats."""
     return (value, gradient) if np.isfinite(value) else (_HOPELESS, gradient)
 
 
 def _gain(history: Sequence[float]) -> float:
-    """Return what the last iterations gained in the log of the criterion."""
+    """Return the decrease of the log of the criterion over the last iterations."""
     return history[-_STALL_ITERATIONS] - history[-1] if len(history) > _STALL_ITERATIONS else np.inf
 
 
@@ -330,7 +329,7 @@ def _map_starts(
     executor: Executor | None,
     report: Report,
 ) -> list[Outcome]:
-    """Optimise from every start, by the executor; an interrupted outcome comes last."""
+    """Optimise from every start, by the executor; after an interrupt the last outcome says so."""
     outcomes, interrupted = run_all(
         optimise,
         [(problem, x, iterations) for x in begins],

@@ -12,17 +12,21 @@ from seaid.errors import ExcitationError, shown
 
 _MOST_DEGREE = 100
 _LEAST_SPAN = 1e-12
-"""Of the duration: knots nearer than that are one place, but for rounding."""
+"""Relative to the duration: knots closer than this differ by rounding error only."""
 
 
 @dataclass(frozen=True, eq=False)
 class SplineBasis:
-    """Clamped B-splines of one `degree` on `knots` (K + degree + 1,) [s], from 0 to the duration.
+    """Clamped B-splines over [0, duration]; the K coefficients of a joint are control points.
 
-    Position, velocity and acceleration of a joint are matrices of this basis times its K
-    coefficients, the control points [rad or m]. Raises ExcitationError for knots that are not
-    clamped, not in order, nearer than 1e-12 of the duration, or too many at one place for a
-    continuous acceleration.
+    Parameters
+    ----------
+    degree : int
+        From 3 to 100.
+    knots : array (K + degree + 1,)
+        Rising times [s], the first and the last repeated degree + 1 times. Raises ExcitationError
+        for knots that are not clamped, not in order, closer than 1e-12 of the duration, or
+        repeated so often that the acceleration jumps.
     """
 
     degree: int
@@ -58,8 +62,8 @@ class SplineBasis:
             )
         if np.unique(inside, return_counts=True)[1].max(initial=0) > self.degree - 2:
             raise ExcitationError(
-                f"a knot of degree {self.degree} stands more than {self.degree - 2} times at one "
-                "place: the acceleration would jump there"
+                f"a knot of degree {self.degree} is repeated more than {self.degree - 2} times: "
+                "the acceleration would jump there"
             )
 
     @property
@@ -69,7 +73,7 @@ class SplineBasis:
 
     @property
     def size(self) -> int:
-        """Number of coefficients a joint, K."""
+        """Number of coefficients per joint, K."""
         return len(self.knots) - self.degree - 1
 
     @property
@@ -98,20 +102,21 @@ class SplineBasis:
         return np.ones(self.size)
 
     @property
-    def natural(self) -> Array:
-        """The matrix (K, K) from variables of like size to coefficients: the identity."""
+    def scaling(self) -> Array:
+        """The matrix (K, K) from variables to coefficients: the identity."""
         return np.eye(self.size)
 
     def hull(self, order: int, density: int) -> Array:
         """Return the matrix (C, K) to control points of the derivative of `order` (0, 1, 2).
 
-        The derivative lies between the least and the greatest control point at every instant
-        (convex hull property). The spans between knots are cut first, into about `density` pieces a
-        coefficient: the more, the closer the control points lie to the curve (quadratically).
+        The derivative lies between its least and greatest control points at every instant (convex
+        hull property). Inserting knots, about `density` per coefficient, brings the control points
+        closer to the curve, quadratically in their number.
         """
         pieces = max(1, -(-density * self.size // self.spans))
         matrix, knots = np.eye(self.size), np.asarray(self.knots)
         for degree in range(self.degree, self.degree - order, -1):
+            # control points of the derivative: p (c[i+1] - c[i]) / (t[i+p+1] - t[i+1])
             spans = knots[degree + 1 : -1] - knots[1 : -degree - 1]
             matrix = degree * np.diff(matrix, axis=0) / spans[:, None]
             knots = knots[1:-1]
@@ -121,12 +126,12 @@ class SplineBasis:
         return _refinement(knots, finer, self.degree - order) @ matrix
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what a JSON file keeps of the basis."""
+        """Return the basis as JSON content."""
         return {"type": "spline", "degree": self.degree, "knots": self.knots.tolist()}
 
 
 def bernstein_from_powers(powers: Array, duration: float) -> Array:
-    """Return Bernstein coefficients (d+1, n) over [0, duration] of the a_i (d+1, n) of (18)."""
+    """Return Bernstein coefficients (d+1, n) over [0, duration] of powers a_i (d+1, n) of (18)."""
     from scipy.special import comb
 
     count = len(powers)
@@ -138,8 +143,8 @@ def bernstein_from_powers(powers: Array, duration: float) -> Array:
 def _refinement(knots: Array, finer: Array, degree: int) -> Array:
     """Return the matrix from control points to those of the same curve on finer knots.
 
-    The Oslo algorithm (Cohen, Lyche and Riesenfeld 1980): control point i of the finer curve is its
-    polar form at the knots i+1 .. i+degree, by de Boor's recursion.
+    Oslo algorithm (Cohen, Lyche and Riesenfeld 1980): control point i of the finer curve is the
+    polar form at its knots s[i+1] .. s[i+degree], by the recursion of de Boor.
     """
     index = np.arange(len(finer) - degree - 1)
     middle = finer[index + (degree + 1) // 2]
@@ -149,6 +154,7 @@ def _refinement(knots: Array, finer: Array, degree: int) -> Array:
     for level in range(1, degree + 1):
         left = span[:, None] + np.arange(level - degree, 1)
         low, high = knots[left], knots[left + degree + 1 - level]
+        # d[j] <- (1 - w) d[j-1] + w d[j],  w = (s[i+level] - t[j]) / (t[j+degree+1-level] - t[j])
         share = ((finer[index + level, None] - low) / (high - low))[:, :, None]
         points[:, level:] = (1.0 - share) * points[:, level - 1 : -1] + share * points[:, level:]
     return np.asarray(points[:, degree])

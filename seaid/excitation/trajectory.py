@@ -1,7 +1,4 @@
-"""Trajectory: a planned motion as a function of time, and its files.
-
-Planned motions as messages trajectory_msgs/msg/JointTrajectory, which ROS 2 controllers take.
-"""
+"""Trajectory: a planned motion as a function of time, its files and its ROS 2 message."""
 
 from __future__ import annotations
 
@@ -25,14 +22,14 @@ _NANO = 10**9
 
 
 def message_times(duration: float, rate_hz: float) -> list[int]:
-    """Return the times of the points [ns], at a rate [1/s] and at the end; whole numbers, exact.
+    """Return the times of the points [ns], at a rate [1/s] and at the end, without rounding error.
 
     Raises ExcitationError for a rate that is not more than zero.
     """
     check_rate(rate_hz, duration, error=ExcitationError)
     rate, end = Fraction(rate_hz), round(Fraction(duration) * _NANO)
     times = [round(k * _NANO / rate) for k in range(int(Fraction(duration) * rate) + 1)]
-    # what rounding of the duration leaves over is no point of its own
+    # the last interval is no point of its own if it is only the rounding error of the duration
     close = len(times) > 1 and end - times[-1] < 1e-6 * _NANO / rate_hz
     return [*(times[:-1] if close or times[-1] == end else times), end]
 
@@ -40,7 +37,7 @@ def message_times(duration: float, rate_hz: float) -> list[int]:
 def joint_trajectory_message(
     joint_names: Sequence[str], times: Sequence[int], states: tuple[Array, Array, Array]
 ) -> dict[str, Any]:
-    """Return the message of `states`, position, velocity, acceleration (T, n), at `times` [ns]."""
+    """Return the message of position, velocity and acceleration (T, n) at `times` [ns]."""
     q, v, a = (state.tolist() for state in states)
     points = [
         {
@@ -57,14 +54,14 @@ def joint_trajectory_message(
 
 
 def as_yaml(message: dict[str, Any]) -> str:
-    """Return a message as text that is JSON and YAML alike, a line a point."""
+    """Return a message as text that is both JSON and YAML, one line per point."""
     points = ",\n".join("  " + _text(point) for point in message["points"])
     head = {key: value for key, value in message.items() if key != "points"}
     return f'{json.dumps(head)[:-1]},\n "points": [\n{points}\n]}}\n'
 
 
 def _text(value: Any) -> str:
-    """Return JSON whose numbers all readers of YAML take for numbers: 1.0e-05, not 1e-05."""
+    """Return JSON with numbers that every YAML reader accepts: 1.0e-05, not 1e-05."""
     if isinstance(value, dict):
         return "{" + ", ".join(f'"{key}": {_text(part)}' for key, part in value.items()) + "}"
     if isinstance(value, list):
@@ -80,13 +77,27 @@ _SLIDING = ("position_m", "velocity_m_s", "acceleration_m_s2")
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A motion of n joints over [0, duration], linear in its `coefficients` (K, n) [rad or m].
+    """A motion of n joints over [0, duration], linear in its coefficients.
 
-    `prismatic_joints` names the joints that slide, for the units in files. `main_interval` (start,
-    end) [s] is what was planned to excite, without a run-in before and after it; not given, it is
-    the whole. Make one from own coefficients with a `SplineBasis` or a `FourierBasis`, or with
-    `polynomial_trajectory`. Raises ExcitationError for coefficients that are not finite or do not
-    fit the basis and the joints, or an interval that is not within the motion.
+    Raises ExcitationError for values that are not finite or do not fit each other.
+
+    Parameters
+    ----------
+    joint_names : tuple of n str
+    basis : Basis
+        A `SplineBasis` or a `FourierBasis`, with K coefficients per joint.
+    coefficients : array (K, n)
+        [rad or m].
+    prismatic_joints : tuple of str
+        The prismatic joints, for the units in files.
+    main_interval : (float, float)
+        Start and end [s] of the exciting motion, without run-in and run-out; default: the whole.
+
+    Examples
+    --------
+    >>> motion = seaid.load_trajectory("plan.json")
+    >>> q, v, a = motion.sample(np.arange(0.0, motion.duration, 0.001))
+    >>> motion.save_set_points("plan.csv", rate_hz=500.0)
     """
 
     joint_names: tuple[str, ...]
@@ -128,18 +139,17 @@ class Trajectory:
 
     @cached_property
     def rests_at_ends(self) -> bool:
-        """Whether velocity and acceleration are zero at both ends, but for 1e-9 of the largest."""
+        """True if velocity and acceleration are zero at both ends, to 1e-9 of the largest."""
         ends = np.array([0.0, self.duration])
         _, v, a = self.basis.states(ends, self.coefficients)
         most = (np.max(np.abs(self.basis.hull(order, 0) @ self.coefficients)) for order in (1, 2))
         return all(np.max(np.abs(end)) <= 1e-9 * m for end, m in zip((v, a), most, strict=True))
 
     def sample(self, time: Any) -> tuple[Array, Array, Array]:
-        """Return position, velocity, acceleration, each (T, n) [rad or m, s], at times (T,) [s].
+        """Return position, velocity and acceleration, each (T, n) [rad or m, s], at times (T,) [s].
 
-        Before 0 and after the duration a motion that rests at its ends holds the position there,
-        with zero velocity and acceleration. Raises ExcitationError for times outside of a motion
-        that does not rest, and for times that are not finite.
+        A motion at rest at its ends stays there before 0 and after the duration. Raises
+        ExcitationError for times outside of another motion, and for times that are not finite.
         """
         time = frozen("time", np.atleast_1d(time), (None,), ExcitationError)
         if not np.all(np.isfinite(time)):
@@ -160,9 +170,9 @@ class Trajectory:
         return q, v, a
 
     def save(self, path: str | Path) -> None:
-        """Write the trajectory as JSON, exactly; `load_trajectory` reads it.
+        """Write the trajectory as JSON without rounding; `load_trajectory` reads it.
 
-        Raises SeaidError where the file cannot be written.
+        Raises SeaidError if the file cannot be written.
         """
         content = {
             "format": _FORMAT,
@@ -175,11 +185,12 @@ class Trajectory:
         write_whole(path, json.dumps(content, indent=1) + "\n")
 
     def save_set_points(self, path: str | Path, rate_hz: float = 1000.0) -> None:
-        """Write the set-points as CSV at a rate [1/s], the end included.
+        """Write the set-points as CSV at a rate [1/s], from 0 to the duration.
 
-        Columns: `time_s`, then a joint `.position_rad`, `.velocity_rad_s`, `.acceleration_rad_s2`;
-        of a prismatic one `_m`, `_m_s`, `_m_s2`. Raises ExcitationError for a rate that is not more
-        than zero, SeaidError where the file cannot be written.
+        Columns: `time_s`, then per joint `<joint>.position_rad`, `.velocity_rad_s` and
+        `.acceleration_rad_s2`; `_m`, `_m_s` and `_m_s2` for a prismatic joint. Raises
+        ExcitationError for a rate that is not more than zero, SeaidError if the file cannot be
+        written.
         """
         check_rate(rate_hz, self.duration, error=ExcitationError)
         time = np.arange(int(np.floor(self.duration * rate_hz + 1e-6)) + 1) / rate_hz
@@ -192,22 +203,21 @@ class Trajectory:
         write_csv(path, dict(zip(header, columns, strict=True)))
 
     def joint_trajectory(self, rate_hz: float = 100.0) -> dict[str, Any]:
-        """Return the motion in the shape of trajectory_msgs/msg/JointTrajectory, for ROS 2.
+        """Return the motion as a ROS 2 message trajectory_msgs/msg/JointTrajectory.
 
-        Points at a rate [1/s] and at the end, with `time_from_start` exact to the nanosecond; no
-        effort. Raises ExcitationError for a rate that is not more than zero.
+        Points are at a rate [1/s] and at the end, with `time_from_start` exact to the nanosecond,
+        without effort. Raises ExcitationError for a rate that is not more than zero.
         """
         times = message_times(self.duration, rate_hz)
         states = self.sample(np.minimum(np.array(times) * 1e-9, self.duration))
         return joint_trajectory_message(self.joint_names, times, states)
 
     def save_joint_trajectory(self, path: str | Path, rate_hz: float = 100.0) -> None:
-        """Write `joint_trajectory` as YAML (JSON as well) to send to a ROS 2 controller.
+        """Write `joint_trajectory` as YAML (and JSON), to send to a ROS 2 controller.
 
-        By `ros2 topic pub --once /<controller>/joint_trajectory
-        trajectory_msgs/msg/JointTrajectory --yaml-file <path>`, or with `--stdin < <path>` where
-        there is no `--yaml-file`, once the robot stands at the first point. Raises ExcitationError
-        for a rate that is not more than zero, SeaidError where the file cannot be written.
+        Once the robot is at the first point: `ros2 topic pub --once /<controller>/joint_trajectory
+        trajectory_msgs/msg/JointTrajectory --yaml-file <path>`, or `--stdin < <path>` in versions
+        without `--yaml-file`. Raises as `save_set_points` does.
         """
         write_whole(path, as_yaml(self.joint_trajectory(rate_hz)))
 
@@ -217,7 +227,7 @@ _MOST_COEFFICIENT = 1e9
 
 
 def _check_sizes(duration: float, coefficients: Array) -> None:
-    """Refuse what no motion has, and whose accelerations no double would hold."""
+    """Raise ExcitationError for sizes whose accelerations would overflow."""
     if not _DURATIONS_S[0] <= duration <= _DURATIONS_S[1]:
         raise ExcitationError(
             f"a trajectory lasts from {_DURATIONS_S[0]:g} to {_DURATIONS_S[1]:g} s, found "
@@ -237,10 +247,10 @@ def polynomial_trajectory(
     coefficients: Any,
     prismatic_joints: Sequence[str] = (),
 ) -> Trajectory:
-    """Return the trajectory sum_i a_i t^i of (18), `coefficients` (d+1, n) being the a_i.
+    """Return the polynomial trajectory sum_i a_i t^i (18) over `duration` [s].
 
-    Degree 3 at least (pad with zeros), `duration` [s]. Raises ExcitationError for a duration that
-    is not more than zero or coefficients of another shape.
+    `coefficients` (d+1, n) are the a_i, of degree d at least 3 (pad with zeros). Raises
+    ExcitationError for a duration that is not more than zero or coefficients of another shape.
     """
     powers = frozen("coefficients", coefficients, (None, len(joint_names)), ExcitationError)
     if not (np.isfinite(duration) and duration > 0):
@@ -256,9 +266,24 @@ def polynomial_trajectory(
 
 
 def load_trajectory(path: str | Path) -> Trajectory:
-    """Return the trajectory of a JSON file that `Trajectory.save` wrote.
+    """Load the trajectory of a JSON file that `Trajectory.save` wrote.
 
-    Raises ExcitationError for a file that is missing, not JSON or not a trajectory.
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    ExcitationError
+        For a file that is missing, not JSON or not a trajectory.
+
+    Examples
+    --------
+    >>> log = seaid.simulate(robot, seaid.load_trajectory("plan.json"))
     """
     content = read_json(path, "trajectory", ExcitationError)
     found = content.get("format") if isinstance(content, dict) else None

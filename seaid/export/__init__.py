@@ -1,10 +1,10 @@
-"""Export: an identification becomes robot files.
+"""Robot files of an identification.
 
 An `Identification`, or a `Robot` with its values, comes in; files go out:
 
-- `write_urdf`: the same file with the identified inertias, all else byte for byte as it was;
+- `write_urdf`: the source URDF with the identified inertias, otherwise unchanged byte by byte;
 - `write_mjcf`: a MuJoCo model with the springs, the armature and the friction of the drives;
-- `parameters.json`, which `read_parameters` reads back; drive tables by `write_drives`.
+- `parameters.json` by `Identification.save`, which `read_parameters` reads back.
 
 >>> import seaid
 >>> robot = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")

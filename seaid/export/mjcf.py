@@ -1,7 +1,4 @@
-"""A MuJoCo model of a robot with the springs in it.
-
-How long the steps of an exported model may be.
-"""
+"""write_mjcf: a MuJoCo model of a robot with its springs, and the time step that resolves them."""
 
 from __future__ import annotations
 
@@ -24,17 +21,17 @@ from seaid.robot import Robot
 from seaid.simulation import mass_matrix
 
 _LONGEST_S, _SHORTEST_S = 1e-3, 1e-6
-_STEPS_A_RADIAN = 20.0
-"""Steps in the time in which the fastest spring swings by one radian."""
+_STEPS_PER_RADIAN = 20.0
+"""Time steps per radian of the fastest oscillation."""
 
 
 def step_s(robot: Robot) -> tuple[float, str]:
-    """Return a time step [s] that resolves the fastest spring and damper, and that in words.
+    """Return a time step [s] that resolves the fastest spring and damper, and a note about it.
 
-    Values that are missing count as zero here; whoever needs them refuses.
+    Missing values count as zero here; the elements that need them raise RobotError.
     """
     fastest = float(np.max(np.abs(_rates(robot)), initial=0.0))
-    wanted = min(_LONGEST_S, 1 / (_STEPS_A_RADIAN * max(fastest, TINY)))
+    wanted = min(_LONGEST_S, 1 / (_STEPS_PER_RADIAN * max(fastest, TINY)))
     step = max(_round_down(wanted), _SHORTEST_S)
     return step, (
         f"integrator RK4 with steps of {step:g} s: springs and dampers are as fast as "
@@ -43,7 +40,7 @@ def step_s(robot: Robot) -> tuple[float, str]:
 
 
 def _rates(robot: Robot) -> np.ndarray:
-    """Return the eigenvalues [1/s] of joints and motors at zero, without gravity."""
+    """Return the eigenvalues [1/s] of the linearised robot at zero positions, without gravity."""
     n, C = robot.n, robot.transmission
     order = np.argsort(robot.model_order)
     model = robot.model.copy()
@@ -56,17 +53,19 @@ def _rates(robot: Robot) -> np.ndarray:
         at_joint, at_motor = np.zeros(2 * n), np.zeros(2 * n)
         at_joint[:n], at_motor[n + index] = C[index], 1.0
         if isinstance(drive, SeriesElasticDrive):
-            stretch = drive.motor_radius / drive.ratio * at_motor - drive.load_radius * at_joint
-            spring += values.get("stiffness", 0.0) * np.outer(stretch, stretch)
-            damping += values.get("spring_damping", 0.0) * np.outer(stretch, stretch)
+            # deflection = r_M / N theta_M - r_L theta_L (3), so its stiffness matrix is k d d^T
+            deflection = drive.motor_radius / drive.ratio * at_motor - drive.load_radius * at_joint
+            spring += values.get("stiffness", 0.0) * np.outer(deflection, deflection)
+            damping += values.get("spring_damping", 0.0) * np.outer(deflection, deflection)
         else:
-            mass[n + index, n + index] = 1.0  # no motor of its own
+            mass[n + index, n + index] = 1.0  # a placeholder: the motor is no coordinate
             at_motor = drive.ratio * at_joint
         mass += values.get("motor_inertia", 0.0) * np.outer(at_motor, at_motor)
         damping += values.get("viscous_friction", 0.0) * np.outer(at_motor, at_motor)
         spring[index, index] += values.get("parallel_stiffness", 0.0)
         damping[index, index] += values.get("joint_viscous_friction", 0.0)
     mass += TINY * np.eye(2 * n)
+    # x'' = -M^-1 (K x + D x'), as a first-order system in (x, x')
     below = -safely(
         scipy.linalg.solve,
         mass,
@@ -87,12 +86,12 @@ def _rates(robot: Robot) -> np.ndarray:
 
 
 def _round_down(step: float) -> float:
-    """Return 1, 2 or 5 times a power of ten, not more than a step."""
+    """Return the largest 1, 2 or 5 times a power of ten that does not exceed a step."""
     power = 10.0 ** math.floor(math.log10(step) + 1e-9)
     return float(f"{max(m for m in (1, 2, 5) if m * power <= step * (1 + 1e-9)) * power:g}")
 
 
-_BESIDE = (
+_SETTINGS_NOTE = (
     "joint limits are in the file but off (limited=false), contacts are off, and there are no "
     "shapes: let the viewer show inertias"
 )
@@ -100,7 +99,7 @@ _BESIDE = (
 
 @dataclass(frozen=True)
 class WrittenMjcf:
-    """The file written, and in words what a reader of it must know."""
+    """The file written, and `notes` on what differs from the identified model."""
 
     path: Path
     notes: tuple[str, ...]
@@ -109,21 +108,41 @@ class WrittenMjcf:
 def write_mjcf(
     found: Identification | Robot, path: str | Path, *, force: bool = False
 ) -> WrittenMjcf:
-    """Write the robot as a MuJoCo model (MJCF) that simulates with its drives.
+    """Write a robot with its drives as a MuJoCo model (MJCF).
 
-    One body a moving link, payloads included. A stiff drive is at its joint: armature N^2 I_M,
-    damping N^2 F_v, friction loss N F_C, and a motor of gear N. A series elastic one is a joint
-    `<joint>_motor` of its own (armature I_M, damping F_v, friction loss F_C, motor of gear 1) and a
-    fixed tendon `<joint>_spring` whose length is the deflection r_M/N theta_M - r_L theta_L. A
-    stiff drive that moves several joints is a fixed tendon over them, `<joint>_drive`. Parallel
-    springs and friction of a joint are at the joint. Controls are motor torques [N m], each motor
-    named after its joint. MuJoCo itself is not needed to write. Terms of friction that MuJoCo does
-    not have are left out, and `notes` (also a comment in the file) say so. `force` writes the
-    nearest body that MuJoCo loads for one that cannot exist.
+    There is one body per moving link, payloads included. A stiff drive is on its joint: armature
+    N^2 I_M, damping N^2 F_v, friction loss N F_C, motor of gear N; one that moves several joints is
+    a fixed tendon `<joint>_drive`. A series elastic drive is a joint `<joint>_motor` (armature I_M,
+    damping F_v, friction loss F_C, motor of gear 1) and a fixed tendon `<joint>_spring`, whose
+    length is the deflection r_M/N theta_M - r_L theta_L. Parallel springs and joint friction are on
+    the joint. Controls are motor torques [N m]; each motor has the name of its joint. Friction
+    terms that MuJoCo lacks are excluded and noted. MuJoCo need not be installed.
 
-    Raises RobotError for such a body without `force`, for bodies and values that are not known, and
-    for springs and coupled rotors that MuJoCo cannot say; SeaidError where the file cannot be
-    written.
+    Parameters
+    ----------
+    found : Identification or Robot
+    path : path
+        The file to write.
+    force : bool
+        Whether to write the nearest valid body for one that is physically inconsistent.
+
+    Returns
+    -------
+    WrittenMjcf
+        Its `notes`, also a comment in the file, list what differs from the identified model.
+
+    Raises
+    ------
+    RobotError
+        For a physically inconsistent body without `force`, unknown bodies or values, and springs or
+        coupled rotors that MuJoCo cannot represent.
+    SeaidError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> found = seaid.identify(robot, log, feasible=True)
+    >>> seaid.write_mjcf(found, "leg.xml").notes
     """
     from lxml import etree
 
@@ -137,12 +156,12 @@ def write_mjcf(
     world = etree.SubElement(root, "worldbody")
     joints = add_bodies(robot, world, notes, force)
     parts = [etree.SubElement(root, part) for part in ("tendon", "actuator")]
-    step, told = step_s(robot)
+    step, step_note = step_s(robot)
     option.set("timestep", repr(step))
-    notes[:0] = [told, _BESIDE]
+    notes[:0] = [step_note, _SETTINGS_NOTE]
     add_drives(robot, joints, world, parts, step, notes)
     if np.any(robot.payload_parameters):
-        notes.append("the payload that was known is part of the bodies it is fixed to")
+        notes.append("the known payload is part of the bodies to which it is fixed")
     root.insert(0, etree.Comment(_comment(notes)))
     etree.indent(root)
     write_whole(path, etree.tostring(root, encoding="utf-8", xml_declaration=True))
@@ -150,7 +169,7 @@ def write_mjcf(
 
 
 def _settings(robot: Robot, root: Any) -> Any:
-    """Add what holds for the whole model; return <option>, still without its time step."""
+    """Add the settings of the model; return <option>, still without its time step."""
     from lxml import etree
 
     etree.SubElement(

@@ -13,13 +13,13 @@ from seaid.errors import RobotError
 from seaid.robot import THIN, Robot, inconsistent_link, is_physical, out_of_range, pseudo_inertia
 
 TINY = 1e-14
-"""Mass [kg] and second moments [kg m^2] that stand for nothing: MuJoCo refuses less than 1e-15."""
+"""Mass [kg] and second moments [kg m^2] in place of zero: MuJoCo rejects less than 1e-15."""
 
 
 def add_bodies(robot: Robot, world: Any, notes: list[str], force: bool) -> dict[str, Any]:
     """Add a body with its joint for each moving link; return {joint: its element}.
 
-    Raises RobotError for a body that cannot exist, or with `force` writes the nearest one.
+    Raises RobotError for a physically inconsistent body, or with `force` writes the nearest one.
     """
     from lxml import etree
 
@@ -42,18 +42,18 @@ def add_bodies(robot: Robot, world: Any, notes: list[str], force: bool) -> dict[
 
 
 def _body_name(robot: Robot, link: str, notes: list[str]) -> str:
-    """Return the name of a link's body, another one than MuJoCo's own 'world'."""
+    """Return the name of a link's body; 'world' is renamed, because MuJoCo reserves it."""
     if link != "world":
         return link
     name = "world_link"
     while name in robot.body_names:
         name += "_"
-    notes.append(f"link 'world' is the body '{name}': MuJoCo's own 'world' is what stands still")
+    notes.append(f"link 'world' is the body '{name}': MuJoCo reserves 'world' for the fixed frame")
     return name
 
 
 def text(values: Iterable[float]) -> str:
-    """Return numbers as MuJoCo reads them, in full precision."""
+    """Return numbers as an attribute of MJCF, in full precision."""
     return " ".join(repr(float(value)) for value in values)
 
 
@@ -81,16 +81,17 @@ def _add_inertial(body: Any, link: str, parameters: Array, notes: list[str], for
     """Write ten parameters as mass, centre of mass, principal axes and moments."""
     from lxml import etree
 
-    _check_possible(link, parameters, force)
+    _check_consistent(link, parameters, force)
     mass = parameters[0]
     center = parameters[1:4] / mass if mass > 0 else np.zeros(3)
+    # second moments S about the centre of mass; the moments of inertia are I = tr(S) 1 - S
     second = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(center, center)
     moments, axes = safely(np.linalg.eigh, second, what="the inertia of a body", error=RobotError)
     if not is_physical(parameters, THIN):
         notes.append(
-            f"link '{link}' is no possible body: its second moments at the centre of mass along "
-            f"the principal axes, {', '.join(f'{moment:.3g}' for moment in moments)} kg m^2, are "
-            "written as zero where negative"
+            f"link '{link}' is physically inconsistent: its second moments at the centre of mass "
+            f"along the principal axes are {', '.join(f'{moment:.3g}' for moment in moments)} "
+            "kg m^2; negative ones are written as zero"
         )
     moments = np.maximum(moments, TINY)
     axes[:, 2] *= np.linalg.det(axes)
@@ -104,10 +105,11 @@ def _add_inertial(body: Any, link: str, parameters: Array, notes: list[str], for
     )
 
 
-def _check_possible(link: str, parameters: Array, force: bool) -> None:
+def _check_consistent(link: str, parameters: Array, force: bool) -> None:
+    """Raise RobotError for inertial parameters that MJCF cannot hold, unless forced."""
     absurd = out_of_range(parameters)
     if absurd is not None and parameters[0] > 0:
-        raise RobotError(f"link '{link}' would have {absurd}, which no model may say")
+        raise RobotError(f"link '{link}' would have {absurd}, which is not written")
     problem = inconsistent_link(link, parameters)
     if problem is None or (force and parameters[0] > 0):
         return

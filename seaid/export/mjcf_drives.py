@@ -1,7 +1,4 @@
-"""The drives of a MuJoCo model: rotors, springs, friction and motors.
-
-In words: what of a robot's drives a MuJoCo model has in another way, or not at all.
-"""
+"""The drives of a MuJoCo model: rotors, springs, friction and motors, and notes on differences."""
 
 from __future__ import annotations
 
@@ -20,58 +17,59 @@ from seaid.robot import Robot
 SMOOTH = ("smooth_coulomb", "shifted_coulomb")
 """Friction terms that are written as dry friction."""
 
-_SAID = ("viscous", "coulomb", *SMOOTH)
+_SUPPORTED = ("viscous", "coulomb", *SMOOTH)
 
 
 def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
-    """Say what of a drive's terms the model has not, or has in another way."""
+    """Add notes on the terms of a drive that the model lacks or approximates."""
     smooth = [term for term in drive.friction if term in SMOOTH]
     if smooth:
         notes.append(f"joint '{joint}': its {smooth[0]} is written as dry friction (friction loss)")
-    lost = [term for term in drive.friction if term not in _SAID]
-    lost += [f"extra term {term}" for term in drive.extra_terms]
-    if lost:
-        notes.append(f"joint '{joint}': left out, MuJoCo cannot say it: {', '.join(lost)}")
+    excluded = [term for term in drive.friction if term not in _SUPPORTED]
+    excluded += [f"extra term {term}" for term in drive.extra_terms]
+    if excluded:
+        notes.append(f"joint '{joint}': excluded, not available in MuJoCo: {', '.join(excluded)}")
     offset = drive.values.get("spring_offset", 0.0)
     if offset and "preload" not in getattr(drive, "spring", ()):
         notes.append(
-            f"joint '{joint}': its deflection offset ({offset:.4g} "
-            f"{unit_of(drive, 'spring_offset')}) is what the encoders' zeros leave and not in "
-            "the model, where the spring is at rest when both sides are at zero"
+            f"joint '{joint}': its spring offset ({offset:.4g} "
+            f"{unit_of(drive, 'spring_offset')}) comes from the encoder offsets and is not in the "
+            "model, where the spring is at rest when both sides are at zero"
         )
     if drive.motor_input != "torque":
         constant = f"{drive.motor_input.replace('current', 'torque')}_constant"
         value = drive.values.get(constant)
-        told = "unknown" if value is None else f"{value:.6g} {unit_of(drive, constant)}"
+        size = "unknown" if value is None else f"{value:.6g} {unit_of(drive, constant)}"
         notes.append(
-            f"joint '{joint}': its control is the motor torque, {constant} ({told}) times the "
+            f"joint '{joint}': its control is the motor torque, {constant} ({size}) times the "
             f"{drive.motor_input}"
         )
 
 
 def note_drives(robot: Robot, step: float, notes: list[str]) -> None:
-    """Say what holds for all motors, and of the time step [s] that friction needs."""
+    """Add notes on the motors' bodies and on dry friction, which depends on the time step [s]."""
     if robot.elastic_joints:
         notes.append(
-            "motors of elastic joints turn on bodies of their own that stand still in the world "
-            f"({TINY:g} kg, and that much of their inertia in kg m^2): the links carry the motors' "
-            "masses, and gyroscopic torques of rotors are not there, as in the method's equations"
+            "motors of elastic joints turn on separate bodies fixed in the world "
+            f"({TINY:g} kg, and that much of their inertia in kg m^2): the links include the "
+            "motors' masses, and gyroscopic torques of rotors are neglected, as in the equations "
+            "of the method"
         )
     dry = ("coulomb_friction", "joint_coulomb_friction")
     if any(drive.values.get(name) for drive in robot.drives.values() for name in dry):
         notes.append(
-            f"MuJoCo's friction loss is soft: it brakes within a step ({step:g} s), and what it "
-            "holds creeps a little"
+            f"MuJoCo's friction loss is soft: it brakes within a step ({step:g} s), and a joint at "
+            "standstill creeps a little"
         )
 
 
 _FIRM = 0.999
-"""Impedance of friction loss: how firmly it holds, of 1."""
+"""Impedance of friction loss, between 0 and 1 (rigid)."""
 
 
 @dataclass(frozen=True)
-class _Line:
-    """What acts along one coordinate: values of attributes; `rest` is where its spring rests."""
+class _Coordinate:
+    """Attributes of one coordinate (joint or tendon); `rest` is the rest position of its spring."""
 
     armature: float = 0.0
     damping: float = 0.0
@@ -90,7 +88,7 @@ def add_drives(
 ) -> None:
     """Add all drives to the elements of the joints, to the world, and to <tendon> and <actuator>.
 
-    Raises RobotError naming joint and value that is not known, and what MuJoCo cannot say.
+    Raises RobotError, naming the joint, for unknown values and terms that MuJoCo lacks.
     """
     tendons, actuators = parts
     taken = {*robot.joint_names, *robot.body_names, "world"}
@@ -98,7 +96,7 @@ def add_drives(
         drive, C = robot.drives[joint], robot.transmission[index]
         note_drive(joint, drive, notes)
         turned = {robot.joint_names[at]: float(C[at]) for at in np.flatnonzero(C)}
-        beside, gear = _beside(joint, drive), _Line()
+        parallel, gear = _parallel(joint, drive), _Coordinate()
         where = {"joint": joint}
         if isinstance(drive, StiffDrive):
             gear = _behind_gear(joint, drive)
@@ -106,12 +104,12 @@ def add_drives(
             if turned != {joint: 1.0}:
                 where = {"tendon": _free(f"{joint}_drive", taken)}
                 _add_tendon(tendons, where["tendon"], turned, gear, step)
-                gear = _Line()
+                gear = _Coordinate()
         shared = replace(
-            beside,
+            parallel,
             armature=gear.armature,
-            damping=beside.damping + gear.damping,
-            friction=beside.friction + gear.friction,
+            damping=parallel.damping + gear.damping,
+            friction=parallel.friction + gear.friction,
         )
         _set_joint(joints[joint], shared, step)
         if isinstance(drive, SeriesElasticDrive):
@@ -125,25 +123,25 @@ def add_drives(
     note_drives(robot, step, notes)
 
 
-def _behind_gear(joint: str, drive: StiffDrive) -> _Line:
-    """Return the motor of a stiff drive, seen at what it turns."""
+def _behind_gear(joint: str, drive: StiffDrive) -> _Coordinate:
+    """Return the motor of a stiff drive, reflected to the output of its gear."""
     motor = _motor(joint, drive)
-    return _Line(
+    return _Coordinate(
         armature=drive.ratio**2 * motor.armature,
         damping=drive.ratio**2 * motor.damping,
         friction=drive.ratio * motor.friction,
     )
 
 
-def _beside(joint: str, drive: Drive) -> _Line:
-    """Return what acts between the joint's bodies beside the drive: parallel spring, friction."""
-    beside = getattr(drive, "joint_friction", ())
-    damping = _value(joint, drive, "joint_viscous_friction") if "viscous" in beside else 0.0
-    friction = _value(joint, drive, "joint_coulomb_friction") if "coulomb" in beside else 0.0
-    parallel, stiffness, rest = drive.parallel_spring, 0.0, 0.0
-    if "linear" in parallel:
+def _parallel(joint: str, drive: Drive) -> _Coordinate:
+    """Return the parallel spring and the joint friction."""
+    terms = getattr(drive, "joint_friction", ())
+    damping = _value(joint, drive, "joint_viscous_friction") if "viscous" in terms else 0.0
+    friction = _value(joint, drive, "joint_coulomb_friction") if "coulomb" in terms else 0.0
+    stiffness, rest = 0.0, 0.0
+    if "linear" in drive.parallel_spring:
         stiffness = _value(joint, drive, "parallel_stiffness")
-    if "preload" in parallel:
+    if "preload" in drive.parallel_spring:
         preload = _value(joint, drive, "parallel_preload")
         if stiffness == 0 and preload != 0:
             raise RobotError(
@@ -156,40 +154,40 @@ def _beside(joint: str, drive: Drive) -> _Line:
             f"joint '{joint}': MuJoCo has no parallel spring with a negative stiffness, found "
             f"{stiffness:.4g} {unit_of(drive, 'parallel_stiffness')}"
         )
-    return _Line(0.0, damping, friction, stiffness, (rest,))
+    return _Coordinate(0.0, damping, friction, stiffness, (rest,))
 
 
-def _motor(joint: str, drive: Drive) -> _Line:
-    """Return what acts at the motor of a drive, as its own coordinate has it."""
+def _motor(joint: str, drive: Drive) -> _Coordinate:
+    """Return inertia and friction of a motor in its own coordinate."""
     dry = any(term in drive.friction for term in ("coulomb", *SMOOTH))
     viscous = "viscous" in drive.friction
-    return _Line(
+    return _Coordinate(
         armature=_value(joint, drive, "motor_inertia"),
         damping=_value(joint, drive, "viscous_friction") if viscous else 0.0,
         friction=_value(joint, drive, "coulomb_friction") if dry else 0.0,
     )
 
 
-def _spring(joint: str, drive: SeriesElasticDrive) -> _Line:
-    """Return the spring of a drive over its deflection."""
+def _spring(joint: str, drive: SeriesElasticDrive) -> _Coordinate:
+    """Return the spring of a drive in the coordinate of its deflection."""
     nonlinear = [term for term in drive.spring if term in ("cubic", "fifth")]
     if nonlinear:
         raise RobotError(
-            f"joint '{joint}': the spring has the term '{nonlinear[0]}', and MuJoCo's are straight "
-            "lines: give or identify one with spring=('linear',)"
+            f"joint '{joint}': the spring has the term '{nonlinear[0]}', and MuJoCo's springs are "
+            "linear: give or identify one with spring=('linear',)"
         )
     stiffness = _value(joint, drive, "stiffness")
     damping = _value(joint, drive, "spring_damping") if "damping" in drive.spring else 0.0
     if "dead_zone" in drive.spring:
         if "preload" in drive.spring:
             raise RobotError(
-                f"joint '{joint}': the spring has a dead zone and a preload, which pulls inside "
-                "of it too; MuJoCo's do not: give or identify one without one of the two"
+                f"joint '{joint}': the spring has a dead zone and a preload that acts inside it, "
+                "which MuJoCo's springs lack: give or identify one without one of the two"
             )
         zero, half = drive.values.get("deflection_zero", 0.0), _value(joint, drive, "dead_zone")
-        return _Line(damping=damping, stiffness=stiffness, rest=(zero - half, zero + half))
+        return _Coordinate(damping=damping, stiffness=stiffness, rest=(zero - half, zero + half))
     preload = _value(joint, drive, "spring_offset") if "preload" in drive.spring else 0.0
-    return _Line(damping=damping, stiffness=stiffness, rest=(-preload / stiffness,))
+    return _Coordinate(damping=damping, stiffness=stiffness, rest=(-preload / stiffness,))
 
 
 def _value(joint: str, drive: Drive, name: str) -> float:
@@ -202,41 +200,45 @@ def _value(joint: str, drive: Drive, name: str) -> float:
     return values[name]
 
 
-def _set_joint(element: Any, line: _Line, step: float) -> None:
+def _set_joint(element: Any, values: _Coordinate, step: float) -> None:
     numbers = {
-        "armature": line.armature,
-        "damping": line.damping,
-        "frictionloss": line.friction,
-        "stiffness": line.stiffness,
-        "springref": line.rest[0],
+        "armature": values.armature,
+        "damping": values.damping,
+        "frictionloss": values.friction,
+        "stiffness": values.stiffness,
+        "springref": values.rest[0],
     }
     for name, number in numbers.items():
         if number:
             element.set(name, text([number]))
-    _set_friction(element, line, step)
+    _set_friction(element, values, step)
 
 
 def _add_tendon(
-    tendons: Any, name: str, lever: Mapping[str, float], line: _Line, step: float
+    tendons: Any, name: str, lever: Mapping[str, float], values: _Coordinate, step: float
 ) -> None:
-    """Add a tendon whose length is the sum of lever times coordinate."""
+    """Add a fixed tendon with the length sum(lever * coordinate)."""
     element = tendons.makeelement("fixed", name=name)
-    numbers = {"armature": line.armature, "damping": line.damping, "frictionloss": line.friction}
+    numbers = {
+        "armature": values.armature,
+        "damping": values.damping,
+        "frictionloss": values.friction,
+    }
     for attribute, number in numbers.items():
         if number:
             element.set(attribute, text([number]))
-    if line.stiffness:
-        element.set("stiffness", text([line.stiffness]))
-        element.set("springlength", text(line.rest))
-    _set_friction(element, line, step)
+    if values.stiffness:
+        element.set("stiffness", text([values.stiffness]))
+        element.set("springlength", text(values.rest))
+    _set_friction(element, values, step)
     for joint, factor in lever.items():
         element.append(element.makeelement("joint", joint=joint, coef=text([factor])))
     tendons.append(element)
 
 
-def _set_friction(element: Any, line: _Line, step: float) -> None:
-    """Make friction loss brake within one step, the quickest that MuJoCo takes."""
-    if line.friction:
+def _set_friction(element: Any, values: _Coordinate, step: float) -> None:
+    """Make friction loss brake within one step, the shortest time that MuJoCo allows."""
+    if values.friction:
         element.set("solreffriction", text([2 * step, 1.0]))
         element.set("solimpfriction", text([_FIRM, _FIRM, 0.001]))
 
@@ -244,24 +246,24 @@ def _set_friction(element: Any, line: _Line, step: float) -> None:
 def _add_rotor(
     world: Any, joint: str, drive: SeriesElasticDrive, taken: set[str], step: float
 ) -> str:
-    """Add the motor of an elastic drive as a body of its own; return the name of its joint."""
+    """Add the motor of an elastic drive as a separate body; return the name of its joint."""
     name = _free(f"{joint}_motor", taken)
-    line = _motor(joint, drive)
-    if line.armature <= TINY:
+    values = _motor(joint, drive)
+    if values.armature <= TINY:
         raise RobotError(f"joint '{joint}': an elastic drive needs a motor inertia to be simulated")
     body = world.makeelement("body", name=name)
     nothing = {"mass": text([TINY]), "diaginertia": text([TINY] * 3)}
     body.append(body.makeelement("inertial", pos="0 0 0", **nothing))
     element = body.makeelement("joint", name=name, type="hinge", axis="0 0 1", limited="false")
-    # what the body itself has about its axis is not in the armature
-    _set_joint(element, _Line(line.armature - TINY, line.damping, line.friction), step)
+    # the body's own inertia about its axis is subtracted from the armature
+    _set_joint(element, _Coordinate(values.armature - TINY, values.damping, values.friction), step)
     body.append(element)
     world.append(body)
     return name
 
 
 def _free(name: str, taken: set[str]) -> str:
-    """Return a name that nothing has yet, and take it."""
+    """Return an unused name, and add it to those taken."""
     while name in taken:
         name += "_"
     taken.add(name)
@@ -269,7 +271,7 @@ def _free(name: str, taken: set[str]) -> str:
 
 
 def _check_armature(robot: Robot, joint: str, turned: Mapping[str, float], armature: float) -> None:
-    """Refuse rotor inertia between joints of different branches: MuJoCo would lose a part of it."""
+    """Raise RobotError for rotor inertia that couples branches, which MuJoCo would neglect."""
     if not armature:
         return
     places = [int(robot.model.getJointId(name)) for name in turned]

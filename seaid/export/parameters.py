@@ -1,4 +1,4 @@
-"""parameters.json: what an identification found, and the robot it found, to be taken up again."""
+"""parameters.json: the results of an identification, from which its robot can be restored."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ _KEYS = (
     "seaid",
 )
 _MOST = 1e12
-"""Of a body's parameters [kg, kg m, kg m^2]."""
+"""Largest parameter of a body [kg, kg m, kg m^2]."""
 
 _FARTHEST_M = 1e9
-"""A first moment divided by a mass that is zero but for rounding is no centre of mass."""
+"""Largest distance of a centre of mass; a larger one has a mass that is only rounding error."""
 
 
 def content_of(found: Identification, validation: Validation | None = None) -> dict[str, Any]:
-    """Return the content of `parameters.json`: plain data, null for what is not there."""
+    """Return the content of `parameters.json` as plain data, with None for missing parts."""
     from seaid import __version__
 
     robot = found.robot
@@ -78,11 +78,29 @@ def content_of(found: Identification, validation: Validation | None = None) -> d
 
 
 def read_parameters(path: str | Path, robot: Robot) -> Robot:
-    """Return a robot with the bodies and drives that stand in a `parameters.json`, exactly.
+    """Read the identified bodies and drives of a `parameters.json`, without rounding.
 
-    `robot` is the one identified: its geometry and payloads are kept, its own bodies and drives do
-    not matter. Raises RobotError for a file that is none, for another robot's, and for one that
-    somebody changed into what no identification writes.
+    Parameters
+    ----------
+    path : path
+        A file that `Identification.save` or `seaid identify` wrote.
+    robot : Robot
+        The robot that was identified; geometry and payloads are taken from it.
+
+    Returns
+    -------
+    Robot
+        The robot with the inertial parameters and drives of the file.
+
+    Raises
+    ------
+    RobotError
+        For a file of another kind or of another robot, and for invalid content.
+
+    Examples
+    --------
+    >>> identified = seaid.read_parameters("parameters.json", robot)
+    >>> seaid.write_urdf(identified, "identified.urdf")
     """
     path = Path(path)
     content = read_json(path, "parameters", RobotError)
@@ -90,7 +108,7 @@ def read_parameters(path: str | Path, robot: Robot) -> Robot:
     if found != _FORMAT:
         raise RobotError(
             f"'{path}' is no file of identified parameters: 'format' is {shown(found)}, not "
-            f"{_FORMAT!r}; give one that seaid identify or save has written"
+            f"{_FORMAT!r}; give one written by seaid identify or Identification.save"
         )
     try:
         _check_keys("", content, _KEYS)
@@ -100,7 +118,7 @@ def read_parameters(path: str | Path, robot: Robot) -> Robot:
         ):
             raise RobotError(
                 f"it is of another robot than '{robot.name}': its joints are {shown(joints)}, "
-                f"here they are {', '.join(robot.joint_names)}; joints= chooses"
+                f"here they are {', '.join(robot.joint_names)}; select joints with joints="
             )
         values = np.array([_body(link, table) for link, table in bodies.items()]).ravel()
         _check_keys("drive_tables", content["drive_tables"], robot.joint_names)
@@ -117,17 +135,17 @@ def read_parameters(path: str | Path, robot: Robot) -> Robot:
 
 
 def _body(link: str, table: Any) -> list[float]:
-    """Return the ten parameters of a body; without mass, Pinocchio has no first moments."""
+    """Return the ten parameters of a body; Pinocchio stores no first moments without mass."""
     where = f"bodies.{shortened(link)}"
     _check_keys(where, table, PARAMETERS)
     values = {name: number(f"{where}.{name}", one, RobotError) for name, one in table.items()}
     largest = max(map(abs, values.values()))
     if largest > _MOST:
-        raise RobotError(f"{where}: {largest:g} is no mass, moment or inertia in SI units")
+        raise RobotError(f"{where}: {largest:g} is not a mass, moment or inertia in SI units")
     if largest > _FARTHEST_M * abs(values["m"]):
         raise RobotError(
-            f"{where}: its mass, {values['m']:g} kg, is none for its other parameters: no body has "
-            "them; identify with feasible=True"
+            f"{where}: its mass, {values['m']:g} kg, is too small for its other parameters; "
+            "identify with feasible=True"
         )
     return [values[name] for name in PARAMETERS]
 
@@ -139,7 +157,7 @@ def _table(where: str, value: Any) -> Mapping[str, Any]:
 
 
 def _check_keys(where: str, value: Any, keys: Collection[str]) -> None:
-    """Raise RobotError where an object has not just these keys."""
+    """Raise RobotError unless an object has exactly these keys."""
     table, place = _table(where, value), f"{where}: " if where else ""
     for key in table:
         if key not in keys:
@@ -158,20 +176,20 @@ def _values(estimate: Estimate) -> dict[str, dict[str, Any]]:
     }
 
 
-def _feasible(possible: FeasibleParameters) -> dict[str, Any]:
-    columns = (possible.names, possible.values, possible.estimate, possible.distance)
+def _feasible(found: FeasibleParameters) -> dict[str, Any]:
+    columns = (found.names, found.values, found.estimate, found.distance)
     keys = ("name", "value", "estimate", "distance", "unit")
     return {
-        "chi_square": possible.chi_square,
-        "nearest_chi_square": possible.nearest_chi_square,
-        "weight": possible.weight,
-        "freedom": possible.freedom,
+        "chi_square": found.chi_square,
+        "nearest_chi_square": found.nearest_chi_square,
+        "weight": found.weight,
+        "freedom": found.freedom,
         "combinations": [
-            dict(zip(keys, one, strict=True)) for one in zip(*columns, possible.units, strict=True)
+            dict(zip(keys, one, strict=True)) for one in zip(*columns, found.units, strict=True)
         ],
-        "held": possible.active_bounds,
-        "notes": possible.notes,
-        "flags": possible.flags,
+        "active_bounds": found.active_bounds,
+        "notes": found.notes,
+        "flags": found.flags,
     }
 
 

@@ -1,9 +1,7 @@
-"""The user's own URDF with the identified bodies in it; everything else stays as it was.
+"""write_urdf: the source URDF with the identified bodies, otherwise unchanged byte by byte.
 
-An XML file as text with places: some attributes and elements change, all else stays as it was.
-
-Comments, order, quotes, line ends, entities and encoding are no matter of taste in a file that
-others wrote; so the text itself is changed, where expat says that an element stands.
+Comments, order, quotes, line ends, entities and encoding of the user's file are preserved: the text
+is edited at the byte positions of elements that expat reports.
 """
 
 from __future__ import annotations
@@ -36,14 +34,14 @@ from seaid.robot import (
 )
 
 Edit = tuple[int, int, bytes]
-"""First byte, byte after the last one, and what stands there instead."""
+"""First byte, byte after the last one, and the replacement."""
 
 _START_TAG = re.compile(rb"""<[^\s/>]+(?:\s+[^\s=/>]+\s*=\s*(?:"[^"]*"|'[^']*'))*\s*/?>""")
 
 
 @dataclass(eq=False)
 class Element:
-    """Where an element stands: `start` to `end`, its content from `inside` on."""
+    """An XML element with its byte positions: `start` to `end`, content from `inside` on."""
 
     tag: str
     attributes: Mapping[str, str]
@@ -57,22 +55,22 @@ class Element:
         return next((one for one in self.children if one.tag == tag), None)
 
     def named(self, tag: str) -> dict[str, Element]:
-        """Return {name: child} of all children of a tag that have a name."""
+        """Return {name: child} of the named children of a tag."""
         found = (one for one in self.children if one.tag == tag)
         return {one.attributes["name"]: one for one in found if "name" in one.attributes}
 
     def all(self) -> Iterable[Element]:
-        """Yield the element and all inside it."""
+        """Yield the element and all its descendants."""
         yield self
         for child in self.children:
             yield from child.all()
 
 
-def read_places(text: bytes) -> Element:
-    """Return the root element of an XML text and all inside it.
+def parse_positions(text: bytes) -> Element:
+    """Return the root element of an XML text, with the byte positions of all elements.
 
-    A tag in a namespace begins with that and a space, so it is none of those without.
-    Raises ValueError for what is not well-formed, or not in an encoding that has ASCII in it.
+    The tag of an element in a namespace starts with the namespace and a space. Raises ValueError
+    for text that is not well-formed, or whose encoding does not contain ASCII.
     """
     parser = expat.ParserCreate(namespace_separator=" ")
     top = Element("", {}, 0, 0, 0, [])
@@ -101,14 +99,14 @@ def read_places(text: bytes) -> Element:
 
 
 def is_empty(text: bytes, element: Element) -> bool:
-    """Tell whether an element is one tag, <a/>."""
+    """Return whether an element is a single tag, <a/>."""
     return text.endswith(b"/>", element.start, element.inside)
 
 
 def with_children(
     text: bytes, parent: Element, children: Mapping[str, Mapping[str, str]]
 ) -> list[Edit]:
-    """Return the edits that give an element children with attributes, made where missing."""
+    """Return the edits that set attributes of children; missing children are created."""
     edits, missing = [], {}
     for tag, attributes in children.items():
         child = parent.find(tag)
@@ -123,13 +121,13 @@ def with_children(
 
 
 def new_element(tag: str, children: Mapping[str, Mapping[str, str]]) -> bytes:
-    """Return an element in one line."""
+    """Return an element on one line."""
     content = b"".join(_tag(*one) for one in children.items())
     return b"<%b>%b</%b>" % (tag.encode(), content, tag.encode())
 
 
 def with_content(text: bytes, parent: Element, elements: Iterable[bytes]) -> Edit:
-    """Return the edit that puts elements first into another one, indented as what follows."""
+    """Return the edit that inserts elements at the start of another, indented as its children."""
     outer = _indent(text, parent.start)
     if not is_empty(text, parent):
         follows = re.compile(rb"\r?\n[ \t]*(?=<(?!/))").match(text, parent.inside)
@@ -142,7 +140,7 @@ def with_content(text: bytes, parent: Element, elements: Iterable[bytes]) -> Edi
 
 
 def without(text: bytes, element: Element) -> Edit:
-    """Return the edit that takes an element away, with the space before it."""
+    """Return the edit that removes an element and the space before it."""
     start = element.start
     while start and text[start - 1 : start].isspace():
         start -= 1
@@ -150,7 +148,7 @@ def without(text: bytes, element: Element) -> Edit:
 
 
 def edited(text: bytes, edits: Iterable[Edit]) -> bytes:
-    """Return a text with edits made, which do not overlap."""
+    """Return a text after edits, which must not overlap."""
     parts, done = [], 0
     for start, end, new in sorted(edits):
         parts += [text[done:start], new]
@@ -159,7 +157,7 @@ def edited(text: bytes, edits: Iterable[Edit]) -> bytes:
 
 
 def _indent(text: bytes, start: int) -> bytes:
-    """Return the end of line and the spaces before a place, nothing if something else is there."""
+    """Return the line end and the spaces before a position, empty if other text precedes it."""
     line = text.rfind(b"\n", 0, start)
     if line < 0 or text[line + 1 : start].strip(b" \t"):
         return b""
@@ -171,7 +169,7 @@ def _tag(tag: str, attributes: Mapping[str, str]) -> bytes:
 
 
 def _with_attributes(tag: bytes, attributes: Mapping[str, str]) -> bytes:
-    """Return a start tag with attributes set, those that are there in their places."""
+    """Return a start tag with attributes set; existing ones keep their positions."""
     for name, value in attributes.items():
         key, quoted = name.encode(), b'"%b"' % value.encode()
         there = re.search(rb"""\s%b\s*=\s*("[^"]*"|'[^']*')""" % re.escape(key), tag)
@@ -185,12 +183,12 @@ def _with_attributes(tag: bytes, attributes: Mapping[str, str]) -> bytes:
 
 
 _ROUNDING = 1e-13
-"""Relative: what is left of a body after its parts are taken away, if less, is rounding."""
+"""Relative size below which the difference of a body and its parts is rounding error."""
 
 
 @dataclass(frozen=True)
 class WrittenUrdf:
-    """The files written, and in words what a reader of them must know."""
+    """The files written, and `notes` on what they do not contain."""
 
     urdf: Path
     drives: Path | None
@@ -204,17 +202,41 @@ def write_urdf(
     source: str | Path | None = None,
     force: bool = False,
 ) -> WrittenUrdf:
-    """Write the robot's URDF with its bodies replaced, and its drives as TOML beside it.
+    """Write the robot's URDF with the identified bodies, and its drives as a TOML file.
 
-    Only the <inertial> of links that move, and the <dynamics> of joints with a stiff drive (damping
-    and friction, seen at the joint), change; all other text stays byte by byte. Links that are
-    fixed to a moving one keep their inertia, and the moving link gets the rest of what was
-    identified together; where that rest is no possible body, it gets all and they get none (a
-    note says so). The payload is not in the file. `source`: the URDF to take (default: the file
-    that the robot was loaded from). Drives that are not ideal go to `<path>.toml`.
+    Only the <inertial> of moving links and the <dynamics> of joints with a stiff drive (damping and
+    friction at the joint) change; all other text stays byte by byte. Links fixed to a moving link
+    keep their inertia, and the moving link gets the difference to the identified sum; if that
+    difference is physically inconsistent, the moving link gets the sum and the fixed links none (a
+    note says so). The payload is not in the file. Drives that are not ideal go to `<path>.toml`.
 
-    Raises RobotError for bodies that cannot exist (unless `force`) or are not known, and for a
-    source that is `path` or has not the robot's links; SeaidError where a file cannot be written.
+    Parameters
+    ----------
+    found : Identification or Robot
+    path : path
+        The URDF to write, another file than `source`.
+    source : path, optional
+        The URDF to edit. Default: the file from which the robot was loaded.
+    force : bool
+        Whether to write physically inconsistent bodies.
+
+    Returns
+    -------
+    WrittenUrdf
+
+    Raises
+    ------
+    RobotError
+        For bodies that are unknown, or physically inconsistent without `force`, and for a source
+        that is `path` or lacks the links of the robot.
+    SeaidError
+        If a file cannot be written.
+
+    Examples
+    --------
+    >>> found = seaid.identify(robot, log, feasible=True)
+    >>> seaid.write_urdf(found, "identified.urdf").drives
+    PosixPath('identified.toml')
     """
     robot = found.robot if isinstance(found, Identification) else found
     path = Path(path)
@@ -229,17 +251,17 @@ def write_urdf(
         drives = path.with_suffix(".toml")
     for written in (path, drives):
         if written is not None and real_path(written) == real_path(source):
-            raise RobotError(f"'{written}' is the URDF that is taken: name another file to write")
+            raise RobotError(f"'{written}' is the source URDF: name another file to write")
     text = urdf_text(source)  # read once: the file may change meanwhile
     tree = reread_urdf(source, text)
     _check_links(source, tree, robot)
     notes: list[str] = []
     bodies = _bodies(robot, tree, notes, force)
-    root = _places(source, text)
+    root = _root(source, text)
     links = root.named("link")
     edits = [edit for link in bodies for edit in _inertial_edits(text, links[link], bodies[link])]
     edits += _dynamics(text, root, robot)
-    _note_left_out(robot, path, source, root, notes)
+    _note_missing(robot, path, source, root, notes)
     with whole_file(path) as temporary:
         temporary.write_bytes(edited(text, edits))
         if drives is not None:
@@ -247,10 +269,10 @@ def write_urdf(
     return WrittenUrdf(path, drives, tuple(notes))
 
 
-def _places(source: Path, text: bytes) -> Element:
-    """Return where the elements of a URDF's text are."""
+def _root(source: Path, text: bytes) -> Element:
+    """Return the root element of a URDF's text."""
     try:
-        return read_places(text)
+        return parse_positions(text)
     except ValueError as problem:
         raise RobotError(f"cannot write into the text of URDF '{source}': {problem}") from None
 
@@ -261,8 +283,8 @@ def _check_links(source: Path, tree: UrdfTree, robot: Robot) -> None:
             raise RobotError(f"URDF '{source}': " + unknown_name("joint", joint, tree.joints))
         if tree.joints[joint].child != body:
             raise RobotError(
-                f"URDF '{source}': joint '{joint}' moves link '{tree.joints[joint].child}', that "
-                f"of the robot '{body}': this is another file than the one identified"
+                f"URDF '{source}': joint '{joint}' moves link '{tree.joints[joint].child}', in the "
+                f"robot it moves '{body}': this is not the file of the identified robot"
             )
 
 
@@ -275,23 +297,23 @@ def _bodies(robot: Robot, tree: UrdfTree, notes: list[str], force: bool) -> dict
     for joint, body, lump in zip(
         robot.joint_names, robot.body_names, robot.parameters.reshape(-1, 10), strict=True
     ):
-        propagated = _carried(tree, joint, moving)
-        fixed = {link: tree.links[link] for link in propagated if np.any(tree.links[link])}
-        rest = _rest(lump, [in_parent_frame(own, propagated[link]) for link, own in fixed.items()])
-        alone = is_physical(rest, THIN) and not _is_massless(rest)
-        if fixed and not alone and is_physical(lump, THIN):
+        placements = _fixed_links(tree, joint, moving)
+        fixed = {link: tree.links[link] for link in placements if np.any(tree.links[link])}
+        rest = _rest(lump, [in_parent_frame(own, placements[link]) for link, own in fixed.items()])
+        is_consistent = is_physical(rest, THIN) and not _is_massless(rest)
+        if fixed and not is_consistent and is_physical(lump, THIN):
             notes.append(
-                f"link '{body}' has the inertia of all that is fixed to it "
-                f"({', '.join(fixed)}): without theirs it would be no possible body"
+                f"link '{body}' has the inertia of all links fixed to it "
+                f"({', '.join(fixed)}): without theirs it would be physically inconsistent"
             )
             rest, changed = lump, changed | dict.fromkeys(fixed, np.zeros(10))
-        _check_possible(body, rest, force, notes)
+        _check_consistent(body, rest, force, notes)
         changed[body] = rest
     return changed
 
 
 def _rest(lump: Array, parts: Sequence[Array]) -> Array:
-    """Return what a body has without some parts of it; all zero where only rounding is left."""
+    """Return a body without some of its parts, all zero if only rounding errors remain."""
     rest = lump - sum(parts, np.zeros(10))
     kinds = (slice(0, 1), slice(1, 4), slice(4, 10))
     sizes = [max(float(np.max(np.abs(one[kind]))) for one in (lump, *parts)) for kind in kinds]
@@ -302,8 +324,8 @@ def _rest(lump: Array, parts: Sequence[Array]) -> Array:
     return rest if left or not parts else np.zeros(10)
 
 
-def _carried(tree: UrdfTree, joint: str, moving: frozenset[str]) -> dict[str, pin.SE3]:
-    """Return {link: placement in the body's frame} of the links fixed to what a joint moves."""
+def _fixed_links(tree: UrdfTree, joint: str, moving: frozenset[str]) -> dict[str, pin.SE3]:
+    """Return {link: placement in the body's frame} of the links fixed to the child of a joint."""
     found: dict[str, pin.SE3] = {}
     stack = [(tree.joints[joint].child, pin.SE3.Identity())]
     while stack:
@@ -315,34 +337,36 @@ def _carried(tree: UrdfTree, joint: str, moving: frozenset[str]) -> dict[str, pi
     return found
 
 
-def _check_possible(body: str, parameters: Array, force: bool, notes: list[str]) -> None:
+def _check_consistent(body: str, parameters: Array, force: bool, notes: list[str]) -> None:
+    """Raise RobotError for inertial parameters that a URDF cannot hold; note forced ones."""
     massless = _is_massless(parameters)
     absurd = out_of_range(parameters) if np.any(parameters) and not massless else None
     if absurd is not None:
-        raise RobotError(f"link '{body}' would have {absurd}, which no URDF may say")
+        raise RobotError(f"link '{body}' would have {absurd}, which is not written")
     problem = inconsistent_link(body, parameters)
     if problem is not None and not force:
         raise RobotError(f"{problem}: identify with feasible=True, or write it with force=True")
     if massless:
         raise RobotError(
             f"link '{body}' would have inertia without a mass ({parameters[0]:.4g} kg), which a "
-            "URDF cannot say: identify with feasible=True"
+            "URDF cannot hold: identify with feasible=True"
         )
     if problem is not None:
         notes.append(problem)
 
 
 def _is_massless(parameters: Array) -> bool:
-    """Tell whether there is inertia without a mass."""
+    """Return whether a body has inertia but no mass."""
     return bool(abs(parameters[0]) < SMALLEST_KG and np.any(parameters))
 
 
 def _inertial_edits(text: bytes, element: Element, parameters: Array) -> list[Edit]:
-    """Return what writes ten parameters, in the link's frame, as a link's mass and inertia."""
+    """Return the edits that write ten parameters, in the link's frame, as mass and inertia."""
     inertial = element.find("inertial")
     if not np.any(parameters):
         return [] if inertial is None else [without(text, inertial)]
     mass, center = parameters[0], parameters[1:4] / parameters[0]
+    # Steiner: I at the centre of mass = I at the frame - m (c.c 1 - c c^T)
     second = center @ center * np.eye(3) - np.outer(center, center)
     xx, xy, yy, xz, yz, zz = parameters[4:]
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - mass * second
@@ -360,7 +384,7 @@ def _inertial_edits(text: bytes, element: Element, parameters: Array) -> list[Ed
 
 
 def _dynamics(text: bytes, root: Element, robot: Robot) -> list[Edit]:
-    """Return what writes damping and friction of stiff drives as they are at their own joints."""
+    """Return the edits that write damping and friction of stiff drives, reflected to the joint."""
     joints, coupled = root.named("joint"), _coupled(robot)
     edits: list[Edit] = []
     for joint, drive in robot.drives.items():
@@ -378,32 +402,34 @@ def _dynamics(text: bytes, root: Element, robot: Robot) -> list[Edit]:
 
 
 def _coupled(robot: Robot) -> set[str]:
-    """Return the joints whose drive turns others, or its own with another factor than 1."""
+    """Return the joints whose drive moves others, or its own with a factor other than 1."""
     matrix = robot.transmission
     plain = (matrix == np.eye(robot.n)).all(axis=1)
     return {joint for joint, is_plain in zip(robot.joint_names, plain, strict=True) if not is_plain}
 
 
-def _note_left_out(robot: Robot, path: Path, source: Path, root: Element, notes: list[str]) -> None:
-    """Say what of the robot a URDF cannot have, and which files it names are no longer found."""
+def _note_missing(robot: Robot, path: Path, source: Path, root: Element, notes: list[str]) -> None:
+    """Add notes on parts of the robot that a URDF cannot hold, and on meshes no longer found."""
     if np.any(robot.payload_parameters):
-        notes.append("the payload that was known is not in the file: give it with payloads=")
+        notes.append("the known payload is not in the file: give it with payloads=")
     coupled = _coupled(robot)
     for joint, drive in robot.drives.items():
         if isinstance(drive, StiffDrive) and drive != IDEAL_DRIVE and joint in coupled:
             notes.append(
-                f"joint '{joint}': its drive moves other joints, and <dynamics> cannot say its "
-                "friction: the file of the drives does"
+                f"joint '{joint}': its drive moves other joints, and <dynamics> cannot hold its "
+                "friction: the drive file does"
             )
     shapes = (one for one in root.all() if one.tag in ("mesh", "texture"))
     named = (one.attributes.get("filename", "") for one in shapes)
-    beside = [name for name in named if name and "://" not in name and not Path(name).is_absolute()]
+    relative = [
+        name for name in named if name and "://" not in name and not Path(name).is_absolute()
+    ]
     folder = real_path(source).parent
-    if beside and real_path(path).parent != folder:
-        more = len(set(beside)) - 1
+    if relative and real_path(path).parent != folder:
+        more = len(set(relative)) - 1
         notes.append(
-            f"'{beside[0]}'{f' and {more} other files' if more else ''} that it names are looked "
-            f"for beside it: write it into '{folder}', or copy them"
+            f"'{relative[0]}'{f' and {more} other files' if more else ''} are relative to its "
+            f"folder: write it into '{folder}', or copy them"
         )
 
 

@@ -1,10 +1,10 @@
-"""Reports: an identification as people read it.
+"""Tables, figures and the HTML report of an identification.
 
-`Identification` and `Validation` come in; tables for the terminal, figures and one page of HTML go
-out. The page stands alone: its figures are drawn in the browser from the numbers inside.
+`Identification` and `Validation` come in; tables for the terminal, figures and an HTML page go out.
+The page is one file that opens offline; its charts are drawn in the browser.
 
 - `write_report` writes the page;
-- the tables are what `summary()` and `print` show of each result.
+- the `..._table` functions make the text that `summary()` and `print` show of each result.
 
 >>> import seaid
 >>> robot = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")

@@ -1,20 +1,14 @@
-"""Figures in the manner of the paper's Fig. 3 and Fig. 4: measured grey, computed black.
-
-Figure of the share of experiments in which 95 % intervals held the truth.
-
-Estimates over the pass band, as a table and as a figure.
-"""
+"""Figures of torques as Fig. 3 and Fig. 4 of the paper, and the sensitivity to the cutoff."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from seaid._arrays import Array
 from seaid._files import write_whole
 from seaid.errors import SeaidError
 from seaid.report.text import number, table
@@ -29,14 +23,13 @@ _MEASURED: dict[str, Any] = {"color": "0.62", "linewidth": 2.4, "label": "measur
 _COMPUTED: dict[str, Any] = {"color": "black", "linewidth": 0.9, "label": "computed"}
 
 
-UNSEEN = "a motion the identification has not seen"
+UNSEEN = "a motion that was not used for identification"
 
 
 def save_actuator_figure(result: Validation, path: str | Path, motion: str = UNSEEN) -> None:
     """Draw the motor torques of the best and the worst elastic joint, as Fig. 3 of the paper.
 
-    `motion` says in the title which motion it is. Raises SeaidError where the validation has no
-    actuator side.
+    The title names the `motion`. Raises SeaidError if the validation has no actuator side.
     """
     if not np.any(np.isfinite(result.actuator.relative_error)):
         raise SeaidError(
@@ -47,15 +40,12 @@ def save_actuator_figure(result: Validation, path: str | Path, motion: str = UNS
 
 
 def save_load_figure(result: Validation, path: str | Path, motion: str = UNSEEN) -> None:
-    """Draw the load torque of every joint that has one, as Fig. 4 of the paper.
-
-    `motion` says in the title which motion it is.
-    """
+    """Draw the load torques, as Fig. 4 of the paper; the title names the `motion`."""
     save_figure(load_figure(result, motion), path)
 
 
 def actuator_figure(result: Validation, motion: str = UNSEEN) -> Figure:
-    """Return Fig. 3 of the paper, of a validation that has an actuator side."""
+    """Return Fig. 3 of the paper for a validation with an actuator side."""
     errors = result.actuator.relative_error
     elastic = [int(index) for index in np.flatnonzero(np.isfinite(errors))]
     best, worst = min(elastic, key=errors.item), max(elastic, key=errors.item)
@@ -67,7 +57,7 @@ def actuator_figure(result: Validation, motion: str = UNSEEN) -> Figure:
 def load_figure(
     result: Validation, motion: str = UNSEEN, joints: Sequence[int] | None = None
 ) -> Figure:
-    """Return Fig. 4 of the paper, of the joints that have a load side or a choice of them."""
+    """Return Fig. 4 of the paper for all joints with a load side, or for `joints`."""
     shown = np.flatnonzero(np.isfinite(result.load.relative_error)) if joints is None else joints
     title = f"Load side: torque on the load in {motion}"
     return _torques(result, result.load, [(int(i), "") for i in shown], title, 1.0, "N m")
@@ -106,10 +96,7 @@ def _torques(
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
-    """Write a figure as PNG, whole.
-
-    Raises SeaidError for another ending and where it cannot be written.
-    """
+    """Write a figure as PNG. Raises SeaidError for another suffix and if it cannot be written."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     if Path(path).suffix.lower() != ".png":
@@ -120,52 +107,14 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     write_whole(path, content.getvalue())
 
 
-WANTED = (0.90, 0.98)
-LEVEL = 0.95
-
-
-def save_coverage_figure(
-    names: Sequence[str],
-    coverage: Mapping[str, Array],
-    experiments: Mapping[str, int],
-    path: str | Path,
-) -> None:
-    """Draw the coverage (P,) of each parameter, one panel a way of estimating.
-
-    `names` (P,) are the parameters, `experiments` how many each way had: the grey band is where
-    95 % of the dots lie if the intervals are right, the dashed lines are what is wanted. Raises
-    SeaidError where the file cannot be written.
-    """
-    from matplotlib.figure import Figure
-
-    ways, places = list(coverage), np.arange(len(names))
-    height = 0.6 + 0.17 * len(names)
-    figure = Figure(figsize=(2.2 + 1.5 * len(ways), height), layout="constrained")
-    axes = figure.subplots(1, len(ways), sharey=True, squeeze=False)[0]
-    for axis, way in zip(axes, ways, strict=True):
-        half = 1.96 * np.sqrt(LEVEL * (1 - LEVEL) / experiments[way])
-        axis.axvspan(LEVEL - half, min(LEVEL + half, 1.0), color="0.9", zorder=0)
-        for edge in WANTED:
-            axis.axvline(edge, color="tab:red", linestyle="--", linewidth=0.8)
-        axis.plot(coverage[way], places, "o", color="black", markersize=3)
-        axis.set_title(f"{way}, {experiments[way]}", fontsize="medium")
-        axis.set_xlim(min(0.7, float(np.min(coverage[way])) - 0.02), 1.01)
-        axis.grid(axis="y", color="0.94")
-        axis.set_xlabel("share")
-    axes[0].set_yticks(places, names, fontsize="x-small")
-    axes[0].set_ylim(len(names) - 0.5, -0.5)
-    figure.suptitle("Experiments in which the 95 % interval held the truth")
-    save_figure(figure, path)
-
-
 _COLUMNS, _LONGEST = 4, 40
 _LEVEL = 1.96
 
 
 def sensitivity_table(result: CutoffSensitivity) -> str:
-    """Return each estimate in each pass band, and how far it moves in standard errors.
+    """Return each estimate at each cutoff, and its largest change in standard errors.
 
-    The proposed band is in brackets.
+    The selected cutoff is in brackets.
     """
     marked = [
         f"[{cutoff:.3g} Hz]" if place == result.proposed else f"{cutoff:.3g} Hz"
@@ -181,8 +130,8 @@ def sensitivity_table(result: CutoffSensitivity) -> str:
         ]
         for place, name in enumerate(result.names)
     ]
-    header = ["parameter", *marked, "std. error", "moves", "unit"]
-    title = "Estimates over the pass band; moves: up to half and twice the proposed one"
+    header = ["parameter", *marked, "std. error", "change", "unit"]
+    title = "Estimates over the cutoff; change: largest between half and twice the selected one"
     return "\n".join(
         [
             table(title, header, rows),
@@ -192,15 +141,15 @@ def sensitivity_table(result: CutoffSensitivity) -> str:
 
 
 def save_sensitivity_figure(result: CutoffSensitivity, path: str | Path) -> None:
-    """Draw each estimate with its 95 % interval over the cutoff, the proposed one marked.
+    """Draw each estimate with its 95 % interval over the cutoff, the selected one marked.
 
-    Raises SeaidError where the file cannot be written.
+    Raises SeaidError if the file cannot be written.
     """
     from matplotlib.figure import Figure
 
     rows = -(-len(result.names) // _COLUMNS)
     figure = Figure(figsize=(3.0 * _COLUMNS, 0.8 + 1.7 * rows), layout="constrained")
-    figure.suptitle("Estimates and 95 % intervals over the pass band; red: the proposed one")
+    figure.suptitle("Estimates and 95 % intervals over the cutoff; red: the selected one")
     axes = figure.subplots(rows, _COLUMNS, sharex=True, squeeze=False).ravel()
     kept = np.flatnonzero(~np.isnan(result.values[:, 0]))
     proposed = result.cutoffs_hz[result.proposed]

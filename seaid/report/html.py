@@ -1,4 +1,4 @@
-"""write_report: one self-contained HTML page by which an engineer decides what to trust."""
+"""write_report: one self-contained HTML page with results, warnings and checks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,13 @@ import numpy as np
 from seaid._files import plain, write_whole
 from seaid.errors import SeaidError
 from seaid.identification import Identification, Validation, compared
-from seaid.report.html_experiment import known_rows, log_facts, reached_rows, used_facts, versions
+from seaid.report.html_experiment import (
+    known_rows,
+    log_facts,
+    motion_ranges,
+    settings_facts,
+    versions,
+)
 from seaid.report.html_maps import (
     cells_of,
     correlation_map,
@@ -33,7 +39,7 @@ from seaid.report.html_tables import (
     worst_rows,
 )
 from seaid.report.html_traces import Run, traces_of
-from seaid.report.html_verdict import doubts_of, verdict
+from seaid.report.html_verdict import verdict, warnings_of
 
 Fact = str | int | float
 
@@ -45,16 +51,33 @@ def write_report(
     *,
     facts: Mapping[str, Fact] | None = None,
 ) -> None:
-    """Write one HTML file that opens offline: what was found, from what, and what to trust of it.
+    """Write the report of an identification as one HTML file that opens offline.
 
-    `results` are validations on motions that were not identified from; none are allowed, and the
-    page then says so. `facts` {what: text or number} are told with the conditions of the experiment
-    (seeds, files, who and where). The page has verdict and flags, tables with intervals, groupings,
-    checks, traces to zoom into with residual and spectrum, figures, singular values, correlations
-    and versions; it stays under 6 MB whatever the logs, and says where it thins them.
+    The page has a verdict, warnings, tables with confidence intervals, checks, interactive traces
+    with residual and spectrum, figures, singular values, correlations and versions. Its size is
+    below 6 MB for any logs; traces are thinned if necessary, and the page says so.
 
-    Raises SeaidError for a path that does not end in .html, for results that are no validations or
-    of another robot, for facts that are neither text nor number, and where it cannot be written.
+    Parameters
+    ----------
+    found : Identification
+    results : Validation or iterable of Validation
+        Validations on motions that were not used for identification. For an empty list the page
+        says that there is no validation.
+    path : path
+        The file to write, ending in .html.
+    facts : dict, optional
+        Experiment metadata {name: text or number}, as seeds, files, people and places.
+
+    Raises
+    ------
+    SeaidError
+        For another suffix, results that are not validations of this robot, invalid facts, and if
+        the file cannot be written.
+
+    Examples
+    --------
+    >>> checked = seaid.validate(found, seaid.read_log("other.csv", robot))
+    >>> seaid.write_report(found, checked, "report.html", facts={"place": "Eindhoven"})
     """
     path = Path(path)
     if path.suffix.lower() not in (".html", ".htm"):
@@ -67,7 +90,7 @@ def write_report(
 
 
 def runs_of(found: Identification, results: Sequence[Validation]) -> list[Run]:
-    """Return all motions of a page: those identified from, then the validations."""
+    """Return all motions of a page: those used for identification, then the validations."""
     own = [compared(found, motion) for motion in found.motions]
     runs = [Run(_name("own log", place, own), one, False) for place, one in enumerate(own)]
     for place, result in enumerate(results):
@@ -82,7 +105,7 @@ def _name(kind: str, place: int, every: Sequence[Any]) -> str:
 
 
 def _same(one: Validation, other: Validation) -> bool:
-    """Tell whether two are of the same motion."""
+    """Return whether two validations are of the same motion."""
     return one.load.measured.shape == other.load.measured.shape and all(
         np.allclose(a, b, rtol=1e-9, atol=0, equal_nan=True)
         for a, b in (
@@ -102,9 +125,9 @@ def _checked(found: Identification, results: Validation | Iterable[Validation]) 
             raise SeaidError(_no_validation(one))
         if one.joints != found.robot.joint_names:
             raise SeaidError(
-                f"results: a validation of the joints {', '.join(one.joints)}, the identified "
+                f"results: a validation of the joints {', '.join(one.joints)}, but the identified "
                 f"robot '{found.robot.name}' has {', '.join(found.robot.joint_names)}: validate "
-                "the identification that the report is of"
+                "the identification of the report"
             )
     return every
 
@@ -112,17 +135,17 @@ def _checked(found: Identification, results: Validation | Iterable[Validation]) 
 def _no_validation(one: object) -> str:
     return (
         f"results must be Validations (of seaid.validate), found {type(one).__name__}; give [] "
-        "where there is none"
+        "if there is none"
     )
 
 
 def _checked_facts(facts: Mapping[str, Fact]) -> list[tuple[str, str]]:
     if not isinstance(facts, Mapping):
-        raise SeaidError(f"facts= must be {{what: text or number}}, found {type(facts).__name__}")
+        raise SeaidError(f"facts= must be {{name: text or number}}, found {type(facts).__name__}")
     for name, value in facts.items():
         if not isinstance(name, str) or not isinstance(value, str | int | float | np.number):
             raise SeaidError(
-                f"facts= must be {{what: text or number}}, found {name!r}: {type(value).__name__}"
+                f"facts= must be {{name: text or number}}, found {name!r}: {type(value).__name__}"
             )
     return [(name, str(value)) for name, value in facts.items()]
 
@@ -149,7 +172,7 @@ def _page(found: Identification, runs: Sequence[Run], facts: list[tuple[str, str
 
 
 def _parameters(found: Identification) -> dict[str, Any]:
-    """Return what the page says of the estimates."""
+    """Return the template values of the estimates."""
     return {
         "drives": drive_tables(found),
         "base": base_rows(found),
@@ -164,25 +187,29 @@ def _parameters(found: Identification) -> dict[str, Any]:
 
 
 def _experiment(found: Identification, facts: list[tuple[str, str]]) -> dict[str, Any]:
-    """Return what the page says of the experiment."""
+    """Return the template values of data, settings and experiment."""
     return {
         "cutoff": f"{found.cutoff_hz:.3g}",
         "logs": log_facts(found),
-        "used": used_facts(found),
+        "used": settings_facts(found),
         "known": known_rows(found),
-        "reached": reached_rows(found),
+        "reached": motion_ranges(found),
         "facts": facts,
         "versions": versions(),
     }
 
 
 def _motions(found: Identification, runs: Sequence[Run]) -> dict[str, Any]:
-    """Return what the page says and shows of motions, and the verdict by them."""
-    doubts, errors, traces = doubts_of(found, runs), error_rows(found, runs), traces_of(found, runs)
+    """Return the template values of the motions, and the verdict."""
+    warnings, errors, traces = (
+        warnings_of(found, runs),
+        error_rows(found, runs),
+        traces_of(found, runs),
+    )
     pictured = ([run for run in runs if run.is_unseen] or list(runs))[:1]
     return {
-        "verdict": verdict(found, runs, doubts),
-        "doubts": doubts,
+        "verdict": verdict(found, runs, warnings),
+        "warnings": warnings,
         "errors": worst_rows(errors),
         "all_errors": len(errors),
         "pictures": [picture for run in pictured for picture in figures_of(run)],
@@ -195,7 +222,7 @@ def _motions(found: Identification, runs: Sequence[Run]) -> dict[str, Any]:
 
 
 def _heads(first: str, white: bool) -> list[str]:
-    """Return the heads of a table of parameters; `white`: errors for white noise are there."""
+    """Return the header of a parameter table, with or without errors for white noise."""
     textbook = ["S.e. if white"] if white else []
     return [first, "Value", "Std. error", "95 % interval", "Unit", "Relative s.e.", "", *textbook]
 
@@ -223,7 +250,7 @@ def _correlations(found: Identification) -> dict[str, Any]:
 
 
 def _as_json(content: Any) -> Any:
-    """Return JSON that is safe inside a <script>: no '<', '>' or '&' in it, no NaN."""
+    """Return JSON that is safe inside a <script>: without '<', '>', '&' and NaN."""
     from markupsafe import Markup
 
     text = json.dumps(plain(content), allow_nan=False, separators=(",", ":"))
@@ -233,7 +260,7 @@ def _as_json(content: Any) -> Any:
 
 
 def _asset(name: str) -> Any:
-    """Return a file of the page as it is: our own style, script, and the chart library."""
+    """Return a file of the page verbatim: style, script, or the chart library."""
     from markupsafe import Markup
 
     return Markup((files("seaid.report") / "page" / name).read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""What a page says of the experiment: logs, what was known, what the motion reached, versions."""
+"""Data, settings and experiment of a page: logs, known values, range of motion, versions."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _SENSORS = {
 
 @dataclass(frozen=True)
 class LogFacts:
-    """One log that was identified from, in words: {what: text}, and what was mended in it."""
+    """One log used for identification: (name, text) pairs, and its repairs."""
 
     name: str
     facts: tuple[tuple[str, str], ...]
@@ -38,15 +38,15 @@ class LogFacts:
 
 
 @dataclass(frozen=True)
-class Reached:
-    """What a joint reached in all motions that were identified from, as text."""
+class MotionRange:
+    """The range of motion of a joint over all motions used for identification, as text."""
 
     joint: str
     cells: tuple[str, ...]
 
 
 def log_facts(found: Identification) -> list[LogFacts]:
-    """Return what is known of every log that was identified from."""
+    """Return the facts of every log used for identification."""
     several = len(found.processing) > 1
     kind = "Stretch" if has_holes(found.processing) else "Log"
     logs = []
@@ -60,11 +60,11 @@ def log_facts(found: Identification) -> list[LogFacts]:
 
 def _measured(robot: Robot, motion: Motion | None) -> Iterator[tuple[str, str]]:
     if motion is None:
-        yield "Samples", "read in pieces; what follows tells of the first one"
+        yield "Samples", "read in pieces; the following describes the first one"
         return
     length = float(motion.time[-1] - motion.time[0])
     yield "Samples", f"{len(motion.time)} in {seconds(length)} ({motion.rate_hz:.4g} Hz)"
-    yield "Rows a joint", f"{len(row_samples(motion))} after decimation to the pass band"
+    yield "Rows per joint", f"{len(row_samples(motion))} after decimation to the cutoff"
     yield "Positions", _positions(robot, motion)
     for field, words in _SENSORS.items():
         values = getattr(motion, field)
@@ -78,19 +78,19 @@ def _measured(robot: Robot, motion: Motion | None) -> Iterator[tuple[str, str]]:
 
 def _processed(processing: Processing) -> Iterator[tuple[str, str]]:
     band = processing.cutoff_selection
-    yield "Pass band", str(band)
+    yield "Cutoff", str(band)
     if np.isfinite(band.noise_limit_hz):
-        yield "Noise", f"1 % of what moves the {band.channel} at {band.noise_limit_hz:.3g} Hz"
+        yield "Noise", f"1 % of the signal of {band.channel} at {band.noise_limit_hz:.3g} Hz"
     if processing.resampled:
         yield "Time", f"{processing.logged_rate_hz:.4g} Hz in uneven steps, resampled by splines"
     low = processing.position_low_pass_hz
     filtered = low < 0.4 * processing.rate_hz
     yield "Position filter", f"below {low:.3g} Hz, zero phase" if filtered else "none"
-    yield "Left away at the ends", f"{processing.trim_s:.2g} s each, where filters swing in"
+    yield "Filter transient", f"{processing.trim_s:.2g} s excluded at each end"
 
 
 def _positions(robot: Robot, motion: Motion) -> str:
-    """Say which joints have an encoder on both sides: one of a stiff drive may be computed."""
+    """Return which joints have an encoder on both sides; that of a stiff drive may be computed."""
     ratio = np.array([robot.drives[name].ratio for name in robot.joint_names])
     turned = at_drives(robot.transmission, motion.joint_position) * ratio
     scale = np.max(np.abs(turned), axis=0, initial=0.0)
@@ -115,22 +115,22 @@ def _of(joints: Sequence[str], robot: Robot) -> str:
     return listed if len(joints) <= 12 else f"{listed} and {len(joints) - 12} more"
 
 
-def used_facts(found: Identification) -> list[tuple[str, str]]:
-    """Return what was used of the logs, and what was known of the bodies."""
+def settings_facts(found: Identification) -> list[tuple[str, str]]:
+    """Return the settings of the identification and the known bodies."""
     robot = found.known
     facts = [
         ("Torques used on the load side", _of(found.model.rows, robot)),
-        ("Pass band", f"{found.cutoff_hz:.4g} Hz"),
+        ("Cutoff", f"{found.cutoff_hz:.4g} Hz"),
         ("Known loads", "; ".join(_payloads(robot)) or "none"),
         ("Known bodies", ", ".join(robot.known_bodies) or "none"),
         ("Gravity", " ".join(f"{one:.5g}" for one in robot.model.gravity.linear) + " m/s²"),
     ]
     if robot.elastic_joints:
-        order = "both at once" if "both" in found.checks else "springs first, then the load"
-        facts.insert(2, ("Sides of the springs", order))
+        method = "simultaneous" if "both" in found.checks else "two-step: springs, then the load"
+        facts.insert(2, ("Method", method))
     if found.model.absorbed:
         names = [f"{name.replace('_', ' ')} of {joint}" for joint, name, _ in found.model.absorbed]
-        facts.append(("Found only together with base parameters", ", ".join(names)))
+        facts.append(("Identified in combination with base parameters", ", ".join(names)))
     return facts
 
 
@@ -144,7 +144,7 @@ def _payloads(robot: Robot) -> Iterator[str]:
 
 
 def known_rows(found: Identification) -> list[tuple[str, str, str]]:
-    """Return of each joint its drive, what of it was known, and what was identified."""
+    """Return for each joint the known and the identified parameters of its drive."""
     rows = []
     for joint in found.known.joint_names:
         drive = found.known.drives[joint]
@@ -156,7 +156,7 @@ def known_rows(found: Identification) -> list[tuple[str, str, str]]:
 
 
 def _known_text(drive: Drive) -> str:
-    """Say what was known of a drive: its table without nominal values."""
+    """Return the known values of a drive: its table without nominal values."""
     if drive == IDEAL_DRIVE:
         return "none: torque known at the joint"
     table = drive_table(drive.without_nominal())
@@ -172,8 +172,8 @@ def _plain(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def reached_rows(found: Identification) -> list[Reached]:
-    """Return what every joint reached in the motions identified from; none of long logs."""
+def motion_ranges(found: Identification) -> list[MotionRange]:
+    """Return the range of motion of every joint, empty for long logs."""
     if not found.motions:
         return []
     limits = zip(found.known.lower_limits, found.known.upper_limits, strict=True)
@@ -194,12 +194,12 @@ def reached_rows(found: Identification) -> list[Reached]:
             f"{short(float(np.max(np.abs(v))))} {unit}/s",
             f"{short(float(np.max(np.abs(a))))} {unit}/s²",
         )
-        rows.append(Reached(joint, cells))
+        rows.append(MotionRange(joint, cells))
     return rows
 
 
 def versions() -> list[tuple[str, str]]:
-    """Return date, system and versions of what computed the page."""
+    """Return date, system and versions of packages."""
     from seaid import __version__
 
     rows = [

@@ -1,7 +1,4 @@
-"""What the data tell together: singular values of the load side, correlations of the estimates.
-
-Fig. 3 and Fig. 4 of the paper for a page, as SVG that takes the page's colours.
-"""
+"""Charts of a page: singular values, correlations, and Fig. 3 and Fig. 4 of the paper as SVG."""
 
 from __future__ import annotations
 
@@ -27,7 +24,7 @@ from seaid.estimation import (
 from seaid.identification import Fit, Identification, Validation, under_load, with_gear_torque
 from seaid.log import Motion
 from seaid.regressor import load_regression, stacked
-from seaid.report.figures import actuator_figure, load_figure
+from seaid.report.figures import UNSEEN, actuator_figure, load_figure
 from seaid.report.html_traces import Run
 
 if TYPE_CHECKING:
@@ -36,10 +33,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class SingularValues:
-    """Singular values of the load side relative to the largest, best told first.
+    """Singular values of the load side relative to the largest, in decreasing order.
 
-    `combinations` says in words what of the parameters the last ones tell; `threshold` is the
-    share below which a combination is called poorly told.
+    `combinations` describes the parameter combinations of the smallest ones; a combination is
+    poorly determined below the `threshold`.
     """
 
     shares: Array
@@ -48,10 +45,10 @@ class SingularValues:
 
 
 def singular_values(found: Identification) -> SingularValues | None:
-    """Return the singular values of the load side of all motions; None where they are not kept.
+    """Return the singular values of the load side over all motions, None for long logs.
 
-    Columns have unit norm, rows are weighted by their joint's residual, as in the estimate by
-    weighted least squares: their spread is the condition number.
+    Columns have unit norm, rows are weighted by their joint's residual, as in weighted least
+    squares: the ratio of largest and smallest is the condition number.
     """
     if not found.motions or not found.model.names:
         return None
@@ -59,9 +56,14 @@ def singular_values(found: Identification) -> SingularValues | None:
     qr_factor = qr_factor_of(
         stacked([load_regression(found.known, m, found.model, found.springs) for m in motions])
     )
-    told = directions(qr_factor.weighted_factor(settled_weights(qr_factor)), qr_factor.names)
-    last = range(len(told.shares) - 1, max(len(told.shares) - 4, -1), -1)
-    return SingularValues(told.shares, tuple(told.text(place) for place in last))
+    found_directions = directions(
+        qr_factor.weighted_factor(settled_weights(qr_factor)), qr_factor.names
+    )
+    count = len(found_directions.shares)
+    smallest = range(count - 1, max(count - 4, -1), -1)
+    return SingularValues(
+        found_directions.shares, tuple(found_directions.text(place) for place in smallest)
+    )
 
 
 def _with_gear_torque(found: Identification, motion: Motion) -> Motion:
@@ -73,10 +75,10 @@ def _with_gear_torque(found: Identification, motion: Motion) -> Motion:
 
 @dataclass(frozen=True, eq=False)
 class CorrelationMap:
-    """Correlations of estimated parameters: `names` (p,), `blocks` (p,) which estimate each is of.
+    """Correlations of estimated parameters: `names` (p,), and the estimate of each, `blocks` (p,).
 
-    `values` (p, p) are NaN between estimates that were made apart. `total` counts the parameters
-    before the least correlated ones were left out; `strongest` lists (name, name, correlation).
+    `values` (p, p) are NaN between separate estimates. `total` counts the parameters including
+    those excluded for weak correlations; `strongest` lists (name, name, correlation).
     """
 
     names: tuple[str, ...]
@@ -90,7 +92,7 @@ _MOST_PARAMETERS, _STRONGEST, _STRONG = 110, 10, 0.7
 
 
 def correlation_map(found: Identification) -> CorrelationMap:
-    """Return the correlations of all estimates, of the most correlated parameters if many."""
+    """Return the correlations of all estimates, or of the most correlated 110 parameters."""
     names, blocks, parts = _estimates(found)
     total = len(names)
     values = np.full((total, total), np.nan)
@@ -118,7 +120,7 @@ def correlation_map(found: Identification) -> CorrelationMap:
 
 
 def _estimates(found: Identification) -> tuple[list[str], list[int], list[Array]]:
-    """Return short names, block of each, and correlations of every block: drives, then the load."""
+    """Return short names, the block of each, and the correlations per block: drives, then load."""
     names: list[str] = []
     blocks: list[int] = []
     parts: list[Array] = []
@@ -133,22 +135,22 @@ def _estimates(found: Identification) -> tuple[list[str], list[int], list[Array]
         drive = found.drives[joint]
         own = [i for i, name in enumerate(drive.names) if f"{name} of {joint}" not in load.names]
         if own:
-            named = [_spoken(f"{drive.names[i]} of {joint}") for i in own]
+            named = [_readable(f"{drive.names[i]} of {joint}") for i in own]
             add(drive.correlation[np.ix_(own, own)], named)
     if load.names:
         bodies = [first_term(name) for name in found.model.expressions]
-        add(load.correlation, [*bodies, *map(_spoken, load.names[len(bodies) :])])
+        add(load.correlation, [*bodies, *map(_readable, load.names[len(bodies) :])])
     return names, blocks, parts
 
 
-def _spoken(name: str) -> str:
+def _readable(name: str) -> str:
     parameter, _, joint = name.partition(" of ")
     return f"{parameter.replace('_', ' ')} of {joint}"
 
 
 @dataclass(frozen=True)
 class Cells:
-    """Cells of a map that look alike: sign and strength (1 to 10), as the path of an SVG."""
+    """Cells of a map with the same sign and strength (1 to 10), as the path of an SVG."""
 
     sign: str
     strength: int
@@ -156,7 +158,7 @@ class Cells:
 
 
 def cells_of(shown: CorrelationMap) -> list[Cells]:
-    """Return the lower triangle of a map, a unit a cell, cells of a colour as one path."""
+    """Return the lower triangle of a map with unit cells, one path per colour."""
     rows, columns = np.tril_indices(len(shown.names), -1)
     values = shown.values[rows, columns]
     paths: dict[tuple[str, int], list[str]] = {}
@@ -169,7 +171,7 @@ def cells_of(shown: CorrelationMap) -> list[Cells]:
 
 
 def packed_correlations(shown: CorrelationMap) -> str:
-    """Return the whole map in hundredths as base64 of signed bytes; -128 where there is none."""
+    """Return the whole map in hundredths as base64 of signed bytes, -128 for NaN."""
     steps = np.where(np.isnan(shown.values), -128, np.round(100 * np.nan_to_num(shown.values)))
     return base64.b64encode(steps.astype(np.int8).tobytes()).decode("ascii")
 
@@ -178,7 +180,7 @@ def packed_correlations(shown: CorrelationMap) -> str:
 class DotChart:
     """Points of a chart with a logarithmic axis, in a box of `width` times `height`.
 
-    `dots` are (x, y, text), `decades` (y, exponent) of the grid, `threshold` the y of the line.
+    `dots` are (x, y, text), `decades` (y, exponent) of the grid lines, `threshold` is a y.
     """
 
     width: float
@@ -189,7 +191,7 @@ class DotChart:
 
 
 def dot_chart(found: SingularValues, width: float = 640.0, height: float = 200.0) -> DotChart:
-    """Return singular values over their number as points of a chart."""
+    """Return singular values over their index as points of a chart."""
     shares = np.maximum(found.shares, 1e-16)
     lowest = min(
         math.floor(math.log10(float(shares.min()))), math.floor(math.log10(POORLY_DETERMINED))
@@ -218,26 +220,26 @@ _MOST_JOINTS, _MOST_SAMPLES = 8, 1500
 
 @dataclass(frozen=True)
 class Picture:
-    """An SVG with what it shows in words."""
+    """An SVG with its caption."""
 
     svg: Any
     caption: str
 
 
 def figures_of(run: Run) -> list[Picture]:
-    """Return Fig. 3 and Fig. 4 of the paper for a run, as far as it has these sides."""
+    """Return Fig. 3 and Fig. 4 of the paper for a run, for the sides that it has."""
     result, pictures = _thinned(run.result), []
-    motion = "a motion the identification has not seen" if run.is_unseen else f"the {run.name}"
+    motion = UNSEEN if run.is_unseen else f"the {run.name}"
     if np.any(np.isfinite(result.actuator.relative_error)):
         svg = _svg(partial(actuator_figure, result, motion), "actuator")
         pictures.append(Picture(svg, "Motor torques: the elastic joints predicted best and worst."))
-    told = np.flatnonzero(np.isfinite(result.load.relative_error))
-    if len(told):
-        order = told[np.argsort(result.load.relative_error[told], kind="stable")]
+    joints = np.flatnonzero(np.isfinite(result.load.relative_error))
+    if len(joints):
+        order = joints[np.argsort(result.load.relative_error[joints], kind="stable")]
         few = order[np.unique(np.linspace(0, len(order) - 1, _MOST_JOINTS).round().astype(int))]
-        shown = told if len(told) <= _MOST_JOINTS else np.sort(few)
-        more = f" {len(shown)} of {len(told)} joints, from best to worst." * (
-            len(told) > len(shown)
+        shown = joints if len(joints) <= _MOST_JOINTS else np.sort(few)
+        more = f" {len(shown)} of {len(joints)} joints, from best to worst." * (
+            len(joints) > len(shown)
         )
         svg = _svg(partial(load_figure, result, motion, shown.tolist()), "load")
         pictures.append(Picture(svg, f"Torques on the load, measured and computed.{more}"))
@@ -245,7 +247,7 @@ def figures_of(run: Run) -> list[Picture]:
 
 
 def _thinned(result: Validation) -> Validation:
-    """Return the validation with fewer samples, enough for a picture of this size."""
+    """Return the validation with fewer samples, enough for the size of the figure."""
     step = max(1, len(result.time) // _MOST_SAMPLES)
 
     def thin(fit: Fit) -> Fit:
@@ -257,7 +259,7 @@ def _thinned(result: Validation) -> Validation:
 
 
 def _svg(draw: Callable[[], Figure], name: str) -> Any:
-    """Return a figure as SVG for a page: text as text, colours by name, ids of its own."""
+    """Return a figure as SVG for a page: with text elements, named colours and unique ids."""
     import matplotlib
     from markupsafe import Markup
     from matplotlib.backends.backend_svg import FigureCanvasSVG

@@ -1,9 +1,4 @@
-"""Tables of a page: drives, base parameters and checks, as data with text in it.
-
-Numbers for a reader: as many digits as the standard error lets stand, errors with two.
-
-How well the torques are predicted, as a table of a page.
-"""
+"""Tables of a page: drives, base parameters, checks and prediction errors, with rounded numbers."""
 
 from __future__ import annotations
 
@@ -20,7 +15,7 @@ from seaid.report.html_traces import SIDES, Run
 
 _ERROR_DIGITS, _VALUE_DIGITS, _WITHOUT_ERROR = 2, 2, 6
 _FIXED = (-4, 6)
-"""Powers of ten between which a number is written without an exponent."""
+"""Range of powers of ten in which a number is written without an exponent."""
 
 _TINY = 1e-16
 
@@ -41,9 +36,9 @@ class Rounded:
 def rounded(
     value: float, error: float, lower: float, upper: float, white: float = math.nan
 ) -> Rounded:
-    """Return numbers rounded at the second digit of the standard error, of the value if finer.
+    """Return numbers rounded at the second digit of the standard error, or of the value if finer.
 
-    `white` is the standard error for white noise, NaN where there is none.
+    `white` is the standard error for white noise, NaN if there is none.
     """
     if not math.isfinite(value):
         return Rounded(NONE, NONE, NONE, NONE, NONE)
@@ -56,17 +51,17 @@ def rounded(
 
 
 def short(value: float, digits: int = 3) -> str:
-    """Return a number with so many digits, a dash where there is none."""
+    """Return a number with a given number of digits, a dash for NaN."""
     return f"{value:.{digits}g}".replace("-", "−") if math.isfinite(value) else NONE
 
 
 def probability(value: float) -> str:
-    """Return a probability with two digits, tiny ones as such."""
+    """Return a probability with two digits, or as below 1e-16."""
     return short(value, 2) if not value < _TINY else "< 1e−16"
 
 
 def share(value: float) -> str:
-    """Return a ratio in percent with two digits, from 100 % on whole, a dash for none."""
+    """Return a ratio in percent with two digits, without decimals from 100 %, a dash for NaN."""
     if not math.isfinite(value):
         return NONE
     per_cent = 100 * value
@@ -81,7 +76,7 @@ def share(value: float) -> str:
 
 
 def seconds(value: float) -> str:
-    """Return a duration in s, from two minutes on in min."""
+    """Return a duration in s, or in min from two minutes."""
     return f"{value:.4g} s" if value < 120 else f"{value / 60:.3g} min"
 
 
@@ -109,20 +104,20 @@ def _fixed(value: float, last: int, shift: int) -> str:
 
 _LONG_GROUPING = 64
 _GROUPINGS_ROOM = 1_000_000
-"""Characters of the page for groupings; beyond them each is cut, and the page says so."""
+"""Characters of the page for groupings; beyond them groupings are shortened with a note."""
 
 CORRELATED = 0.9
-"""Autocorrelation from row to row above which something is missing: a low pass makes about half."""
+"""Autocorrelation at lag 1 above which a term is missing; a low-pass filter alone causes 0.5."""
 
 _UNITS = {"^2": "²", "^3": "³", "^5": "⁵"}
 
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """One parameter: numbers as text, its exact value, `bar` (0 to 1) its relative error.
+    """One parameter: numbers as text, its exact value, and its relative error as `bar` (0 to 1).
 
-    `mark` says in words what is doubtful: "may be zero" where the 95 % interval holds zero, else
-    "± 12 %" where the standard error is above a tenth of the value.
+    `mark` is "unidentifiable", "may be zero" if the 95 % interval contains zero, or "poorly
+    determined" if the standard error exceeds a tenth of the value.
     """
 
     name: str
@@ -145,22 +140,22 @@ class DriveTable:
 
 @dataclass(frozen=True)
 class CheckRow:
-    """A line of a table of checks: its cells as text, and whether it speaks against the model."""
+    """A row of a table of checks: its cells as text, and whether it is a warning."""
 
     cells: tuple[str, ...]
-    is_doubtful: bool
+    is_warning: bool
 
 
 def drive_tables(found: Identification) -> list[DriveTable]:
-    """Return a table of every joint whose drive has parameters."""
+    """Return a table for every joint whose drive has parameters."""
     return [
-        DriveTable(joint, tuple(_rows(estimate, _spoken)))
+        DriveTable(joint, tuple(_rows(estimate, _readable)))
         for joint, estimate in found.drives.items()
     ]
 
 
 def base_rows(found: Identification) -> list[ParameterRow]:
-    """Return the base parameters with their groupings, whole as far as the page has room."""
+    """Return the base parameters with their groupings, shortened if the page has no room."""
     names = found.load.names
     room = max(_LONG_GROUPING, _GROUPINGS_ROOM // max(len(names), 1))
 
@@ -174,7 +169,7 @@ def base_rows(found: Identification) -> list[ParameterRow]:
 
 
 def terms_in(expression: str) -> int:
-    """Return how many terms a grouping has."""
+    """Return the number of terms of a grouping."""
     return 1 + expression.count(" + ") + expression.count(" - ")
 
 
@@ -197,51 +192,51 @@ def _rows(estimate: Estimate, text: Callable[[str], str]) -> Iterator[ParameterR
 
 
 def _white(estimate: Estimate) -> Array:
-    """Return the standard errors for white noise, NaN where the estimator gave none."""
+    """Return the standard errors for white noise, NaN if the estimator gave none."""
     white = estimate.white_standard_errors
     return np.full(len(estimate.names), np.nan) if white is None else white
 
 
 def has_white(found: Identification) -> bool:
-    """Tell whether any estimate has standard errors for white noise."""
+    """Return whether any estimate has standard errors for white noise."""
     every = (found.load, *found.drives.values())
     return any(one.white_standard_errors is not None for one in every)
 
 
 def _head(text: str) -> tuple[str, str]:
-    """Return what of a grouping is shown at once, and the whole where that is not all."""
+    """Return the visible start of a grouping, and the whole if it is longer."""
     if len(text) <= _LONG_GROUPING:
         return text, ""
     terms = text[:_LONG_GROUPING].rsplit(" + ", 1)[0].rsplit(" - ", 1)[0]
     return f"{terms} + …", text
 
 
-def _spoken(name: str) -> str:
+def _readable(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _mark(value: float, error: float, holds_zero: bool) -> str:
+def _mark(value: float, error: float, contains_zero: bool) -> str:
     if not (math.isfinite(value) and math.isfinite(error)):
-        return "not told"
-    if error > 0 and holds_zero:
+        return "unidentifiable"
+    if error > 0 and contains_zero:
         return "may be zero"
-    return "poorly told" if error > POORLY_IDENTIFIED * abs(value) else ""
+    return "poorly determined" if error > POORLY_IDENTIFIED * abs(value) else ""
 
 
 def bar(relative: float) -> float:
-    """Return a relative standard error as the length of a bar, 1 at 100 % and beyond."""
+    """Return a relative standard error as the length of a bar, at most 1."""
     return round(min(relative, 1.0), 4) if math.isfinite(relative) else 1.0
 
 
 def readable_unit(unit: str) -> str:
-    """Return a unit with raised figures, nothing for 1."""
+    """Return a unit with superscript exponents, empty for 1."""
     for plain, raised in _UNITS.items():
         unit = unit.replace(plain, raised)
     return "" if unit == "1" else unit
 
 
 def term_rows(found: Identification) -> list[CheckRow]:
-    """Return each tested term of the drives, and whether the data are for it."""
+    """Return each tested term of the drives, and whether the data support it."""
     return [
         CheckRow(
             (
@@ -260,14 +255,14 @@ def term_rows(found: Identification) -> list[CheckRow]:
 
 
 def term_name(side: str, term: TermTest) -> str:
-    """Return a tested term with its joint, in words."""
+    """Return the name of a tested term with its joint."""
     name = term.terms[0] + ("" if side in ("load", "both") else f" of {side}")
     parameter, _, joint = name.partition(" of ")
-    return f"{_spoken(parameter)} of {joint}" if joint else name
+    return f"{_readable(parameter)} of {joint}" if joint else name
 
 
 def residual_rows(found: Identification) -> list[CheckRow]:
-    """Return how correlated in time the residual of every equation is."""
+    """Return the autocorrelation of the residual of every equation."""
     return [
         CheckRow(
             (joint, side_name(side), short(white.first), short(white.durbin_watson)),
@@ -279,7 +274,7 @@ def residual_rows(found: Identification) -> list[CheckRow]:
 
 
 def condition_rows(found: Identification) -> list[CheckRow]:
-    """Return condition numbers, residuals and what was left out, by regression."""
+    """Return condition number, residual and number of excluded instants per regression."""
     rows = []
     for side, checks in found.checks.items():
         elastic = side not in ("load", "both")
@@ -297,8 +292,8 @@ def condition_rows(found: Identification) -> list[CheckRow]:
 
 
 def side_name(side: str) -> str:
-    """Return a side of the checks in words."""
-    return {"load": "load side", "both": "both sides at once"}.get(side, "actuator side")
+    """Return the name of a side of the checks."""
+    return {"load": "load side", "both": "both sides"}.get(side, "actuator side")
 
 
 _MOST_ERRORS = 1500
@@ -306,7 +301,7 @@ _MOST_ERRORS = 1500
 
 @dataclass(frozen=True)
 class ErrorRow:
-    """How well the torque of a joint on one side is predicted in a run."""
+    """The prediction errors of the torque of a joint on one side in a run."""
 
     run: str
     is_unseen: bool
@@ -317,7 +312,7 @@ class ErrorRow:
 
 
 def error_rows(found: Identification, runs: Sequence[Run]) -> list[ErrorRow]:
-    """Return how well every run is predicted, by side and joint; sides without traces left out."""
+    """Return the prediction errors of every run, by side and joint, if there are traces."""
     return [
         ErrorRow(
             run=run.name,
@@ -336,7 +331,7 @@ def error_rows(found: Identification, runs: Sequence[Run]) -> list[ErrorRow]:
 
 
 def worst_rows(rows: Sequence[ErrorRow]) -> list[ErrorRow]:
-    """Return the rows of a table that is not too long: the largest errors, in their order."""
+    """Return the rows with the 1500 largest errors, in their order."""
     largest = sorted(range(len(rows)), key=lambda k: -rows[k].relative_error)[:_MOST_ERRORS]
     return [rows[k] for k in sorted(largest)]
 

@@ -1,8 +1,7 @@
 """Traces of a page: measured, computed and residual, thinned and packed, and their spectra.
 
-Nothing that can be seen is lost by taking every few samples of what lies behind a low pass. Where
-there are more joints than the page has room for, the least and the largest sample of every stretch
-are kept instead, so that peaks stay as high as they are.
+Low-pass filtered traces are decimated without visible loss. If the page has no room for all joints,
+the smallest and largest sample of every interval are kept instead, which preserves peaks.
 """
 
 from __future__ import annotations
@@ -24,13 +23,13 @@ _ROOM = 2_000_000
 """Bytes of the page for all traces together, and as base64."""
 
 _SAMPLE_BYTES = 8.0
-"""Three 16 bit integers, as base64."""
+"""Three 16-bit integers, as base64."""
 
 _PER_PERIOD = 24
-"""Samples kept of a period of the cutoff, where there is room."""
+"""Samples kept per period of the cutoff frequency, if there is room."""
 
 _MOST_TRACES = 1300
-"""Beyond them whole runs are left out: each takes at least two kilobytes."""
+"""Beyond them whole runs are excluded: each takes at least two kilobytes."""
 
 _FEWEST, _LINES, _FEW_LINES, _MANY = 120, 220, 100, 80
 _HIGHEST, _DEEPEST = 8.0, 1e-9
@@ -39,7 +38,7 @@ _MISSING = -32768
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A motion with its measured and computed torques; `is_unseen`: not identified from."""
+    """A motion with measured and computed torques; `is_unseen`: not used for identification."""
 
     name: str
     result: Validation
@@ -49,7 +48,7 @@ class Run:
 def traces_of(found: Identification, runs: Sequence[Run]) -> dict[str, Any]:
     """Return runs as data of the page: names, units, and packed traces by side and joint.
 
-    Of more runs than there is room for, those that were not identified from come first.
+    If there is no room for all runs, unseen ones take precedence.
     """
     runs = _with_room(runs)
     count = sum(map(_count, runs))
@@ -67,7 +66,7 @@ def traces_of(found: Identification, runs: Sequence[Run]) -> dict[str, Any]:
 
 
 def _with_room(runs: Sequence[Run]) -> list[Run]:
-    """Return the runs of which the page has traces, in their order."""
+    """Return the runs whose traces fit in the page, in their order."""
     kept: list[Run] = []
     for run in sorted(runs, key=lambda run: not run.is_unseen):
         if not kept or sum(map(_count, [*kept, run])) <= _MOST_TRACES:
@@ -76,16 +75,16 @@ def _with_room(runs: Sequence[Run]) -> list[Run]:
 
 
 def _count(run: Run) -> int:
-    return len(_first_stage(run.result.actuator)) + len(_first_stage(run.result.load))
+    return len(_joints_with_traces(run.result.actuator)) + len(_joints_with_traces(run.result.load))
 
 
-def _first_stage(fit: Fit) -> list[int]:
-    """Return the joints of which a side has traces."""
+def _joints_with_traces(fit: Fit) -> list[int]:
+    """Return the joints for which a side has traces."""
     return [int(i) for i in np.flatnonzero(np.any(np.isfinite(fit.measured), axis=0))]
 
 
 def _sources(found: Identification, side: str) -> list[str]:
-    """Say of each joint where what is called measured comes from."""
+    """Return for each joint the source of the measured torque."""
     source = _motor_source if side == "actuator" else _load_source
     return [source(found, joint) for joint in found.robot.joint_names]
 
@@ -93,25 +92,25 @@ def _sources(found: Identification, side: str) -> list[str]:
 def _motor_source(found: Identification, joint: str) -> str:
     kind = found.known.drives[joint].motor_input
     if kind != "torque":
-        return f"the torque of the motor's {kind} by the found constant"
+        return f"the motor's {kind} times the identified constant"
     if not _has_motor_torque(found, joint):
-        return "the spring's torque by the sensor at the joint, seen at the motor"
-    return "the motor's torque as logged"
+        return "the spring torque by the sensor at the joint, reflected to the motor"
+    return "the logged motor torque"
 
 
 def _load_source(found: Identification, joint: str) -> str:
     drive = found.known.drives[joint]
     if joint in found.springs:
-        return "the torque of the identified spring by its measured deflection, (4b)"
+        return "the torque of the identified spring at its measured deflection, (4b)"
     if joint in found.robot.elastic_joints:
         return "the torque of the sensor at the joint"
     if drive.motor_input != "torque":
-        return f"the torque of the motor's {drive.motor_input} by the found constant, at the joint"
+        return f"the motor's {drive.motor_input} times the identified constant, at the joint"
     if drive == IDEAL_DRIVE:
-        return "the torque at the joint as logged"
+        return "the logged torque at the joint"
     if not _has_motor_torque(found, joint):
-        return "the torque at the joint as logged, less that of a known rotor"
-    return "the motor's torque as logged, through the gear, less that of a known rotor"
+        return "the logged torque at the joint, minus that of a known rotor"
+    return "the logged motor torque, reflected to the joint, minus that of a known rotor"
 
 
 def _has_motor_torque(found: Identification, joint: str) -> bool:
@@ -143,7 +142,7 @@ def _packed_run(run: Run, room: int, lines: int) -> dict[str, Any]:
 
 
 def _inside(result: Validation) -> slice:
-    """Return the samples that any joint has a trace of: filters swing in at the ends."""
+    """Return the samples with a trace of any joint, without the filter transients at the ends."""
     both = np.hstack([result.actuator.measured, result.load.measured])
     there = np.flatnonzero(np.any(np.isfinite(both), axis=1))
     return slice(int(there[0]), int(there[-1]) + 1) if len(there) else slice(0, len(both))
@@ -152,14 +151,14 @@ def _inside(result: Validation) -> slice:
 def _thinned_text(step: int, stretch: int, rate_hz: float, cutoff_hz: float) -> str:
     if stretch:
         return (
-            f"Drawn thinned, the least and the largest sample of every {stretch} "
-            f"({1e3 * stretch / rate_hz:.3g} ms): peaks are as high as they are, details between "
-            "them are not in this page."
+            f"Thinned to the smallest and largest sample of every {stretch} "
+            f"({1e3 * stretch / rate_hz:.3g} ms): peaks are preserved, details between them are "
+            "not in this page."
         )
     if step > 1:
         return (
-            f"Every {step}th sample of {rate_hz:.4g} Hz is drawn; behind the low pass at "
-            f"{cutoff_hz:.3g} Hz the others lie between them."
+            f"Every {step}th sample of {rate_hz:.4g} Hz is drawn, which shows all of a signal "
+            f"low-pass filtered at {cutoff_hz:.3g} Hz."
         )
     return "Every sample is drawn."
 
@@ -167,10 +166,10 @@ def _thinned_text(step: int, stretch: int, rate_hz: float, cutoff_hz: float) -> 
 def _packed_side(
     fit: Fit, inside: slice, step: int, stretch: int, bands: Bands
 ) -> list[dict[str, Any] | None]:
-    told = set(_first_stage(fit))
+    joints = set(_joints_with_traces(fit))
     return [
         _packed_trace(fit.measured[inside, j], fit.computed[inside, j], step, stretch, bands)
-        if j in told
+        if j in joints
         else None
         for j in range(fit.measured.shape[1])
     ]
@@ -191,9 +190,9 @@ def _packed_trace(
 
 
 def envelope(trace: Array, stretch: int) -> Array:
-    """Return two samples of each stretch, the least and the largest in the order they came.
+    """Return the smallest and largest sample of each stretch, in the order of time.
 
-    NaN where a stretch has a sample that is missing.
+    Both are NaN if a sample of the stretch is missing.
     """
     count = -(-len(trace) // stretch)
     padded = np.pad(trace, (0, count * stretch - len(trace)), mode="edge").reshape(count, stretch)
@@ -205,9 +204,9 @@ def envelope(trace: Array, stretch: int) -> Array:
 
 
 def packed(trace: Array) -> dict[str, Any]:
-    """Return {data, scale, offset}: int16 as base64, value = offset + scale * integer.
+    """Return {data, scale, offset}: little-endian int16 as base64, value = offset + scale * int.
 
-    Little-endian; the smallest integer is a missing sample.
+    The smallest integer is a missing sample.
     """
     known = trace[np.isfinite(trace)]
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
@@ -220,7 +219,7 @@ def packed(trace: Array) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Bands:
-    """Lines of a spectrum gathered in bands that are even on a logarithmic axis; `start` of each.
+    """Bands of a spectrum, equally wide on a logarithmic axis; `start` is the first line of each.
 
     The amplitude of a band is that of its largest line.
     """
@@ -230,7 +229,7 @@ class Bands:
     end: int
 
     def amplitude(self, trace: Array) -> Array:
-        """Return the largest amplitude in every band, of a trace without its mean (Hann window)."""
+        """Return the largest amplitude per band, of a trace without its mean (Hann window)."""
         there = np.nan_to_num(trace - np.nanmean(trace))
         window = np.hanning(len(there))
         lines = 2 * np.abs(np.fft.rfft(window * there)) / max(float(window.sum()), 1e-300)

@@ -1,4 +1,4 @@
-"""What a page says at its top: the verdict in a sentence, and what must not be trusted."""
+"""The verdict of a page in one sentence, and its warnings."""
 
 from __future__ import annotations
 
@@ -23,39 +23,39 @@ from seaid.report.html_tables import (
 from seaid.report.html_traces import Run
 from seaid.robot import THIN, is_physical
 
-_MUCH_LEFT_OUT = 0.5
+_LARGE_EXCLUDED_SHARE = 0.5
 _BADLY_PREDICTED = 0.2
 
 NOT_VALIDATED = (
-    "Not validated on a motion it has not seen: how well it fits its own motion says little about "
+    "Not validated on an unseen motion: how well the model fits its own motion says little about "
     "how well it predicts another."
 )
 
 
 @dataclass(frozen=True)
-class Doubts:
-    """Sentences on one subject; `subject` stands above them."""
+class Warnings:
+    """Warnings on one subject, which is their heading."""
 
     subject: str
     sentences: tuple[str, ...]
 
 
-def verdict(found: Identification, runs: Sequence[Run], doubts: Sequence[Doubts]) -> str:
-    """Return in a sentence what was found, how well it predicts, and how many doubts there are."""
+def verdict(found: Identification, runs: Sequence[Run], warnings: Sequence[Warnings]) -> str:
+    """Return one sentence on the estimates, their prediction errors and the number of warnings."""
     counted = (
         (_relative_errors(found.drives.values()), "drive parameter"),
         (_relative_errors([found.load]), "base parameter"),
     )
-    told = [
-        f"{_count(len(errors), name)} found, {int(np.sum(errors < POORLY_IDENTIFIED))} with a "
+    estimated = [
+        f"{_count(len(errors), name)} identified, {int(np.sum(errors < POORLY_IDENTIFIED))} with a "
         "standard error below 10\N{NO-BREAK SPACE}%"
         for errors, name in counted
         if len(errors)
     ]
     unseen = _prediction(error_rows(found, [run for run in runs if run.is_unseen]))
-    flags = sum(len(one.sentences) for one in doubts)
-    raised = f"{_count(flags, 'flag')} below" if flags else "nothing is flagged"
-    return "; ".join([*told, unseen, raised]) + "."
+    count = sum(len(one.sentences) for one in warnings)
+    raised = f"{_count(count, 'warning')} below" if count else "no warnings"
+    return "; ".join([*estimated, unseen, raised]) + "."
 
 
 def _relative_errors(estimates: Iterable[Estimate]) -> Array:
@@ -64,30 +64,30 @@ def _relative_errors(estimates: Iterable[Estimate]) -> Array:
 
 
 def _prediction(rows: Sequence[ErrorRow]) -> str:
-    """Say how far the prediction of unseen motions is off, by median and worst torque."""
+    """Return the prediction error of unseen motions: median and worst torque."""
     if not rows:
-        return "not validated on a motion it has not seen"
+        return "not validated on an unseen motion"
     errors = [row.relative_error for row in rows]
     worst = max(rows, key=lambda row: row.relative_error)
     if len(rows) == 1:
         return f"the torque of an unseen motion is predicted with {share(errors[0])} error"
     return (
-        f"the torques of unseen motion are predicted with {share(float(np.median(errors)))} error "
-        f"at the median, {share(worst.relative_error)} at the worst joint ({worst.joint}, "
-        f"{worst.side} side)"
+        f"the torques of unseen motions are predicted with a median error of "
+        f"{share(float(np.median(errors)))}, {share(worst.relative_error)} at the worst joint "
+        f"({worst.joint}, {worst.side} side)"
     )
 
 
-def doubts_of(found: Identification, runs: Sequence[Run]) -> list[Doubts]:
-    """Return what must not be trusted, by subject; empty subjects are left out."""
+def warnings_of(found: Identification, runs: Sequence[Run]) -> list[Warnings]:
+    """Return the warnings by subject, without empty subjects."""
     every = (
-        Doubts("Flags of the identification", tuple(map(_sentence, found.flags))),
-        Doubts("Validation", tuple(_of_validation(found, runs))),
-        Doubts("Bodies", tuple(_of_bodies(found))),
-        Doubts("Combinations that the data hardly tell", tuple(_poorly_told(found))),
-        Doubts("Terms that the data do not support", tuple(_not_worth(found))),
-        Doubts("Residuals", tuple(_correlated(found))),
-        Doubts("Standstill", tuple(_left_out(found))),
+        Warnings("Flags of the identification", tuple(map(_sentence, found.flags))),
+        Warnings("Validation", tuple(_of_validation(found, runs))),
+        Warnings("Bodies", tuple(_of_bodies(found))),
+        Warnings("Poorly determined combinations", tuple(_poorly_determined(found))),
+        Warnings("Terms that the data do not support", tuple(_unsupported_terms(found))),
+        Warnings("Residuals", tuple(_autocorrelated(found))),
+        Warnings("Standstill", tuple(_excluded(found))),
     )
     return [one for one in every if one.sentences]
 
@@ -98,19 +98,19 @@ def _of_validation(found: Identification, runs: Sequence[Run]) -> Iterator[str]:
     for run in runs:
         if not run.is_unseen and run.name.startswith("validation"):
             yield (
-                f"The {run.name} is of a motion that was identified from: it does not count as "
-                "unseen."
+                f"The {run.name} is of a motion that was used for identification: it is not an "
+                "unseen one."
             )
     for row in error_rows(found, [run for run in runs if run.is_unseen]):
         if row.relative_error > _BADLY_PREDICTED:
             yield (
-                f"The torque of {row.joint} ({row.side} side) is predicted badly in the {row.run}: "
-                f"{share(row.relative_error)} of its size is error."
+                f"The torque of {row.joint} ({row.side} side) is poorly predicted in the "
+                f"{row.run}: relative error {share(row.relative_error)}."
             )
 
 
 def _of_bodies(found: Identification) -> Iterator[str]:
-    """Say which bodies cannot exist, as `write_urdf` would refuse them."""
+    """Yield the physically inconsistent bodies, which `write_urdf` would refuse."""
     bodies = found.robot.parameters.reshape(-1, 10)
     wrong = [
         name
@@ -119,51 +119,51 @@ def _of_bodies(found: Identification) -> Iterator[str]:
     ]
     if wrong and found.feasible is None:
         yield (
-            f"{_listed(wrong)}: no body can have the inertial parameters of the found robot. They "
-            "give the identified base parameters, and right torques with them; a simulator may "
-            "refuse them. Identify with feasible=True for possible bodies."
+            f"{_listed(wrong)}: the inertial parameters are physically inconsistent. They have the "
+            "identified base parameters and thus the right torques, but a simulator may refuse "
+            "them. Identify with feasible=True for physically consistent ones."
         )
     elif wrong:
-        yield f"{_listed(wrong)}: no body can have these inertial parameters."
+        yield f"{_listed(wrong)}: the inertial parameters are physically inconsistent."
 
 
-def _poorly_told(found: Identification) -> Iterator[str]:
+def _poorly_determined(found: Identification) -> Iterator[str]:
     for side, checks in found.checks.items():
         where = f"{side_name(side)}{'' if side in ('load', 'both') else f' of {side}'}"
         for text in checks.poorly_determined:
             yield _sentence(f"{where}: {text}")
 
 
-def _not_worth(found: Identification) -> Iterator[str]:
+def _unsupported_terms(found: Identification) -> Iterator[str]:
     for side, checks in found.checks.items():
         for term in checks.terms:
             if term.bic <= 0:
                 yield (
-                    f"{_capital(term_name(side, term))}: the data do not ask for it (BIC "
-                    f"{short(term.bic)}); leave the term out."
+                    f"{_capital(term_name(side, term))}: not supported by the data (BIC "
+                    f"{short(term.bic)}); remove the term."
                 )
 
 
-def _correlated(found: Identification) -> Iterator[str]:
+def _autocorrelated(found: Identification) -> Iterator[str]:
     for side, checks in found.checks.items():
         for joint, white in checks.whiteness.items():
             if white.first > CORRELATED:
                 yield (
-                    f"The residual of {joint} ({side_name(side)}) goes on from row to row "
-                    f"(autocorrelation {white.first:.3g}): the model lacks something there, or a "
-                    "sensor's zero is off."
+                    f"The residual of {joint} ({side_name(side)}) is autocorrelated "
+                    f"({white.first:.3g} at lag 1): the model lacks a term there, or a sensor has "
+                    "an offset."
                 )
 
 
-def _left_out(found: Identification) -> Iterator[str]:
+def _excluded(found: Identification) -> Iterator[str]:
     instants = sum(len(row_samples(motion)) for motion in found.motions)
     for side, count in found.excluded.items():
         rows = instants * (len(found.model.rows) if side == "load" else 1)
-        if rows and count > _MUCH_LEFT_OUT * rows:
+        if rows and count > _LARGE_EXCLUDED_SHARE * rows:
             where = "The load side" if side == "load" else f"The actuator side of {side}"
             yield (
-                f"{where} is identified from {share(1 - count / rows)} of its instants: in the "
-                "others a motor stands still, where dry friction has no direction."
+                f"{where} is identified from {share(1 - count / rows)} of its instants: the others "
+                "are near standstill, where the direction of dry friction is unknown."
             )
 
 
@@ -177,7 +177,7 @@ def _sentence(text: str) -> str:
 
 
 def _capital(text: str) -> str:
-    """Return a sentence's beginning; a joint's name in front stays as it is."""
+    """Return a text with a capital first letter."""
     return text[:1].upper() + text[1:]
 
 

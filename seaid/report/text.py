@@ -1,11 +1,4 @@
-"""Tables in text, aligned, with standard errors.
-
-What sensors tell, as text.
-
-What several conditions told together, as a table in text.
-
-Which terms the data support: a table, and the recommendation in words.
-"""
+"""Tables in text: parameters with standard errors, checks, validation, sensors, terms."""
 
 from __future__ import annotations
 
@@ -33,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return an aligned table as text; the first column to the left, the others to the right."""
+    """Return an aligned table as text, the first column left-aligned, the others right-aligned."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -49,23 +42,23 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> s
 
 
 def drive_table(title: str, found: Identification, truth: Robot | None = None) -> str:
-    """Return Table 1 of the paper: drive parameters with standard errors, beside a known truth."""
+    """Return Table 1 of the paper: drive parameters with standard errors, and true values."""
     header = ["joint", "parameter", "estimated", "std. error", "rel."]
     rows = []
     for joint, estimate in found.drives.items():
         true = {} if truth is None else truth.drives[joint].values
         for name, value, error, unit in _entries(estimate):
             exact = true.get(name, np.nan)
-            beside = [] if truth is None else [number(exact), percent(value / exact - 1)]
+            compared = [] if truth is None else [number(exact), percent(value / exact - 1)]
             numbers = [number(value), number(error), percent(error / abs(value))]
-            rows.append([joint, name, *numbers, *beside, unit])
+            rows.append([joint, name, *numbers, *compared, unit])
     return table(title, [*header, *([] if truth is None else ["true", "off by"]), "unit"], rows)
 
 
 def load_table(title: str, found: Identification, truth: Robot | None = None) -> str:
-    """Return the base parameters with standard errors, beside a known truth.
+    """Return the base parameters with standard errors, and true values if `truth` is given.
 
-    Long groupings are cut; `parameters.json` has them whole.
+    Long groupings are shortened; `parameters.json` has them in full.
     """
     header = ["base parameter", "estimated", "std. error", "rel."]
     true = np.full(len(found.load.values), np.nan)
@@ -80,22 +73,22 @@ def load_table(title: str, found: Identification, truth: Robot | None = None) ->
 
 
 def identification_table(found: Identification) -> str:
-    """Return the summary of an identification: drives, base parameters, checks, flags."""
+    """Return the summary of an identification: drives, base parameters, checks and flags."""
     parts = [
         f"{found.robot.name}: {len(found.load.values)} base parameters from the torques at "
-        f"{', '.join(found.model.rows)}; pass band {found.cutoff_hz:.3g} Hz",
+        f"{', '.join(found.model.rows)}; cutoff {found.cutoff_hz:.3g} Hz",
         *_processing_text(found),
         drive_table("Drives", found),
         load_table("Base parameters", found),
         checks_table(found),
-        *(_possible_text(found.feasible) if found.feasible is not None else []),
+        *(_feasible_text(found.feasible) if found.feasible is not None else []),
         *(f"! {flag}" for flag in found.flags),
     ]
     return "\n".join(parts)
 
 
 def _processing_text(found: Identification) -> list[str]:
-    """Say in one line what was done to the first log, and how many others there are."""
+    """Return one line on the processing of the first log and the number of logs."""
     others = len(found.processing) - 1
     kind = "stretches" if has_holes(found.processing) else "logs"
     more = f" (first of {others + 1} {kind})" if others > 0 else ""
@@ -103,10 +96,10 @@ def _processing_text(found: Identification) -> list[str]:
 
 
 def checks_table(found: Identification) -> str:
-    """Return what speaks for and against the model: each optional term, residuals, conditions.
+    """Return the checks of the model: optional terms, residuals and condition numbers.
 
-    A term is worth having where its BIC is above zero. A residual behind a low pass is correlated
-    even if nothing is missing; the standard errors count that.
+    The data support a term whose BIC difference is above zero. A low-pass filter correlates the
+    residual even of a complete model; the standard errors account for that.
     """
     terms = [
         [term.terms[0] + ("" if side in ("load", "both") else f" of {side}"), *_term_numbers(term)]
@@ -125,11 +118,11 @@ def checks_table(found: Identification) -> str:
         for side, checks in found.checks.items()
     ]
     poorly = [f"! {text}" for checks in found.checks.values() for text in checks.poorly_determined]
-    header = ["term", "residual without", "F", "BIC", "worth having"]
-    parts = [table("Is each term of the drives worth having?", header, terms)] if terms else []
+    header = ["term", "residual without", "F", "BIC", "supported"]
+    parts = [table("Terms of the drives: support by the data", header, terms)] if terms else []
     if residuals:
         header = ["residual", "side", "autocorrelation", "Durbin-Watson"]
-        parts.append(table("Residuals: correlation from row to row", header, residuals))
+        parts.append(table("Residuals: autocorrelation at lag 1", header, residuals))
     return "\n".join([*parts, *conditions, *poorly])
 
 
@@ -137,24 +130,24 @@ _SIDE_TEXT = {"load": "the load side", "both": "both sides"}
 
 
 def _term_numbers(term: TermTest) -> list[str]:
-    worth = "yes" if term.bic > 0 else "no"
-    return [f"x {np.sqrt(term.growth):.3g}", number(term.F), number(term.bic), worth]
+    supported = "yes" if term.bic > 0 else "no"
+    return [f"x {np.sqrt(term.growth):.3g}", number(term.F), number(term.bic), supported]
 
 
-def _possible_text(possible: FeasibleParameters) -> list[str]:
-    """Say how the possible bodies came about."""
+def _feasible_text(found: FeasibleParameters) -> list[str]:
+    """Return the summary of the physically consistent parameters."""
     return [
-        f"possible bodies: chi-square {possible.chi_square:.3g} over {len(possible.values)} values "
-        f"(at least {possible.nearest_chi_square:.3g}); weight of the prior {possible.weight:.2g}, "
-        f"{possible.freedom:.1f} values decided by the data",
-        *(f"  the data push until {text}" for text in possible.active_bounds),
-        *(f"  {note}" for note in possible.notes),
+        f"physically consistent parameters: chi-square {found.chi_square:.3g} over "
+        f"{len(found.values)} values (at least {found.nearest_chi_square:.3g}); weight of the "
+        f"prior {found.weight:.2g}, {found.freedom:.1f} values determined by the data",
+        *(f"  active bound: {text}" for text in found.active_bounds),
+        *(f"  {note}" for note in found.notes),
     ]
 
 
 def validation_table(result: Validation) -> str:
-    """Return relative errors by joint and side: in the pass band, away from standstill, and raw."""
-    title = "Unseen motion: relative error in the pass band; away from standstill; unfiltered"
+    """Return relative errors by joint and side: below the cutoff, in motion, and unfiltered."""
+    title = "Unseen motion: relative error below the cutoff; away from standstill; unfiltered"
     header = ["joint", "motor torque", "moving", "raw", "load torque", "moving", "raw"]
     kinds = ("relative_error", "moving_relative_error", "raw_relative_error")
     rows = [
@@ -172,12 +165,12 @@ def validation_table(result: Validation) -> str:
 
 
 def number(value: float) -> str:
-    """Return a number with four digits, a dash where there is none."""
+    """Return a number with four digits, a dash for NaN."""
     return f"{value:.4g}" if np.isfinite(value) else "-"
 
 
 def percent(value: float) -> str:
-    """Return a ratio in percent with two digits, a dash where there is none."""
+    """Return a ratio in percent with two digits, a dash for NaN."""
     if not np.isfinite(value):
         return "-"
     return f"{100 * value:.2g} %" if abs(value) < 0.995 else f"{100 * value:.0f} %"
@@ -196,30 +189,30 @@ _WIDTH = 100
 
 
 def sensors_table(found: Identifiability) -> str:
-    """Return counts and lists of what can be found alone, together, up to a factor, not at all."""
+    """Return the parameters identifiable individually, in combination, up to scale, or not."""
     return "\n".join(_lines(found))
 
 
 def _lines(found: Identifiability) -> Iterator[str]:
     grouped = sum(map(len, found.ratios))
     yield (
-        f"{found.robot_name}: of {len(found.names)} parameters the sensors tell "
-        f"{found.rank} numbers"
+        f"{found.robot_name}: {len(found.names)} parameters, of which the sensors determine "
+        f"{found.rank} combinations"
     )
     for joint, sentences in found.usable.items():
         yield from _wrapped(
             f"{joint} ({', '.join(found.sensors[joint]) or 'no sensor'}): ", sentences
         )
-    yield from _list(f"Alone: {len(found.identifiable)}", found.identifiable)
-    yield from _list(f"Only together: {len(found.combinations)}", found.combinations, "\n")
+    yield from _list(f"Individually: {len(found.identifiable)}", found.identifiable)
+    yield from _list(f"In combination: {len(found.combinations)}", found.combinations, "\n")
     for group in found.ratios:
-        yield from _list(f"Only up to one common factor: {len(group)}", group, "\n")
-    yield from _list(f"Not at all: {len(found.unidentifiable)}", found.unidentifiable)
+        yield from _list(f"Up to scale: {len(group)}", group, "\n")
+    yield from _list(f"Unidentifiable: {len(found.unidentifiable)}", found.unidentifiable)
     count = len(found.base.names)
     agree = "agree" if found.agree else "do NOT agree"
     yield (
         f"{count} combinations, {grouped} of them in {len(found.ratios)} groups; exact and numeric "
-        f"rank {agree}, gap {found.gap:.0e}"
+        f"rank {agree}, singular-value gap {found.gap:.0e}"
     )
 
 
@@ -243,9 +236,9 @@ def _wrapped(start: str, items: Sequence[str], between: str = "; ") -> list[str]
 
 
 def conditions_table(together: Conditions) -> str:
-    """Return the own parameters of all conditions beside each other, and whether they differ.
+    """Return the condition-specific parameters of all conditions, and whether they differ.
 
-    They differ where the Bayesian information criterion is for a value of each condition's own.
+    They differ if the Bayesian information criterion supports one value per condition.
     """
     rows = []
     for name, test in together.differences.items():
@@ -253,7 +246,7 @@ def conditions_table(together: Conditions) -> str:
         differ = "yes" if test.bic > 0 else "no"
         rows.append([name, *values, number(test.F), number(test.bic), differ])
     count = len(together.identifications)
-    title = f"{count} conditions together: what each has of its own (value +- standard error)"
+    title = f"{count} conditions: condition-specific parameters (value +- standard error)"
     return table(title, ["parameter", *together.identifications, "F", "BIC", "differ"], rows)
 
 
@@ -267,20 +260,20 @@ def _text(found: Identification, name: str) -> str:
 
 
 def terms_table(selection: TermSelection) -> str:
-    """Return all terms that were asked about, step by step, and what is recommended."""
-    header = ["joint: term", "step", "F", "BIC", "blocks left out", "better", "worth having"]
+    """Return the comparison of all candidate terms, step by step, and the recommendation."""
+    header = ["joint: term", "step", "F", "BIC", "excluded blocks", "better", "supported"]
     rows = [_row(one) for one in selection.comparisons]
     notes = [f"! {_name(one)}: {one.reason}" for one in selection.comparisons if one.reason]
-    title = "Is one more term worth having? BIC above zero, and error of blocks left out smaller"
-    return "\n".join([table(title, header, rows), *notes, *_words(selection)])
+    title = "Model comparison: a term needs BIC above zero and a smaller error of excluded blocks"
+    return "\n".join([table(title, header, rows), *notes, *_recommendation(selection)])
 
 
 def _row(one: TermComparison) -> list[str]:
     if one.comparison is None:
-        return [_name(one), str(one.step + 1), *["-"] * 4, "not asked"]
+        return [_name(one), str(one.step + 1), *["-"] * 4, "not tested"]
     gain = one.comparison
     excluded = f"{percent(gain.improvement)} +- {percent(gain.improvement_std)}"
-    worth = "chosen" if one.selected else "yes" if gain.is_supported else "no"
+    supported = "selected" if one.selected else "yes" if gain.is_supported else "no"
     blocks = f"{gain.better} of {gain.blocks}"
     return [
         _name(one),
@@ -289,7 +282,7 @@ def _row(one: TermComparison) -> list[str]:
         number(gain.bic),
         excluded,
         blocks,
-        worth,
+        supported,
     ]
 
 
@@ -297,9 +290,9 @@ def _name(one: TermComparison) -> str:
     return f"{one.joint}: {one.field.replace('_', ' ')} {one.term}"
 
 
-def _words(selection: TermSelection) -> list[str]:
+def _recommendation(selection: TermSelection) -> list[str]:
     if not selection.recommended:
-        return ["The data support no term beyond those that the drives have."]
+        return ["The data support no term in addition to those of the drives."]
     return [
         f"{joint}: add "
         + ", ".join(f"'{term}' to {field}" for field, term in found)

@@ -1,4 +1,4 @@
-"""The view: a robot and its motions in the browser.
+"""A robot and its motions in the browser.
 
 A `Robot` and any number of motions come in; `view_robot` opens a page on which the robot moves,
 with the deflection of its springs in colours, and returns a `View` to play, pause and seek.

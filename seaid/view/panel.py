@@ -1,7 +1,4 @@
-"""Panel: what the user turns and presses beside the picture, and what it says.
-
-What the panel of a view says, as HTML: the colour scale, and the numbers of all joints.
-"""
+"""Panel: the inputs of a view, its colour scale and its table of joints, as HTML."""
 
 from __future__ import annotations
 
@@ -22,7 +19,7 @@ _TEXT = "font-size:0.8em;line-height:1.45;margin:0 0.6em 0.5em"
 
 
 def legend(robot: Robot, limits: Array) -> str:
-    """Return the colour scale of deflections that end at `limits` (n,) [rad or m]."""
+    """Return the colour scale of deflections up to `limits` (n,) [rad or m]."""
     bars = [
         _bar(limit, unit)
         for limit, unit in zip(_ends(robot, limits), ("mrad", "mm"), strict=True)
@@ -33,13 +30,13 @@ def legend(robot: Robot, limits: Array) -> str:
         return f'<div style="{_TEXT}">Joints are grey: {reason}.</div>'
     return (
         f'<div style="{_TEXT}"><b>Spring deflection about its mean</b>{"".join(bars)}'
-        "motor side, through the gear, minus joint side. The zeros of encoders are not known, so "
-        f"each mean is taken off. {_chip(NEUTRAL)} no spring</div>"
+        "motor side, reflected through the gear, minus joint side. Encoder offsets are unknown, so "
+        f"each mean is subtracted. {_chip(NEUTRAL)} no spring</div>"
     )
 
 
 def table(robot: Robot, position: Array, deflection: Array, colors: Sequence[Color]) -> str:
-    """Return the numbers of all joints: position [rad or m], deflection [mrad or mm] of springs."""
+    """Return the table of joints: position [rad or m] and spring deflection [mrad or mm]."""
     springs = bool(robot.elastic_joints)
     rows = []
     for index, (joint, slides) in enumerate(
@@ -58,13 +55,13 @@ def table(robot: Robot, position: Array, deflection: Array, colors: Sequence[Col
     )
 
 
-def words(lines: Sequence[str]) -> str:
+def plain_text(lines: Sequence[str]) -> str:
     """Return lines of plain text."""
     return f'<div style="{_TEXT}">{"<br>".join(escape(line) for line in lines)}</div>'
 
 
 def _ends(robot: Robot, limits: Array) -> tuple[float, float]:
-    """Return the end of the scale of turning joints [mrad] and of sliding ones [mm]."""
+    """Return the end of the scale of revolute joints [mrad] and of prismatic ones [mm]."""
     sliding = np.array(robot.is_prismatic)
     turning, slid = (1e3 * np.max(limits[kind], initial=0.0) for kind in (~sliding, sliding))
     return float(turning), float(slid)
@@ -109,9 +106,9 @@ _SHOWN = (
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Handles of viser's inputs and texts; those of time are None where there is no motion.
+    """Handles of viser's inputs and texts; those of time are None without a motion.
 
-    `joints` (n) are sliders of positions, there where no motion moves the robot.
+    `joints` (n) are sliders of positions, present only without a motion.
     """
 
     run: Any
@@ -127,7 +124,7 @@ class Panel:
 def put_panel(
     server: Any, picture: Picture, stage: Stage, playbacks: Sequence[Playback], limits: Array
 ) -> Panel:
-    """Add the panel to a viser server: time and choice of motion, colours, numbers, what to see."""
+    """Add the panel to a viser server: motion and time, colours, table, visible parts."""
     gui = server.gui
     gui.set_panel_label(picture.robot.name)
     gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
@@ -140,10 +137,10 @@ def put_panel(
         speed = gui.add_dropdown("speed", SPEEDS, initial_value="1x")
         if len(names) > 1:
             compared = gui.add_dropdown(
-                "orange lines",
+                "compare with",
                 [NOTHING, *names],
                 initial_value=NOTHING,
-                hint="Another motion beside this one, at the same time since its start.",
+                hint="Another motion, drawn in orange at the same time since its start.",
             )
     if playbacks:
         gui.add_html(legend(picture.robot, limits))
@@ -156,35 +153,35 @@ def put_panel(
 
 
 def slider_end(playback: Playback) -> float:
-    """Return the end of the slider of time for a motion [s], to the millisecond."""
+    """Return the end of the time slider for a motion [s], to the millisecond."""
     return max(round(playback.duration, 3), 0.001)
 
 
-def said(picture: Picture, playback: Playback | None) -> str:
-    """Return the notes on a motion and on what could not be shown."""
+def notes_of(picture: Picture, playback: Playback | None) -> str:
+    """Return the notes on a motion and on parts that could not be shown."""
     lines = [*(playback.notes if playback else ()), *picture.notes]
-    return words([f"Note: {line}" for line in lines]) if lines else ""
+    return plain_text([f"Note: {line}" for line in lines]) if lines else ""
 
 
 def _joint_sliders(gui: Any, picture: Picture) -> tuple[Any, ...]:
-    robot, home, sliders = picture.robot, picture.home, []
+    robot, sliders = picture.robot, []
     with gui.add_folder("Joints", expand_by_default=robot.n <= 12):
         for index, joint in enumerate(robot.joint_names):
             ends = np.array([robot.lower_limits[index], robot.upper_limits[index]])
             free = (-1.0, 1.0) if robot.is_prismatic[index] else (-np.pi, np.pi)
             lower, upper = np.round(np.where(np.isfinite(ends), ends, free), 3)
-            value = float(np.clip(home[index], lower, upper))
+            value = float(np.clip(picture.rest_posture[index], lower, upper))
             sliders.append(gui.add_slider(joint, float(lower), float(upper), 0.001, value))
     return tuple(sliders)
 
 
 def _choices(gui: Any, picture: Picture, stage: Stage) -> None:
-    """Add what shows and hides; without shapes on all bodies the lines are shown from the start."""
+    """Add the choice of visible parts; lines are visible if a body has no shape."""
     if stage.groups["bodies"]:
-        seen_through = 0.6 if picture.robot.elastic_joints else 1.0
-        opacity = gui.add_slider("bodies", 0.0, 1.0, 0.05, seen_through)
+        initial = 0.6 if picture.robot.elastic_joints else 1.0
+        opacity = gui.add_slider("bodies", 0.0, 1.0, 0.05, initial)
         opacity.on_update(lambda _: fade(stage.groups["bodies"], opacity.value))
-        fade(stage.groups["bodies"], seen_through)
+        fade(stage.groups["bodies"], initial)
     for group, label, shown in _SHOWN:
         nodes = stage.groups[group]
         if not nodes:

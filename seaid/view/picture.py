@@ -1,8 +1,7 @@
-"""Picture: all there is to see of a robot at rest, and where its bodies are in a posture.
+"""Picture: the visible parts of a robot, the placements of its bodies, and colours of deflections.
 
-What the links of a URDF look like: meshes and primitive shapes as triangles with a colour.
-
-The colours of spring deflections: symmetric about zero, told apart by the colour-blind too.
+Meshes and primitive shapes of a URDF become triangles with a colour. The colour scale is symmetric
+about zero and safe for colour-blind users.
 """
 
 from __future__ import annotations
@@ -24,18 +23,17 @@ from seaid.robot import Robot, UrdfTree, find_mesh, reread_urdf, search_folders
 Color = tuple[int, int, int]
 
 GREY: Color = (168, 174, 182)
-"""Of what has no colour in its files."""
+"""Colour of shapes without one in their files."""
 
 _SHARP_RAD = 0.6
-"""Faces of STL files that meet at more than this keep an edge between them when shaded."""
+"""Angle between faces of STL files above which shading keeps the edge."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
     """Triangles of one colour on a link: `vertices` (V, 3) [m] in its body's frame, `faces` (F, 3).
 
-    `body` is 0 for the base, i + 1 for what joint i of the robot moves; `color` is red, green, blue
-    of 0 to 255.
+    `body` is 0 for the base, i + 1 for the body of joint i; `color` is red, green, blue, 0 to 255.
     """
 
     link: str
@@ -50,11 +48,11 @@ def shapes_of(
     places: Mapping[str, tuple[int, pin.SE3]],
     package_dirs: str | Path | Sequence[str | Path] = (),
 ) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
-    """Return the visual shapes of a URDF that loads, and notes on what could not be shown.
+    """Return the visual shapes of a valid URDF, and notes on missing or unreadable meshes.
 
-    `places` has the body and the placement on it of every link. Meshes are searched in
-    `package_dirs`, the folder of the file and those above it; one that is not found or not read
-    makes a note. Raises RobotError for a folder that is not there.
+    `places` has the body of every link and its placement there. Meshes are searched in
+    `package_dirs`, the folder of the file and those above it. Raises RobotError for a missing
+    folder.
     """
     folders = search_folders(urdf, package_dirs)
     robot = _parsed(urdf)
@@ -80,11 +78,11 @@ def shapes_of(
 
 
 class _NoMeshError(Exception):
-    """A mesh that is not there or cannot be read."""
+    """A mesh is missing or cannot be read."""
 
 
 def _parsed(urdf: Path) -> Any:
-    """Return yourdfpy's reading of a file that load_robot has checked."""
+    """Return the URDF as parsed by yourdfpy; load_robot has checked the file."""
     from io import BytesIO
 
     from lxml import etree
@@ -106,7 +104,7 @@ def _shape(link: str, body: int, mesh: Any, color: Color) -> Shape:
 
 
 def _parts(geometry: Any, folders: Sequence[Path]) -> Iterator[tuple[Any, Color | None]]:
-    """Yield meshes of a geometry, each with the colour that its file gives it."""
+    """Yield the meshes of a geometry, each with the colour of its file."""
     import trimesh
 
     if geometry.box is not None:
@@ -129,7 +127,7 @@ def _loaded(named: Any, folders: Sequence[Path]) -> Iterator[tuple[Any, Color | 
         raise _NoMeshError(f"mesh '{named.filename}' is not found")
     try:
         parts = [one for one in trimesh.load_scene(path).dump() if isinstance(one, trimesh.Trimesh)]
-    except Exception as problem:  # readers of a dozen formats let whatever they meet through
+    except Exception as problem:  # readers of a dozen formats raise any exception
         reason = f"{type(problem).__name__}: {problem}"
         raise _NoMeshError(f"mesh '{path}' cannot be read, {reason}") from None
     if not any(len(part.faces) for part in parts):
@@ -144,7 +142,7 @@ def _loaded(named: Any, folders: Sequence[Path]) -> Iterator[tuple[Any, Color | 
 
 
 def _painted(visual: Any) -> Color | None:
-    """Return the main colour of a mesh, None where its file has none."""
+    """Return the main colour of a mesh, None if its file has none."""
     if not visual.defined:
         return None
     material = getattr(visual, "material", None)
@@ -179,14 +177,13 @@ class Mark:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """What there is to see of a robot with n joints, on n + 1 bodies.
+    """The visible parts of a robot with n joints, on n + 1 bodies.
 
-    Body 0 is the base, body i + 1 what joint i moves; its frame is that of Pinocchio's joint.
-    `places` has the body and the placement on it of every link of the URDF. `segments` (S, 2, 3)
-    [m] are lines between the frames of joints, along which they slide and to payloads, on the
-    bodies `segment_bodies` (S,);
-    `axes` (n, 3) the joints' axes in their bodies' frames. `up` (3,) points against gravity.
-    `payloads` and `centers` of mass are marks. `notes` tell what could not be shown.
+    Body 0 is the base, body i + 1 that of joint i, in the frame of Pinocchio's joint. `places` has
+    the body of every link of the URDF and its placement there. `segments` (S, 2, 3) [m] are lines
+    between joints, along prismatic axes and to payloads, on the bodies `segment_bodies` (S,);
+    `axes` (n, 3) are the joints' axes in their bodies' frames. `up` (3,) points against gravity.
+    `payloads` and `centers` of mass are marks. `notes` list parts that could not be shown.
     """
 
     robot: Robot
@@ -202,27 +199,27 @@ class Picture:
 
     @property
     def bare_bodies(self) -> tuple[str, ...]:
-        """The names of bodies that move and on which no shape is shown."""
+        """The names of moving bodies without a shape."""
         shown = {shape.body for shape in self.shapes}
         names = enumerate(self.robot.body_names, 1)
         return tuple(name for body, name in names if body not in shown)
 
     @cached_property
     def size(self) -> float:
-        """The length [m] from corner to corner of what is seen at `home`."""
-        points = self.outline(self.home[None])
+        """The diagonal [m] of the visible parts in the rest posture."""
+        points = self.outline(self.rest_posture[None])
         return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
 
     @property
-    def home(self) -> Array:
-        """The posture (n,) within the limits that is nearest to all joints at zero."""
+    def rest_posture(self) -> Array:
+        """The posture (n,) within the limits that is nearest to zero."""
         lower, upper = self.robot.lower_limits, self.robot.upper_limits
         return np.clip(np.zeros(self.robot.n), lower, upper)
 
     def placements(self, q: Array) -> list[pin.SE3]:
-        """Return where the n + 1 bodies are in the base frame at positions q (n,) [rad or m].
+        """Return the placements of the n + 1 bodies in the base frame at positions q (n,).
 
-        Raises RobotError for positions of another shape or not finite.
+        Raises RobotError for positions [rad or m] of another shape or not finite.
         """
         robot, model = self.robot, self.robot.model
         q = finite("joint positions", q, (robot.n,), RobotError)
@@ -237,12 +234,12 @@ class Picture:
         return bodies
 
     def link_placements(self, q: Array) -> dict[str, pin.SE3]:
-        """Return where all links of the URDF are, those that are fixed or locked at zero too."""
+        """Return the placements of all links of the URDF, including fixed and locked ones."""
         bodies = self.placements(q)
         return {link: bodies[body] * place for link, (body, place) in self.places.items()}
 
     def outline(self, postures: Array) -> Array:
-        """Return points (., 3) [m] around all that is seen in postures (P, n)."""
+        """Return points (., 3) [m] that enclose the visible parts in postures (P, n)."""
         return np.concatenate(
             [
                 points @ placement.rotation.T + placement.translation
@@ -267,11 +264,10 @@ class Picture:
 
 
 def picture_of(robot: Robot, *, package_dirs: str | Path | Sequence[str | Path] = ()) -> Picture:
-    """Return all there is to see of a robot that load_robot has made.
+    """Return the picture of a robot from load_robot, with the visual shapes of its URDF.
 
-    Shapes are those of the URDF's visuals; `package_dirs` are folders in which packages of meshes
-    are searched, beside the folder of the file and those above it. Raises RobotError for a robot
-    without its file and for folders that are not there.
+    Meshes are searched in `package_dirs`, the folder of the file and those above it. Raises
+    RobotError for a robot without its file and for missing folders.
     """
     tree = _tree_of(robot)
     places = _places(tree, robot)
@@ -298,19 +294,19 @@ def picture_of(robot: Robot, *, package_dirs: str | Path | Sequence[str | Path] 
 
 def _tree_of(robot: Robot) -> UrdfTree:
     if robot.urdf is None:
-        raise RobotError(f"'{robot.name}' has no URDF to show: make it by load_robot")
+        raise RobotError(f"'{robot.name}' has no URDF to show: load it with load_robot")
     tree = reread_urdf(robot.urdf)
     gone = [joint for joint in robot.joint_names if joint not in tree.joints]
     if gone:
         raise RobotError(
-            f"'{robot.urdf}' has no joint {', '.join(gone)} any more: it was changed since "
+            f"'{robot.urdf}' has no joint {', '.join(gone)} any more: it has changed since "
             f"'{robot.name}' was loaded; load it again"
         )
     return tree
 
 
 def _places(tree: UrdfTree, robot: Robot) -> dict[str, tuple[int, pin.SE3]]:
-    """Return the body that carries each link, and the link's frame on it, from the root on."""
+    """Return the body of each link, and the link's frame on it."""
     places = {tree.root: (0, pin.SE3.Identity())}
     waiting = [tree.root]
     while waiting:
@@ -342,8 +338,10 @@ def _segments(
     places: dict[str, tuple[int, pin.SE3]],
     payloads: Sequence[Mark],
 ) -> tuple[Array, tuple[int, ...]]:
-    """Return lines from each link's frame to the joints below it, or else to its centre of mass;
-    those on which joints slide; and those to payloads.
+    """Return the line segments and their bodies.
+
+    They lead from each link's frame to its child joints, or without any to its centre of mass,
+    along the range of prismatic joints, and to payloads.
     """
     lines = [(mark.body, np.zeros(3), mark.center) for mark in payloads]
     for link, (body, placement) in places.items():
@@ -364,7 +362,7 @@ def _segments(
 
 
 def _marks(what: str, robot: Robot, parameters: Array) -> tuple[Mark, ...]:
-    """Return the centres of the masses that bodies have, but for those not known (NaN)."""
+    """Return the centres of mass of the bodies with known mass."""
     marks = []
     for index, values in enumerate(parameters.reshape(-1, 10)):
         if np.all(np.isfinite(values[:4])) and values[0] > 0:
@@ -375,7 +373,7 @@ def _marks(what: str, robot: Robot, parameters: Array) -> tuple[Mark, ...]:
 
 
 NEUTRAL: Color = (88, 94, 102)
-"""Of joints without a spring, and where its deflection is not known."""
+"""Colour of joints without a spring or with an unknown deflection."""
 
 _STOPS = np.array(
     [(20, 78, 186), (104, 172, 232), (255, 243, 186), (245, 144, 66), (186, 34, 18)], dtype=float
@@ -386,8 +384,7 @@ _STOPS = np.array(
 def deflection_colors(deflection: Array, limit: Array) -> list[Color]:
     """Return the colour of each deflection (n,) on scales from -limit to limit (n,).
 
-    Beyond the limit it is that of the limit; NaN, and a limit that is not more than zero, have the
-    neutral one.
+    Deflections are clipped to the limit; NaN, and a limit of zero, have the neutral colour.
     """
     known = np.isfinite(deflection) & (limit > 0)
     part = np.where(known, deflection, 0.0) / np.where(known, limit, 1.0)
@@ -395,17 +392,17 @@ def deflection_colors(deflection: Array, limit: Array) -> list[Color]:
     channels = [np.interp(part, at, stops) for stops in _STOPS.T]
     painted = np.round(np.column_stack(channels)).astype(int)
     return [
-        (int(red), int(green), int(blue)) if told else NEUTRAL
-        for (red, green, blue), told in zip(painted, known, strict=True)
+        (int(red), int(green), int(blue)) if is_known else NEUTRAL
+        for (red, green, blue), is_known in zip(painted, known, strict=True)
     ]
 
 
 def hexadecimal(color: Color) -> str:
-    """Return a colour as web pages write it, '#1450b4'."""
+    """Return a colour in CSS notation, '#1450b4'."""
     return "#{:02x}{:02x}{:02x}".format(*color)
 
 
 def gradient() -> str:
-    """Return the scale as a CSS background, from -limit at its left to limit at its right."""
+    """Return the scale as a CSS background, from -limit (left) to limit (right)."""
     stops = ", ".join(hexadecimal((int(r), int(g), int(b))) for r, g, b in _STOPS)
     return f"linear-gradient(to right, {stops})"

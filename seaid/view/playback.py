@@ -1,4 +1,4 @@
-"""Playback: positions and spring deflections of a planned or recorded motion over time."""
+"""Playback: positions and spring deflections of a planned or logged motion over time."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _PLAN_RATE_HZ = 500.0
 
 @dataclass(frozen=True, eq=False)
 class Playback:
-    """A motion to look at: `time` (T,) [s] from its start, `position` (T, n) [rad or m].
+    """A motion to show: `time` (T,) [s] from its start, `position` (T, n) [rad or m].
 
-    `deflection` (T, n) is that of each spring, seen at its drive's output [rad or m]: r_M / (N r_L)
-    theta_M - phi, about its mean over the motion, since zeros of encoders are not known; NaN where
-    there is no spring, or not both sides are known. `notes` tell what is not as measured.
+    `deflection` (T, n) is that of each spring at the output of its drive, r_M / (N r_L) theta_M -
+    phi [rad or m], about its mean over the motion because encoder offsets are unknown; NaN for a
+    joint without a spring or with one side unknown. `notes` list values that are not measured.
     """
 
     name: str
@@ -35,11 +35,11 @@ class Playback:
 
     @property
     def duration(self) -> float:
-        """How long the motion lasts [s]."""
+        """Duration of the motion [s]."""
         return float(self.time[-1])
 
     def at(self, time: float) -> tuple[Array, Array]:
-        """Return position and deflection, each (n,), at a time [s]; held beyond both ends."""
+        """Return position and deflection, each (n,), at a time [s]; constant beyond both ends."""
         after = int(np.clip(np.searchsorted(self.time, time), 1, len(self.time) - 1))
         begin, end = self.time[after - 1], self.time[after]
         part = float(np.clip((time - begin) / (end - begin), 0.0, 1.0))
@@ -51,18 +51,18 @@ class Playback:
 
 
 def playback_of(robot: Robot, motion: Shown, name: str) -> Playback:
-    """Return what there is to play of a log, a motion or a trajectory (or the plan it is of).
+    """Return the playback of a log, a motion, a trajectory or a plan.
 
-    Positions are those of the joints; where a joint has no encoder, its motor's, through gear and
-    transmission. The deflection of a planned motion is what the nominal model says. Raises LogError
-    or ExcitationError for a motion of other joints and where nothing tells a joint's position.
+    The position of a joint without an encoder is that of its motor, through gear and transmission.
+    The deflection of a planned motion is that of the nominal model. Raises LogError or
+    ExcitationError for a motion of other joints, or without any position of a joint.
     """
     if isinstance(motion, Excitation):
         motion = motion.trajectory
     if isinstance(motion, Trajectory):
         return _planned(robot, motion, name)
     if isinstance(motion, Log | Motion):
-        return _recorded(robot, motion, name)
+        return _logged(robot, motion, name)
     raise SeaidError(
         f"cannot show '{name}', a {type(motion).__name__}: give a Log of read_log, a Motion or a "
         "Trajectory of load_trajectory"
@@ -70,8 +70,9 @@ def playback_of(robot: Robot, motion: Shown, name: str) -> Playback:
 
 
 def scales(playbacks: Sequence[Playback], is_prismatic: Sequence[bool]) -> Array:
-    """Return the ends of the colour scales (n,): the largest deflection of all turning joints [rad]
-    or of all sliding ones [m], in all motions; zero where none is known.
+    """Return the ends of the colour scales (n,), zero if no deflection is known.
+
+    They are the largest deflections over all motions and revolute [rad] or prismatic joints [m].
     """
     sliding = np.array(is_prismatic)
     found = np.zeros(len(sliding))
@@ -93,37 +94,38 @@ def _planned(robot: Robot, trajectory: Trajectory, name: str) -> Playback:
             deflection = _nominal_deflection(robot, (q, v, a))
             notes = ["planned; deflections are those of the nominal model"]
         except ExcitationError as problem:
-            notes = [f"planned; deflections are not known: {problem}"]
+            notes = [f"planned; deflections are unknown: {problem}"]
     return _playback(robot, name, time, q, deflection, notes)
 
 
 def _nominal_deflection(robot: Robot, states: tuple[Array, Array, Array]) -> Array:
     from seaid.excitation import (
-        besides,
         check_nominal_bodies,
         load_torques,
+        parallel_elements,
         transmission,
     )
 
     drives = transmission(robot)
     check_nominal_bodies(robot)
-    beside = besides(robot, np.max(np.abs(states[1]), axis=0), robot.elastic_joints)
-    torque = torques_at_drives(robot.transmission, load_torques(robot, beside, states))
+    parallel = parallel_elements(robot, np.max(np.abs(states[1]), axis=0), robot.elastic_joints)
+    torque = torques_at_drives(robot.transmission, load_torques(robot, parallel, states))
     radius = [getattr(robot.drives[joint], "load_radius", 1.0) for joint in robot.joint_names]
-    deflection: Array = drives.stretch(torque)[0] / np.array(radius)
+    deflection: Array = drives.spring_deflection(torque)[0] / np.array(radius)
     return deflection
 
 
-def _recorded(robot: Robot, motion: Log | Motion, name: str) -> Playback:
+def _logged(robot: Robot, motion: Log | Motion, name: str) -> Playback:
     columns = _columns(robot, motion.joint_names, f"log '{name}'", LogError)
     joint, motor = motion.joint_position[:, columns], motion.motor_position[:, columns]
     behind_spring = motor / _ratios(robot)
     unseen = np.isnan(joint[0])
     position = np.where(unseen, at_joints(robot.transmission, behind_spring), joint)
     for index in np.flatnonzero(np.isnan(position[0])):
-        raise LogError(f"log '{name}': nothing tells the position of '{robot.joint_names[index]}'")
+        joint_name = robot.joint_names[index]
+        raise LogError(f"log '{name}': no encoder gives the position of '{joint_name}'")
     notes = [
-        f"no encoder at '{joint}': its position is its motor's, without the spring's deflection"
+        f"no encoder at '{joint}': its position is that of its motor, without spring deflection"
         for joint in robot.elastic_joints
         if unseen[robot.index(joint)]
     ]
@@ -132,7 +134,7 @@ def _recorded(robot: Robot, motion: Log | Motion, name: str) -> Playback:
 
 
 def _ratios(robot: Robot) -> Array:
-    """Return N r_L / r_M of all drives (n,), motor angle a coordinate of what they turn."""
+    """Return N r_L / r_M of all drives (n,), the motor angle per output angle."""
     drives = [robot.drives[joint] for joint in robot.joint_names]
     levers = [
         getattr(drive, "load_radius", 1.0) / getattr(drive, "motor_radius", 1.0) for drive in drives
@@ -145,7 +147,7 @@ def _columns(robot: Robot, names: Sequence[str], what: str, error: type[SeaidErr
     if missing:
         raise error(
             f"{what} has no joint {', '.join(missing)} of '{robot.name}'; its joints: "
-            f"{', '.join(names)}; name the joints that move by joints= where the robot is loaded"
+            f"{', '.join(names)}; name the joints that move by joints= when loading the robot"
         )
     return [tuple(names).index(joint) for joint in robot.joint_names]
 
@@ -153,7 +155,7 @@ def _columns(robot: Robot, names: Sequence[str], what: str, error: type[SeaidErr
 def _playback(
     robot: Robot, name: str, time: Array, position: Array, deflection: Array, notes: Sequence[str]
 ) -> Playback:
-    """Return the playback with deflections of springs alone, each about its mean."""
+    """Return the playback with the deflections of springs about their means, NaN elsewhere."""
     elastic = [joint in robot.elastic_joints for joint in robot.joint_names]
     about_mean = np.where(elastic, deflection - np.mean(deflection, axis=0), np.nan)
     shape = (len(time), robot.n)

@@ -1,4 +1,4 @@
-"""Stage: the robot as nodes of a viser scene, and how they are moved and painted."""
+"""Stage: the robot as nodes of a viser scene, which are moved and coloured."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ PAYLOAD: Color = (150, 60, 160)
 CENTER: Color = (30, 150, 110)
 
 _STEEL_KG_PER_M3 = 7850.0
-"""A payload is shown as a ball of steel of its mass."""
+"""Density of the sphere that represents a payload."""
 
 _DRUM, _STIFF_DRUM, _LINE, _POINT = 0.03, 0.016, 0.006, 0.012
-"""Radii of what marks joints, of lines and of points, as parts of the picture's size."""
+"""Radii of the cylinders of joints, of lines and of points, relative to the picture's size."""
 
 _FIELD_OF_VIEW_RAD = 0.7
 
 _LEFT_OF_PANEL = 0.35
-"""How far the picture is moved, as a part of its radius, for the panel at the right."""
+"""Shift of the picture for the panel at the right, relative to its radius."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
     """Handles of viser's nodes: `bodies` and `ghost` (n + 1) are frames, `joints` (n) the drums.
 
-    `groups` has all nodes that are shown or hidden together, by what they are.
+    `groups` has the nodes that are shown or hidden together, by kind.
     """
 
     bodies: tuple[Any, ...]
@@ -43,7 +43,7 @@ class Stage:
 
 
 def put_on_stage(server: Any, picture: Picture) -> Stage:
-    """Add a picture to a viser server; everything hangs on the frames of its bodies."""
+    """Add a picture to a viser server; all nodes are children of the frames of bodies."""
     count = picture.robot.n + 1
     bodies = tuple(server.scene.add_frame(f"/robot/{k}", show_axes=False) for k in range(count))
     ghost = tuple(server.scene.add_frame(f"/ghost/{k}", show_axes=False) for k in range(count))
@@ -69,7 +69,7 @@ def place(frames: Sequence[Any], placements: Sequence[pin.SE3]) -> None:
 
 
 def paint(joints: Sequence[Any], colors: Sequence[Color]) -> None:
-    """Give the drums of joints their colours; only what changes is sent."""
+    """Set the colours of the drums of joints; only changes are sent."""
     for joint, color in zip(joints, colors, strict=True):
         if tuple(joint.color) != color:
             joint.color = color
@@ -82,14 +82,14 @@ def show(group: Sequence[Any], visible: bool) -> None:
 
 
 def fade(group: Sequence[Any], opacity: float) -> None:
-    """Let what is behind shapes be seen through them; 1 is opaque, 0 hides them."""
+    """Set the opacity of shapes: 1 is opaque, 0 hides them."""
     for node in group:
         node.opacity = None if opacity >= 1.0 else opacity
         node.visible = opacity > 0.0
 
 
 def set_the_view(server: Any, picture: Picture, postures: Array) -> None:
-    """Point the camera at all that postures (P, n) reach, and put a grid under it."""
+    """Point the camera at the robot in postures (P, n), and put a grid below."""
     points, up = picture.outline(postures), picture.up
     middle = (np.min(points, axis=0) + np.max(points, axis=0)) / 2
     radius = float(np.max(np.linalg.norm(points - middle, axis=1))) or 0.5
@@ -125,7 +125,7 @@ def set_the_view(server: Any, picture: Picture, postures: Array) -> None:
 
 
 def _round_length(length: float) -> float:
-    """Return 1, 2 or 5 times a power of ten, the largest that is not more than a length."""
+    """Return the largest 1, 2 or 5 times a power of ten that does not exceed a length."""
     power = 10.0 ** np.floor(np.log10(length))
     return float(max(step * power for step in (1, 2, 5) if step * power <= length * (1 + 1e-9)))
 
@@ -158,7 +158,7 @@ def _lines(server: Any, picture: Picture, root: str, color: Color) -> tuple[Any,
 
 
 def _drum(server: Any, picture: Picture, index: int) -> Any:
-    """Add a cylinder about a joint's axis."""
+    """Add a cylinder about the axis of a joint."""
     axis, (radius, half_length) = picture.axes[index], _drum_size(picture, index)
     vertices, faces = _cylinder(radius, half_length, axis)
     return server.scene.add_mesh_simple(
@@ -167,15 +167,15 @@ def _drum(server: Any, picture: Picture, index: int) -> Any:
 
 
 def _drum_size(picture: Picture, index: int) -> tuple[float, float]:
-    """Return radius and half length of a joint's drum, which stands out of the body it moves."""
+    """Return radius and half length of a joint's drum, which extends beyond its body."""
     elastic = picture.robot.joint_names[index] in picture.robot.elastic_joints
     radius = (_DRUM if elastic else _STIFF_DRUM) * picture.size
     axis, half_length = picture.axes[index], 2.0 * radius
     for shape in picture.shapes:
         if shape.body == index + 1:
             along = shape.vertices @ axis
-            beside = np.linalg.norm(shape.vertices - along[:, None] * axis, axis=1)
-            near = np.abs(along[beside < 3.0 * radius])
+            distance = np.linalg.norm(shape.vertices - along[:, None] * axis, axis=1)
+            near = np.abs(along[distance < 3.0 * radius])
             half_length = max(half_length, float(np.max(near, initial=0.0)) + 0.3 * radius)
     return radius, min(half_length, 4.0 * radius)
 
@@ -189,7 +189,7 @@ def _cylinder(radius: float, half_length: float, axis: Array) -> tuple[Array, In
 
 
 def _names(server: Any, picture: Picture) -> tuple[Any, ...]:
-    """Add the names at the ends of the drums, where those of joints in one place are apart."""
+    """Add the names at the ends of the drums, where those of coincident joints do not overlap."""
     few = picture.robot.n <= 12
     return tuple(
         server.scene.add_label(

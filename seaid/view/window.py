@@ -1,7 +1,4 @@
-"""View: an open window in the browser that shows a robot and plays its motions.
-
-view_robot: what there is to see of a robot and its motions, opened in a window.
-"""
+"""view_robot and View: a window in the browser that shows a robot and plays its motions."""
 
 from __future__ import annotations
 
@@ -23,7 +20,7 @@ from seaid.errors import SeaidError, reason_of, unknown_name
 from seaid.excitation import Excitation, Trajectory
 from seaid.log import Log, Motion
 from seaid.robot import Robot
-from seaid.view.panel import NOTHING, Panel, put_panel, said, slider_end, table
+from seaid.view.panel import NOTHING, Panel, notes_of, put_panel, slider_end, table
 from seaid.view.picture import Picture, deflection_colors, picture_of
 from seaid.view.playback import Playback, Shown, playback_of, scales
 from seaid.view.stage import Stage, paint, place, put_on_stage, set_the_view, show
@@ -33,11 +30,20 @@ _FRAMES_HZ = 30.0
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """An open window on a robot: `url` is its address, `playbacks` are the motions it can play.
+    """An open window on a robot, from `view_robot`; its methods do the same as the panel.
 
-    The panel in the browser and these methods do the same things. `stop` closes it, and so does the
-    end of a `with` block. Made by `view_robot`; `server`, `stage` and `panel` are viser's server
-    and handles, `limits` (n,) [rad or m] where the colours of deflections end.
+    `stop` or the end of a `with` block closes it.
+
+    Attributes
+    ----------
+    url : str
+        The address to open in a browser.
+    playbacks : tuple of Playback
+        The motions that it can play.
+    limits : array (n,)
+        The ends of the colour scale of deflections [rad or m].
+    server, stage, panel
+        The server and the handles of viser.
     """
 
     server: Any
@@ -67,7 +73,7 @@ class View:
 
     @property
     def time(self) -> float:
-        """The time [s] since the start of the motion shown, 0 without motion."""
+        """The time [s] since the start of the motion shown, 0 without a motion."""
         return float(self.panel.time.value) if self.playbacks else 0.0
 
     @property
@@ -76,14 +82,14 @@ class View:
         return self._named(self.panel.run.value) if self.playbacks else None
 
     def show(self, name: str) -> None:
-        """Show another motion, by its name. Raises SeaidError with the nearest name."""
+        """Show another motion by its name. Raises SeaidError for an unknown name."""
         self._named(name)
         self.panel.run.value = name
 
     def compare(self, name: str | None) -> None:
-        """Show another motion as orange lines beside this one, None for nothing.
+        """Draw another motion in orange for comparison, None to remove it.
 
-        Raises SeaidError with the nearest name, and where there is no other motion.
+        Raises SeaidError for an unknown name, and if there is no other motion.
         """
         if self.panel.compared is None:
             raise SeaidError("there is no other motion to compare with: give view_robot two")
@@ -92,27 +98,27 @@ class View:
     def seek(self, time_s: float) -> None:
         """Show the robot at a time [s] since the start of the motion, to the millisecond.
 
-        Before and after it, that is the nearest end. Raises SeaidError without a motion.
+        Times beyond the motion give its nearest end. Raises SeaidError without a motion.
         """
         if self.playback is None:
             raise SeaidError("there is no motion to seek in: give view_robot one")
         self.panel.time.value = round(float(np.clip(time_s, 0.0, self.panel.time.max)), 3)
 
     def play(self) -> None:
-        """Play on from the time shown, again and again. Raises SeaidError without a motion."""
+        """Play from the time shown, in a loop. Raises SeaidError without a motion."""
         if self.playback is None:
             raise SeaidError("there is no motion to play: give view_robot one")
         self._playing.set()
         self.panel.play.label, self.panel.play.icon = "Pause", "player-pause"
 
     def pause(self) -> None:
-        """Stay at the time shown."""
+        """Pause at the time shown."""
         self._playing.clear()
         if self.panel.play is not None:
             self.panel.play.label, self.panel.play.icon = "Play", "player-play"
 
     def wait(self, seconds: float | None = None) -> None:
-        """Wait until `stop` closes the window, or so long; the browser is served meanwhile."""
+        """Wait until `stop` closes the window, or for `seconds`; the page remains usable."""
         self._ended.wait(seconds)
 
     def stop(self) -> None:
@@ -154,11 +160,11 @@ class View:
             if playback is not None:
                 self.panel.time.max = slider_end(playback)
                 self.panel.time.value = min(self.time, self.panel.time.max)
-            self.panel.notes.content = said(self.picture, playback)
+            self.panel.notes.content = notes_of(self.picture, playback)
         self._draw()
 
     def _draw(self) -> None:
-        """Put everything where it is at the time shown."""
+        """Move and colour all parts for the time shown."""
         with self._drawing, self.server.atomic():
             position, deflection = self._state()
             colors = deflection_colors(deflection, self.limits)
@@ -170,8 +176,8 @@ class View:
             other = None if self.panel.compared is None else self.panel.compared.value
             show(self.stage.groups["ghost"], other not in (None, NOTHING))
             if other not in (None, NOTHING):
-                beside, _ = self._named(other).at(self.time)
-                place(self.stage.ghost, self.picture.placements(beside))
+                compared, _ = self._named(other).at(self.time)
+                place(self.stage.ghost, self.picture.placements(compared))
 
     def _state(self) -> tuple[Array, Array]:
         """Return position and deflection (n,) shown now."""
@@ -181,7 +187,7 @@ class View:
         return values, np.full(len(values), np.nan)
 
     def _keep_time(self) -> None:
-        """Let time go on while the motion plays, from its end to its start again."""
+        """Advance the time while the motion plays, in a loop."""
         before, due = time.monotonic(), 0.0
         while not self._ended.wait(1.0 / _FRAMES_HZ):
             now = time.monotonic()
@@ -196,13 +202,13 @@ class View:
 
 @contextlib.contextmanager
 def quietly() -> Iterator[None]:
-    """Keep viser from printing its own words."""
+    """Suppress the messages that viser prints."""
     with contextlib.redirect_stdout(io.StringIO()):
         yield
 
 
 _POSTURES = 40
-"""Of each motion, to point the camera at."""
+"""Number of postures per motion that the camera shows."""
 
 
 def view_robot(
@@ -213,16 +219,40 @@ def view_robot(
     host: str = "127.0.0.1",
     port: int = 8080,
 ) -> View:
-    """Show a robot in the browser, at `View.url`, and play planned and recorded motions.
+    """Show a robot and its planned and logged motions in the browser, at `View.url`.
 
-    `motions`: logs, motions and trajectories, in a mapping under the names they get. Joints with a
-    spring have the colour of its deflection; without motions, joints have sliders. `package_dirs`:
-    folders in which packages of meshes are searched. `host`: who may look, by itself this machine
-    alone, "0.0.0.0" for the network. `port` 0: any that is free. The window is open until
-    `View.stop`, or the end of a `with` block.
+    Joints with a spring have the colour of its deflection. Without motions, joints have sliders.
 
-    Raises SeaidError where viser is not installed or the port cannot be had, RobotError for a robot
-    without its URDF, LogError and ExcitationError for motions of other joints.
+    Parameters
+    ----------
+    robot : Robot
+    motions : Log, Motion, Trajectory, Excitation, a sequence of them, or {name: motion}
+    package_dirs : path or sequence of paths
+        Folders to search for meshes, besides the folder of the file and those above it.
+    host : str
+        The address to serve: this machine alone by default, "0.0.0.0" for the network.
+    port : int
+        The port to serve, 0 for any free one.
+
+    Returns
+    -------
+    View
+        It is open until `View.stop` or the end of a `with` block.
+
+    Raises
+    ------
+    SeaidError
+        If viser is not installed or the port is not available.
+    RobotError
+        For a robot without its URDF.
+    LogError, ExcitationError
+        For motions of other joints.
+
+    Examples
+    --------
+    >>> with seaid.view_robot(robot, {"run": seaid.read_log("run.csv", robot)}) as view:
+    ...     view.play()
+    ...     view.wait()
     """
     server_of = _viser_server()
     picture = picture_of(robot, package_dirs=package_dirs)
@@ -241,7 +271,7 @@ def view_robot(
 def _opened(server: Any, picture: Picture, playbacks: tuple[Playback, ...]) -> View:
     limits = scales(playbacks, picture.robot.is_prismatic)
     sampled = [one.position[:: max(1, len(one.time) // _POSTURES)] for one in playbacks]
-    set_the_view(server, picture, np.concatenate(sampled or [picture.home[None]]))
+    set_the_view(server, picture, np.concatenate(sampled or [picture.rest_posture[None]]))
     stage = put_on_stage(server, picture)
     panel = put_panel(server, picture, stage, playbacks, limits)
     return View(server, picture, playbacks, stage, panel, limits)
@@ -268,7 +298,7 @@ def _by_name(motions: Mapping[str, Shown] | Sequence[Shown] | Shown) -> dict[str
 
 
 def _check_port(host: str, port: int) -> None:
-    """Raise SeaidError where a port cannot be had, which viser would go round or wait for."""
+    """Raise SeaidError for an unavailable port, for which viser would wait or take another."""
     if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port < 65536:
         raise SeaidError(f"port must be a whole number of 0 to 65535, found {port!r}")
     try:
@@ -281,5 +311,5 @@ def _check_port(host: str, port: int) -> None:
     except OSError as problem:
         raise SeaidError(
             f"cannot open port {port} of host '{host}': {reason_of(problem)}; if another view is "
-            "open there, end it or take another port; port 0 is any that is free"
+            "open there, end it or take another port; port 0 is any free one"
         ) from None

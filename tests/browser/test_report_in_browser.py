@@ -169,18 +169,18 @@ def test_drag_zooms_both_time_charts_and_a_double_click_goes_back(opened: Opened
 
 
 def test_selectors_change_motion_joint_and_side(opened: Opened) -> None:
-    told = opened.page.locator("#told")
-    assert "rail, load side, validation (not identified from)" in told.inner_text()
+    shown = opened.page.locator("#shown")
+    assert "rail, load side, validation (unseen)" in shown.inner_text()
     options = opened.page.locator("#side option")
     assert options.nth(0).is_disabled()  # the rail is stiff: it has no actuator side
     opened.page.select_option("#joint", label="shoulder")
     opened.page.select_option("#side", value="actuator")
-    assert "shoulder, actuator side, validation" in told.inner_text()
-    assert "the motor's torque as logged" in opened.page.locator("#source").inner_text()
+    assert "shoulder, actuator side, validation" in shown.inner_text()
+    assert "the logged motor torque" in opened.page.locator("#source").inner_text()
     opened.page.select_option("#run", index=0)
-    assert "own log (identified from" in told.inner_text()
+    assert "own log (used for identification" in shown.inner_text()
     opened.page.select_option("#joint", label="wrist")  # stiff: falls back to the load side
-    assert "wrist, load side, own log" in told.inner_text()
+    assert "wrist, load side, own log" in shown.inner_text()
     assert opened.page.locator("#side").input_value() == "load"
 
 
@@ -267,7 +267,7 @@ def test_hostile_names_are_text(browser: Browser, tmp_path: Path) -> None:
     assert options.all_inner_texts() == list(HOSTILE)
     for place, name in enumerate(HOSTILE):
         opened.page.select_option("#joint", index=place)
-        assert opened.page.locator("#told").inner_text().startswith(f"{name}, load side")
+        assert opened.page.locator("#shown").inner_text().startswith(f"{name}, load side")
         assert opened.page.get_by_text(name, exact=True).count() > 1
     assert opened.page.locator("b").count() == 0
     assert opened.page.locator("h1").inner_text() == "chain <i>"
@@ -288,7 +288,7 @@ def test_three_hundred_joints_open_fast(
     opened = Opened(context, path)
     assert load_ms(opened) < LOAD_MS
     opened.page.select_option("#joint", label="joint_299")
-    assert "joint_299, load side" in opened.page.locator("#told").inner_text()
+    assert "joint_299, load side" in opened.page.locator("#shown").inner_text()
     assert opened.ink("torque", "computed") > 100
     assert opened.wrong == []
     context.close()

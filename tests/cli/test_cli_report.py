@@ -39,9 +39,9 @@ def test_report_without_validation_says_so_and_is_json_for_machines(
     assert content["validations"] == []
     assert said.err.splitlines()[-1] == f"Results: {page}"
     text = page.read_text(encoding="utf-8")
-    assert "Not validated on a motion it has not seen" in text
-    assert "<dt>Pass band</dt><dd>6 Hz</dd>" in text
-    assert "Possible bodies" in text
+    assert "Not validated on an unseen motion" in text
+    assert "<dt>Cutoff</dt><dd>6 Hz</dd>" in text
+    assert "Physically consistent parameters" in text
 
 
 def test_report_keeps_what_is_there_and_what_it_reads(arm: Path, tmp_path: Path) -> None:

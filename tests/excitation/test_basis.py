@@ -108,11 +108,11 @@ def test_bernstein_form_is_the_power_form_of_equation_18() -> None:
         ("bspline", float("nan"), 20, "duration must be more than zero seconds, found nan"),
         ("bspline", 1e308, 20, r"duration must be from 0\.001 to 1e\+06 s, found 1e\+308"),
         ("fourier", 1e-320, 21, r"duration must be from 0\.001 to 1e\+06 s, found 9\.99"),
-        ("bspline", 1.0, 5, "a bspline needs at least 6 coefficients a joint, .* found 5"),
+        ("bspline", 1.0, 5, "a bspline needs at least 6 coefficients per joint, .* found 5"),
         ("bspline", 1.0, 7.5, "a whole number, found 7.5"),
-        ("polynomial", 1.0, 3, "a polynomial needs at least 4 coefficients a joint, .* found 3"),
-        ("fourier", 1.0, 1, "a fourier needs at least 3 coefficients a joint, .* found 1"),
-        ("fourier", 1.0, 8, "odd number of coefficients a joint, .* found 8"),
+        ("polynomial", 1.0, 3, "a polynomial needs at least 4 coefficients per joint, .* found 3"),
+        ("fourier", 1.0, 1, "a fourier needs at least 3 coefficients per joint, .* found 1"),
+        ("fourier", 1.0, 8, "odd number of coefficients per joint, .* found 8"),
     ],
 )
 def test_bad_requests_say_what_is_wrong(name: str, duration: float, count: int, words: str) -> None:

@@ -11,8 +11,8 @@ from seaid.errors import ExcitationError
 from seaid.excitation.criteria import (
     CRITERIA,
     criterion_named,
+    has_full_rank,
     singular_values,
-    tells_all,
     triangular_factor,
 )
 
@@ -77,8 +77,8 @@ def test_what_was_recorded_counts() -> None:
 def test_a_lost_column_is_seen() -> None:
     H = np.random.default_rng(6).normal(size=(30, 4))
     H[:, 3] = H[:, 0] - 2 * H[:, 1]
-    assert not tells_all(triangular_factor(H, np.empty((0, 4))))
-    assert not tells_all(triangular_factor(H[:3], np.empty((0, 4))))
+    assert not has_full_rank(triangular_factor(H, np.empty((0, 4))))
+    assert not has_full_rank(triangular_factor(H[:3], np.empty((0, 4))))
 
 
 def test_unknown_criterion_offers_the_nearest() -> None:

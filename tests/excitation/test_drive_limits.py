@@ -110,10 +110,10 @@ def test_limits_on_drives_hold_between_the_samples_too(elastic_leg: Robot) -> No
     assert bounds is not None
     time = np.linspace(0, 6, 2401)
     loads = np.abs(drive_loads(bounds, time, found.trajectory.sample(time))).max(axis=1)
-    assert np.all(loads <= bounds.most * (1 + 1e-6))
+    assert np.all(loads <= bounds.largest * (1 + 1e-6))
     unlimited = np.abs(drive_loads(bounds, time, free.trajectory.sample(time))).max(axis=1)
-    assert np.any(unlimited > 1.2 * bounds.most)
-    for kind, row, most in zip(DRIVE_KINDS, loads, bounds.most, strict=True):
+    assert np.any(unlimited > 1.2 * bounds.largest)
+    for kind, row, most in zip(DRIVE_KINDS, loads, bounds.largest, strict=True):
         margin = getattr(found.margins, kind)
         np.testing.assert_allclose(margin, most - row, rtol=1e-2, atol=2e-2 * np.max(row))
         assert np.all(margin >= 0)
@@ -123,13 +123,13 @@ def test_limits_on_drives_hold_between_the_samples_too(elastic_leg: Robot) -> No
 def test_effort_of_the_file_is_the_default_and_can_be_lifted(elastic_leg: Robot) -> None:
     found = drive_limits(elastic_leg, Limits(), np.ones(5))
     assert found is not None
-    np.testing.assert_array_equal(found.most[0], elastic_leg.effort_limits)
-    assert not np.any(np.isfinite(found.most[1:]))
+    np.testing.assert_array_equal(found.largest[0], elastic_leg.effort_limits)
+    assert not np.any(np.isfinite(found.largest[1:]))
     assert drive_limits(elastic_leg, Limits(joint_torque=np.inf), np.ones(5)) is None
     assert drive_limits(elastic_leg.without_nominal(), Limits(), np.ones(5)) is None
     stiff = drive_limits(elastic_leg, Limits(deflection=0.1, joint_torque=np.inf), np.ones(5))
     assert stiff is not None
-    np.testing.assert_array_equal(np.isfinite(stiff.most[3]), [False, False, True, True, True])
+    np.testing.assert_array_equal(np.isfinite(stiff.largest[3]), [False, False, True, True, True])
 
 
 def test_a_limit_that_the_middle_breaks_is_kept_by_going_elsewhere(elastic_leg: Robot) -> None:

@@ -142,7 +142,7 @@ def test_dead_zone_is_crossed_smoothly_and_whole_outside() -> None:
 def test_loads_obey_the_equations(
     one: Drive, two: Drive, is_coupled: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """(4b), (7) and (8) with what acts beside, along a periodic motion differentiated by itself."""
+    """(4b), (7), (8) with parallel elements, along a periodic motion differentiated by itself."""
     time, rate_hz = terms.TIME[::2], terms.RATE_HZ / 2
     monkeypatch.setattr(terms, "TIME", time)
     monkeypatch.setattr(terms, "RATE_HZ", rate_hz)
@@ -158,8 +158,8 @@ def test_loads_obey_the_equations(
         drive = robot.drives[joint]
         nothing = dict.fromkeys(("tau_L", "tau_M", "i_M", "u_M"), np.zeros(len(time)))
         own = dict(zip(STATES[3:], [state[:, index] for state in states], strict=True))
-        beside = value_of(joint_equation(drive), drive, {**nothing, **own})
-        np.testing.assert_allclose(loads[0, :, index], bodies[:, index] + beside, atol=1e-9)
+        parallel = value_of(joint_equation(drive), drive, {**nothing, **own})
+        np.testing.assert_allclose(loads[0, :, index], bodies[:, index] + parallel, atol=1e-9)
         seen = dict(zip(SMOOTH_SIGNALS, signals[:, :, index], strict=True))
         angle = seen["theta_M"]
         by_name = {**nothing, **seen, "tau_L": through[:, index]}
@@ -232,8 +232,8 @@ def test_gradient_of_the_columns_of_all_terms(
 @pytest.mark.parametrize("is_coupled", [False, True], ids=["", "coupled"])
 def test_columns_times_true_parameters_are_the_torques(is_coupled: bool, tmp_path: Path) -> None:
     """Load rows: the motor torque of a stiff drive, the torque behind a spring; and motor rows."""
-    beside = {"parallel_stiffness": 3.0}
-    one = with_terms(STIFF, {"parallel_spring": ("linear",)}, beside)
+    parallel = {"parallel_stiffness": 3.0}
+    one = with_terms(STIFF, {"parallel_spring": ("linear",)}, parallel)
     two = elastic({"joint_viscous_friction": 0.1}, joint_friction=("viscous",))
     robot = robot_of(tmp_path, one, two, is_coupled)
     base, model = base_parameters(robot), load_model(robot, base_parameters(robot), ("one", "two"))
@@ -342,6 +342,6 @@ def test_columns_near_a_value_need_the_value(tmp_path: Path) -> None:
 
 def test_transmission_of_a_plain_spring_is_its_compliance(tmp_path: Path) -> None:
     drives = transmission(arm(tmp_path, STIFF, ELASTIC))
-    deflection, by_torque = drives.stretch(np.full((3, 2), 6.0))
+    deflection, by_torque = drives.spring_deflection(np.full((3, 2), 6.0))
     np.testing.assert_allclose(deflection, [[0.0, 0.05]] * 3)
     np.testing.assert_allclose(by_torque, [[0.0, 1 / 120]] * 3)

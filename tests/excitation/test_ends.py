@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from seaid._arrays import Array
 from seaid.errors import ExcitationError
-from seaid.excitation import IN_MOTION, EndState, JointLimits, MotionSpace, Trajectory, make_basis
-from seaid.excitation.boundary import limit_rows, motion_space
+from seaid.excitation import EndState, JointLimits, Trajectory, make_basis
+from seaid.excitation.boundary import IN_MOTION, MotionSpace, limit_rows, motion_space
 
 pytestmark = pytest.mark.rounding
 
@@ -34,7 +34,7 @@ def states_at_ends(motions: MotionSpace, x: Array) -> tuple[Array, Array, Array]
 
 
 def filling(motions: MotionSpace, bounds: JointLimits, rng: np.random.Generator) -> Array:
-    """Return a random x on the bounds of its limits: home, and from there as far as it goes."""
+    """Return a random x on the bounds of its limits: from the feasible start as far as possible."""
     rows, offsets = limit_rows(motions, bounds)
     x = rng.normal(size=motions.shape)
     along = np.einsum("jgck,jk->jgc", rows, x)
@@ -48,7 +48,9 @@ def test_rest_is_rest_wherever_it_is(name: str, count: int) -> None:
     found = space(EndState(), EndState(), name, count)
     conditions = 2 if name == "fourier" else 4
     assert found.shape == (3, count - conditions)
-    np.testing.assert_array_equal(found.home, np.outer(found.basis.constant, np.full(3, 0.5)))
+    np.testing.assert_array_equal(
+        found.feasible_start, np.outer(found.basis.constant, np.full(3, 0.5))
+    )
     x = np.random.default_rng(0).normal(size=found.shape)
     q, v, a = states_at_ends(found, x)
     np.testing.assert_allclose(v, 0.0, atol=1e-11)
@@ -59,7 +61,7 @@ def test_rest_is_rest_wherever_it_is(name: str, count: int) -> None:
 @pytest.mark.parametrize(("name", "count"), BASES)
 def test_free_ends_leave_all_variables_of_like_size(name: str, count: int) -> None:
     found = space(IN_MOTION, IN_MOTION, name, count)
-    np.testing.assert_array_equal(found.free, found.basis.natural)
+    np.testing.assert_array_equal(found.free, found.basis.scaling)
 
 
 @settings(derandomize=True, max_examples=15, deadline=None)
@@ -131,7 +133,7 @@ def test_a_start_at_the_very_end_of_the_range_leaves_room_elsewhere() -> None:
 
 
 SLOW = "'rail': no motion between these ends keeps its acceleration limit .* uses 17.6 of it; give"
-FEW = r"7 coefficients a joint are too few for the ends asked, which are 6 conditions"
+FEW = r"7 coefficients per joint are too few for the 6 conditions at the ends"
 
 
 @pytest.mark.parametrize(
@@ -148,7 +150,7 @@ FEW = r"7 coefficients a joint are too few for the ends asked, which are 6 condi
         ({"position": 0.0}, {"position": 1.5}, {"duration": 0.2}, SLOW),
         ({"position": 0.0}, {"position": 1.5}, {"count": 6}, "give at least 7"),
         ({"position": 0.0}, {"position": 0.0}, {"count": 6}, "6 coefficients .* are too few"),
-        ({}, {}, {"name": "fourier", "count": 3}, "which are 2 conditions; give at least 4"),
+        ({}, {}, {"name": "fourier", "count": 3}, "2 conditions at the ends; give at least 4"),
         (
             {"position": 0.0},
             {"position": 1.0},

@@ -52,8 +52,8 @@ def test_hull_constant_and_natural_are_those_of_the_parts(order: int) -> None:
     assert np.all(np.abs(curve).max(axis=0) <= most * (1 + 1e-12))
     one = JOINED.matrices(np.linspace(0.0, 3.4, 11))[order] @ JOINED.constant
     np.testing.assert_allclose(one, 1.0 if order == 0 else 0.0, atol=1e-9)
-    np.testing.assert_array_equal(JOINED.natural[8:15, 8:15], PARTS[1].natural)
-    assert np.count_nonzero(JOINED.natural) == JOINED.size
+    np.testing.assert_array_equal(JOINED.scaling[8:15, 8:15], PARTS[1].scaling)
+    assert np.count_nonzero(JOINED.scaling) == JOINED.size
 
 
 def test_files_keep_it_exactly(tmp_path: Path) -> None:

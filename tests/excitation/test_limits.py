@@ -44,7 +44,7 @@ def test_a_limit_is_one_number_one_a_joint_or_a_mapping(slider_arm: Robot) -> No
         ({"velocity": [1.0, 2.0]}, r"velocity limit must have shape \(3\), found \(2,\)"),
         ({"velocity": {"elbo": 1.0}}, "velocity limit: no joint is named 'elbo'; did you mean"),
         ({"velocity": "fast"}, "velocity limit must be numbers"),
-        ({"upper": {"elbow": 1e200}}, r"'elbow': upper limit is beyond .* found 1e\+200: allowed"),
+        ({"upper": {"elbow": 1e200}}, r"'elbow': upper limit must be from .* found 1e\+200"),
         ({"acceleration": 1e-320}, r"acceleration limit must be more than 1e-09, found 9\.99"),
         ({"velocity": {"elbow": "fast"}}, "velocity limit must be numbers"),
     ],

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from seaid.errors import ExcitationError
 from seaid.excitation import (
-    IN_MOTION,
     EndState,
     Limits,
     Trajectory,
@@ -18,7 +17,7 @@ from seaid.excitation import (
     margins,
 )
 from seaid.excitation.basis import JoinedBasis
-from seaid.excitation.boundary import limit_rows, motion_space
+from seaid.excitation.boundary import IN_MOTION, limit_rows, motion_space
 from seaid.excitation.run_in import add_run_in, with_run_in
 from seaid.robot.robot import Robot
 
@@ -109,9 +108,9 @@ def test_a_motion_at_rest_needs_no_run_in(slider_arm: Robot) -> None:
     bounds = joint_limits(slider_arm, LIMITS)
     basis = make_basis("bspline", 3.0, 12)
     space = motion_space(basis, slider_arm.joint_names, bounds, EndState(0.5), EndState(0.5))
-    ways = with_run_in(space, slider_arm.joint_names, bounds)
-    assert ways.ways == ()
-    motion = Trajectory(slider_arm.joint_names, basis, space.home)
+    kept = with_run_in(space, slider_arm.joint_names, bounds)
+    assert kept.run_ins == ()
+    motion = Trajectory(slider_arm.joint_names, basis, space.feasible_start)
     thrice = add_run_in(motion, slider_arm, LIMITS, periods=3)
     assert thrice.main_interval == (0.0, 9.0)
     assert thrice.duration == 9.0
@@ -122,8 +121,10 @@ def test_a_motion_that_cannot_be_run_into_says_so(slider_arm: Robot) -> None:
     bounds = joint_limits(slider_arm, LIMITS)
     start = EndState([0.59, 0.0, 1.0], [-0.99, 0.0, 0.0], None)
     space = motion_space(basis, slider_arm.joint_names, bounds, start, EndState())
-    motion = Trajectory(slider_arm.joint_names, basis, space.home)
-    with pytest.raises(ExcitationError, match=r"no way into its start .*'rail': .* position limit"):
+    motion = Trajectory(slider_arm.joint_names, basis, space.feasible_start)
+    with pytest.raises(
+        ExcitationError, match=r"no run-in to its start .*'rail': .* position limit"
+    ):
         add_run_in(motion, slider_arm, LIMITS)
     with pytest.raises(ExcitationError, match="joint 'rail': no motion between these ends"):
         with_run_in(space, slider_arm.joint_names, bounds)

@@ -395,7 +395,7 @@ def test_friction_that_holds_creeps_little(kind: str, tmp_path: Path) -> None:
 def test_an_identified_robot_moves_as_the_true_one(tmp_path: Path) -> None:
     found = identify(arm(), perfect_log(arm(), arm_motion()))
     written = write_mjcf(found, tmp_path / "robot.xml")
-    assert any("'telescope': its deflection offset" in note for note in written.notes)
+    assert any("'telescope': its spring offset" in note for note in written.notes)
     true, same = run(arm(), tmp_path, 0.3)[0], run(found.robot, tmp_path, 0.3)[1]
     assert np.max(np.abs(same - true)) < 2e-3
 
@@ -446,10 +446,10 @@ def test_file_says_step_payload_and_what_is_left_out(tmp_path: Path) -> None:
         "integrator RK4 with steps of 0.0005 s",
         "contacts are off",
         "joint 'one': its smooth_coulomb is written as dry friction",
-        "joint 'one': left out, MuJoCo cannot say it: load, extra term c_4*sin(theta_L)",
+        "joint 'one': excluded, not available in MuJoCo: load, extra term c_4*sin(theta_L)",
         "its control is the motor torque, torque_constant (unknown) times the current",
-        "motors of elastic joints turn on bodies of their own",
-        "the payload that was known is part of the bodies",
+        "motors of elastic joints turn on separate bodies fixed in the world",
+        "the known payload is part of the bodies",
     ):
         assert any(words in note for note in written.notes), words
         assert words in text
@@ -497,7 +497,7 @@ def test_impossible_bodies_are_refused_unless_forced(tmp_path: Path) -> None:
         write_mjcf(wrong, path)
     assert not path.exists()
     written = write_mjcf(wrong, path, force=True)
-    assert any("'upper_arm' is no possible body" in note for note in written.notes)
+    assert any("'upper_arm' is physically inconsistent" in note for note in written.notes)
     assert mujoco.MjModel.from_xml_path(str(path)).nv == 6
     with pytest.raises(RobotError, match=r"force=True needs a mass of more than zero"):
         write_mjcf(body(arm(), 2, 0, -0.1), tmp_path / "other.xml", force=True)
@@ -519,7 +519,7 @@ REFUSED: dict[str, Drive] = {
     "needs a motor inertia to be simulated": replace(ELASTIC, motor_inertia_kg_m2=0.0),
     "'stiffness_Nm_per_rad' is not known": replace(ELASTIC, stiffness_Nm_per_rad=None),
     "'coulomb_friction_Nm' is not known": replace(STIFF, coulomb_friction_Nm=None),
-    "the term 'cubic', and MuJoCo's are straight": elastic(
+    "the term 'cubic', and MuJoCo's springs are linear": elastic(
         {"cubic_stiffness": 1.0}, spring=("linear", "cubic")
     ),
     "has a dead zone and a preload": elastic(

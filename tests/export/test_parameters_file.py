@@ -62,7 +62,7 @@ def test_checks_of_the_model_are_there_by_side(tmp_path: Path) -> None:
         assert set(checks[side]["whiteness"]) == set(own.whiteness)
 
 
-def test_possible_bodies_are_told_with_their_distance(tmp_path: Path) -> None:
+def test_feasible_parameters_are_written_with_their_distance(tmp_path: Path) -> None:
     told, own = content(tmp_path)["feasible"], found().feasible
     assert own is not None
     assert told["chi_square"] == own.chi_square
@@ -128,7 +128,7 @@ def test_what_is_no_such_file_is_told(tmp_path: Path) -> None:
     for text, words in (
         ("{", r"parameters '.*other.json' is not JSON: Expecting"),
         ("[]", "is no file of identified parameters: 'format' is None, not 'seaid parameters 2'"),
-        ('{"joints": []}', "'format' is None.*: give one|; give one that seaid identify or save"),
+        ('{"joints": []}', "'format' is None.*: give one|; give one written by seaid identify"),
         ('{"format": 2}', "'format' is 2, not 'seaid parameters 2'"),
         ('{"format": "seaid parameters 2"}', "other.json': key 'robot' is missing"),
         ('{"format": 1, "format": 2}', "duplicate key 'format' in one object"),
@@ -186,12 +186,12 @@ SLIDING, TURNING = (
         (f"drive_tables.{TURNING}", {"type": "stiff", "gear_ratio": None}, "gear_ratio"),
         (f"drive_tables.{TURNING}", {"type": "stiff", "gear_ratio": True}, "a number, found True"),
         (f"drive_tables.{TURNING}.gear_ratio", 1e300, "from 1e-09 to 1e\\+09 in size"),
-        ("bodies.boom.m", 0.0, "bodies.boom: its mass, 0 kg, is none for its other parameters"),
-        ("bodies.boom.m", 5e-324, "bodies.boom: its mass, 4.94066e-324 kg, is none"),
+        ("bodies.boom.m", 0.0, "bodies.boom: its mass, 0 kg, is too small for its other"),
+        ("bodies.boom.m", 5e-324, "bodies.boom: its mass, 4.94066e-324 kg, is too small"),
         ("bodies.boom.m", None, "bodies.boom.m must be a number, found None"),
         ("bodies.boom.m", "1", "bodies.boom.m must be a number, found '1'"),
         ("bodies.boom.m", True, "bodies.boom.m must be a number, found True"),
-        ("bodies.boom.mx", 1e300, "bodies.boom: 1e\\+300 is no mass"),
+        ("bodies.boom.mx", 1e300, "bodies.boom: 1e\\+300 is not a mass"),
         ("bodies.boom.mx", ..., "bodies.boom: key 'mx' is missing"),
         ("bodies.boom.mw", 1.0, "bodies.boom: no key is named 'mw'"),
         ("bodies.boom", [1.0], r"bodies.boom must be an object, found \[1.0\]"),

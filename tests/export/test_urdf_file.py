@@ -128,7 +128,7 @@ def test_a_lump_lighter_than_what_is_fixed_goes_to_the_moving_link_whole(tmp_pat
         from_center_of_mass(0.1, np.array([0, 0, -0.1]), 1e-4 * np.eye(3)), robot.drives
     )
     written = write_urdf(light, tmp_path / "out.urdf")
-    assert "link 'thigh' has the inertia of all that is fixed to it (camera)" in written.notes[0]
+    assert "link 'thigh' has the inertia of all links fixed to it (camera)" in written.notes[0]
     np.testing.assert_allclose(
         load_robot(written.urdf).parameters, light.parameters, rtol=1e-12, atol=1e-18
     )
@@ -156,7 +156,7 @@ def test_the_source_must_be_the_robots_own(tmp_path: Path) -> None:
     with pytest.raises(RobotError, match="no joint is named 'hip'; did you mean 'hop'"):
         write_urdf(robot, tmp_path / "out.urdf", source=other)
     other.write_text(FIXED.replace('"thigh"', '"femur"'))
-    with pytest.raises(RobotError, match="moves link 'femur', that of the robot 'thigh'"):
+    with pytest.raises(RobotError, match="moves link 'femur', in the robot it moves 'thigh'"):
         write_urdf(robot, tmp_path / "out.urdf", source=other)
     with pytest.raises(RobotError, match="name its URDF with source="):
         write_urdf(replace(robot, urdf=None), tmp_path / "out.urdf")
@@ -197,7 +197,7 @@ def test_a_full_disk_leaves_both_old_files(tmp_path: Path, monkeypatch: pytest.M
 
 def test_the_file_that_is_taken_is_not_written_over(tmp_path: Path) -> None:
     robot = fixed_robot(tmp_path)
-    with pytest.raises(RobotError, match=r"leg.urdf' is the URDF that is taken: name another file"):
+    with pytest.raises(RobotError, match=r"leg.urdf' is the source URDF: name another file"):
         write_urdf(robot, tmp_path / "." / "leg.urdf")
     assert (tmp_path / "leg.urdf").read_text() == FIXED
 
@@ -245,9 +245,7 @@ def test_the_payload_is_no_part_of_the_file(tmp_path: Path) -> None:
     fixed_robot(tmp_path)
     robot = load_robot(tmp_path / "leg.urdf", payloads=[Payload("thigh", 1.0)])
     written = write_urdf(robot, tmp_path / "out.urdf")
-    assert written.notes == (
-        "the payload that was known is not in the file: give it with payloads=",
-    )
+    assert written.notes == ("the known payload is not in the file: give it with payloads=",)
     assert written.drives is None
     np.testing.assert_allclose(load_robot(written.urdf).parameters, robot.parameters, rtol=1e-12)
 
@@ -301,7 +299,7 @@ def test_a_mass_on_the_wrong_side_is_moved_to_the_link_that_moves(tmp_path: Path
     (tmp_path / "leg.urdf").write_text(text)
     robot = load_robot(tmp_path / "leg.urdf")
     written = write_urdf(robot, tmp_path / "out.urdf")
-    assert "has the inertia of all that is fixed to it (camera)" in written.notes[0]
+    assert "has the inertia of all links fixed to it (camera)" in written.notes[0]
     again = load_robot(written.urdf)
     np.testing.assert_allclose(again.parameters, robot.parameters, rtol=1e-9, atol=1e-15)
 
@@ -349,7 +347,7 @@ def test_a_path_that_is_no_urdf_is_refused(tmp_path: Path, name: str) -> None:
 def test_drives_are_not_written_over_the_file_that_is_taken(tmp_path: Path) -> None:
     robot = fixed_robot(tmp_path)
     (tmp_path / "leg.urdf").rename(tmp_path / "leg.toml")
-    with pytest.raises(RobotError, match=r"leg\.toml' is the URDF that is taken"):
+    with pytest.raises(RobotError, match=r"leg\.toml' is the source URDF"):
         write_urdf(robot, tmp_path / "leg.urdf", source=tmp_path / "leg.toml")
     assert (tmp_path / "leg.toml").read_text() == FIXED
 

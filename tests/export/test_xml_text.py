@@ -16,7 +16,7 @@ from seaid.export.urdf import (
     edited,
     is_empty,
     new_element,
-    read_places,
+    parse_positions,
     with_children,
     with_content,
     without,
@@ -81,7 +81,7 @@ def test_a_strange_file_stays_as_it_is_but_for_its_bodies(tmp_path: Path) -> Non
 
 def test_what_is_new_is_indented_as_its_neighbours() -> None:
     text = b"<a>\n  <b>\n    <c/>\n  </b>\n  <d x='1' />\n  <e></e>\n</a>"
-    root = read_places(text)
+    root = parse_positions(text)
     places = [root.find(tag) for tag in "bde"]
     edits = [
         with_content(text, one, [new_element("n", {"m": {"k": "2"}})]) for one in places if one
@@ -94,7 +94,7 @@ def test_what_is_new_is_indented_as_its_neighbours() -> None:
 
 def test_an_element_goes_with_the_space_before_it() -> None:
     text = b"<a>\n  <b>x</b>\n  <c/>\n</a>"
-    root = read_places(text)
+    root = parse_positions(text)
     assert edited(text, [without(text, one) for one in root.children]) == b"<a>\n</a>"
 
 
@@ -107,7 +107,7 @@ def test_an_element_goes_with_the_space_before_it() -> None:
 )
 def test_what_cannot_be_read_is_said(text: bytes, words: str) -> None:
     with pytest.raises(ValueError, match=words):
-        read_places(text)
+        parse_positions(text)
 
 
 TAGS, NAMES = st.sampled_from("abc"), st.sampled_from(["k", "kk", "ns:k"])
@@ -140,7 +140,7 @@ def test_places_and_edits_are_what_a_parser_of_the_whole_file_sees(
     inside: str, children: dict[str, dict[str, str]]
 ) -> None:
     text = f'<r xmlns:ns="n">{inside}</r>'.encode()
-    tree, root = etree.fromstring(text), read_places(text)
+    tree, root = etree.fromstring(text), parse_positions(text)
     seen = [(one.tag.replace("{n}", "n "), len(one.attrib)) for one in tree.iter(etree.Element)]
     assert [(one.tag, len(one.attributes)) for one in root.all()][1:] == seen[1:]
     for one in root.all():
@@ -149,7 +149,7 @@ def test_places_and_edits_are_what_a_parser_of_the_whole_file_sees(
         closing = b"/>" if is_empty(text, one) else f"</{tag}>".encode()
         assert text[one.start : one.end].endswith(closing)
     parent = root.children[0]
-    found = read_places(edited(text, with_children(text, parent, children))).children[0]
+    found = parse_positions(edited(text, with_children(text, parent, children))).children[0]
     before = {tag: parent.find(tag) for tag in children}
     for tag, attributes in children.items():
         child, old = found.find(tag), before[tag]
@@ -163,5 +163,5 @@ def test_places_and_edits_are_what_a_parser_of_the_whole_file_sees(
 def test_no_edit_changes_nothing(inside: str) -> None:
     text = inside.replace("ns:", "ns_").encode()
     assert edited(text, []) == text
-    same = [with_children(text, one, {}) for one in read_places(text).all()]
+    same = [with_children(text, one, {}) for one in parse_positions(text).all()]
     assert not any(same)

@@ -6,17 +6,19 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from scripts.coverage import save_coverage_figure
 from seaid.errors import SeaidError
-from seaid.report.figures import save_coverage_figure
 
 NAMES = ["stiffness of knee", "viscous_friction of knee", "Izz_foot"]
 
 
-def test_a_panel_a_way_is_drawn(tmp_path: Path) -> None:
+def test_one_panel_per_estimator_is_drawn(tmp_path: Path) -> None:
     sizes = []
-    for ways in (["wls"], ["wls", "joint", "refine"]):
-        coverage = {way: np.array([0.95, 0.6, 1.0]) for way in ways}
-        save_coverage_figure(NAMES, coverage, dict.fromkeys(ways, 40), tmp_path / "coverage.png")
+    for estimators in (["wls"], ["wls", "joint", "refine"]):
+        coverage = {one: np.array([0.95, 0.6, 1.0]) for one in estimators}
+        save_coverage_figure(
+            NAMES, coverage, dict.fromkeys(estimators, 40), tmp_path / "coverage.png"
+        )
         sizes.append(imread(tmp_path / "coverage.png").shape)
     assert sizes[1][1] > sizes[0][1]
     assert sizes[1][0] == sizes[0][0]

@@ -9,10 +9,10 @@ import matplotlib.figure
 import numpy as np
 import pytest
 
+from scripts.excitation_figure import save_excitation_figure
 from seaid.errors import SeaidError
 from seaid.excitation.limits import JointLimits
 from seaid.excitation.trajectory import Trajectory, polynomial_trajectory
-from seaid.report.excitation_figure import save_excitation_figure
 
 
 @pytest.fixture

@@ -22,9 +22,10 @@ from seaid.estimation.diagnostics import ModelChecks, TermTest, Whiteness
 from seaid.identification.identification import Identification
 from seaid.identification.validation import Validation, compared
 from seaid.report import html_tables, html_traces
+from seaid.report.figures import UNSEEN
 from seaid.report.html import runs_of, write_report
 from seaid.report.html_maps import cells_of, correlation_map, packed_correlations, singular_values
-from seaid.report.html_verdict import NOT_VALIDATED, doubts_of, verdict
+from seaid.report.html_verdict import NOT_VALIDATED, verdict, warnings_of
 from tests.report_pages import HOSTILE, arm_found, arm_result, made_up, prediction
 
 PAGE_BYTES = 6_000_000
@@ -117,10 +118,10 @@ def test_page_says_how_well_the_unseen_motion_is_predicted(page: Page) -> None:
     errors = np.concatenate([result.actuator.relative_error, result.load.relative_error])
     errors = errors[np.isfinite(errors)]
     runs = runs_of(arm_found(), [result])
-    said = verdict(arm_found(), runs, doubts_of(arm_found(), runs))
+    said = verdict(arm_found(), runs, warnings_of(arm_found(), runs))
     assert said in page.text
     percents = [
-        float(one) / 100 for one in re.findall(r"([\d.]+)\N{NO-BREAK SPACE}% (?:err|at)", said)
+        float(one) / 100 for one in re.findall(r"([\d.]+)\N{NO-BREAK SPACE}%(?:,| at)", said)
     ]
     assert percents == [
         pytest.approx(float(np.median(errors)), rel=0.051),
@@ -214,7 +215,7 @@ def test_without_room_traces_are_thinned_with_their_peaks_and_said_so(
     measured = unpacked(run["load"][1]["measured"])
     assert len(measured) <= 334
     assert np.max(measured) == pytest.approx(50.0, rel=1e-4)
-    assert "Drawn thinned" in run["thinned"]
+    assert "Thinned to the smallest" in run["thinned"]
     time = run["start"] + run["step"] * int(np.argmax(measured))
     assert time == pytest.approx(result.time[1234], abs=2 * run["step"])
 
@@ -250,7 +251,7 @@ def test_three_hundred_joints_are_a_page(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr("seaid.identification.identification.sign_flags", lambda _: ())
     found, result = made_up(tmp_path, tuple(f"joint_{k:03d}" for k in range(300)), 2000)
     page = page_of(tmp_path, found, [result, result])
-    assert "600 drive parameters found" in page.words
+    assert "600 drive parameters identified" in page.words
     assert page.words.count("joint_299") > 3
     assert "The 110 most correlated of 2100 parameters" in page.words
 
@@ -258,41 +259,41 @@ def test_three_hundred_joints_are_a_page(tmp_path: Path, monkeypatch: pytest.Mon
 # Doubts
 
 
-def doubts(found: Identification, *results: Validation) -> dict[str, tuple[str, ...]]:
-    return {one.subject: one.sentences for one in doubts_of(found, runs_of(found, list(results)))}
+def warnings(found: Identification, *results: Validation) -> dict[str, tuple[str, ...]]:
+    return {one.subject: one.sentences for one in warnings_of(found, runs_of(found, list(results)))}
 
 
 def test_report_without_validation_says_so_at_its_top(tmp_path: Path) -> None:
     page = page_of(tmp_path, arm_found(), [])
-    assert "not validated on a motion it has not seen" in page.words
+    assert "not validated on an unseen motion" in page.words
     assert NOT_VALIDATED in page.words
-    assert doubts(arm_found())["Validation"] == (NOT_VALIDATED,)
-    assert "a motion the identification has not seen" not in page.words
+    assert warnings(arm_found())["Validation"] == (NOT_VALIDATED,)
+    assert UNSEEN not in page.words
 
 
 def test_own_motion_given_as_validation_does_not_count(tmp_path: Path) -> None:
     found = arm_found()
     own = compared(found, found.motions[0])
-    said = doubts(found, own)["Validation"]
+    said = warnings(found, own)["Validation"]
     assert said[0] == NOT_VALIDATED
-    assert "is of a motion that was identified from" in said[1]
+    assert "is of a motion that was used for identification" in said[1]
     assert "not validated" in page_of(tmp_path, found, own).words
 
 
-def test_bodies_that_cannot_exist_are_named() -> None:
-    impossible = arm_found().robot.parameters.copy()
-    impossible[0] = -1.0
+def test_physically_inconsistent_bodies_are_named() -> None:
+    inconsistent = arm_found().robot.parameters.copy()
+    inconsistent[0] = -1.0
     robot = arm_found().robot
-    found = replace(arm_found(), robot=robot.with_values(impossible, robot.drives))
-    (sentence,) = doubts(found, arm_result())["Bodies"]
+    found = replace(arm_found(), robot=robot.with_values(inconsistent, robot.drives))
+    (sentence,) = warnings(found, arm_result())["Bodies"]
     assert sentence.startswith(robot.body_names[0])
-    possible = replace(found, robot=arm_found().known.with_values(_bodies(), robot.drives))
-    assert "Bodies" not in doubts(possible, arm_result())
+    consistent = replace(found, robot=arm_found().known.with_values(_bodies(), robot.drives))
+    assert "Bodies" not in warnings(consistent, arm_result())
 
 
 @cache
 def _bodies() -> Array:
-    """Ten parameters of possible bodies, four of them."""
+    """The ten parameters of four physically consistent bodies."""
     return np.tile([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.1], 4)
 
 
@@ -305,12 +306,12 @@ def test_checks_that_fail_are_flagged() -> None:
         checks=FrozenMapping({"load": bad}),
         excluded=FrozenMapping({"load": 10**6}),
     )
-    said = doubts(found, arm_result())
-    assert said["Combinations that the data hardly tell"] == (
+    said = warnings(found, arm_result())
+    assert said["Poorly determined combinations"] == (
         "Load side: the data tell 1e-03 of the combination a - b.",
     )
     (term_said,) = said["Terms that the data do not support"]
-    assert term_said.startswith("Viscous friction of wrist: the data do not ask for it (BIC −4)")
+    assert term_said.startswith("Viscous friction of wrist: not supported by the data (BIC −4)")
     (residual,) = said["Residuals"]
     assert "wrist (load side)" in residual
     assert "Standstill" in said
@@ -319,15 +320,15 @@ def test_checks_that_fail_are_flagged() -> None:
 def test_bad_predictions_are_flagged_and_good_ones_not() -> None:
     result = arm_result()
     bad = replace(result.load, relative_error=np.array([0.01, 0.35, 0.01, 0.01]))
-    said = doubts(arm_found(), replace(result, load=bad))["Validation"]
+    said = warnings(arm_found(), replace(result, load=bad))["Validation"]
     assert said == (
-        "The torque of shoulder (load side) is predicted badly in the validation: "
-        "35\N{NO-BREAK SPACE}% of its size is error.",
+        "The torque of shoulder (load side) is poorly predicted in the validation: "
+        "relative error 35\N{NO-BREAK SPACE}%.",
     )
-    assert "Validation" not in doubts(arm_found(), result)
+    assert "Validation" not in warnings(arm_found(), result)
 
 
-# What the data tell
+# Identifiability
 
 
 def test_singular_values_have_the_condition_number_of_the_estimate() -> None:
@@ -368,12 +369,12 @@ def test_stiff_robot_of_one_joint_has_no_actuator_side(tmp_path: Path) -> None:
     assert "is predicted with" in page.words
 
 
-def test_logs_that_are_not_kept_are_told(tmp_path: Path) -> None:
+def test_logs_that_are_not_kept_are_mentioned(tmp_path: Path) -> None:
     found, _ = made_up(tmp_path, ("a", "b"))
     page = page_of(tmp_path, found, [])
     assert "traces-data" not in page.scripts
-    assert "the logs were read in pieces and are not kept in memory" in page.words
-    assert "not kept of logs that are read in pieces" in page.words
+    assert "logs read in pieces are not kept in memory" in page.words
+    assert "The ranges of logs read in pieces are not kept" in page.words
 
 
 def test_validation_without_any_torque_is_a_page_too(tmp_path: Path) -> None:
@@ -392,8 +393,11 @@ def test_validation_without_any_torque_is_a_page_too(tmp_path: Path) -> None:
         ("report", "results must be Validations (of seaid.validate), found str; give []"),
         ([1], "results must be Validations (of seaid.validate), found int"),
         (None, "found NoneType; give []"),
-        ([prediction(("other",), 200)], "a validation of the joints other, the identified robot"),
-        (prediction(("other",), 200), "a validation of the joints other, the identified robot"),
+        (
+            [prediction(("other",), 200)],
+            "a validation of the joints other, but the identified robot",
+        ),
+        (prediction(("other",), 200), "a validation of the joints other, but the identified robot"),
     ],
 )
 def test_results_that_are_none_are_refused(tmp_path: Path, results: Any, words: str) -> None:
@@ -405,7 +409,7 @@ def test_results_that_are_none_are_refused(tmp_path: Path, results: Any, words: 
 
 @pytest.mark.parametrize("facts", [{"a": [1]}, {1: "a"}, ["a"], {"a": None}])
 def test_facts_that_are_no_text_are_refused(tmp_path: Path, facts: Any) -> None:
-    with pytest.raises(SeaidError, match=r"facts= must be \{what: text or number\}, found"):
+    with pytest.raises(SeaidError, match=r"facts= must be \{name: text or number\}, found"):
         write_report(arm_found(), [], tmp_path / "page.html", facts=facts)
 
 

@@ -29,7 +29,7 @@ def found() -> Identification:
 
 def estimates(summary: str) -> str:
     """Return the part of a summary before the checks, which name the parameters again."""
-    return summary.split("Is each term")[0]
+    return summary.split("Terms of the drives")[0]
 
 
 def lines(text: str, *words: str) -> list[str]:
@@ -101,7 +101,7 @@ def test_flags_are_in_the_summary() -> None:
         assert f"! {flag}" in narrow.summary().splitlines()
 
 
-def test_truth_stands_beside_the_estimate() -> None:
+def test_truth_stands_next_to_the_estimate() -> None:
     (line,) = lines(drive_table("Table 1", found(), arm()), "shoulder", "stiffness")
     value = found().drives["shoulder"].value("stiffness")
     assert " 250 " in line

@@ -271,7 +271,7 @@ def test_outline_is_around_all_that_is_shown(tulip_leg: Robot) -> None:
 
 
 def test_home_is_zero_within_the_limits(tulip_leg: Robot) -> None:
-    np.testing.assert_array_equal(picture_of(tulip_leg).home, [0.0, 0.0, 0.0, 0.05, 0.0])
+    np.testing.assert_array_equal(picture_of(tulip_leg).rest_posture, [0.0, 0.0, 0.0, 0.05, 0.0])
 
 
 def test_positions_of_another_shape_are_refused(tulip_leg: Robot) -> None:

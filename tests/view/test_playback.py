@@ -20,7 +20,7 @@ from seaid.log.motion import reconstruct_motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Robot, load_robot
 from seaid.simulation.simulation import simulate
-from seaid.view.panel import legend, table, words
+from seaid.view.panel import legend, plain_text, table
 from seaid.view.picture import NEUTRAL, deflection_colors, gradient
 from seaid.view.playback import Playback, Shown, playback_of, scales
 
@@ -99,14 +99,14 @@ def test_joint_without_encoder_is_where_its_motor_is(robot: Robot) -> None:
     np.testing.assert_allclose(played.position, joint, atol=1e-12)
     assert np.all(np.isnan(played.deflection[:, [0, 2]]))
     assert played.notes == (
-        "no encoder at 'turn': its position is its motor's, without the spring's deflection",
+        "no encoder at 'turn': its position is that of its motor, without spring deflection",
     )
 
 
 def test_joint_without_any_encoder_is_refused(robot: Robot) -> None:
     joint, _ = waves(robot)
     joint[:, 1] = np.nan
-    with pytest.raises(LogError, match="log 'run': nothing tells the position of 'slide'"):
+    with pytest.raises(LogError, match="log 'run': no encoder gives the position of 'slide'"):
         playback_of(robot, log_of(robot, joint, joint), "run")
 
 
@@ -174,7 +174,7 @@ def test_plan_without_nominal_values_says_why(robot: Robot) -> None:
     played = playback_of(robot.without_nominal(), plan(robot), "plan")
     assert np.all(np.isnan(played.deflection))
     (note,) = played.notes
-    assert note.startswith("planned; deflections are not known: joint 'turn'")
+    assert note.startswith("planned; deflections are unknown: joint 'turn'")
 
 
 def test_between_samples_it_is_on_the_line(robot: Robot) -> None:
@@ -247,7 +247,7 @@ def test_legend_says_units_and_what_is_not_known(robot: Robot) -> None:
     assert "−4" in text
     assert "+4 mm" in text
     assert "about its mean" in text
-    assert "zeros of encoders are not known" in text
+    assert "Encoder offsets are unknown" in text
     assert "no deflection is known" in legend(robot, np.zeros(3))
     rigid = robot.with_drives({"turn": STIFF, "slide": StiffDrive()})
     assert "no joint has a spring" in legend(rigid, np.zeros(3))
@@ -263,7 +263,7 @@ def test_numbers_have_units_and_names_are_no_markup(write_chain: Callable[..., P
     assert "−0.500 rad" in text
     assert "+0.250 m" in text
     assert "deflection" not in text
-    assert words(["<i>"]).count("&lt;i&gt;") == 1
+    assert plain_text(["<i>"]).count("&lt;i&gt;") == 1
 
 
 def test_numbers_of_springs_are_in_small_units(robot: Robot) -> None:

@@ -1,8 +1,8 @@
 "use strict";
-// Charts of the page: traces and spectrum of one motion, joint and side; the map's readings; the theme.
+// Charts of the page: traces and spectrum of one motion, joint and side; the map's values; the theme.
 (() => {
   const at = (id) => document.getElementById(id);
-  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
+  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).replaceAll(" ", "");
   const stored = (id) => { const tag = at(id); return tag ? JSON.parse(tag.textContent) : null; };
   const bytes = (text) => Uint8Array.from(atob(text), (one) => one.charCodeAt(0)).buffer;
   const MISSING = -32768;
@@ -33,7 +33,7 @@
     label, stroke: colour(name), width, pxAlign: 0, points: { show: false }, value: (_, value) => digits(value),
   });
 
-  const zoomTo = (range) => {  // both time charts show the same stretch
+  const zoomTo = (range) => {  // both time charts show the same interval
     zoom = range;
     if (zooming) return;
     zooming = true;
@@ -111,13 +111,13 @@
     if (kept) zoomTo(kept);
     const spectra = ["measured", "computed", "residual"].map((one) => unpacked(trace.spectra[one]).map((power) => 10 ** power));
     overFrequency(unit, run.cutoff, [run.frequencies, ...spectra]);
-    const seen = run.unseen ? "not identified from" : "identified from: a good fit proves little";
-    at("told").textContent = `${traces.joints[joint]}, ${side} side, ${run.name} (${seen}); below ${run.cutoff.toPrecision(3)} Hz.`;
+    const seen = run.unseen ? "unseen" : "used for identification";
+    at("shown").textContent = `${traces.joints[joint]}, ${side} side, ${run.name} (${seen}); below ${run.cutoff.toPrecision(3)} Hz.`;
     at("source").textContent = `Measured is ${traces.sources[side][joint]}.`;
     at("thinned").textContent = run.thinned;
   };
 
-  const offer = () => {  // only what the chosen motion has: joints, then sides of the joint
+  const offer = () => {  // only what the selected motion has: joints, then sides of the joint
     const run = traces.runs[+at("run").value];
     const has = (side, joint) => run[side][joint] !== null;
     for (const option of at("joint").options) option.disabled = !has("actuator", +option.value) && !has("load", +option.value);
@@ -169,7 +169,7 @@
       const value = values[row * names.length + column];
       at("picked").setAttribute("d", `M${column * cell} ${row * cell}h${cell}v${cell}h${-cell}z`);
       at("correlation").textContent = row === column ? names[row]
-        : `${names[row]} and ${names[column]}: ${value === -128 ? "estimated apart" : (value / 100).toFixed(2).replace("-", "−")}`;
+        : `${names[row]} and ${names[column]}: ${value === -128 ? "separate estimates" : (value / 100).toFixed(2).replace("-", "−")}`;
     };
     map.addEventListener("pointermove", read);
     map.addEventListener("pointerdown", read);

@@ -32,12 +32,12 @@ def save_excitation_figure(
     singular_before: Array | None = None,
     singular_after: Array | None = None,
 ) -> None:
-    """Draw position, velocity and acceleration of a planned motion against their limits.
+    """Draw position, velocity and acceleration of a planned motion with their limits.
 
-    One row a joint; of more than 8 joints one panel a kind, each joint as its share of its limit.
-    Beneath, where given, the singular values (p,) of the stacked regressor, of the motion that the
-    search started from and of the planned one, with their condition numbers (16). Raises SeaidError
-    where limits or singular values do not fit, and where the file cannot be written.
+    There is one row per joint, or for more than 8 joints one panel per quantity with each joint as
+    a share of its limit. Below are the given singular values (p,) of the observation matrix, of the
+    start of the search and of the plan, with their condition numbers (16). Raises SeaidError if
+    limits or singular values do not fit, or the file cannot be written.
     """
     n = len(trajectory.joint_names)
     if len(limits.lower) != n:
@@ -52,7 +52,7 @@ def save_excitation_figure(
 
 
 def _spectrum(name: str, values: Array) -> Array:
-    """Return singular values in falling order."""
+    """Return singular values in decreasing order."""
     spectrum = np.sort(frozen(name, values, (None,)))[::-1]
     if not (spectrum.size and np.all(np.isfinite(spectrum)) and spectrum[-1] >= 0):
         raise SeaidError(f"{name} must be finite numbers of zero or more, at least one")
@@ -71,7 +71,7 @@ def _figure(
     figure = Figure(figsize=(11.0, sum(heights)), layout="constrained")
     parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
     time = np.linspace(0.0, trajectory.duration, _SAMPLES)
-    parts[0].suptitle("Planned motion against its limits", fontsize=11)
+    parts[0].suptitle("Planned motion and its limits", fontsize=11)
     draw = _draw_rows if n <= _MOST_ROWS else _draw_shares
     draw(parts[0], trajectory, limits, time)
     if spectra:
@@ -80,7 +80,7 @@ def _figure(
 
 
 def _draw_rows(part: SubFigure, trajectory: Trajectory, limits: JointLimits, time: Array) -> None:
-    """Draw one row a joint, one column a kind."""
+    """Draw one row per joint, one column per quantity."""
     motion = trajectory.sample(time)
     names = trajectory.joint_names
     axes = part.subplots(len(names), len(_KINDS), sharex=True, squeeze=False)
@@ -106,7 +106,7 @@ def _draw_rows(part: SubFigure, trajectory: Trajectory, limits: JointLimits, tim
 
 
 def _draw_shares(part: SubFigure, trajectory: Trajectory, limits: JointLimits, time: Array) -> None:
-    """Draw one panel a kind, every joint as its share of its limit."""
+    """Draw one panel per quantity, every joint as a share of its limit."""
     q, v, a = trajectory.sample(time)
     shares = (
         (q - limits.middle) / limits.half_range,
@@ -138,7 +138,7 @@ def _draw_spectra(part: SubFigure, spectra: list[tuple[Array, str, dict[str, Any
         shown = np.where(values > 0, values, np.nan)
         panel.plot(number, shown, label=f"{label}: condition number {condition:.4g}", **style)
     panel.set_yscale("log")
-    panel.set_title("Singular values of the stacked base regressor", fontsize=9, loc="left")
+    panel.set_title("Singular values of the base observation matrix", fontsize=9, loc="left")
     panel.set_xlabel("number, from the largest")
     panel.set_ylabel("singular value")
     panel.grid(color="0.9")
@@ -152,7 +152,7 @@ def _dress(panel: Any) -> None:
 
 
 def _colours(count: int) -> list[Any]:
-    """Return colours that tell so many joints apart."""
+    """Return distinct colours."""
     import matplotlib as mpl
 
     return [mpl.colormaps["turbo"](share) for share in np.linspace(0.03, 0.93, count)]
