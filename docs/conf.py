@@ -21,7 +21,7 @@ author = "The seaid authors"
 project_copyright = author
 version = release = seaid.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_copybutton"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
 exclude_patterns = ["_build"]
 html_theme = "furo"
 html_title = f"seaid {version}"
@@ -34,7 +34,10 @@ copybutton_exclude = ".linenos, .gp, .go"
 myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
 
-# Docstrings are plain text with `names` in backticks.
+# Docstrings are in NumPy style, with `names` in backticks; their types are prose, not links.
+napoleon_google_docstring = False
+napoleon_use_ivar = True
+napoleon_use_rtype = False
 default_role = "code"
 python_maximum_signature_line_length = 88
 autodoc_member_order = "bysource"

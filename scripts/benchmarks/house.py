@@ -1,4 +1,4 @@
-"""How easy the house is to move into: modules, lines, imports, complexity and words, beside peers.
+"""How easy the house is to move into: modules, lines, imports, complexity and words, compared with its peers.
 
     python -m scripts.benchmarks.house
 

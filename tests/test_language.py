@@ -1,0 +1,68 @@
+"""The project speaks the field's words: those of its first years' dialect do not come back."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+INSTEAD = {
+    r"\b(?:un|re)?told\b|\btells\b": "identifiable, determined by; excites; says",
+    r"\bbent\b|\bbends?\b|\bbending\b": "nonlinear in the parameters",
+    r"\bstraighten(?:ed|ing|s)?\b": "linearised, linearisation",
+    r"--sides\b|\bsides=": "method=",
+    r"--rows\b": "--torque-joints",
+    r"\bimpossible\b|\bpossible bod(?:y|ies)\b|\bpossible_bod\w+": "physically consistent",
+    r"\bprogrammes?\b": "semidefinite program",
+    r"\bdrivetrains?\b": "drives",
+    r"\bjoint[_ ]zeros?\b|\bjoint_zero\w*": "encoder offsets",
+    r"\bdeflection_offset\b": "spring_offset",
+    r"\binformation_of\b": "QR factor",
+    r"\bcarried\b": "propagated (uncertainty)",
+    r"\bworth having\b|\bnested\b": "supported by the data; model comparison",
+    r"\bmend(?:s|ed|ing)?\b": "repair",
+    r"\bleft (?:out|away)\b|\bleav(?:e|es|ing) (?:out|away)\b": "excluded",
+    r"\btrim(?:s|med|ming)?\b|\bsw[iu]ng in\b": "filter transient",
+    r"\bpass bands?\b": "cutoff, bandwidth of the motion",
+    r"\bgap of the decision\b": "singular-value gap",
+    r"\bup to one factor\b": "up to scale",
+    r"\bgo(?:es)? on from row to row\b": "is autocorrelated",
+    r"\bregressed both ways\b": "direct and reverse regression",
+    r"\bh[eo]ld(?:s|ing)? (?:[\w`]+ )?against\b": "compare, check",
+    r"\bfree ends?\b": "start and end in motion",
+    r"\bdrive columns\b": "drive parameters included",
+    r"\brecorded=|--recorded\b": "previous_logs=",
+    r"\bmust not be trusted\b": "warnings",
+    r"\bidentified from what\b": "data and settings",
+    r"\bforeign\b": "with custom columns",
+    r"\borange lines\b": "compare with",
+    r"\b(?:one|number|columns?|rows?|parameters|coefficients|values?|table|equation) a (?:joint|body|drive|row|motor)\b": "per joint",
+    r"\bbeside\b": "parallel, next to, besides",
+}
+"""Words of HOUSE.md's left column, and what stands instead."""
+
+PLAIN = {
+    "docs/conventions.md": ("| encoder offset |",),  # the glossary has the synonyms that people look for
+}
+"""Files in which such a word has its plain meaning, with the lines' text: {file: (text, ...)}."""
+
+PLACES = ("seaid/**/*", "docs/**/*.md", "README.md", "scripts/**/*.py")
+
+
+def files() -> list[Path]:
+    found = [path for place in PLACES for path in ROOT.glob(place)]
+    return sorted(path for path in found if path.suffix in (".py", ".pyi", ".md", ".js", ".j2"))
+
+
+@pytest.mark.parametrize("word", INSTEAD)
+def test_the_dialect_does_not_come_back(word: str) -> None:
+    pattern, found = re.compile(word, re.IGNORECASE), []
+    for path in files():
+        name = path.relative_to(ROOT).as_posix()
+        for number, line in enumerate(path.read_text("utf-8").splitlines(), 1):
+            if pattern.search(line) and not any(one in line for one in PLAIN.get(name, ())):
+                found.append(f"{name}:{number}: {line.strip()}")
+    assert found == [], f"write: {INSTEAD[word]}"
