@@ -27,6 +27,10 @@ def read_drives(path: str | Path) -> dict[str, Drive]:
     }
 
 
+_OLD_KEYS = {"deflection_offset_N": "spring_offset_N", "deflection_offset_Nm": "spring_offset_Nm"}
+"""Keys of files that are older than the parameter's name."""
+
+
 def drives_from_mapping(drives: Mapping[str, Any]) -> dict[str, Drive]:
     """Return {joint: drive} from a mapping whose values are drives or tables as in the TOML."""
     return {
@@ -47,7 +51,14 @@ def _drive(where: str, table: Any) -> Drive:
     kind = _TYPES[table["type"]]
     keys = [field.name for field in fields(kind)]
     values = {key: value for key, value in table.items() if key in keys}
-    others = {key: value for key, value in table.items() if key not in keys and key != "type"}
+    for old, new in _OLD_KEYS.items():
+        if old in table and new in table:
+            raise RobotError(f"{where}: '{old}' is the old name of '{new}': give one of them")
+    others = {
+        _OLD_KEYS.get(key, key): value
+        for key, value in table.items()
+        if key not in keys and key != "type"
+    }
     needed = ("gear_ratio", "gear_ratio_rad_per_m") if kind is StiffDrive else ("gear_ratio",)
     if all(values.get(key) is None for key in needed):
         _check_keys(where, others, keys, _every_key())

@@ -223,3 +223,12 @@ def test_zero_is_allowed_where_it_means_something() -> None:
     for key in POSITIVE:
         with pytest.raises(RobotError, match=f"{key} must be more than zero and finite, found 0"):
             SeriesElasticDrive(**GOOD | {key: 0})
+
+
+def test_a_key_of_older_files_is_read_under_its_new_name() -> None:
+    table = {"type": "series_elastic", "gear_ratio": 100.0, "stiffness_Nm_per_rad": 70.0}
+    old, new = {"deflection_offset_Nm": 2.0}, {"spring_offset_Nm": 2.0}
+    drives = [drives_from_mapping({"knee": table | one})["knee"] for one in (old, new)]
+    assert drives[0] == drives[1]
+    with pytest.raises(RobotError, match="'deflection_offset_Nm' is the old name of 'spring_off"):
+        drives_from_mapping({"knee": table | old | new})
