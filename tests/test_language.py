@@ -39,7 +39,9 @@ INSTEAD = {
     r"\bidentified from what\b": "data and settings",
     r"\bforeign\b": "with custom columns",
     r"\borange lines\b": "compare with",
-    r"\b(?:one|number|columns?|rows?|parameters|coefficients|values?|table|equation) a (?:joint|body|drive|row|motor)\b": "per joint",
+    r"\b(?:one|number|columns?|rows?|table) a (?:joint|body|drive|row|motor)\b": "per joint",
+    r"\bparameters a (?:joint|body|drive)\b": "per joint",
+    r"\b(?:coefficients|values?|equation) a (?:joint|body|drive|row|motor)\b": "per joint",
     r"\bbeside\b": "parallel, next to, besides",
 }
 """Words of HOUSE.md's left column, and what stands instead."""

@@ -1,4 +1,4 @@
-"""How easy the house is to move into: modules, lines, imports, complexity and words, compared with its peers.
+"""How easy the house is to move into: modules, lines, imports and complexity, next to its peers.
 
     python -m scripts.benchmarks.house
 

@@ -89,7 +89,7 @@ def test_what_differs_is_said_and_what_does_not_too() -> None:
         "coulomb_friction of knee_pitch",
     }
     text = together().summary()
-    assert "2 conditions together" in text
+    assert "2 conditions: condition-specific parameters" in text
     line = next(line for line in text.splitlines() if "viscous_friction of hip_pitch" in line)
     assert line.split()[-1] == "yes"
 

@@ -87,7 +87,7 @@ def test_possible_bodies_are_possible_and_near_the_estimate() -> None:
     assert_same(possible.load, found().load)
     assert not all(is_physical(body) for body in found().robot.parameters.reshape(-1, 10))
     text = possible.summary()
-    assert "possible bodies: chi-square" in text
+    assert "physically consistent parameters: chi-square" in text
     assert "a ball of 1 kg replaces" in text
 
 
@@ -154,7 +154,7 @@ def test_checks_say_that_each_term_is_worth_having() -> None:
     assert len(checks["load"].terms) == 4
     assert set(checks["load"].whiteness) == set(KNOWN.joint_names)
     text = found().summary()
-    assert "Is each term of the drives worth having?" in text
+    assert "Terms of the drives: support by the data" in text
     assert "coulomb_friction of knee_pitch" in text
     assert "condition number of the load side (columns of unit norm)" in text
 

@@ -68,7 +68,7 @@ def test_known_bodies_stay_when_nominal_values_go() -> None:
     ("names", "message"),
     [
         (["shnak"], "known_bodies: no body is named 'shnak'; did you mean 'shank'"),
-        (["trunk"], "no joint that moves carries 'trunk'"),
+        (["trunk"], "no moving joint carries 'trunk'"),
         ("foot", "must be a list of names, found the text 'foot'"),
     ],
 )

@@ -48,7 +48,7 @@ def test_the_table_and_the_words_say_what_to_do() -> None:
     text = str(with_stribeck())
     assert "knee_pitch: add 'stribeck' to friction; identify(selection.robot, ...)" in text
     line = next(line for line in text.splitlines() if "friction stribeck" in line)
-    assert line.split()[-1] == "chosen"
+    assert line.split()[-1] == "selected"
 
 
 def test_what_is_not_there_is_not_recommended() -> None:
@@ -59,7 +59,7 @@ def test_what_is_not_there_is_not_recommended() -> None:
     }
     found = compare_terms(ROBOT, plain_log(), joints=["hip_roll", "ankle_pitch"], terms=terms)
     assert not found.recommended
-    assert "The data support no term beyond" in str(found)
+    assert "The data support no term in addition" in str(found)
     asked = {(one.joint, one.term) for one in found.comparisons}
     assert ("ankle_pitch", "offset") not in asked  # an elastic drive cannot have it
     assert ("hip_roll", "dead_zone") not in asked  # no spring

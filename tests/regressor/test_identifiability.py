@@ -503,10 +503,10 @@ def test_null_space_of_an_arm_on_springs_without_torques() -> None:
 
 def test_table_says_all_of_it(write_chain: Chain) -> None:
     text = str(identifiability(pendulum(write_chain), BOTH))
-    assert "of 14 parameters the sensors tell 4 numbers" in text
-    assert "Only up to one common factor: 5" in text
+    assert "14 parameters, of which the sensors determine 4 combinations" in text
+    assert "Up to scale: 5" in text
     assert "a (motor_position, joint_position): (7) of its motor cannot be used" in text
-    assert "Not at all: 9" in text
+    assert "Unidentifiable: 9" in text
     assert "agree" in text
     assert max(map(len, text.splitlines())) <= 100
 
