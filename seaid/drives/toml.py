@@ -54,8 +54,8 @@ def _drive(where: str, table: Any) -> Drive:
     for old, new in _OLD_KEYS.items():
         if old in table and new in table:
             raise RobotError(f"{where}: '{old}' is the old name of '{new}': give one of them")
-    others = {
-        _OLD_KEYS.get(key, key): value
+    others: dict[str, Any] = {
+        _OLD_KEYS.get(str(key), str(key)): value
         for key, value in table.items()
         if key not in keys and key != "type"
     }
