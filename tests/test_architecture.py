@@ -45,12 +45,10 @@ ROOTS = {"seaid.errors", "seaid._arrays", "seaid._files", "seaid._progress"}
 """What stands at the root: used by all packages, and importing nothing but each other."""
 
 UPWARDS = {
-    # results print themselves by the tables of the report
+    # results print themselves by the tables and figures of the report
     ("seaid.regressor.structural.identifiability", "seaid.report"),
-    ("seaid.identification.conditions", "seaid.report"),
+    ("seaid.identification.results", "seaid.report"),
     ("seaid.identification.cutoff_sweep", "seaid.report"),
-    ("seaid.identification.identification", "seaid.report"),
-    ("seaid.identification.model_selection", "seaid.report"),
     # Identification.to_dict is the content of parameters.json
     ("seaid.identification.identification", "seaid.export"),
     # seaid.symbolic.base_parameters and the like are names that outside scripts rely on

@@ -33,6 +33,7 @@ from seaid.identification.drive_estimates import merged_estimates, spring_of, wi
 from seaid.identification.identification import Identification, identification_of
 from seaid.identification.linearisation import linearised_robot
 from seaid.identification.nonlinear_terms import with_fixed_flags
+from seaid.identification.results import Shown
 from seaid.identification.two_step import (
     RobotEstimate,
     SideFit,
@@ -297,7 +298,7 @@ CONDITION_SPECIFIC = ("spring_offset", "deflection_zero")
 
 
 @dataclass(frozen=True, eq=False)
-class Conditions:
+class Conditions(Shown):
     """The identifications of several conditions.
 
     Attributes
@@ -310,15 +311,11 @@ class Conditions:
         Test per specific parameter of whether the conditions differ in it.
     """
 
+    table_name = "conditions_table"
+
     identifications: Mapping[str, Identification]
     condition_specific: tuple[str, ...]
     differences: Mapping[str, TermTest]
-
-    def summary(self) -> str:
-        """Return a table of the specific parameters, and of whether the conditions differ."""
-        from seaid.report import conditions_table
-
-        return conditions_table(self)
 
 
 def identify_conditions(

@@ -14,6 +14,7 @@ from seaid._progress import track
 from seaid.errors import IdentificationError, SeaidError
 from seaid.identification.datasets import Source
 from seaid.identification.identification import Identification, identify
+from seaid.identification.results import Shown
 from seaid.robot import Robot
 
 _FACTORS = (1 / 3, 1 / 2, 1 / np.sqrt(2), np.sqrt(2), 2.0, 3.0)
@@ -23,7 +24,7 @@ NEAR = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class CutoffSensitivity:
+class CutoffSensitivity(Shown):
     """Estimates over the cutoff; str() is a table.
 
     Attributes
@@ -39,6 +40,8 @@ class CutoffSensitivity:
     refused : mapping {cutoff: reason}
         Cutoffs at which the identification failed.
     """
+
+    table_name = "sensitivity_table"
 
     cutoffs_hz: Array
     names: tuple[str, ...]
@@ -64,11 +67,6 @@ class CutoffSensitivity:
         near = (ratio <= NEAR * 1.001) & (ratio >= 0.999 / NEAR) & ~np.isnan(self.values[:, 0])
         off = np.abs(self.values[near] - self.values[self.proposed])
         return np.asarray(np.max(off, axis=0) / self.standard_errors[self.proposed])
-
-    def __str__(self) -> str:
-        from seaid.report import sensitivity_table
-
-        return sensitivity_table(self)
 
     def save_figure(self, path: str | Path) -> None:
         """Draw estimates and 95 % intervals over the cutoff as PNG, the proposed cutoff marked."""

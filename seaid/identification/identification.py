@@ -22,6 +22,7 @@ from seaid.identification.linearisation import linearised_robot
 from seaid.identification.log_checks import check_channels, check_excitation, sign_flags
 from seaid.identification.nonlinear_terms import with_fixed_flags
 from seaid.identification.physical.consistency import FeasibleParameters, feasible_parameters
+from seaid.identification.results import Shown
 from seaid.identification.simultaneous import estimate_simultaneous
 from seaid.identification.two_step import RobotEstimate, estimate_two_step, joints_with_torque
 from seaid.log import Log, Motion, Processing, stretches
@@ -39,7 +40,7 @@ INSTRUMENTAL = "iv"
 
 
 @dataclass(frozen=True, eq=False)
-class Identification:
+class Identification(Shown):
     """The parameters of a robot identified from one log or several.
 
     Attributes
@@ -69,6 +70,8 @@ class Identification:
         Processing of each log; motions of the logs in memory, for `compared`.
     """
 
+    table_name = "identification_table"
+
     drives: Mapping[str, Estimate]
     load: Estimate
     base: BaseParameters
@@ -92,12 +95,6 @@ class Identification:
         if self.feasible is not None:
             flags += self.feasible.flags
         return flags + tuple(flag for one in self.processing for flag in one.flags)
-
-    def summary(self) -> str:
-        """Return a table of all parameters as text."""
-        from seaid.report import identification_table
-
-        return identification_table(self)
 
     def to_dict(self, validation: Validation | None = None) -> dict[str, Any]:
         """Return the content of `parameters.json` as plain data, null for missing values."""

@@ -30,6 +30,7 @@ from seaid.estimation import (
 from seaid.identification.datasets import Source, datasets_of, first_motion, sources_of
 from seaid.identification.linearisation import with_gear_torques
 from seaid.identification.nonlinear_terms import fit_load, linearised
+from seaid.identification.results import Shown
 from seaid.identification.two_step import joints_with_torque
 from seaid.log import Motion
 from seaid.regressor import Regression, actuator_regression, stacked
@@ -71,7 +72,7 @@ class TermComparison:
 
 
 @dataclass(frozen=True, eq=False)
-class TermSelection:
+class TermSelection(Shown):
     """The result of `compare_terms`; str() is a table with the recommendation.
 
     Attributes
@@ -84,15 +85,11 @@ class TermSelection:
         The robot with the recommended terms and start values of nonlinear ones, to be identified.
     """
 
+    table_name = "terms_table"
+
     comparisons: tuple[TermComparison, ...]
     recommended: Mapping[str, tuple[tuple[str, str], ...]]
     robot: Robot
-
-    def __str__(self) -> str:
-        """Return a table of all terms and the recommendation."""
-        from seaid.report import terms_table
-
-        return terms_table(self)
 
 
 def compare_terms(

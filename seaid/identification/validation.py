@@ -14,6 +14,7 @@ from seaid._progress import track
 from seaid.errors import IdentificationError
 from seaid.identification.identification import Identification, identify
 from seaid.identification.linearisation import under_load, with_gear_torque
+from seaid.identification.results import Shown
 from seaid.log import Log, Motion, in_band, reconstruct_motions, standstill
 from seaid.regressor import INPUTS, actuator_columns, load_columns, signals, unknown_friction
 from seaid.robot import Robot
@@ -49,7 +50,7 @@ class Fit:
 
 
 @dataclass(frozen=True, eq=False)
-class Validation:
+class Validation(Shown):
     """Predicted torques of a log: `actuator` (motor torque of elastic joints) and `load` side.
 
     Attributes
@@ -63,6 +64,8 @@ class Validation:
     actuator, load : Fit
         Torques and error measures of both sides.
     """
+
+    table_name = "validation_table"
 
     joints: tuple[str, ...]
     time: Array
