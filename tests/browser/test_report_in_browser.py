@@ -249,7 +249,7 @@ def test_without_javascript_all_but_the_traces_is_there(browser: Browser, arm_pa
     context = browser.new_context(java_script_enabled=False)
     page = context.new_page()
     page.goto(arm_page.as_uri())
-    assert page.get_by_text("Traces to zoom into need JavaScript").is_visible()
+    assert page.get_by_text("Interactive traces need JavaScript").is_visible()
     assert not page.locator("#viewer").is_visible()
     assert page.locator(".picture svg").count() == 2
     assert page.locator("table").count() > 5
