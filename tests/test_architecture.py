@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from scripts.benchmarks.house import faces, import_graph
+
 ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -94,42 +96,14 @@ def test_nothing_else_stands_at_the_root() -> None:
     assert folders - {"__pycache__"} == set(FLOORS)
 
 
-def defining() -> dict[tuple[str, str], str]:
-    """The module that defines each name of a package's face: {(package, name): module}."""
-    found = {}
-    for path in (ROOT / "seaid").rglob("__init__.pyi"):
-        package = name_of(path)
-        for node in ast.parse(path.read_text()).body:
-            if isinstance(node, ast.ImportFrom):
-                for alias in node.names:
-                    found[package, alias.name] = f"{package}.{node.module or alias.name}"
-    return found
-
-
-def run_time_imports() -> dict[str, set[str]]:
-    """The modules that each module needs when it is imported, through the faces of packages."""
-    faces = defining()
-    lazy = {package for package, _ in faces}
-    graph: dict[str, set[str]] = {}
-    for name, text in SOURCES.items():
-        graph[name] = {other for other in imported(ast.parse(text).body, False) if other in SOURCES}
-        for one in imported(ast.parse(text).body, False):
-            module, _, attribute = one.rpartition(".")
-            while (module, attribute) in faces:
-                module = faces[module, attribute]
-                graph[name].add(module)
-        graph[name] -= {name, *lazy}
-    return graph
-
-
 def test_no_module_imports_one_that_imports_it() -> None:
-    order = list(TopologicalSorter(run_time_imports()).static_order())
+    order = list(TopologicalSorter(import_graph("seaid", ROOT / "seaid")).static_order())
     assert order.index("seaid.robot.robot") < order.index("seaid.identification.identification")
 
 
 def test_every_name_of_a_face_is_there_and_none_is_hidden_by_a_module() -> None:
     """A module of the same name would take the place of the function once it is imported."""
-    for (package, name), module in defining().items():
+    for (package, name), module in faces("seaid", ROOT / "seaid").items():
         assert f"{package}.{name}" not in SOURCES or module == f"{package}.{name}", (package, name)
         assert hasattr(importlib.import_module(package), name), (package, name)
 

@@ -14,7 +14,6 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
-from functools import cache
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
@@ -80,20 +79,15 @@ def import_graph(top: str, folder: Path) -> Graph:
 
 
 def longest_chain(graph: Graph) -> int:
-    """Return the number of modules in the longest chain of imports; cycles count once."""
-    entered: set[str] = set()
+    """Return the number of modules in the longest chain of imports; a cycle ends it."""
+    depths: dict[str, int] = {}
 
-    @cache
     def depth(name: str) -> int:
-        entered.add(name)
-        return 1 + max(
-            (depth(one) for one in graph[name] if one not in entered or one in done), default=0
-        )
+        if name not in depths:
+            depths[name] = 0
+            depths[name] = 1 + max(map(depth, graph[name]), default=0)
+        return depths[name]
 
-    done: set[str] = set()
-    for name in graph:
-        depth(name)
-        done |= entered
     return max(map(depth, graph))
 
 
