@@ -7,7 +7,6 @@ import shutil
 from pathlib import Path
 
 import matplotlib.pyplot as plt
-import numpy as np
 import pytest
 
 import seaid
@@ -42,4 +41,4 @@ def test_example_of_a_package_runs(
     for example in examples:
         exec(compile(example.source, f"seaid.{name}", "single"), values)
     plt.close("all")
-    assert np.all([value is not None for value in values.values()])
+    assert all(value is not None for value in values.values())

@@ -15,6 +15,7 @@ import pytest
 import seaid
 import seaid.regressor
 import seaid.symbolic
+from seaid.identification.results import Shown
 
 IMPORT_SECONDS = 1.0
 FUNCTIONS = {
@@ -222,3 +223,9 @@ def test_everything_public_has_a_docstring() -> None:
 @pytest.mark.parametrize("name", [name for name in FUNCTIONS if "." not in name])
 def test_every_public_function_that_can_fail_says_how(name: str) -> None:
     assert "Raises" in (inspect.getdoc(find(name)) or "")
+
+
+def test_every_result_names_a_table_of_the_report() -> None:
+    assert len(Shown.__subclasses__()) == 5
+    for kind in Shown.__subclasses__():
+        assert inspect.isfunction(getattr(seaid.report, kind.table_name))
