@@ -13,7 +13,6 @@ from .log import WRITTEN as WRITTEN
 from .log import Log as Log
 from .log import column_names as column_names
 from .log import write_log as write_log
-from .long_log import LogPart as LogPart
 from .long_log import LongLog as LongLog
 from .long_log import open_long_log as open_long_log
 from .motion import FEWEST_PERIODS as FEWEST_PERIODS
@@ -33,11 +32,13 @@ from .repair.channels import is_constant as is_constant
 from .repair.data import Repair as Repair
 from .repair.data import Repairs as Repairs
 from .repair.resampling import interpolated as interpolated
+from .sampling import PIECE_SAMPLES as PIECE_SAMPLES
 from .sampling import REST_RAD_S as REST_RAD_S
 from .sampling import STANDSTILL as STANDSTILL
 from .sampling import in_band as in_band
 from .sampling import in_band_at as in_band_at
 from .sampling import joint_standstill as joint_standstill
+from .sampling import pieces as pieces
 from .sampling import row_samples as row_samples
 from .sampling import standstill as standstill
 from .sampling import still_share as still_share
