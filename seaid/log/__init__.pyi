@@ -3,15 +3,15 @@ from .filtering import CutoffSelection as CutoffSelection
 from .filtering import decimation as decimation
 from .filtering import low_pass as low_pass
 from .filtering import spline_derivatives as spline_derivatives
-from .gaps import check_whole as check_whole
-from .gaps import stretches as stretches
 from .gear_ratios import GearRatio as GearRatio
 from .gear_ratios import gear_ratio as gear_ratio
 from .infer_columns import Description as Description
 from .infer_columns import describe_log as describe_log
 from .log import WRITTEN as WRITTEN
 from .log import Log as Log
+from .log import check_whole as check_whole
 from .log import column_names as column_names
+from .log import stretches as stretches
 from .log import write_log as write_log
 from .long_log import LongLog as LongLog
 from .long_log import open_long_log as open_long_log
@@ -28,7 +28,6 @@ from .readers.child_process import ChildError as ChildError
 from .readers.child_process import doing as doing
 from .readers.child_process import run_in_child as run_in_child
 from .reading import read_log as read_log
-from .repair.channels import is_constant as is_constant
 from .repair.data import Repair as Repair
 from .repair.data import Repairs as Repairs
 from .repair.resampling import interpolated as interpolated

@@ -14,8 +14,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.errors import LogError, shown
 from seaid.log.filtering import decimation, filter_overlap
-from seaid.log.gaps import holes
-from seaid.log.log import MINIMUM_SAMPLES, Column, Log, log_of, wanted_columns
+from seaid.log.log import MINIMUM_SAMPLES, Column, Log, holes, log_of, wanted_columns
 from seaid.log.motion import Motion, Processing, check_cutoff, is_regular, reconstruct_motion
 from seaid.log.readers.opening import log_path, open_table
 from seaid.log.readers.table import Block, Blocks

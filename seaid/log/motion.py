@@ -12,8 +12,7 @@ from seaid._arrays import Array
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError
 from seaid.log.filtering import CutoffSelection, low_pass, select_cutoff, spline_derivatives
-from seaid.log.gaps import HOLES, check_whole, holes, stretches
-from seaid.log.log import Log
+from seaid.log.log import HOLES, Log, check_whole, holes, stretches
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, typical_step
 from seaid.log.repair.data import Repair
 from seaid.log.repair.resampling import interpolated

@@ -66,7 +66,7 @@ def stream_estimate(
     propagated: Array | None = None,
 ) -> tuple[Estimate, QRFactor]:
     with stored_rows(logs, {"": regress}) as stored:
-        return stored_estimate(stored[""], weigh, propagated)
+        return stored_estimate(stored[""], weigh, propagated)[:2]
 
 
 def opened(path: Path, chunk_samples: int = 1500) -> LongLog:

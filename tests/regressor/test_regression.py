@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
+from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError
 from seaid.log.filtering import low_pass
 from seaid.log.motion import Motion
@@ -236,8 +237,9 @@ def test_a_long_motion_is_evaluated_piece_by_piece(
     monkeypatch: pytest.MonkeyPatch, most: int
 ) -> None:
     """The pieces bound the memory; rows, standstill included, are those of the whole motion."""
-    drives = {"shoulder": replace(arm().drives["shoulder"], joint_friction=("coulomb",))}
-    robot = arm().with_drives(drives)
+    shoulder = arm().drives["shoulder"]
+    assert isinstance(shoulder, SeriesElasticDrive)
+    robot = arm().with_drives({"shoulder": replace(shoulder, joint_friction=("coulomb",))})
     long = replace(arm_motion(), cutoff_hz=8.0, trim_s=0.125)
     columns = load_model(robot, base_parameters(robot), robot.joint_names)
     springs = {
