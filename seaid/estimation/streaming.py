@@ -114,10 +114,10 @@ def stored_estimate(
     """
     qr_factor = combined(qr_factor_of(rows) for _, rows in stored.pieces(change))
     weights = weigh(qr_factor)
-    theta = solve(qr_factor, weights).values
+    solution = solve(qr_factor, weights)
 
     def factors(rows: Regression) -> Array:
-        return score_factors(rows, qr_factor, weights, theta)
+        return score_factors(rows, qr_factor, weights, solution.values)
 
     pieces = ((log, rows) for log, rows in stored.pieces(change) if len(rows.y))
     scores = (
@@ -127,7 +127,8 @@ def stored_estimate(
     instants = sum(
         round((end - start) / stored.steps_s[log]) + 1 for log, (start, end) in stored.spans.items()
     )
-    estimate = estimate_of(qr_factor, weights, long_run(scores, instants), propagated)
+    noise = long_run(scores, instants)
+    estimate = estimate_of(qr_factor, weights, noise, propagated, solution)
     return estimate, qr_factor, weights
 
 
