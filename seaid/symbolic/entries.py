@@ -140,13 +140,7 @@ def _scale(ring: Ring, row: Row) -> tuple[Ratio, Exponents]:
         for monomial, entry in sorted(row.items(), key=lambda item: column_key(item[0]))
         for motion, value in sorted(entry.terms.items(), reverse=True)
     ]
-    shared = {_up_to_number(value) for monomial, _, value in terms if any(monomial)}
-    inputs = [
-        (monomial, motion, value)
-        for monomial, motion, value in terms
-        if not any(monomial) and _up_to_number(value) in shared and _is_input(ring, row, motion)
-    ]
-    candidates = inputs or terms
+    candidates = _inputs(ring, row, terms) or terms
     if len(candidates) > 1:
         counts = Counter(_text(value) for _, _, value in terms)
         different = {_text(value): value for _, _, value in terms}
@@ -157,15 +151,25 @@ def _scale(ring: Ring, row: Row) -> tuple[Ratio, Exponents]:
     return scale, monomial
 
 
+_Term = tuple[Exponents, Exponents, Ratio]
+
+
+def _inputs(ring: Ring, row: Row, terms: list[_Term]) -> list[_Term]:
+    """Return the terms that are inputs, with the coefficient of a term with an unknown."""
+    shared = {_up_to_number(value) for monomial, _, value in terms if any(monomial)}
+    return [
+        (monomial, motion, value)
+        for monomial, motion, value in terms
+        if not any(monomial) and _up_to_number(value) in shared and _is_input(ring, row, motion)
+    ]
+
+
 def _text(value: Ratio) -> str:
     return f"{value.numerator}/{value.denominator}"
 
 
 def _up_to_number(value: Ratio) -> str:
     return str(value.numerator / value.numerator.leading_coefficient())
-
-
-_Term = tuple[Exponents, Exponents, Ratio]
 
 
 def _shortlist(ring: Ring, terms: list[_Term]) -> list[_Term]:

@@ -213,33 +213,38 @@ def _euler_lagrange(
 
     A function is encoded as its part in q, with nothing, q_i' q_j' or q_j'' in the higher bits.
     """
-    codes = [_CODES[monomial[3 * i], monomial[3 * i + 1]] for i in range(n)]
-    part = sum(code << 3 * i for i, code in enumerate(codes))
-    derived = {
-        i: [(part + ((new - code) << 3 * i), factor) for new, factor in slopes[i][code]]
-        for i, code in enumerate(codes)
-        if code
-    }
+    part, slopes_of_part = _position_part(monomial, n, slopes)
     speeds = [i for i in range(n) for _ in range(monomial[3 * i + 2])]
-    top = 3 * n
+    own = 0
     if speeds:  # f = g(q) q_a' q_b': d/dt df/dq_a' = g q_b'' + sum_i dg/dq_i q_i' q_b'
         a, b = speeds
+        own = _pair(a, b, n)
         for k, other in (a, b), (b, a):
             if k in wanted:
-                yield k, part + ((1 + n * n + other) << top), 1
-                for i, terms in derived.items():
-                    pair = _pair(i, other, n) << top
-                    for function, factor in terms:
-                        yield k, function + pair, factor
-    pair = _pair(speeds[0], speeds[1], n) << top if speeds else 0
-    for k, terms in derived.items():
+                yield k, part + ((1 + n * n + other) << 3 * n), 1
+                for i, function, factor in slopes_of_part:
+                    yield k, function + _pair(i, other, n), factor
+    for k, function, factor in slopes_of_part:
         if k in wanted:
-            for function, factor in terms:
-                yield k, function + pair, -factor
+            yield k, function + own, -factor
+
+
+def _position_part(
+    monomial: Monomial, n: int, slopes: Sequence[_Slopes]
+) -> tuple[int, list[tuple[int, int, int]]]:
+    """Return the code of a monomial's part in q, and its derivatives (joint, code, factor)."""
+    codes = [_CODES[monomial[3 * i], monomial[3 * i + 1]] for i in range(n)]
+    part = sum(code << 3 * i for i, code in enumerate(codes))
+    return part, [
+        (i, part + ((new - code) << 3 * i), factor)
+        for i, code in enumerate(codes)
+        for new, factor in slopes[i][code]
+    ]
 
 
 def _pair(i: int, j: int, n: int) -> int:
-    return 1 + (i * n + j if i < j else j * n + i)
+    """Return the code of q_i' q_j'."""
+    return (1 + (i * n + j if i < j else j * n + i)) << 3 * n
 
 
 def _primitive(terms: _Row) -> tuple[tuple[int, int], ...]:

@@ -154,12 +154,11 @@ def _about_axis(c: str, s: str, vector: _Vector) -> list[Value]:
 
 
 def _shape(program: Program, w: _Vector, e: _Vector) -> list[list[Value]]:
-    """Return B = [e]x + [w]x [w]x, row by row; equal sums share one name in the program."""
-    columns = [
+    """Return the columns of B = [e]x + [w]x [w]x; equal sums share one name in the program."""
+    return [
         named(program, _added(cross(e, axis), cross(w, named(program, cross(w, axis)))))
         for axis in _UNIT
     ]
-    return [[column[row] for column in columns] for row in range(3)]
 
 
 _INERTIA = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
@@ -186,8 +185,7 @@ def _by_products(program: Program, value: Value) -> Value:
 def _columns(program: Program, joint: ExactJoint, motion: _Motion) -> dict[tuple[int, int], Value]:
     """Return the nonzero {(joint above, parameter of the body): torque}."""
     a = motion.acceleration
-    B = _shape(program, motion.angular, motion.turning)
-    forces = [a, *([row[i] for row in B] for i in range(3))]
+    forces = [a, *_shape(program, motion.angular, motion.turning)]
     moments = [named(program, cross(axis, a)) for axis in _UNIT]
     inertial = [named(program, moment) for moment in _inertia_moments(program, motion)]
     to_aligned = inertia_transform(joint.alignment.transpose(), _NO_SHIFT).transpose().tolist()
