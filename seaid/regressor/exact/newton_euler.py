@@ -76,14 +76,14 @@ def _placed(program: Program, joint: ExactJoint, above: _Motion) -> _Motion:
     """Return the parent's motion at the joint's frame at zero position."""
     turned = joint.rotation.transpose().tolist()
     offset = [constant(x) for x in joint.translation.entries()]
-    B = _shape(program, above.angular, above.turning)
-    at_joint = [plus(x, dot(row, offset)) for x, row in zip(above.acceleration, B, strict=True)]
+    shape = _shape(program, above.angular, above.turning)
+    moved = [_times(x, column) for x, column in zip(offset, shape, strict=True)]
     partial = {
         k: (combined(turned, _added(v, cross(w, offset))), combined(turned, w))
         for k, (v, w) in above.partial.items()
     }
     motion = _Motion(
-        combined(turned, at_joint),
+        combined(turned, _added(above.acceleration, *moved)),
         combined(turned, above.angular),
         combined(turned, above.turning),
         partial,
@@ -111,9 +111,8 @@ def _turned(program: Program, place: int, body: int, placed: _Motion) -> _Motion
 def _slid(program: Program, place: int, body: int, placed: _Motion) -> _Motion:
     """Return the motion behind a joint that slides along z."""
     q, speed, rate = (name(f"{x}{body}") for x in "qva")
-    B = _shape(program, placed.angular, placed.turning)
     coriolis = [scaled(2, x) for x in _times(speed, cross(placed.angular, _AXIS))]
-    along = _times(q, [row[2] for row in B])
+    along = _times(q, _shape(program, placed.angular, placed.turning)[2])
     partial = {
         k: (_added(v, _times(q, cross(w, _AXIS))), w) for k, (v, w) in placed.partial.items()
     }
