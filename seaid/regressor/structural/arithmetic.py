@@ -280,8 +280,7 @@ class ResidueNumbers:
                 total = total * self.value(part, known) % PRIME
             return total
         if isinstance(expression, sp.Pow) and expression.exp.is_Integer:
-            base, power = self.value(expression.base, known), int(expression.exp)
-            return _power(base if power > 0 else _inverse(base), abs(power))
+            return _power(self.value(expression.base, known), int(expression.exp))
         if isinstance(expression, sp.Abs):
             inside = expression.args[0]
             return self.value(inside, known) * self.value(sp.sign(inside), known) % PRIME
@@ -339,7 +338,8 @@ def _circle(t: Residues) -> tuple[Residues, Residues]:
 
 def _power(base: Any, exponent: int) -> Any:
     total: Any = 1
-    for _ in range(exponent):
+    base = base if exponent > 0 else _inverse(base)
+    for _ in range(abs(exponent)):
         total = total * base % PRIME
     return total
 
