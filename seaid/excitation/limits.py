@@ -193,18 +193,7 @@ def limit_values(
     Raises ExcitationError, naming the joint, for a value that is not finite (infinity is allowed
     with `unlimited`), for unknown joints and other shapes.
     """
-    wanted: Any = given
-    if isinstance(given, Mapping):
-        for joint in given:
-            if joint not in robot.joint_names:
-                raise ExcitationError(
-                    f"{name} limit: " + unknown_name("joint", joint, robot.joint_names)
-                )
-        wanted = [given.get(joint, default[robot.index(joint)]) for joint in robot.joint_names]
-    elif given is None:
-        wanted = default
-    elif np.ndim(given) == 0:
-        wanted = [given] * robot.n
+    wanted = _per_joint(robot, name, given, default)
     values = frozen(f"{name} limit", wanted, (robot.n,), ExcitationError)
     for joint, value in zip(robot.joint_names, values, strict=True):
         if not (np.isfinite(value) or (unlimited and value == np.inf)):
@@ -220,6 +209,20 @@ def limit_values(
                 f"Limits({name}={{'{joint}': ...}})"
             )
     return values
+
+
+def _per_joint(robot: Robot, name: str, given: LimitValue, default: Array) -> Any:
+    if isinstance(given, Mapping):
+        for joint in given:
+            if joint not in robot.joint_names:
+                raise ExcitationError(
+                    f"{name} limit: " + unknown_name("joint", joint, robot.joint_names)
+                )
+        pairs = zip(robot.joint_names, default, strict=True)
+        return [given.get(joint, value) for joint, value in pairs]
+    if given is None:
+        return default
+    return [given] * robot.n if np.ndim(given) == 0 else given
 
 
 def positive_values(

@@ -102,19 +102,18 @@ def checks_table(found: Identification) -> str:
     residual even of a complete model; the standard errors account for that.
     """
     terms = [
-        [term.terms[0] + ("" if side in ("load", "both") else f" of {side}"), *_term_numbers(term)]
+        [term.terms[0] + _side(side)[0], *_term_numbers(term)]
         for side, checks in found.checks.items()
         for term in checks.terms
     ]
     residuals = [
-        [joint, "both" if side == "both" else "load" if side == "load" else "actuator", *numbers]
+        [joint, _side(side)[1], number(white.first), number(white.durbin_watson)]
         for side, checks in found.checks.items()
         for joint, white in checks.whiteness.items()
-        for numbers in [[number(white.first), number(white.durbin_watson)]]
     ]
     conditions = [
-        f"condition number of {_SIDE_TEXT.get(side, f'the actuator side of {side}')} "
-        f"(columns of unit norm): {checks.condition_number:.3g}"
+        f"condition number of {_side(side)[2]} (columns of unit norm): "
+        f"{checks.condition_number:.3g}"
         for side, checks in found.checks.items()
     ]
     poorly = [f"! {text}" for checks in found.checks.values() for text in checks.poorly_determined]
@@ -126,7 +125,12 @@ def checks_table(found: Identification) -> str:
     return "\n".join([*parts, *conditions, *poorly])
 
 
-_SIDE_TEXT = {"load": "the load side", "both": "both sides"}
+_SIDES = {"load": ("", "load", "the load side"), "both": ("", "both", "both sides")}
+
+
+def _side(side: str) -> tuple[str, str, str]:
+    """Return how a term, a residual and a condition number name their side."""
+    return _SIDES.get(side, (f" of {side}", "actuator", f"the actuator side of {side}"))
 
 
 def _term_numbers(term: TermTest) -> list[str]:
