@@ -283,13 +283,8 @@ def drive_limits(robot: Robot, limits: Limits, top_speed: Array) -> DriveLimits 
     usable = np.isfinite(effort) & (effort > 0) & known
     elastic = np.array([joint in robot.elastic_joints for joint in robot.joint_names])
     defaults = {"joint_torque": np.where(usable, effort, np.inf)}
-    given = {
-        kind: positive_values(
-            robot, kind, getattr(limits, kind), defaults.get(kind, nothing), unlimited=True
-        )
-        for kind in DRIVE_KINDS
-    }
-    most = np.array([given[kind] for kind in DRIVE_KINDS])
+    given = [(kind, getattr(limits, kind), defaults.get(kind, nothing)) for kind in DRIVE_KINDS]
+    most = np.array([positive_values(robot, *one, unlimited=True) for one in given])
     most[DRIVE_KINDS.index("deflection"), ~elastic] = np.inf
     limited = np.isfinite(most)
     if not np.any(limited):
@@ -299,11 +294,9 @@ def drive_limits(robot: Robot, limits: Limits, top_speed: Array) -> DriveLimits 
     motors = np.flatnonzero(limited[DRIVE_KINDS.index("motor_torque")])
     drives = transmission(robot) if np.any(limited[1:]) else rigid_transmission(robot)
     limited_joints = [robot.joint_names[index] for index in np.flatnonzero(limited.any(axis=0))]
-    inertia = np.zeros(robot.n)
-    for index in motors:
-        joint = robot.joint_names[index]
-        inertia[index] = nominal_value(joint, robot.drives[joint], "motor_inertia")
     names = [robot.joint_names[index] for index in motors]
+    inertia = np.zeros(robot.n)
+    inertia[motors] = [nominal_value(x, robot.drives[x], "motor_inertia") for x in names]
     curves = [friction_curve(joint, robot.drives[joint]) for joint in names]
     return DriveLimits(
         robot=robot,

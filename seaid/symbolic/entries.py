@@ -44,7 +44,8 @@ def grouped(ring: Ring, polynomial: fmpq_mpoly) -> dict[Exponents, dict[Exponent
 
     The first exponents are those of `ring.unknown` only, the second those of all generators.
     """
-    kinds = [[i in places for i in range(len(ring.generators))] for places in _kinds(ring)]
+    sorts = (ring.unknown, ring.motion, ring.known)
+    kinds = [[i in places for i in range(len(ring.generators))] for places in sorts]
     found: dict[Exponents, dict[Exponents, dict[Exponents, fmpq]]] = {}
     for exponents, value in polynomial.terms():
         unknown, motion, known = (tuple(compress(exponents, kind)) for kind in kinds)
@@ -67,10 +68,6 @@ def grouped(ring: Ring, polynomial: fmpq_mpoly) -> dict[Exponents, dict[Exponent
 def grouped_by_motion(ring: Ring, polynomial: fmpq_mpoly) -> dict[Exponents, fmpq_mpoly]:
     """Return {exponents of the motion: coefficient in the knowns} of the part without unknowns."""
     return grouped(ring, polynomial).get((0,) * len(ring.unknown), {})
-
-
-def _kinds(ring: Ring) -> tuple[tuple[int, ...], ...]:
-    return ring.unknown, ring.motion, ring.known
 
 
 def _spread(ring: Ring, places: tuple[int, ...], exponents: Exponents) -> Exponents:
