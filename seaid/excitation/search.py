@@ -263,9 +263,9 @@ def search(
         best = min(outcomes, key=lambda outcome: outcome.value)
         if any(outcome.interrupted for outcome in outcomes):
             return replace(best, early="interrupted", interrupted=True), begin.x
-        return optimise(
-            problem, best.x, iterations, lambda value, i: report(value, starts * first + i)
-        ), begin.x
+        done = starts * first
+        last = optimise(problem, best.x, iterations, lambda value, i: report(value, done + i))
+        return last, begin.x
 
 
 def optimise(

@@ -50,7 +50,7 @@ class Ring:
     `generators` are sympy expressions; `motion`, `unknown`, `known` are their indices by kind;
     `undeclared` are functions of time that the caller did not declare; `moving` are the symbols
     that change during a motion, time among them. `units` has the common denominator of the
-    rational factors of every angle, exponent and base of a "root".
+    rational factors of every "angle", "exponent" and base of a "root".
     """
 
     context: fmpq_mpoly_ctx
