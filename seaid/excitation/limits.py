@@ -193,7 +193,10 @@ def limit_values(
     Raises ExcitationError, naming the joint, for a value that is not finite (infinity is allowed
     with `unlimited`), for unknown joints and other shapes.
     """
-    wanted = _per_joint(robot, name, given, default)
+    wanted: Any = default if given is None else given
+    if isinstance(given, Mapping):
+        wanted = dict(zip(robot.joint_names, default, strict=True)) | dict(given)
+    wanted = per_joint(f"{name} limit", wanted, robot.joint_names)
     values = frozen(f"{name} limit", wanted, (robot.n,), ExcitationError)
     for joint, value in zip(robot.joint_names, values, strict=True):
         if not (np.isfinite(value) or (unlimited and value == np.inf)):
@@ -211,18 +214,23 @@ def limit_values(
     return values
 
 
-def _per_joint(robot: Robot, name: str, given: LimitValue, default: Array) -> Any:
-    if isinstance(given, Mapping):
-        for joint in given:
-            if joint not in robot.joint_names:
-                raise ExcitationError(
-                    f"{name} limit: " + unknown_name("joint", joint, robot.joint_names)
-                )
-        pairs = zip(robot.joint_names, default, strict=True)
-        return [given.get(joint, value) for joint, value in pairs]
-    if given is None:
-        return default
-    return [given] * robot.n if np.ndim(given) == 0 else given
+def per_joint(name: str, given: Any, joint_names: Sequence[str]) -> Any:
+    """Return the values of {joint: value} in the order of the joints, or one value for each.
+
+    Raises ExcitationError for a joint that is unknown or missing; a sequence is returned as it is.
+    """
+    if not isinstance(given, Mapping):
+        return [given] * len(joint_names) if np.ndim(given) == 0 else given
+    for joint in given:
+        if joint not in joint_names:
+            raise ExcitationError(f"{name}: " + unknown_name("joint", joint, joint_names))
+    missing = [joint for joint in joint_names if joint not in given]
+    if missing:
+        raise ExcitationError(
+            f"{name} is not given for {', '.join(missing)}; name all joints, or give None "
+            "where it may be any"
+        )
+    return [given[joint] for joint in joint_names]
 
 
 def positive_values(

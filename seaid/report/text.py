@@ -68,7 +68,7 @@ def load_table(title: str, found: Identification, truth: Robot | None = None) ->
     for exact, (name, value, error, unit) in zip(true, _entries(found.load), strict=True):
         off = [number(exact), f"{(value - exact) / error:+.1f} s.e."]
         numbers = [number(value), number(error), percent(error / abs(value))]
-        rows.append([_short(name), *numbers, *([] if truth is None else off), unit])
+        rows.append([cut(name), *numbers, *([] if truth is None else off), unit])
     return table(title, [*header, *([] if truth is None else ["true", "off by"]), "unit"], rows)
 
 
@@ -185,7 +185,8 @@ def _entries(estimate: Estimate) -> list[tuple[str, float, float, str]]:
     return list(zip(estimate.names, values, errors, estimate.units, strict=True))
 
 
-def _short(text: str, longest: int = 56) -> str:
+def cut(text: str, longest: int = 56) -> str:
+    """Return a text, cut to a number of letters."""
     return text if len(text) <= longest else text[: longest - 4] + " ..."
 
 

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import gcd
 
-from flint import Ordering, fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx
+from flint import Ordering, fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from seaid._progress import track
 from seaid.errors import SymbolicError
@@ -31,6 +31,7 @@ from seaid.regressor.exact.geometry import (
     Sum,
     applied,
     inertia_transform,
+    sparse,
     twist_transform,
     with_axis,
 )
@@ -41,8 +42,6 @@ Monomial = tuple[int, ...]
 
 _GROWTH = 4
 """Estimated growth of the number of terms from a parent's motion to its child's."""
-
-_NO_SHIFT = fmpq_mat(3, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +99,8 @@ def too_large(count: int, max_terms: int, place: int, joints: int) -> SymbolicEr
 
 def _placed(joint: ExactJoint, above: _State, zero: fmpq_mpoly) -> _State:
     """Return the parent's motion in the joint's frame at zero position."""
-    X = _sparse(twist_transform(joint.rotation, joint.translation))
-    turned = _sparse(joint.rotation.transpose())
+    X = sparse(twist_transform(joint.rotation, joint.translation).tolist())
+    turned = sparse(joint.rotation.transpose().tolist())
     w = [[above.square[PAIR[i, j]] for j in range(6)] for i in range(6)]
     half = list(zip(*(applied(X, row, 6, zero) for row in w), strict=True))
     full = [applied(X, row, 6, zero) for row in half]
@@ -112,11 +111,6 @@ def _placed(joint: ExactJoint, above: _State, zero: fmpq_mpoly) -> _State:
         applied(turned, above.gravity, 3, zero),
         above.height + sum((x * z for x, z in offset if x != 0), zero),
     )
-
-
-def _sparse(matrix: fmpq_mat) -> Sum:
-    rows = matrix.tolist()
-    return tuple((i, j, x) for i, row in enumerate(rows) for j, x in enumerate(row) if x != 0)
 
 
 def _moved(
@@ -152,8 +146,8 @@ def _columns(state: _State, joint: ExactJoint, zero: fmpq_mpoly) -> list[fmpq_mp
     columns = [half * x for x in applied(TWICE_KINETIC, state.square, 10, zero)]
     for i, x in enumerate((state.height, *state.gravity)):
         columns[i] = columns[i] + x
-    to_aligned = inertia_transform(joint.alignment.transpose(), _NO_SHIFT)
-    return applied(_sparse(to_aligned.transpose()), columns, 10, zero)
+    to_aligned = inertia_transform(joint.alignment.transpose())
+    return applied(sparse(to_aligned.transpose().tolist()), columns, 10, zero)
 
 
 _CODES: dict[Powers, int] = {(0, 0): 0, (1, 0): 1, (0, 1): 2, (2, 0): 3, (1, 1): 4}

@@ -11,8 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from flint import fmpq_mat
-
 from seaid.regressor.exact.codegen import (
     ZERO,
     Program,
@@ -27,12 +25,11 @@ from seaid.regressor.exact.codegen import (
     scaled,
     times,
 )
-from seaid.regressor.exact.geometry import ExactJoint, ExactTree, inertia_transform
+from seaid.regressor.exact.geometry import INERTIA, ExactJoint, ExactTree, inertia_transform
 
 Entries = dict[tuple[int, int], Value]
 """The elements of the regressor: {(joint, parameter): value}."""
 
-_NO_SHIFT = fmpq_mat(3, 1)
 _NOTHING = [ZERO] * 3
 _UNIT = [[constant(int(i == j)) for i in range(3)] for j in range(3)]
 _AXIS = _UNIT[2]
@@ -160,13 +157,10 @@ def _shape(program: Program, w: _Vector, e: _Vector) -> list[list[Value]]:
     ]
 
 
-_INERTIA = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
-
-
 def _inertia_moments(program: Program, motion: _Motion) -> list[list[Value]]:
     """Return I e + w x I w for each of the six unit moments of inertia."""
     moments = []
-    for row, column in _INERTIA:
+    for row, column in INERTIA:
         unit = [[0] * 3 for _ in range(3)]
         unit[row][column] = unit[column][row] = 1
         spin = cross(motion.angular, combined(unit, motion.angular))
@@ -187,7 +181,7 @@ def _columns(program: Program, joint: ExactJoint, motion: _Motion) -> dict[tuple
     forces = [a, *_shape(program, motion.angular, motion.turning)]
     moments = [named(program, cross(axis, a)) for axis in _UNIT]
     inertial = [named(program, moment) for moment in _inertia_moments(program, motion)]
-    to_aligned = inertia_transform(joint.alignment.transpose(), _NO_SHIFT).transpose().tolist()
+    to_aligned = inertia_transform(joint.alignment.transpose()).transpose().tolist()
     found = {}
     for k, (linear, angular) in motion.partial.items():
         torques = [dot(linear, force) for force in forces]

@@ -34,7 +34,6 @@ Null = dict[int, fmpq]
 """A combination of standard parameters without any effect: {column: value}."""
 
 _ZERO = fmpq(0)
-_NO_SHIFT = fmpq_mat(3, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +61,10 @@ def null_space(tree: ExactTree, *, floating: bool = False) -> list[Null]:
     nulls: list[Null] = []
     for place, (joint, body) in enumerate(zip(tree.joints, tree.bodies, strict=True)):
         hidden, spans[place] = _hidden(joint, spans[joint.parent])
-        own = inertia_transform(joint.alignment, _NO_SHIFT)
+        own = inertia_transform(joint.alignment)
         above, parent = inertia_transform(joint.rotation, joint.translation), 0
         if joint.parent >= 0:
-            above = inertia_transform(tree.joints[joint.parent].alignment, _NO_SHIFT) * above
+            above = inertia_transform(tree.joints[joint.parent].alignment) * above
             parent = 10 * tree.bodies[joint.parent] + shift
         for change in hidden:
             null = _at(10 * body + shift, own * change)

@@ -339,10 +339,8 @@ def _in_doubles(
     width = len(system.names)
     if not columns:
         return np.zeros((0, width)), float("inf"), True
-    truth, count = (
-        random_truth(numeric, system),
-        2 * (width // len(system.sums)) + 4 * _MORE_INSTANTS,
-    )
+    truth = random_truth(numeric, system)
+    count = 2 * (width // len(system.sums)) + 4 * _MORE_INSTANTS
     H = columns_at_instants(numeric, system, truth, count)
     found, grouping, gap = left_to_right(H, _negligible(system, H))
     agree = found == columns
