@@ -101,22 +101,22 @@ def checks_table(found: Identification) -> str:
     The data support a term whose BIC difference is above zero. A low-pass filter correlates the
     residual even of a complete model; the standard errors account for that.
     """
-    terms = [
-        [term.terms[0] + _side(side)[0], *_term_numbers(term)]
-        for side, checks in found.checks.items()
-        for term in checks.terms
-    ]
-    residuals = [
-        [joint, _side(side)[1], number(white.first), number(white.durbin_watson)]
-        for side, checks in found.checks.items()
-        for joint, white in checks.whiteness.items()
-    ]
-    conditions = [
-        f"condition number of {_side(side)[2]} (columns of unit norm): "
-        f"{checks.condition_number:.3g}"
-        for side, checks in found.checks.items()
-    ]
-    poorly = [f"! {text}" for checks in found.checks.values() for text in checks.poorly_determined]
+    terms: list[list[str]] = []
+    residuals: list[list[str]] = []
+    conditions: list[str] = []
+    poorly: list[str] = []
+    for side, checks in found.checks.items():
+        own = f" of {side}", "actuator", f"the actuator side of {side}"
+        suffix, column, name = _SIDES.get(side, own)
+        terms += [[term.terms[0] + suffix, *_term_numbers(term)] for term in checks.terms]
+        residuals += [
+            [joint, column, number(white.first), number(white.durbin_watson)]
+            for joint, white in checks.whiteness.items()
+        ]
+        conditions.append(
+            f"condition number of {name} (columns of unit norm): {checks.condition_number:.3g}"
+        )
+        poorly += [f"! {text}" for text in checks.poorly_determined]
     header = ["term", "residual without", "F", "BIC", "supported"]
     parts = [table("Terms of the drives: support by the data", header, terms)] if terms else []
     if residuals:
@@ -126,11 +126,7 @@ def checks_table(found: Identification) -> str:
 
 
 _SIDES = {"load": ("", "load", "the load side"), "both": ("", "both", "both sides")}
-
-
-def _side(side: str) -> tuple[str, str, str]:
-    """Return how a term, a residual and a condition number name their side."""
-    return _SIDES.get(side, (f" of {side}", "actuator", f"the actuator side of {side}"))
+"""How a term, a residual and a condition number name a side of several joints."""
 
 
 def _term_numbers(term: TermTest) -> list[str]:

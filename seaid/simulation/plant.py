@@ -210,14 +210,16 @@ def plant_of(robot: Robot) -> Plant:
 
 def _numbers(joint: str, drive: Drive) -> tuple[float, ...]:
     """Return ratio, motor inertia, viscous and Coulomb friction, radii and stiffness."""
+    terms = drive.friction if is_plain(drive) else ()
+    has_stiffness = is_plain(drive) and isinstance(drive, SeriesElasticDrive)
     return (
         drive.ratio,
         _motor_inertia(joint, drive),
-        _friction(joint, drive, "viscous"),
-        _friction(joint, drive, "coulomb"),
+        _nominal(joint, drive, "viscous_friction_Nms_per_rad") if "viscous" in terms else 0.0,
+        _nominal(joint, drive, "coulomb_friction_Nm") if "coulomb" in terms else 0.0,
         getattr(drive, "motor_radius", 1.0),
         getattr(drive, "load_radius", 1.0),
-        _nominal(joint, drive, "stiffness"),
+        _nominal(joint, drive, "stiffness") if has_stiffness else 0.0,
     )
 
 
@@ -229,20 +231,12 @@ def _motor_inertia(joint: str, drive: Drive) -> float:
 
 
 def _nominal(joint: str, drive: Drive, name: str) -> float:
-    if name == "stiffness" and not (isinstance(drive, SeriesElasticDrive) and is_plain(drive)):
-        return 0.0
     value = getattr(drive, name)
     if value is None:
         raise RobotError(
             f"joint '{joint}': '{name}' is not given; a simulation needs a nominal value"
         )
     return float(value)
-
-
-def _friction(joint: str, drive: Drive, term: str) -> float:
-    name = {"viscous": "viscous_friction_Nms_per_rad", "coulomb": "coulomb_friction_Nm"}[term]
-    is_there = term in drive.friction and is_plain(drive)
-    return _nominal(joint, drive, name) if is_there else 0.0
 
 
 def _drive_functions(

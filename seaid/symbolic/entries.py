@@ -110,9 +110,10 @@ def normalised(ring: Ring, row: Row) -> Row:
         return row
     scale, pivot = _scale(ring, row)
     above = ratio(ring, *reversed(scale))
+    opposite = Ratio(-above.numerator, above.denominator)
     return {
         monomial: Entry(
-            _times(ring, entry.terms, above if any(monomial) == any(pivot) else _negative(above)),
+            _times(ring, entry.terms, above if any(monomial) == any(pivot) else opposite),
             entry.denominator,
         )
         for monomial, entry in row.items()
@@ -124,10 +125,6 @@ def _times(ring: Ring, terms: Mapping[Exponents, Ratio], factor: Ratio) -> dict[
         number = factor.numerator.leading_coefficient()
         return {m: Ratio(number * value.numerator, value.denominator) for m, value in terms.items()}
     return {m: product(ring, value, factor) for m, value in terms.items()}
-
-
-def _negative(value: Ratio) -> Ratio:
-    return Ratio(-value.numerator, value.denominator)
 
 
 def _scale(ring: Ring, row: Row) -> tuple[Ratio, Exponents]:
