@@ -21,14 +21,15 @@ from seaid.estimation import (
     qr_factor_of,
     settled_weights,
 )
-from seaid.identification import Fit, Identification, Validation
-from seaid.log import Motion
 from seaid.regressor import load_regression, stacked, under_load, with_gear_torque
 from seaid.report.figures import UNSEEN, actuator_figure, load_figure
-from seaid.report.html_traces import Run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from seaid.identification import Fit, Identification, Validation
+    from seaid.log import Motion
+    from seaid.report.html_traces import Run
 
 
 @dataclass(frozen=True, eq=False)
