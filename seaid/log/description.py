@@ -138,6 +138,14 @@ class LogDescription:
         copied = {joint: FrozenMapping(sources) for joint, sources in self.joints.items()}
         object.__setattr__(self, "joints", FrozenMapping(copied))
 
+    def columns(self) -> set[str]:
+        """Return the columns that the description uses, those of clocks too."""
+        sources = [one for sources in self.joints.values() for one in sources.values()]
+        clocks = [self.time, *(one.time for one in sources)]
+        found = [self.where, *(clock.column for clock in clocks if clock)]
+        found += [name for one in sources for name in one.columns()]
+        return {name for name in found if name is not None}
+
     def to_dict(self) -> dict[str, Any]:
         """Return the description as mappings of plain data without default values."""
         found: dict[str, Any] = {}
