@@ -104,28 +104,42 @@ def _check_number(name: str, value: Any, least: str) -> None:
         )
 
 
+def _names_in(drive: Drive, field: str) -> tuple[str, ...]:
+    """Return the names in a field, each allowed and there once. Raises RobotError."""
+    names = getattr(drive, field)
+    if not (isinstance(names, list | tuple) and all(isinstance(name, str) for name in names)):
+        raise RobotError(f"{field} must be a list of texts, found {shown(names)}")
+    if len(set(names)) < len(names):
+        raise RobotError(f"{field} names a term twice: {shortened(', '.join(names))}")
+    allowed = PARAMETERS_OF.get(field, names)
+    for name in names:
+        if name not in allowed:
+            raise RobotError(unknown_name(f"{field.replace('_', ' ')} term", name, allowed))
+    return tuple(names)
+
+
+def _numbers_in(drive: Drive, field: str) -> FrozenMapping[float]:
+    """Return the table of numbers in a field. Raises RobotError."""
+    given = getattr(drive, field)
+    if not isinstance(given, Mapping):
+        raise RobotError(f"{field} must be a table of numbers, found {shown(given)}")
+    for name, value in given.items():
+        _check_number(f"{field} '{shortened(name)}'", value, "any number")
+    return FrozenMapping(given)
+
+
 def _check_terms(drive: Drive) -> None:
     """Check the fields that name terms. Raises RobotError."""
     for field in _TERM_FIELDS:
-        if not hasattr(drive, field):
-            continue
-        terms = getattr(drive, field)
-        if not (isinstance(terms, list | tuple) and all(isinstance(term, str) for term in terms)):
-            raise RobotError(f"{field} must be a list of texts, found {shown(terms)}")
-        if len(set(terms)) < len(terms):
-            raise RobotError(f"{field} names a term twice: {shortened(', '.join(terms))}")
-        object.__setattr__(drive, field, tuple(terms))
-        for term in terms:
-            if field in PARAMETERS_OF and term not in PARAMETERS_OF[field]:
-                what = f"{field.replace('_', ' ')} term"
-                raise RobotError(unknown_name(what, term, PARAMETERS_OF[field]))
+        if hasattr(drive, field):
+            object.__setattr__(drive, field, _names_in(drive, field))
     if len(drive.extra_terms) > _MOST_EXTRA_TERMS:
         raise RobotError(
             f"extra_terms has {len(drive.extra_terms)} terms, allowed are {_MOST_EXTRA_TERMS}"
         )
     if not isinstance(drive.motor_input, str) or drive.motor_input not in MOTOR_INPUTS:
         raise RobotError(unknown_name("motor input", drive.motor_input, MOTOR_INPUTS))
-    coulomb = [term for term in drive.friction if term in COULOMB]
+    coulomb = sorted({*COULOMB} & {*drive.friction}, key=drive.friction.index)
     if len(coulomb) > 1:
         raise RobotError(
             f"friction may have one of {', '.join(COULOMB)}, found {', '.join(coulomb)}"
@@ -162,12 +176,7 @@ def _check_values(drive: Drive) -> None:
     """Check that `nominal`, `known` and `transmission` fit the drive's terms."""
     names = drive.parameter_names
     for field in ("nominal", "transmission"):
-        given = getattr(drive, field)
-        if not isinstance(given, Mapping):
-            raise RobotError(f"{field} must be a table of numbers, found {shown(given)}")
-        for name, value in given.items():
-            _check_number(f"{field} '{shortened(name)}'", value, "any number")
-        object.__setattr__(drive, field, FrozenMapping(given))
+        object.__setattr__(drive, field, _numbers_in(drive, field))
     for name, value in drive.nominal.items():
         if name not in PARAMETERS:
             raise RobotError(unknown_name("nominal parameter", name, PARAMETERS))
