@@ -22,11 +22,13 @@ _SUPPORTED = ("viscous", "coulomb", *SMOOTH)
 
 def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
     """Add notes on the terms of a drive that the model lacks or approximates."""
-    smooth = [term for term in drive.friction if term in SMOOTH]
-    if smooth:
-        notes.append(f"joint '{joint}': its {smooth[0]} is written as dry friction (friction loss)")
+    notes += [
+        f"joint '{joint}': its {term} is written as dry friction (friction loss)"
+        for term in drive.friction
+        if term in SMOOTH
+    ]
     excluded = [term for term in drive.friction if term not in _SUPPORTED]
-    excluded += [f"extra term {term}" for term in drive.extra_terms]
+    excluded += map("extra term {}".format, drive.extra_terms)
     if excluded:
         notes.append(f"joint '{joint}': excluded, not available in MuJoCo: {', '.join(excluded)}")
     offset = drive.values.get("spring_offset", 0.0)

@@ -112,15 +112,8 @@ def read_parameters(path: str | Path, robot: Robot) -> Robot:
         )
     try:
         _check_keys("", content, _KEYS)
-        joints, bodies = content["joints"], content["bodies"]
-        if joints != list(robot.joint_names) or list(_table("bodies", bodies)) != list(
-            robot.body_names
-        ):
-            raise RobotError(
-                f"it is of another robot than '{robot.name}': its joints are {shown(joints)}, "
-                f"here they are {', '.join(robot.joint_names)}; select joints with joints="
-            )
-        values = np.array([_body(link, table) for link, table in bodies.items()]).ravel()
+        _check_robot(content["joints"], _table("bodies", content["bodies"]), robot)
+        values = np.array([_body(link, table) for link, table in content["bodies"].items()]).ravel()
         _check_keys("drive_tables", content["drive_tables"], robot.joint_names)
         drives = {
             joint: IDEAL_DRIVE if drive == IDEAL_DRIVE else drive
@@ -132,6 +125,14 @@ def read_parameters(path: str | Path, robot: Robot) -> Robot:
     except RobotError as problem:
         raise RobotError(f"'{path}': {problem}") from None
     return robot.with_values(values, drives)
+
+
+def _check_robot(joints: Any, bodies: Mapping[str, Any], robot: Robot) -> None:
+    if joints != list(robot.joint_names) or list(bodies) != list(robot.body_names):
+        raise RobotError(
+            f"it is of another robot than '{robot.name}': its joints are {shown(joints)}, "
+            f"here they are {', '.join(robot.joint_names)}; select joints with joints="
+        )
 
 
 def _body(link: str, table: Any) -> list[float]:

@@ -313,11 +313,11 @@ def _source(where: str, quantity: str, value: Any, clock: Clock | None) -> Sourc
         return value
     table = {"column": value} if isinstance(value, str) else value
     _check_table(where, Source, table)
-    nested = {"time": _clock(f"{where} time", table.get("time")) or clock}
+    built: dict[str, Any] = {"time": _clock(f"{where} time", table.get("time")) or clock}
     if "servo" in table:
         _check_table(f"{where} servo", Servo, table["servo"])
-        nested["servo"] = Servo(**table["servo"])
-    source = Source(**{**table, **nested})
+        built["servo"] = Servo(**table["servo"])
+    source = Source(**{**table, **built})
     _check_source(where, quantity, source)
     return source
 

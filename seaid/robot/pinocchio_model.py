@@ -100,14 +100,7 @@ def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ..
     if joints is None:
         names = [joint for joint in _depth_first(tree) if tree.joints[joint].type != "fixed"]
     else:
-        if isinstance(joints, str):
-            raise RobotError(f"joints= must be a list of names, found the text '{joints}'")
-        names = list(joints)
-        for name in names:
-            if name not in tree.joints:
-                raise RobotError(f"'{tree.name}': " + unknown_name("joint", name, tree.joints))
-        if len(set(names)) < len(names):
-            raise RobotError(f"joints= names a joint twice: {names}")
+        names = _given_joints(tree, joints)
     for name in names:
         kind = tree.joints[name].type
         if kind not in _MOVING:
@@ -118,6 +111,18 @@ def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ..
     if not names:
         raise RobotError(f"'{tree.name}' has no joint that moves")
     return tuple(names)
+
+
+def _given_joints(tree: UrdfTree, joints: Sequence[str]) -> list[str]:
+    if isinstance(joints, str):
+        raise RobotError(f"joints= must be a list of names, found the text '{joints}'")
+    names = list(joints)
+    for name in names:
+        if name not in tree.joints:
+            raise RobotError(f"'{tree.name}': " + unknown_name("joint", name, tree.joints))
+    if len(set(names)) < len(names):
+        raise RobotError(f"joints= names a joint twice: {names}")
+    return names
 
 
 def _depth_first(tree: UrdfTree) -> list[str]:
