@@ -95,10 +95,8 @@ def check_outputs(*paths: Path | None, force: bool, read: tuple[Path | None, ...
     """
     from seaid._files import is_replaced, real_path, result_folder
 
-    sources = {real_path(path) for path in read if path is not None}
-    for path in paths:
-        if path is None:
-            continue
+    sources = {real_path(path) for path in filter(None, read)}
+    for path in filter(None, paths):
         target = real_path(path)
         if target in sources:
             raise SeaidError(f"'{path}' is read by this command: name another file for the results")

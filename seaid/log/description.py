@@ -311,7 +311,7 @@ def _joint(where: str, table: Any) -> dict[str, Source]:
 def _source(where: str, quantity: str, value: Any, clock: Clock | None) -> Source:
     if isinstance(value, Source):
         return value
-    table = {"column": value} if isinstance(value, str) else value
+    table: Mapping[str, Any] = {"column": value} if isinstance(value, str) else value
     _check_table(where, Source, table)
     built: dict[str, Any] = {"time": _clock(f"{where} time", table.get("time")) or clock}
     if "servo" in table:
