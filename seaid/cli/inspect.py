@@ -9,8 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from seaid.cli.messages import check_outputs, show, show_paths
-from seaid.cli.options import AsJson, Drives, Force, Joints, Payloads, Urdf, names, robot_of
+from seaid.cli.messages import show
+from seaid.cli.options import (
+    AsJson,
+    Drives,
+    Joints,
+    ResultOptions,
+    RobotOptions,
+    Urdf,
+    names,
+    robot_of,
+)
 
 if TYPE_CHECKING:
     from seaid.regressor import BaseParameters, Identifiability
@@ -27,10 +36,7 @@ _CHOICES = (
 
 
 def inspect(
-    urdf: Urdf,
-    drives: Drives = None,
-    joints: Joints = None,
-    payload: Payloads = None,
+    given: RobotOptions,
     sensors: Annotated[
         str | None,
         typer.Option(help="Sensors of every joint, as motor_position,motor_torque, in detail."),
@@ -49,8 +55,8 @@ def inspect(
     from seaid.regressor import base_parameters, identifiability
     from seaid.robot import reread_urdf
 
-    robot = robot_of(urdf, drives, joints, payload)
-    tree = reread_urdf(urdf)
+    robot = given.robot()
+    tree = reread_urdf(given.urdf)
     inconsistent = _inconsistent_links(tree)
     base = base_parameters(robot)
     choices = (tuple(names(sensors) or ()),) if sensors is not None else _CHOICES
@@ -202,12 +208,12 @@ def describe(
     ] = None,
     drives: Drives = None,
     joints: Joints = None,
+    *,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="File for the TOML; default: on stdout."),
     ] = None,
-    force: Force = False,
-    as_json: AsJson = False,
+    result: ResultOptions,
 ) -> None:
     """Infer the meaning of custom columns, as a log description in TOML.
 
@@ -220,7 +226,7 @@ def describe(
     from seaid._files import write_whole
     from seaid.log import describe_log
 
-    check_outputs(output, force=force, read=(log, urdf, drives))
+    result.check(output, read=(log, urdf, drives))
     robot = None if urdf is None else robot_of(urdf, drives, joints)
     guess = describe_log(log, robot)
     content = {
@@ -230,5 +236,4 @@ def describe(
     }
     if output is not None:
         write_whole(output, guess.to_toml())
-    show(str(guess) if output is not None else guess.to_toml().rstrip(), content, as_json)
-    show_paths(as_json, output)
+    result.show(str(guess) if output is not None else guess.to_toml().rstrip(), content, output)

@@ -12,7 +12,7 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TextIO
@@ -66,19 +66,17 @@ def with_options(text: str) -> str:
     return " ".join(text.split())
 
 
-def show(text: str, content: Any, as_json: bool) -> None:
-    """Print the text for people, or the content as JSON for machines, on stdout."""
+def show(text: str, content: Any, as_json: bool, *paths: Path | None) -> None:
+    """Print the text for people, or the content as JSON for machines, on stdout.
+
+    The last line names the files of the results; it is on stderr if stdout is JSON.
+    """
     from seaid._files import plain
 
     if as_json:
         text = json.dumps(plain(content), indent=1, allow_nan=False, ensure_ascii=False)
     typer.echo(text)
-
-
-def show_paths(as_json: bool, *paths: Path | None) -> None:
-    """Print the paths of the results in the last line of stdout, or of stderr if stdout is JSON."""
-    there = ", ".join(str(path) for path in paths if path is not None)
-    if there:
+    if there := ", ".join(map(str, filter(None, paths))):
         typer.echo(f"Results: {there}", err=as_json)
 
 
@@ -87,7 +85,7 @@ def is_terminal() -> bool:
     return sys.stderr.isatty()
 
 
-def check_outputs(*paths: Path | None, force: bool, read: tuple[Path | None, ...] = ()) -> None:
+def check_outputs(*paths: Path | None, force: bool, read: Iterable[Path | None]) -> None:
     """Check before a long computation that the results can be written.
 
     Raises SeaidError for an existing file (unless `force`), a file that is `read`, a folder, and a

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from seaid.cli.options import Description, Drives, Joints, Payloads, Repair, Urdf, logs_of, robot_of
+from seaid.cli.options import Description, Repair, RobotOptions, logs_of
 
 if TYPE_CHECKING:
     from seaid.robot import Robot
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def view(
-    urdf: Urdf,
+    given: RobotOptions,
     log: Annotated[
         list[Path] | None, typer.Option(help="Recorded log to play. May be repeated.")
     ] = None,
@@ -24,9 +24,6 @@ def view(
         list[Path] | None,
         typer.Option(help="Trajectory of seaid excite to play. May be repeated."),
     ] = None,
-    drives: Drives = None,
-    joints: Joints = None,
-    payload: Payloads = None,
     description: Description = None,
     repair: Repair = False,
     package_dir: Annotated[
@@ -52,7 +49,7 @@ def view(
     """
     from seaid.view import view_robot
 
-    robot = robot_of(urdf, drives, joints, payload)
+    robot = given.robot()
     motions = _motions(robot, log or [], trajectory or [], description, repair)
     shown = view_robot(robot, motions, package_dirs=package_dir or (), host=host, port=port)
     with shown, contextlib.suppress(KeyboardInterrupt):
