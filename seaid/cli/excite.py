@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from seaid.cli.messages import is_terminal
 from seaid.cli.options import (
@@ -23,7 +24,6 @@ from seaid.cli.options import (
 
 if TYPE_CHECKING:
     from seaid.excitation import Excitation, Limits, Trajectory
-    from seaid.robot import Robot
 
 
 _OF_ALL = "for all joints, or as knee=2,hip=1"
@@ -33,30 +33,28 @@ _OF_ALL = "for all joints, or as knee=2,hip=1"
 class MotionOptions:
     """The kind of motion."""
 
-    duration: Annotated[float, typer.Option(help="Duration of the motion [s].")] = 10.0
-    basis: Annotated[str, typer.Option(help="bspline, fourier or polynomial.")] = "bspline"
+    duration: Annotated[float, Option(help="Duration of the motion [s].")] = 10.0
+    basis: Annotated[str, Option(help="bspline, fourier or polynomial.")] = "bspline"
     ends_in_motion: Annotated[
-        bool,
-        typer.Option("--ends-in-motion", help="Start and end in motion, with run-in and run-out."),
+        bool, Option("--ends-in-motion", help="Start and end in motion, with run-in and run-out.")
     ] = False
-    rate_hz: Annotated[float, typer.Option(help="Rate of the set-points [Hz].")] = 1000.0
+    rate_hz: Annotated[float, Option(help="Rate of the set-points [Hz].")] = 1000.0
 
 
 @dataclass(frozen=True)
 class LimitOptions:
     """The limits of a motion: a number for all joints, or one per joint."""
 
-    lower: Annotated[str | None, typer.Option(help=f"Lower position limit, {_OF_ALL}.")] = None
-    upper: Annotated[str | None, typer.Option(help=f"Upper position limit, {_OF_ALL}.")] = None
-    velocity: Annotated[
-        str | None, typer.Option(help=f"Velocity limit [rad/s or m/s], {_OF_ALL}.")
-    ] = None
+    lower: Annotated[str | None, Option(help=f"Lower position limit, {_OF_ALL}.")] = None
+    upper: Annotated[str | None, Option(help=f"Upper position limit, {_OF_ALL}.")] = None
+    velocity: Annotated[str | None, Option(help=f"Velocity limit [rad/s or m/s], {_OF_ALL}.")] = (
+        None
+    )
     acceleration: Annotated[
-        str | None,
-        typer.Option(help=f"Acceleration limit [rad/s2 or m/s2], default 10, {_OF_ALL}."),
+        str | None, Option(help=f"Acceleration limit [rad/s2 or m/s2], default 10, {_OF_ALL}.")
     ] = None
     joint_torque: Annotated[
-        str | None, typer.Option(help=f"Joint torque limit [N m or N], {_OF_ALL}.")
+        str | None, Option(help=f"Joint torque limit [N m or N], {_OF_ALL}.")
     ] = None
 
     def limits(self) -> Limits:
@@ -72,14 +70,14 @@ class CriterionOptions:
     """What a motion excites."""
 
     torque_joints: TorqueJoints = None
-    criterion: Annotated[
-        str, typer.Option(help="condition_number, d_optimality or relative_error.")
-    ] = "condition_number"
+    criterion: Annotated[str, Option(help="condition_number, d_optimality or relative_error.")] = (
+        "condition_number"
+    )
     drive_parameters: Annotated[
-        bool, typer.Option("--drive-parameters", help="Excite friction and stiffness as well.")
+        bool, Option("--drive-parameters", help="Excite friction and stiffness as well.")
     ] = False
     previous_logs: Annotated[
-        list[Path] | None, typer.Option(help="Log of a previous motion. May be repeated.")
+        list[Path] | None, Option(help="Log of a previous motion. May be repeated.")
     ] = None
     description: Description = None
 
@@ -88,9 +86,9 @@ class CriterionOptions:
 class SearchOptions:
     """The search for a motion."""
 
-    starts: Annotated[int, typer.Option(help="Random starts of the search.")] = 3
-    iterations: Annotated[int, typer.Option(help="Iteration limit of the search.")] = 150
-    seed: Annotated[int, typer.Option(help="Seed of the random starts.")] = 0
+    starts: Annotated[int, Option(help="Random starts of the search.")] = 3
+    iterations: Annotated[int, Option(help="Iteration limit of the search.")] = 150
+    seed: Annotated[int, Option(help="Seed of the random starts.")] = 0
 
 
 def excite(
@@ -101,8 +99,7 @@ def excite(
     search: SearchOptions,
     *,
     joint_trajectory: Annotated[
-        Path | None,
-        typer.Option(help="Also write it for ROS 2 trajectory controllers.", metavar="YAML"),
+        Path | None, Option(help="Also write it for ROS 2 trajectory controllers.", metavar="YAML")
     ] = None,
     output: Output = Path("excitation.json"),
     result: ResultOptions,
@@ -117,7 +114,7 @@ def excite(
     seaid excite arm.urdf --duration 20 --velocity shoulder=1,elbow=2 --torque-joints shoulder,elbow
     seaid excite arm.urdf --ends-in-motion --joint-trajectory arm.yaml -o plan.json
     """
-    from seaid.excitation import add_run_in
+    from seaid.excitation import add_run_in, design_excitation
 
     set_points = checked_suffix(output, ".json").with_suffix(".csv")
     asked, rate_hz = limits.limits(), motion.rate_hz
@@ -126,7 +123,19 @@ def excite(
     read = (given.urdf, given.drives, aim.description, *(aim.previous_logs or ()))
     result.check(output, set_points, joint_trajectory, read=read)
     robot = given.robot()
-    plan = _plan(robot, motion, asked, aim, search)
+    plan = design_excitation(
+        robot,
+        motion.duration,
+        basis=motion.basis,
+        limits=asked,
+        rest_to_rest=not motion.ends_in_motion,
+        torque_joints=names(aim.torque_joints),
+        criterion=aim.criterion,
+        drive_parameters=aim.drive_parameters,
+        previous_logs=logs_of(aim.previous_logs or [], robot, aim.description),
+        **vars(search),
+        progress=is_terminal(),
+    )
     planned = plan.trajectory
     if motion.ends_in_motion:
         planned = add_run_in(planned, robot, asked)
@@ -153,30 +162,6 @@ def excite(
     result.show(text, content, output, set_points, joint_trajectory)
 
 
-def _plan(
-    robot: Robot,
-    motion: MotionOptions,
-    limits: Limits,
-    aim: CriterionOptions,
-    search: SearchOptions,
-) -> Excitation:
-    from seaid.excitation import design_excitation
-
-    return design_excitation(
-        robot,
-        motion.duration,
-        basis=motion.basis,
-        limits=limits,
-        rest_to_rest=not motion.ends_in_motion,
-        torque_joints=names(aim.torque_joints),
-        criterion=aim.criterion,
-        drive_parameters=aim.drive_parameters,
-        previous_logs=logs_of(aim.previous_logs or [], robot, aim.description),
-        **vars(search),
-        progress=is_terminal(),
-    )
-
-
 def _plan_text(name: str, plan: Excitation, motion: Trajectory) -> str:
     begin, end = motion.main_interval
     total = f" ({motion.duration:.4g} s with run-in and run-out)"
@@ -195,15 +180,13 @@ def _plan_text(name: str, plan: Excitation, motion: Trajectory) -> str:
 
 def simulate(
     given: RobotOptions,
-    trajectory: Annotated[
-        Path, typer.Argument(help="Trajectory of seaid excite.", metavar="TRAJECTORY")
-    ],
+    trajectory: Annotated[Path, Argument(help="Trajectory of seaid excite.", metavar="TRAJECTORY")],
     *,
-    rate_hz: Annotated[float, typer.Option(help="Rate of controller and log [Hz].")] = 1000.0,
-    torque_std: Annotated[float, typer.Option(help="Noise of motor torques [N m].")] = 0.0,
-    motor_resolution: Annotated[float, typer.Option(help="Motor encoder step [rad].")] = 0.0,
-    joint_resolution: Annotated[float, typer.Option(help="Joint encoder step [rad or m].")] = 0.0,
-    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
+    rate_hz: Annotated[float, Option(help="Rate of controller and log [Hz].")] = 1000.0,
+    torque_std: Annotated[float, Option(help="Noise of motor torques [N m].")] = 0.0,
+    motor_resolution: Annotated[float, Option(help="Motor encoder step [rad].")] = 0.0,
+    joint_resolution: Annotated[float, Option(help="Joint encoder step [rad or m].")] = 0.0,
+    seed: Annotated[int, Option(help="Seed of the noise.")] = 0,
     output: Output = Path("log.csv"),
     result: ResultOptions,
 ) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Option
 
 from seaid.cli.messages import with_options
 from seaid.cli.options import FEASIBLE, IdentifyOptions, ResultOptions, checked_suffix
@@ -18,20 +19,18 @@ def export(
     given: IdentifyOptions,
     *,
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="File to write: .urdf, or .xml for MuJoCo.")
+        Path, Option("--output", "-o", help="File to write: .urdf, or .xml for MuJoCo.")
     ],
     from_logs: Annotated[
         list[Path] | None,
-        typer.Option("--from", help="Log to identify from. May be repeated.", metavar="LOG"),
+        Option("--from", help="Log to identify from. May be repeated.", metavar="LOG"),
     ] = None,
     parameters: Annotated[
-        Path | None,
-        typer.Option(help="Parameters of seaid identify, used unchanged in place of --from."),
+        Path | None, Option(help="Parameters of seaid identify, used unchanged in place of --from.")
     ] = None,
-    feasible: Annotated[bool, typer.Option("--feasible/--as-estimated", help=FEASIBLE)] = True,
+    feasible: Annotated[bool, Option("--feasible/--as-estimated", help=FEASIBLE)] = True,
     allow_inconsistent: Annotated[
-        bool,
-        typer.Option("--allow-inconsistent", help="Also write physically inconsistent bodies."),
+        bool, Option("--allow-inconsistent", help="Also write physically inconsistent bodies.")
     ] = False,
     result: ResultOptions,
 ) -> None:

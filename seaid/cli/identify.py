@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from seaid.cli.messages import is_terminal
 from seaid.cli.options import (
@@ -32,8 +33,8 @@ def identify(
     given: IdentifyOptions,
     logs: Logs,
     *,
-    in_pieces: Annotated[bool, typer.Option("--in-pieces", help=PIECES)] = False,
-    feasible: Annotated[bool, typer.Option("--feasible", help=FEASIBLE)] = False,
+    in_pieces: Annotated[bool, Option("--in-pieces", help=PIECES)] = False,
+    feasible: Annotated[bool, Option("--feasible", help=FEASIBLE)] = False,
     output: Output = Path("parameters.json"),
     result: ResultOptions,
 ) -> None:
@@ -62,12 +63,11 @@ def identify(
 
 def validate(
     given: IdentifyOptions,
-    log: Annotated[Path, typer.Argument(help="A log not identified from.", metavar="LOG")],
+    log: Annotated[Path, Argument(help="A log not identified from.", metavar="LOG")],
     from_logs: FromLogs,
     *,
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="File for parameters with their validation."),
+        Path | None, Option("--output", "-o", help="File for parameters with their validation.")
     ] = None,
     result: ResultOptions,
 ) -> None:
@@ -96,11 +96,10 @@ def terms(
     logs: Logs,
     *,
     of: Annotated[
-        str | None, typer.Option(help="Joints whose terms are compared, as a,b,c; default: all.")
+        str | None, Option(help="Joints whose terms are compared, as a,b,c; default: all.")
     ] = None,
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="TOML with the drives and recommended terms."),
+        Path | None, Option("--output", "-o", help="TOML with the drives and recommended terms.")
     ] = None,
     result: ResultOptions,
 ) -> None:

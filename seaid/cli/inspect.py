@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from seaid.cli.messages import show
 from seaid.cli.options import (
@@ -39,7 +39,7 @@ def inspect(
     given: RobotOptions,
     sensors: Annotated[
         str | None,
-        typer.Option(help="Sensors of every joint, as motor_position,motor_torque, in detail."),
+        Option(help="Sensors of every joint, as motor_position,motor_torque, in detail."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -140,15 +140,8 @@ def _base_lines(base: BaseParameters) -> Iterator[str]:
 
 
 def _identifiable(found: Identifiability) -> dict[str, Any]:
-    return {
-        "rank": found.rank,
-        "base_parameters": found.body_count,
-        "identifiable": found.identifiable,
-        "combinations": found.combinations,
-        "ratios": found.ratios,
-        "unidentifiable": found.unidentifiable,
-        "agree": found.agree,
-    }
+    kept = ("rank", "identifiable", "combinations", "ratios", "unidentifiable", "agree")
+    return {"base_parameters": found.body_count, **{name: getattr(found, name) for name in kept}}
 
 
 def _identifiability_table(found: dict[str, Identifiability]) -> str:
@@ -202,16 +195,15 @@ def crosscheck(
 
 
 def describe(
-    log: Annotated[Path, typer.Argument(help="A log with custom columns.", metavar="LOG")],
+    log: Annotated[Path, Argument(help="A log with custom columns.", metavar="LOG")],
     urdf: Annotated[
-        Path | None, typer.Option(help="The robot, for joint names and units of angles.")
+        Path | None, Option(help="The robot, for joint names and units of angles.")
     ] = None,
     drives: Drives = None,
     joints: Joints = None,
     *,
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="File for the TOML; default: on stdout."),
+        Path | None, Option("--output", "-o", help="File for the TOML; default: on stdout.")
     ] = None,
     result: ResultOptions,
 ) -> None:

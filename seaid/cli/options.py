@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
+from typer import Argument, Option
 
 from seaid.cli.messages import check_outputs, is_terminal, show
 
@@ -21,37 +22,33 @@ if TYPE_CHECKING:
     from seaid.robot import Payload, Robot
 
 
-Urdf = Annotated[Path, typer.Argument(help="The robot, with its base fixed.", metavar="URDF")]
+Urdf = Annotated[Path, Argument(help="The robot, with its base fixed.", metavar="URDF")]
 Logs = Annotated[
-    list[Path], typer.Argument(help="Logs to identify from: docs/logs.md.", metavar="LOG...")
+    list[Path], Argument(help="Logs to identify from: docs/logs.md.", metavar="LOG...")
 ]
 FromLogs = Annotated[
-    list[Path],
-    typer.Option("--from", help="Log to identify from. May be repeated.", metavar="LOG"),
+    list[Path], Option("--from", help="Log to identify from. May be repeated.", metavar="LOG")
 ]
 Drives = Annotated[
-    Path | None,
-    typer.Option(help="Its drives, one table per joint; default: all stiff.", metavar="TOML"),
+    Path | None, Option(help="Its drives, one table per joint; default: all stiff.", metavar="TOML")
 ]
 Joints = Annotated[
-    str | None, typer.Option(help="Moving joints, as a,b,c; the others are locked at zero.")
+    str | None, Option(help="Moving joints, as a,b,c; the others are locked at zero.")
 ]
 Description = Annotated[
     Path | None,
-    typer.Option(
-        help="Meaning of custom columns of the logs; default: run.toml for run.csv.",
-        metavar="TOML",
+    Option(
+        help="Meaning of custom columns of the logs; default: run.toml for run.csv.", metavar="TOML"
     ),
 ]
 Repair = Annotated[
-    bool, typer.Option("--repair", help="Repair gaps, repeated times and lost samples of the logs.")
+    bool, Option("--repair", help="Repair gaps, repeated times and lost samples of the logs.")
 ]
 TorqueJoints = Annotated[
-    str | None,
-    typer.Option(help="Joints whose torque is used, as a,b,c; default: all with a torque."),
+    str | None, Option(help="Joints whose torque is used, as a,b,c; default: all with a torque.")
 ]
-Output = Annotated[Path, typer.Option("--output", "-o", help="File for the result.")]
-AsJson = Annotated[bool, typer.Option("--json", help="JSON on stdout.")]
+Output = Annotated[Path, Option("--output", "-o", help="File for the result.")]
+AsJson = Annotated[bool, Option("--json", help="JSON on stdout.")]
 
 FEASIBLE = "Physically consistent bodies nearest to the estimate."
 
@@ -65,7 +62,7 @@ class RobotOptions:
     joints: Joints = None
     payload: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--payload",
             help=(
                 "Known body on a link: mass [kg] at x,y,z [m] in the link's frame. May be repeated."
@@ -85,7 +82,7 @@ class LogOptions(RobotOptions):
 
     known_body: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--known-body",
             help="Link with the known inertial parameters of the URDF. May be repeated.",
             metavar="LINK",
@@ -95,7 +92,7 @@ class LogOptions(RobotOptions):
     repair: Repair = False
     torque_joints: TorqueJoints = None
     cutoff_hz: Annotated[
-        float | None, typer.Option(help="Cutoff of the low pass [Hz]; default: from the data.")
+        float | None, Option(help="Cutoff of the low pass [Hz]; default: from the data.")
     ] = None
 
     @property
@@ -117,12 +114,11 @@ class IdentifyOptions(LogOptions):
     """The robot of a command, and how it is identified."""
 
     method: Annotated[
-        str,
-        typer.Option(help="two-step: springs, then bodies; simultaneous: both in one regression."),
+        str, Option(help="two-step: springs, then bodies; simultaneous: both in one regression.")
     ] = "two-step"
-    estimator: Annotated[str, typer.Option(help="ols, wls, huber, tukey or iv.")] = "wls"
+    estimator: Annotated[str, Option(help="ols, wls, huber, tukey or iv.")] = "wls"
     encoder_offset_std: Annotated[
-        float, typer.Option(help="Standard deviation of joint encoder offsets [rad or m].")
+        float, Option(help="Standard deviation of joint encoder offsets [rad or m].")
     ] = 0.0
 
     def identify(
@@ -148,7 +144,7 @@ class IdentifyOptions(LogOptions):
 class ResultOptions:
     """How a command writes and prints its results."""
 
-    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False
+    force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False
     as_json: AsJson = False
 
     def check(self, *paths: Path | None, read: Iterable[Path | None]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from seaid.cli.options import (
     FEASIBLE,
@@ -24,17 +24,13 @@ def report(
     from_logs: FromLogs,
     *,
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="The page to write.", metavar="HTML")
+        Path, Option("--output", "-o", help="The page to write.", metavar="HTML")
     ] = Path("report.html"),
     validation: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--validate",
-            help="Another log, to validate on. May be repeated.",
-            metavar="LOG",
-        ),
+        Option("--validate", help="Another log, to validate on. May be repeated.", metavar="LOG"),
     ] = None,
-    feasible: Annotated[bool, typer.Option("--feasible", help=FEASIBLE)] = False,
+    feasible: Annotated[bool, Option("--feasible", help=FEASIBLE)] = False,
     result: ResultOptions,
 ) -> None:
     """Identify, validate, and write the results with their reliability as one HTML page.

@@ -66,11 +66,7 @@ def check_divisors(drive: Drive, values: Mapping[str, float]) -> None:
             )
 
 
-_MAY_BE_ZERO = (
-    "motor_inertia_kg_m2",
-    "viscous_friction_Nms_per_rad",
-    "coulomb_friction_Nm",
-)
+_MAY_BE_ZERO = ("motor_inertia_kg_m2", "viscous_friction_Nms_per_rad", "coulomb_friction_Nm")
 _LENGTHS = ("gear_ratio", "motor_pulley_radius", "load_pulley_radius", "transmission")
 _LENGTH_SIZES, _SIZES = (1e-9, 1e9), (0.0, 1e30)
 """Limits that keep products and powers in the equations finite; real drives are far inside."""

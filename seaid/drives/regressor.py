@@ -136,9 +136,7 @@ def _slope(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
 
 
 @cache
-def _separated(
-    equation: DriveEquation,
-) -> tuple[sp.Expr, tuple[sp.Expr, ...], tuple[sp.Expr, ...]]:
+def _separated(equation: DriveEquation) -> tuple[sp.Expr, tuple[sp.Expr, ...], tuple[sp.Expr, ...]]:
     expression, unknowns = equation.expression, list(equation.unknowns)
     if not unknowns:
         return -expression, (), ()

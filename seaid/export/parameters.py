@@ -22,24 +22,9 @@ if TYPE_CHECKING:
 
 _FORMAT = "seaid parameters 2"
 _KEYS = (
-    "format",
-    "robot",
-    "joints",
-    "drives",
-    "load",
-    "base_columns",
-    "grouping",
-    "validation",
-    "torques_used",
-    "cutoff_hz",
-    "flags",
-    "bodies",
-    "drive_tables",
-    "feasible",
-    "checks",
-    "excluded",
-    "processing",
-    "seaid",
+    *("format", "robot", "joints", "drives", "load", "base_columns", "grouping", "validation"),
+    *("torques_used", "cutoff_hz", "flags", "bodies", "drive_tables", "feasible", "checks"),
+    *("excluded", "processing", "seaid"),
 )
 _MOST = 1e12
 """Largest parameter of a body [kg, kg m, kg m^2]."""

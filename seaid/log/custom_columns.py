@@ -123,7 +123,7 @@ def _channel(data: Block, robot: Robot, one: _Described) -> Channel:
             values = _servo_voltage(data, source.servo)
         else:
             factor *= _unit_factor(robot, one, unit)
-            values = data[str(source.column)] * _number(data, source.times, 1.0)
+            values = data[str(source.column)] * _number(data, source.times)
         if clock.column is None:
             time = np.arange(len(values)) / float(clock.rate_hz or 1.0)
         else:
@@ -140,8 +140,7 @@ def _name_of(robot: Robot, joint: str, quantity: str) -> tuple[str, str]:
     is_prismatic = robot.is_prismatic[robot.index(joint)]
     drive = robot.drives[joint]
     if quantity == "deflection":
-        is_linear = isinstance(drive, SeriesElasticDrive) and drive.is_linear_spring
-        unit = "m" if is_linear else "rad"
+        unit = drive.spring_units[1] if isinstance(drive, SeriesElasticDrive) else "rad"
         return f"{joint}.deflection_{unit}", unit
     names = {field: name for name, field in column_names(joint, is_prismatic).items()}
     return names[quantity], names[quantity].rsplit("_", 1)[1]
@@ -170,8 +169,7 @@ def _unit_factor(robot: Robot, one: _Described, unit: str) -> float:
 
 def _gear_factor(robot: Robot, one: _Described) -> float:
     """Return the factor from the other side of the gear to that of the quantity."""
-    consequence = f"its {one.source.side} side does not determine the other"
-    _check_own_drive(robot, one.joint, consequence)
+    _check_own_drive(robot, one.joint, f"its {one.source.side} side does not determine the other")
     drive = robot.drives[one.joint]
     ratio = drive.ratio
     if isinstance(drive, SeriesElasticDrive):
@@ -186,21 +184,19 @@ def _servo_voltage(data: Block, servo: Servo) -> Array:
     A goal holds until the next one, so at a sample the voltage is the mean of those before and
     after the step of the goal.
     """
-    goal, gain = data[servo.goal], servo.gain_factor * _number(data, servo.gain, 1.0)
+    goal, gain = data[servo.goal], servo.gain_factor * _number(data, servo.gain)
     before = np.concatenate([goal[:1], goal[:-1]])
     duties = [
         np.clip(gain * (one - data[servo.position]), -servo.limit, servo.limit)
         for one in (before, goal)
     ]
-    voltage: Array = 0.5 * (duties[0] + duties[1]) * _number(data, servo.supply, 1.0)
+    voltage: Array = 0.5 * (duties[0] + duties[1]) * _number(data, servo.supply)
     return voltage
 
 
-def _number(data: Block, value: str | float | None, default: float) -> Array | float:
-    """Return a column, or the number itself."""
-    if value is None:
-        return default
-    return data[value] if isinstance(value, str) else float(value)
+def _number(data: Block, value: str | float | None) -> Array | float:
+    """Return a column, or the number itself; None is 1."""
+    return data[value] if isinstance(value, str) else 1.0 if value is None else float(value)
 
 
 def _selected(where: str, channel: Channel, kept: Array | None, sparse: bool) -> Channel:

@@ -100,11 +100,7 @@ def read_log(
 
 
 def _by_names(
-    path: Path,
-    table: Table,
-    robot: Robot,
-    columns: Mapping[str, Column],
-    repair: Repairs | None,
+    path: Path, table: Table, robot: Robot, columns: Mapping[str, Column], repair: Repairs | None
 ) -> Log:
     """Return the log of a file with the column names of seaid, or with `columns` for them."""
     wanted = wanted_columns(path, table, robot, columns)

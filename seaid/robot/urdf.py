@@ -469,8 +469,7 @@ def _link_parameters(path: Path, link: Any) -> Array:
     if mass < 0:
         raise RobotError(f"URDF '{path}': link '{link.name}' has a negative mass, {mass} kg")
     return in_parent_frame(
-        from_center_of_mass(mass, np.zeros(3), tensor),
-        _placement(inertial.origin),
+        from_center_of_mass(mass, np.zeros(3), tensor), _placement(inertial.origin)
     )
 
 
