@@ -13,10 +13,17 @@ from seaid._arrays import Array, BoolArray
 from seaid._progress import track
 from seaid.errors import IdentificationError
 from seaid.identification.identification import Identification, identify
-from seaid.identification.linearisation import under_load, with_gear_torque
+from seaid.identification.linearisation import with_gear_torque
 from seaid.identification.results import Shown
 from seaid.log import Log, Motion, in_band, reconstruct_motions, standstill
-from seaid.regressor import INPUTS, actuator_columns, load_columns, signals, unknown_friction
+from seaid.regressor import (
+    INPUTS,
+    actuator_columns,
+    load_columns,
+    signals,
+    under_load,
+    unknown_friction,
+)
 from seaid.robot import Robot
 
 NUMBERS = (

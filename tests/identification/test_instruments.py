@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from seaid.errors import IdentificationError
-from seaid.estimation.estimators import ESTIMATORS
+from seaid.estimation.fitting import ESTIMATORS
 from seaid.identification.identification import identify
 from seaid.identification.instrumental import (
     FittedModel,
