@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Option
 
-from seaid.cli.messages import with_options
+from seaid.cli.messages import option_of
 from seaid.cli.options import FEASIBLE, IdentifyOptions, ResultOptions, checked_suffix
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def export(
         robot, flags = found.robot, found.flags
     tables, notes = _written(robot, output, allow_inconsistent)
     for note in notes:
-        typer.echo(f"note: {with_options(note)}", err=True)
+        typer.echo(f"note: {note.replace('payloads=', option_of('payloads='))}", err=True)
     content = {"robot": output, "drives": tables, "notes": notes, "flags": flags}
     text = [f"{robot.name}: {robot.n} bodies and their drives written"]
     text += [f"! {flag}" for flag in flags]

@@ -9,7 +9,6 @@ import errno
 import io
 import json
 import os
-import re
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
@@ -21,19 +20,14 @@ import typer
 
 from seaid.errors import SeaidError, SeaidWarning, reason_of
 
-_AS_OPTIONS = {
-    r"write it with force=True": "add --allow-inconsistent",
-    r"repair=seaid\.Repairs\(\)": "--repair",
-    r"\b(feasible|progress)=True": r"--\1",
-    r"\bpayloads=": "--payload",
-    r"\bknown_bodies=": "--known-body",
-    r"\bencoder_offset_std=": "--encoder-offset-std",
-    r"\bcutoff_hz=": "--cutoff-hz",
-    r"\btorque_joints=": "--torque-joints",
-    r"\b(method|estimator|joints|description)=(?=[\w\"])": r"--\1 ",
-    r"\b(method|estimator|joints|description)=": r"--\1",
+_OPTIONS = {
+    "payloads=": "--payload",
+    "known_bodies=": "--known-body",
+    "repair=seaid.Repairs()": "--repair",
+    "write it with force=True": "add --allow-inconsistent",
+    "force=True": "--allow-inconsistent",
 }
-"""Arguments named in messages of the library, and the options of the command line for them."""
+"""Arguments whose option has another name: {argument as an error names it: option}."""
 
 
 @contextmanager
@@ -46,7 +40,7 @@ def reported() -> Iterator[None]:
             other(message, category, *place)
         elif str(message) not in printed:
             printed.add(str(message))
-            typer.echo(f"note: {with_options(str(message))}", err=True)
+            typer.echo(f"note: {in_one_line(message)}", err=True)
 
     with warnings.catch_warnings():
         other = warnings.showwarning
@@ -55,15 +49,34 @@ def reported() -> Iterator[None]:
         try:
             yield
         except SeaidError as problem:
-            typer.echo(f"error: {with_options(str(problem))}", err=True)
+            typer.echo(f"error: {error_text(problem)}", err=True)
             raise typer.Exit(1) from None
 
 
-def with_options(text: str) -> str:
-    """Return a message of the library in one line, with options in place of its arguments."""
-    for pattern, option in _AS_OPTIONS.items():
-        text = re.sub(pattern, option, text)
-    return " ".join(text.split())
+def error_text(problem: BaseException | None) -> str:
+    """Return the message of an error in one line, with options in place of arguments.
+
+    An error that repeats the message of another one has it as its context.
+    """
+    text = str(problem)
+    while problem is not None:
+        for argument in getattr(problem, "arguments", ()):
+            text = text.replace(argument, option_of(argument))
+        problem = problem.__context__
+    return in_one_line(text)
+
+
+def option_of(argument: str) -> str:
+    """Return the option for an argument: '--method "two-step"' for 'method="two-step"'."""
+    name, _, value = argument.partition("=")
+    option = f"--{name.replace('_', '-')}"
+    has_value = value.startswith(("'", '"'))
+    return _OPTIONS.get(argument, f"{option} {value}" if has_value else option)
+
+
+def in_one_line(text: object) -> str:
+    """Return a text without line breaks."""
+    return " ".join(str(text).split())
 
 
 def show(text: str, content: Any, as_json: bool, *paths: Path | None) -> None:

@@ -116,7 +116,8 @@ def _check_robot(joints: Any, bodies: Mapping[str, Any], robot: Robot) -> None:
     if joints != list(robot.joint_names) or list(bodies) != list(robot.body_names):
         raise RobotError(
             f"it is of another robot than '{robot.name}': its joints are {shown(joints)}, "
-            f"here they are {', '.join(robot.joint_names)}; select joints with joints="
+            f"here they are {', '.join(robot.joint_names)}; select joints with joints=",
+            "joints=",
         )
 
 
@@ -131,7 +132,8 @@ def _body(link: str, table: Any) -> list[float]:
     if largest > _FARTHEST_M * abs(values["m"]):
         raise RobotError(
             f"{where}: its mass, {values['m']:g} kg, is too small for its other parameters; "
-            "identify with feasible=True"
+            "identify with feasible=True",
+            "feasible=True",
         )
     return [values[name] for name in PARAMETERS]
 

@@ -352,11 +352,16 @@ def _check_consistent(body: str, parameters: Array, force: bool, notes: list[str
         raise RobotError(f"link '{body}' would have {absurd}, which is not written")
     problem = inconsistent_link(body, parameters)
     if problem is not None and not force:
-        raise RobotError(f"{problem}: identify with feasible=True, or write it with force=True")
+        raise RobotError(
+            f"{problem}: identify with feasible=True, or write it with force=True",
+            "feasible=True",
+            "write it with force=True",
+        )
     if massless:
         raise RobotError(
             f"link '{body}' would have inertia without a mass ({parameters[0]:.4g} kg), which a "
-            "URDF cannot hold: identify with feasible=True"
+            "URDF cannot hold: identify with feasible=True",
+            "feasible=True",
         )
     if problem is not None:
         notes.append(problem)

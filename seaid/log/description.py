@@ -232,7 +232,8 @@ def description_for(path: Path, description: Described | None) -> LogDescription
     if not isinstance(description, str | os.PathLike | None):
         raise LogError(
             "description= must be a LogDescription, a mapping or the path of a TOML file, found "
-            f"{shown(description)}"
+            f"{shown(description)}",
+            "description=",
         )
     if description is not None:
         return _described(f"'{description}'", read_toml(description, "the description", LogError))

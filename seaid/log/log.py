@@ -84,7 +84,8 @@ def wanted_columns(
             wanted[name] = (custom, factor)
         elif name in {"time_s", *columns}:
             hint = "; custom columns need columns= or description= (seaid.describe_log infers one)"
-            raise LogError(f"'{path}': {table.missing(custom)}{'' if name in columns else hint}")
+            text = f"'{path}': {table.missing(custom)}{'' if name in columns else hint}"
+            raise LogError(text, "description=")
     if len(wanted) == 1:
         raise LogError(
             f"'{path}' has no column of this robot; expected names as '{allowed[1]}' (or map "
@@ -235,7 +236,8 @@ def _check_time(time: Array) -> None:
             raise LogError(
                 f"time_s {word} at sample {row} ({time[row - 1]:.9g} s, then {time[row]:.9g} s; "
                 f"{int(bad.sum())} such places); it must increase: sort or drop these samples, "
-                "or repair them with repair=seaid.Repairs()"
+                "or repair them with repair=seaid.Repairs()",
+                "repair=seaid.Repairs()",
             )
 
 
@@ -246,7 +248,8 @@ def _check_column(name: str, column: Array, time: Array) -> None:
         raise LogError(
             f"column '{name}' has {int(bad.sum())} values that are not finite, the first in sample "
             f"{row} (t = {time[row]:.6g} s); leave the whole column NaN if there is no such "
-            "sensor, or repair single samples with repair=seaid.Repairs()"
+            "sensor, or repair single samples with repair=seaid.Repairs()",
+            "repair=seaid.Repairs()",
         )
     largest = int(np.argmax(np.abs(column)))
     if abs(column[largest]) > LARGEST:

@@ -88,7 +88,10 @@ def read_log(
         raise LogError(f"repair must be seaid.Repairs(...), found {shown(repair)}")
     described = description_for(path, None if columns else description)
     if columns and description is not None:
-        raise LogError("give columns= or description=, not both: a description names the columns")
+        raise LogError(
+            "give columns= or description=, not both: a description names the columns",
+            "description=",
+        )
     table = open_table(path)
     if described is not None:
         channels = channels_of(path, table, described, robot)

@@ -106,7 +106,8 @@ def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ..
         if kind not in _MOVING:
             raise RobotError(
                 f"'{tree.name}': joint '{name}' is {kind}; seaid moves {', '.join(_MOVING)} joints "
-                "of a robot with a fixed base: exclude it from joints=[...] to lock it at zero"
+                "of a robot with a fixed base: exclude it from joints=[...] to lock it at zero",
+                "joints=[...]",
             )
     if not names:
         raise RobotError(f"'{tree.name}' has no joint that moves")
@@ -115,13 +116,13 @@ def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ..
 
 def _given_joints(tree: UrdfTree, joints: Sequence[str]) -> list[str]:
     if isinstance(joints, str):
-        raise RobotError(f"joints= must be a list of names, found the text '{joints}'")
+        raise RobotError(f"joints= must be a list of names, found the text '{joints}'", "joints=")
     names = list(joints)
     for name in names:
         if name not in tree.joints:
             raise RobotError(f"'{tree.name}': " + unknown_name("joint", name, tree.joints))
     if len(set(names)) < len(names):
-        raise RobotError(f"joints= names a joint twice: {names}")
+        raise RobotError(f"joints= names a joint twice: {names}", "joints=")
     return names
 
 

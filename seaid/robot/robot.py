@@ -242,7 +242,9 @@ def _robot(
 
 def _known_bodies(robot: Robot, tree: UrdfTree, names: Sequence[str]) -> tuple[str, ...]:
     if isinstance(names, str):
-        raise RobotError(f"known_bodies= must be a list of names, found the text '{names}'")
+        raise RobotError(
+            f"known_bodies= must be a list of names, found the text '{names}'", "known_bodies="
+        )
     bodies = robot.parameters.reshape(-1, 10)
     for name in names:
         if name in tree.links and name not in robot.body_names:
