@@ -66,8 +66,8 @@ class LimitOptions:
 
 
 @dataclass(frozen=True)
-class CriterionOptions:
-    """What a motion excites."""
+class SearchOptions:
+    """What a motion excites, and the search for it."""
 
     torque_joints: TorqueJoints = None
     criterion: Annotated[str, Option(help="condition_number, d_optimality or relative_error.")] = (
@@ -80,12 +80,6 @@ class CriterionOptions:
         list[Path] | None, Option(help="Log of a previous motion. May be repeated.")
     ] = None
     description: Description = None
-
-
-@dataclass(frozen=True)
-class SearchOptions:
-    """The search for a motion."""
-
     starts: Annotated[int, Option(help="Random starts of the search.")] = 3
     iterations: Annotated[int, Option(help="Iteration limit of the search.")] = 150
     seed: Annotated[int, Option(help="Seed of the random starts.")] = 0
@@ -95,7 +89,6 @@ def excite(
     given: RobotOptions,
     motion: MotionOptions,
     limits: LimitOptions,
-    aim: CriterionOptions,
     search: SearchOptions,
     *,
     joint_trajectory: Annotated[
@@ -120,7 +113,7 @@ def excite(
     asked, rate_hz = limits.limits(), motion.rate_hz
     if not rate_hz > 0:
         raise typer.BadParameter(f"{rate_hz:g} is not more than zero", param_hint="--rate-hz")
-    read = (given.urdf, given.drives, aim.description, *(aim.previous_logs or ()))
+    read = (given.urdf, given.drives, search.description, *(search.previous_logs or ()))
     result.check(output, set_points, joint_trajectory, read=read)
     robot = given.robot()
     plan = design_excitation(
@@ -129,11 +122,13 @@ def excite(
         basis=motion.basis,
         limits=asked,
         rest_to_rest=not motion.ends_in_motion,
-        torque_joints=names(aim.torque_joints),
-        criterion=aim.criterion,
-        drive_parameters=aim.drive_parameters,
-        previous_logs=logs_of(aim.previous_logs or [], robot, aim.description),
-        **vars(search),
+        torque_joints=names(search.torque_joints),
+        criterion=search.criterion,
+        drive_parameters=search.drive_parameters,
+        previous_logs=logs_of(search.previous_logs or [], robot, search.description),
+        starts=search.starts,
+        iterations=search.iterations,
+        seed=search.seed,
         progress=is_terminal(),
     )
     planned = plan.trajectory

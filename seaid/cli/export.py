@@ -50,7 +50,7 @@ def export(
         raise typer.BadParameter("give one of the two", param_hint="--from, --parameters")
     toml = output.with_suffix(".toml") if output.suffix.lower() == ".urdf" else None
     result.check(output, toml, read=(*given.files, parameters, *(from_logs or ())))
-    robot = given.robot()
+    robot = given.robot(given.known_body or ())
     flags: tuple[str, ...] = ()
     if parameters is not None:
         from seaid.export import read_parameters

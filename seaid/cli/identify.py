@@ -54,7 +54,7 @@ def identify(
             param_hint="--in-pieces",
         )
     result.check(output, read=(*given.files, *logs))
-    robot = given.robot()
+    robot = given.robot(given.known_body or ())
     known = logs if in_pieces else given.logs(logs, robot)
     found = given.identify(robot, known, feasible=feasible)
     found.save(output)
@@ -81,7 +81,7 @@ def validate(
 
     check_validation_logs([log], from_logs)
     result.check(output, read=(*given.files, log, *from_logs))
-    robot = given.robot()
+    robot = given.robot(given.known_body or ())
     *known, unseen = given.logs([*from_logs, log], robot)
     found = given.identify(robot, known)
     validation = validated(found, unseen)
@@ -112,7 +112,7 @@ def terms(
     from seaid.identification import compare_terms
 
     result.check(output, read=(*given.files, *logs))
-    robot = given.robot()
+    robot = given.robot(given.known_body or ())
     selection = compare_terms(
         robot,
         given.logs(logs, robot),

@@ -18,7 +18,6 @@ from seaid.cli.options import (
     RobotOptions,
     Urdf,
     names,
-    robot_of,
 )
 
 if TYPE_CHECKING:
@@ -178,7 +177,7 @@ def crosscheck(
     from seaid.errors import SeaidError
     from seaid.regressor import base_parameters, cross_check
 
-    robot = robot_of(urdf, drives, joints)
+    robot = RobotOptions(urdf, drives, joints).robot()
     numeric = base_parameters(robot)
     found = cross_check(numeric, symbolic.base_parameters(robot))
     text = (
@@ -219,7 +218,7 @@ def describe(
     from seaid.log import describe_log
 
     result.check(output, read=(log, urdf, drives))
-    robot = None if urdf is None else robot_of(urdf, drives, joints)
+    robot = None if urdf is None else RobotOptions(urdf, drives, joints).robot()
     guess = describe_log(log, robot)
     content = {
         "description": guess.description.to_dict(),

@@ -40,7 +40,7 @@ def reported() -> Iterator[None]:
             other(message, category, *place)
         elif str(message) not in printed:
             printed.add(str(message))
-            typer.echo(f"note: {in_one_line(message)}", err=True)
+            typer.echo(f"note: {' '.join(str(message).split())}", err=True)
 
     with warnings.catch_warnings():
         other = warnings.showwarning
@@ -63,7 +63,7 @@ def error_text(problem: BaseException | None) -> str:
         for argument in getattr(problem, "arguments", ()):
             text = text.replace(argument, option_of(argument))
         problem = problem.__context__
-    return in_one_line(text)
+    return " ".join(text.split())
 
 
 def option_of(argument: str) -> str:
@@ -72,11 +72,6 @@ def option_of(argument: str) -> str:
     option = f"--{name.replace('_', '-')}"
     has_value = value.startswith(("'", '"'))
     return _OPTIONS.get(argument, f"{option} {value}" if has_value else option)
-
-
-def in_one_line(text: object) -> str:
-    """Return a text without line breaks."""
-    return " ".join(str(text).split())
 
 
 def show(text: str, content: Any, as_json: bool, *paths: Path | None) -> None:

@@ -71,9 +71,17 @@ class RobotOptions:
         ),
     ] = None
 
-    def robot(self) -> Robot:
+    def robot(self, known_bodies: Sequence[str] = ()) -> Robot:
         """Load the robot."""
-        return robot_of(self.urdf, self.drives, self.joints, self.payload)
+        from seaid.robot import load_robot
+
+        return load_robot(
+            self.urdf,
+            self.drives,
+            joints=names(self.joints),
+            payloads=[payload_of(text) for text in self.payload or ()],
+            known_bodies=known_bodies,
+        )
 
 
 @dataclass(frozen=True)
@@ -99,10 +107,6 @@ class LogOptions(RobotOptions):
     def files(self) -> tuple[Path | None, ...]:
         """The files of these options, which a command reads."""
         return self.urdf, self.drives, self.description
-
-    def robot(self) -> Robot:
-        """Load the robot."""
-        return robot_of(self.urdf, self.drives, self.joints, self.payload, self.known_body)
 
     def logs(self, paths: Sequence[Path], robot: Robot) -> list[Log]:
         """Read logs."""
@@ -213,25 +217,6 @@ def payload_of(text: str) -> Payload:
             f"'{text}' is not link:mass:x,y,z, as foot:2.0:0.15,0,0", param_hint="--payload"
         ) from None
     return Payload(link, mass, (x, y, z))
-
-
-def robot_of(
-    urdf: Path,
-    drives: Path | None,
-    joints: str | None = None,
-    payloads: list[str] | None = None,
-    known_bodies: list[str] | None = None,
-) -> Robot:
-    """Return the robot of the options."""
-    from seaid.robot import load_robot
-
-    return load_robot(
-        urdf,
-        drives,
-        joints=names(joints),
-        payloads=[payload_of(text) for text in payloads or ()],
-        known_bodies=known_bodies or (),
-    )
 
 
 def logs_of(

@@ -49,7 +49,7 @@ def report(
     unseen = validation or []
     check_validation_logs(unseen, from_logs)
     result.check(output, read=(*given.files, *from_logs, *unseen))
-    robot = given.robot()
+    robot = given.robot(given.known_body or ())
     logs = given.logs([*from_logs, *unseen], robot)
     own, others = logs[: len(from_logs)], logs[len(from_logs) :]
     found = given.identify(robot, own, feasible=feasible)

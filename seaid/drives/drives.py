@@ -153,14 +153,13 @@ def _check_spring(drive: SeriesElasticDrive) -> None:
             "a series elastic drive with load_pulley_radius_m needs motor_pulley_radius_m too "
             "(give neither for a rotary spring)"
         )
-    wrong = "stiffness_Nm_per_rad" if drive.is_linear_spring else "stiffness_N_per_m"
+    sides = [
+        ("stiffness_Nm_per_rad", "rotary (pulley radii not given)"),
+        ("stiffness_N_per_m", "linear (pulley radii given)"),
+    ]
+    (right, kind), (wrong, _) = sides[:: -1 if drive.is_linear_spring else 1]
     if getattr(drive, wrong) is not None:
-        kind = "linear" if drive.is_linear_spring else "rotary"
-        right = "stiffness_N_per_m" if drive.is_linear_spring else "stiffness_Nm_per_rad"
-        raise RobotError(
-            f"found {wrong}, but the spring is {kind} (pulley radii "
-            f"{'given' if drive.is_linear_spring else 'not given'}): use {right}"
-        )
+        raise RobotError(f"found {wrong}, but the spring is {kind}: use {right}")
     if not {"linear", "cubic", "fifth"} & set(drive.spring):
         raise RobotError(
             "spring needs a stiffness term, 'linear', 'cubic' or 'fifth', found "

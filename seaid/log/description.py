@@ -56,11 +56,8 @@ class Servo:
 
     def columns(self) -> list[str]:
         """Return the columns that the servo uses."""
-        return [
-            one
-            for one in (self.goal, self.position, self.gain, self.supply)
-            if isinstance(one, str)
-        ]
+        used = (self.goal, self.position, self.gain, self.supply)
+        return [one for one in used if isinstance(one, str)]
 
 
 @dataclass(frozen=True)

@@ -227,9 +227,8 @@ def quantities_of(inference: Inference, tag: str, joint: str, robot: Robot | Non
     units = [source.get("unit") for source in found.values()]
     if units == [None, "deg"]:
         found["motor_position"]["unit"] = "deg"
-        inference.note(
-            str(found["motor_position"]["column"]), "taken for degrees, like the joint's"
-        )
+        column = str(found["motor_position"]["column"])
+        inference.note(column, "taken for degrees, like the joint's")
     _add_deflection(inference, tag, found)
     _add_torques(inference, tag, found)
     _add_electric(inference, tag, found)
@@ -316,10 +315,9 @@ def _add_deflection(inference: Inference, tag: str, found: Sources) -> None:
     if len(found) == 2:
         inference.note(names[0], "redundant, because both positions are there")
     elif found:
-        torques = inference.having("torque", tag)
-        pulls = (
-            _correlation(inference.data[torques[0]], inference.data[names[0]]) if torques else 0.0
-        )
+        torques = inference.having("torque", tag)[:1]
+        twist = inference.data[names[0]]
+        pulls = sum(_correlation(inference.data[name], twist) for name in torques)
         found["deflection"] = {"column": names[0], "sign": -1 if pulls < 0 else 1}
         origin = f", inferred from {torques[0]}" if pulls else ""
         inference.note(names[0], f"check its sign (motor side minus joint side){origin}")
@@ -329,8 +327,7 @@ def _add_torques(inference: Inference, tag: str, found: Sources) -> None:
     twists = inference.having("deflection", tag)
     for name in inference.having("torque", tag):
         meaning = inference.meanings[name]
-        side: str = meaning.side
-        arguments: dict[str, Any] = {"column": name}
+        side, arguments = meaning.side, {"column": name}
         if meaning.unit in ("A", "mA"):
             continue
         if twists and abs(_correlation(inference.data[name], inference.data[twists[0]])) > _SAME:
@@ -371,18 +368,17 @@ def _add_electric(inference: Inference, tag: str, found: Sources) -> None:
         found["motor_current"] = {"column": currents[0], **({"unit": unit} if unit == "mA" else {})}
         if len(currents) > 1:
             inference.note(currents[0], f"selected from {len(currents)} currents as the winding's")
-    voltages, duties = inference.having("voltage", tag), inference.having("duty", tag)
-    for name in voltages:
+    duties = inference.having("duty", tag)
+    for name in inference.having("voltage", tag):
         values = inference.finite(name)
         if np.min(values) < 0 < np.max(values):
             found["motor_voltage"] = {"column": name}
-        elif duties and "motor_voltage" not in found:
+            return
+        if duties:
             found["motor_voltage"] = {"column": duties[0], "times": name}
             inference.note(f"{duties[0]} times {name}", "taken for the voltage of the motor")
-        else:
-            inference.note(name, "has one sign: a supply, not the voltage of the motor")
-            continue
-        break
+            return
+        inference.note(name, "has one sign: a supply, not the voltage of the motor")
 
 
 _MEASURED = ("position", "torque", "deflection", "current", "voltage")
@@ -567,9 +563,7 @@ def _clocks(inference: Inference) -> dict[str, Clock]:
             inference.note(name, f"may be the time instead of {found[tag].column}")
             continue
         found[tag] = Clock(name, _time_unit(name, meaning, steps, inference))
-    if not found:
-        return _nameless_clock(inference)
-    return found
+    return found or _nameless_clock(inference)
 
 
 def _nameless_clock(inference: Inference) -> dict[str, Clock]:
