@@ -9,7 +9,7 @@ import typer
 from typer import Option
 
 from seaid.cli.messages import option_of
-from seaid.cli.options import FEASIBLE, IdentifyOptions, ResultOptions, checked_suffix
+from seaid.cli.options import FEASIBLE, FROM, IdentifyOptions, ResultOptions, checked_suffix
 
 if TYPE_CHECKING:
     from seaid.robot import Robot
@@ -21,10 +21,7 @@ def export(
     output: Annotated[
         Path, Option("--output", "-o", help="File to write: .urdf, or .xml for MuJoCo.")
     ],
-    from_logs: Annotated[
-        list[Path] | None,
-        Option("--from", help="Log to identify from. May be repeated.", metavar="LOG"),
-    ] = None,
+    from_logs: Annotated[list[Path] | None, FROM] = None,
     parameters: Annotated[
         Path | None, Option(help="Parameters of seaid identify, used unchanged in place of --from.")
     ] = None,

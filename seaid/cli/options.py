@@ -26,9 +26,8 @@ Urdf = Annotated[Path, Argument(help="The robot, with its base fixed.", metavar=
 Logs = Annotated[
     list[Path], Argument(help="Logs to identify from: docs/logs.md.", metavar="LOG...")
 ]
-FromLogs = Annotated[
-    list[Path], Option("--from", help="Log to identify from. May be repeated.", metavar="LOG")
-]
+FROM = Option("--from", help="Log to identify from. May be repeated.", metavar="LOG")
+FromLogs = Annotated[list[Path], FROM]
 Drives = Annotated[
     Path | None, Option(help="Its drives, one table per joint; default: all stiff.", metavar="TOML")
 ]

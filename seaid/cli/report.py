@@ -50,8 +50,7 @@ def report(
     check_validation_logs(unseen, from_logs)
     result.check(output, read=(*given.files, *from_logs, *unseen))
     robot = given.robot(given.known_body or ())
-    logs = given.logs([*from_logs, *unseen], robot)
-    own, others = logs[: len(from_logs)], logs[len(from_logs) :]
+    own, others = (given.logs(paths, robot) for paths in (from_logs, unseen))
     found = given.identify(robot, own, feasible=feasible)
     results = [validated(found, log) for log in others]
     facts = _facts(given, from_logs, unseen)

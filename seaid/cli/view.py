@@ -63,10 +63,8 @@ def _motions(
     from seaid.excitation import load_trajectory
 
     paths = [*logs, *trajectories]
-    read: list[Shown] = [
-        *logs_of(logs, robot, description, repair),
-        *(load_trajectory(path) for path in trajectories),
-    ]
+    read: list[Shown] = [*logs_of(logs, robot, description, repair)]
+    read += map(load_trajectory, trajectories)
     names = [path.name for path in paths]
     return {
         path.name if names.count(path.name) == 1 else str(path): motion

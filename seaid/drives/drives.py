@@ -202,11 +202,17 @@ _PLAIN_FRICTION = ("viscous", "coulomb")
 _NOTHING: Mapping[str, float] = FrozenMapping({})
 
 
+@dataclass(frozen=True, kw_only=True)
 class _Parameters:
-    """The parameters of a drive by name, wherever their values are stored."""
+    """The fields of both drives, and their parameters by name, wherever the values are stored."""
 
-    known: tuple[str, ...]
-    nominal: Mapping[str, float]
+    friction: tuple[str, ...] = _PLAIN_FRICTION
+    extra_terms: tuple[str, ...] = ()
+    parallel_spring: tuple[str, ...] = ()
+    motor_input: str = "torque"
+    known: tuple[str, ...] = ()
+    nominal: Mapping[str, float] = _NOTHING
+    transmission: Mapping[str, float] = _NOTHING
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -241,7 +247,7 @@ class _Parameters:
                 nominal[name] = float(value)
             else:
                 changes[field] = float(value)
-        return replace(self, nominal=nominal, **changes)  # type: ignore[type-var]
+        return replace(self, nominal=nominal, **changes)
 
     def without_nominal(self) -> Self:
         """Return the drive with known values only: no stiffness, no friction."""
@@ -249,7 +255,7 @@ class _Parameters:
         others = (_field_of(self, name) for name in PARAMETERS if name not in kept)
         changes: dict[str, Any] = {field: None for field in others if field is not None}
         nominal = {name: value for name, value in self.nominal.items() if name in kept}
-        return replace(self, nominal=nominal, **changes)  # type: ignore[type-var]
+        return replace(self, nominal=nominal, **changes)
 
 
 @dataclass(frozen=True)
@@ -297,13 +303,6 @@ class StiffDrive(_Parameters):
     motor_inertia_kg_m2: float | None = None
     viscous_friction_Nms_per_rad: float | None = None
     coulomb_friction_Nm: float | None = None
-    friction: tuple[str, ...] = _PLAIN_FRICTION
-    extra_terms: tuple[str, ...] = ()
-    parallel_spring: tuple[str, ...] = ()
-    motor_input: str = "torque"
-    known: tuple[str, ...] = ()
-    nominal: Mapping[str, float] = _NOTHING
-    transmission: Mapping[str, float] = _NOTHING
 
     def __post_init__(self) -> None:
         _check_numbers(self)
@@ -369,15 +368,8 @@ class SeriesElasticDrive(_Parameters):
     stiffness_Nm_per_rad: float | None = None
     viscous_friction_Nms_per_rad: float | None = None
     coulomb_friction_Nm: float | None = None
-    friction: tuple[str, ...] = _PLAIN_FRICTION
-    extra_terms: tuple[str, ...] = ()
     spring: tuple[str, ...] = ("linear",)
-    parallel_spring: tuple[str, ...] = ()
     joint_friction: tuple[str, ...] = ()
-    motor_input: str = "torque"
-    known: tuple[str, ...] = ()
-    nominal: Mapping[str, float] = _NOTHING
-    transmission: Mapping[str, float] = _NOTHING
 
     def __post_init__(self) -> None:
         _check_numbers(self)

@@ -137,9 +137,9 @@ def write_drives(drives: Mapping[str, Drive], path: str | Path) -> None:
 def drive_table(drive: Drive) -> dict[str, Any]:
     """Return the TOML table of a drive: the fields that differ from their defaults, and values."""
     kind = next(name for name, one in _TYPES.items() if isinstance(drive, one))
-    given = {field.name: getattr(drive, field.name) for field in fields(drive)}
-    default = {field.name: field.default for field in fields(drive)}
-    kept = {name: _plain(one) for name, one in given.items() if one not in (None, default[name])}
+    ordered = sorted(fields(drive), key=lambda field: bool(field.kw_only))  # ratios and sizes first
+    given = ((field, getattr(drive, field.name)) for field in ordered)
+    kept = {field.name: _plain(one) for field, one in given if one not in (None, field.default)}
     nominal, transmission = kept.pop("nominal", {}), kept.pop("transmission", None)
     table = {"type": kind, **kept}
     if _RATIOS.isdisjoint(table):

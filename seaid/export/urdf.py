@@ -443,7 +443,9 @@ def _note_files(path: Path, source: Path, root: Element, notes: list[str]) -> No
     """Add a note on meshes and textures that are no longer found from another folder."""
     shapes = (one for one in root.all() if one.tag in ("mesh", "texture"))
     named = dict.fromkeys(one.attributes.get("filename", "") for one in shapes)
-    relative = [name for name in named if name and not _is_found_anywhere(name)]
+    relative = [
+        name for name in filter(None, named) if not ("://" in name or Path(name).is_absolute())
+    ]
     folder = real_path(source).parent
     if relative and real_path(path).parent != folder:
         more = len(relative) - 1
@@ -451,10 +453,6 @@ def _note_files(path: Path, source: Path, root: Element, notes: list[str]) -> No
             f"'{relative[0]}'{f' and {more} other files' if more else ''} are relative to its "
             f"folder: write it into '{folder}', or copy them"
         )
-
-
-def _is_found_anywhere(name: str) -> bool:
-    return "://" in name or Path(name).is_absolute()
 
 
 def _numbers(values: Iterable[float]) -> str:

@@ -257,11 +257,11 @@ def _sides_by_range(inference: Inference, names: list[str]) -> tuple[list[str], 
     """Return motor positions and joint positions, if no name states the motor's side."""
     ranges = {name: float(np.ptp(inference.finite(name))) for name in names}
     small, large = min(names, key=ranges.__getitem__), max(names, key=ranges.__getitem__)
-    is_unnamed = {name: inference.meanings[name].side == "" for name in names}
-    if len(names) == 2 and ranges[large] > 5 * ranges[small] and is_unnamed[large]:
+    unnamed = [name for name in names if not inference.meanings[name].side]
+    if len(names) == 2 and ranges[large] > 5 * ranges[small] and large in unnamed:
         inference.note(large, f"moves much farther than {small}: taken for the motor side")
         return [large], [small]
-    if is_unnamed[names[0]]:
+    if names[0] in unnamed:
         inference.note(names[0], "taken for the joint side of the gear; it may be the motor side")
     return [], names
 

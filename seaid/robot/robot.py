@@ -94,11 +94,8 @@ class Robot:
     @property
     def elastic_joints(self) -> tuple[str, ...]:
         """The joints with a series elastic drive."""
-        return tuple(
-            joint
-            for joint in self.joint_names
-            if isinstance(self.drives[joint], SeriesElasticDrive)
-        )
+        drives = self.drives
+        return tuple(one for one in self.joint_names if isinstance(drives[one], SeriesElasticDrive))
 
     @property
     def transmission(self) -> Array:

@@ -32,8 +32,8 @@ _SAMPLE, _MODULES, _START = 1, 2, 4
 _LENGTHS = {_SAMPLE: (8, 24, 1), _MODULES: (0, 8, 8), _START: (0, 12, 0)}
 """{kind of record: bytes between kind and a number, and a, b of the record's length a + b number}.
 
-A module's sample: address (8 bytes), length of the message (4), time (8), message. The modules:
-their number (4), and an address each (8). The start: a number of eight bytes.
+A sample: address (8 bytes), length of the message (4), time (8), message. Modules: their number
+(4), an address each (8). A start: a number (8).
 """
 
 
