@@ -401,7 +401,7 @@ def _check_table(where: str, kind: type, table: Any) -> None:
         if one.name not in table:
             if one.default is MISSING:
                 raise LogError(f"{where}: key '{one.name}' is missing")
-        elif table[one.name] is not None and annotation in _VALUES:
+        elif annotation in _VALUES and (table[one.name] is not None or annotation == one.type):
             _check_value(f"{where}: {one.name}", one.name, table[one.name], annotation)
 
 
@@ -410,8 +410,8 @@ def _check_value(where: str, key: str, value: Any, annotation: str) -> None:
         return
     if annotation == "str" or not _is_finite(value):
         raise LogError(f"{where} must be {_VALUES[annotation]}, found {shown(value)}")
-    sign = _SIGNS.get(key, "")
-    if value == 0 if sign == "not zero" else sign and value <= 0:
+    sign = _SIGNS.get(key)
+    if not {None: True, "not zero": value != 0}.get(sign, value > 0):
         raise LogError(f"{where} must be {sign}, found {value}")
     least = _SMALLEST.get(key, 0.0)
     if not least <= abs(value) <= _MOST:
