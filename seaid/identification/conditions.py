@@ -195,8 +195,7 @@ class ConditionFits:
             joint: with_flags(side.of(condition), joint, qr_factor_of(side.rows[condition]))
             for joint, side in self.actuators.items()
         }
-        load_side, fit = self.load.of(condition), self.load.fit
-        white = replace(fit.estimate, covariance=fit.white_covariance)
+        load_side = self.load.of(condition)
         base, others = split_load_side(model, load_side)
         found = merged_estimates(drives, others)
         sides = {**self.actuators, "load": self.load}
@@ -209,7 +208,7 @@ class ConditionFits:
             },
             excluded={name: side.rows[condition].excluded for name, side in sides.items()},
             checks={name: side.fit.checks(robot.joint_names, ()) for name, side in sides.items()},
-            white_covariance=self.load.shared.of(condition, white).covariance,
+            fit=self.load.fit,
         )
 
 

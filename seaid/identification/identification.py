@@ -248,7 +248,7 @@ def identification_of(
 
 def _feasible(robot: Robot, model: LoadModel, found: RobotEstimate) -> FeasibleParameters:
     """Return the physically consistent parameters nearest to the estimate of both sides."""
-    white = found.white_covariance
+    white = found.fit.white_covariance
     if found.whole is not None:
         return feasible_parameters(robot, model, found.whole, white_covariance=white)
     elastic = {}

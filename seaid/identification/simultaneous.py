@@ -268,7 +268,7 @@ def estimate_simultaneous(
         springs={joint: spring_of(robot, drives[joint], joint).values for joint in springs},
         excluded=start.excluded,
         checks={"both": both.checks(robot.joint_names, optional)},
-        white_covariance=both.white_covariance,
+        fit=both,
         whole=whole,
     )
 

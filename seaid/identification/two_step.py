@@ -108,8 +108,7 @@ class RobotEstimate:
 
     `springs` {joint: parameters} are those whose torque is that on the load; `checks` and
     `excluded` by joint, and "load" for the load side. `whole` is the estimate of both sides if they
-    were estimated at once; `white_covariance` (p, p) the covariance of that, or of `load_side`, for
-    white noise.
+    were estimated at once, `fit` the fit of that, or of `load_side`.
     """
 
     drives: Mapping[str, Estimate]
@@ -118,7 +117,7 @@ class RobotEstimate:
     springs: Mapping[str, Array]
     excluded: Mapping[str, int]
     checks: Mapping[str, ModelChecks]
-    white_covariance: Array
+    fit: Fit
     whole: Estimate | None = None
 
 
@@ -180,7 +179,7 @@ def estimate_two_step(
             for joint, side in actuators.items()
         }
         | {"load": load.checks(robot.joint_names, model.names[len(model.expressions) :])},
-        white_covariance=load.white_covariance,
+        fit=load,
     )
 
 

@@ -13,7 +13,6 @@ from seaid._arrays import Array, BoolArray
 from seaid._progress import track
 from seaid.errors import IdentificationError
 from seaid.identification.identification import Identification, identify
-from seaid.identification.linearisation import with_gear_torque
 from seaid.identification.results import Shown
 from seaid.log import Log, Motion, in_band, reconstruct_motions, standstill
 from seaid.regressor import (
@@ -23,6 +22,7 @@ from seaid.regressor import (
     signals,
     under_load,
     unknown_friction,
+    with_gear_torque,
 )
 from seaid.robot import Robot
 

@@ -253,6 +253,25 @@ def _load_rows(
     )
 
 
+def with_gear_torque(
+    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
+) -> Motion:
+    """Return the motion with the torque through the gears by a fit `theta` of the load side."""
+    unloaded = replace(motion, gear_torque=np.zeros_like(motion.joint_position))
+    _, payload, H, _ = load_columns(robot, unloaded, model, springs)
+    drives = [
+        place
+        for place, (joint, name, _) in enumerate(model.drives, len(model.expressions))
+        if joint not in robot.elastic_joints and name in motor_regressor(robot, joint).names
+    ]
+    behind = [place for place in range(H.shape[2]) if place not in drives]
+    torque = np.full_like(motion.joint_position, np.nan)
+    torque[:, [robot.index(joint) for joint in model.rows]] = (
+        payload + H[:, :, behind] @ theta[behind]
+    )
+    return replace(motion, gear_torque=torque)
+
+
 def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     """Return the samples (T,) at which the load side of a joint has unknown friction.
 

@@ -68,7 +68,7 @@ def load_table(title: str, found: Identification, truth: Robot | None = None) ->
     for exact, (name, value, error, unit) in zip(true, _entries(found.load), strict=True):
         off = [number(exact), f"{(value - exact) / error:+.1f} s.e."]
         numbers = [number(value), number(error), percent(error / abs(value))]
-        rows.append([_short(name), *numbers, *([] if truth is None else off), unit])
+        rows.append([cut(name), *numbers, *([] if truth is None else off), unit])
     return table(title, [*header, *([] if truth is None else ["true", "off by"]), "unit"], rows)
 
 
@@ -101,23 +101,22 @@ def checks_table(found: Identification) -> str:
     The data support a term whose BIC difference is above zero. A low-pass filter correlates the
     residual even of a complete model; the standard errors account for that.
     """
-    terms = [
-        [term.terms[0] + ("" if side in ("load", "both") else f" of {side}"), *_term_numbers(term)]
-        for side, checks in found.checks.items()
-        for term in checks.terms
-    ]
-    residuals = [
-        [joint, "both" if side == "both" else "load" if side == "load" else "actuator", *numbers]
-        for side, checks in found.checks.items()
-        for joint, white in checks.whiteness.items()
-        for numbers in [[number(white.first), number(white.durbin_watson)]]
-    ]
-    conditions = [
-        f"condition number of {_SIDE_TEXT.get(side, f'the actuator side of {side}')} "
-        f"(columns of unit norm): {checks.condition_number:.3g}"
-        for side, checks in found.checks.items()
-    ]
-    poorly = [f"! {text}" for checks in found.checks.values() for text in checks.poorly_determined]
+    terms: list[list[str]] = []
+    residuals: list[list[str]] = []
+    conditions: list[str] = []
+    poorly: list[str] = []
+    for side, checks in found.checks.items():
+        own = f" of {side}", "actuator", f"the actuator side of {side}"
+        suffix, column, name = _SIDES.get(side, own)
+        terms += [[term.terms[0] + suffix, *_term_numbers(term)] for term in checks.terms]
+        residuals += [
+            [joint, column, number(white.first), number(white.durbin_watson)]
+            for joint, white in checks.whiteness.items()
+        ]
+        conditions.append(
+            f"condition number of {name} (columns of unit norm): {checks.condition_number:.3g}"
+        )
+        poorly += [f"! {text}" for text in checks.poorly_determined]
     header = ["term", "residual without", "F", "BIC", "supported"]
     parts = [table("Terms of the drives: support by the data", header, terms)] if terms else []
     if residuals:
@@ -126,7 +125,8 @@ def checks_table(found: Identification) -> str:
     return "\n".join([*parts, *conditions, *poorly])
 
 
-_SIDE_TEXT = {"load": "the load side", "both": "both sides"}
+_SIDES = {"load": ("", "load", "the load side"), "both": ("", "both", "both sides")}
+"""How a term, a residual and a condition number name a side of several joints."""
 
 
 def _term_numbers(term: TermTest) -> list[str]:
@@ -181,7 +181,8 @@ def _entries(estimate: Estimate) -> list[tuple[str, float, float, str]]:
     return list(zip(estimate.names, values, errors, estimate.units, strict=True))
 
 
-def _short(text: str, longest: int = 56) -> str:
+def cut(text: str, longest: int = 56) -> str:
+    """Return a text, cut to a number of letters."""
     return text if len(text) <= longest else text[: longest - 4] + " ..."
 
 

@@ -142,7 +142,6 @@ def put_panel(
                 initial_value=NOTHING,
                 hint="Another motion, drawn in orange at the same time since its start.",
             )
-    if playbacks:
         gui.add_html(legend(picture.robot, limits))
     table = gui.add_html("")
     notes = gui.add_html("")
