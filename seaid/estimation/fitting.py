@@ -72,7 +72,7 @@ def estimator_named(name: str) -> Estimator:
     """Return an estimator by name. Raises IdentificationError that suggests the nearest name."""
     if name not in ESTIMATORS:
         raise IdentificationError(
-            "estimator=: " + unknown_name("estimator", name, [*ESTIMATORS, "iv"])
+            "estimator=: " + unknown_name("estimator", name, [*ESTIMATORS, "iv"]), "estimator="
         )
     return ESTIMATORS[name]
 

@@ -182,9 +182,13 @@ def identify(
     >>> print(result.summary())
     """
     if method not in METHODS:
-        raise IdentificationError("method=: " + unknown_name("method", method, METHODS))
+        raise IdentificationError("method=: " + unknown_name("method", method, METHODS), "method=")
     if estimator == INSTRUMENTAL and method != "two-step":
-        raise IdentificationError(f'estimator="iv" needs method="two-step", found "{method}"')
+        raise IdentificationError(
+            f'estimator="iv" needs method="two-step", found "{method}"',
+            'estimator="iv"',
+            'method="two-step"',
+        )
     check_offset_std(encoder_offset_std)
     solver = estimator_named("wls" if estimator == INSTRUMENTAL else estimator)
     sources = sources_of(logs)
