@@ -33,11 +33,14 @@ from .least_squares import settled_weights as settled_weights
 from .least_squares import solve as solve
 from .least_squares import weighted as weighted
 from .qr_factor import QRFactor as QRFactor
-from .qr_factor import directions as directions
-from .qr_factor import first_term as first_term
 from .qr_factor import qr_factor_of as qr_factor_of
 from .qr_factor import triangle as triangle
 from .sdp import Program as Program
 from .sdp import covariance_root as covariance_root
 from .sdp import floored_covariance as floored_covariance
+from .singular_directions import RANK_TOLERANCE as RANK_TOLERANCE
+from .singular_directions import ROUNDING as ROUNDING
+from .singular_directions import directions as directions
+from .singular_directions import first_term as first_term
+from .singular_directions import scaled_svd as scaled_svd
 from .variable_projection import separable_least_squares as separable_least_squares

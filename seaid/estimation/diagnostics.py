@@ -15,11 +15,12 @@ import numpy as np
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
-from seaid._arrays import Array, BoolArray, safely
+from seaid._arrays import Array, BoolArray
 from seaid.errors import IdentificationError, unknown_name
 from seaid.estimation.covariance import by_instant
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.qr_factor import QRFactor, directions, qr_factor_of, triangle
+from seaid.estimation.qr_factor import QRFactor, qr_factor_of, triangle
+from seaid.estimation.singular_directions import directions, scaled_svd
 
 if TYPE_CHECKING:
     from seaid.regressor import Regression
@@ -160,8 +161,6 @@ def whiteness(rows: Regression, theta: Array) -> dict[int, Whiteness]:
 BLOCKS = 8
 """Number of blocks, consecutive in time, of which each is predicted from the others."""
 
-_RANK_TOLERANCE = 1e-9
-
 
 @dataclass(frozen=True, eq=False)
 class ModelComparison:
@@ -266,7 +265,7 @@ def _of(part: QRFactor, rows: Regression, weights: Array) -> Array:
 def _residual(factors: Sequence[Array], columns: Sequence[int]) -> float:
     """Return the squared residual of all rows with some columns."""
     R = np.concatenate(factors)
-    theta = _solved(R[:, columns], R[:, -1])
+    theta = scaled_svd(R[:, columns]).solve(R[:, -1])
     return float(np.sum((R[:, -1] - R[:, columns] @ theta) ** 2))
 
 
@@ -275,18 +274,9 @@ def _prediction_errors(factors: Sequence[Array], columns: Sequence[int]) -> Arra
     errors = np.empty(len(factors))
     for place, left in enumerate(factors):
         others = np.concatenate([R for other, R in enumerate(factors) if other != place])
-        theta = _solved(others[:, columns], others[:, -1])
+        theta = scaled_svd(others[:, columns]).solve(others[:, -1])
         errors[place] = np.sum((left[:, -1] - left[:, columns] @ theta) ** 2)
     return errors
-
-
-def _solved(H: Array, y: Array) -> Array:
-    norms = np.linalg.norm(H, axis=0)
-    norms[norms == 0] = 1.0
-    return np.asarray(
-        safely(np.linalg.lstsq, H / norms, y, what="the equations", rcond=_RANK_TOLERANCE)[0]
-        / norms
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, safely
 from seaid.errors import ExcitationError
+from seaid.estimation.singular_directions import ROUNDING, scaled_svd
 
 LAG_S = 0.25
 """Time [s] beyond which residuals count as uncorrelated."""
@@ -16,7 +17,6 @@ _STANDS_OUT = 3.0
 """An autocorrelation is significant above this many standard errors of white noise."""
 
 _REWEIGHTINGS = 20
-_RANK_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,10 +147,7 @@ def _settled(logs: list[Residuals], distance: Array, precision: Array, frozen: b
         if not frozen:
             J, r = _projected(logs, stds)
             J, r = np.vstack([J, np.diag(precision)]), np.append(r, precision * distance)
-            scale = np.linalg.norm(J, axis=0)
-            scale[scale == 0] = 1.0
-            found = safely(np.linalg.lstsq, J / scale, r, what="the output error", rcond=None)
-            change = -found[0] / scale
+            change = -scaled_svd(J, "the output error").solve(r, 0.0)
         nuisance = tuple(_nuisance(log, stds, change) for log in logs)
         new = _stds(logs, change, nuisance)
         settled = np.allclose(new, stds, rtol=1e-4)
@@ -223,14 +220,14 @@ def _solve(J: Array, r: Array, names: tuple[str, ...]) -> tuple[Array, Array, fl
     dead = [name for name, norm in zip(names, norms, strict=True) if norm == 0]
     if dead:
         raise ExcitationError(f"the motion does not excite {', '.join(dead)}: move these joints")
-    U, s, Vt = safely(np.linalg.svd, J / norms, what="the output error", full_matrices=False)
-    if s[-1] < _RANK_TOLERANCE * s[0]:
-        share = np.abs(Vt[-1])
+    svd = scaled_svd(J, "the output error")
+    s = svd.sizes
+    if s[-1] < ROUNDING * s[0]:
+        share = np.abs(svd.vectors[-1])
         lost = [names[column] for column in np.flatnonzero(share > 0.1 * share.max())]
         raise ExcitationError(
             f"the combination of {', '.join(lost)} is unidentifiable by this motion (scaled "
-            f"singular value {s[-1] / s[0]:.1e}, needed {_RANK_TOLERANCE:.0e})"
+            f"singular value {s[-1] / s[0]:.1e}, needed {ROUNDING:.0e})"
         )
-    step = -(Vt.T @ ((U.T @ r) / s)) / norms
-    half = (Vt.T / s) / norms[:, None]
-    return step, half @ half.T, float(s[0] / s[-1])
+    half = (svd.vectors.T / s) / norms[:, None]
+    return -half @ (svd.left.T @ r), half @ half.T, float(s[0] / s[-1])

@@ -19,14 +19,13 @@ from seaid.estimation.covariance import long_run_of
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import estimate_of, score_factors, settled_weights, solve
 from seaid.estimation.qr_factor import qr_factor_of, triangle
+from seaid.estimation.singular_directions import ROUNDING
 
 if TYPE_CHECKING:
     from seaid.regressor import Regression
 
 WEAK = 0.1
 """Partial R^2 of a column with its instruments below which the instruments are flagged as weak."""
-
-_RANK_TOLERANCE = 1e-10
 
 
 def instrumental(rows: Regression, instruments: Array, propagated: Array | None = None) -> Estimate:
@@ -82,7 +81,7 @@ def _first_stage(Z: Array, H: Array, names: tuple[str, ...]) -> Array:
     p, norms = len(names), np.linalg.norm(Z, axis=0)
     R = triangle(np.hstack([Z / norms, H]))
     coefficients, _, rank, _ = safely(
-        linalg.lstsq, R[:p, :p], R[:p, p:], what="the instruments", cond=_RANK_TOLERANCE
+        linalg.lstsq, R[:p, :p], R[:p, p:], what="the instruments", cond=ROUNDING
     )
     if rank < p:
         raise IdentificationError(

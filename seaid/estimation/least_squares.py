@@ -13,13 +13,12 @@ from seaid._arrays import Array, safely
 from seaid.errors import ExcitationError, IdentificationError
 from seaid.estimation.covariance import LongRun, long_run_of
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.qr_factor import (
+from seaid.estimation.qr_factor import QRFactor, determining_joints, qr_factor_of
+from seaid.estimation.singular_directions import (
+    RANK_TOLERANCE,
     Directions,
-    QRFactor,
-    determining_joints,
     directions,
     first_term,
-    qr_factor_of,
 )
 
 if TYPE_CHECKING:
@@ -98,9 +97,6 @@ def orthonormal(qr_factor: QRFactor, theta: Array) -> Orthonormal:
     ).T
     return Orthonormal(columns.reshape(*factors.shape[:2], p), residuals)
 
-
-_RANK_TOLERANCE = 1e-7
-"""Scaled singular value, relative to the largest, below which a combination is unidentifiable."""
 
 _ROUNDING = 1e-9
 """A residual below this part of the target is rounding, or an iteration's remainder."""
@@ -200,10 +196,10 @@ def solve(qr_factor: QRFactor, weights: Array) -> Solution:
         raise ExcitationError(f"the motion does not excite {names}: move these joints")
     found = directions(R, qr_factor.names)
     worst = float(found.shares[-1]) if p else 1.0
-    if worst < _RANK_TOLERANCE:
+    if worst < RANK_TOLERANCE:
         raise ExcitationError(_unidentifiable(qr_factor, found), "torque_joints=")
-    half = (found.vectors.T / (found.largest * found.shares)) / found.norms[:, None]
-    return Solution(half @ (found.left.T @ R[:p, p]), half @ half.T, 1 / worst)
+    half = (found.svd.vectors.T / found.svd.sizes) / found.svd.norms[:, None]
+    return Solution(half @ (found.svd.left.T @ R[:p, p]), half @ half.T, 1 / worst)
 
 
 def estimate_of(
@@ -254,7 +250,7 @@ def _white(qr_factor: QRFactor, weights: Array, theta: Array) -> Array:
     """Return the covariance (p, p) of the sum of scores for white noise in each equation."""
     p = len(qr_factor.names)
     std = qr_factor.residual_norms(theta) / np.sqrt(np.maximum(qr_factor.counts, 1))
-    stack = ((weights**2 * std)[:, None, None] * qr_factor.factors[:, :, :p]).reshape(-1, p)
+    stack = np.concatenate((weights**2 * std)[:, None, None] * qr_factor.factors[:, :, :p])
     return np.asarray(stack.T @ stack)
 
 
@@ -275,7 +271,7 @@ def estimate_of_rows(
 
 def _unidentifiable(qr_factor: QRFactor, found: Directions) -> str:
     """Name the unidentifiable combinations and the joints whose torque depends on them."""
-    lost = [int(place) for place in np.flatnonzero(found.shares < _RANK_TOLERANCE)][::-1]
+    lost = [int(place) for place in np.flatnonzero(found.shares < RANK_TOLERANCE)][::-1]
     columns = sorted({column for place in lost for column in found.terms(place)})
     names = ", ".join(first_term(qr_factor.names[column]) for column in columns)
     texts = "; ".join(found.text(place) for place in lost[:_MOST_NAMED])
@@ -283,7 +279,7 @@ def _unidentifiable(qr_factor: QRFactor, found: Directions) -> str:
     return (
         f"the motion does not excite all parameters: the combination of {names} is unidentifiable "
         f"({texts}{more}; scaled singular value {found.shares[-1]:.1e}, needed "
-        f"{_RANK_TOLERANCE:.0e}). It acts on the torque of "
+        f"{RANK_TOLERANCE:.0e}). It acts on the torque of "
         f"{', '.join(determining_joints(qr_factor, columns))}; move these joints more, or exclude "
         "torques with torque_joints="
     )

@@ -1,8 +1,4 @@
-"""The QR factor of rows: second moments as one triangular factor per equation, which adds up.
-
-The singular directions of the factor are the combinations of parameters that the rows determine
-well or poorly.
-"""
+"""The QR factor of rows: second moments as one triangular factor per equation, which adds up."""
 
 from __future__ import annotations
 
@@ -14,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import linalg
 
-from seaid._arrays import Array, frozen, safely
+from seaid._arrays import Array, frozen
 from seaid.errors import IdentificationError
 
 if TYPE_CHECKING:
@@ -212,57 +208,8 @@ def _not_finite(rows: Regression) -> str:
     return f"rows that are not finite: {', '.join(bad) or 'propagated parameters'}"
 
 
-_PART = 0.1
-"""A parameter with less than this part of the largest share of a combination is not named."""
-
-_MOST_TERMS = 4
-_LONGEST_NAME = 40
 _SEEN = 1e-9
-
-
-@dataclass(frozen=True, eq=False)
-class Directions:
-    """Singular directions of rows with columns scaled to unit norm, best determined first.
-
-    `shares` (p,) are the singular values relative to the largest, so that 1 / shares[-1] is the
-    condition number; `vectors` (p, p) has the right singular vectors as rows; `norms` (p,) are the
-    norms of the columns; `left` (p, p) are the left singular vectors in the basis of the factor;
-    `largest` is the largest singular value.
-    """
-
-    names: tuple[str, ...]
-    shares: Array
-    vectors: Array
-    norms: Array
-    left: Array
-    largest: float
-
-    def terms(self, direction: int) -> list[int]:
-        """Return the parameters of a direction, the largest share first."""
-        share = np.abs(self.vectors[direction])
-        named = np.flatnonzero(share > _PART * share.max())
-        return [int(place) for place in named[np.argsort(-share[named], kind="stable")]]
-
-    def text(self, direction: int) -> str:
-        """Return a combination as text, 'A - 0.97 B', in the units of the parameters."""
-        terms = self.terms(direction)
-        coefficients = self.vectors[direction] * self.norms
-        text = first_term(self.names[terms[0]])
-        for place in terms[1:_MOST_TERMS]:
-            value = coefficients[place] / coefficients[terms[0]]
-            size = "" if abs(abs(value) - 1) < 5e-3 else f"{abs(value):.2g} "
-            text += f" {'-' if value < 0 else '+'} {size}{first_term(self.names[place])}"
-        more = len(terms) - _MOST_TERMS
-        return text + (f" and {more} more" if more > 0 else "")
-
-
-def directions(factor: Array, names: tuple[str, ...]) -> Directions:
-    """Return the singular directions of a weighted factor (p+1, p+1) without columns of zeros."""
-    p = len(names)
-    norms = np.linalg.norm(factor[:p, :p], axis=0)
-    U, s, Vt = safely(linalg.svd, factor[:p, :p] / norms, what="the equations", check_finite=False)
-    largest = float(s[0]) if p else 1.0
-    return Directions(names, s / largest, Vt, norms, U, largest)
+"""Part of the largest column of an equation below which a column is rounding."""
 
 
 def equation_name(joint_names: tuple[str, ...], index: int) -> str:
@@ -291,8 +238,3 @@ def determining_joints(qr_factor: QRFactor, columns: list[int]) -> list[str]:
             place = seeing[np.flatnonzero(fewest == fewest.min())[-1]]
             joints.append(qr_factor.equations[place])
     return [equation_name(qr_factor.joint_names, joint) for joint in sorted(set(joints))]
-
-
-def first_term(name: str) -> str:
-    """Return a long grouping by its first parameter, which names the base column."""
-    return name if len(name) <= _LONGEST_NAME else f"{name.split(' ')[0]} + ..."

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seaid._arrays import Array, safely
+from seaid._arrays import Array
+from seaid.estimation.singular_directions import scaled_svd
 
 Columns = Callable[[Array], tuple[Array, Array]]
 """Function of v (b,) that returns y (R,) and H (R, p)."""
@@ -19,7 +20,6 @@ Columns = Callable[[Array], tuple[Array, Array]]
 Slopes = Callable[[Array, Array], Array]
 """Function of v (b,) and theta (p,) that returns the derivative (R, b) of H theta - y by v."""
 
-_RANK_TOLERANCE = 1e-9
 _MOST_EVALUATIONS = 60
 _FEW_STEPS, _MOST_TRIED = 8, 12
 
@@ -102,14 +102,9 @@ def _search(
 def _residual(columns: Columns, v: Array) -> tuple[Array, Array, Array]:
     """Return y - H theta at v, theta, and an orthonormal basis (R, rank) of the range of H."""
     y, H = columns(v)
-    norms = np.linalg.norm(H, axis=0)
-    norms[norms == 0] = 1.0
-    U, singular, Vt = safely(np.linalg.svd, H / norms, what="the equations", full_matrices=False)
-    kept = singular > _RANK_TOLERANCE * max(singular[0], 1e-300) if len(singular) else singular > 0
-    Q = U[:, kept]
-    coefficients = Q.T @ y
-    theta = Vt[kept].T @ (coefficients / singular[kept]) / norms
-    return y - Q @ coefficients, theta, Q
+    svd = scaled_svd(H)
+    Q = svd.span()
+    return y - Q @ (Q.T @ y), svd.solve(y), Q
 
 
 def _inside(v: Array, lower: Array, upper: Array) -> Array:

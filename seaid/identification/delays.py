@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from seaid._arrays import Array, IndexArray, safely
+from seaid._arrays import Array, IndexArray
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError, unknown_name
-from seaid.estimation import newey_west
+from seaid.estimation import newey_west, scaled_svd
 from seaid.log import (
     Log,
     Motion,
@@ -38,7 +38,7 @@ SIGNIFICANT = 4.0
 
 _TRIALS = 41
 _WIDER = 2.0
-_RANK = 1e-10
+_WHAT = "the delay of a channel"
 
 
 @dataclass(frozen=True)
@@ -274,7 +274,7 @@ class _Shifted:
     def fit(self, delay: float) -> tuple[Array, Array]:
         """Return an orthonormal basis of the shifted columns, and the residual of the channel."""
         shifted = self.spline(self.time - delay)
-        basis = _orthonormal(shifted[:, 1:])
+        basis = scaled_svd(shifted[:, 1:], _WHAT, LogError).span()
         return basis, _residual(basis, self.channel + shifted[:, 0])
 
     def cost(self, delay: float) -> float:
@@ -285,14 +285,8 @@ class _Shifted:
         """Return the standard error of the best delay, None if the delay has no effect."""
         basis, residual = self.fit(found)
         shifted, rates = self.spline(self.time - found), self.spline(self.time - found, 1)
-        theta = safely(
-            np.linalg.lstsq,
-            shifted[:, 1:],
-            self.channel + shifted[:, 0],
-            what="the delay of a channel",
-            error=LogError,
-            rcond=_RANK,
-        )[0]
+        svd = scaled_svd(shifted[:, 1:], _WHAT, LogError)
+        theta = svd.solve(self.channel + shifted[:, 0])
         slope = _residual(basis, rates[:, 1:] @ theta - rates[:, 0])
         curvature = float(slope @ slope)
         if curvature <= 0:
@@ -336,11 +330,3 @@ def _fitted(motion: Motion, relation: _Relation, largest_s: float) -> Delay:
 def _residual(basis: Array, signal: Array) -> Array:
     """Return the residual of a signal (R,) after projection on an orthonormal basis (R, p)."""
     return np.asarray(signal - basis @ (basis.T @ signal))
-
-
-def _orthonormal(columns: Array) -> Array:
-    """Return an orthonormal basis of the span of columns (R, p) of similar norms."""
-    left, sizes, _ = safely(
-        np.linalg.svd, columns, what="the delay of a channel", error=LogError, full_matrices=False
-    )
-    return np.asarray(left[:, sizes > _RANK * max(sizes, default=0.0)])

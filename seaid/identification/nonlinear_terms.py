@@ -14,9 +14,8 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy import linalg
 
-from seaid._arrays import Array, IndexArray, safely
+from seaid._arrays import Array, IndexArray
 from seaid.drives import COULOMB, PARAMETERS, Drive, DriveRegressor, SeriesElasticDrive, unit_of
 from seaid.errors import IdentificationError
 from seaid.estimation import (
@@ -26,6 +25,7 @@ from seaid.estimation import (
     estimate_of,
     ordinary,
     qr_factor_of,
+    scaled_svd,
     separable_least_squares,
     solve,
 )
@@ -54,7 +54,8 @@ from seaid.regressor import (
 from seaid.robot import Robot
 
 _SINGULAR = 1e-6
-"""Singular value of columns of unit norm, relative to the largest, below which one is lost."""
+"""Singular value below which a nonlinear parameter is fixed: its column is a derivative, whose
+rank falls only near the best values, where the search ends."""
 
 _PART = 0.1
 
@@ -81,24 +82,17 @@ def fix_unidentifiable(
 
 def _unidentifiable(names: Sequence[str], H: Array, candidates: Sequence[str]) -> str | None:
     """Return the candidate with the largest share of a lost combination, None if none is lost."""
-    norms = np.linalg.norm(H, axis=0)
     may_go = np.array([name in candidates for name in names])
-    dead = np.flatnonzero((norms == 0) & may_go)
+    dead = np.flatnonzero(~np.any(H, axis=0) & may_go)
     if len(dead):
         return names[int(dead[0])]
     if not len(names):
         return None
-    _, sizes, vectors = safely(
-        np.linalg.svd,
-        H / np.where(norms > 0, norms, 1.0),
-        what="the columns of a drive",
-        full_matrices=False,
-    )
-    share = np.abs(vectors[-1])
+    svd = scaled_svd(H, "the columns of a drive")
+    share = np.abs(svd.vectors[-1])
     place = int(np.argmax(np.where(may_go, share, 0.0)))
-    is_lost = (
-        sizes[-1] < _SINGULAR * sizes[0] and may_go[place] and share[place] > _PART * share.max()
-    )
+    is_named = may_go[place] and share[place] > _PART * share.max()
+    is_lost = is_named and svd.rank(_SINGULAR) < len(names)
     return names[place] if is_lost else None
 
 
@@ -335,8 +329,6 @@ _SWEEPS = 2
 _LEVELS = ("coulomb_friction", "stribeck_friction")
 """Parameters that must not be zero at the start, since they multiply the nonlinear slopes."""
 
-_RANK_TOLERANCE = 1e-9
-
 _FEW = 1e-3
 """Least ratio of the weights of two equations."""
 
@@ -450,7 +442,6 @@ def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadF
     of_row = weights[np.searchsorted(fit.qr_factor.equations, rows.joint)]
     rest = [place for place, name in enumerate(rows.names) if name not in own]
     H = of_row[:, None] * rows.H[:, rest]
-    norms = np.linalg.norm(H, axis=0)
     by_motion = [fed_signals(robot, motion, index) for motion in motions]
     weight = float(weights[fit.qr_factor.equations.index(index)])
     return _Search(
@@ -463,12 +454,7 @@ def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadF
         factor=weight * robot.drives[joint].ratio,
         zeta=[regressor.evaluate(one)[0] for one in by_motion],
         y=of_row * rows.y,
-        others=safely(
-            linalg.orth,
-            H / np.where(norms > 0, norms, 1.0),
-            what="the columns of the load side",
-            rcond=_RANK_TOLERANCE,
-        ),
+        others=scaled_svd(H, "the columns of the load side").span(),
     )
 
 

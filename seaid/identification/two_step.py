@@ -13,9 +13,10 @@ from functools import partial
 import numpy as np
 from scipy import linalg
 
-from seaid._arrays import Array, safely
+from seaid._arrays import Array
 from seaid.errors import IdentificationError
 from seaid.estimation import (
+    RANK_TOLERANCE,
     Estimate,
     Estimator,
     Fit,
@@ -23,6 +24,7 @@ from seaid.estimation import (
     QRFactor,
     Rows,
     fit,
+    scaled_svd,
 )
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
 from seaid.identification.drive_estimates import merged_estimates, spring_of, with_flags
@@ -48,8 +50,8 @@ CONSTANTS = {"torque_constant": "current", "voltage_constant": "voltage"}
 
 _ROUNDING = 1e-9
 
-_RANK_TOLERANCE, _PART = 1e-7, 0.01
-"""Singular value of a lost combination, and the least share of a constant in it."""
+_PART = 0.01
+"""Least share of a constant in a lost combination."""
 
 _LOAD_SIDE = "known bodies (known_bodies=), logs with and without a payload (identify_conditions), "
 _SPRING = "the stiffness of its spring (known = ['stiffness']), "
@@ -69,16 +71,12 @@ def check_scale(qr_factor: QRFactor) -> None:
     if not places or not qr_factor.count:  # without rows `solve` raises
         return
     R, p = qr_factor.weighted_factor(), len(qr_factor.names)
-    norms = np.linalg.norm(R[:, :p], axis=0)
-    U, sizes, Vt = safely(
-        np.linalg.svd, R[:p, :p] / np.where(norms > 0, norms, 1.0), what="the scale of the torques"
-    )
-    kept = sizes > _RANK_TOLERANCE * sizes[0]
-    theta = Vt[kept].T @ ((U.T @ R[:p, p])[kept] / sizes[kept])
+    svd = scaled_svd(R[:p, :p], "the scale of the torques")
+    torques = svd.norms * svd.solve(R[:p, p], RANK_TOLERANCE)
     least = _ROUNDING * float(np.linalg.norm(R[:, p]))
-    open_part = np.max(np.abs(Vt[~kept]), axis=0, initial=0.0)
+    open_part = np.max(np.abs(svd.vectors[svd.rank(RANK_TOLERANCE) :]), axis=0, initial=0.0)
     for place, (name, *where) in places.items():
-        if abs(theta[place]) <= least or open_part[place] > _PART:
+        if abs(torques[place]) <= least or open_part[place] > _PART:
             joint = where[0] if where else qr_factor.joint_names[qr_factor.equations[0]]
             raise IdentificationError(
                 f"the {name.replace('_', ' ')} of {joint} is unidentifiable: only the "

@@ -17,7 +17,8 @@ from seaid.estimation.diagnostics import (
     whiteness,
 )
 from seaid.estimation.least_squares import ordinary
-from seaid.estimation.qr_factor import directions, qr_factor_of
+from seaid.estimation.qr_factor import qr_factor_of
+from seaid.estimation.singular_directions import directions
 from seaid.regressor.regression import Regression
 
 pytestmark = pytest.mark.rounding
