@@ -11,7 +11,14 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from seaid.errors import IdentificationError, SeaidError, reason_of, shown
+from seaid.errors import (
+    IdentificationError,
+    SeaidError,
+    UnknownNameError,
+    reason_of,
+    shown,
+    unknown_name,
+)
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -29,7 +36,17 @@ class FrozenMapping(Mapping[str, Value]):
         self._items = dict(items)
 
     def __getitem__(self, name: str) -> Value:
-        return self._items[name]
+        try:
+            return self._items[name]
+        except KeyError:
+            raise UnknownNameError(unknown_name("entry", name, self._items)) from None
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._items
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """Return the entry of a name, or the default."""
+        return self._items.get(name, default)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._items)

@@ -103,11 +103,11 @@ def excite(
     plan = design_excitation(
         robot,
         duration,
-        basis=basis,
+        basis=basis,  # type: ignore[arg-type]  # design_excitation checks it
         limits=asked,
         rest_to_rest=not ends_in_motion,
         torque_joints=names(torque_joints),
-        criterion=criterion,
+        criterion=criterion,  # type: ignore[arg-type]
         drive_parameters=drive_parameters,
         previous_logs=logs_of(previous_logs or [], robot, description),
         starts=starts,

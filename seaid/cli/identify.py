@@ -112,8 +112,8 @@ def identified(
         robot,
         logs,
         torque_joints=names(torque_joints),
-        method=method,
-        estimator=estimator,
+        method=method,  # type: ignore[arg-type]  # identify checks it
+        estimator=estimator,  # type: ignore[arg-type]
         feasible=feasible,
         cutoff_hz=cutoff_hz,
         encoder_offset_std=encoder_offset_std,

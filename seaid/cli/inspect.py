@@ -54,7 +54,7 @@ def inspect(
     inconsistent = _inconsistent_links(tree)
     base = base_parameters(robot)
     choices = (tuple(names(sensors) or ()),) if sensors is not None else _CHOICES
-    found = {", ".join(one): identifiability(robot, one) for one in choices}
+    found = {", ".join(one): identifiability(robot, one) for one in choices}  # type: ignore[arg-type]
     content = {
         "robot": robot.name,
         "joints": _joint_facts(robot),

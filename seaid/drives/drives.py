@@ -10,15 +10,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from typing import Any, Self, get_args
 
 from seaid._arrays import FrozenMapping, number
 from seaid.drives.terms import (
     COULOMB,
-    MOTOR_INPUTS,
     NONLINEAR_SPRING,
     PARAMETERS,
     PARAMETERS_OF,
+    MotorInput,
     key_of,
 )
 from seaid.errors import RobotError, shortened, shown, unknown_name
@@ -123,8 +123,9 @@ def _check_terms(drive: Drive) -> None:
         raise RobotError(
             f"extra_terms has {len(drive.extra_terms)} terms, allowed are {_MOST_EXTRA_TERMS}"
         )
-    if not isinstance(drive.motor_input, str) or drive.motor_input not in MOTOR_INPUTS:
-        raise RobotError(unknown_name("motor input", drive.motor_input, MOTOR_INPUTS))
+    inputs = get_args(MotorInput)
+    if not isinstance(drive.motor_input, str) or drive.motor_input not in inputs:
+        raise RobotError(unknown_name("motor input", drive.motor_input, inputs))
     coulomb = [term for term in drive.friction if term in COULOMB]
     if len(coulomb) > 1:
         raise RobotError(
@@ -296,7 +297,7 @@ class StiffDrive(_Parameters):
     friction: tuple[str, ...] = _PLAIN_FRICTION
     extra_terms: tuple[str, ...] = ()
     parallel_spring: tuple[str, ...] = ()
-    motor_input: str = "torque"
+    motor_input: MotorInput = "torque"
     known: tuple[str, ...] = ()
     nominal: Mapping[str, float] = _NOTHING
     transmission: Mapping[str, float] = _NOTHING
@@ -370,7 +371,7 @@ class SeriesElasticDrive(_Parameters):
     spring: tuple[str, ...] = ("linear",)
     parallel_spring: tuple[str, ...] = ()
     joint_friction: tuple[str, ...] = ()
-    motor_input: str = "torque"
+    motor_input: MotorInput = "torque"
     known: tuple[str, ...] = ()
     nominal: Mapping[str, float] = _NOTHING
     transmission: Mapping[str, float] = _NOTHING

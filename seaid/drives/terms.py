@@ -27,6 +27,7 @@ The constants are unknown parameters.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,8 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
 }
 """{field of a drive: {term: its parameters}}."""
 
-MOTOR_INPUTS = tuple(PARAMETERS_OF["motor_input"])
+MotorInput = Literal["torque", "current", "voltage"]
+"""Values of `motor_input=`, with their parameters in `PARAMETERS_OF`."""
 
 COULOMB = ("coulomb", "smooth_coulomb", "shifted_coulomb")
 """Friction terms of which a drive has at most one."""

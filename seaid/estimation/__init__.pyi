@@ -11,6 +11,8 @@ from .diagnostics import term_test as term_test
 from .diagnostics import whiteness as whiteness
 from .estimate import Estimate as Estimate
 from .estimators import Estimator as Estimator
+from .estimators import EstimatorName as EstimatorName
+from .estimators import LinearEstimator as LinearEstimator
 from .estimators import estimator_named as estimator_named
 from .feasible import WEIGHTS as WEIGHTS
 from .feasible import FeasiblePoint as FeasiblePoint

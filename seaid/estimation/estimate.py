@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from seaid._arrays import Array, frozen
-from seaid.errors import SeaidError
+from seaid.errors import SeaidError, UnknownNameError, unknown_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,5 +108,5 @@ class Estimate:
 
     def _index(self, name: str) -> int:
         if name not in self.names:
-            raise SeaidError(f"no parameter '{name}'; there are: {', '.join(self.names)}")
+            raise UnknownNameError(unknown_name("parameter", name, self.names))
         return self.names.index(name)

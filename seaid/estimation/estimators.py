@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, FrozenMapping
-from seaid.errors import IdentificationError, unknown_name
+from seaid.errors import IdentificationError
 from seaid.estimation.covariance import long_run_of
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import (
@@ -180,7 +181,13 @@ class Estimator:
     effective_rows: Callable[[Regression, Estimate], Regression] = unweighted
 
 
-ESTIMATORS = FrozenMapping(
+LinearEstimator = Literal["ols", "wls", "huber", "tukey"]
+"""Estimators of linear equations, which `ESTIMATORS` has."""
+
+EstimatorName = Literal[LinearEstimator, "iv"]
+"""Values of `estimator=`; "iv" is `instrumental`, which starts from the estimate of "wls"."""
+
+ESTIMATORS: FrozenMapping[Estimator] = FrozenMapping(
     {
         "ols": Estimator(ordinary, equal_weights),
         "wls": Estimator(weighted, settled_weights),
@@ -190,10 +197,6 @@ ESTIMATORS = FrozenMapping(
 )
 
 
-def estimator_named(name: str) -> Estimator:
-    """Return an estimator by name. Raises IdentificationError that suggests the nearest name."""
-    if name not in ESTIMATORS:
-        raise IdentificationError(
-            "estimator=: " + unknown_name("estimator", name, [*ESTIMATORS, "iv"])
-        )
+def estimator_named(name: LinearEstimator) -> Estimator:
+    """Return an estimator by name."""
     return ESTIMATORS[name]

@@ -11,12 +11,13 @@ from functools import partial
 import numpy as np
 
 from seaid._arrays import Array, safely, seed_of
-from seaid.errors import ExcitationError, SeaidWarning
-from seaid.excitation.basis import make_basis
+from seaid.errors import ExcitationError, SeaidWarning, checked
+from seaid.excitation.basis import BasisName, make_basis
 from seaid.excitation.boundary import IN_MOTION, EndState, motion_space
 from seaid.excitation.collision import Scene
 from seaid.excitation.criteria import (
-    criterion_named,
+    CRITERIA,
+    CriterionName,
     has_full_rank,
     pivoted_base,
     singular_values,
@@ -73,7 +74,7 @@ class Excitation:
     base: BaseParameters
     margins: Margins
     limits: JointLimits
-    criterion: str
+    criterion: CriterionName
     value: float
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -82,18 +83,19 @@ class Excitation:
     start_singular_values: Array
 
 
+@checked(ExcitationError)
 def design_excitation(
     robot: Robot,
     duration: float,
     *,
-    basis: str = "bspline",
+    basis: BasisName = "bspline",
     coefficients: int | None = None,
     limits: Limits | None = None,
     rest_to_rest: bool = True,
     start: EndState | None = None,
     end: EndState | None = None,
-    torque_joints: Sequence[str] | None = None,
-    criterion: str = "condition_number",
+    torque_joints: str | Sequence[str] | None = None,
+    criterion: CriterionName = "condition_number",
     drive_parameters: bool = False,
     torque_std: float | Sequence[float] | dict[str, float] = 1.0,
     previous_logs: Sequence[Log] = (),
@@ -171,7 +173,7 @@ def design_excitation(
     >>> plan.condition_number
     >>> plan.trajectory.save_set_points("plan.csv")
     """
-    measure = criterion_named(criterion)
+    measure = CRITERIA[criterion]
     for name, count in (("starts", starts), ("iterations", iterations)):
         if count < 1:
             raise ExcitationError(f"{name} must be at least 1, found {count}")
@@ -243,7 +245,7 @@ def _factor(problem: Problem, x: Array) -> Array:
     return triangular_factor(H, problem.target.known)
 
 
-def _coefficients(robot: Robot, basis: str, duration: float) -> int:
+def _coefficients(robot: Robot, basis: BasisName, duration: float) -> int:
     """Return the default number of coefficients per joint, by duration and number of joints."""
     if basis == "polynomial":
         return 18

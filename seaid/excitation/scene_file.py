@@ -17,6 +17,7 @@ from seaid.errors import (
     ExcitationError,
     RobotError,
     SeaidWarning,
+    checked,
     reason_of,
     shortened,
     shown,
@@ -85,6 +86,7 @@ class Box:
         return pin.GeometryObject(self.name, 0, pin.SE3(turned, np.array(self.center)), box)
 
 
+@checked(ExcitationError)
 def load_scene(
     urdf: str | Path,
     robot: Robot,

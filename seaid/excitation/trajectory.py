@@ -14,7 +14,7 @@ import numpy as np
 
 from seaid._arrays import Array, check_rate, finite, frozen
 from seaid._files import numbers, read_json, write_csv, write_whole
-from seaid.errors import ExcitationError, shown, unknown_name
+from seaid.errors import ExcitationError, checked, shown, unknown_name
 from seaid.excitation.basis import Basis, basis_from_dict
 from seaid.excitation.spline import SplineBasis, bernstein_from_powers
 
@@ -265,6 +265,7 @@ def polynomial_trajectory(
     )
 
 
+@checked(ExcitationError)
 def load_trajectory(path: str | Path) -> Trajectory:
     """Load the trajectory of a JSON file that `Trajectory.save` wrote.
 

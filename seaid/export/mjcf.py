@@ -13,7 +13,7 @@ import scipy.linalg
 from seaid._arrays import safely
 from seaid._files import write_whole
 from seaid.drives import SeriesElasticDrive
-from seaid.errors import RobotError
+from seaid.errors import RobotError, checked
 from seaid.export.mjcf_bodies import TINY, add_bodies
 from seaid.export.mjcf_drives import add_drives
 from seaid.identification import Identification
@@ -105,6 +105,7 @@ class WrittenMjcf:
     notes: tuple[str, ...]
 
 
+@checked(RobotError)
 def write_mjcf(
     found: Identification | Robot, path: str | Path, *, force: bool = False
 ) -> WrittenMjcf:

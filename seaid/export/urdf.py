@@ -18,7 +18,7 @@ import pinocchio as pin
 from seaid._arrays import Array
 from seaid._files import real_path, whole_file
 from seaid.drives import IDEAL_DRIVE, StiffDrive, write_drives
-from seaid.errors import RobotError, unknown_name
+from seaid.errors import RobotError, checked, unknown_name
 from seaid.identification import Identification
 from seaid.robot import (
     SMALLEST_KG,
@@ -195,6 +195,7 @@ class WrittenUrdf:
     notes: tuple[str, ...]
 
 
+@checked(RobotError)
 def write_urdf(
     found: Identification | Robot,
     path: str | Path,

@@ -8,6 +8,7 @@ from .delays import correct_delays as correct_delays
 from .delays import estimate_delays as estimate_delays
 from .drive_estimates import POORLY_IDENTIFIED as POORLY_IDENTIFIED
 from .identification import Identification as Identification
+from .identification import Method as Method
 from .identification import identify as identify
 from .linearisation import under_load as under_load
 from .linearisation import with_gear_torque as with_gear_torque

@@ -17,10 +17,11 @@ from scipy import linalg
 
 from seaid._arrays import Array, FrozenMapping
 from seaid.drives import PARAMETERS
-from seaid.errors import IdentificationError, unknown_name
+from seaid.errors import IdentificationError, checked, shown, unknown_name
 from seaid.estimation import (
     Estimate,
     Estimator,
+    LinearEstimator,
     TermTest,
     estimator_named,
     independent_rows,
@@ -318,12 +319,13 @@ class Conditions(Shown):
     differences: Mapping[str, TermTest]
 
 
+@checked(IdentificationError)
 def identify_conditions(
     conditions: Mapping[str, tuple[Robot, Source | Sequence[Source]]],
     *,
     condition_specific: Sequence[str] = CONDITION_SPECIFIC,
-    torque_joints: Sequence[str] | None = None,
-    estimator: str = "wls",
+    torque_joints: str | Sequence[str] | None = None,
+    estimator: LinearEstimator = "wls",
     cutoff_hz: float | None = None,
     progress: bool = False,
 ) -> Conditions:
@@ -393,6 +395,11 @@ def _read(
         raise IdentificationError(
             f"identify_conditions needs at least two conditions, found {len(conditions)}"
         )
+    for name, pair in conditions.items():
+        if not (isinstance(pair, tuple) and len(pair) == 2 and isinstance(pair[0], Robot)):
+            raise IdentificationError(
+                f"condition '{name}' must be (robot, logs), found {shown(pair)}"
+            )
     robots = {name: robot for name, (robot, _) in conditions.items()}
     _check_joints(robots)
     sources = {name: sources_of(logs) for name, (_, logs) in conditions.items()}

@@ -11,7 +11,7 @@ import numpy as np
 
 from seaid._arrays import Array, frozen
 from seaid._progress import track
-from seaid.errors import IdentificationError, SeaidError
+from seaid.errors import IdentificationError, SeaidError, checked
 from seaid.identification.datasets import Source
 from seaid.identification.identification import Identification, identify
 from seaid.identification.results import Shown
@@ -75,6 +75,7 @@ class CutoffSensitivity(Shown):
         save_sensitivity_figure(self, path)
 
 
+@checked(IdentificationError)
 def cutoff_sensitivity(
     robot: Robot,
     logs: Source | Sequence[Source],

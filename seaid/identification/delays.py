@@ -11,7 +11,7 @@ import numpy as np
 
 from seaid._arrays import Array, IndexArray, safely
 from seaid.drives import SeriesElasticDrive
-from seaid.errors import LogError, unknown_name
+from seaid.errors import LogError, checked, unknown_name
 from seaid.estimation import newey_west
 from seaid.log import (
     Log,
@@ -95,6 +95,7 @@ class _Relation:
     rows: IndexArray
 
 
+@checked(LogError)
 def estimate_delays(
     robot: Robot, log: Log, *, largest_s: float = 0.03, cutoff_hz: float | None = None
 ) -> tuple[Delay, ...]:
@@ -155,6 +156,7 @@ def _longest_motion(robot: Robot, log: Log, cutoff_hz: float | None) -> Motion:
     return max(reconstruct_motions(robot, log, cutoff_hz), key=lambda motion: len(motion.time))
 
 
+@checked(LogError)
 def correct_delays(log: Log, delays: Sequence[Delay]) -> Log:
     """Return the log with every significant delay corrected.
 

@@ -7,14 +7,14 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
 from seaid._files import write_json
-from seaid.errors import IdentificationError, unknown_name
-from seaid.estimation import Estimate, ModelChecks, estimator_named
+from seaid.errors import IdentificationError, checked
+from seaid.estimation import Estimate, EstimatorName, ModelChecks, estimator_named
 from seaid.identification.datasets import Dataset, Source, datasets_of, processing_of, sources_of
 from seaid.identification.drive_estimates import with_estimate
 from seaid.identification.instrumental import estimate_instrumental
@@ -33,10 +33,7 @@ if TYPE_CHECKING:
     from seaid.identification.validation import Validation
 
 
-METHODS = ("two-step", "simultaneous")
-
-INSTRUMENTAL = "iv"
-"""Name of the estimator that starts from the estimate of another one."""
+Method = Literal["two-step", "simultaneous"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,13 +104,14 @@ class Identification(Shown):
         write_json(path, self.to_dict(validation))
 
 
+@checked(IdentificationError)
 def identify(
     robot: Robot,
     logs: Source | Sequence[Source],
     *,
-    torque_joints: Sequence[str] | None = None,
-    method: str = "two-step",
-    estimator: str = "wls",
+    torque_joints: str | Sequence[str] | None = None,
+    method: Method = "two-step",
+    estimator: EstimatorName = "wls",
     feasible: bool = False,
     cutoff_hz: float | None = None,
     encoder_offset_std: float = 0.0,
@@ -174,12 +172,10 @@ def identify(
     >>> result = seaid.identify(robot, seaid.read_log("run.csv", robot), feasible=True)
     >>> print(result.summary())
     """
-    if method not in METHODS:
-        raise IdentificationError("method=: " + unknown_name("method", method, METHODS))
-    if estimator == INSTRUMENTAL and method != "two-step":
+    if estimator == "iv" and method != "two-step":
         raise IdentificationError(f'estimator="iv" needs method="two-step", found "{method}"')
     check_offset_std(encoder_offset_std)
-    solver = estimator_named("wls" if estimator == INSTRUMENTAL else estimator)
+    solver = estimator_named("wls" if estimator == "iv" else estimator)
     sources = sources_of(logs)
     datasets = datasets_of(robot, sources, cutoff_hz, executor, progress)
     logs_in_memory = [source for source in sources if isinstance(source, Log)]
@@ -196,7 +192,7 @@ def identify(
     found = estimate_two_step(
         robot, datasets, model, solver, encoder_offset_std, executor, progress
     )
-    if estimator == INSTRUMENTAL:
+    if estimator == "iv":
         found = estimate_instrumental(robot, datasets, model, found, encoder_offset_std, executor)
     if method == "simultaneous":
         found = estimate_simultaneous(

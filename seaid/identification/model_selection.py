@@ -17,7 +17,7 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping
 from seaid._progress import track
 from seaid.drives import PARAMETERS_OF, Drive
-from seaid.errors import IdentificationError, RobotError, SeaidError, unknown_name
+from seaid.errors import IdentificationError, RobotError, SeaidError, checked, unknown_name
 from seaid.estimation import (
     ModelComparison,
     common_rows,
@@ -92,13 +92,14 @@ class TermSelection(Shown):
     robot: Robot
 
 
+@checked(IdentificationError)
 def compare_terms(
     robot: Robot,
     logs: Source | Sequence[Source],
     *,
-    joints: Sequence[str] | None = None,
+    joints: str | Sequence[str] | None = None,
     terms: Mapping[str, Sequence[str]] | None = None,
-    torque_joints: Sequence[str] | None = None,
+    torque_joints: str | Sequence[str] | None = None,
     cutoff_hz: float | None = None,
     progress: bool = False,
 ) -> TermSelection:

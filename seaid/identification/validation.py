@@ -11,7 +11,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray
 from seaid._progress import track
-from seaid.errors import IdentificationError
+from seaid.errors import IdentificationError, checked
 from seaid.identification.identification import Identification, identify
 from seaid.identification.linearisation import under_load, with_gear_torque
 from seaid.identification.results import Shown
@@ -84,6 +84,7 @@ class Validation(Shown):
         }
 
 
+@checked(IdentificationError)
 def validate(identification: Identification, log: Log) -> Validation:
     """Predict the torques of another log and compare them with the measured ones.
 
@@ -278,6 +279,7 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
+@checked(IdentificationError)
 def cross_validate(
     robot: Robot,
     logs: Log | Sequence[Log],

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 from seaid._arrays import FrozenMapping
 from seaid._files import MOST_TOML_BYTES, read_toml
@@ -63,6 +63,9 @@ class Servo:
         ]
 
 
+Side = Literal["motor", "joint"]
+
+
 @dataclass(frozen=True)
 class Source:
     """The source of a quantity: value = sign scale (unit in SI) times column + offset.
@@ -96,7 +99,7 @@ class Source:
     counts_per_m: float | None = None
     torque_constant_Nm_per_A: float | None = None
     times: str | float | None = None
-    side: str | None = None
+    side: Side | None = None
     time: Clock | None = None
     servo: Servo | None = None
 
@@ -343,7 +346,7 @@ def _check_source(where: str, quantity: str, source: Source) -> None:
     if source.side is not None and kind not in ("position", "torque"):
         raise LogError(f"{where}: only positions and torques have a side of the gear")
     if source.side not in (None, "motor", "joint"):
-        raise LogError(f"{where}: {unknown_name('side', source.side, ('motor', 'joint'))}")
+        raise LogError(f"{where}: {unknown_name('side', source.side, get_args(Side))}")
     for name in ("scale", "wraps", "counts_per_turn", "counts_per_m", "torque_constant_Nm_per_A"):
         value = getattr(source, name)
         may_be_negative = name == "scale"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.errors import LogError
+from seaid.errors import LogError, checked
 
 _RESOLVED = 0.05
 """Relative standard error above which the motion is too small to determine a ratio."""
@@ -31,6 +31,7 @@ class GearRatio:
     misfit_rad: float
 
 
+@checked(LogError)
 def gear_ratio(
     motor_angle_rad: Array | Sequence[Array], output_angle_rad: Array | Sequence[Array]
 ) -> GearRatio:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.errors import LogError, in_one_line, listed, shortened
+from seaid.errors import LogError, checked, in_one_line, listed, shortened
 from seaid.log.description import Clock, LogDescription, Source
 from seaid.log.readers.opening import log_path, open_table
 from seaid.log.readers.table import Block, Table
@@ -414,6 +414,7 @@ class Description:
         return "\n".join([*lines, f"not used: {listed(self.unused, _SHOWN) or 'none'}"])
 
 
+@checked(LogError)
 def describe_log(path: str | Path, robot: Robot | None = None) -> Description:
     """Infer a log description from the names and values of the columns of a log.
 

@@ -15,7 +15,7 @@ import numpy as np
 from seaid._arrays import Array, frozen
 from seaid._files import write_csv, write_whole
 from seaid.drives import SeriesElasticDrive
-from seaid.errors import LogError, listed, shown, unknown_name
+from seaid.errors import LogError, checked, listed, shown, unknown_name
 from seaid.log.readers.hdf5_file import write_hdf5
 from seaid.log.readers.parquet_file import write_parquet
 from seaid.log.readers.table import Table
@@ -313,6 +313,7 @@ def _check_sensors(robot: Robot, joint: str, found: list[str], hint: str) -> Non
         )
 
 
+@checked(LogError)
 def write_log(log: Log, path: str | Path) -> None:
     """Write a log to a file, completely or not at all.
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.errors import LogError, shown
+from seaid.errors import LogError, checked, shown
 from seaid.log.filtering import decimation
 from seaid.log.gaps import holes
 from seaid.log.log import MINIMUM_SAMPLES, Column, Log, log_of, wanted_columns
@@ -91,6 +91,7 @@ class LongLog:
             yield replace(motion, fastest=self.fastest), part
 
 
+@checked(LogError)
 def open_long_log(
     path: str | Path,
     robot: Robot,

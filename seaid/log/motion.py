@@ -10,7 +10,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.drives import SeriesElasticDrive
-from seaid.errors import LogError
+from seaid.errors import LogError, checked
 from seaid.log.filtering import CutoffSelection, low_pass, select_cutoff, spline_derivatives
 from seaid.log.gaps import HOLES, check_whole, holes, stretches
 from seaid.log.log import Log
@@ -144,6 +144,7 @@ class Motion:
         return _rate_hz(self.time)
 
 
+@checked(LogError)
 def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -> Motion:
     """Return the motion of a log: resampled if needed, filtered and differentiated.
 

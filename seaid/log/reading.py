@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.errors import LogError, SeaidWarning, shown
+from seaid.errors import LogError, SeaidWarning, checked, shown
 from seaid.log.custom_columns import both_sides, channels_of
 from seaid.log.description import Described, LogDescription, description_for
 from seaid.log.log import (
@@ -36,6 +36,7 @@ _FAR, _SLACK = 1.0, 0.2
 values in degrees are within the limits by this slack [rad]."""
 
 
+@checked(LogError)
 def read_log(
     path: str | Path,
     robot: Robot,

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array, BoolArray, frozen, safely, seed_of
-from seaid.errors import ExcitationError, RobotError, SeaidError
+from seaid.errors import ExcitationError, RobotError, SeaidError, checked
 from seaid.log import Motion
 from seaid.regressor.rigid_body import regressor_at_drives
 from seaid.robot import Robot
@@ -71,11 +71,12 @@ class BaseParameters:
         return np.asarray(inverse @ values)
 
 
+@checked(RobotError)
 def base_parameters(
     robot: Robot,
     motion: Motion | None = None,
     *,
-    torque_joints: Sequence[str] | None = None,
+    torque_joints: str | Sequence[str] | None = None,
     seed: int = 0,
 ) -> BaseParameters:
     """Return the base parameters of a robot, structural ones or those that a motion excites.
@@ -263,6 +264,7 @@ class CrossCheck:
     counts: tuple[int, int]
 
 
+@checked(SeaidError)
 def cross_check(numeric: BaseParameters, exact: BaseParameters) -> CrossCheck:
     """Compare the numeric base parameters of a robot with its exact ones.
 

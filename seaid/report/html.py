@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from seaid._files import plain, write_whole
-from seaid.errors import SeaidError
+from seaid.errors import SeaidError, checked
 from seaid.identification import Identification, Validation, compared
 from seaid.report.html_experiment import (
     known_rows,
@@ -44,6 +44,7 @@ from seaid.report.html_verdict import verdict, warnings_of
 Fact = str | int | float
 
 
+@checked(SeaidError)
 def write_report(
     found: Identification,
     results: Validation | Iterable[Validation],

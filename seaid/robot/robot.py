@@ -20,7 +20,7 @@ from seaid.drives import (
     drives_from_mapping,
     read_drives,
 )
-from seaid.errors import RobotError, SeaidWarning, unknown_name
+from seaid.errors import RobotError, SeaidWarning, checked, unknown_name
 from seaid.robot.inertia import parameter_names, to_pinocchio
 from seaid.robot.pinocchio_model import TURNING, Assembly, Payload, assemble, moving_joints
 from seaid.robot.transmission import check_transmission, transmission_matrix
@@ -151,6 +151,7 @@ class Robot:
         return self.with_values(np.where(self.is_known, self.parameters, np.nan), known)
 
 
+@checked(RobotError)
 def load_robot(
     urdf: str | Path,
     drives: str | Path | Mapping[str, Any] | None = None,

@@ -9,7 +9,7 @@ import numpy as np
 
 from seaid._arrays import Array, check_rate, frozen, seed_of
 from seaid._progress import track
-from seaid.errors import SeaidError
+from seaid.errors import SeaidError, checked
 from seaid.excitation import Trajectory
 from seaid.log import Log, Motion
 from seaid.robot import Robot, torques_at_joints
@@ -56,6 +56,7 @@ class Noise:
     torque_std_Nm: float | tuple[float, ...] = 0.0
 
 
+@checked(SeaidError)
 def simulate(
     robot: Robot,
     trajectory: Trajectory,

@@ -16,7 +16,7 @@ from typing import Any, Self
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.errors import SeaidError, reason_of, unknown_name
+from seaid.errors import SeaidError, checked, reason_of, unknown_name
 from seaid.excitation import Excitation, Trajectory
 from seaid.log import Log, Motion
 from seaid.robot import Robot
@@ -211,6 +211,7 @@ _POSTURES = 40
 """Number of postures per motion that the camera shows."""
 
 
+@checked(SeaidError)
 def view_robot(
     robot: Robot,
     motions: Mapping[str, Shown] | Sequence[Shown] | Shown = (),

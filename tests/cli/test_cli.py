@@ -25,6 +25,7 @@ from seaid._files import plain
 from seaid.cli import main
 from seaid.cli.commands import app
 from seaid.cli.messages import with_options
+from seaid.regressor import Sensor
 
 ROOT = Path(__file__).parents[2]
 HELP_SECONDS = 1.0
@@ -181,7 +182,7 @@ def test_inspect_shows_tree_drives_base_parameters_and_sensors(arm: Path) -> Non
 
 
 def test_inspect_of_given_sensors_is_in_detail(arm: Path) -> None:
-    sensors = ("motor_position", "joint_position", "motor_torque")
+    sensors: tuple[Sensor, ...] = ("motor_position", "joint_position", "motor_torque")
     said = done("inspect", *robot_and_drives(arm), "--sensors", ",".join(sensors))
     robot = seaid.load_robot(arm / "arm.urdf", arm / "arm.toml")
     assert str(seaid.identifiability(robot, sensors)) in said.out

@@ -14,6 +14,7 @@ import seaid
 from seaid._arrays import Array
 from seaid.drives.drives import StiffDrive
 from seaid.errors import IdentificationError, LogError, SeaidError
+from seaid.estimation import EstimatorName
 from seaid.log.reading import Log
 from seaid.regressor.rigid_body import joint_torques
 from seaid.robot.robot import Robot
@@ -96,7 +97,9 @@ def test_nonlinear_friction_from_a_sensor_at_the_joint(
 
 
 @pytest.mark.parametrize("estimator", ["wls", "tukey"])
-def test_a_motor_fed_with_current_that_hardly_moves(pendulum: Robot, estimator: str) -> None:
+def test_a_motor_fed_with_current_that_hardly_moves(
+    pendulum: Robot, estimator: EstimatorName
+) -> None:
     robot = pendulum.with_drives({"hinge": StiffDrive(motor_input="current")})
     slow = np.where(TIME < 5.0, 1e-12 * ANGLE, 0.0)
     with pytest.raises(IdentificationError, match=r"0 rows \(.* near standstill\) cannot det"):

@@ -9,16 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 
 from seaid._arrays import FrozenMapping, seed_of
 from seaid.drives import SeriesElasticDrive
-from seaid.errors import RobotError, unknown_name
+from seaid.errors import RobotError, checked, unknown_name
 from seaid.regressor.base import BaseParameters
 from seaid.robot import Robot
 
-SENSORS = (
+Sensor = Literal[
     "motor_position",
     "joint_position",
     "deflection",
@@ -26,8 +27,10 @@ SENSORS = (
     "motor_current",
     "motor_voltage",
     "joint_torque",
-)
+]
 """Sensors of a joint: encoders of motor and joint, one across the spring; motor input; torque."""
+
+SENSORS = get_args(Sensor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +91,10 @@ class Identifiability:
         return self.table()
 
 
+@checked(RobotError)
 def identifiability(
     robot: Robot,
-    sensors: Iterable[str] | Mapping[str, Iterable[str]] | None = None,
+    sensors: Iterable[Sensor] | Mapping[str, Iterable[Sensor]] | None = None,
     *,
     conditions: Sequence[Robot] = (),
     seed: int = 0,
@@ -169,7 +173,7 @@ def identifiability(
 
 
 def _sensed(
-    robot: Robot, sensors: Iterable[str] | Mapping[str, Iterable[str]] | None
+    robot: Robot, sensors: Iterable[Sensor] | Mapping[str, Iterable[Sensor]] | None
 ) -> dict[str, frozenset[str]]:
     """Return {joint: sensors} of all joints, checked."""
     if sensors is None:
