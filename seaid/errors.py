@@ -148,6 +148,9 @@ MADE_BY = {
     "BaseParameters": "seaid.base_parameters(robot)",
     "Scene": "seaid.load_scene(urdf, robot)",
     "Payload": "seaid.Payload(link, mass)",
+    "Limits": "seaid.Limits(velocity=2.0)",
+    "Repairs": "seaid.Repairs()",
+    "LogDescription": "seaid.describe_log(path, robot).description",
     "Delay": "seaid.estimate_delays(robot, log)",
 }
 """{type of an argument: the call that makes one}."""
@@ -224,13 +227,15 @@ def _fits(value: Any, hint: Any) -> bool:
     if kind.__module__ == "pathlib":
         return isinstance(value, os.PathLike)
     if kind.__module__ == "numpy":
-        return not isinstance(value, str | NoneType)
+        return hasattr(value, "__array__") or isinstance(value, Sequence | SupportsFloat)
     if not issubclass(kind, Iterable) or issubclass(kind, str | Mapping) or not get_args(hint):
         return isinstance(value, kind)
     if isinstance(value, str | bytes | Mapping) or not hasattr(value, "__iter__"):
         return False
     inner = str if get_origin(get_args(hint)[0]) is Literal else get_args(hint)[0]
-    return all(_fits(one, inner) for one in (value if isinstance(value, list | tuple) else ()))
+    is_plain = get_origin(inner) in (None, Union, UnionType)  # no list within a list
+    elements = value if is_plain and isinstance(value, list | tuple) else ()
+    return all(_fits(one, inner) for one in elements)
 
 
 def _mismatch(function: str, name: str, given: Mapping[str, Any], hints: Mapping[str, Any]) -> str:
@@ -279,10 +284,10 @@ def _described(parts: Iterable[Any]) -> str:
         elif issubclass(kind, Mapping):
             words.append("a mapping")
         else:
-            inner = get_args(part)[0]
-            one = "names" if inner is str or get_origin(inner) is Literal else "these"
-            one = f"{inner.__name__}s" if inner.__module__.startswith("seaid") else one
-            words.append(f"a list of {'numbers' if inner in (int, float) else one}")
+            inner = get_origin(get_args(part)[0]) or get_args(part)[0]
+            plain = {str: "names", Literal: "names", int: "numbers", float: "numbers"}
+            plain |= {Union: "these", UnionType: "these"}
+            words.append(f"a list of {plain.get(inner) or f'{inner.__name__}s'}")
     words = list(dict.fromkeys(word for word in words if word != "None"))
     return " or ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 

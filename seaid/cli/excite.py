@@ -140,17 +140,16 @@ def excite(
 
 
 def _plan_text(name: str, plan: Excitation, motion: Trajectory) -> str:
+    from seaid.report import condition_lines
+
     begin, end = motion.main_interval
     total = f" ({motion.duration:.4g} s with run-in and run-out)"
     run_ins = total if end - begin < motion.duration else ""
-    first, last = (one[0] / one[-1] for one in (plan.start_singular_values, plan.singular_values))
     return "\n".join(
         [
             f"{name}: a motion of {end - begin:.4g} s{run_ins} for {len(plan.names)} parameters; "
             f"{plan.criterion} {plan.value:.4g}",
-            f"condition number of the scaled columns: random start {first:.4g}, planned {last:.4g}",
-            f"condition number of the {len(plan.base.columns)} base columns: "
-            f"{plan.condition_number:.4g}",
+            *condition_lines(plan),
         ]
     )
 

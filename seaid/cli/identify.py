@@ -149,7 +149,6 @@ def validate(
     seaid validate arm.urdf c.csv --from a.csv --from b.csv -o parameters.json
     """
     from seaid.identification import validate as validated
-    from seaid.report import validation_table
 
     check_validation_logs([log], from_logs)
     check_outputs(output, force=force, read=(urdf, drives, description, log, *from_logs))
@@ -161,7 +160,7 @@ def validate(
     result = validated(found, unseen)
     if output is not None:
         found.save(output, result)
-    text = [validation_table(result), *(f"! {flag}" for flag in found.flags)]
+    text = [result.summary(), *(f"! {flag}" for flag in found.flags)]
     show("\n".join(text), {**result.to_dict(), "flags": found.flags}, as_json)
     show_paths(as_json, output)
 

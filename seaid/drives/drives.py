@@ -13,6 +13,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Self, get_args
 
 from seaid._arrays import FrozenMapping, number
+from seaid._display import Display
 from seaid.drives.terms import (
     COULOMB,
     NONLINEAR_SPRING,
@@ -199,7 +200,7 @@ _PLAIN_FRICTION = ("viscous", "coulomb")
 _NOTHING: Mapping[str, float] = FrozenMapping({})
 
 
-class _Parameters:
+class _Parameters(Display):
     """The parameters of a drive by name, wherever their values are stored."""
 
     known: tuple[str, ...]
@@ -249,7 +250,7 @@ class _Parameters:
         return replace(self, nominal=nominal, **changes)  # type: ignore[type-var]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class StiffDrive(_Parameters):
     """A motor behind a stiff gear: joint torque = N (tau_M - I_M theta_M'' - friction).
 
@@ -328,7 +329,7 @@ class StiffDrive(_Parameters):
         return self.joint_units
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SeriesElasticDrive(_Parameters):
     """A motor with gear, and a spring between two pulleys (Fig. 1 of the paper).
 

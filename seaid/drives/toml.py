@@ -124,7 +124,7 @@ def write_drives(drives: Mapping[str, Drive], path: str | Path) -> None:
 
     Examples
     --------
-    >>> seaid.write_drives(identification.robot.drives, "leg_drives.toml")
+    >>> seaid.write_drives(result.robot.drives, "leg_drives.toml")
     """
     import tomli_w
 

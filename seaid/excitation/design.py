@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from seaid._arrays import Array, safely, seed_of
+from seaid._display import Result, counted
 from seaid.errors import ExcitationError, SeaidWarning, checked
 from seaid.excitation.basis import BasisName, make_basis
 from seaid.excitation.boundary import IN_MOTION, EndState, motion_space
@@ -46,8 +47,8 @@ _REPORT_SAMPLES = 2000
 _safely = partial(safely, what="the regressor of the motion", error=ExcitationError)
 
 
-@dataclass(frozen=True, eq=False)
-class Excitation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Excitation(Result):
     """A planned motion, its criterion and its margins to the limits.
 
     Attributes
@@ -69,6 +70,8 @@ class Excitation:
         Of the scaled observation matrix of the plan, and of the best random start.
     """
 
+    table_name = "excitation_table"
+
     trajectory: Trajectory
     condition_number: float
     base: BaseParameters
@@ -81,6 +84,10 @@ class Excitation:
     standard_errors: Array
     singular_values: Array
     start_singular_values: Array
+
+    def _in_short(self) -> str:
+        parameters = counted(len(self.names), "parameter")
+        return f"{self.trajectory._in_short()}; {parameters}, {self.criterion} {self.value:.4g}"
 
 
 @checked(ExcitationError)
@@ -274,5 +281,5 @@ def _warn_if_early(outcome: Outcome, meaning: str) -> None:
             f"the search for an excitation ended early: {outcome.early}; the motion keeps all "
             f"limits, its {meaning} is {np.exp(outcome.value):.4g}",
             SeaidWarning,
-            stacklevel=3,
+            stacklevel=4,
         )

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.linalg
 
 from seaid._arrays import safely
+from seaid._display import Display
 from seaid._files import write_whole
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import RobotError, checked
@@ -97,8 +98,8 @@ _SETTINGS_NOTE = (
 )
 
 
-@dataclass(frozen=True)
-class WrittenMjcf:
+@dataclass(frozen=True, repr=False)
+class WrittenMjcf(Display):
     """The file written, and `notes` on what differs from the identified model."""
 
     path: Path

@@ -16,8 +16,9 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array, FrozenMapping
+from seaid._display import MOST_NAMES, Result, counted
 from seaid.drives import PARAMETERS
-from seaid.errors import IdentificationError, checked, shown, unknown_name
+from seaid.errors import IdentificationError, checked, listed, shown, unknown_name
 from seaid.estimation import (
     Estimate,
     Estimator,
@@ -34,7 +35,6 @@ from seaid.identification.drive_estimates import merged_estimates, spring_of, wi
 from seaid.identification.identification import Identification, identification_of
 from seaid.identification.linearisation import linearised_robot
 from seaid.identification.nonlinear_terms import with_fixed_flags
-from seaid.identification.results import Shown
 from seaid.identification.two_step import (
     RobotEstimate,
     SideFit,
@@ -298,8 +298,8 @@ CONDITION_SPECIFIC = ("spring_offset", "deflection_zero")
 """Default: encoders are zeroed anew when a robot is switched on."""
 
 
-@dataclass(frozen=True, eq=False)
-class Conditions(Shown):
+@dataclass(frozen=True, eq=False, repr=False)
+class Conditions(Result):
     """The identifications of several conditions.
 
     Attributes
@@ -317,6 +317,11 @@ class Conditions(Shown):
     identifications: Mapping[str, Identification]
     condition_specific: tuple[str, ...]
     differences: Mapping[str, TermTest]
+
+    def _in_short(self) -> str:
+        differ = sum(test.bic > 0 for test in self.differences.values())
+        specific = counted(len(self.differences), "specific parameter")
+        return f"{listed(self.identifications, MOST_NAMES)}: {specific}, differing: {differ}"
 
 
 @checked(IdentificationError)

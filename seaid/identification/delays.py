@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, IndexArray, safely
+from seaid._display import Display
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError, checked, unknown_name
 from seaid.estimation import newey_west
@@ -41,8 +42,8 @@ _WIDER = 2.0
 _RANK = 1e-10
 
 
-@dataclass(frozen=True)
-class Delay:
+@dataclass(frozen=True, repr=False)
+class Delay(Display):
     """Delay of a channel of a joint relative to other channels.
 
     Attributes

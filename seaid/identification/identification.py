@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
+from seaid._display import Result, counted
 from seaid._files import write_json
 from seaid.errors import IdentificationError, checked
 from seaid.estimation import Estimate, EstimatorName, ModelChecks, estimator_named
@@ -22,7 +23,6 @@ from seaid.identification.linearisation import linearised_robot
 from seaid.identification.log_checks import check_channels, check_excitation, sign_flags
 from seaid.identification.nonlinear_terms import with_fixed_flags
 from seaid.identification.physical.consistency import FeasibleParameters, feasible_parameters
-from seaid.identification.results import Shown
 from seaid.identification.simultaneous import estimate_simultaneous
 from seaid.identification.two_step import RobotEstimate, estimate_two_step, joints_with_torque
 from seaid.log import Log, Motion, Processing, stretches
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 Method = Literal["two-step", "simultaneous"]
 
 
-@dataclass(frozen=True, eq=False)
-class Identification(Shown):
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification(Result):
     """The parameters of a robot identified from one log or several.
 
     Attributes
@@ -83,6 +83,11 @@ class Identification(Shown):
     feasible: FeasibleParameters | None = None
     processing: tuple[Processing, ...] = ()
     motions: tuple[Motion, ...] = ()
+
+    def _in_short(self) -> str:
+        drives, flags = counted(len(self.drives), "drive"), counted(len(self.flags), "flag")
+        sizes = f"{drives}, {counted(len(self.load.names), 'base parameter')}"
+        return f"'{self.robot.name}': {sizes}, cutoff {self.cutoff_hz:.3g} Hz, {flags}"
 
     @cached_property
     def flags(self) -> tuple[str, ...]:

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from seaid._arrays import FrozenMapping
+from seaid._display import MOST_NAMES, Display, counted
 from seaid._files import MOST_TOML_BYTES, read_toml
-from seaid.errors import LogError, shortened, shown, unknown_name
+from seaid.errors import LogError, listed, shortened, shown, unknown_name
 from seaid.log.log import SENSORS, UNIT_FACTORS
 from seaid.log.repair.data import Repairs
 
@@ -109,8 +110,8 @@ class Source:
         return own + (self.servo.columns() if self.servo else [])
 
 
-@dataclass(frozen=True, eq=False)
-class LogDescription:
+@dataclass(frozen=True, eq=False, repr=False)
+class LogDescription(Display):
     """The meaning of the columns of a log, for `read_log`.
 
     Attributes
@@ -127,8 +128,9 @@ class LogDescription:
 
     Examples
     --------
+    >>> from seaid.log.description import Clock, Source
     >>> source = Source("pos_2", unit="deg")
-    >>> description = LogDescription({"elbow": {"joint_position": source}}, Clock("t"))
+    >>> description = seaid.LogDescription({"elbow": {"joint_position": source}}, Clock("t"))
     >>> print(description.to_toml())
     """
 
@@ -136,6 +138,10 @@ class LogDescription:
     time: Clock | None = None
     where: str | None = None
     repair: Repairs = field(default_factory=Repairs)
+
+    def _in_short(self) -> str:
+        columns = counted(sum(map(len, self.joints.values())), "column")
+        return f"joints {listed(self.joints, MOST_NAMES)}: {columns}"
 
     def __post_init__(self) -> None:
         copied = {joint: FrozenMapping(sources) for joint, sources in self.joints.items()}
@@ -224,11 +230,6 @@ def description_for(path: Path, description: Described | None) -> LogDescription
         return _described("description=", description.to_dict())
     if isinstance(description, Mapping):
         return _described("description=", description)
-    if not isinstance(description, str | os.PathLike | None):
-        raise LogError(
-            "description= must be a LogDescription, a mapping or the path of a TOML file, found "
-            f"{shown(description)}"
-        )
     if description is not None:
         return _described(f"'{description}'", read_toml(description, "the description", LogError))
     if not path.name:  # '.' or '/'

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, frozen
+from seaid._display import Display, sampled_text
 from seaid._files import write_csv, write_whole
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError, checked, listed, shown, unknown_name
@@ -64,11 +65,6 @@ def wanted_columns(
     path: Path, table: Table, robot: Robot, columns: Mapping[str, Column]
 ) -> dict[str, tuple[str, float]]:
     """Return {column of seaid: (column of the file, factor to SI)} of the columns in the file."""
-    if not isinstance(columns, Mapping):
-        raise LogError(
-            "columns= must be a mapping {column of seaid: column of the file}, found "
-            f"{shown(columns)}"
-        )
     allowed = ["time_s"]
     for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True):
         allowed += column_names(joint, is_prismatic)
@@ -130,8 +126,8 @@ LARGEST = 1e15
 """Largest magnitude of a sample in SI units, so that its powers do not overflow."""
 
 
-@dataclass(frozen=True, eq=False)
-class Log:
+@dataclass(frozen=True, eq=False, repr=False)
+class Log(Display):
     """Samples of the sensors of n joints at T instants; the column of a missing sensor is NaN.
 
     Attributes
@@ -163,6 +159,8 @@ class Log:
     >>> log.between(2.0, 5.0).motor_position.shape
     """
 
+    table_name = "log_table"
+
     time: Array
     joint_names: tuple[str, ...]
     motor_position: Array
@@ -173,6 +171,11 @@ class Log:
     motor_current: Array | None = None
     motor_voltage: Array | None = None
     report: tuple[Repair, ...] = ()
+
+    def _in_short(self) -> str:
+        logged = [name for name, x in self.sensors().items() if not np.all(np.isnan(x))]
+        kinds = ", ".join(name.replace("_", " ") for name in logged)
+        return f"{sampled_text(self.time, self.joint_names)}: {kinds}"
 
     def __post_init__(self) -> None:
         shape = (len(np.atleast_1d(self.time)), len(self.joint_names))

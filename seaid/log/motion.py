@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seaid._arrays import Array
+from seaid._display import Display, sampled_text
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError, checked
 from seaid.log.filtering import CutoffSelection, low_pass, select_cutoff, spline_derivatives
@@ -84,8 +85,8 @@ SHORTEST_STRETCH = 4.0
 """Shortest stretch between two holes in periods of the cutoff: the transients take half of it."""
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
+@dataclass(frozen=True, eq=False, repr=False)
+class Motion(Display):
     """The motion of both sides of n joints at T instants of a uniform grid.
 
     Attributes
@@ -132,6 +133,9 @@ class Motion:
     motor_voltage: Array | None = None
     gear_torque: Array | None = None
     processing: Processing | None = None
+
+    def _in_short(self) -> str:
+        return f"{sampled_text(self.time, self.joint_names)}, cutoff {self.cutoff_hz:.3g} Hz"
 
     @property
     def joint_states(self) -> tuple[Array, Array, Array]:

@@ -12,6 +12,7 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array, BoolArray, frozen, safely, seed_of
+from seaid._display import Result, counted
 from seaid.errors import ExcitationError, RobotError, SeaidError, checked
 from seaid.log import Motion
 from seaid.regressor.rigid_body import regressor_at_drives
@@ -29,8 +30,8 @@ _ROUNDING = 1e-12
 """Grouping coefficients of unit columns below this are rounding errors."""
 
 
-@dataclass(frozen=True, eq=False)
-class BaseParameters:
+@dataclass(frozen=True, eq=False, repr=False)
+class BaseParameters(Result):
     """The p identifiable combinations of m standard parameters.
 
     base = grouping @ standard, and Y @ standard = Y[..., columns] @ base for every motion.
@@ -49,11 +50,17 @@ class BaseParameters:
         decision.
     """
 
+    table_name = "base_table"
+
     columns: tuple[int, ...]
     names: tuple[str, ...]
     expressions: tuple[str, ...]
     grouping: Array
     gap: float
+
+    def _in_short(self) -> str:
+        combinations, parameters = map(counted, self.grouping.shape, ("combination", "parameter"))
+        return f"{combinations} of {parameters}, gap {self.gap:.2g}"
 
     def reduce(self, Y: Array) -> Array:
         """Return the base columns (..., p) of a standard regressor (..., m)."""
@@ -239,8 +246,8 @@ AGREEMENT = 1e-9
 """The largest difference of groupings that rounding can cause."""
 
 
-@dataclass(frozen=True)
-class CrossCheck:
+@dataclass(frozen=True, repr=False)
+class CrossCheck(Result):
     """Comparison of numeric and exact base parameters.
 
     Attributes
@@ -256,6 +263,8 @@ class CrossCheck:
     counts : (int, int)
         Number of base parameters, numeric and exact.
     """
+
+    table_name = "cross_check_text"
 
     agree: bool
     same_columns: bool

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, finite, frozen
+from seaid._display import Display, counted
 from seaid.drives import (
     IDEAL_DRIVE,
     Drive,
@@ -29,8 +30,8 @@ from seaid.robot.urdf import SNAP_RAD, UrdfTree, read_urdf
 __all__ = ["Payload", "Robot", "load_robot"]
 
 
-@dataclass(frozen=True, eq=False)
-class Robot:
+@dataclass(frozen=True, eq=False, repr=False)
+class Robot(Display):
     """A fixed-base tree of n one-axis joints with their drives, made by `load_robot`.
 
     Attributes
@@ -55,6 +56,8 @@ class Robot:
         Bodies whose parameters are known and not identified.
     """
 
+    table_name = "robot_table"
+
     name: str
     joint_names: tuple[str, ...]
     body_names: tuple[str, ...]
@@ -70,6 +73,10 @@ class Robot:
     effort_limits: Array
     urdf: Path | None = None
     known_bodies: tuple[str, ...] = ()
+
+    def _in_short(self) -> str:
+        springs = counted(len(self.elastic_joints), "spring")
+        return f"'{self.name}': {counted(self.n, 'joint')}, {springs}"
 
     @property
     def n(self) -> int:
@@ -207,7 +214,7 @@ def load_robot(
         warnings.warn(
             f"'{tree.name}': mimic joints are taken as independent: {', '.join(mimics)}",
             SeaidWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
     by_joint = _drives(tree, moving, drives)
     built = assemble(tree, moving, payloads, finite("gravity", gravity, (3,), RobotError))
@@ -242,8 +249,6 @@ def _robot(
 
 
 def _known_bodies(robot: Robot, tree: UrdfTree, names: Sequence[str]) -> tuple[str, ...]:
-    if isinstance(names, str):
-        raise RobotError(f"known_bodies= must be a list of names, found the text '{names}'")
     bodies = robot.parameters.reshape(-1, 10)
     for name in names:
         if name in tree.links and name not in robot.body_names:
@@ -265,13 +270,8 @@ def _drives(
         given: dict[str, Drive] = {}
     elif isinstance(drives, str | Path):
         given = read_drives(drives)
-    elif isinstance(drives, Mapping):
-        given = drives_from_mapping(drives)
     else:
-        raise RobotError(
-            "drives= must be the path of a TOML file or {joint: drive}, found "
-            f"{type(drives).__name__}"
-        )
+        given = drives_from_mapping(drives)
     for name in given:
         if name not in tree.joints:
             raise RobotError(

@@ -56,7 +56,7 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
 
     Examples
     --------
-    >>> replayed = seaid.replay(identification.robot, log)
+    >>> replayed = seaid.replay(result.robot, log)
     >>> np.std(replayed.joint_position - log.joint_position, axis=0)
     """
     check_whole(log)

@@ -16,6 +16,7 @@ from typing import Any, Self
 import numpy as np
 
 from seaid._arrays import Array
+from seaid._display import Display, counted
 from seaid.errors import SeaidError, checked, reason_of, unknown_name
 from seaid.excitation import Excitation, Trajectory
 from seaid.log import Log, Motion
@@ -28,8 +29,8 @@ from seaid.view.stage import Stage, paint, place, put_on_stage, set_the_view, sh
 _FRAMES_HZ = 30.0
 
 
-@dataclass(frozen=True, eq=False)
-class View:
+@dataclass(frozen=True, eq=False, repr=False)
+class View(Display):
     """An open window on a robot, from `view_robot`; its methods do the same as the panel.
 
     `stop` or the end of a `with` block closes it.
@@ -56,6 +57,9 @@ class View:
     _playing: threading.Event = field(default_factory=threading.Event, init=False, repr=False)
     _ended: threading.Event = field(default_factory=threading.Event, init=False, repr=False)
     _clock: threading.Thread = field(init=False, repr=False)
+
+    def _in_short(self) -> str:
+        return f"{self.url}: {counted(len(self.playbacks), 'motion')}"
 
     def __post_init__(self) -> None:
         self._listen()

@@ -194,7 +194,7 @@ def test_an_identification_can_be_sent_to_a_process() -> None:
     ("logs", "words"),
     [
         ([], "identify needs a log, found none"),
-        ([3.0], "logs must be Logs .*, found float"),
+        ([3.0], "logs= must be a Log, a LongLog, a path or a list of these, found a list with 3.0"),
     ],
 )
 def test_what_is_no_log(logs: Any, words: str) -> None:

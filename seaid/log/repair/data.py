@@ -8,11 +8,12 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from seaid._arrays import Array, frozen
+from seaid._display import Display
 from seaid.errors import LogError, shown
 
 
-@dataclass(frozen=True)
-class Repairs:
+@dataclass(frozen=True, repr=False)
+class Repairs(Display):
     """Limits within which a log is repaired; a log beyond them is refused.
 
     Attributes
@@ -69,8 +70,8 @@ class Repairs:
                 raise LogError(f"Repairs.{field.name} must be {allowed}, found {shown(value)}")
 
 
-@dataclass(frozen=True)
-class Repair:
+@dataclass(frozen=True, repr=False)
+class Repair(Display):
     """A fault of a channel, or of the clock of several, and its repair; str() is one sentence.
 
     Attributes

@@ -14,6 +14,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from seaid._arrays import FrozenMapping, seed_of
+from seaid._display import Result, counted
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import RobotError, checked, unknown_name
 from seaid.regressor.base import BaseParameters
@@ -33,8 +34,8 @@ Sensor = Literal[
 SENSORS = get_args(Sensor)
 
 
-@dataclass(frozen=True, eq=False)
-class Identifiability:
+@dataclass(frozen=True, eq=False, repr=False)
+class Identifiability(Result):
     """Structural identifiability of a robot's parameters, those of the drives and ten per body.
 
     Attributes
@@ -63,6 +64,8 @@ class Identifiability:
         Whether doubles give the same combinations and rank as exact arithmetic.
     """
 
+    table_name = "sensors_table"
+
     robot_name: str
     names: tuple[str, ...]
     identifiable: tuple[str, ...]
@@ -76,19 +79,16 @@ class Identifiability:
     gap: float
     agree: bool
 
+    def _in_short(self) -> str:
+        kinds = {"individually": self.identifiable, "in combination": self.combinations}
+        kinds |= {"up to scale": sum(self.ratios, ()), "unidentifiable": self.unidentifiable}
+        counts = ", ".join(f"{len(names)} {kind}" for kind, names in kinds.items())
+        return f"'{self.robot_name}': {counted(len(self.names), 'parameter')}: {counts}"
+
     @property
     def body_count(self) -> int:
         """Number of combinations whose first parameter is a body's: the base parameters."""
         return sum(" of " not in name for name in self.base.names)
-
-    def table(self) -> str:
-        """Return the result as text."""
-        from seaid.report import sensors_table
-
-        return sensors_table(self)
-
-    def __str__(self) -> str:
-        return self.table()
 
 
 @checked(RobotError)
