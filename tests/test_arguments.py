@@ -236,11 +236,10 @@ def test_one_joint_may_stand_without_a_list(given: Given) -> None:
 
 
 def test_numbers_of_numpy_and_tuples_are_arguments(given: Given) -> None:
-    motion = seaid.reconstruct_motion(given.robot, given.log, np.float32(8.0))
-    assert motion.cutoff_hz == 8.0
-    assert len(
-        seaid.base_parameters(given.robot, torque_joints=("shoulder",), seed=np.int64(1)).names
-    )
+    cutoff_hz: Any = np.float32(8.0)
+    seed: Any = np.int64(1)
+    assert seaid.reconstruct_motion(given.robot, given.log, cutoff_hz).cutoff_hz == 8.0
+    assert seaid.base_parameters(given.robot, torque_joints=("shoulder",), seed=seed).names
 
 
 @pytest.mark.parametrize("value", ["kne", "knee_pich"])

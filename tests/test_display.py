@@ -119,7 +119,7 @@ def test_every_object_has_one_line_and_html_with_the_content_of_its_text(
             assert one.summary() == str(one) == text
         else:
             assert str(one) == line or type(one).__str__ is not object.__str__
-    assert len(kinds) == 18
+    assert len(kinds) == 17
 
 
 def test_html_is_escaped() -> None:

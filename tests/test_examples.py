@@ -116,10 +116,9 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
     (place / "models").symlink_to(MODELS)
     result = seaid.identify(robot, logs[0], feasible=True)
     result.save(place / "parameters.json")
-    fewest = {"starts": 1, "iterations": 2}
     quick = Quick(
         identify=lambda *logs, **options: result,
-        design_excitation=partial(seaid.design_excitation, **fewest),
+        design_excitation=partial(seaid.design_excitation, starts=1, iterations=2),
         view_robot=partial(seaid.view_robot, port=0),
     )
     names = {"seaid": quick, "np": np, "Path": Path, "robot": robot, "result": result}
