@@ -13,7 +13,14 @@ import numpy as np
 import pytest
 
 import seaid
-from seaid.drives import PARAMETERS_OF, MotorInput
+from seaid.drives.terms import (
+    PARAMETERS_OF,
+    FrictionTerm,
+    JointFrictionTerm,
+    MotorInput,
+    ParallelSpringTerm,
+    SpringTerm,
+)
 from seaid.errors import MADE_BY, LogError, SeaidError, UnknownNameError, checked
 from seaid.estimation.estimators import ESTIMATORS, LinearEstimator
 from seaid.excitation.basis import _LEAST, BasisName
@@ -273,6 +280,10 @@ def test_what_makes_an_argument_is_a_function_or_a_type_of_seaid() -> None:
         (BasisName, _LEAST),
         (CriterionName, CRITERIA),
         (MotorInput, PARAMETERS_OF["motor_input"]),
+        (FrictionTerm, PARAMETERS_OF["friction"]),
+        (SpringTerm, PARAMETERS_OF["spring"]),
+        (ParallelSpringTerm, PARAMETERS_OF["parallel_spring"]),
+        (JointFrictionTerm, PARAMETERS_OF["joint_friction"]),
     ],
 )
 def test_every_name_of_a_choice_has_its_entry(names: Any, table: Any) -> None:

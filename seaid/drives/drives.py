@@ -19,7 +19,11 @@ from seaid.drives.terms import (
     NONLINEAR_SPRING,
     PARAMETERS,
     PARAMETERS_OF,
+    FrictionTerm,
+    JointFrictionTerm,
     MotorInput,
+    ParallelSpringTerm,
+    SpringTerm,
     key_of,
 )
 from seaid.errors import RobotError, shortened, shown, unknown_name
@@ -196,7 +200,7 @@ def _term_with(name: str) -> str:
     return "a nonlinear spring, of which it is the zero"
 
 
-_PLAIN_FRICTION = ("viscous", "coulomb")
+_PLAIN_FRICTION: tuple[FrictionTerm, ...] = ("viscous", "coulomb")
 _NOTHING: Mapping[str, float] = FrozenMapping({})
 
 
@@ -295,9 +299,9 @@ class StiffDrive(_Parameters):
     motor_inertia_kg_m2: float | None = None
     viscous_friction_Nms_per_rad: float | None = None
     coulomb_friction_Nm: float | None = None
-    friction: tuple[str, ...] = _PLAIN_FRICTION
+    friction: tuple[FrictionTerm, ...] = _PLAIN_FRICTION
     extra_terms: tuple[str, ...] = ()
-    parallel_spring: tuple[str, ...] = ()
+    parallel_spring: tuple[ParallelSpringTerm, ...] = ()
     motor_input: MotorInput = "torque"
     known: tuple[str, ...] = ()
     nominal: Mapping[str, float] = _NOTHING
@@ -367,11 +371,11 @@ class SeriesElasticDrive(_Parameters):
     stiffness_Nm_per_rad: float | None = None
     viscous_friction_Nms_per_rad: float | None = None
     coulomb_friction_Nm: float | None = None
-    friction: tuple[str, ...] = _PLAIN_FRICTION
+    friction: tuple[FrictionTerm, ...] = _PLAIN_FRICTION
     extra_terms: tuple[str, ...] = ()
-    spring: tuple[str, ...] = ("linear",)
-    parallel_spring: tuple[str, ...] = ()
-    joint_friction: tuple[str, ...] = ()
+    spring: tuple[SpringTerm, ...] = ("linear",)
+    parallel_spring: tuple[ParallelSpringTerm, ...] = ()
+    joint_friction: tuple[JointFrictionTerm, ...] = ()
     motor_input: MotorInput = "torque"
     known: tuple[str, ...] = ()
     nominal: Mapping[str, float] = _NOTHING

@@ -85,6 +85,21 @@ def key_of(name: str, unit: str) -> str:
     return f"{name}_{above}_per_{below}" if below else f"{name}_{above.replace('kgm2', 'kg_m2')}"
 
 
+FrictionTerm = Literal[
+    "viscous",
+    "coulomb",
+    "smooth_coulomb",
+    "shifted_coulomb",
+    "offset",
+    "asymmetric",
+    "quadratic",
+    "load",
+    "stribeck",
+]
+SpringTerm = Literal["linear", "cubic", "fifth", "dead_zone", "damping", "preload"]
+ParallelSpringTerm = Literal["linear", "preload"]
+JointFrictionTerm = Literal["viscous", "coulomb"]
+
 PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
     "friction": {
         "viscous": ("viscous_friction",),

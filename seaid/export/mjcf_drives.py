@@ -25,7 +25,7 @@ def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
     smooth = [term for term in drive.friction if term in SMOOTH]
     if smooth:
         notes.append(f"joint '{joint}': its {smooth[0]} is written as dry friction (friction loss)")
-    excluded = [term for term in drive.friction if term not in _SUPPORTED]
+    excluded: list[str] = [term for term in drive.friction if term not in _SUPPORTED]
     excluded += [f"extra term {term}" for term in drive.extra_terms]
     if excluded:
         notes.append(f"joint '{joint}': excluded, not available in MuJoCo: {', '.join(excluded)}")

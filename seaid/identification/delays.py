@@ -16,6 +16,7 @@ from seaid.errors import LogError, checked, unknown_name
 from seaid.estimation import newey_west
 from seaid.log import (
     Log,
+    LogField,
     Motion,
     Repair,
     column_names,
@@ -60,7 +61,7 @@ class Delay(Display):
     """
 
     joint: str
-    channel: str
+    channel: LogField
     against: str
     delay_s: float
     standard_error_s: float
@@ -88,7 +89,7 @@ class _Relation:
     """A linear relation without a delay: channel (T,) + rest (T,) = columns (T, p) @ parameters."""
 
     joint: str
-    channel: str
+    channel: LogField
     against: str
     values: Array
     rest: Array

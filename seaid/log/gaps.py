@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Final
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from seaid.log.repair.data import Repair
 MOST_EXCLUDED = 0.5
 """A log is refused if more than this share of its time lies in holes and too short stretches."""
 
-HOLES = "holes in time"
+HOLES: Final = "holes in time"
 """The kind of the `Repair` that reports holes."""
 
 

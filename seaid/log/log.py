@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from io import BytesIO
 from numbers import Real
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -37,15 +37,17 @@ UNIT_FACTORS = {
 }
 """{SI unit at the end of a column name: {unit: factor to the SI unit}}."""
 
-SENSORS = (
+LogField = Literal[
     "motor_position",
     "joint_position",
     "motor_torque",
     "joint_torque",
     "motor_current",
     "motor_voltage",
-)
+]
 """Fields of a `Log` with samples of sensors, each (T, n)."""
+
+SENSORS = get_args(LogField)
 
 
 def column_names(joint: str, is_prismatic: bool) -> dict[str, str]:

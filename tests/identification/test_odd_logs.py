@@ -12,6 +12,7 @@ import pytest
 
 import seaid
 from seaid._arrays import Array
+from seaid.drives import FrictionTerm
 from seaid.drives.drives import StiffDrive
 from seaid.errors import IdentificationError, LogError, SeaidError
 from seaid.estimation import EstimatorName
@@ -84,7 +85,7 @@ def test_a_time_in_another_unit_is_named() -> None:
 
 @pytest.mark.parametrize("friction", [("viscous", "smooth_coulomb"), ("viscous", "stribeck")])
 def test_nonlinear_friction_from_a_sensor_at_the_joint(
-    pendulum: Robot, friction: tuple[str, ...]
+    pendulum: Robot, friction: tuple[FrictionTerm, ...]
 ) -> None:
     """The torque of a stiff drive without a sensor of its own is that of the one at its joint."""
     terms = friction if "smooth_coulomb" in friction else (*friction, "coulomb")

@@ -12,7 +12,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray
 from seaid.errors import LogError
-from seaid.log.repair.data import FEWEST, Channel, Repair, Repairs
+from seaid.log.repair.data import FEWEST, Channel, Fault, Repair, Repairs
 
 _LATE_RUN, _HOLE = 5, 0.3
 """Most late samples in a row; their distance from earlier stamps in typical steps, at least."""
@@ -278,10 +278,11 @@ def _line(
             f"allowed {limits.largest_drift:.3g} (Repairs.largest_drift): check its unit, and that "
             "its rows belong to those of the other clock"
         )
-    for kind, there, size in (
+    faults: list[tuple[Fault, bool, str]] = [
         ("clock offset", shifted, f"{line.offset_s:.6g} s"),
         ("clock drift", drifts, f"{line.drift * 1e6:.4g} us/s"),
-    ):
+    ]
+    for kind, there, size in faults:
         if there:
             action = f"{size} relative to {name_first}, removed"
             found.append(Repair(name, kind, 1, float(np.nanmin(own)), action))
@@ -323,7 +324,7 @@ def _report_disorder(
 ) -> None:
     """Report the faults in the order of a clock's stamps."""
     jumps = ", ".join(f"{size:.4g} s" for _, size in clock.jumps)
-    for kind, places, action in (
+    faults: list[tuple[Fault, IndexArray, str]] = [
         ("stamps that are not finite", clock.unknown, "their samples were excluded"),
         ("late samples", clock.late, "sorted into place"),
         ("repeated stamps", clock.rows[repeats], "the first sample of each was kept"),
@@ -332,7 +333,8 @@ def _report_disorder(
             np.array([row for row, _ in clock.jumps], dtype=np.intp),
             f"of {jumps}, removed: the values are continuous",
         ),
-    ):
+    ]
+    for kind, places, action in faults:
         if len(places):
             before = float(raw[max(int(places[0]) - 1, 0)])
             found.append(Repair(name, kind, len(places), before, action))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from typing import Literal
 
 import numpy as np
 
@@ -70,6 +71,28 @@ class Repairs(Display):
                 raise LogError(f"Repairs.{field.name} must be {allowed}, found {shown(value)}")
 
 
+Fault = Literal[
+    "values that are no number",
+    "sudden zeros",
+    "held values",
+    "values of a slower sensor",
+    "constant channel",
+    "wraps",
+    "saturated samples",
+    "clock offset",
+    "clock drift",
+    "stamps that are not finite",
+    "late samples",
+    "repeated stamps",
+    "clock jumps",
+    "irregular steps",
+    "gaps",
+    "holes in time",
+    "delay",
+]
+"""Kinds of the faults of a log."""
+
+
 @dataclass(frozen=True, repr=False)
 class Repair(Display):
     """A fault of a channel, or of the clock of several, and its repair; str() is one sentence.
@@ -87,7 +110,7 @@ class Repair(Display):
     """
 
     channel: str
-    kind: str
+    kind: Fault
     count: int
     time_s: float
     action: str
