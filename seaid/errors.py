@@ -176,7 +176,8 @@ def checked(
             try:
                 given = signature.bind(*values, **named).arguments
             except TypeError:
-                raise error(_wrong_call(function.__name__, signature, values, named)) from None
+                text = _wrong_call(function.__name__, signature, values, named, hints())
+                raise error(text) from None
             for name, value in given.items():
                 if not _fits(value, hints().get(name, Any)):
                     raise error(_mismatch(function.__name__, name, given, hints()))
@@ -188,7 +189,11 @@ def checked(
 
 
 def _wrong_call(
-    function: str, signature: inspect.Signature, values: tuple[Any, ...], named: Mapping[str, Any]
+    function: str,
+    signature: inspect.Signature,
+    values: tuple[Any, ...],
+    named: Mapping[str, Any],
+    hints: Mapping[str, Any],
 ) -> str:
     """Return the message for arguments that are missing, unknown or too many."""
     for name in named:
@@ -203,9 +208,14 @@ def _wrong_call(
     if not missing:
         most = f"at most {len(ordered)} arguments without a name, found {len(values)}"
         return f"{call} takes {most}: write the others as name=value, each once"
-    hint = signature.parameters[missing[0]].annotation
-    maker = MADE_BY.get(str(hint).split(" | ")[0], "")
-    return f"{missing[0]} is missing: write {call}{maker and f', {missing[0]} made by {maker}'}"
+    maker = _maker(_parts(hints[missing[0]]))
+    return f"{missing[0]} is missing: write {call}{maker and f'; make it with {maker}'}"
+
+
+def _maker(parts: Iterable[Any]) -> str:
+    """Return the call that makes the first alternative which has one, else an empty text."""
+    names = (getattr(part, "__name__", "") for part in parts)
+    return next((MADE_BY[name] for name in names if name in MADE_BY), "")
 
 
 def _parts(hint: Any) -> tuple[Any, ...]:
@@ -258,8 +268,8 @@ def _mismatch(function: str, name: str, given: Mapping[str, Any], hints: Mapping
     ]
     if others and not _fits(given[others[0]], hints[others[0]]):
         return f"{text}: {name} and {others[0]} are swapped; write {function}({', '.join(given)})"
-    makers = [MADE_BY[part.__name__] for part in parts if getattr(part, "__name__", "") in MADE_BY]
-    return f"{text}; make one with {makers[0]}" if makers else text
+    maker = _maker(parts)
+    return f"{text}; make one with {maker}" if maker else text
 
 
 _WORDS = {int: "a whole number", float: "a number", bool: "True or False", str: "a name"}

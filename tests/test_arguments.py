@@ -176,7 +176,7 @@ CALLS: dict[str, Call] = {
     "a log without its robot": (
         "read_log",
         lambda x: (["run.csv"], {}),
-        r"robot is missing: write read_log\(path, robot\), robot made by seaid\.load_robot\(",
+        r"robot is missing: write read_log\(path, robot\); make it with seaid\.load_robot\(",
     ),
     "a motion without its duration": (
         "design_excitation",

@@ -101,8 +101,6 @@ def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ..
     if joints is None:
         names = [joint for joint in _depth_first(tree) if tree.joints[joint].type != "fixed"]
     else:
-        if isinstance(joints, str):
-            raise RobotError(f"joints= must be a list of names, found the text '{joints}'")
         names = list(joints)
         for name in names:
             if name not in tree.joints:

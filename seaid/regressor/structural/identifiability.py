@@ -183,8 +183,7 @@ def _sensed(
             robot.index(joint)
         given = {joint: sensors.get(joint, ()) for joint in robot.joint_names}
     else:
-        every = sensors if isinstance(sensors, str) else tuple(sensors)
-        given = dict.fromkeys(robot.joint_names, every)
+        given = dict.fromkeys(robot.joint_names, tuple(sensors))
     return {joint: _checked(joint, names) for joint, names in given.items()}
 
 
