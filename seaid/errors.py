@@ -232,7 +232,7 @@ def _fits(value: Any, hint: Any) -> bool:
         return isinstance(value, str) and value in get_args(hint)
     if kind in (int, float, bool):  # numbers of numpy, and 1 for True, are allowed
         return isinstance(value, SupportsFloat)
-    if not isinstance(kind, type) or getattr(kind, "_is_protocol", False):
+    if kind is Any or not isinstance(kind, type) or getattr(kind, "_is_protocol", False):
         return True
     if kind.__module__ == "pathlib":
         return isinstance(value, os.PathLike)

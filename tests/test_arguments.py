@@ -128,6 +128,11 @@ CALLS: dict[str, Call] = {
         lambda x: ([x.robot, x.log, ["shoulder"]], {}),
         r"identify\(robot, logs\) takes at most 2 arguments without a name, found 3: write .*=",
     ),
+    "a misspelled option of identify": (
+        "cross_validate",
+        lambda x: ([x.robot, x.log], {"cutoff": 8.0}),
+        "identify: no argument is named 'cutoff'; did you mean 'cutoff_hz'",
+    ),
     "a text for a number": (
         "identify",
         lambda x: ([x.robot, x.log], {"cutoff_hz": "8"}),
