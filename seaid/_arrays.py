@@ -174,3 +174,8 @@ def _error(what: str, found: str, matrices: tuple[Any, ...], error: type[SeaidEr
         "sizes of all inputs: lengths, masses and inertias of the robot, positions and "
         "torques of the log"
     )
+
+
+def is_constant(values: Array) -> bool:
+    """Return whether all samples (T,) of a channel are the same finite number."""
+    return bool(len(values) and np.all(np.isfinite(values)) and np.ptp(values) == 0.0)

@@ -19,7 +19,7 @@ from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.drives.equations import DriveEquation, joint_equation, motor_equation, spring_force
 from seaid.drives.regressor import flat_names
 from seaid.drives.symbols import SYMBOLS, known_values
-from seaid.estimation.estimators import estimator_named
+from seaid.estimation.fitting import estimator_named
 from seaid.identification.identification import Identification, identification_of
 from seaid.identification.linearisation import linearised_robot
 from seaid.identification.nonlinear_terms import with_fixed_flags

@@ -22,7 +22,7 @@ from seaid.drives.terms import (
     SpringTerm,
 )
 from seaid.errors import MADE_BY, LogError, SeaidError, UnknownNameError, checked
-from seaid.estimation.estimators import ESTIMATORS, LinearEstimator
+from seaid.estimation.fitting import ESTIMATORS, LinearEstimator
 from seaid.excitation.basis import _LEAST, BasisName
 from seaid.excitation.criteria import CRITERIA, CriterionName
 from seaid.identification import Identification, Validation

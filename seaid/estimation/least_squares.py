@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg
@@ -21,6 +22,9 @@ from seaid.estimation.qr_factor import (
 )
 from seaid.regressor import Regression
 
+_LARGEST_PRODUCTS = 1e8
+"""Number of entries of `Orthonormal.products`, 0.8 GB, above which they are not stored."""
+
 _MOST_UNEQUAL = 1e4
 """Ratio of the weights up to which the normal equations of `Orthonormal` are accurate."""
 
@@ -30,15 +34,31 @@ class Orthonormal:
     """The equations in coordinates in which the rows of all of them together are orthonormal.
 
     With R the factor of all rows and theta_0 its solution, z = R (theta - theta_0): the residual of
-    an equation is `residuals` (E, m) - `columns` (E, m, p) z, and `products` (E, p, p) are C^T C of
-    its columns C, which add up to the identity. However badly conditioned the regressor is, the
-    condition number of the weighted normal equations in z is at most the square of the ratio of the
-    weights, so that residuals for other weights are cheap and accurate.
+    an equation is `residuals` (E, m) - `columns` (E, m, p) z. However badly conditioned the
+    regressor is, the condition number of the weighted normal equations in z is at most the square
+    of the ratio of the weights, so that residuals for other weights are cheap and accurate.
     """
 
     columns: Array
     residuals: Array
-    products: Array
+
+    @cached_property
+    def products(self) -> Array | None:
+        """The products C^T C (E, p, p) of the columns C, which add up to the identity.
+
+        None if they would be larger than the memory that is spent on them.
+        """
+        equations, _, p = self.columns.shape
+        if equations * p * p > _LARGEST_PRODUCTS:
+            return None
+        return self.columns.swapaxes(1, 2) @ self.columns
+
+    def _normal(self, weights: Array) -> Array:
+        """Return the matrix (p, p) of the weighted normal equations, its upper triangle."""
+        if self.products is not None:
+            return np.tensordot(weights**2, self.products, 1)
+        weighted = (weights[:, None, None] * self.columns).reshape(-1, self.columns.shape[2])
+        return np.asarray(linalg.blas.dsyrk(1.0, weighted.T))
 
     def residual_norms(self, weights: Array) -> Array | None:
         """Return the norm (E,) of each equation's residual at the estimate with weights (E,).
@@ -47,12 +67,10 @@ class Orthonormal:
         """
         if np.max(weights) > _MOST_UNEQUAL * np.min(weights):
             return None
-        squares = weights**2
-        normal = np.tensordot(squares, self.products, 1)
         z = safely(
             linalg.solve,
-            normal,
-            np.einsum("e,emp,em->p", squares, self.columns, self.residuals, optimize=True),
+            self._normal(weights),
+            np.einsum("e,emp,em->p", weights**2, self.columns, self.residuals, optimize=True),
             what="the weighted equations",
             assume_a="pos",
             check_finite=False,
@@ -63,7 +81,7 @@ class Orthonormal:
 def orthonormal(qr_factor: QRFactor, theta: Array) -> Orthonormal:
     """Return the equations of a QR factor whose unweighted solution is `theta` (p,), p > 0."""
     p = len(qr_factor.names)
-    factors = qr_factor.filled_factors
+    factors = qr_factor.factors
     R = qr_factor.weighted_factor()[:p, :p]
     residuals = factors @ np.append(-theta, 1.0)
     stacked = factors[:, :, :p].reshape(-1, p)
@@ -75,8 +93,7 @@ def orthonormal(qr_factor: QRFactor, theta: Array) -> Orthonormal:
         trans="T",
         check_finite=False,
     ).T
-    columns = columns.reshape(*factors.shape[:2], p)
-    return Orthonormal(columns, residuals, columns.swapaxes(1, 2) @ columns)
+    return Orthonormal(columns.reshape(*factors.shape[:2], p), residuals)
 
 
 _RANK_TOLERANCE = 1e-7
@@ -190,13 +207,15 @@ def estimate_of(
     weights: Array,
     scores: LongRun | None = None,
     propagated: Array | None = None,
+    solution: Solution | None = None,
 ) -> Estimate:
     """Return the estimate with weights (E,) of the equations, from the QR factor alone.
 
     `scores` is the long-run covariance of the scores of all rows (see `score_factors`); None: as if
-    the noise of every equation were white. `propagated` (s, s) as in `ordinary`.
+    the noise of every equation were white. `propagated` (s, s) as in `ordinary`. `solution` is
+    that of `solve` if it is known already.
     """
-    solution = solve(qr_factor, weights)
+    solution = solve(qr_factor, weights) if solution is None else solution
     inverse, theta = solution.inverse, solution.values
     white = inverse @ _white(qr_factor, weights, theta) @ inverse
     white *= _freedom(qr_factor.count, len(theta))
@@ -231,9 +250,7 @@ def _white(qr_factor: QRFactor, weights: Array, theta: Array) -> Array:
     """Return the covariance (p, p) of the sum of scores for white noise in each equation."""
     p = len(qr_factor.names)
     std = qr_factor.residual_norms(theta) / np.sqrt(np.maximum(qr_factor.counts, 1))
-    stack = ((weights**2 * std)[:, None, None] * qr_factor.factors[:, :, :p]).reshape(
-        len(weights) * (p + 1), p
-    )
+    stack = ((weights**2 * std)[:, None, None] * qr_factor.factors[:, :, :p]).reshape(-1, p)
     return np.asarray(stack.T @ stack)
 
 
@@ -246,10 +263,10 @@ def estimate_of_rows(
     rows: Regression, qr_factor: QRFactor, weights: Array, propagated: Array | None
 ) -> Estimate:
     """Return the estimate with weights (E,) of the equations, from rows and their QR factor."""
-    theta = solve(qr_factor, weights).values
-    factors = score_factors(rows, qr_factor, weights, theta)
+    solution = solve(qr_factor, weights)
+    factors = score_factors(rows, qr_factor, weights, solution.values)
     scores = long_run_of(rows.H, factors, rows.time, rows.run)
-    return estimate_of(qr_factor, weights, scores, propagated)
+    return estimate_of(qr_factor, weights, scores, propagated, solution)
 
 
 def _unidentifiable(qr_factor: QRFactor, found: Directions) -> str:

@@ -6,7 +6,7 @@ well or poorly.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 
@@ -25,8 +25,9 @@ _BLOCK = 1024
 class QRFactor:
     """The rows of a `Regression` in a form whose size does not grow with time.
 
-    `factors` (E, p+1, p+1) has the upper triangular factor R of [H y] of each of the `equations`
-    (E), given by joint index, from `counts` (E) rows; `propagated` (E, p, s) is H^T C with the
+    `factors` (E, m, p+1) has the upper triangular factor R of [H y] of each of the `equations` (E),
+    given by joint index, from `counts` (E) rows, with rows of zeros below shorter ones: m is p+1,
+    or the largest count if that is less. `propagated` (E, p, s) is H^T C with the
     regression's `propagated` C; `excluded` counts the instants near standstill. The QR factors of
     chunks and logs add with `+`.
     """
@@ -42,7 +43,7 @@ class QRFactor:
 
     def __post_init__(self) -> None:
         equations, p = len(self.equations), len(self.names)
-        factors = frozen("factors", self.factors, (equations, p + 1, p + 1))
+        factors = frozen("factors", self.factors, (equations, None, p + 1))
         object.__setattr__(self, "factors", factors)
         object.__setattr__(
             self, "propagated", frozen("propagated", self.propagated, (equations, p, None))
@@ -57,11 +58,6 @@ class QRFactor:
         """Return the QR factor of both. Raises IdentificationError for other columns."""
         return combined([self, other])
 
-    @property
-    def filled_factors(self) -> Array:
-        """The factors (E, m, p+1) without the rows of zeros below an equation's number of rows."""
-        return self.factors[:, : max(self.counts, default=0)]
-
     def weighted_factor(self, weights: Array | None = None) -> Array:
         """Return R (p+1, p+1) of all rows, those of each equation times its weight (E,).
 
@@ -69,8 +65,8 @@ class QRFactor:
         Without `weights` all rows have weight one.
         """
         weights = np.ones(len(self.equations)) if weights is None else weights
-        filled = self.filled_factors
-        return triangle((weights[:, None, None] * filled).reshape(-1, len(self.names) + 1))
+        weighted = weights[:, None, None] * self.factors
+        return _square(weighted.reshape(-1, len(self.names) + 1))
 
     def residual_norms(self, theta: Array) -> Array:
         """Return the norm (E,) of each equation's residual y - H theta."""
@@ -86,9 +82,7 @@ class QRFactor:
             units=tuple(self.units[place] for place in kept),
             equations=self.equations,
             counts=self.counts,
-            factors=np.array([triangle(R[:, columns]) for R in self.factors]).reshape(
-                len(self.equations), len(columns), len(columns)
-            ),
+            factors=_stack([triangle(R[:, columns]) for R in self.factors], len(columns)),
             propagated=self.propagated[:, kept],
             excluded=self.excluded,
             joint_names=self.joint_names,
@@ -100,14 +94,15 @@ def qr_factor_of(rows: Regression) -> QRFactor:
     equations = np.unique(rows.joint)
     of_equation = [np.flatnonzero(rows.joint == equation) for equation in equations]
     p, s = len(rows.names), rows.propagated.shape[1]
-    factors, propagated = np.empty((len(equations), p + 1, p + 1)), np.zeros((len(equations), p, s))
+    found, propagated = [], np.zeros((len(equations), p, s))
     for place, mine in enumerate(of_equation):
         blocks = (mine[start : start + _BLOCK] for start in range(0, len(mine), _BLOCK))
-        factors[place] = triangle(
-            np.concatenate([triangle(_columns(rows, block)) for block in blocks])
+        found.append(
+            triangle(np.concatenate([triangle(_columns(rows, block)) for block in blocks]))
         )
         if s:
             propagated[place] = rows.H[mine].T @ rows.propagated[mine]
+    factors = _stack(found, p + 1)
     if not (np.all(np.isfinite(factors)) and np.all(np.isfinite(propagated))):
         raise IdentificationError(_not_finite(rows))
     return QRFactor(
@@ -135,13 +130,27 @@ def combined(parts: Iterable[QRFactor]) -> QRFactor:
 
 
 def triangle(columns: Array) -> Array:
+    """Return the upper triangular factor R (m, c) of columns (R, c), m the smaller of R and c."""
+    count, width = columns.shape
+    if not count:
+        return np.empty((0, width))
+    found = linalg.qr(columns, mode="raw", overwrite_a=True, check_finite=False)[1]
+    return np.asarray(found[: min(count, width)])
+
+
+def _square(columns: Array) -> Array:
     """Return the upper triangular factor R (c, c) of columns (R, c), zero below few rows."""
     width = columns.shape[1]
-    R = np.zeros((width, width))
-    if len(columns):
-        found = linalg.qr(columns, mode="raw", overwrite_a=True, check_finite=False)[1][:width]
-        R[: len(found)] = found
-    return R
+    return np.asarray(_stack([triangle(columns)], width, width)[0])
+
+
+def _stack(factors: Sequence[Array], width: int, height: int | None = None) -> Array:
+    """Return factors (m, width) as one array, with rows of zeros below the lower ones."""
+    height = max(map(len, factors), default=0) if height is None else height
+    stack = np.zeros((len(factors), height, width))
+    for place, factor in enumerate(factors):
+        stack[place, : len(factor)] = factor
+    return stack
 
 
 def _sum(one: QRFactor, other: QRFactor) -> QRFactor:
@@ -173,7 +182,7 @@ def _sum(one: QRFactor, other: QRFactor) -> QRFactor:
         units=one.units,
         equations=tuple(equations),
         counts=tuple(counts),
-        factors=np.array(factors).reshape(len(equations), *one.factors.shape[1:]),
+        factors=_stack(factors, len(one.names) + 1),
         propagated=np.array(propagated).reshape(len(equations), *one.propagated.shape[1:]),
         excluded=one.excluded + other.excluded,
         joint_names=one.joint_names,

@@ -32,11 +32,6 @@ Change = Callable[[Regression], Regression]
 _ARRAYS = ("H", "y", "joint", "time", "run", "propagated")
 
 
-def unchanged(rows: Regression) -> Regression:
-    """Return the rows as they are."""
-    return rows
-
-
 @dataclass(eq=False)
 class StoredRows:
     """Rows of one equation of several long logs, stored in a file piece by piece.
@@ -62,12 +57,13 @@ class StoredRows:
             times = float(np.min(rows.time)), float(np.max(rows.time))
             self.spans[log] = min(start, times[0]), max(end, times[1])
 
-    def pieces(self, change: Change) -> Iterator[tuple[int, Regression]]:
-        """Yield the number of the log and the rows of every piece after `change`."""
+    def pieces(self, change: Change | None) -> Iterator[tuple[int, Regression]]:
+        """Yield the number of the log and the rows of every piece after `change`, if any."""
         self.file.seek(0)
         for log, part in self.parts:
             arrays = {name: np.load(self.file, allow_pickle=False) for name in _ARRAYS}
-            yield log, change(replace(part, **arrays))
+            rows = replace(part, **arrays)
+            yield log, rows if change is None else change(rows)
 
 
 @contextmanager
@@ -108,9 +104,9 @@ def stored_estimate(
     stored: StoredRows,
     weigh: Weigh,
     propagated: Array | None = None,
-    change: Change = unchanged,
-) -> tuple[Estimate, QRFactor]:
-    """Return the estimate from stored rows and their QR factor, as from all rows in memory.
+    change: Change | None = None,
+) -> tuple[Estimate, QRFactor, Array]:
+    """Return the estimate from stored rows, their QR factor and the weights, as in memory.
 
     `weigh` gives the weights of the equations (`settled_weights` or `equal_weights`); `propagated`
     as in `ordinary`; `change` transforms the stored rows, at the same instants. Raises as
@@ -118,10 +114,10 @@ def stored_estimate(
     """
     qr_factor = combined(qr_factor_of(rows) for _, rows in stored.pieces(change))
     weights = weigh(qr_factor)
-    theta = solve(qr_factor, weights).values
+    solution = solve(qr_factor, weights)
 
     def factors(rows: Regression) -> Array:
-        return score_factors(rows, qr_factor, weights, theta)
+        return score_factors(rows, qr_factor, weights, solution.values)
 
     pieces = ((log, rows) for log, rows in stored.pieces(change) if len(rows.y))
     scores = (
@@ -131,7 +127,9 @@ def stored_estimate(
     instants = sum(
         round((end - start) / stored.steps_s[log]) + 1 for log, (start, end) in stored.spans.items()
     )
-    return estimate_of(qr_factor, weights, long_run(scores, instants), propagated), qr_factor
+    noise = long_run(scores, instants)
+    estimate = estimate_of(qr_factor, weights, noise, propagated, solution)
+    return estimate, qr_factor, weights
 
 
 def _scores(

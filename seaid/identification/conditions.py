@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import accumulate
 
 import numpy as np
@@ -22,33 +21,41 @@ from seaid.errors import IdentificationError, checked, listed, shown, unknown_na
 from seaid.estimation import (
     Estimate,
     Estimator,
+    Fit,
     LinearEstimator,
     TermTest,
     estimator_named,
+    fit,
     independent_rows,
     qr_factor_of,
     settled_weights,
     term_test,
 )
-from seaid.identification.datasets import Dataset, Source, datasets_of, rows_of, sources_of
+from seaid.identification.datasets import (
+    Dataset,
+    Source,
+    datasets_of,
+    rows_in_memory,
+    sources_of,
+)
 from seaid.identification.drive_estimates import merged_estimates, spring_of, with_flags
 from seaid.identification.identification import Identification, identification_of
 from seaid.identification.linearisation import linearised_robot
 from seaid.identification.nonlinear_terms import with_fixed_flags
 from seaid.identification.two_step import (
+    LOAD,
     RobotEstimate,
-    SideFit,
     joints_with_torque,
     split_load_side,
     spring_torque_joints,
+    two_step_equations,
+    with_spring_torque,
 )
 from seaid.regressor import (
     LoadModel,
     Regression,
-    actuator_regression,
     base_parameters,
     load_model,
-    load_regression,
     stacked,
 )
 from seaid.robot import Robot
@@ -136,7 +143,7 @@ class ConditionFit:
 
     rows: Mapping[str, Regression]
     shared: SharedRows
-    fit: SideFit
+    fit: Fit
 
     def of(self, condition: str) -> Estimate:
         """Return the estimate of a condition."""
@@ -189,8 +196,7 @@ class ConditionFits:
             joint: with_flags(side.of(condition), joint, qr_factor_of(side.rows[condition]))
             for joint, side in self.actuators.items()
         }
-        load_side, fit = self.load.of(condition), self.load.fit
-        white = replace(fit.estimate, covariance=fit.white_covariance)
+        load_side = self.load.of(condition)
         base, others = split_load_side(model, load_side)
         found = merged_estimates(drives, others)
         sides = {**self.actuators, "load": self.load}
@@ -203,7 +209,7 @@ class ConditionFits:
             },
             excluded={name: side.rows[condition].excluded for name, side in sides.items()},
             checks={name: side.fit.checks(robot.joint_names, ()) for name, side in sides.items()},
-            white_covariance=self.load.shared.of(condition, white).covariance,
+            fit=self.load.fit,
         )
 
 
@@ -221,33 +227,24 @@ def estimate_conditions(
     """
     name, first = next(iter(robots.items()))
     springs = spring_torque_joints(first, datasets[name], models[name])
-    actuators = {
-        joint: _actuator(robots, datasets, joint, specific, solver)
-        for joint in first.elastic_joints
-    }
-    load = _load(robots, datasets, models, springs, actuators, specific, solver)
-    return ConditionFits(robots, models, actuators, load, springs)
-
-
-def _actuator(
-    robots: Mapping[str, Robot],
-    datasets: Mapping[str, Sequence[Dataset]],
-    joint: str,
-    specific: Sequence[str],
-    solver: Estimator,
-) -> ConditionFit:
     rows = {
-        name: rows_of(datasets[name], partial(actuator_regression, robots[name], joint=joint))
-        for name in robots
+        name: rows_in_memory(datasets[name], two_step_equations(robot, models[name], springs))
+        for name, robot in robots.items()
     }
-    names = next(iter(rows.values())).names
-    is_specific = [name in specific or f"{name} of {joint}" in specific for name in names]
-    return _fitted(rows, is_specific, solver, None)
+    actuators = {}
+    for joint in first.elastic_joints:
+        own = {name: one[joint] for name, one in rows.items()}
+        names = own[name].names
+        is_specific = [one in specific or f"{one} of {joint}" in specific for one in names]
+        actuators[joint] = _fitted(own, is_specific, solver, None)
+    own = {name: one[LOAD] for name, one in rows.items()}
+    load = _load(robots, own, models, springs, actuators, specific, solver)
+    return ConditionFits(robots, models, actuators, load, springs)
 
 
 def _load(
     robots: Mapping[str, Robot],
-    datasets: Mapping[str, Sequence[Dataset]],
+    rows: Mapping[str, Regression],
     models: Mapping[str, LoadModel],
     joints: Sequence[str],
     actuators: Mapping[str, ConditionFit],
@@ -255,31 +252,25 @@ def _load(
     solver: Estimator,
 ) -> ConditionFit:
     """Fit (8) of all conditions, with the uncertainty of the springs that they share."""
-    first = next(iter(models))
     counts = [len(actuators[joint].fit.estimate.names) for joint in joints]
     starts = list(accumulate(counts, initial=0))
     covariances = [actuators[joint].fit.estimate.covariance for joint in joints]
-    rows = {}
+    placed = {}
     for name, robot in robots.items():
         springs = {joint: spring_of(robot, actuators[joint].of(name), joint) for joint in joints}
-        values = {joint: spring.values for joint, spring in springs.items()}
-        one = rows_of(
-            datasets[name], partial(load_regression, robot, model=models[name], springs=values)
-        )
         places = [
-            int(start)
-            + actuators[joint].shared.places[name][actuators[joint].shared.names.index(p)]
+            start + actuators[joint].shared.place(name, parameter)
             for joint, start in zip(joints, starts, strict=False)
-            for p in springs[joint].names
+            for parameter in springs[joint].names
         ]
-        rows[name] = placed_propagated(one, places, int(starts[-1]))
-    bodies = len(models[first].expressions)
-    is_specific = [BODIES in specific] * bodies + [
-        name in specific or name.split(" of ")[0] in specific
-        for name in models[first].names[bodies:]
+        with_torque = with_spring_torque(springs.values(), rows[name])
+        placed[name] = placed_propagated(with_torque, places, starts[-1])
+    first = models[next(iter(models))]
+    is_specific = [BODIES in specific] * len(first.expressions) + [
+        f"{name} of {joint}" in specific or name in specific for joint, name, _ in first.drives
     ]
     propagated = linalg.block_diag(*covariances) if covariances else None
-    return _fitted(rows, is_specific, solver, propagated)
+    return _fitted(placed, is_specific, solver, propagated)
 
 
 def _fitted(
@@ -289,9 +280,7 @@ def _fitted(
     propagated: Array | None,
 ) -> ConditionFit:
     shared = shared_rows(rows, specific)
-    estimate = solver.solve(shared.rows, propagated)
-    seen = solver.effective_rows(shared.rows, estimate)
-    return ConditionFit(rows, shared, SideFit(estimate, qr_factor_of(seen), seen, propagated))
+    return ConditionFit(rows, shared, fit(shared.rows, solver, propagated))
 
 
 CONDITION_SPECIFIC = ("spring_offset", "deflection_zero")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 
 from seaid._progress import track
 from seaid.errors import IdentificationError
+from seaid.estimation import Rows, stored_rows
 from seaid.log import (
     FEWEST_PERIODS,
     SHORTEST_STRETCH,
@@ -31,6 +33,8 @@ Source = Log | LongLog | str | Path
 """A log in memory, a log file opened by `open_long_log`, or a path with standard column names."""
 
 Dataset = Motion | LongLog
+_FILTER = "filtering the log"
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -61,7 +65,7 @@ def datasets_of(
     The common cutoff is not below the limit of the shortest log. A log with gaps in time has one
     motion per stretch between them. The executor reconstructs one log per task.
     """
-    groups = _mapped(partial(_datasets, robot, cutoff_hz), sources, executor, progress)
+    groups = _mapped(partial(_datasets, robot, cutoff_hz), sources, executor, progress, _FILTER)
     allowed = [
         1.001 * max(FEWEST_PERIODS / sum(lengths), SHORTEST_STRETCH / max(lengths))
         for group in groups
@@ -71,7 +75,7 @@ def datasets_of(
     common = max([min(group[0].cutoff_hz for group in groups), *allowed])
     others = [place for place, group in enumerate(groups) if group[0].cutoff_hz != common]
     again = [sources[place] for place in others]
-    redone = _mapped(partial(_datasets, robot, common), again, executor, progress)
+    redone = _mapped(partial(_datasets, robot, common), again, executor, progress, _FILTER)
     for place, group in zip(others, redone, strict=True):
         groups[place] = [_in_common(dataset) for dataset in group]
     return [dataset for group in groups for dataset in group]
@@ -98,11 +102,36 @@ def first_motion(dataset: Dataset) -> Motion:
     return dataset if isinstance(dataset, Motion) else next(dataset.motions())[0]
 
 
-def rows_of(
-    datasets: Sequence[Dataset], regress: Regress, executor: Executor | None = None
-) -> Regression:
-    """Return the rows of all datasets as one regression; the executor takes one per task."""
-    return stacked(_map(partial(_rows, regress), datasets, executor))
+@contextmanager
+def rows_of_equations(
+    datasets: Sequence[Dataset],
+    equations: Mapping[str, Regress],
+    stored: bool,
+    executor: Executor | None,
+    progress: bool,
+) -> Iterator[Mapping[str, Rows]]:
+    """Yield the rows of all datasets for several equations, for which each log is read once.
+
+    If all datasets are long logs and their rows may be `stored`, these are in temporary files. The
+    executor takes one dataset per task.
+    """
+    long_logs = [dataset for dataset in datasets if isinstance(dataset, LongLog)]
+    if stored and len(long_logs) == len(datasets) and executor is None:
+        with stored_rows(long_logs, equations) as files:
+            yield files
+        return
+    yield rows_in_memory(datasets, equations, executor, progress)
+
+
+def rows_in_memory(
+    datasets: Sequence[Dataset],
+    equations: Mapping[str, Regress],
+    executor: Executor | None = None,
+    progress: bool = False,
+) -> dict[str, Regression]:
+    """Return the rows of all datasets for several equations, for which each log is read once."""
+    parts = _mapped(partial(_rows, equations), datasets, executor, progress, "regressors")
+    return {name: stacked([part[name] for part in parts]) for name in equations}
 
 
 def _datasets(robot: Robot, cutoff_hz: float | None, source: Source) -> list[Dataset]:
@@ -124,11 +153,17 @@ def _datasets(robot: Robot, cutoff_hz: float | None, source: Source) -> list[Dat
     return [open_long_log(source, robot, cutoff_hz=cutoff_hz)]
 
 
-def _rows(regress: Regress, dataset: Dataset) -> Regression:
+def _rows(equations: Mapping[str, Regress], dataset: Dataset) -> dict[str, Regression]:
+    """Return the rows of one dataset per equation."""
     if isinstance(dataset, Motion):
-        return regress(dataset)
-    rows = stacked([rows for _, rows in regressions_of_parts(dataset, {"": regress})])
-    return replace(rows, run=np.zeros(len(rows.y)))
+        return {name: regress(dataset) for name, regress in equations.items()}
+    parts: dict[str, list[Regression]] = {name: [] for name in equations}
+    for name, rows in regressions_of_parts(dataset, equations):
+        parts[name].append(rows)
+    return {
+        name: replace(rows, run=np.zeros(len(rows.y)))
+        for name, rows in ((name, stacked(mine)) for name, mine in parts.items())
+    }
 
 
 def _mapped(
@@ -136,12 +171,8 @@ def _mapped(
     items: Sequence[Item],
     executor: Executor | None,
     progress: bool,
+    description: str,
 ) -> list[Result]:
-    shown = track(items, "filtering the log", progress and executor is None)
-    return _map(function, shown, executor)
-
-
-def _map(
-    function: Callable[[Item], Result], items: Iterable[Item], executor: Executor | None
-) -> list[Result]:
-    return list(map(function, items) if executor is None else executor.map(function, items))
+    if executor is not None:
+        return list(executor.map(function, items))
+    return list(map(function, track(items, description, progress) if progress else items))

@@ -23,12 +23,10 @@ _BAND = (2.5, 4.0)
 """Band for the noise in units of the cutoff; positions are filtered at five times the cutoff."""
 
 
-def only_spring_torque(robot: Robot, datasets: Sequence[Dataset], joint: str) -> bool:
-    """Return whether a plain spring is estimated from its torque, without a logged motor torque."""
-    spring = spring_regressor(robot, joint)
+def has_only_spring_torque(robot: Robot, datasets: Sequence[Dataset], joint: str) -> bool:
+    """Return whether an elastic joint has the equation (4b) only, without a logged motor torque."""
     used = [actuator_equation(robot, first_motion(one), joint)[0] for one in datasets]
-    plain = spring.names == ("stiffness", "spring_offset")
-    return plain and all(regressor is spring for regressor in used)
+    return all(regressor is spring_regressor(robot, joint) for regressor in used)
 
 
 def errors_in_variables(rows: Regression, ratio: float) -> Estimate:

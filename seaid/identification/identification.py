@@ -26,7 +26,14 @@ from seaid.identification.physical.consistency import FeasibleParameters, feasib
 from seaid.identification.simultaneous import estimate_simultaneous
 from seaid.identification.two_step import RobotEstimate, estimate_two_step, joints_with_torque
 from seaid.log import Log, Motion, Processing, stretches
-from seaid.regressor import BaseParameters, LoadModel, base_parameters, check_offset_std, load_model
+from seaid.regressor import (
+    BaseParameters,
+    LoadModel,
+    base_parameters,
+    check_offset_std,
+    is_linear,
+    load_model,
+)
 from seaid.robot import Robot
 
 if TYPE_CHECKING:
@@ -192,7 +199,8 @@ def identify(
         joints_with_torque(robot, datasets) if torque_joints is None else robot.rows(torque_joints)
     )
     given = robot
-    robot, datasets = linearised_robot(robot, datasets, used)
+    if not is_linear(robot, used):
+        robot, datasets = linearised_robot(robot, datasets, used)
     model = load_model(robot, base_parameters(robot, torque_joints=used), used)
     found = estimate_two_step(
         robot, datasets, model, solver, encoder_offset_std, executor, progress
@@ -203,7 +211,8 @@ def identify(
         found = estimate_simultaneous(
             robot, datasets, model, found, solver, encoder_offset_std, executor
         )
-    found = replace(found, drives=with_fixed_flags(found.drives, given, robot))
+    if robot is not given:
+        found = replace(found, drives=with_fixed_flags(found.drives, given, robot))
     consistent = _feasible(robot, model, found) if feasible else None
     return identification_of(robot, model, found, datasets, consistent)
 
@@ -236,7 +245,7 @@ def identification_of(
 
 def _feasible(robot: Robot, model: LoadModel, found: RobotEstimate) -> FeasibleParameters:
     """Return the physically consistent parameters nearest to the estimate of both sides."""
-    white = found.white_covariance
+    white = found.fit.white_covariance
     if found.whole is not None:
         return feasible_parameters(robot, model, found.whole, white_covariance=white)
     elastic = {}

@@ -34,10 +34,16 @@ from seaid.identification.datasets import Dataset
 from seaid.identification.drive_estimates import spring_of
 from seaid.identification.method_limits import check_instruments, linear_spring
 from seaid.identification.simulated_joints import driven_motion
-from seaid.identification.two_step import Regressions, RobotEstimate, estimate_two_step
+from seaid.identification.two_step import (
+    LOAD,
+    RobotEstimate,
+    estimate_two_step,
+    without_torque,
+)
 from seaid.log import Motion, in_band, low_pass, spline_derivatives
 from seaid.regressor import (
     LoadModel,
+    Regress,
     Regression,
     actuator_columns,
     actuator_regression,
@@ -224,14 +230,22 @@ def _settled(
     estimator = Estimator(_solve, effective_rows=_seen)
     for _ in range(_MOST_ITERATIONS):
         fitted = _fitted(robot, model, found)
-        regressions = Regressions(
-            partial(actuator_with_instruments, fitted=fitted),
-            partial(load_with_instruments, fitted=fitted, make=make),
+        equations: dict[str, Regress] = {
+            joint: partial(actuator_with_instruments, robot, joint=joint, fitted=fitted)
+            for joint in robot.elastic_joints
+        }
+        equations[LOAD] = partial(
+            load_with_instruments,
+            robot,
+            model=model,
+            springs=without_torque(robot, found.springs),
+            fitted=fitted,
+            make=make,
         )
         before, found = (
             found,
             estimate_two_step(
-                robot, datasets, model, estimator, encoder_offset_std, executor, False, regressions
+                robot, datasets, model, estimator, encoder_offset_std, executor, False, equations
             ),
         )
         moved = {name: step for name, step in _moved(before, found).items() if step > SETTLED}

@@ -23,19 +23,10 @@ from seaid.identification.nonlinear_terms import (
     nonlinear_joints,
 )
 from seaid.log import Motion
-from seaid.regressor import LoadModel, load_columns, motor_regressor
+from seaid.regressor import LoadModel, load_columns, motor_regressor, under_load
 from seaid.robot import Robot
 
 _SETTLED, _MOST_TURNS, _SEARCHES = 1e-5, 20, 2
-
-
-def under_load(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
-    """Return the joints among `used` whose stiff drive has load-dependent friction."""
-    return tuple(
-        joint
-        for joint in used
-        if joint not in robot.elastic_joints and "load" in robot.drives[joint].friction
-    )
 
 
 def with_gear_torques(

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seaid._arrays import Array
+from seaid._arrays import Array, is_constant
 from seaid.errors import ExcitationError, LogError
-from seaid.log import Log, is_constant
+from seaid.log import Log
 from seaid.regressor import random_states, regressor_at_drives
 from seaid.robot import Robot, at_joints
 

@@ -29,7 +29,14 @@ from seaid.estimation import (
     separable_least_squares,
     solve,
 )
+from seaid.identification.datasets import rows_in_memory
 from seaid.identification.drive_estimates import spring_of, with_values
+from seaid.identification.two_step import (
+    LOAD,
+    spring_torque_joints,
+    two_step_equations,
+    with_spring_torque,
+)
 from seaid.log import Motion, in_band_at, row_samples
 from seaid.regressor import (
     LoadModel,
@@ -40,7 +47,6 @@ from seaid.regressor import (
     base_parameters,
     fed_signals,
     load_model,
-    load_regression,
     motor_regressor,
     stacked,
     unknown_friction,
@@ -146,23 +152,10 @@ def _linearised_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Dr
     assert isinstance(drive, SeriesElasticDrive)
     scale = _scale_of(robot, motions, joint)
     start = _linear_start(robot, motions, joint, drive)
-    search = _motor_search(robot, motions, joint)
-    names = search.regressor.non_linear
-    grid = [starts_of(name, drive, start, scale) for name in names]
-    lower, upper = (np.array([bounds_of(name, scale)[end] for name in names]) for end in (0, 1))
-    found = separable_least_squares(
-        search.columns,
-        search.slopes,
-        [np.array(one) for one in product(*grid)],
-        lower,
-        upper,
-    )
-    values = dict(zip(names, found.nonlinear.tolist(), strict=True))
-    values |= dict(zip(search.regressor.linear, found.linear.tolist(), strict=True))
-    drive = with_values(drive, values)
-    return fix_unidentifiable(
-        drive, search.regressor.names, search.all_columns(drive.values), names
-    )
+    search = _actuator_search(robot, motions, joint)
+    grid = product(*(starts_of(name, drive, start, scale) for name in search.nonlinear))
+    found = search.best([np.array(one) for one in grid], scale)
+    return search.with_fixed(with_values(drive, found))
 
 
 @dataclass(frozen=True)
@@ -175,46 +168,97 @@ class Scale:
 
 
 @dataclass(frozen=True, eq=False)
-class _MotorSearch:
-    """The rows of one actuator side as functions of its nonlinear parameters."""
+class _Search:
+    """The rows of a side as functions of one drive's nonlinear parameters.
+
+    `signals` and `samples` are those of the drive's rows in each motion, `mine` (R_j,) these rows
+    among the R rows of the side, `factor` their weight. `zeta` (T,) is the part of each motion's
+    target that is in `y` (R,) already. `others` (R, rank) spans the weighted columns of all other
+    parameters, which are projected out. `linear` are the linear parameters with a column.
+    """
 
     regressor: DriveRegressor
+    linear: tuple[str, ...]
     motions: Sequence[Motion]
     signals: Sequence[Mapping[str, Array]]
-    rows: Sequence[IndexArray]
+    samples: Sequence[IndexArray]
+    mine: IndexArray
+    factor: float
+    zeta: Sequence[Array]
+    y: Array
+    others: Array
+
+    @property
+    def nonlinear(self) -> tuple[str, ...]:
+        """The nonlinear parameters."""
+        return self.regressor.non_linear
+
+    def best(self, starts: Sequence[Array], scale: Scale) -> dict[str, float]:
+        """Return the values of all parameters at the best of the local optima."""
+        bounds = np.array([bounds_of(name, scale) for name in self.nonlinear])
+        found = separable_least_squares(self.columns, self.slopes, starts, *bounds.T)
+        values = dict(zip(self.nonlinear, found.nonlinear.tolist(), strict=True))
+        return values | dict(zip(self.linear, found.linear.tolist(), strict=True))
+
+    def with_fixed(self, drive: Drive) -> Drive:
+        """Return the drive with its unidentifiable nonlinear parameters as known ones."""
+        nonlinear = np.array([drive.values[name] for name in self.nonlinear])
+        linear = np.array([drive.values.get(name, 0.0) for name in self.linear])
+        columns = np.hstack([self.columns(nonlinear)[1], self.slopes(nonlinear, linear)])
+        return fix_unidentifiable(drive, (*self.linear, *self.nonlinear), columns, self.nonlinear)
 
     def columns(self, nonlinear: Array) -> tuple[Array, Array]:
-        """Return y and the linear columns of all motions below the cutoff."""
-        values = dict(zip(self.regressor.non_linear, nonlinear.tolist(), strict=True))
+        """Return y and the drive's linear columns, with the other columns projected out."""
+        values = dict(zip(self.nonlinear, nonlinear.tolist(), strict=True))
+        places = [self.regressor.linear.index(name) for name in self.linear]
         pairs = [self.regressor.given(one, values) for one in self.signals]
-        return self._banded([y for y, _ in pairs]), self._banded([H for _, H in pairs])
+        changes = [zeta - old for (zeta, _), old in zip(pairs, self.zeta, strict=True)]
+        y = self.y.copy()
+        y[self.mine] += self._banded(changes)
+        return self._alone(y), self._alone(self._placed([H[:, places] for _, H in pairs]))
 
     def slopes(self, nonlinear: Array, linear: Array) -> Array:
-        """Return the columns of the nonlinear parameters."""
-        values = dict(zip(self.regressor.non_linear, nonlinear.tolist(), strict=True))
-        values |= dict(zip(self.regressor.linear, linear.tolist(), strict=True))
-        places = [self.regressor.names.index(name) for name in self.regressor.non_linear]
-        return self._banded(
-            [self.regressor.evaluate(one, values)[1][:, places] for one in self.signals]
-        )
+        """Return the columns of the nonlinear parameters in the same way."""
+        values = {**self.regressor.drive.values}
+        values |= dict(zip(self.nonlinear, nonlinear.tolist(), strict=True))
+        values |= dict(zip(self.linear, linear.tolist(), strict=True))
+        places = [self.regressor.names.index(name) for name in self.nonlinear]
+        parts = [self.regressor.evaluate(one, values)[1][:, places] for one in self.signals]
+        return self._alone(self._placed(parts))
 
-    def all_columns(self, values: Mapping[str, float]) -> Array:
-        """Return the columns of all parameters at some values."""
-        return self._banded([self.regressor.evaluate(one, values)[1] for one in self.signals])
+    def _placed(self, parts: Sequence[Array]) -> Array:
+        columns = np.zeros((len(self.y), parts[0].shape[1]))
+        columns[self.mine] = self._banded(parts)
+        return columns
 
     def _banded(self, parts: Sequence[Array]) -> Array:
-        triples = zip(self.motions, parts, self.rows, strict=True)
-        return np.concatenate([in_band_at(motion, part, rows) for motion, part, rows in triples])
+        triples = zip(self.motions, parts, self.samples, strict=True)
+        banded = [in_band_at(motion, part, samples) for motion, part, samples in triples]
+        return self.factor * np.concatenate(banded)
+
+    def _alone(self, columns: Array) -> Array:
+        if not self.others.shape[1]:
+            return columns
+        return np.asarray(columns - self.others @ (self.others.T @ columns))
 
 
-def _motor_search(robot: Robot, motions: Sequence[Motion], joint: str) -> _MotorSearch:
+def _actuator_search(robot: Robot, motions: Sequence[Motion], joint: str) -> _Search:
+    """Return the search on the actuator side of an elastic joint, with all of its columns."""
     pairs = [actuator_equation(robot, motion, joint) for motion in motions]
     regressor = pairs[0][0]
-    return _MotorSearch(
+    samples = [actuator_rows(robot, motion, joint, regressor)[0] for motion in motions]
+    count = sum(map(len, samples))
+    return _Search(
         regressor=regressor,
+        linear=regressor.linear,
         motions=motions,
         signals=[by_name for _, by_name in pairs],
-        rows=[actuator_rows(robot, motion, joint, regressor)[0] for motion in motions],
+        samples=samples,
+        mine=np.arange(count),
+        factor=1.0,
+        zeta=[np.zeros(len(motion.time)) for motion in motions],
+        y=np.zeros(count),
+        others=np.empty((count, 0)),
     )
 
 
@@ -330,10 +374,7 @@ def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]
             robot = _searched(robot, motions, used, joint, scales[joint], grid)
     for joint in nonlinear:
         search = _load_search(robot, motions, joint, fit_load(robot, motions, used))
-        drive, names = robot.drives[joint], search.regressor.non_linear
-        columns = search.all_columns(drive.values)
-        fixed = fix_unidentifiable(drive, (*search.linear, *names), columns, names)
-        robot = robot.with_drives({joint: fixed})
+        robot = robot.with_drives({joint: search.with_fixed(robot.drives[joint])})
     return robot
 
 
@@ -345,16 +386,14 @@ def _grid(robot: Robot, joint: str, given: Drive, scale: Scale) -> list[Array]:
 def fit_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> LoadFit:
     """Fit the load side by weighted least squares, the springs by ordinary ones before it."""
     model = load_model(robot, base_parameters(robot, torque_joints=used), used)
-    springs = {}
-    for joint in (joint for joint in used if joint in robot.elastic_joints):
-        index = robot.index(joint)
-        if not all(np.all(np.isfinite(one.joint_torque[:, index])) for one in motions):
-            rows = stacked([actuator_regression(robot, motion, joint) for motion in motions])
-            springs[joint] = spring_of(robot, ordinary(rows), joint).values
-    rows = stacked([load_regression(robot, motion, model, springs) for motion in motions])
-    qr_factor = qr_factor_of(rows)
+    joints = spring_torque_joints(robot, motions, model)
+    rows = rows_in_memory(motions, two_step_equations(robot, model, joints))
+    springs = {joint: spring_of(robot, ordinary(rows[joint]), joint) for joint in joints}
+    load = with_spring_torque(springs.values(), rows[LOAD])
+    qr_factor = qr_factor_of(load)
     estimate = estimate_of(qr_factor, _weights(qr_factor))
-    return LoadFit(model, springs, estimate, rows, qr_factor)
+    values = {joint: spring.values for joint, spring in springs.items()}
+    return LoadFit(model, values, estimate, load, qr_factor)
 
 
 def _weights(qr_factor: QRFactor) -> Array:
@@ -396,99 +435,34 @@ def _searched(
     starts: Sequence[Array],
 ) -> Robot:
     """Return the robot with improved nonlinear parameters of one joint, all others fixed."""
-    fit, drive = fit_load(robot, motions, used), robot.drives[joint]
-    search = _load_search(robot, motions, joint, fit)
-    names = search.regressor.non_linear
-    starts = [np.array([drive.values[name] for name in names]), *starts]
-    lower, upper = (np.array([bounds_of(name, scale)[end] for name in names]) for end in (0, 1))
-    found = separable_least_squares(search.columns, search.slopes, starts, lower, upper)
-    values = dict(zip(names, found.nonlinear.tolist(), strict=True))
-    values |= dict(zip(search.linear, found.linear.tolist(), strict=True))
-    return robot.with_drives({joint: with_values(drive, values)})
+    search = _load_search(robot, motions, joint, fit_load(robot, motions, used))
+    drive = robot.drives[joint]
+    starts = [np.array([drive.values[name] for name in search.nonlinear]), *starts]
+    return robot.with_drives({joint: with_values(drive, search.best(starts, scale))})
 
 
-@dataclass(frozen=True, eq=False)
-class _LoadSearch:
-    """The rows of the load side as functions of one stiff drive's nonlinear parameters.
-
-    `others` (R, rank) spans the weighted columns of all else, which are projected out; `mine` (R,)
-    are the rows of this drive's joint, `y` (R,) the weighted target, `weight` that of the joint,
-    `zeta` (T,) the target of each motion before weighting.
-    """
-
-    regressor: DriveRegressor
-    linear: tuple[str, ...]
-    ratio: float
-    motions: Sequence[Motion]
-    signals: Sequence[Mapping[str, Array]]
-    samples: Sequence[IndexArray]
-    zeta: Sequence[Array]
-    mine: IndexArray
-    y: Array
-    weight: float
-    others: Array
-
-    def columns(self, nonlinear: Array) -> tuple[Array, Array]:
-        """Return y and the drive's linear columns, with the other columns projected out."""
-        values = dict(zip(self.regressor.non_linear, nonlinear.tolist(), strict=True))
-        places = [self.regressor.linear.index(name) for name in self.linear]
-        pairs = [self.regressor.given(one, values) for one in self.signals]
-        changes = [zeta - old for (zeta, _), old in zip(pairs, self.zeta, strict=True)]
-        y = self.y.copy()
-        y[self.mine] += self._banded(changes)
-        return self._alone(y), self._alone(self._placed([H[:, places] for _, H in pairs]))
-
-    def slopes(self, nonlinear: Array, linear: Array) -> Array:
-        """Return the columns of the nonlinear parameters in the same way."""
-        drive = self.regressor.drive.values
-        values = {**drive, **dict(zip(self.regressor.non_linear, nonlinear.tolist(), strict=True))}
-        values |= dict(zip(self.linear, linear.tolist(), strict=True))
-        places = [self.regressor.names.index(name) for name in self.regressor.non_linear]
-        parts = [self.regressor.evaluate(one, values)[1][:, places] for one in self.signals]
-        return self._alone(self._placed(parts))
-
-    def all_columns(self, values: Mapping[str, float]) -> Array:
-        """Return the linear columns and then the nonlinear ones at some values."""
-        nonlinear = np.array([values[name] for name in self.regressor.non_linear])
-        linear = np.array([values[name] for name in self.linear])
-        return np.hstack([self.columns(nonlinear)[1], self.slopes(nonlinear, linear)])
-
-    def _placed(self, parts: Sequence[Array]) -> Array:
-        columns = np.zeros((len(self.y), parts[0].shape[1]))
-        columns[self.mine] = self._banded(parts)
-        return columns
-
-    def _banded(self, parts: Sequence[Array]) -> Array:
-        triples = zip(self.motions, parts, self.samples, strict=True)
-        banded = [in_band_at(motion, part, samples) for motion, part, samples in triples]
-        return self.weight * self.ratio * np.concatenate(banded)
-
-    def _alone(self, columns: Array) -> Array:
-        return np.asarray(columns - self.others @ (self.others.T @ columns))
-
-
-def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadFit) -> _LoadSearch:
-    rows, index, drive = fit.rows, robot.index(joint), robot.drives[joint]
+def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadFit) -> _Search:
+    """Return the search on the load side of a stiff drive; its other columns are projected out."""
+    rows, index = fit.rows, robot.index(joint)
     regressor = motor_regressor(robot, joint)
     own = [f"{name} of {joint}" for name in regressor.names]
-    qr_factor = fit.qr_factor
-    weights = _weights(qr_factor)
-    of_row = weights[np.searchsorted(qr_factor.equations, rows.joint)]
+    weights = _weights(fit.qr_factor)
+    of_row = weights[np.searchsorted(fit.qr_factor.equations, rows.joint)]
     rest = [place for place, name in enumerate(rows.names) if name not in own]
     H = of_row[:, None] * rows.H[:, rest]
     norms = np.linalg.norm(H, axis=0)
     by_motion = [fed_signals(robot, motion, index) for motion in motions]
-    return _LoadSearch(
+    weight = float(weights[fit.qr_factor.equations.index(index)])
+    return _Search(
         regressor=regressor,
         linear=tuple(n for n in regressor.linear if f"{n} of {joint}" in rows.names),
-        ratio=drive.ratio,
         motions=motions,
         signals=by_motion,
         samples=[_samples(robot, motion, joint) for motion in motions],
-        zeta=[regressor.evaluate(one)[0] for one in by_motion],
         mine=np.flatnonzero(rows.joint == index),
+        factor=weight * robot.drives[joint].ratio,
+        zeta=[regressor.evaluate(one)[0] for one in by_motion],
         y=of_row * rows.y,
-        weight=float(weights[qr_factor.equations.index(index)]),
         others=safely(
             linalg.orth,
             H / np.where(norms > 0, norms, 1.0),

@@ -25,11 +25,11 @@ import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid.errors import IdentificationError
-from seaid.estimation import Estimate, Estimator, qr_factor_of
-from seaid.identification.datasets import Dataset, rows_of
+from seaid.estimation import Estimate, Estimator, Fit, qr_factor_of
+from seaid.identification.datasets import Dataset, rows_in_memory
 from seaid.identification.drive_estimates import spring_of, with_flags
 from seaid.identification.method_limits import check_simultaneous
-from seaid.identification.two_step import RobotEstimate, SideFit
+from seaid.identification.two_step import RobotEstimate, without_torque
 from seaid.log import Motion
 from seaid.regressor import (
     OFFSET_STEP,
@@ -68,11 +68,7 @@ def simultaneous_regression(
     The rows are solved by `settled`, since plain least squares is biased. Raises LogError if a
     torque is missing.
     """
-    zero = {
-        joint: np.zeros(len(spring_regressor(robot, joint).names))
-        for joint in model.rows
-        if joint in springs
-    }
+    zero = without_torque(robot, [joint for joint in model.rows if joint in springs])
     load = load_regression(robot, motion, model, zero)
     actuators = {joint: actuator_regression(robot, motion, joint) for joint in robot.elastic_joints}
     names = [f"{name} of {joint}" for joint, one in actuators.items() for name in one.names]
@@ -243,7 +239,7 @@ def estimate_simultaneous(
     check_simultaneous(robot, springs)
     regress: Callable[[Motion], Regression]
     regress = partial(simultaneous_regression, robot, model=model, springs=springs)
-    rows = rows_of(datasets, regress, executor)
+    rows = rows_in_memory(datasets, {"": regress}, executor)[""]
     whole, _ = settled(
         robot, rows, _values(rows, start), lambda found: estimator.solve(found, None)
     )
@@ -253,12 +249,12 @@ def estimate_simultaneous(
         regress = partial(
             encoder_offset_sensitivity, robot, model=model, springs=springs, theta=theta
         )
-        rows = rows_of(datasets, regress, executor)
+        rows = rows_in_memory(datasets, {"": regress}, executor)[""]
         zeros = encoder_offset_std**2 * np.eye(robot.n)
         whole, _ = settled(robot, rows, theta, lambda found: estimator.solve(found, zeros))
     drives, load, load_side = split_estimate(robot, model, whole)
     solved = estimator.effective_rows(whitened(robot, rows, whole.values), whole)
-    fit = SideFit(whole, qr_factor_of(solved), solved, zeros)
+    both = Fit(whole, qr_factor_of(solved), solved, zeros)
     optional = [
         name
         for name in whole.names
@@ -270,8 +266,8 @@ def estimate_simultaneous(
         load_side=load_side,
         springs={joint: spring_of(robot, drives[joint], joint).values for joint in springs},
         excluded=start.excluded,
-        checks={"both": fit.checks(robot.joint_names, optional)},
-        white_covariance=fit.white_covariance,
+        checks={"both": both.checks(robot.joint_names, optional)},
+        fit=both,
         whole=whole,
     )
 

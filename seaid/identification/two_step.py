@@ -5,44 +5,36 @@ A motor constant is identifiable only if something known fixes the scale of the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array, safely
-from seaid._progress import track
 from seaid.errors import IdentificationError
 from seaid.estimation import (
-    Change,
     Estimate,
     Estimator,
+    Fit,
     ModelChecks,
     QRFactor,
-    StoredRows,
-    estimate_of,
-    estimate_of_rows,
-    model_checks,
-    qr_factor_of,
-    settled_weights,
-    stored_estimate,
-    stored_rows,
-    unchanged,
-    whiteness,
+    Rows,
+    fit,
 )
-from seaid.identification.datasets import Dataset, first_motion, rows_of
+from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
 from seaid.identification.drive_estimates import merged_estimates, spring_of, with_flags
 from seaid.identification.errors_in_variables import (
     errors_in_variables,
+    has_only_spring_torque,
     noise_ratio,
-    only_spring_torque,
 )
-from seaid.log import LongLog, Motion
+from seaid.log import Motion
 from seaid.regressor import (
     LoadModel,
+    Regress,
     Regression,
     actuator_regression,
     load_regression,
@@ -96,7 +88,7 @@ def check_scale(qr_factor: QRFactor) -> None:
             )
 
 
-_LOAD_KEY = ""
+LOAD = ""
 """Key of the load side among equations named by joint."""
 
 _NEEDED = ("stiffness", "spring_offset", "deflection_zero")
@@ -115,8 +107,7 @@ class RobotEstimate:
 
     `springs` {joint: parameters} are those whose torque is that on the load; `checks` and
     `excluded` by joint, and "load" for the load side. `whole` is the estimate of both sides if they
-    were estimated at once; `white_covariance` (p, p) the covariance of that, or of `load_side`, for
-    white noise.
+    were estimated at once, `fit` the fit of that, or of `load_side`.
     """
 
     drives: Mapping[str, Estimate]
@@ -125,92 +116,8 @@ class RobotEstimate:
     springs: Mapping[str, Array]
     excluded: Mapping[str, int]
     checks: Mapping[str, ModelChecks]
-    white_covariance: Array
+    fit: Fit
     whole: Estimate | None = None
-
-
-@dataclass(frozen=True)
-class Regressions:
-    """Functions for the rows: `actuator` (robot, motion, joint), `load` (..., model, springs)."""
-
-    actuator: Callable[..., Regression] = actuator_regression
-    load: Callable[..., Regression] = load_regression
-
-
-@dataclass(frozen=True, eq=False)
-class SideFit:
-    """An estimate with its QR factor, and the rows if they were kept in memory.
-
-    `settled` are the converged weights (E,) of the equations, if the estimate has used them.
-    """
-
-    estimate: Estimate
-    qr_factor: QRFactor
-    rows: Regression | None
-    propagated: Array | None
-    settled: Array | None = None
-
-    @cached_property
-    def weights(self) -> Array:
-        """The converged weights (E,) of the equations, for every estimator."""
-        return settled_weights(self.qr_factor) if self.settled is None else self.settled
-
-    @property
-    def white_covariance(self) -> Array:
-        """The covariance (p, p) for white noise in every equation."""
-        return estimate_of(self.qr_factor, self.weights, None, self.propagated).covariance
-
-    def checks(self, joints: Sequence[str], optional: Sequence[str]) -> ModelChecks:
-        """Return the checks of the model; `joints` are those of the robot."""
-        found = {} if self.rows is None else whiteness(self.rows, self.estimate.values)
-        named = {joints[index % len(joints)]: one for index, one in found.items()}
-        return model_checks(self.qr_factor, self.estimate, optional, named, self.weights)
-
-
-def fitted(
-    datasets: Sequence[Dataset],
-    regress: Callable[[Motion], Regression],
-    estimator: Estimator,
-    propagated: Array | None,
-    executor: Executor | None,
-) -> SideFit:
-    """Return the fit of the rows of all datasets: in memory, or streamed if all are long logs."""
-    long_logs = _streamed(datasets, estimator, executor)
-    if long_logs:
-        with stored_rows(long_logs, {"": regress}) as stored:
-            return _fitted_to(stored[""], estimator, propagated)
-    rows = rows_of(datasets, regress, executor)
-    if estimator.weigh is not None:
-        qr_factor = qr_factor_of(rows)
-        check_scale(qr_factor)
-        weights = estimator.weigh(qr_factor)
-        estimate = estimate_of_rows(rows, qr_factor, weights, propagated)
-        settled = weights if estimator.weigh is settled_weights else None
-        return SideFit(estimate, qr_factor, rows, propagated, settled)
-    if any(name.split(" of ")[0] in CONSTANTS for name in rows.names):
-        check_scale(qr_factor_of(rows))
-    estimate = estimator.solve(rows, propagated)
-    seen = estimator.effective_rows(rows, estimate)
-    return SideFit(estimate, qr_factor_of(seen), seen, propagated)
-
-
-def _streamed(
-    datasets: Sequence[Dataset], estimator: Estimator, executor: Executor | None
-) -> list[LongLog]:
-    """Return the long logs if all datasets are such and can be streamed, otherwise none."""
-    long_logs = [dataset for dataset in datasets if isinstance(dataset, LongLog)]
-    streamed = len(long_logs) == len(datasets) and executor is None and estimator.weigh is not None
-    return long_logs if streamed else []
-
-
-def _fitted_to(
-    stored: StoredRows, estimator: Estimator, propagated: Array | None, change: Change = unchanged
-) -> SideFit:
-    """Return the fit of stored rows."""
-    weigh = estimator.weigh or settled_weights
-    estimate, qr_factor = stored_estimate(stored, weigh, propagated, change)
-    check_scale(qr_factor)
-    return SideFit(estimate, qr_factor, None, propagated)
 
 
 def estimate_two_step(
@@ -221,43 +128,40 @@ def estimate_two_step(
     encoder_offset_std: float,
     executor: Executor | None,
     progress: bool,
-    regressions: Regressions = Regressions(),
+    equations: Mapping[str, Regress] | None = None,
 ) -> RobotEstimate:
     """Estimate both sides in turn, with the springs' uncertainty propagated to the load.
 
-    `regressions` compute the rows, in columns that `estimator` knows and that its `effective_rows`
-    converts to the plain ones.
+    `equations` compute the rows in place of `two_step_equations`, in columns that `estimator` knows
+    and that its `effective_rows` converts to the plain ones.
     """
-    drives, checks, excluded = {}, {}, {}
     joints = spring_torque_joints(robot, datasets, model)
-    equations = {
-        joint: partial(regressions.actuator, robot, joint=joint) for joint in robot.elastic_joints
-    }
-    long_logs = _streamed(datasets, estimator, executor)
-    unloaded = partial(regressions.load, robot, model=model, springs=_without_torque(robot, joints))
-    with stored_rows(long_logs, {**equations, _LOAD_KEY: unloaded} if long_logs else {}) as stored:
-        for joint, regress in track(list(equations.items()), "actuator side", progress):
-            if stored:
-                fit = _fitted_to(stored[joint], estimator, None)
-            else:
-                fit = fitted(datasets, regress, estimator, None, executor)
-                if (
-                    estimator.weigh
-                    and only_spring_torque(robot, datasets, joint)
-                    and fit.rows is not None
-                ):
-                    noisy = errors_in_variables(fit.rows, noise_ratio(robot, datasets, joint))
-                    fit = replace(fit, estimate=noisy)
-            drives[joint] = with_flags(fit.estimate, joint, fit.qr_factor)
-            optional = [name for name in fit.estimate.names if name not in _NEEDED]
-            checks[joint] = fit.checks(robot.joint_names, optional)
-            excluded[joint] = fit.qr_factor.excluded
+    equations = equations or two_step_equations(robot, model, joints)
+    stored = estimator.weigh is not None
+    with rows_of_equations(datasets, equations, stored, executor, progress) as rows:
+        actuators = {
+            joint: fit_actuator(robot, datasets, joint, rows[joint], estimator)
+            for joint in robot.elastic_joints
+        }
+        drives = {
+            joint: with_flags(side.estimate, joint, side.qr_factor)
+            for joint, side in actuators.items()
+        }
         springs = {joint: spring_of(robot, drives[joint], joint) for joint in joints}
-        for _ in track([0], "load side", progress):
-            load = _load_side(
-                *(robot, datasets, model, springs, estimator),
-                *(encoder_offset_std, executor, regressions, stored.get(_LOAD_KEY)),
+        load = fit_load(rows[LOAD], springs, estimator)
+        if encoder_offset_std > 0:
+            regress = partial(
+                with_offset_columns,
+                robot,
+                model=model,
+                springs={joint: spring.values for joint, spring in springs.items()},
+                theta=load.estimate.values,
+                regress=equations[LOAD],
             )
+            offsets = encoder_offset_std**2 * np.eye(robot.n)
+            again = rows_of_equations(datasets, {LOAD: regress}, stored, executor, progress)
+            with again as shifted:
+                load = fit_load(shifted[LOAD], springs, estimator, offsets)
     base, load_drives = split_load_side(model, load.estimate)
     found = merged_estimates(drives, load_drives)
     return RobotEstimate(
@@ -265,11 +169,92 @@ def estimate_two_step(
         load=base,
         load_side=load.estimate,
         springs={joint: spring.values for joint, spring in springs.items()},
-        excluded=excluded | {"load": load.qr_factor.excluded},
-        checks=checks
+        excluded={joint: side.qr_factor.excluded for joint, side in actuators.items()}
+        | {"load": load.qr_factor.excluded},
+        checks={
+            joint: side.checks(
+                robot.joint_names, [name for name in side.estimate.names if name not in _NEEDED]
+            )
+            for joint, side in actuators.items()
+        }
         | {"load": load.checks(robot.joint_names, model.names[len(model.expressions) :])},
-        white_covariance=load.white_covariance,
+        fit=load,
     )
+
+
+def two_step_equations(
+    robot: Robot, model: LoadModel, springs: Sequence[str]
+) -> dict[str, Regress]:
+    """Return the functions for the rows: per elastic joint, and "" for the load side.
+
+    The load side is without the torque of the `springs`, which `with_spring_torque` adds.
+    """
+    zero = without_torque(robot, springs)
+    equations: dict[str, Regress] = {
+        joint: partial(actuator_regression, robot, joint=joint) for joint in robot.elastic_joints
+    }
+    return equations | {LOAD: partial(load_regression, robot, model=model, springs=zero)}
+
+
+def without_torque(robot: Robot, springs: Collection[str]) -> dict[str, Array]:
+    """Return springs {joint: parameters} without torque, for rows before the fit of the springs."""
+    return {joint: np.zeros(len(spring_regressor(robot, joint).names)) for joint in springs}
+
+
+def fit_actuator(
+    robot: Robot, datasets: Sequence[Dataset], joint: str, rows: Rows, estimator: Estimator
+) -> Fit:
+    """Fit the actuator side (10) of an elastic joint.
+
+    A linear spring whose torque was measured has noise in both torque and deflection.
+    """
+    found = fit(rows, estimator, check=check_scale)
+    plain = found.estimate.names == ("stiffness", "spring_offset")
+    if not plain or not estimator.weigh or found.rows is None:
+        return found
+    if not has_only_spring_torque(robot, datasets, joint):
+        return found
+    ratio = noise_ratio(robot, datasets, joint)
+    return replace(found, estimate=errors_in_variables(found.rows, ratio))
+
+
+def fit_load(
+    rows: Rows,
+    springs: Mapping[str, Estimate],
+    estimator: Estimator,
+    offsets: Array | None = None,
+) -> Fit:
+    """Fit the load side (8), whose rows have no spring torque, with the springs' uncertainty.
+
+    `offsets` (n, n) is the covariance of encoder offsets whose columns follow those of the springs.
+    """
+    covariances = [spring.covariance for spring in springs.values()]
+    covariances += [] if offsets is None else [offsets]
+    propagated = linalg.block_diag(*covariances) if covariances else None
+    with_torque = partial(with_spring_torque, list(springs.values()))
+    return fit(rows, estimator, propagated, with_torque, check_scale)
+
+
+def with_spring_torque(springs: Collection[Estimate], rows: Regression) -> Regression:
+    """Return rows of the load side with the torque of the springs (4b), from rows without it."""
+    if not springs:
+        return rows
+    values = np.concatenate([spring.values for spring in springs])
+    return replace(rows, y=rows.y + rows.propagated[:, : len(values)] @ values)
+
+
+def with_offset_columns(
+    robot: Robot,
+    motion: Motion,
+    model: LoadModel,
+    springs: Mapping[str, Array],
+    theta: Array,
+    regress: Regress,
+) -> Regression:
+    """Return the load side with propagated columns of the springs and then of encoder offsets."""
+    plain = regress(motion)
+    offsets = offset_sensitivity(robot, motion, model, springs, theta)
+    return replace(plain, propagated=np.hstack([plain.propagated, offsets.propagated]))
 
 
 def joints_with_torque(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, ...]:
@@ -302,64 +287,6 @@ def _all_measured(robot: Robot, motions: Sequence[Motion], joint: str, signal: s
     used = group_of(robot.transmission, own) if signal == "joint_torque" else [own]
     channels = [getattr(one, signal) for one in motions]
     return all(one is not None and bool(np.all(np.isfinite(one[:, used]))) for one in channels)
-
-
-def _load_side(
-    robot: Robot,
-    datasets: Sequence[Dataset],
-    model: LoadModel,
-    springs: Mapping[str, Estimate],
-    estimator: Estimator,
-    encoder_offset_std: float,
-    executor: Executor | None,
-    regressions: Regressions,
-    stored: StoredRows | None,
-) -> SideFit:
-    """Fit (8) with the uncertainty of springs and encoder offsets, if `stored` to stored rows."""
-    values = {joint: spring.values for joint, spring in springs.items()}
-    covariances = [spring.covariance for spring in springs.values()]
-    regress: Callable[[Motion], Regression]
-    regress = partial(regressions.load, robot, model=model, springs=values)
-    rows_with_torque = partial(_with_torque, values)
-    if encoder_offset_std > 0:
-        theta = (
-            _fitted_to(stored, estimator, None, rows_with_torque)
-            if stored
-            else fitted(datasets, regress, estimator, None, executor)
-        ).estimate.values
-        stored = None
-        regress = partial(_with_offsets, robot, regressions, model, values, theta)
-        covariances.append(encoder_offset_std**2 * np.eye(robot.n))
-    propagated = linalg.block_diag(*covariances) if covariances else None
-    if stored:
-        return _fitted_to(stored, estimator, propagated, rows_with_torque)
-    return fitted(datasets, regress, estimator, propagated, executor)
-
-
-def _without_torque(robot: Robot, joints: Sequence[str]) -> dict[str, Array]:
-    """Return springs {joint: parameters} without force, for rows before the fit of the springs."""
-    return {joint: np.zeros(len(spring_regressor(robot, joint).names)) for joint in joints}
-
-
-def _with_torque(springs: Mapping[str, Array], rows: Regression) -> Regression:
-    """Return rows of the load side with the springs' force by (4b), from rows without it."""
-    if not springs:
-        return rows
-    return replace(rows, y=rows.y + rows.propagated @ np.concatenate(list(springs.values())))
-
-
-def _with_offsets(
-    robot: Robot,
-    regressions: Regressions,
-    model: LoadModel,
-    springs: Mapping[str, Array],
-    theta: Array,
-    motion: Motion,
-) -> Regression:
-    """Return the load side with propagated columns of the springs and then of encoder offsets."""
-    plain = regressions.load(robot, motion, model, springs)
-    zeros = offset_sensitivity(robot, motion, model, springs, theta)
-    return replace(plain, propagated=np.hstack([plain.propagated, zeros.propagated]))
 
 
 def split_load_side(model: LoadModel, load_side: Estimate) -> tuple[Estimate, dict[str, Estimate]]:

@@ -14,9 +14,16 @@ from seaid._display import Display, Result, sampled_text
 from seaid._progress import track
 from seaid.errors import IdentificationError, checked
 from seaid.identification.identification import Identification, identify
-from seaid.identification.linearisation import under_load, with_gear_torque
+from seaid.identification.linearisation import with_gear_torque
 from seaid.log import Log, Motion, in_band, reconstruct_motions, standstill
-from seaid.regressor import INPUTS, actuator_columns, load_columns, signals, unknown_friction
+from seaid.regressor import (
+    INPUTS,
+    actuator_columns,
+    load_columns,
+    signals,
+    under_load,
+    unknown_friction,
+)
 from seaid.robot import Robot
 
 NUMBERS = (

@@ -8,6 +8,7 @@ cutoff is therefore selected from the spectra of the positions.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -21,6 +22,9 @@ _ROUNDING = 1e-6
 
 ROWS_PER_PERIOD = 4.0
 """Rows per period of the cutoff after decimation: twice the Nyquist rate of the filtered signal."""
+
+_FORGOTTEN = 6.0
+"""Periods of the cutoff after which the transient of the filter has decayed to 1e-11."""
 
 
 def low_pass(signals: Array, rate_hz: float, cutoff_hz: float) -> Array:
@@ -48,6 +52,12 @@ def _sections(rate_hz: float, cutoff_hz: float) -> Array:
 def decimation(rate_hz: float, cutoff_hz: float) -> int:
     """Return the number of samples per row of the filtered regression."""
     return max(1, int(rate_hz / (ROWS_PER_PERIOD * cutoff_hz) * (1 + _ROUNDING)))
+
+
+def filter_overlap(rate_hz: float, cutoff_hz: float) -> int:
+    """Return the samples, whole rows, in which the transient of the filter decays to 1e-11."""
+    step = decimation(rate_hz, cutoff_hz)
+    return step * math.ceil(_FORGOTTEN * rate_hz / cutoff_hz / step)
 
 
 def spline_derivatives(time: Array, signals: Array) -> tuple[Array, Array, Array]:

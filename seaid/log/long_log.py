@@ -14,9 +14,8 @@ import numpy as np
 from seaid._arrays import Array
 from seaid._display import Display, counted
 from seaid.errors import LogError, checked, shown
-from seaid.log.filtering import decimation
-from seaid.log.gaps import holes
-from seaid.log.log import MINIMUM_SAMPLES, Column, Log, log_of, wanted_columns
+from seaid.log.filtering import decimation, filter_overlap
+from seaid.log.log import MINIMUM_SAMPLES, Column, Log, holes, log_of, wanted_columns
 from seaid.log.motion import Motion, Processing, check_cutoff, is_regular, reconstruct_motion
 from seaid.log.readers.opening import open_table
 from seaid.log.readers.table import Block, Blocks
@@ -26,9 +25,6 @@ CHUNK_SAMPLES = 16_000
 """Samples in memory at a time, without the overlap."""
 
 _MOST_SAMPLES = 1_000_000_000
-
-_FORGOTTEN = 6.0
-"""Periods of the cutoff after which the transient of the filters has decayed to 1e-11."""
 
 _SHORTEST_RECORD = 10.0
 """Shortest log that can be reconstructed, in periods of the cutoff."""
@@ -58,8 +54,8 @@ class LongLog(Display):
         Samples per piece, and the overlap with each neighbour.
     cutoff_hz, step_s : float
         Cutoff of the identification [Hz], and time between rows of a regression [s].
-    fastest : array (n,) or None
-        Largest motor speeds [rad/s], which define standstill.
+    fastest : array (2, n) or None
+        Largest speeds of motors and joints, which define standstill.
     processing : Processing or None
         How the motion of the first piece was computed.
     """
@@ -144,14 +140,13 @@ def open_long_log(
     rate_hz = (len(first.time) - 1) / (first.time[-1] - first.time[0])
     check_cutoff(cutoff_hz, rate_hz)
     step, period = decimation(rate_hz, cutoff_hz), rate_hz / cutoff_hz
-    overlap = step * math.ceil(_FORGOTTEN * period / step)
     own = step * math.ceil(max(chunk_samples, _SHORTEST_RECORD * period) / step)
     long_log = LongLog(
         path=path,
         robot=robot,
         columns=columns,
         chunk_samples=own,
-        overlap_samples=overlap,
+        overlap_samples=filter_overlap(rate_hz, cutoff_hz),
         cutoff_hz=cutoff_hz,
         step_s=step / rate_hz,
         processing=processing,
@@ -259,9 +254,10 @@ def _check_even(path: Path, part: LogPart) -> None:
 
 
 def _fastest(long_log: LongLog) -> Array:
-    """Return the largest motor speed (n,) of the whole log."""
-    fastest = np.zeros(long_log.robot.n)
+    """Return the largest speeds (2, n) of motors and joints in the whole log."""
+    fastest = np.zeros((2, long_log.robot.n))
     for motion, part in long_log.motions():
-        own = (motion.time >= part.start_s) & (motion.time < part.end_s)
-        fastest = np.maximum(fastest, np.max(np.abs(motion.motor_velocity[own]), axis=0))
+        first, last = np.searchsorted(motion.time, [part.start_s, part.end_s])
+        own = motion.samples(slice(first, last))
+        fastest = np.maximum(fastest, own.largest_speeds)
     return fastest

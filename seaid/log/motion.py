@@ -13,8 +13,7 @@ from seaid._display import Display, sampled_text
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError, checked
 from seaid.log.filtering import CutoffSelection, low_pass, select_cutoff, spline_derivatives
-from seaid.log.gaps import HOLES, check_whole, holes, stretches
-from seaid.log.log import Log
+from seaid.log.log import HOLES, Log, check_whole, holes, stretches
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, typical_step
 from seaid.log.repair.data import Repair
 from seaid.log.repair.resampling import interpolated
@@ -106,8 +105,8 @@ class Motion(Display):
         Cutoff of the low pass of regressor and torque in a regression; inf: no filter.
     trim_s : float
         Filter transient that a regression excludes at both ends [s].
-    fastest : array (n,) or None
-        Largest motor speeds [rad/s] of the whole log, if this motion is a part of it.
+    fastest : array (2, n) or None
+        Largest speeds of motors and joints in the whole log, if this motion is a part of it.
     motor_current, motor_voltage : array (T, n) or None
         Measured current [A] and voltage [V]; None: no such sensor.
     gear_torque : array (T, n) or None
@@ -146,6 +145,21 @@ class Motion(Display):
     def rate_hz(self) -> float:
         """Sampling rate of the grid."""
         return _rate_hz(self.time)
+
+    @property
+    def largest_speeds(self) -> Array:
+        """Largest speeds (2, n) of motors [rad/s] and joints [rad/s or m/s]: those of the log."""
+        if self.fastest is not None:
+            return self.fastest
+        speeds = (self.motor_velocity, self.joint_velocity)
+        return np.array([np.max(np.abs(speed), axis=0) for speed in speeds])
+
+    def samples(self, part: slice) -> Motion:
+        """Return some successive samples of the motion, as a part of the same log."""
+        signals = {name: value for name, value in vars(self).items() if np.ndim(value) > 0}
+        del signals["joint_names"]
+        cut = {name: value[part] for name, value in signals.items() if name != "fastest"}
+        return replace(self, **cut, fastest=self.largest_speeds)
 
 
 @checked(LogError)
@@ -209,7 +223,7 @@ def reconstruct_motions(
     parts = stretches(log, 1.001 * SHORTEST_STRETCH / cutoff.cutoff_hz)
     _check_duration(cutoff.cutoff_hz, sum(float(part.time[-1] - part.time[0]) for part in parts))
     motions = [_motion(robot, part, cutoff, fewest=SHORTEST_STRETCH) for part in parts]
-    fastest = np.max([np.max(np.abs(one.motor_velocity), axis=0) for one in motions], axis=0)
+    fastest = np.max([one.largest_speeds for one in motions], axis=0)
     return tuple(replace(one, fastest=fastest) for one in motions)
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray
 from seaid.drives import Drive
-from seaid.log.filtering import decimation, low_pass
+from seaid.log.filtering import decimation, filter_overlap, low_pass
 from seaid.log.motion import Motion
 
 STANDSTILL = 0.01
@@ -44,6 +47,26 @@ def row_samples(motion: Motion) -> IndexArray:
     return np.arange(transient, len(motion.time) - transient, step)
 
 
+PIECE_SAMPLES = 16_000
+"""Samples of a motion whose columns are in memory at a time, without the overlap."""
+
+
+def pieces(motion: Motion) -> Iterator[tuple[Motion, float, float]]:
+    """Yield the pieces of a motion, which overlap, and the time span [start, end) [s] of each.
+
+    The rows of all spans are those of the whole motion, since the overlap takes the transients of
+    the filter.
+    """
+    count, overlap = len(motion.time), filter_overlap(motion.rate_hz, motion.cutoff_hz)
+    step = decimation(motion.rate_hz, motion.cutoff_hz)
+    own = step * -(-PIECE_SAMPLES // step)  # whole rows
+    motion = replace(motion, fastest=motion.largest_speeds)  # once, not by every piece
+    for start in range(0, count, own):
+        end, part = start + own, slice(max(start - overlap, 0), start + own + overlap)
+        until = float(motion.time[end]) if end < count else np.inf
+        yield motion.samples(part), float(motion.time[start]), until
+
+
 def standstill(motion: Motion, index: int, share: float = STANDSTILL_SHARE) -> BoolArray:
     """Return the mask (T,) of samples at which a motor's friction is unknown because it stands.
 
@@ -51,7 +74,7 @@ def standstill(motion: Motion, index: int, share: float = STANDSTILL_SHARE) -> B
     up more than `share` of that average. A reversal without a stop is no standstill.
     """
     speed = np.abs(motion.motor_velocity[:, index])
-    fastest = np.max(speed) if motion.fastest is None else motion.fastest[index]
+    fastest = np.max(speed) if motion.fastest is None else motion.fastest[0, index]
     return _still(motion, speed, float(fastest), share)
 
 
@@ -63,7 +86,8 @@ def still_share(drive: Drive) -> float:
 def joint_standstill(motion: Motion, index: int) -> BoolArray:
     """Return the mask (T,) of samples at which a joint stands, as `standstill` for its motor."""
     speed = np.abs(motion.joint_velocity[:, index])
-    return _still(motion, speed, float(np.max(speed)), STANDSTILL_SHARE)
+    fastest = np.max(speed) if motion.fastest is None else motion.fastest[1, index]
+    return _still(motion, speed, float(fastest), STANDSTILL_SHARE)
 
 
 def _still(motion: Motion, speed: Array, fastest: float, share: float) -> BoolArray:

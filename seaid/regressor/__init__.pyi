@@ -6,11 +6,13 @@ from .base import cross_check as cross_check
 from .base import random_states as random_states
 from .drive_signals import INPUTS as INPUTS
 from .drive_signals import fed_signals as fed_signals
+from .drive_signals import is_linear as is_linear
 from .drive_signals import joint_regressor as joint_regressor
 from .drive_signals import motor_regressor as motor_regressor
 from .drive_signals import sensed_torque as sensed_torque
 from .drive_signals import signals as signals
 from .drive_signals import spring_regressor as spring_regressor
+from .drive_signals import under_load as under_load
 from .load import OFFSET_STEP as OFFSET_STEP
 from .load import LoadModel as LoadModel
 from .load import check_offset_std as check_offset_std

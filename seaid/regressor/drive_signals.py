@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -44,6 +45,26 @@ def spring_regressor(robot: Robot, joint: str) -> DriveRegressor:
 def joint_regressor(robot: Robot, joint: str) -> DriveRegressor:
     """Return the regressor of the joint terms: parallel spring and joint friction."""
     return _joint_regressor(robot.drives[joint])
+
+
+def under_load(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
+    """Return the joints among `used` whose stiff drive has load-dependent friction."""
+    return tuple(
+        joint
+        for joint in used
+        if joint not in robot.elastic_joints and "load" in robot.drives[joint].friction
+    )
+
+
+def is_linear(robot: Robot, used: Sequence[str]) -> bool:
+    """Return whether the equations of all springs and of the joints `used` are linear.
+
+    That is, linear in their parameters, and without friction that depends on the load.
+    """
+    joints = dict.fromkeys((*robot.elastic_joints, *used))
+    return not under_load(robot, used) and not any(
+        motor_regressor(robot, joint).non_linear for joint in joints
+    )
 
 
 @cache

@@ -34,7 +34,7 @@ from seaid.regressor.drive_signals import (
     signals,
     spring_regressor,
 )
-from seaid.regressor.regression import Regression
+from seaid.regressor.regression import Regression, rows_by_pieces
 from seaid.regressor.rigid_body import regressor_at_drives
 from seaid.robot import UNITS, Robot, at_drives, group_of, torques_at_drives
 
@@ -225,6 +225,13 @@ def load_regression(
     that it does not contain takes its joint torque from the log. The torque of known bodies and
     payloads is on the known side y.
     """
+    return rows_by_pieces(motion, lambda piece: _load_rows(robot, piece, model, springs))
+
+
+def _load_rows(
+    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array]
+) -> Regression:
+    """Return the rows of `load_regression` of one piece of a motion."""
     torque, payload, H, propagated = load_columns(robot, motion, model, springs)
     rows = row_samples(motion)
     y, H, propagated = (

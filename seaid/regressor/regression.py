@@ -13,7 +13,16 @@ import numpy as np
 from seaid._arrays import Array, IndexArray, frozen
 from seaid.drives import DriveRegressor, is_dry
 from seaid.errors import LogError
-from seaid.log import LogPart, LongLog, Motion, in_band_at, row_samples, standstill, still_share
+from seaid.log import (
+    PIECE_SAMPLES,
+    LongLog,
+    Motion,
+    in_band_at,
+    pieces,
+    row_samples,
+    standstill,
+    still_share,
+)
 from seaid.regressor.drive_signals import (
     INPUTS,
     motor_regressor,
@@ -179,15 +188,25 @@ def regressions_of_parts(
     """
     for motion, part in long_log.motions():
         for name, regress in equations.items():
-            yield name, _own_rows(regress(motion), motion, part)
+            yield name, _own_rows(regress(motion), motion, part.start_s, part.end_s)
 
 
-def _own_rows(rows: Regression, motion: Motion, part: LogPart) -> Regression:
-    """Return the rows whose instants are inside the part, without those of its overlaps."""
+def rows_by_pieces(motion: Motion, regress: Regress) -> Regression:
+    """Return the rows of a motion, whose columns are computed piece by piece if it is long."""
+    if len(motion.time) <= PIECE_SAMPLES:
+        return regress(motion)
+    rows = stacked(
+        [_own_rows(regress(piece), piece, start, end) for piece, start, end in pieces(motion)]
+    )
+    return replace(rows, run=np.zeros(len(rows.y)))
+
+
+def _own_rows(rows: Regression, motion: Motion, start_s: float, end_s: float) -> Regression:
+    """Return the rows whose instants are in [start_s, end_s), without those of the overlaps."""
     instants = motion.time[row_samples(motion)]
-    mine = int(np.sum((instants >= part.start_s) & (instants < part.end_s)))
+    mine = int(np.sum((instants >= start_s) & (instants < end_s)))
     equations = (len(rows.y) + rows.excluded) // max(len(instants), 1)
-    kept = (rows.time >= part.start_s) & (rows.time < part.end_s)
+    kept = (rows.time >= start_s) & (rows.time < end_s)
     return replace(
         rows,
         excluded=equations * mine - int(np.sum(kept)),

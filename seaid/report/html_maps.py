@@ -21,9 +21,9 @@ from seaid.estimation import (
     qr_factor_of,
     settled_weights,
 )
-from seaid.identification import Fit, Identification, Validation, under_load, with_gear_torque
+from seaid.identification import Fit, Identification, Validation, with_gear_torque
 from seaid.log import Motion
-from seaid.regressor import load_regression, stacked
+from seaid.regressor import load_regression, stacked, under_load
 from seaid.report.figures import UNSEEN, actuator_figure, load_figure
 from seaid.report.html_traces import Run
 

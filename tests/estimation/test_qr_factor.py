@@ -140,6 +140,6 @@ def test_rows_that_are_not_finite_are_named() -> None:
 def test_triangle_of_fewer_rows_than_columns() -> None:
     columns = np.arange(6.0).reshape(2, 3)
     R = triangle(columns.copy())
-    assert R.shape == (3, 3)
+    assert R.shape == (2, 3)
     assert np.allclose(R.T @ R, columns.T @ columns)
-    assert np.array_equal(triangle(np.empty((0, 3))), np.zeros((3, 3)))
+    assert np.array_equal(triangle(np.empty((0, 3))), np.zeros((0, 3)))

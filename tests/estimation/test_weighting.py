@@ -46,14 +46,21 @@ def weights_one_by_one(found: QRFactor) -> Array:
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("badly", [1e6, 1.0])
-def test_residuals_are_those_of_the_whole_solution(seed: int, badly: float) -> None:
+def test_residuals_are_those_of_the_whole_solution(
+    monkeypatch: pytest.MonkeyPatch, seed: int, badly: float
+) -> None:
     found = qr_factor(seed, badly)
     cheap = orthonormal(found, solve(found, equal_weights(found)).values)
+    assert cheap.products is not None
     assert np.sum(cheap.products, axis=0) == pytest.approx(np.eye(6), abs=1e-8)
     weights = np.random.default_rng(seed).uniform(1, 1000, 4)
     norms = cheap.residual_norms(weights)
     assert norms == pytest.approx(found.residual_norms(solve(found, weights).values), rel=1e-8)
     assert cheap.residual_norms(np.array([1.0, 1.0, 1.0, 1e5])) is None
+    monkeypatch.setattr("seaid.estimation.least_squares._LARGEST_PRODUCTS", 0)
+    large = orthonormal(found, solve(found, equal_weights(found)).values)
+    assert large.products is None
+    assert large.residual_norms(weights) == pytest.approx(norms, rel=1e-10)
 
 
 @pytest.mark.parametrize("seed", range(5))

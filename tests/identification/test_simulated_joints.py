@@ -11,7 +11,7 @@ import pytest
 from seaid._arrays import Array
 from seaid.errors import IdentificationError
 from seaid.estimation import EstimatorName
-from seaid.estimation.estimators import ESTIMATORS
+from seaid.estimation.fitting import ESTIMATORS
 from seaid.identification.identification import identify
 from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.simulated_joints import driven_motion, finer_side

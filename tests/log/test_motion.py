@@ -129,9 +129,10 @@ def test_a_log_with_holes_is_taken_stretch_by_stretch() -> None:
     assert (second.time[0], second.time[-1]) == pytest.approx((2.6, 5.0))  # the last is too short
     alone = reconstruct_motion(arm(), log().between(0.0, 2.0005), 8.0)
     assert np.array_equal(first.joint_acceleration, alone.joint_acceleration)
-    speeds = np.abs(np.concatenate([first.motor_velocity, second.motor_velocity]))
-    for motion in (first, second):
-        assert motion.fastest == pytest.approx(np.max(speeds, axis=0))
+    for side, field in enumerate(("motor_velocity", "joint_velocity")):
+        speeds = np.abs(np.concatenate([getattr(one, field) for one in (first, second)]))
+        for motion in (first, second):
+            assert motion.largest_speeds[side] == pytest.approx(np.max(speeds, axis=0))
     (repair,) = first.processing.repairs if first.processing else ()
     assert (repair.kind, repair.count, repair.time_s) == ("holes in time", 2, 2.0)
     assert "0.6 s at t = 2 s" in repair.action

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
+from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError
 from seaid.log.filtering import low_pass
 from seaid.log.motion import Motion
@@ -229,3 +230,30 @@ def test_drive_columns_that_the_base_parameters_hide_are_in_an_expression() -> N
     assert model.expressions[0] == "m_carriage + m_upper_arm + 1.6e+05 motor_inertia_rail"
     assert {name for _, name, _ in model.drives} == {"viscous_friction", "coulomb_friction"}
     assert model.names[-1] == "coulomb_friction of wrist"
+
+
+@pytest.mark.parametrize("most", [700, 1501])
+def test_a_long_motion_is_evaluated_piece_by_piece(
+    monkeypatch: pytest.MonkeyPatch, most: int
+) -> None:
+    """The pieces bound the memory; rows, standstill included, are those of the whole motion."""
+    shoulder = arm().drives["shoulder"]
+    assert isinstance(shoulder, SeriesElasticDrive)
+    robot = arm().with_drives({"shoulder": replace(shoulder, joint_friction=("coulomb",))})
+    long = replace(arm_motion(), cutoff_hz=8.0, trim_s=0.125)
+    columns = load_model(robot, base_parameters(robot), robot.joint_names)
+    springs = {
+        joint: np.array([true_value(robot, joint, "stiffness"), 0.0])
+        for joint in robot.elastic_joints
+    }
+    whole = load_regression(robot, long, columns, springs)
+    monkeypatch.setattr("seaid.log.sampling.PIECE_SAMPLES", most)
+    monkeypatch.setattr("seaid.regressor.regression.PIECE_SAMPLES", most)
+    found = load_regression(robot, long, columns, springs)
+    assert found.excluded == whole.excluded > 0
+    same = np.lexsort((found.time, found.joint))
+    assert np.array_equal(found.time[same], whole.time)
+    assert np.array_equal(found.joint[same], whole.joint)
+    for name in ("H", "y", "propagated"):
+        one, other = getattr(found, name)[same], getattr(whole, name)
+        assert np.max(np.abs(one - other)) < 1e-9 * np.max(np.abs(other))

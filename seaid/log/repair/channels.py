@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, IndexArray
+from seaid._arrays import Array, BoolArray, IndexArray, is_constant
 from seaid.errors import LogError
 from seaid.log.repair.clocks import RepairedClock, longest_bridge, longest_step
 from seaid.log.repair.data import FEWEST, Channel, Fault, Repair, Repairs, is_position
@@ -234,11 +234,6 @@ def saturated(values: Array) -> BoolArray:
         if piled and levels[place] != 0.0:
             found |= values == levels[place]
     return found
-
-
-def is_constant(values: Array) -> bool:
-    """Return whether all samples (T,) of a channel are the same finite number."""
-    return bool(len(values) and np.all(np.isfinite(values)) and np.ptp(values) == 0.0)
 
 
 def repaired_channel(

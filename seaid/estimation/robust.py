@@ -1,4 +1,4 @@
-"""Estimators by name, and the robust ones among them: Huber's and Tukey's M-estimates.
+"""Robust estimators: Huber's and Tukey's M-estimates.
 
 M-estimates (Huber 1964; Beaton and Tukey 1974) give outliers such as spikes and saturated rows a
 smaller weight, by iteratively reweighted least squares. The scale of each equation is the median
@@ -8,24 +8,16 @@ absolute residual, which tolerates outliers in up to half of the rows.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, FrozenMapping
+from seaid._arrays import Array, BoolArray
 from seaid.errors import IdentificationError
 from seaid.estimation.covariance import long_run_of
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.least_squares import (
-    equal_weights,
-    estimate_of,
-    ordinary,
-    settled_weights,
-    solve,
-    weighted,
-)
-from seaid.estimation.qr_factor import QRFactor, qr_factor_of
+from seaid.estimation.least_squares import equal_weights, estimate_of, solve
+from seaid.estimation.qr_factor import qr_factor_of
 from seaid.regressor import Regression
 
 HUBER = 1.345
@@ -160,43 +152,3 @@ def _equations(rows: Regression) -> Iterator[BoolArray]:
     """Yield the mask (R,) of the rows of each equation."""
     for index in np.unique(rows.joint).astype(int):
         yield rows.joint == index
-
-
-def unweighted(rows: Regression, estimate: Estimate) -> Regression:
-    """Return the rows as they are."""
-    return rows
-
-
-@dataclass(frozen=True)
-class Estimator:
-    """An estimator by its functions.
-
-    `solve` estimates from rows and the propagated covariance; `weigh` gives the weights of the
-    equations if a QR factor is sufficient; `effective_rows` returns the rows as the estimate
-    weights them, for its checks.
-    """
-
-    solve: Callable[[Regression, Array | None], Estimate]
-    weigh: Callable[[QRFactor], Array] | None = None
-    effective_rows: Callable[[Regression, Estimate], Regression] = unweighted
-
-
-LinearEstimator = Literal["ols", "wls", "huber", "tukey"]
-"""Estimators of linear equations, which `ESTIMATORS` has."""
-
-EstimatorName = Literal[LinearEstimator, "iv"]
-"""Values of `estimator=`; "iv" is `instrumental`, which starts from the estimate of "wls"."""
-
-ESTIMATORS: FrozenMapping[Estimator] = FrozenMapping(
-    {
-        "ols": Estimator(ordinary, equal_weights),
-        "wls": Estimator(weighted, settled_weights),
-        "huber": Estimator(huber, effective_rows=without_outliers),
-        "tukey": Estimator(tukey, effective_rows=without_outliers),
-    }
-)
-
-
-def estimator_named(name: LinearEstimator) -> Estimator:
-    """Return an estimator by name."""
-    return ESTIMATORS[name]

@@ -14,15 +14,14 @@ from scipy.signal import lfilter
 from seaid._arrays import Array
 from seaid.errors import ExcitationError, IdentificationError
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.estimators import (
-    ESTIMATORS,
-    LinearEstimator,
+from seaid.estimation.fitting import ESTIMATORS, LinearEstimator
+from seaid.estimation.least_squares import ordinary, weighted
+from seaid.estimation.robust import (
     huber,
     huber_weights,
     tukey,
     tukey_weights,
 )
-from seaid.estimation.least_squares import ordinary, weighted
 from seaid.identification.identification import identify
 from seaid.regressor.regression import Regression
 from seaid.simulation.simulation import measure
@@ -182,7 +181,7 @@ def test_errors_are_those_of_least_squares(estimator: Solver) -> None:
 
 
 def test_what_does_not_settle_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("seaid.estimation.estimators._MOST_ITERATIONS", 2)
+    monkeypatch.setattr("seaid.estimation.robust._MOST_ITERATIONS", 2)
     with pytest.raises(IdentificationError, match=r"did not converge in 2 iterations: at .* s the"):
         huber(spoiled(experiment(7), 0.2))
 
