@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import seaid
 from seaid.cli.messages import check_outputs, is_terminal, show, show_paths
 from seaid.cli.options import (
     AsJson,
@@ -21,6 +22,7 @@ from seaid.cli.options import (
     checked_suffix,
     logs_of,
     names,
+    one_of,
     robot_of,
     values,
 )
@@ -38,7 +40,13 @@ def excite(
     joints: Joints = None,
     payload: Payloads = None,
     duration: Annotated[float, typer.Option(help="Duration of the motion [s].")] = 10.0,
-    basis: Annotated[str, typer.Option(help="bspline, fourier or polynomial.")] = "bspline",
+    basis: Annotated[
+        str,
+        typer.Option(
+            help="bspline, fourier or polynomial.",
+            callback=one_of("basis", lambda: seaid.excitation.BasisName),
+        ),
+    ] = "bspline",
     lower: Annotated[str | None, typer.Option(help=f"Lower position limit, {_OF_ALL}.")] = None,
     upper: Annotated[str | None, typer.Option(help=f"Upper position limit, {_OF_ALL}.")] = None,
     velocity: Annotated[
@@ -53,7 +61,11 @@ def excite(
     ] = None,
     torque_joints: TorqueJoints = None,
     criterion: Annotated[
-        str, typer.Option(help="condition_number, d_optimality or relative_error.")
+        str,
+        typer.Option(
+            help="condition_number, d_optimality or relative_error.",
+            callback=one_of("criterion", lambda: seaid.excitation.CriterionName),
+        ),
     ] = "condition_number",
     drive_parameters: Annotated[
         bool, typer.Option("--drive-parameters", help="Excite friction and stiffness as well.")

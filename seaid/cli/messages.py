@@ -30,8 +30,8 @@ _AS_OPTIONS = {
     r"\bencoder_offset_std=": "--encoder-offset-std",
     r"\bcutoff_hz=": "--cutoff-hz",
     r"\btorque_joints=": "--torque-joints",
-    r"\b(method|estimator|joints|description)=(?=[\w\"])": r"--\1 ",
-    r"\b(method|estimator|joints|description)=": r"--\1",
+    r"\b(method|estimator|basis|criterion|joints|description)=(?=[\w\"])": r"--\1 ",
+    r"\b(method|estimator|basis|criterion|joints|description)=": r"--\1",
 }
 """Arguments named in messages of the library, and the options of the command line for them."""
 

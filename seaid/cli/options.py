@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
+
+import seaid
+from seaid.errors import SeaidError, unknown_name
 
 if TYPE_CHECKING:
     from seaid.log import Log
@@ -58,10 +61,36 @@ TorqueJoints = Annotated[
     str | None,
     typer.Option(help="Joints whose torque is used, as a,b,c; default: all with a torque."),
 ]
+
+
+def one_of(name: str, choice: Callable[[], Any]) -> Callable[[str], str]:
+    """Return the check of an option whose values are a Literal of the library.
+
+    It is made before any file is read, and imports the library only if the option is used.
+    """
+
+    def checked(value: str) -> str:
+        if value not in get_args(choice()):
+            raise SeaidError(f"{name}=: {unknown_name(name, value, get_args(choice()))}")
+        return value
+
+    return checked
+
+
 Method = Annotated[
-    str, typer.Option(help="two-step: springs, then bodies; simultaneous: both in one regression.")
+    str,
+    typer.Option(
+        help="two-step: springs, then bodies; simultaneous: both in one regression.",
+        callback=one_of("method", lambda: seaid.identification.Method),
+    ),
 ]
-Estimator = Annotated[str, typer.Option(help="ols, wls, huber, tukey or iv.")]
+Estimator = Annotated[
+    str,
+    typer.Option(
+        help="ols, wls, huber, tukey or iv.",
+        callback=one_of("estimator", lambda: seaid.estimation.EstimatorName),
+    ),
+]
 CutoffHz = Annotated[
     float | None, typer.Option(help="Cutoff of the low pass [Hz]; default: from the data.")
 ]
@@ -142,7 +171,6 @@ def logs_of(
 def check_validation_logs(unseen: Sequence[Path], from_logs: Sequence[Path]) -> None:
     """Raise SeaidError for a validation log that is also used for the identification."""
     from seaid._files import real_path
-    from seaid.errors import SeaidError
 
     known = {real_path(path) for path in from_logs}
     for log in unseen:

@@ -187,6 +187,7 @@ def identify(
     if estimator == "iv" and method != "two-step":
         raise IdentificationError(f'estimator="iv" needs method="two-step", found "{method}"')
     check_offset_std(encoder_offset_std)
+    robot.rows(torque_joints)  # refuses unknown joints before a log is read
     solver = estimator_named("wls" if estimator == "iv" else estimator)
     sources = sources_of(logs)
     datasets = datasets_of(robot, sources, cutoff_hz, executor, progress)

@@ -135,14 +135,15 @@ def compare_terms(
     >>> selection = seaid.compare_terms(robot, log, terms={"friction": ["stribeck"]})
     >>> result = seaid.identify(selection.robot, log)
     """
-    asked = _asked(terms)
+    asked, compared = _asked(terms), robot.rows(joints)
+    robot.rows(torque_joints)  # refuses unknown joints before a log is read
     datasets = datasets_of(robot, sources_of(logs), cutoff_hz, None, progress)
     motions = [first_motion(dataset) for dataset in datasets]
     used = (
         joints_with_torque(robot, datasets) if torque_joints is None else robot.rows(torque_joints)
     )
     comparisons: list[TermComparison] = []
-    for joint in track(robot.rows(joints), "terms", progress):
+    for joint in track(compared, "terms", progress):
         robot = _extended(_JointModel(robot, motions, used, joint), asked, comparisons)
     recommended = {
         joint: tuple(
