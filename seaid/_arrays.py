@@ -30,16 +30,19 @@ MOST_SAMPLES = 10_000_000
 
 
 class FrozenMapping(Mapping[str, Value]):
-    """A read-only copy of a mapping; unlike MappingProxyType it can be pickled."""
+    """A read-only copy of a mapping; unlike MappingProxyType it can be pickled.
 
-    def __init__(self, items: Mapping[str, Value]) -> None:
-        self._items = dict(items)
+    `kind` is what its names are, for messages.
+    """
+
+    def __init__(self, items: Mapping[str, Value], kind: str = "entry") -> None:
+        self._items, self._kind = dict(items), kind
 
     def __getitem__(self, name: str) -> Value:
         try:
             return self._items[name]
         except KeyError:
-            raise UnknownNameError(unknown_name("entry", name, self._items)) from None
+            raise UnknownNameError(unknown_name(self._kind, name, self._items)) from None
 
     def __contains__(self, name: object) -> bool:
         return name in self._items

@@ -258,7 +258,7 @@ def test_numbers_of_numpy_and_tuples_are_arguments(given: Given) -> None:
 def test_a_joint_that_is_not_there_is_a_key_error_with_the_nearest_name(
     value: str, tulip_leg: Robot
 ) -> None:
-    with pytest.raises(KeyError, match=f"no entry is named '{value}'.*knee_pitch") as problem:
+    with pytest.raises(KeyError, match=f"no joint is named '{value}'.*knee_pitch") as problem:
         tulip_leg.drives[value]
     assert isinstance(problem.value, SeaidError)
     assert str(pickle.loads(pickle.dumps(problem.value))) == str(problem.value)
@@ -267,7 +267,7 @@ def test_a_joint_that_is_not_there_is_a_key_error_with_the_nearest_name(
 
 
 def test_entries_of_results_say_the_nearest_name(given: Given) -> None:
-    with pytest.raises(UnknownNameError, match=r"no entry .* did you mean 'shoulder'"):
+    with pytest.raises(UnknownNameError, match=r"no joint .* did you mean 'shoulder'"):
         given.found.drives["sholder"]
     with pytest.raises(UnknownNameError, match="no parameter is named 'stifness'; did you mean"):
         given.found.drives["shoulder"].value("stifness")

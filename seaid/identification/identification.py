@@ -227,7 +227,7 @@ def identification_of(
 ) -> Identification:
     """Return the estimates of both sides as an Identification of the robot."""
     return Identification(
-        drives=FrozenMapping(found.drives),
+        drives=FrozenMapping(found.drives, "joint"),
         load=found.load,
         base=model.base,
         robot=_identified_robot(robot, model.base, found) if feasible is None else feasible.robot,

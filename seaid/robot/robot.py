@@ -139,7 +139,7 @@ class Robot(Display):
         loaded = (parameters + self.payload_parameters).reshape(self.n, 10)
         for position, index in enumerate(self.model_order):
             model.inertias[position + 1] = to_pinocchio(loaded[index])
-        given = FrozenMapping({joint: drives[joint] for joint in self.joint_names})
+        given = FrozenMapping({joint: drives[joint] for joint in self.joint_names}, "joint")
         return replace(self, model=model, parameters=parameters, drives=given)
 
     def with_drives(self, drives: Mapping[str, Drive]) -> Robot:
@@ -237,7 +237,7 @@ def _robot(
         is_prismatic=tuple(joint.type == "prismatic" for joint in moved),
         model=built.model,
         model_order=built.order,
-        drives=FrozenMapping(drives),
+        drives=FrozenMapping(drives, "joint"),
         parameters=built.bodies.ravel(),
         payload_parameters=frozen("payload", built.payloads.ravel(), (None,)),
         lower_limits=limits("lower"),
