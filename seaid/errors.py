@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import inspect
 import os
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, wraps
 from itertools import islice
@@ -169,7 +170,7 @@ def checked(
         function: Callable[_Parameters, _Result],
     ) -> Callable[_Parameters, _Result]:
         signature = inspect.signature(function)
-        hints = cache(lambda: get_type_hints(function))
+        hints = cache(lambda: _hints(function))
 
         @wraps(function)
         def call(*values: _Parameters.args, **named: _Parameters.kwargs) -> _Result:
@@ -186,6 +187,21 @@ def checked(
         return call
 
     return decorate
+
+
+def _hints(function: Callable[..., Any]) -> dict[str, Any]:
+    """Return the annotations of a function.
+
+    Names that its module imports for types only are those of `seaid`, or of the own package.
+    """
+    package = sys.modules.get(".".join(function.__module__.split(".")[:2]))
+    known: dict[str, Any] = {}
+    while True:
+        try:
+            return get_type_hints(function, localns=known)
+        except NameError as problem:
+            name = str(problem.name)
+            known[name] = getattr(sys.modules["seaid"], name, getattr(package, name, Any))
 
 
 def _wrong_call(

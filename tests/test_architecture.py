@@ -53,7 +53,7 @@ UPWARDS = {
     # Identification.to_dict is the content of parameters.json
     ("seaid.identification.identification", "seaid.export"),
     # seaid.symbolic.base_parameters and the like are names that outside scripts rely on
-    ("seaid.symbolic", "seaid.regressor.exact"),
+    ("seaid.symbolic.of_robots", "seaid.regressor.exact"),
 }
 
 

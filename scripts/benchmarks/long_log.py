@@ -23,9 +23,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import seaid
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
-from seaid.estimation.least_squares import equal_weights, ordinary
+from seaid.estimation.fitting import estimator_named, fit
+from seaid.estimation.least_squares import ordinary
 from seaid.estimation.qr_factor import qr_factor_of
-from seaid.estimation.streaming import stored_estimate, stored_rows
+from seaid.identification.datasets import rows_of_equations
 from seaid.log.long_log import open_long_log
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.regressor.base import base_parameters
@@ -115,8 +116,8 @@ def estimate(path: Path, way: str) -> dict[str, object]:
     wall, core = time.perf_counter(), time.process_time()
     if way == "streamed":
         long_log = open_long_log(path, arm, cutoff_hz=CUTOFF_HZ)
-        with stored_rows([long_log], {"": rows}) as stored:
-            found = stored_estimate(stored[""], equal_weights)[0]
+        with rows_of_equations([long_log], {"": rows}, True, None, False) as stored:
+            found = fit(stored[""], estimator_named("ols")).estimate
     else:
         found = ordinary(rows(reconstruct_motion(arm, seaid.read_log(path, arm), CUTOFF_HZ)))
     return {

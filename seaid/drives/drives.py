@@ -414,13 +414,8 @@ class SeriesElasticDrive(_Parameters):
 
     @property
     def stiffness(self) -> float | None:
-        """Nominal k, in `stiffness_unit`."""
+        """Nominal k [N/m] of a linear spring, [N m/rad] of a rotary one."""
         return self.stiffness_N_per_m if self.is_linear_spring else self.stiffness_Nm_per_rad
-
-    @property
-    def stiffness_unit(self) -> str:
-        """N/m or N m/rad."""
-        return "N/m" if self.is_linear_spring else "N m/rad"
 
     @property
     def spring_units(self) -> tuple[str, str]:

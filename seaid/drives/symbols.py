@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import sympy as sp
 
-from seaid.drives.drives import Drive
+if TYPE_CHECKING:
+    from seaid.drives.drives import Drive
 
 t = sp.Symbol("t")
 theta_M, theta_L, tau_M, tau_L = (

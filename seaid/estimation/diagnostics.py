@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.stats import chi2
@@ -19,7 +20,9 @@ from seaid.errors import IdentificationError, unknown_name
 from seaid.estimation.covariance import by_instant
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.qr_factor import QRFactor, directions, qr_factor_of, triangle
-from seaid.regressor import Regression
+
+if TYPE_CHECKING:
+    from seaid.regressor import Regression
 
 POORLY_DETERMINED = 1e-2
 """Singular value, relative to the largest, below which a combination is poorly determined."""

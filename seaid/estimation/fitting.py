@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, Union
 
 from seaid._arrays import Array, FrozenMapping
 from seaid.estimation.diagnostics import ModelChecks, model_checks, whiteness
@@ -21,7 +21,9 @@ from seaid.estimation.least_squares import (
 from seaid.estimation.qr_factor import QRFactor, qr_factor_of
 from seaid.estimation.robust import huber, tukey, without_outliers
 from seaid.estimation.streaming import Change, StoredRows, stored_estimate
-from seaid.regressor import Regression
+
+if TYPE_CHECKING:
+    from seaid.regressor import Regression
 
 
 def unweighted(rows: Regression, estimate: Estimate) -> Regression:
@@ -64,7 +66,7 @@ def estimator_named(name: LinearEstimator) -> Estimator:
     return ESTIMATORS[name]
 
 
-Rows = Regression | StoredRows
+Rows = Union["Regression", StoredRows]
 """The rows of one equation or side: in memory, or stored in a file."""
 
 
@@ -110,7 +112,7 @@ def fit(
     `check` may refuse the QR factor of the rows. Stored rows need an estimator that weights
     equations. Raises as `ordinary` does.
     """
-    in_memory = rows if isinstance(rows, Regression) else None
+    in_memory = None if isinstance(rows, StoredRows) else rows
     if in_memory is not None and change is not None:
         in_memory = change(in_memory)
     if estimator.weigh is None:

@@ -8,6 +8,7 @@ Vandanjon and Gautier 2014, who compute them by a simulation of the fitted model
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
@@ -18,7 +19,9 @@ from seaid.estimation.covariance import long_run_of
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import estimate_of, score_factors, settled_weights, solve
 from seaid.estimation.qr_factor import qr_factor_of, triangle
-from seaid.regressor import Regression
+
+if TYPE_CHECKING:
+    from seaid.regressor import Regression
 
 WEAK = 0.1
 """Partial R^2 of a column with its instruments below which the instruments are flagged as weak."""

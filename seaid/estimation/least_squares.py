@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
@@ -20,7 +21,9 @@ from seaid.estimation.qr_factor import (
     first_term,
     qr_factor_of,
 )
-from seaid.regressor import Regression
+
+if TYPE_CHECKING:
+    from seaid.regressor import Regression
 
 _LARGEST_PRODUCTS = 1e8
 """Number of entries of `Orthonormal.products`, 0.8 GB, above which they are not stored."""

@@ -9,13 +9,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array, frozen, safely
 from seaid.errors import IdentificationError
-from seaid.regressor import Regression
+
+if TYPE_CHECKING:
+    from seaid.regressor import Regression
 
 _BLOCK = 1024
 """Rows that are factored at once: they stay in the processor's cache."""

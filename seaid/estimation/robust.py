@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,7 +19,9 @@ from seaid.estimation.covariance import long_run_of
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import equal_weights, estimate_of, solve
 from seaid.estimation.qr_factor import qr_factor_of
-from seaid.regressor import Regression
+
+if TYPE_CHECKING:
+    from seaid.regressor import Regression
 
 HUBER = 1.345
 """Scaled residual above which Huber's weight falls: 95 % efficient for Gaussian noise."""

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import groupby
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
 import numpy as np
 
@@ -23,11 +23,12 @@ from seaid.estimation.covariance import at_slots, long_run, slots
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import estimate_of, score_factors, solve
 from seaid.estimation.qr_factor import QRFactor, combined, qr_factor_of
-from seaid.log import LongLog
-from seaid.regressor import Regress, Regression, regressions_of_parts
+
+if TYPE_CHECKING:
+    from seaid.regressor import Regression
 
 Weigh = Callable[[QRFactor], Array]
-Change = Callable[[Regression], Regression]
+Change = Callable[["Regression"], "Regression"]
 
 _ARRAYS = ("H", "y", "joint", "time", "run", "propagated")
 
@@ -68,23 +69,22 @@ class StoredRows:
 
 @contextmanager
 def stored_rows(
-    logs: Sequence[LongLog], equations: Mapping[str, Regress]
+    names: Iterable[str], steps_s: tuple[float, ...], rows: Iterable[tuple[int, str, Regression]]
 ) -> Iterator[dict[str, StoredRows]]:
-    """Yield the stored rows of several equations {name: function of a motion}; read each log once.
+    """Yield the stored rows of several equations, from (log, equation, rows of the next piece).
 
-    Raises LogError if the temporary folder has no room for them.
+    `steps_s` are the times between rows of each log. Raises LogError if the temporary folder has no
+    room for them.
     """
-    steps = tuple(log.step_s for log in logs)
     with ExitStack() as files:
         with _room_needed():
             stored = {
-                name: StoredRows(files.enter_context(tempfile.TemporaryFile()), steps)
-                for name in equations
+                name: StoredRows(files.enter_context(tempfile.TemporaryFile()), steps_s)
+                for name in names
             }
-        for number, log in enumerate(logs):
-            for name, rows in regressions_of_parts(log, equations):
-                with _room_needed():
-                    stored[name].add(number, rows)
+        for log, name, piece in rows:
+            with _room_needed():
+                stored[name].add(log, piece)
         yield stored
 
 

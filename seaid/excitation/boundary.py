@@ -8,15 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, finite, safely
 from seaid._display import Display
-from seaid.errors import ExcitationError, unknown_name
+from seaid.errors import ExcitationError
 from seaid.excitation.basis import Basis
-from seaid.excitation.limits import KINDS, JointLimits, grouped, hull_rows
+from seaid.excitation.limits import KINDS, JointLimits, grouped, hull_rows, per_joint
 
 EndValue = float | Sequence[float] | Array | Mapping[str, float] | None
 ROUNDING = 1e-9
@@ -80,7 +79,8 @@ def end_conditions(
         for kind, given in enumerate((state.position, state.velocity, state.acceleration)):
             if given is not None:
                 name = f"{KINDS[kind]} at the {_ENDS[which]}"
-                values = _end_values(name, given, tuple(joint_names))
+                wanted = per_joint(name, given, joint_names)
+                values = finite(name, wanted, (len(joint_names),), ExcitationError)
                 found.append((tables[kind][which], values, kind, which))
     rows = np.array([row for row, *_ in found]).reshape(-1, basis.size)
     return EndConditions(
@@ -153,25 +153,6 @@ def check_consistent(
             "at the end contradict each other, for a fourier series is periodic and ends as it "
             "starts; give equal ends, leave one free, or take a bspline"
         )
-
-
-def _end_values(name: str, given: Any, joint_names: tuple[str, ...]) -> Array:
-    """Return one quantity of an end state (n,)."""
-    wanted = given
-    if isinstance(given, Mapping):
-        for joint in given:
-            if joint not in joint_names:
-                raise ExcitationError(f"{name}: " + unknown_name("joint", joint, joint_names))
-        missing = [joint for joint in joint_names if joint not in given]
-        if missing:
-            raise ExcitationError(
-                f"{name} is not given for {', '.join(missing)}; name all joints, or give None "
-                "where it may be any"
-            )
-        wanted = [given[joint] for joint in joint_names]
-    elif np.ndim(given) == 0:
-        wanted = [given] * len(joint_names)
-    return finite(name, wanted, (len(joint_names),), ExcitationError)
 
 
 _RUN_IN_SHARE, _RUN_IN_DENSITY = 0.98, 4

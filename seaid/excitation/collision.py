@@ -186,8 +186,16 @@ def _without_meshes(urdf: Path, folders: Sequence[Path]) -> tuple[str, dict[str,
         for place, box in enumerate(link.iterfind("collision"))
         for mesh in box.iterfind("geometry/mesh")
     }
-    where = dict.fromkeys(str(mesh.get("filename")) for _, mesh in named.values())
-    found = {name: find_mesh(name, folders) for name in where}
+    files = _mesh_files(urdf, [str(mesh.get("filename")) for _, mesh in named.values()], folders)
+    meshes = {}
+    for (name, (link, mesh)), path in zip(named.items(), files, strict=True):
+        meshes[name] = Mesh(link, path, _scale(urdf, link, mesh.get("scale") or "1 1 1"))
+        mesh.getparent().replace(mesh, etree.Element("sphere", radius="1"))
+    return str(etree.tostring(root, encoding="unicode")), meshes
+
+
+def _mesh_files(urdf: Path, names: Sequence[str], folders: Sequence[Path]) -> list[Path]:
+    found = {name: find_mesh(name, folders) for name in names}
     missing = [name for name, path in found.items() if path is None]
     if missing:
         raise RobotError(
@@ -195,13 +203,7 @@ def _without_meshes(urdf: Path, folders: Sequence[Path]) -> tuple[str, dict[str,
             "in package_dirs, the folder of the file and those above it; give the folders that "
             "hold the packages by package_dirs=[...]"
         )
-    meshes = {}
-    for name, (link, mesh) in named.items():
-        path = found[str(mesh.get("filename"))]
-        if path is not None:
-            meshes[name] = Mesh(link, path, _scale(urdf, link, mesh.get("scale") or "1 1 1"))
-        mesh.getparent().replace(mesh, etree.Element("sphere", radius="1"))
-    return str(etree.tostring(root, encoding="unicode")), meshes
+    return [path for path in map(found.get, names) if path is not None]
 
 
 def _scale(urdf: Path, link: str, text: str) -> tuple[float, float, float]:

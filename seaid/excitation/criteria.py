@@ -190,11 +190,9 @@ States = tuple[Array, Array, Array]
 def torque_derivatives(robot: Robot, states: States) -> Array:
     """Return d tau_i / d (q, v, a)_j of the inverse dynamics, (3, T, n, n), payloads included."""
     model, order = robot.model, list(robot.model_order)
-    tables = np.empty((3, len(states[0]), robot.n, robot.n))
     inverse = np.argsort(order)
     by_state = _derivatives(model, tuple(state[:, order] for state in states), slice(None), None)
-    tables[:] = by_state[:, :, inverse][:, :, :, inverse]
-    return tables
+    return np.ascontiguousarray(by_state[:, :, inverse][:, :, :, inverse])
 
 
 def regressor_gradient(

@@ -22,18 +22,17 @@ from seaid.excitation.criteria import (
     has_full_rank,
     pivoted_base,
     singular_values,
-    triangular_factor,
 )
 from seaid.excitation.limits import JointLimits, Limits, Margins, drive_limits, joint_limits
 from seaid.excitation.objective import Target, drive_target, load_target, stacked_regressor
 from seaid.excitation.problem import (
     Problem,
     all_margins,
+    factor_of,
     make_problem,
     motion_within,
     previous_logs_factor,
     scaled_target,
-    states_of,
 )
 from seaid.excitation.run_in import with_run_in
 from seaid.excitation.search import Outcome, search, with_feasible_start
@@ -228,7 +227,7 @@ def _excitation(
     time = np.linspace(0.0, trajectory.duration, _REPORT_SAMPLES)
     plain = load_target(robot, [robot.joint_names[row] for row in problem.target.rows], base)
     kappa = _safely(np.linalg.cond, stacked_regressor(plain, time, trajectory.sample(time)))
-    R, R_first = (_factor(problem, x) for x in (x, first))
+    R, R_first = factor_of(problem, x), factor_of(problem, first)
     target = problem.target
     inverse = _safely(np.linalg.inv, R) if has_full_rank(R) else np.full_like(R, np.inf)
     return Excitation(
@@ -245,11 +244,6 @@ def _excitation(
         singular_values=singular_values(R),
         start_singular_values=singular_values(R_first),
     )
-
-
-def _factor(problem: Problem, x: Array) -> Array:
-    H = stacked_regressor(problem.target, problem.time, states_of(problem, x))
-    return triangular_factor(H, problem.target.known)
 
 
 def _coefficients(robot: Robot, basis: BasisName, duration: float) -> int:

@@ -194,18 +194,10 @@ def limit_values(
     Raises ExcitationError, naming the joint, for a value that is not finite (infinity is allowed
     with `unlimited`), for unknown joints and other shapes.
     """
-    wanted: Any = given
+    wanted: Any = default if given is None else given
     if isinstance(given, Mapping):
-        for joint in given:
-            if joint not in robot.joint_names:
-                raise ExcitationError(
-                    f"{name} limit: " + unknown_name("joint", joint, robot.joint_names)
-                )
-        wanted = [given.get(joint, default[robot.index(joint)]) for joint in robot.joint_names]
-    elif given is None:
-        wanted = default
-    elif np.ndim(given) == 0:
-        wanted = [given] * robot.n
+        wanted = dict(zip(robot.joint_names, default, strict=True)) | dict(given)
+    wanted = per_joint(f"{name} limit", wanted, robot.joint_names)
     values = frozen(f"{name} limit", wanted, (robot.n,), ExcitationError)
     for joint, value in zip(robot.joint_names, values, strict=True):
         if not (np.isfinite(value) or (unlimited and value == np.inf)):
@@ -221,6 +213,25 @@ def limit_values(
                 f"Limits({name}={{'{joint}': ...}})"
             )
     return values
+
+
+def per_joint(name: str, given: Any, joint_names: Sequence[str]) -> Any:
+    """Return the values of {joint: value} in the order of the joints, or one value for each.
+
+    Raises ExcitationError for a joint that is unknown or missing; a sequence is returned as it is.
+    """
+    if not isinstance(given, Mapping):
+        return [given] * len(joint_names) if np.ndim(given) == 0 else given
+    for joint in given:
+        if joint not in joint_names:
+            raise ExcitationError(f"{name}: " + unknown_name("joint", joint, joint_names))
+    missing = [joint for joint in joint_names if joint not in given]
+    if missing:
+        raise ExcitationError(
+            f"{name} is not given for {', '.join(missing)}; name all joints, or give None "
+            "where it may be any"
+        )
+    return [given[joint] for joint in joint_names]
 
 
 def positive_values(
@@ -281,13 +292,8 @@ def drive_limits(robot: Robot, limits: Limits, top_speed: Array) -> DriveLimits 
     usable = np.isfinite(effort) & (effort > 0) & known
     elastic = np.array([joint in robot.elastic_joints for joint in robot.joint_names])
     defaults = {"joint_torque": np.where(usable, effort, np.inf)}
-    given = {
-        kind: positive_values(
-            robot, kind, getattr(limits, kind), defaults.get(kind, nothing), unlimited=True
-        )
-        for kind in DRIVE_KINDS
-    }
-    most = np.array([given[kind] for kind in DRIVE_KINDS])
+    given = [(kind, getattr(limits, kind), defaults.get(kind, nothing)) for kind in DRIVE_KINDS]
+    most = np.array([positive_values(robot, *one, unlimited=True) for one in given])
     most[DRIVE_KINDS.index("deflection"), ~elastic] = np.inf
     limited = np.isfinite(most)
     if not np.any(limited):
@@ -297,11 +303,9 @@ def drive_limits(robot: Robot, limits: Limits, top_speed: Array) -> DriveLimits 
     motors = np.flatnonzero(limited[DRIVE_KINDS.index("motor_torque")])
     drives = transmission(robot) if np.any(limited[1:]) else rigid_transmission(robot)
     limited_joints = [robot.joint_names[index] for index in np.flatnonzero(limited.any(axis=0))]
-    inertia = np.zeros(robot.n)
-    for index in motors:
-        joint = robot.joint_names[index]
-        inertia[index] = nominal_value(joint, robot.drives[joint], "motor_inertia")
     names = [robot.joint_names[index] for index in motors]
+    inertia = np.zeros(robot.n)
+    inertia[motors] = [nominal_value(x, robot.drives[x], "motor_inertia") for x in names]
     curves = [friction_curve(joint, robot.drives[joint]) for joint in names]
     return DriveLimits(
         robot=robot,

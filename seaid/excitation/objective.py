@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 
@@ -149,19 +150,19 @@ def drive_target(
     known, drives = robot.rows(torque_joints), transmission(robot)
     parts = _drive_blocks(robot, drives, known, top_speed)
     plain, model = load_target(robot, torque_joints, base), load_model(robot, base, known)
+    in_load_model = {(joint, name) for joint, name, _ in model.drives}
     names, units = list(model.expressions), list(plain.units)
     blocks = []
     for block in parts:
-        joint, regressor = robot.joint_names[block.joint], block.regressor
-        in_load_model = {name for owner, name, _ in model.drives if owner == joint}
-        in_motor_row = np.any(block.shares[len(known) :])
-        picked = [
-            i for i, name in enumerate(regressor.names) if in_motor_row or name in in_load_model
-        ]
+        joint, own = robot.joint_names[block.joint], block.regressor
+        is_column = [(joint, name) in in_load_model for name in own.names]
+        if np.any(block.shares[len(known) :]):  # in the row of a motor
+            is_column = [True] * len(own.names)
+        picked = tuple(np.flatnonzero(is_column).tolist())
         columns = tuple(range(len(names), len(names) + len(picked)))
-        blocks.append(replace(block, columns=columns, picked=tuple(picked)))
-        names += [f"{regressor.names[i]} of {joint}" for i in picked]
-        units += [regressor.units[i] for i in picked]
+        blocks.append(replace(block, columns=columns, picked=picked))
+        names += [f"{name} of {joint}" for name in compress(own.names, is_column)]
+        units += compress(own.units, is_column)
     needs_load = drives.is_elastic or any("tau_G" in block.signals for block in blocks)
     if needs_load:
         check_nominal_bodies(robot)

@@ -97,12 +97,6 @@ def make_problem(
     )
 
 
-def with_instants(problem: Problem, samples: int) -> Problem:
-    """Return the problem with another number of instants."""
-    time, maps, start_states = _at_instants(problem.space, samples)
-    return replace(problem, time=time, maps=maps, start_states=start_states)
-
-
 def recentred(problem: Problem, x: Array) -> Problem:
     """Return the problem with the motion x as its origin."""
     joints = x.reshape(problem.shape)
@@ -136,10 +130,15 @@ def states_of(problem: Problem, x: Array) -> States:
     return q, v, a
 
 
+def factor_of(problem: Problem, x: Array) -> Array:
+    """Return the triangular factor of the observation matrix of x and the previous logs."""
+    H = stacked_regressor(problem.target, problem.time, states_of(problem, x))
+    return triangular_factor(H, problem.target.known)
+
+
 def value_of(problem: Problem, x: Array) -> float:
     """Return the log of the criterion, infinite if a parameter is unidentifiable."""
-    H = stacked_regressor(problem.target, problem.time, states_of(problem, x))
-    R = triangular_factor(H, problem.target.known)
+    R = factor_of(problem, x)
     return problem.measure.log_value(R) if has_full_rank(R) else np.inf
 
 
@@ -322,11 +321,7 @@ _FINER, _MOST_INSTANTS = 8, 2000
 
 def motion_within(problem: Problem, x: Array) -> Array:
     """Return x, scaled towards zero if a limit is broken between the instants of the search."""
-    return (
-        scaled_into_nonlinear_limits(_on_fine_grid(problem), x, 1.0)
-        if has_nonlinear_limits(problem)
-        else x
-    )
+    return scaled_into_nonlinear_limits(_on_fine_grid(problem), x, 1.0)
 
 
 def all_margins(problem: Problem, x: Array, trajectory: Trajectory, bounds: JointLimits) -> Margins:
@@ -350,7 +345,9 @@ def all_margins(problem: Problem, x: Array, trajectory: Trajectory, bounds: Join
 
 def _on_fine_grid(problem: Problem) -> Problem:
     samples = len(problem.time)
-    return with_instants(problem, min(_FINER * samples, max(_MOST_INSTANTS, samples)))
+    count = min(_FINER * samples, max(_MOST_INSTANTS, samples))
+    time, maps, start_states = _at_instants(problem.space, count)
+    return replace(problem, time=time, maps=maps, start_states=start_states)
 
 
 _REFERENCES = 3

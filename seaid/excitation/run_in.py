@@ -98,7 +98,6 @@ _SHARE = 0.9
 _GROWTH, _FINEST, _TRIALS = 1.6, 1.2, 6
 _PHASES = 200
 
-State = tuple[Array, Array, Array]
 Segment = tuple[Basis, Array]
 
 
@@ -147,7 +146,8 @@ def add_run_in(
         raise ExcitationError(f"periods must be a whole number of at least 1, found {periods}")
     bounds = joint_limits(robot, limits)
     main = trajectory if trajectory.rests_at_ends else _with_best_phase(trajectory, bounds)
-    start, end = _ends(main)
+    ends = main.basis.states(np.array([0.0, main.duration]), main.coefficients)
+    start, end = np.stack(ends, axis=1)
     if periods > 1:
         _check_meets(main, start, end)
     names = trajectory.joint_names
@@ -165,12 +165,7 @@ def add_run_in(
     )
 
 
-def _ends(trajectory: Trajectory) -> tuple[State, State]:
-    q, v, a = trajectory.basis.states(np.array([0.0, trajectory.duration]), trajectory.coefficients)
-    return (q[0], v[0], a[0]), (q[1], v[1], a[1])
-
-
-def _check_meets(trajectory: Trajectory, start: State, end: State) -> None:
+def _check_meets(trajectory: Trajectory, start: Array, end: Array) -> None:
     reach = np.ptp(trajectory.coefficients, axis=0)
     for order, (first, last) in enumerate(zip(start, end, strict=True)):
         apart = np.abs(first - last) * trajectory.duration**order > 1e-9 * reach
@@ -196,9 +191,9 @@ def _with_best_phase(trajectory: Trajectory, bounds: JointLimits) -> Trajectory:
 
 
 def _shortest_segment(
-    names: tuple[str, ...], bounds: JointLimits, state: State, *, out: bool
+    names: tuple[str, ...], bounds: JointLimits, state: Array, *, out: bool
 ) -> Segment:
-    """Return a short segment from rest to a state, or with `out` from the state to rest.
+    """Return a short segment from rest to a state (3, n), or with `out` from the state to rest.
 
     A segment that is too short breaks the acceleration limit; one that is too long has too few
     coefficients to turn. So longer and shorter durations than the stopping time are tried in turn.
@@ -222,7 +217,7 @@ def _shortest_segment(
 
 
 def _shortened(
-    names: tuple[str, ...], bounds: JointLimits, state: State, piece: Segment, *, out: bool
+    names: tuple[str, ...], bounds: JointLimits, state: Array, piece: Segment, *, out: bool
 ) -> Segment:
     """Return the segment, shortened by steps that are halved when one fails."""
     step = _GROWTH
@@ -235,7 +230,7 @@ def _shortened(
 
 
 def _segment(
-    names: tuple[str, ...], bounds: JointLimits, state: State, duration: float, *, out: bool
+    names: tuple[str, ...], bounds: JointLimits, state: Array, duration: float, *, out: bool
 ) -> Segment:
     """Return a segment of one duration. Raises ExcitationError if none is within bounds."""
     basis = run_in_basis(duration)
@@ -244,7 +239,7 @@ def _segment(
     return basis, motion_space(basis, names, bounds, start, end).feasible_start
 
 
-def _tightened(bounds: JointLimits, state: State, share: float) -> JointLimits:
+def _tightened(bounds: JointLimits, state: Array, share: float) -> JointLimits:
     """Return limits reduced to a share of each, but not below the values of the state itself."""
     q, v, a = state
     half = np.maximum(share * bounds.half_range, np.abs(q - bounds.middle))

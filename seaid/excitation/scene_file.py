@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, compress
 from pathlib import Path
 
 import coal
@@ -150,12 +150,8 @@ def load_scene(
     names = _with_boxes(geometry, links, keep_out)
     disabled = {*_checked(disabled_pairs, names), *_disabled_by_srdf(srdf)}
     joints = [shape.parentJoint for shape in geometry.geometryObjects]
-    for first, second in combinations(range(len(names)), 2):
-        is_box = first < len(links) <= second
-        apart = joints[second] != joints[first] and (
-            is_box or _not_neighbours(robot.model, joints[first], joints[second])
-        )
-        if apart and frozenset((names[first], names[second])) not in disabled:
+    for first, second in _pairs(robot.model, joints, len(links)):
+        if frozenset((names[first], names[second])) not in disabled:
             geometry.addCollisionPair(pin.CollisionPair(first, second))
     pairs = tuple((names[pair.first], names[pair.second]) for pair in geometry.collisionPairs)
     scene = Scene(
@@ -180,8 +176,13 @@ def _with_boxes(
     return tuple(names)
 
 
-def _not_neighbours(model: pin.Model, first: int, second: int) -> bool:
-    return model.parents[second] != first and bool(model.parents[first] != second)
+def _pairs(model: pin.Model, joints: Sequence[int], links: int) -> Iterator[tuple[int, int]]:
+    """Yield the objects on two bodies that are no neighbours, and moving ones with each box."""
+    for first, second in combinations(range(len(joints)), 2):
+        one, two = joints[first], joints[second]
+        are_neighbours = model.parents[one] == two or model.parents[two] == one
+        if one != two and (first < links <= second or not are_neighbours):
+            yield first, second
 
 
 def _checked(pairs: Iterable[Pair], names: Sequence[str]) -> set[frozenset[str]]:
@@ -226,18 +227,16 @@ def _without_always_close(scene: Scene, robot: Robot, boxes: set[str]) -> Scene:
     """
     close = distances(scene, _postures(robot), cap_m=scene.clearance_m) < scene.clearance_m
     shares = np.mean(close, axis=0)
-    for pair, share in zip(scene.pairs, shares, strict=True):
-        if boxes.intersection(pair) and share == 1.0:
-            raise ExcitationError(
-                f"no posture keeps link '{pair[0]}' clear of keep-out box '{pair[1]}' (of "
-                f"{_POSTURES} tried); move the box, or exclude the pair by "
-                f"disabled_pairs=[{pair!r}]"
-            )
-    keep = [
-        bool(share < _NEARLY_ALWAYS or boxes.intersection(pair))
-        for pair, share in zip(scene.pairs, shares, strict=True)
-    ]
-    ignored = tuple(dict.fromkeys(p for p, kept in zip(scene.pairs, keep, strict=True) if not kept))
+    to_box = np.array([not boxes.isdisjoint(pair) for pair in scene.pairs], dtype=bool)
+    blocked = list(compress(scene.pairs, to_box & (shares == 1.0)))
+    if blocked:
+        link, box = blocked[0]
+        raise ExcitationError(
+            f"no posture keeps link '{link}' clear of keep-out box '{box}' (of {_POSTURES} tried); "
+            f"move the box, or exclude the pair by disabled_pairs=[{blocked[0]!r}]"
+        )
+    keep = to_box | (shares < _NEARLY_ALWAYS)
+    ignored = tuple(dict.fromkeys(compress(scene.pairs, ~keep)))
     if ignored:
         warnings.warn(
             f"'{robot.name}': not checked for collision, because closer than "
@@ -246,17 +245,16 @@ def _without_always_close(scene: Scene, robot: Robot, boxes: set[str]) -> Scene:
             SeaidWarning,
             stacklevel=4,
         )
-    if not any(keep):
+    if not np.any(keep):
         raise ExcitationError(
             f"'{robot.name}' has no two bodies to keep apart: plan without a scene, or give boxes "
             "by keep_out=[...]"
         )
-    pairs = tuple(pair for pair, kept in zip(scene.pairs, keep, strict=True) if kept)
     geometry = scene.geometry.copy()
     geometry.removeAllCollisionPairs()
-    for pair, kept in zip(scene.geometry.collisionPairs, keep, strict=True):
-        if kept:
-            geometry.addCollisionPair(pair)
+    for collision_pair in compress(scene.geometry.collisionPairs, keep):
+        geometry.addCollisionPair(collision_pair)
+    pairs = tuple(compress(scene.pairs, keep))
     return replace(scene, geometry=geometry, pairs=pairs, ignored=ignored)
 
 

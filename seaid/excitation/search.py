@@ -263,7 +263,9 @@ def search(
         best = min(outcomes, key=lambda outcome: outcome.value)
         if any(outcome.interrupted for outcome in outcomes):
             return replace(best, early="interrupted", interrupted=True), begin.x
-        return optimise(problem, best.x, iterations, _after(report, starts * first)), begin.x
+        done = starts * first
+        last = optimise(problem, best.x, iterations, lambda value, i: report(value, done + i))
+        return last, begin.x
 
 
 def optimise(
@@ -337,7 +339,3 @@ def _map_starts(
         lambda number, outcome: report(outcome.value, number * iterations),
     )
     return [*outcomes, Outcome(np.inf, begins[0], interrupted=True)] if interrupted else outcomes
-
-
-def _after(report: Report, done: int) -> Report:
-    return lambda value, iteration: report(value, done + iteration)

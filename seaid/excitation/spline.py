@@ -43,28 +43,7 @@ class SplineBasis:
             raise ExcitationError(
                 f"the degree of a spline is at most {_MOST_DEGREE}, found {shown(self.degree)}"
             )
-        count, end = self.degree + 1, len(knots) - self.degree - 1
-        clamped = count <= end and np.all(knots[:count] == 0) and np.all(knots[end:] == knots[-1])
-        inside = knots[count:end]
-        ordered = clamped and np.all(np.isfinite(knots)) and np.all(np.diff(knots) >= 0)
-        if not (ordered and knots[-1] > 0 and np.all((inside > 0) & (inside < knots[-1]))):
-            raise ExcitationError(
-                f"knots of degree {self.degree} must be {count} zeros, then rising times, then "
-                f"{count} times the duration, found {shown(knots.tolist())}"
-            )
-        spans = np.diff(knots)
-        near = (spans > 0) & (spans < _LEAST_SPAN * knots[-1])
-        if np.any(near):
-            i = int(np.argmax(near))
-            raise ExcitationError(
-                f"knots at different times must be at least {_LEAST_SPAN:g} of the duration apart, "
-                f"found {knots[i]:.9g} and {knots[i + 1]:.9g} s"
-            )
-        if np.unique(inside, return_counts=True)[1].max(initial=0) > self.degree - 2:
-            raise ExcitationError(
-                f"a knot of degree {self.degree} is repeated more than {self.degree - 2} times: "
-                "the acceleration would jump there"
-            )
+        _check_knots(knots, self.degree)
 
     @property
     def duration(self) -> float:
@@ -128,6 +107,30 @@ class SplineBasis:
     def to_dict(self) -> dict[str, Any]:
         """Return the basis as JSON content."""
         return {"type": "spline", "degree": self.degree, "knots": self.knots.tolist()}
+
+
+def _check_knots(knots: Array, degree: int) -> None:
+    count, end = degree + 1, len(knots) - degree - 1
+    clamped = count <= end and np.all(knots[:count] == 0) and np.all(knots[end:] == knots[-1])
+    inside, spans = knots[count:end], np.diff(knots)
+    ordered = clamped and np.all(np.isfinite(knots)) and np.all(spans >= 0)
+    if not (ordered and knots[-1] > 0 and np.all((inside > 0) & (inside < knots[-1]))):
+        raise ExcitationError(
+            f"knots of degree {degree} must be {count} zeros, then rising times, then "
+            f"{count} times the duration, found {shown(knots.tolist())}"
+        )
+    near = (spans > 0) & (spans < _LEAST_SPAN * knots[-1])
+    if np.any(near):
+        i = int(np.argmax(near))
+        raise ExcitationError(
+            f"knots at different times must be at least {_LEAST_SPAN:g} of the duration apart, "
+            f"found {knots[i]:.9g} and {knots[i + 1]:.9g} s"
+        )
+    if np.unique(inside, return_counts=True)[1].max(initial=0) > degree - 2:
+        raise ExcitationError(
+            f"a knot of degree {degree} is repeated more than {degree - 2} times: "
+            "the acceleration would jump there"
+        )
 
 
 def bernstein_from_powers(powers: Array, duration: float) -> Array:

@@ -10,7 +10,6 @@ from .drive_estimates import POORLY_IDENTIFIED as POORLY_IDENTIFIED
 from .identification import Identification as Identification
 from .identification import Method as Method
 from .identification import identify as identify
-from .linearisation import with_gear_torque as with_gear_torque
 from .model_selection import TermComparison as TermComparison
 from .model_selection import TermSelection as TermSelection
 from .model_selection import compare_terms as compare_terms

@@ -117,7 +117,13 @@ def rows_of_equations(
     """
     long_logs = [dataset for dataset in datasets if isinstance(dataset, LongLog)]
     if stored and len(long_logs) == len(datasets) and executor is None:
-        with stored_rows(long_logs, equations) as files:
+        steps_s = tuple(log.step_s for log in long_logs)
+        pieces = (
+            (number, name, rows)
+            for number, log in enumerate(long_logs)
+            for name, rows in regressions_of_parts(log, equations)
+        )
+        with stored_rows(equations, steps_s, pieces) as files:
             yield files
         return
     yield rows_in_memory(datasets, equations, executor, progress)

@@ -9,23 +9,27 @@ noise and vibration of the spring.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seaid._arrays import Array, safely
-from seaid.estimation import Estimate, instrumental
-from seaid.identification.datasets import Dataset, first_motion
-from seaid.log import Motion
-from seaid.regressor import Regression, actuator_equation, sensed_torque, signals, spring_regressor
-from seaid.robot import Robot
+from seaid.estimation import instrumental
+from seaid.regressor import actuator_equation, sensed_torque, signals, spring_regressor
+
+if TYPE_CHECKING:
+    from seaid.estimation import Estimate
+    from seaid.log import Motion
+    from seaid.regressor import Regression
+    from seaid.robot import Robot
 
 _BAND = (2.5, 4.0)
 """Band for the noise in units of the cutoff; positions are filtered at five times the cutoff."""
 
 
-def has_only_spring_torque(robot: Robot, datasets: Sequence[Dataset], joint: str) -> bool:
+def has_only_spring_torque(robot: Robot, motions: Sequence[Motion], joint: str) -> bool:
     """Return whether an elastic joint has the equation (4b) only, without a logged motor torque."""
-    used = [actuator_equation(robot, first_motion(one), joint)[0] for one in datasets]
+    used = [actuator_equation(robot, one, joint)[0] for one in motions]
     return all(regressor is spring_regressor(robot, joint) for regressor in used)
 
 
@@ -66,13 +70,13 @@ def deming(x: Array, y: Array, ratio: float) -> float:
     return float((half + np.sqrt(half**2 + ratio * xy**2)) / xy)
 
 
-def noise_ratio(robot: Robot, datasets: Sequence[Dataset], joint: str) -> float:
+def noise_ratio(robot: Robot, motions: Sequence[Motion], joint: str) -> float:
     """Return the noise variance of a joint's torque over that of its deflection in (4b).
 
     It is the median ratio of the spectra between 2.5 and 4 times the cutoff; inf, so that the
     deflection counts as exact, if the deflection has no noise there.
     """
-    ratios = [_spectra(robot, first_motion(dataset), joint) for dataset in datasets]
+    ratios = [_spectra(robot, one, joint) for one in motions]
     return float(np.median(ratios))
 
 

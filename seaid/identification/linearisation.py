@@ -7,12 +7,11 @@ fit without that friction first and then with it, until it converges.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from seaid._arrays import Array
 from seaid.drives import Drive
 from seaid.errors import IdentificationError
 from seaid.identification.datasets import Dataset, first_motion
@@ -23,7 +22,7 @@ from seaid.identification.nonlinear_terms import (
     nonlinear_joints,
 )
 from seaid.log import Motion
-from seaid.regressor import LoadModel, load_columns, motor_regressor, under_load
+from seaid.regressor import under_load, with_gear_torque
 from seaid.robot import Robot
 
 _SETTLED, _MOST_TURNS, _SEARCHES = 1e-5, 20, 2
@@ -55,25 +54,6 @@ def _with_values_of(robot: Robot, other: Robot, joint: str) -> Drive:
     drive = robot.drives[joint]
     values = other.drives[joint].values
     return drive.with_values({n: values[n] for n in drive.parameter_names if n in values})
-
-
-def with_gear_torque(
-    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
-) -> Motion:
-    """Return the motion with the torque through the gears by a fit `theta` of the load side."""
-    unloaded = replace(motion, gear_torque=np.zeros_like(motion.joint_position))
-    _, payload, H, _ = load_columns(robot, unloaded, model, springs)
-    drives = [
-        place
-        for place, (joint, name, _) in enumerate(model.drives, len(model.expressions))
-        if joint not in robot.elastic_joints and name in motor_regressor(robot, joint).names
-    ]
-    behind = [place for place in range(H.shape[2]) if place not in drives]
-    torque = np.full_like(motion.joint_position, np.nan)
-    torque[:, [robot.index(joint) for joint in model.rows]] = (
-        payload + H[:, :, behind] @ theta[behind]
-    )
-    return replace(motion, gear_torque=torque)
 
 
 def _settled(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> list[Motion]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
@@ -21,7 +22,6 @@ from seaid.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError, checked
 from seaid.estimation import Estimate, Residuals, Step, gauss_newton_step
 from seaid.identification.drive_estimates import merged_estimates, with_estimate, with_flags
-from seaid.identification.identification import Identification
 from seaid.identification.method_limits import check_refinable
 from seaid.identification.simulated_joints import (
     Response,
@@ -44,6 +44,9 @@ from seaid.log import (
 )
 from seaid.regressor import actuator_columns, check_offset_std, load_columns
 from seaid.robot import Robot, coupled_names
+
+if TYPE_CHECKING:
+    from seaid.identification.identification import Identification
 
 WIDER = 3.0
 """Cutoff of the refinement over that of the identification, to keep the steps of dry friction."""

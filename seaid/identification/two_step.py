@@ -212,9 +212,10 @@ def fit_actuator(
     plain = found.estimate.names == ("stiffness", "spring_offset")
     if not plain or not estimator.weigh or found.rows is None:
         return found
-    if not has_only_spring_torque(robot, datasets, joint):
+    motions = [first_motion(one) for one in datasets]
+    if not has_only_spring_torque(robot, motions, joint):
         return found
-    ratio = noise_ratio(robot, datasets, joint)
+    ratio = noise_ratio(robot, motions, joint)
     return replace(found, estimate=errors_in_variables(found.rows, ratio))
 
 

@@ -14,7 +14,6 @@ from seaid._display import Display, Result, sampled_text
 from seaid._progress import track
 from seaid.errors import IdentificationError, checked
 from seaid.identification.identification import Identification, identify
-from seaid.identification.linearisation import with_gear_torque
 from seaid.log import Log, Motion, in_band, reconstruct_motions, standstill
 from seaid.regressor import (
     INPUTS,
@@ -23,6 +22,7 @@ from seaid.regressor import (
     signals,
     under_load,
     unknown_friction,
+    with_gear_torque,
 )
 from seaid.robot import Robot
 

@@ -9,7 +9,7 @@ from io import BytesIO
 from itertools import pairwise
 from numbers import Real
 from pathlib import Path
-from typing import Any, Final, Literal, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 
 import numpy as np
 
@@ -20,10 +20,12 @@ from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError, checked, listed, shown, unknown_name
 from seaid.log.readers.hdf5_file import write_hdf5
 from seaid.log.readers.parquet_file import write_parquet
-from seaid.log.readers.table import Table
 from seaid.log.repair.clocks import longest_bridge
 from seaid.log.repair.data import Repair
-from seaid.robot import Robot
+
+if TYPE_CHECKING:
+    from seaid.log.readers.table import Table
+    from seaid.robot import Robot
 
 Column = str | tuple[str, float | str]
 """A custom column: its name, or its name with its unit or with the factor to the SI unit."""

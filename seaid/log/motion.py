@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,11 +14,15 @@ from seaid._display import Display, sampled_text
 from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError, checked
 from seaid.log.filtering import CutoffSelection, low_pass, select_cutoff, spline_derivatives
-from seaid.log.log import HOLES, Log, check_whole, holes, stretches
+from seaid.log.log import HOLES, check_whole, holes, stretches
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, typical_step
-from seaid.log.repair.data import Repair
 from seaid.log.repair.resampling import interpolated
-from seaid.robot import Robot, at_drives, at_joints, coupled_groups
+from seaid.robot import at_drives, at_joints, coupled_groups
+
+if TYPE_CHECKING:
+    from seaid.log.log import Log
+    from seaid.log.repair.data import Repair
+    from seaid.robot import Robot
 
 
 def has_holes(processing: Sequence[Processing]) -> bool:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray
-from seaid.drives import Drive
 from seaid.log.filtering import decimation, filter_overlap, low_pass
-from seaid.log.motion import Motion
+
+if TYPE_CHECKING:
+    from seaid.drives import Drive
+    from seaid.log.motion import Motion
 
 STANDSTILL = 0.01
 """A motor below this fraction of its largest speed stands still: the sign of its friction is

@@ -22,6 +22,7 @@ from .load import load_regression as load_regression
 from .load import offset_sensitivity as offset_sensitivity
 from .load import shifted_encoder as shifted_encoder
 from .load import unknown_friction as unknown_friction
+from .load import with_gear_torque as with_gear_torque
 from .regression import Regress as Regress
 from .regression import Regression as Regression
 from .regression import actuator_columns as actuator_columns

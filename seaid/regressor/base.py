@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
@@ -14,9 +15,11 @@ from scipy import linalg
 from seaid._arrays import Array, BoolArray, frozen, safely, seed_of
 from seaid._display import Result, counted
 from seaid.errors import ExcitationError, RobotError, SeaidError, checked
-from seaid.log import Motion
 from seaid.regressor.rigid_body import regressor_at_drives
-from seaid.robot import Robot
+
+if TYPE_CHECKING:
+    from seaid.log import Motion
+    from seaid.robot import Robot
 
 RANK_TOLERANCE = 1e-8
 """A unit column is dependent if its residual after projection on earlier ones is below this."""

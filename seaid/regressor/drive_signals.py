@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seaid._arrays import Array
 from seaid.drives import (
-    Drive,
-    DriveRegressor,
     SeriesElasticDrive,
     drive_regressor,
     joint_equation,
@@ -18,8 +17,15 @@ from seaid.drives import (
     spring_equation,
 )
 from seaid.errors import LogError
-from seaid.log import Motion
-from seaid.robot import Robot, at_drives, torques_at_drives
+from seaid.robot import at_drives, torques_at_drives
+
+if TYPE_CHECKING:
+    from seaid.drives import (
+        Drive,
+        DriveRegressor,
+    )
+    from seaid.log import Motion
+    from seaid.robot import Robot
 
 INPUTS = {"torque": "tau_M", "current": "i_M", "voltage": "u_M"}
 """{motor input: its signal in the drive's equation}."""

@@ -11,15 +11,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, frozen
 from seaid.drives import SeriesElasticDrive, StiffDrive, is_dry
 from seaid.errors import IdentificationError, LogError
-from seaid.log import Motion, in_band_at, joint_standstill, row_samples, standstill, still_share
+from seaid.log import in_band_at, joint_standstill, row_samples, standstill, still_share
 from seaid.regressor.base import (
-    BaseParameters,
     grouped_text,
     left_to_right,
     negligible,
@@ -36,7 +36,14 @@ from seaid.regressor.drive_signals import (
 )
 from seaid.regressor.regression import Regression, rows_by_pieces
 from seaid.regressor.rigid_body import regressor_at_drives
-from seaid.robot import UNITS, Robot, at_drives, group_of, torques_at_drives
+from seaid.robot import UNITS, at_drives, group_of, torques_at_drives
+
+if TYPE_CHECKING:
+    from seaid.log import Motion
+    from seaid.regressor.base import (
+        BaseParameters,
+    )
+    from seaid.robot import Robot
 
 _JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
 
@@ -251,6 +258,25 @@ def _load_rows(
         propagated=propagated[kept, which],
         joint_names=robot.joint_names,
     )
+
+
+def with_gear_torque(
+    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
+) -> Motion:
+    """Return the motion with the torque through the gears by a fit `theta` of the load side."""
+    unloaded = replace(motion, gear_torque=np.zeros_like(motion.joint_position))
+    _, payload, H, _ = load_columns(robot, unloaded, model, springs)
+    drives = [
+        place
+        for place, (joint, name, _) in enumerate(model.drives, len(model.expressions))
+        if joint not in robot.elastic_joints and name in motor_regressor(robot, joint).names
+    ]
+    behind = [place for place in range(H.shape[2]) if place not in drives]
+    torque = np.full_like(motion.joint_position, np.nan)
+    torque[:, [robot.index(joint) for joint in model.rows]] = (
+        payload + H[:, :, behind] @ theta[behind]
+    )
+    return replace(motion, gear_torque=torque)
 
 
 def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:

@@ -7,15 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seaid._arrays import Array, IndexArray, frozen
-from seaid.drives import DriveRegressor, is_dry
+from seaid.drives import is_dry
 from seaid.errors import LogError
 from seaid.log import (
     PIECE_SAMPLES,
-    LongLog,
     Motion,
     in_band_at,
     pieces,
@@ -31,7 +31,13 @@ from seaid.regressor.drive_signals import (
     spring_regressor,
 )
 from seaid.regressor.rigid_body import rigid_body_regressor
-from seaid.robot import Robot
+
+if TYPE_CHECKING:
+    from seaid.drives import DriveRegressor
+    from seaid.log import (
+        LongLog,
+    )
+    from seaid.robot import Robot
 
 __all__ = [
     "Regression",

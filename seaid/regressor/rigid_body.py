@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, frozen
 from seaid.errors import SeaidError
-from seaid.robot import Robot, rows_at_drives
+from seaid.robot import rows_at_drives
+
+if TYPE_CHECKING:
+    from seaid.robot import Robot
 
 
 def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 
 from seaid._files import write_whole
 from seaid.errors import SeaidError
-from seaid.report.text import Text, joined, number, table
+from seaid.report.text import Text, cut, joined, number, table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -122,7 +122,7 @@ def sensitivity_table(result: CutoffSensitivity) -> Text:
     ]
     rows = [
         [
-            _short(name),
+            cut(name, _LONGEST),
             *(number(value) for value in result.values[:, place]),
             f"{result.standard_errors[result.proposed, place]:.2g}",
             f"{result.moves[place]:.1f} s.e.",
@@ -168,12 +168,8 @@ def save_sensitivity_figure(result: CutoffSensitivity, path: str | Path) -> None
         axis.set_xticks(result.cutoffs_hz[kept], [f"{c:.2g}" for c in result.cutoffs_hz[kept]])
         axis.minorticks_off()
         axis.tick_params(labelsize="x-small")
-        axis.set_title(f"{_short(name)} [{result.units[place]}]", fontsize="x-small")
+        axis.set_title(f"{cut(name, _LONGEST)} [{result.units[place]}]", fontsize="x-small")
     for axis in axes[len(result.names) :]:
         axis.set_axis_off()
     figure.supxlabel("cutoff [Hz]", fontsize="small")
     save_figure(figure, path)
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= _LONGEST else text[: _LONGEST - 4] + " ..."

@@ -189,11 +189,8 @@ def _experiment(found: Identification, facts: list[tuple[str, str]]) -> dict[str
 
 def _motions(found: Identification, runs: Sequence[Run]) -> dict[str, Any]:
     """Return the template values of the motions, and the verdict."""
-    warnings, errors, traces = (
-        warnings_of(found, runs),
-        error_rows(found, runs),
-        traces_of(found, runs),
-    )
+    warnings, errors = warnings_of(found, runs), error_rows(found, runs)
+    traces = traces_of(found, runs)
     pictured = ([run for run in runs if run.is_unseen] or list(runs))[:1]
     return {
         "verdict": verdict(found, runs, warnings),

@@ -7,15 +7,21 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import IDEAL_DRIVE, Drive, drive_table
-from seaid.identification import Identification
-from seaid.log import Motion, Processing, has_holes, row_samples
+from seaid.drives import IDEAL_DRIVE, drive_table
+from seaid.log import has_holes, row_samples
 from seaid.report.html_tables import seconds, short
-from seaid.robot import Robot, at_drives
+from seaid.robot import at_drives
+
+if TYPE_CHECKING:
+    from seaid.drives import Drive
+    from seaid.identification import Identification
+    from seaid.log import Motion, Processing
+    from seaid.robot import Robot
 
 _PACKAGES = ("numpy", "scipy", "pin", "sympy")
 _SAME = 1e-9

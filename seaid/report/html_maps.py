@@ -21,14 +21,15 @@ from seaid.estimation import (
     qr_factor_of,
     settled_weights,
 )
-from seaid.identification import Fit, Identification, Validation, with_gear_torque
-from seaid.log import Motion
-from seaid.regressor import load_regression, stacked, under_load
+from seaid.regressor import load_regression, stacked, under_load, with_gear_torque
 from seaid.report.figures import UNSEEN, actuator_figure, load_figure
-from seaid.report.html_traces import Run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from seaid.identification import Fit, Identification, Validation
+    from seaid.log import Motion
+    from seaid.report.html_traces import Run
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,9 +194,7 @@ class DotChart:
 def dot_chart(found: SingularValues, width: float = 640.0, height: float = 200.0) -> DotChart:
     """Return singular values over their index as points of a chart."""
     shares = np.maximum(found.shares, 1e-16)
-    lowest = min(
-        math.floor(math.log10(float(shares.min()))), math.floor(math.log10(POORLY_DETERMINED))
-    )
+    lowest = math.floor(math.log10(min(float(shares.min()), POORLY_DETERMINED)))
 
     def y_of(share: float) -> float:
         return round(height * math.log10(share) / lowest, 2)

@@ -5,13 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.estimation import Estimate, TermTest
-from seaid.identification import POORLY_IDENTIFIED, Fit, Identification
-from seaid.report.html_traces import SIDES, Run
+from seaid.identification import POORLY_IDENTIFIED
+from seaid.report.html_traces import SIDES
+
+if TYPE_CHECKING:
+    from seaid.estimation import Estimate, TermTest
+    from seaid.identification import Fit, Identification
+    from seaid.report.html_traces import Run
 
 _ERROR_DIGITS, _VALUE_DIGITS, _WITHOUT_ERROR = 2, 2, 6
 _FIXED = (-4, 6)

@@ -9,13 +9,15 @@ from __future__ import annotations
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid.drives import IDEAL_DRIVE
-from seaid.identification import Fit, Identification, Validation
+
+if TYPE_CHECKING:
+    from seaid.identification import Fit, Identification, Validation
 
 SIDES = ("actuator", "load")
 

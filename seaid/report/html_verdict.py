@@ -4,24 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.estimation import Estimate
-from seaid.identification import POORLY_IDENTIFIED, Identification
+from seaid.identification import POORLY_IDENTIFIED
 from seaid.log import row_samples
 from seaid.report.html_tables import (
     CORRELATED,
-    ErrorRow,
     error_rows,
     share,
     short,
     side_name,
     term_name,
 )
-from seaid.report.html_traces import Run
 from seaid.robot import THIN, is_physical
+
+if TYPE_CHECKING:
+    from seaid.estimation import Estimate
+    from seaid.identification import Identification
+    from seaid.report.html_tables import (
+        ErrorRow,
+    )
+    from seaid.report.html_traces import Run
 
 _LARGE_EXCLUDED_SHARE = 0.5
 _BADLY_PREDICTED = 0.2

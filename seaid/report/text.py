@@ -124,7 +124,7 @@ def log_table(log: Log) -> Text:
 def estimate_table(estimate: Estimate) -> Text:
     """Return the parameters of an estimate with standard errors."""
     rows = [
-        [_short(name), number(value), number(error), percent(error / abs(value)), unit]
+        [cut(name), number(value), number(error), percent(error / abs(value)), unit]
         for name, value, error, unit in _entries(estimate)
     ]
     header = ["parameter", "estimated", "std. error", "rel.", "unit"]
@@ -150,7 +150,7 @@ def cross_check_text(check: CrossCheck) -> Text:
 def excitation_table(plan: Excitation) -> Text:
     """Return the criterion of a planned motion and the expected standard errors."""
     errors = zip(plan.names, plan.standard_errors.tolist(), plan.units, strict=True)
-    rows = [[_short(name), number(error), unit] for name, error, unit in errors]
+    rows = [[cut(name), number(error), unit] for name, error, unit in errors]
     header = ["parameter", "expected std. error", "unit"]
     return joined([repr(plan), *condition_lines(plan), table("Parameters", header, rows)])
 
@@ -192,7 +192,7 @@ def load_table(title: str, found: Identification, truth: Robot | None = None) ->
     for exact, (name, value, error, unit) in zip(true, _entries(found.load), strict=True):
         off = [number(exact), f"{(value - exact) / error:+.1f} s.e."]
         numbers = [number(value), number(error), percent(error / abs(value))]
-        rows.append([_short(name), *numbers, *([] if truth is None else off), unit])
+        rows.append([cut(name), *numbers, *([] if truth is None else off), unit])
     return table(title, [*header, *([] if truth is None else ["true", "off by"]), "unit"], rows)
 
 
@@ -225,23 +225,22 @@ def checks_table(found: Identification) -> Text:
     The data support a term whose BIC difference is above zero. A low-pass filter correlates the
     residual even of a complete model; the standard errors account for that.
     """
-    terms = [
-        [term.terms[0] + ("" if side in ("load", "both") else f" of {side}"), *_term_numbers(term)]
-        for side, checks in found.checks.items()
-        for term in checks.terms
-    ]
-    residuals = [
-        [joint, "both" if side == "both" else "load" if side == "load" else "actuator", *numbers]
-        for side, checks in found.checks.items()
-        for joint, white in checks.whiteness.items()
-        for numbers in [[number(white.first), number(white.durbin_watson)]]
-    ]
-    conditions = [
-        f"condition number of {_SIDE_TEXT.get(side, f'the actuator side of {side}')} "
-        f"(columns of unit norm): {checks.condition_number:.3g}"
-        for side, checks in found.checks.items()
-    ]
-    poorly = [f"! {text}" for checks in found.checks.values() for text in checks.poorly_determined]
+    terms: list[list[str]] = []
+    residuals: list[list[str]] = []
+    conditions: list[str] = []
+    poorly: list[str] = []
+    for side, checks in found.checks.items():
+        own = f" of {side}", "actuator", f"the actuator side of {side}"
+        suffix, column, name = _SIDES.get(side, own)
+        terms += [[term.terms[0] + suffix, *_term_numbers(term)] for term in checks.terms]
+        residuals += [
+            [joint, column, number(white.first), number(white.durbin_watson)]
+            for joint, white in checks.whiteness.items()
+        ]
+        conditions.append(
+            f"condition number of {name} (columns of unit norm): {checks.condition_number:.3g}"
+        )
+        poorly += [f"! {text}" for text in checks.poorly_determined]
     header = ["term", "residual without", "F", "BIC", "supported"]
     parts: list[str]
     parts = [table("Terms of the drives: support by the data", header, terms)] if terms else []
@@ -251,7 +250,8 @@ def checks_table(found: Identification) -> Text:
     return joined([*parts, *conditions, *poorly])
 
 
-_SIDE_TEXT = {"load": "the load side", "both": "both sides"}
+_SIDES = {"load": ("", "load", "the load side"), "both": ("", "both", "both sides")}
+"""How a term, a residual and a condition number name a side of several joints."""
 
 
 def _term_numbers(term: TermTest) -> list[str]:
@@ -311,7 +311,8 @@ def _entries(estimate: Estimate) -> list[tuple[str, float, float, str]]:
     return list(zip(estimate.names, values, errors, estimate.units, strict=True))
 
 
-def _short(text: str, longest: int = 56) -> str:
+def cut(text: str, longest: int = 56) -> str:
+    """Return a text, cut to a number of letters."""
     return text if len(text) <= longest else text[: longest - 4] + " ..."
 
 

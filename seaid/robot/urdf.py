@@ -12,7 +12,7 @@ import os
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
 from functools import cached_property
 from io import BytesIO
@@ -309,12 +309,16 @@ class UrdfJoint:
 
 @dataclass(frozen=True, eq=False)
 class UrdfTree:
-    """A URDF: its name, joints by name, and ten inertial parameters per link (in its frame)."""
+    """A URDF: its name, joints by name, and ten inertial parameters per link (in its frame).
+
+    `elements` is the <robot> as yourdfpy reads it.
+    """
 
     name: str
     root: str
     joints: dict[str, UrdfJoint]
     links: dict[str, Array]
+    elements: Any = field(repr=False)
 
     def children(self, link: str) -> list[UrdfJoint]:
         """Return the joints below a link, sorted by name (the order of Pinocchio's own reader)."""
@@ -388,9 +392,8 @@ def _urdf_of(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
     links = {link.name: _link_parameters(path, link) for link in robot.links}
     noise = FLOAT_NOISE_RAD if snap_tolerance_rad > 0 else 0.0
     joints = {joint.name: _joint(path, joint, noise) for joint in robot.joints}
-    return UrdfTree(
-        robot.name or path.stem, _root_link(path, links, joints.values()), joints, links
-    )
+    base = _root_link(path, links, joints.values())
+    return UrdfTree(robot.name or path.stem, base, joints, links, robot)
 
 
 def _parse_robot(path: Path, root: Any) -> Any:

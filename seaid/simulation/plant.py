@@ -179,10 +179,9 @@ def plant_of(robot: Robot) -> Plant:
     order = list(robot.model_order)
     names = [robot.joint_names[index] for index in order]
     drives = [robot.drives[name] for name in names]
-    pairs = list(zip(names, drives, strict=True))
     elastic = np.array([isinstance(drive, SeriesElasticDrive) for drive in drives])
-    ratio = np.array([drive.ratio for drive in drives])
-    inertia = np.array([_motor_inertia(*pair) for pair in pairs])
+    numbers = np.array(list(map(_numbers, names, drives))).T.copy()
+    ratio, inertia, viscous, coulomb, motor_radius, load_radius, stiffness = numbers
     functions = _drive_functions(names, drives)
     C = robot.transmission[np.ix_(order, order)]
     is_coupled = bool(coupled_groups(robot.transmission))
@@ -197,15 +196,30 @@ def plant_of(robot: Robot) -> Plant:
         elastic=elastic,
         ratio=ratio,
         motor_inertia=inertia,
-        viscous=np.array([_friction(*pair, "viscous") for pair in pairs]),
-        coulomb=np.array([_friction(*pair, "coulomb") for pair in pairs]),
-        motor_radius=np.array([getattr(drive, "motor_radius", 1.0) for drive in drives]),
-        load_radius=np.array([getattr(drive, "load_radius", 1.0) for drive in drives]),
-        stiffness=np.array([_nominal(*pair, "stiffness") for pair in pairs]),
+        viscous=viscous,
+        coulomb=coulomb,
+        motor_radius=motor_radius,
+        load_radius=load_radius,
+        stiffness=stiffness,
         functions=functions,
         longest_step=_longest_step(names, drives, functions, effective),
         coupling=C if is_coupled else None,
         rotors=rotors,
+    )
+
+
+def _numbers(joint: str, drive: Drive) -> tuple[float, ...]:
+    """Return ratio, motor inertia, viscous and Coulomb friction, radii and stiffness."""
+    terms = drive.friction if is_plain(drive) else ()
+    has_stiffness = is_plain(drive) and isinstance(drive, SeriesElasticDrive)
+    return (
+        drive.ratio,
+        _motor_inertia(joint, drive),
+        _nominal(joint, drive, "viscous_friction_Nms_per_rad") if "viscous" in terms else 0.0,
+        _nominal(joint, drive, "coulomb_friction_Nm") if "coulomb" in terms else 0.0,
+        getattr(drive, "motor_radius", 1.0),
+        getattr(drive, "load_radius", 1.0),
+        _nominal(joint, drive, "stiffness") if has_stiffness else 0.0,
     )
 
 
@@ -217,20 +231,12 @@ def _motor_inertia(joint: str, drive: Drive) -> float:
 
 
 def _nominal(joint: str, drive: Drive, name: str) -> float:
-    if name == "stiffness" and not (isinstance(drive, SeriesElasticDrive) and is_plain(drive)):
-        return 0.0
     value = getattr(drive, name)
     if value is None:
         raise RobotError(
             f"joint '{joint}': '{name}' is not given; a simulation needs a nominal value"
         )
     return float(value)
-
-
-def _friction(joint: str, drive: Drive, term: str) -> float:
-    name = {"viscous": "viscous_friction_Nms_per_rad", "coulomb": "coulomb_friction_Nm"}[term]
-    is_there = term in drive.friction and is_plain(drive)
-    return _nominal(joint, drive, name) if is_there else 0.0
 
 
 def _drive_functions(

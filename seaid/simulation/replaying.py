@@ -93,9 +93,8 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
 def _column(robot: Robot, log: Log, field: str, joint: str) -> Array:
     """Return the samples (T,) of one sensor of one joint."""
     values: Any = getattr(log, field)
-    if joint not in log.joint_names or values is None:
-        raise LogError(f"replay: the log has no {field.replace('_', ' ')} of '{joint}'")
-    column: Array = values[:, log.joint_names.index(joint)]
+    known = joint in log.joint_names and values is not None
+    column: Array = values[:, log.joint_names.index(joint)] if known else np.array([np.nan])
     if not np.all(np.isfinite(column)):
         raise LogError(f"replay: the log has no {field.replace('_', ' ')} of '{joint}'")
     return column

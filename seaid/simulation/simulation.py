@@ -111,10 +111,9 @@ def simulate(
 def measure(robot: Robot, motion: Motion, noise: Noise, seed: int = 0) -> Log:
     """Return the log of a true motion: encoder offsets, encoder steps and white torque noise."""
     rng = np.random.default_rng(seed_of(seed))
-    noise_torque = rng.normal(size=motion.motor_torque.shape) * _spread(
-        robot, "torque_std_Nm", noise.torque_std_Nm
-    )
-    inputs = motor_inputs(robot, motion.motor_torque + noise_torque)
+    white = rng.normal(size=motion.motor_torque.shape)
+    torque = motion.motor_torque + white * _spread(robot, noise, "torque_std_Nm")
+    inputs = motor_inputs(robot, torque)
     return Log(
         time=motion.time,
         joint_names=robot.joint_names,
@@ -180,8 +179,8 @@ def _run(
     q, v, a = planned
     controller = joint_controller(plant, q, v, a, rate_hz)
     ticks, joints = planned[0].shape
-    order = list(robot.model_order)
-    data = plant.model.createData()
+    order, data = list(robot.model_order), plant.model.createData()
+    back = np.argsort(order)
     steps = math.ceil(1 / (rate_hz * _LONGEST_STEP_S))
     states, torques = np.empty((ticks, 4, joints)), np.empty((ticks, joints))
     state = np.zeros((4, joints))
@@ -189,10 +188,7 @@ def _run(
     torque, velocity, previous = controller.feedforward[0], np.zeros(joints), None
     for tick in track(range(ticks), "simulating", progress):
         states[tick], torques[tick] = state, torque
-        reading = np.empty(joints)
-        reading[:] = _reading(robot, noise, "motor", state[POSITION][None, np.argsort(order)])[0][
-            order
-        ]
+        reading = _reading(robot, noise, "motor", state[POSITION][None, back])[0][order]
         if previous is not None:
             velocity += controller.velocity_filter * ((reading - previous) * rate_hz - velocity)
         previous = reading
@@ -251,14 +247,15 @@ def _spring_torques(plant: Plant, states: Array) -> Array:
 
 def _reading(robot: Robot, noise: Noise, side: str, position: Array) -> Array:
     """Return the reading (T, n) of the encoders on a side: offset added, rounded to whole steps."""
-    step = _spread(robot, f"{side}_resolution_rad", getattr(noise, f"{side}_resolution_rad"))
-    shifted = position + _spread(robot, f"{side}_offset_rad", getattr(noise, f"{side}_offset_rad"))
+    step = _spread(robot, noise, f"{side}_resolution_rad")
+    shifted = position + _spread(robot, noise, f"{side}_offset_rad")
     whole = np.where(step > 0, step, 1.0)
     return np.where(step > 0, np.round(shifted / whole) * whole, shifted)
 
 
-def _spread(robot: Robot, name: str, value: float | tuple[float, ...]) -> Array:
+def _spread(robot: Robot, noise: Noise, name: str) -> Array:
     """Return a field of `Noise` per joint (n,), checked."""
+    value = getattr(noise, name)
     values = np.full(robot.n, value) if np.ndim(value) == 0 else value
     spread = frozen(f"Noise.{name}", values, (robot.n,))
     if not np.all(np.abs(spread) <= _LARGEST_NOISE):

@@ -21,54 +21,6 @@ Matrix([
 [b + c]])
 """
 
-from __future__ import annotations
+import lazy_loader
 
-from typing import TYPE_CHECKING, Any
-
-from seaid.symbolic.expression_text import expression_of as expression_of
-from seaid.symbolic.lagrange import equations_of_motion
-from seaid.symbolic.polynomial import MAX_TERMS as MAX_TERMS
-from seaid.symbolic.reduction import BaseForm, Column, reduce
-from seaid.symbolic.separation import RegressorForm, separate
-
-if TYPE_CHECKING:
-    from seaid.regressor.exact import (
-        CompleteModel,
-        ExactBaseParameters,
-        RigidBodyForm,
-        base_parameters,
-        complete_model,
-        export_c,
-        export_numpy,
-        rigid_body,
-    )
-
-__all__ = [
-    "BaseForm",
-    "Column",
-    "CompleteModel",
-    "ExactBaseParameters",
-    "RegressorForm",
-    "RigidBodyForm",
-    "base_parameters",
-    "complete_model",
-    "equations_of_motion",
-    "export_c",
-    "export_numpy",
-    "reduce",
-    "rigid_body",
-    "separate",
-]
-
-
-def __getattr__(name: str) -> Any:
-    """Import a name of `seaid.regressor.exact` on first use, to keep robots out of this package."""
-    if name not in __all__:
-        raise AttributeError(f"module 'seaid.symbolic' has no attribute '{name}'")
-    from seaid.regressor import exact
-
-    return getattr(exact, name)
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -44,7 +44,8 @@ def grouped(ring: Ring, polynomial: fmpq_mpoly) -> dict[Exponents, dict[Exponent
 
     The first exponents are those of `ring.unknown` only, the second those of all generators.
     """
-    kinds = [[i in places for i in range(len(ring.generators))] for places in _kinds(ring)]
+    sorts = (ring.unknown, ring.motion, ring.known)
+    kinds = [[i in places for i in range(len(ring.generators))] for places in sorts]
     found: dict[Exponents, dict[Exponents, dict[Exponents, fmpq]]] = {}
     for exponents, value in polynomial.terms():
         unknown, motion, known = (tuple(compress(exponents, kind)) for kind in kinds)
@@ -67,10 +68,6 @@ def grouped(ring: Ring, polynomial: fmpq_mpoly) -> dict[Exponents, dict[Exponent
 def grouped_by_motion(ring: Ring, polynomial: fmpq_mpoly) -> dict[Exponents, fmpq_mpoly]:
     """Return {exponents of the motion: coefficient in the knowns} of the part without unknowns."""
     return grouped(ring, polynomial).get((0,) * len(ring.unknown), {})
-
-
-def _kinds(ring: Ring) -> tuple[tuple[int, ...], ...]:
-    return ring.unknown, ring.motion, ring.known
 
 
 def _spread(ring: Ring, places: tuple[int, ...], exponents: Exponents) -> Exponents:
@@ -113,9 +110,10 @@ def normalised(ring: Ring, row: Row) -> Row:
         return row
     scale, pivot = _scale(ring, row)
     above = ratio(ring, *reversed(scale))
+    opposite = Ratio(-above.numerator, above.denominator)
     return {
         monomial: Entry(
-            _times(ring, entry.terms, above if any(monomial) == any(pivot) else _negative(above)),
+            _times(ring, entry.terms, above if any(monomial) == any(pivot) else opposite),
             entry.denominator,
         )
         for monomial, entry in row.items()
@@ -129,10 +127,6 @@ def _times(ring: Ring, terms: Mapping[Exponents, Ratio], factor: Ratio) -> dict[
     return {m: product(ring, value, factor) for m, value in terms.items()}
 
 
-def _negative(value: Ratio) -> Ratio:
-    return Ratio(-value.numerator, value.denominator)
-
-
 def _scale(ring: Ring, row: Row) -> tuple[Ratio, Exponents]:
     """Return the coefficient to divide the row by, and the product of unknowns that has it."""
     terms = [
@@ -140,13 +134,7 @@ def _scale(ring: Ring, row: Row) -> tuple[Ratio, Exponents]:
         for monomial, entry in sorted(row.items(), key=lambda item: column_key(item[0]))
         for motion, value in sorted(entry.terms.items(), reverse=True)
     ]
-    shared = {_up_to_number(value) for monomial, _, value in terms if any(monomial)}
-    inputs = [
-        (monomial, motion, value)
-        for monomial, motion, value in terms
-        if not any(monomial) and _up_to_number(value) in shared and _is_input(ring, row, motion)
-    ]
-    candidates = inputs or terms
+    candidates = _inputs(ring, row, terms) or terms
     if len(candidates) > 1:
         counts = Counter(_text(value) for _, _, value in terms)
         different = {_text(value): value for _, _, value in terms}
@@ -157,15 +145,25 @@ def _scale(ring: Ring, row: Row) -> tuple[Ratio, Exponents]:
     return scale, monomial
 
 
+_Term = tuple[Exponents, Exponents, Ratio]
+
+
+def _inputs(ring: Ring, row: Row, terms: list[_Term]) -> list[_Term]:
+    """Return the terms that are inputs, with the coefficient of a term with an unknown."""
+    shared = {_up_to_number(value) for monomial, _, value in terms if any(monomial)}
+    return [
+        (monomial, motion, value)
+        for monomial, motion, value in terms
+        if not any(monomial) and _up_to_number(value) in shared and _is_input(ring, row, motion)
+    ]
+
+
 def _text(value: Ratio) -> str:
     return f"{value.numerator}/{value.denominator}"
 
 
 def _up_to_number(value: Ratio) -> str:
     return str(value.numerator / value.numerator.leading_coefficient())
-
-
-_Term = tuple[Exponents, Exponents, Ratio]
 
 
 def _shortlist(ring: Ring, terms: list[_Term]) -> list[_Term]:

@@ -122,18 +122,9 @@ def _part(
         case ast.UnaryOp(op=ast.UAdd()):
             return inner(node.operand)
         case ast.UnaryOp(op=ast.USub()):
-            return _product(_number(Fraction(-1)), inner(node.operand))
-        case ast.BinOp(op=ast.Add()):
-            return _sum(inner(node.left), inner(node.right))
-        case ast.BinOp(op=ast.Sub()):
-            minus = _product(_number(Fraction(-1)), inner(node.right))
-            return _sum(inner(node.left), minus)
-        case ast.BinOp(op=ast.Mult()):
-            return _product(inner(node.left), inner(node.right))
-        case ast.BinOp(op=ast.Div()):
-            return _product(inner(node.left), _power(inner(node.right), sp.Integer(-1)))
-        case ast.BinOp(op=ast.Pow()):
-            return _power(inner(node.left), inner(node.right).expression)
+            return _product(_MINUS_ONE, inner(node.operand))
+        case ast.BinOp(op=operation) if type(operation) in _OPERATIONS:
+            return _OPERATIONS[type(operation)](inner(node.left), inner(node.right))
         case ast.Call(func=ast.Name(id=called), args=[argument], keywords=[]):
             if called not in functions:
                 raise SymbolicError(unknown_name("function", called, functions))
@@ -165,7 +156,8 @@ def _product(left: _Part, right: _Part) -> _Part:
     return _made(lambda: left.expression * right.expression, above, below, degree, value)
 
 
-def _power(base: _Part, exponent: sp.Expr) -> _Part:
+def _power(base: _Part, power: _Part) -> _Part:
+    exponent = power.expression
     if not isinstance(exponent, sp.Rational) or exponent.q > _MOST_POWER:
         raise SymbolicError(
             f"has a power that is not a plain number; allowed are numbers from -{_MOST_POWER} to "
@@ -187,6 +179,17 @@ def _power(base: _Part, exponent: sp.Expr) -> _Part:
     if exponent < 0:
         above, below = below, above
     return _made(lambda: base.expression**exponent, above, below, base.degree * size, value)
+
+
+_MINUS_ONE = _Part(sp.Integer(-1), degree=0, number=-1.0)
+
+_OPERATIONS: Mapping[type[ast.operator], Callable[[_Part, _Part], _Part]] = {
+    ast.Add: _sum,
+    ast.Sub: lambda left, right: _sum(left, _product(_MINUS_ONE, right)),
+    ast.Mult: _product,
+    ast.Div: lambda left, right: _product(left, _power(right, _MINUS_ONE)),
+    ast.Pow: _power,
+}
 
 
 def _called(function: Callable[..., sp.Expr], argument: _Part) -> _Part:

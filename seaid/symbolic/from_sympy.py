@@ -58,16 +58,7 @@ def declared(
                 f"motion contains {signal!r}; allowed are functions of time such as "
                 "Function('q')(t), and symbols"
             )
-    for place, symbol in enumerate(symbols):
-        if not isinstance(symbol, sp.Symbol):
-            raise SymbolicError(f"unknowns contains {symbol!r}; allowed are sympy symbols")
-        if symbol in symbols[:place]:
-            raise SymbolicError(f"the unknown {symbol} is listed twice; list it once")
-        if any(symbol == signal or signal.has(symbol) for signal in signals):
-            raise SymbolicError(
-                f"{symbol} is both unknown and known: it is in unknowns and in motion; remove it "
-                "from one of them"
-            )
+    _check_unknowns(symbols, signals)
     _check_names(expressions, (*signals, *symbols))
     return expressions, signals, symbols
 
@@ -91,6 +82,19 @@ def scalar(what: str, given: Any) -> sp.Expr:
     if not isinstance(found, sp.Expr) or found.is_Matrix:
         raise SymbolicError(f"{what} must be a scalar sympy expression, found {given!r}")
     return found
+
+
+def _check_unknowns(symbols: tuple[sp.Symbol, ...], signals: tuple[sp.Expr, ...]) -> None:
+    for place, symbol in enumerate(symbols):
+        if not isinstance(symbol, sp.Symbol):
+            raise SymbolicError(f"unknowns contains {symbol!r}; allowed are sympy symbols")
+        if symbol in symbols[:place]:
+            raise SymbolicError(f"the unknown {symbol} is listed twice; list it once")
+        if any(signal.has(symbol) for signal in signals):
+            raise SymbolicError(
+                f"{symbol} is both unknown and known: it is in unknowns and in motion; remove it "
+                "from one of them"
+            )
 
 
 def _check_names(expressions: Sequence[sp.Expr], declared: Sequence[sp.Expr]) -> None:
@@ -144,7 +148,7 @@ def read_equations(
 
 def _add_relations(ring: Ring) -> None:
     """Add the ring's relations, lowest generator first, because each uses those below it."""
-    roots = {root(x, unit): (x, unit) for (kind, x), unit in ring.units.items() if kind == "root"}
+    roots = {root(x, unit): (x, unit) for x, unit in ring.units["root"].items()}
     for place in reversed(range(len(ring.generators))):
         expression, x = ring.generators[place], ring.context.gen(place)
         degree = 2
@@ -196,11 +200,9 @@ def _read_function(ring: Ring, function: sp.Expr, memory: Memory) -> Ratio:
     if isinstance(function, CIRCULAR):
         return _read_circular(ring, function, memory)
     if isinstance(function, sp.exp):
-        factors = [
-            (sp.exp(part / ring.units["exponent", part]), factor * ring.units["exponent", part])
-            for part, factor in parts(function.args[0])
-        ]
-        return _powers(ring, factors)
+        units = ring.units["exponent"]
+        factors = parts(function.args[0])
+        return _powers(ring, [(sp.exp(x / units[x]), times * units[x]) for x, times in factors])
     if isinstance(function, sp.Abs | sp.sign):
         turned, argument = signed(function.args[0])
         sign = from_polynomial(ring, turned * ring.generator(sp.sign(argument)))
@@ -208,11 +210,10 @@ def _read_function(ring: Ring, function: sp.Expr, memory: Memory) -> Ratio:
             return sign
         return product(ring, sign, _read(ring, sp.expand(function.args[0]), memory))
     if function.is_Pow and function.exp.is_Rational:
-        bases = root_bases(function.base)
-        units = {base: ring.units["root", base] for base in bases}
+        units, bases = ring.units["root"], root_bases(function.base)
         return _powers(
             ring,
-            [(root(b, units[b]), function.exp * times * units[b]) for b, times in bases.items()],
+            [(root(x, units[x]), function.exp * times * units[x]) for x, times in bases.items()],
         )
     return from_polynomial(ring, ring.generator(expanded_inside(function)))
 
@@ -237,7 +238,7 @@ def _read_circular(ring: Ring, function: sp.Expr, memory: Memory) -> Ratio:
         cosine, sine = (_read(ring, f(turn), memory).numerator for f in (sp.cos, sp.sin))
         pair = _turned(ring, pair, (cosine, sine))
     for part, factor in parts(function.args[0]):
-        unit = ring.units["angle", part]
+        unit = ring.units["angle"][part]
         times = int(factor * unit)
         cosine, sine = (ring.generator(f(part / unit)) for f in (sp.cos, sp.sin))
         step = (cosine, sine if times > 0 else -sine)

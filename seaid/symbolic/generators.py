@@ -33,7 +33,9 @@ class _Scan:
     time: frozenset[sp.Symbol]
     plain: dict[sp.Expr, None] = field(default_factory=dict)
     signs: dict[sp.Expr, None] = field(default_factory=dict)
-    units: dict[tuple[str, sp.Expr], int] = field(default_factory=dict)
+    units: dict[str, dict[sp.Expr, int]] = field(
+        default_factory=lambda: {"angle": {}, "exponent": {}, "root": {}}
+    )
     seen: set[sp.Expr] = field(default_factory=set)
 
 
@@ -148,7 +150,7 @@ def _visit(scan: _Scan, expression: sp.Expr) -> None:
 
 
 def _visit_function(scan: _Scan, function: sp.Expr) -> None:
-    inside = [u for u in scan.unknowns if u in function.free_symbols]
+    inside = sorted(function.free_symbols.intersection(scan.unknowns), key=scan.unknowns.index)
     if inside:
         raise SymbolicError(
             f"the unknown {inside[0]} is inside {function}, so the equation is not linear in any "
@@ -156,28 +158,29 @@ def _visit_function(scan: _Scan, function: sp.Expr) -> None:
             "unknown"
         )
     if isinstance(function, CIRCULAR):
-        _note_units(scan, "angle", function.args[0])
+        _note_units(scan.units["angle"], parts(function.args[0]))
         for turn in turns(function.args[0]):
             _visit(scan, sp.cos(turn))
             _visit(scan, sp.sin(turn))
     elif isinstance(function, sp.exp):
-        _note_units(scan, "exponent", function.args[0])
+        _note_units(scan.units["exponent"], parts(function.args[0]))
     elif isinstance(function, sp.Abs | sp.sign):
         argument = signed(function.args[0])[1]
         scan.signs[argument] = None
         _visit(scan, argument)
     elif function.is_Pow and function.exp.is_Rational:
-        for base in root_bases(function.base):
-            key = ("root", base)
-            scan.units[key] = lcm(scan.units.get(key, 1), int(function.exp.q))
+        bases = root_bases(function.base)
+        _note_units(scan.units["root"], [(base, function.exp) for base in bases])
+        for base in bases:
             _visit(scan, base)
     else:
         scan.plain[expanded_inside(function)] = None
 
 
-def _note_units(scan: _Scan, kind: str, argument: sp.Expr) -> None:
-    for part, factor in parts(argument):
-        scan.units[kind, part] = lcm(scan.units.get((kind, part), 1), int(factor.q))
+def _note_units(units: dict[sp.Expr, int], factors: list[tuple[sp.Expr, sp.Rational]]) -> None:
+    """Extend the common denominators in `units` by those of [(expression, rational factor)]."""
+    for part, factor in factors:
+        units[part] = lcm(units.get(part, 1), int(factor.q))
 
 
 def parts(argument: sp.Expr) -> list[tuple[sp.Expr, sp.Rational]]:
@@ -217,17 +220,7 @@ def expanded_inside(function: sp.Expr) -> sp.Expr:
 
 
 def _ring(scan: _Scan, max_terms: int) -> Ring:
-    """Order the generators so that the leading term of every relation is the eliminated one."""
-    roots = {root(base, unit): base for (kind, base), unit in scan.units.items() if kind == "root"}
-    order = [
-        *sorted(roots, key=lambda x: (-roots[x].count_ops(), sp.default_sort_key(x))),
-        *sorted((sp.sign(x) for x in scan.signs), key=sp.default_sort_key),
-    ]
-    for kind, functions in (("angle", (sp.sin, sp.cos)), ("exponent", (sp.exp,))):
-        parts = [part / unit for (found, part), unit in scan.units.items() if found == kind]
-        parts.sort(key=sp.default_sort_key)
-        order += [function(part) for function in functions for part in parts]
-    order = list(dict.fromkeys([*order, *sorted(scan.plain, key=_plain_key(scan))]))
+    order = _generators(scan)
     kinds = [_kind(scan, x) for x in order]
     places = {
         kind: tuple(i for i, found in enumerate(kinds) if found == kind)
@@ -235,7 +228,7 @@ def _ring(scan: _Scan, max_terms: int) -> Ring:
     }
     return Ring(
         context=fmpq_mpoly_ctx.get([f"x{i}" for i in range(len(order))], "lex"),
-        generators=tuple(order),
+        generators=order,
         motion=places["motion"],
         unknown=places["unknown"],
         known=places["known"],
@@ -244,6 +237,24 @@ def _ring(scan: _Scan, max_terms: int) -> Ring:
         units=scan.units,
         max_terms=max_terms,
     )
+
+
+def _generators(scan: _Scan) -> tuple[sp.Expr, ...]:
+    """Order the generators so that the leading term of every relation is the eliminated one."""
+    roots = {root(base, unit): base for base, unit in scan.units["root"].items()}
+    angles, exponents = (
+        sorted((part / unit for part, unit in scan.units[kind].items()), key=sp.default_sort_key)
+        for kind in ("angle", "exponent")
+    )
+    order = [
+        *sorted(roots, key=lambda x: (-roots[x].count_ops(), sp.default_sort_key(x))),
+        *sorted(map(sp.sign, scan.signs), key=sp.default_sort_key),
+        *map(sp.sin, angles),
+        *map(sp.cos, angles),
+        *map(sp.exp, exponents),
+        *sorted(scan.plain, key=_plain_key(scan)),
+    ]
+    return tuple(dict.fromkeys(order))
 
 
 def root(base: sp.Expr, unit: int) -> sp.Expr:

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import random
 import warnings
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from fractions import Fraction
+from itertools import chain
 
 import numpy as np
 import sympy as sp
@@ -40,18 +41,13 @@ def independent_functions(
     expressions, and are also reported in a SeaidWarning. Raises SymbolicError for a dependence
     whose factors are not short rationals.
     """
-    replaced: dict[Exponents, Combination] = {}
+    replaced: dict[Exponents, Combination] = {f: {f: fmpq(1)} for f in functions}
     relations: list[tuple[sp.Expr, sp.Expr]] = []
     for group in _groups(ring):
-        current = sorted({g for f in functions for g in replaced.get(f, {f: fmpq(1)})})
-        parts = sorted({_part(f, group) for f in current}, key=lambda e: (sum(e), e[::-1]))
-        found = _dependences(ring, group, parts)
-        if not found:
-            continue
-        relations += [_relation(ring, part, found[part]) for part in found]
-        step = {f: _rewritten(f, group, found) for f in current if _part(f, group) in found}
-        for f in functions:
-            replaced[f] = _applied(replaced.get(f, {f: fmpq(1)}), step)
+        found = _dependences(ring, group, set(chain(*replaced.values())))
+        if found:
+            relations += [_relation(ring, *dependence) for dependence in found.items()]
+            replaced = {f: _rewritten(old, group, found) for f, old in replaced.items()}
     if relations:
         text = "; ".join(f"{left} = {right}" for left, right in relations)
         warnings.warn(
@@ -94,19 +90,14 @@ def _part(function: Exponents, group: tuple[int, ...]) -> Exponents:
 
 
 def _rewritten(
-    function: Exponents, group: tuple[int, ...], found: Mapping[Exponents, Combination]
+    combination: Combination, group: tuple[int, ...], found: Mapping[Exponents, Combination]
 ) -> Combination:
-    rest = tuple(0 if i in group else e for i, e in enumerate(function))
-    return {
-        tuple(a + b for a, b in zip(rest, part, strict=True)): factor
-        for part, factor in found[_part(function, group)].items()
-    }
-
-
-def _applied(combination: Combination, step: Mapping[Exponents, Combination]) -> Combination:
+    """Replace the dependent functions of a group by the combinations in `found`."""
     result: Combination = {}
     for function, factor in combination.items():
-        for other, times in step.get(function, {function: fmpq(1)}).items():
+        own = _part(function, group)
+        for part, times in found.get(own, {own: fmpq(1)}).items():
+            other = tuple(f - o + p for f, o, p in zip(function, own, part, strict=True))
             result[other] = result.get(other, fmpq(0)) + factor * times
     return {function: factor for function, factor in result.items() if factor != 0}
 
@@ -117,9 +108,13 @@ def _relation(ring: Ring, part: Exponents, found: Combination) -> tuple[sp.Expr,
 
 
 def _dependences(
-    ring: Ring, group: tuple[int, ...], parts: list[Exponents]
+    ring: Ring, group: tuple[int, ...], functions: Collection[Exponents]
 ) -> dict[Exponents, Combination]:
-    """Return {function: combination of functions before it}, from values at random points."""
+    """Return {function: combination of functions before it}, from values at random points.
+
+    Only the parts of `functions` that are made of the generators in `group` are compared.
+    """
+    parts = sorted({_part(f, group) for f in functions}, key=lambda e: (sum(e), e[::-1]))
     with mp.workdps(_DIGITS):
         few = len(parts) <= _MOST_FUNCTIONS
         table = _evaluated(ring, group, parts, len(parts) + 4, seed=1) if few else None
@@ -134,50 +129,60 @@ def _dependences(
             return {}
         if _surely_independent(table):
             return {}
-        factors = _eliminated(table)
         fresh = _evaluated(ring, group, parts, 8, seed=2) or []
-        found = {}
-        for column, combination in factors.items():
-            short = {other: _short_rational(factor) for other, factor in combination.items()}
-            holds = all(
-                abs(row[column] - sum(_value(short[j]) * row[j] for j in short)) < _SMALL
-                for row in fresh
+        return {
+            parts[column]: _confirmed(ring, parts, column, factors, fresh)
+            for column, factors in _eliminated(table).items()
+        }
+
+
+def _confirmed(
+    ring: Ring,
+    parts: list[Exponents],
+    column: int,
+    factors: Mapping[int, mpf],
+    fresh: list[list[mpf]],
+) -> Combination:
+    """Return a dependence with rational factors, if it also holds at the points `fresh`."""
+    short = {other: _short_rational(factor) for other, factor in factors.items()}
+    for row in fresh:
+        if abs(row[column] - sum(_value(short[j]) * row[j] for j in short)) >= _SMALL:
+            names = ", ".join(str(term_to_sympy(ring, parts[other])) for other in short)
+            raise SymbolicError(
+                f"the function {term_to_sympy(ring, parts[column])} of the motion depends on "
+                f"{names} with factors that are not short rational numbers; write the equations "
+                "with one of these functions less"
             )
-            if not holds:
-                raise _no_rationals(ring, parts[column], [parts[j] for j in combination])
-            found[parts[column]] = {parts[j]: factor for j, factor in short.items()}
-    return found
-
-
-def _no_rationals(ring: Ring, function: Exponents, others: list[Exponents]) -> SymbolicError:
-    names = ", ".join(str(term_to_sympy(ring, other)) for other in others)
-    return SymbolicError(
-        f"the function {term_to_sympy(ring, function)} of the motion depends on {names} with "
-        "factors that are not short rational numbers; write the equations with one of these "
-        "functions less"
-    )
+    return {parts[other]: factor for other, factor in short.items()}
 
 
 def _evaluated(
     ring: Ring, group: tuple[int, ...], parts: list[Exponents], count: int, seed: int
 ) -> list[list[mpf]] | None:
     """Return the values at `count` random points, a row per point; None if they are not real."""
-    generator = random.Random(seed)
-    expressions = {i: ring.generators[i] for i in group}
-    signals = sorted({s for x in expressions.values() for s in _signals(ring, x)}, key=str)
-    free = {s for x in expressions.values() for s in x.free_symbols} - ring.moving
-    constants = {s: _random(generator, positive=True) for s in sorted(free, key=str)}
+    expressions = [ring.generators[i] for i in group]
     rows: list[list[mpf]] = []
-    for attempt in range(20 * count):
-        positive = attempt >= 10 * count
-        point = constants | {s: _random(generator, positive) for s in signals}
-        values = {i: x.xreplace(point).evalf(_DIGITS) for i, x in expressions.items()}
-        if all(value.is_Float or value.is_Rational for value in values.values()):
-            numbers = {i: mp.mpmathify(value) for i, value in values.items()}
-            rows.append([mp.fprod(numbers[i] ** int(part[i]) for i in group) for part in parts])
+    for point in _random_points(ring, expressions, count, seed):
+        values = [x.xreplace(point).evalf(_DIGITS) for x in expressions]
+        if all(value.is_Float or value.is_Rational for value in values):
+            pairs = list(zip(group, map(mp.mpmathify, values), strict=True))
+            rows.append([mp.fprod(x ** int(part[i]) for i, x in pairs) for part in parts])
             if len(rows) == count:
                 return rows
     return None
+
+
+def _random_points(
+    ring: Ring, expressions: list[sp.Expr], count: int, seed: int
+) -> Iterator[dict[sp.Expr, sp.Rational]]:
+    """Yield 20 points for each of `count`: values of both signs, later positive ones only."""
+    generator = random.Random(seed)
+    signals = sorted({s for x in expressions for s in _signals(ring, x)}, key=str)
+    free = {s for x in expressions for s in x.free_symbols} - ring.moving
+    constants = {s: _random(generator, positive=True) for s in sorted(free, key=str)}
+    for attempt in range(20 * count):
+        positive = attempt >= 10 * count
+        yield constants | {s: _random(generator, positive) for s in signals}
 
 
 def _random(generator: random.Random, positive: bool) -> sp.Rational:
@@ -201,29 +206,22 @@ def _surely_independent(table: list[list[mpf]]) -> bool:
 
 def _eliminated(table: list[list[mpf]]) -> dict[int, dict[int, mpf]]:
     """Return {dependent column: factors of the independent ones}, by pivoted Gauss-Jordan."""
-    rows = [list(row) for row in table]
+    rows = np.array(table, dtype=object)
     pivots: list[int] = []
-    for column in range(len(rows[0])):
-        below = rows[len(pivots) :]
-        best = max(range(len(below)), key=lambda i: abs(below[i][column]))
-        if abs(below[best][column]) < _SMALL:
-            continue
+    dependent: dict[int, dict[int, mpf]] = {}
+    for column in range(rows.shape[1]):
         top = len(pivots)
-        rows[top], rows[top + best] = rows[top + best], rows[top]
-        rows[top] = [x / rows[top][column] for x in rows[top]]
-        for i, row in enumerate(rows):
-            if i != top and row[column] != 0:
-                rows[i] = [x - row[column] * y for x, y in zip(row, rows[top], strict=True)]
+        best = top + int(np.argmax(np.abs(rows[top:, column])))
+        if abs(rows[best, column]) < _SMALL:
+            factors = zip(pivots, rows[:, column], strict=False)
+            dependent[column] = {pivot: x for pivot, x in factors if abs(x) > _SMALL}
+            continue
+        rows[[top, best]] = rows[[best, top]]
+        rows[top] = rows[top] / rows[top, column]
+        others = np.arange(len(rows)) != top
+        rows[others] = rows[others] - np.outer(rows[others, column], rows[top])
         pivots.append(column)
-    return {
-        column: {
-            pivot: rows[i][column]
-            for i, pivot in enumerate(pivots)
-            if pivot < column and abs(rows[i][column]) > _SMALL
-        }
-        for column in range(len(rows[0]))
-        if column not in pivots
-    }
+    return dependent
 
 
 def _short_rational(number: mpf) -> fmpq:

@@ -102,15 +102,14 @@ def _derived_part(part: sp.Expr, rule: _Rule, memory: dict[sp.Expr, sp.Expr]) ->
         return rule[part]
     if not part.args or _is_rate(part):
         return sp.Integer(0)
+    slopes = [memory[operand] for operand in operands(part)]
     if part.is_Add:
-        return sp.Add(*(memory[operand] for operand in part.args))
+        return sp.Add(*slopes)
     if part.is_Mul:
-        slopes = ((i, memory[factor]) for i, factor in enumerate(part.args))
-        return sp.Add(
-            *(sp.Mul(*part.args[:i], slope, *part.args[i + 1 :]) for i, slope in slopes if slope)
-        )
-    if operands(part):
-        return part.exp * part.base ** (part.exp - 1) * memory[part.base]
+        numbered, args = enumerate(slopes), part.args
+        return sp.Add(*(sp.Mul(*args[:i], x, *args[i + 1 :]) for i, x in numbered if x))
+    if slopes:
+        return part.exp * part.base ** (part.exp - 1) * slopes[0]
     return _derived_function(part, rule)
 
 

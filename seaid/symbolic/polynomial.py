@@ -50,7 +50,7 @@ class Ring:
     `generators` are sympy expressions; `motion`, `unknown`, `known` are their indices by kind;
     `undeclared` are functions of time that the caller did not declare; `moving` are the symbols
     that change during a motion, time among them. `units` has the common denominator of the
-    rational factors of every angle, exponent and base of a root.
+    rational factors of every "angle", "exponent" and base of a "root".
     """
 
     context: fmpq_mpoly_ctx
@@ -60,7 +60,7 @@ class Ring:
     known: tuple[int, ...]
     undeclared: tuple[int, ...]
     moving: frozenset[sp.Symbol]
-    units: Mapping[tuple[str, sp.Expr], int]
+    units: Mapping[str, Mapping[sp.Expr, int]]
     max_terms: int
     relations: list[Relation] = field(default_factory=list)
     index: dict[sp.Expr, int] = field(init=False, repr=False)
@@ -111,9 +111,11 @@ def _rationalised(
     Sums in several such functions of the motion stay: each of them would double the terms.
     """
     degrees = denominator.degrees()
-    present = [relation for relation in ring.relations if degrees[relation.generator] > 0]
-    moving = [relation for relation in present if relation.generator in ring.motion]
-    for place, degree, _ in ring.relations if present else ():
+    present = {place for place, _, _ in ring.relations if degrees[place] > 0}
+    if not present:
+        return numerator, denominator
+    one_moves = len(present.intersection(ring.motion)) == 1
+    for place, degree, _ in ring.relations:
         power = denominator.degrees()[place]
         if power < 1:
             continue
@@ -121,7 +123,7 @@ def _rationalised(
         parts = collect(ring, denominator, place)
         if len(parts) == 1:
             factor = x ** (degree - power)
-        elif degree == 2 and (place not in ring.motion or len(moving) == 1):
+        elif degree == 2 and (one_moves or place not in ring.motion):
             factor = parts[0] - x * parts[1]
         else:
             continue

@@ -6,9 +6,11 @@ symbols and the groupings are closed forms. Nothing is rounded, and no tolerance
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 from typing import Literal
 
 import sympy as sp
@@ -208,14 +210,16 @@ class BaseForm(Display):
     @cached_property
     def B(self) -> sp.ImmutableSparseMatrix:
         """B (n k, m) of (12), R = kron(identity, f^T) B, computed on first access."""
-        k = len(self.fundamental_functions)
-        entries = {
-            (i * k + j, column): ratio_to_sympy(self.form.ring, value)
-            for i, rows in enumerate(self.rows)
-            for j, row in enumerate(rows)
-            for column, value in row.items()
-        }
-        return sp.ImmutableSparseMatrix(len(self.rows) * k, len(self.columns), entries)
+        return _matrix(self.form.ring, list(chain(*self.rows)), len(self.columns))
+
+
+def _matrix(ring: Ring, rows: Sequence[SparseRow], width: int) -> sp.ImmutableSparseMatrix:
+    entries = {
+        (i, j): ratio_to_sympy(ring, value)
+        for i, row in enumerate(rows)
+        for j, value in row.items()
+    }
+    return sp.ImmutableSparseMatrix(len(rows), width, entries)
 
 
 def reduce(form: RegressorForm) -> BaseForm:
@@ -253,22 +257,18 @@ def reduce(form: RegressorForm) -> BaseForm:
         raise SymbolicError(f"reduce takes the result of separate, found {type(form).__name__}")
     ring = form.ring
     tables = [_table(ring, row, form.monomials) for row in form.rows]
-    functions = {motion for table in tables for _, motion in table}
+    functions = {motion for _, motion in chain(*tables)}
     replaced, relations = independent_functions(ring, functions)
     tables = [_replaced(ring, table, replaced) for table in tables]
-    rows = (row for table in tables for row in table.values())
-    echelon, pivots, different = eliminate(ring, rows, len(form.monomials))
+    order = sorted(set(chain(*tables)), key=_function_key)
+    rows = tuple(tuple(table.get(f, {}) for f in order) for table in tables)
+    echelon, pivots, different = eliminate(ring, chain(*rows), len(form.monomials))
     if not pivots:
         raise SymbolicError(
             "no parameter is identifiable: the regressor is zero in every column, of "
             f"{', '.join(map(str, form.parameters))}; check equations and unknowns"
         )
-    order = sorted({f for table in tables for f in table}, key=_function_key)
-    closed = sp.ImmutableMatrix(
-        len(pivots),
-        len(form.monomials),
-        lambda i, j: ratio_to_sympy(ring, echelon[i][j]) if j in echelon[i] else 0,
-    )
+    closed = sp.ImmutableMatrix(_matrix(ring, echelon, len(form.monomials)))
     return BaseForm(
         zeta=form.zeta,
         parameters=closed * form.parameters,
@@ -279,7 +279,7 @@ def reduce(form: RegressorForm) -> BaseForm:
         function_relations=relations,
         different_rows=different,
         form=form,
-        rows=tuple(tuple(table.get(f, {}) for f in order) for table in tables),
+        rows=rows,
     )
 
 
@@ -318,17 +318,17 @@ def _replaced(
     """Rewrite a table in independent functions."""
     if not replaced:
         return table
-    result: dict[_Function, dict[int, list[Ratio]]] = {}
+    parts: dict[tuple[_Function, int], list[Ratio]] = defaultdict(list)
     for (below, motion), row in table.items():
         for other, factor in replaced.get(motion, {motion: fmpq(1)}).items():
-            target = result.setdefault((below, other), {})
             for column, (numerator, denominator) in row.items():
-                target.setdefault(column, []).append(Ratio(factor * numerator, denominator))
-    sums = {f: {j: total(ring, parts) for j, parts in row.items()} for f, row in result.items()}
-    kept = {
-        f: {j: x for j, x in row.items() if not x.numerator.is_zero()} for f, row in sums.items()
-    }
-    return {f: row for f, row in kept.items() if row}
+                parts[(below, other), column].append(Ratio(factor * numerator, denominator))
+    result: _Table = defaultdict(dict)
+    for (function, column), ratios in parts.items():
+        value = total(ring, ratios)
+        if not value.numerator.is_zero():
+            result[function][column] = value
+    return result
 
 
 def _function_key(function: _Function) -> tuple[str, int, tuple[int, ...]]:

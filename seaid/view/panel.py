@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.robot import Robot
-from seaid.view.picture import NEUTRAL, Color, Picture, gradient, hexadecimal
-from seaid.view.playback import Playback
-from seaid.view.stage import Stage, fade, show
+from seaid.view.picture import NEUTRAL, gradient, hexadecimal
+from seaid.view.stage import fade, show
+
+if TYPE_CHECKING:
+    from seaid.robot import Robot
+    from seaid.view.picture import Color, Picture
+    from seaid.view.playback import Playback
+    from seaid.view.stage import Stage
 
 _TEXT = "font-size:0.8em;line-height:1.45;margin:0 0.6em 0.5em"
 
@@ -142,7 +146,6 @@ def put_panel(
                 initial_value=NOTHING,
                 hint="Another motion, drawn in orange at the same time since its start.",
             )
-    if playbacks:
         gui.add_html(legend(picture.robot, limits))
     table = gui.add_html("")
     notes = gui.add_html("")

@@ -45,6 +45,7 @@ class Shape:
 
 def shapes_of(
     urdf: Path,
+    tree: UrdfTree,
     places: Mapping[str, tuple[int, pin.SE3]],
     package_dirs: str | Path | Sequence[str | Path] = (),
 ) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
@@ -55,11 +56,11 @@ def shapes_of(
     folder.
     """
     folders = search_folders(urdf, package_dirs)
-    robot = _parsed(urdf)
-    palette = {one.name: _rgb(one) for one in robot.materials if one.color is not None}
+    materials = tree.elements.materials
+    palette = {one.name: _rgb(one) for one in materials if one.color is not None}
     shapes: list[Shape] = []
     missing: dict[str, str] = {}
-    for link in robot.links:
+    for link in tree.elements.links:
         body, placement = places[link.name]
         for visual in link.visuals:
             wanted = _own_color(visual.material, palette)
@@ -71,28 +72,14 @@ def shapes_of(
             origin = np.eye(4) if visual.origin is None else visual.origin
             whole = placement.homogeneous @ origin
             for mesh, painted in parts:
-                color = painted or wanted or GREY
-                shapes.append(_shape(link.name, body, mesh.apply_transform(whole), color))
+                moved = mesh.apply_transform(whole)
+                shapes.append(_shape(link.name, body, moved, painted or wanted))
     notes = tuple(f"{problem} (link '{link}')" for problem, link in missing.items())
     return tuple(shapes), notes
 
 
 class _NoMeshError(Exception):
     """A mesh is missing or cannot be read."""
-
-
-def _parsed(urdf: Path) -> Any:
-    """Return the URDF as parsed by yourdfpy; load_robot has checked the file."""
-    from io import BytesIO
-
-    from lxml import etree
-    from yourdfpy import URDF
-
-    logging.getLogger("yourdfpy.urdf").setLevel(logging.ERROR)
-    root = etree.parse(str(urdf), etree.XMLParser(remove_comments=True)).getroot()
-    root.set("name", root.get("name") or urdf.stem)
-    text = BytesIO(etree.tostring(root))
-    return URDF.load(text, build_scene_graph=False, load_meshes=False).robot
 
 
 def _shape(link: str, body: int, mesh: Any, color: Color) -> Shape:
@@ -150,10 +137,10 @@ def _painted(visual: Any) -> Color | None:
     return None if color is None else _color(color[:3])
 
 
-def _own_color(material: Any, palette: Mapping[str, Color]) -> Color | None:
+def _own_color(material: Any, palette: Mapping[str, Color]) -> Color:
     if material is None:
-        return None
-    return _rgb(material) if material.color is not None else palette.get(material.name)
+        return GREY
+    return _rgb(material) if material.color is not None else palette.get(material.name, GREY)
 
 
 def _rgb(material: Any) -> Color:
@@ -179,15 +166,14 @@ class Mark:
 class Picture:
     """The visible parts of a robot with n joints, on n + 1 bodies.
 
-    Body 0 is the base, body i + 1 that of joint i, in the frame of Pinocchio's joint. `places` has
-    the body of every link of the URDF and its placement there. `segments` (S, 2, 3) [m] are lines
-    between joints, along prismatic axes and to payloads, on the bodies `segment_bodies` (S,);
+    Body 0 is the base, body i + 1 that of joint i, in the frame of Pinocchio's joint. `segments`
+    (S, 2, 3) [m] are lines between joints, along prismatic axes and to payloads, on the bodies
+    `segment_bodies` (S,);
     `axes` (n, 3) are the joints' axes in their bodies' frames. `up` (3,) points against gravity.
     `payloads` and `centers` of mass are marks. `notes` list parts that could not be shown.
     """
 
     robot: Robot
-    places: dict[str, tuple[int, pin.SE3]]
     shapes: tuple[Shape, ...]
     segments: Array
     segment_bodies: tuple[int, ...]
@@ -233,11 +219,6 @@ class Picture:
             bodies[index + 1] = placement * pin.SE3(turn, shift)
         return bodies
 
-    def link_placements(self, q: Array) -> dict[str, pin.SE3]:
-        """Return the placements of all links of the URDF, including fixed and locked ones."""
-        bodies = self.placements(q)
-        return {link: bodies[body] * place for link, (body, place) in self.places.items()}
-
     def outline(self, postures: Array) -> Array:
         """Return points (., 3) [m] that enclose the visible parts in postures (P, n)."""
         return np.concatenate(
@@ -270,9 +251,9 @@ def picture_of(robot: Robot, *, package_dirs: str | Path | Sequence[str | Path] 
     RobotError for a robot without its file and for missing folders.
     """
     tree = _tree_of(robot)
-    places = _places(tree, robot)
+    places = link_places(tree, robot)
     assert robot.urdf is not None
-    shapes, notes = shapes_of(robot.urdf, places, package_dirs)
+    shapes, notes = shapes_of(robot.urdf, tree, places, package_dirs)
     payloads = _marks("payload on", robot, robot.payload_parameters)
     segments, bodies = _segments(tree, robot, places, payloads)
     gravity = robot.model.gravity.linear
@@ -280,7 +261,6 @@ def picture_of(robot: Robot, *, package_dirs: str | Path | Sequence[str | Path] 
     up = np.array([0.0, 0.0, 1.0]) if strength == 0.0 else -gravity / strength
     return Picture(
         robot=robot,
-        places=places,
         shapes=shapes,
         segments=frozen("segments", segments, (None, 2, 3)),
         segment_bodies=bodies,
@@ -305,7 +285,7 @@ def _tree_of(robot: Robot) -> UrdfTree:
     return tree
 
 
-def _places(tree: UrdfTree, robot: Robot) -> dict[str, tuple[int, pin.SE3]]:
+def link_places(tree: UrdfTree, robot: Robot) -> dict[str, tuple[int, pin.SE3]]:
     """Return the body of each link, and the link's frame on it."""
     places = {tree.root: (0, pin.SE3.Identity())}
     waiting = [tree.root]
@@ -344,21 +324,28 @@ def _segments(
     along the range of prismatic joints, and to payloads.
     """
     lines = [(mark.body, np.zeros(3), mark.center) for mark in payloads]
+    lines += _lines(tree, robot, places)
+    lines = [(body, start, end) for body, start, end in lines if np.linalg.norm(end - start) > 0]
+    segments = np.array([ends for _, *ends in lines]).reshape(-1, 2, 3)
+    return segments, tuple(body for body, _, _ in lines)
+
+
+def _lines(
+    tree: UrdfTree, robot: Robot, places: dict[str, tuple[int, pin.SE3]]
+) -> Iterator[tuple[int, Array, Array]]:
+    """Yield the lines (body, start, end) of all links and prismatic joints."""
     for link, (body, placement) in places.items():
         start, below = placement.translation, tree.children(link)
         for joint in below:
             frame = placement * joint.placement
-            lines.append((body, start, frame.translation))
+            yield body, start, frame.translation
             if joint.type == "prismatic" and joint.name in robot.joint_names:
                 ends = np.array([joint.lower, joint.upper])
                 if np.all(np.isfinite(ends)):
-                    lines.append((body, *(frame.act(end * joint.axis) for end in ends)))
+                    yield body, frame.act(ends[0] * joint.axis), frame.act(ends[1] * joint.axis)
         mass, *moment = tree.links[link][:4]
         if not below and mass > 0:
-            lines.append((body, start, placement.act(np.array(moment) / mass)))
-    seen = [(body, (start, end)) for body, start, end in lines if np.linalg.norm(end - start) > 0]
-    segments = np.array([ends for _, ends in seen]).reshape(-1, 2, 3)
-    return segments, tuple(body for body, _ in seen)
+            yield body, start, placement.act(np.array(moment) / mass)
 
 
 def _marks(what: str, robot: Robot, parameters: Array) -> tuple[Mark, ...]:

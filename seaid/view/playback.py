@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,7 +12,10 @@ from seaid._arrays import Array, frozen
 from seaid.errors import ExcitationError, LogError, SeaidError
 from seaid.excitation import Excitation, Trajectory
 from seaid.log import Log, Motion
-from seaid.robot import Robot, at_drives, at_joints, torques_at_drives
+from seaid.robot import at_drives, at_joints, torques_at_drives
+
+if TYPE_CHECKING:
+    from seaid.robot import Robot
 
 Shown = Log | Motion | Trajectory | Excitation
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -20,11 +20,17 @@ from seaid._display import Display, counted
 from seaid.errors import SeaidError, checked, reason_of, unknown_name
 from seaid.excitation import Excitation, Trajectory
 from seaid.log import Log, Motion
-from seaid.robot import Robot
-from seaid.view.panel import NOTHING, Panel, notes_of, put_panel, slider_end, table
-from seaid.view.picture import Picture, deflection_colors, picture_of
-from seaid.view.playback import Playback, Shown, playback_of, scales
-from seaid.view.stage import Stage, paint, place, put_on_stage, set_the_view, show
+from seaid.view.panel import NOTHING, notes_of, put_panel, slider_end, table
+from seaid.view.picture import deflection_colors, picture_of
+from seaid.view.playback import playback_of, scales
+from seaid.view.stage import paint, place, put_on_stage, set_the_view, show
+
+if TYPE_CHECKING:
+    from seaid.robot import Robot
+    from seaid.view.panel import Panel
+    from seaid.view.picture import Picture
+    from seaid.view.playback import Playback, Shown
+    from seaid.view.stage import Stage
 
 _FRAMES_HZ = 30.0
 

@@ -17,7 +17,8 @@ from seaid.errors import IdentificationError, LogError
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import equal_weights, ordinary, settled_weights, weighted
 from seaid.estimation.qr_factor import QRFactor
-from seaid.estimation.streaming import stored_estimate, stored_rows
+from seaid.estimation.streaming import StoredRows, stored_estimate
+from seaid.identification.datasets import rows_of_equations
 from seaid.identification.drive_estimates import spring_of
 from seaid.identification.identification import identify
 from seaid.log.long_log import LongLog, iterate_log, open_long_log
@@ -65,8 +66,10 @@ def stream_estimate(
     weigh: Callable[[QRFactor], Array] = settled_weights,
     propagated: Array | None = None,
 ) -> tuple[Estimate, QRFactor]:
-    with stored_rows(logs, {"": regress}) as stored:
-        return stored_estimate(stored[""], weigh, propagated)[:2]
+    with rows_of_equations(logs, {"": regress}, True, None, False) as stored:
+        rows = stored[""]
+        assert isinstance(rows, StoredRows)
+        return stored_estimate(rows, weigh, propagated)[:2]
 
 
 def opened(path: Path, chunk_samples: int = 1500) -> LongLog:

@@ -15,7 +15,8 @@ from seaid._arrays import Array
 from seaid.errors import RobotError
 from seaid.robot.pinocchio_model import Payload
 from seaid.robot.robot import Robot, load_robot
-from seaid.view.picture import GREY, Picture, picture_of
+from seaid.robot.urdf import reread_urdf
+from seaid.view.picture import GREY, Picture, link_places, picture_of
 
 ROBOTS = [
     "ur5_robot.urdf",
@@ -51,6 +52,14 @@ def frames_by_pinocchio(path: Path, positions: dict[str, float]) -> dict[str, pi
     return {one.name: data.oMf[i] for i, one in bodies}
 
 
+def link_placements(picture: Picture, q: Array) -> dict[str, pin.SE3]:
+    """Return the placements of all links of the URDF, including fixed and locked ones."""
+    assert picture.robot.urdf is not None
+    places = link_places(reread_urdf(picture.robot.urdf), picture.robot)
+    bodies = picture.placements(q)
+    return {link: bodies[body] * place for link, (body, place) in places.items()}
+
+
 def largest_difference(found: dict[str, pin.SE3], expected: dict[str, pin.SE3]) -> float:
     assert set(found) == set(expected) - {"universe"}
     return max(
@@ -67,7 +76,7 @@ def test_links_are_where_pinocchio_has_them(
     robot = load_quietly(path)
     picture, q = picture_of(robot), posture(robot, 1)
     expected = frames_by_pinocchio(path, dict(zip(robot.joint_names, q, strict=True)))
-    assert largest_difference(picture.link_placements(q), expected) < 1e-9
+    assert largest_difference(link_placements(picture, q), expected) < 1e-9
 
 
 def test_links_are_where_yourdfpy_has_them(tulip_leg: Robot) -> None:
@@ -76,7 +85,7 @@ def test_links_are_where_yourdfpy_has_them(tulip_leg: Robot) -> None:
     urdf = URDF.load(str(tulip_leg.urdf), load_meshes=False)
     q = posture(tulip_leg, 2)
     urdf.update_cfg(dict(zip(tulip_leg.joint_names, q, strict=True)))
-    for link, placement in picture_of(tulip_leg).link_placements(q).items():
+    for link, placement in link_placements(picture_of(tulip_leg), q).items():
         np.testing.assert_allclose(placement.homogeneous, urdf.get_transform(link), atol=1e-9)
 
 
@@ -87,7 +96,7 @@ def test_order_of_joints_and_locked_ones_count(
     robot = load_quietly(path, joints=["panda_joint6", "panda_finger_joint2", "panda_joint2"])
     q = posture(robot, 3)
     expected = frames_by_pinocchio(path, dict(zip(robot.joint_names, q, strict=True)))
-    assert largest_difference(picture_of(robot).link_placements(q), expected) < 1e-9
+    assert largest_difference(link_placements(picture_of(robot), q), expected) < 1e-9
 
 
 def test_bodies_are_at_the_joints_of_the_robots_model(
@@ -96,7 +105,7 @@ def test_bodies_are_at_the_joints_of_the_robots_model(
     robot = load_quietly(example_path("ur10_robot.urdf"))  # its angles are rounded
     q, data = posture(robot, 4), robot.model.createData()
     pin.forwardKinematics(robot.model, data, q[list(robot.model_order)])
-    placed = picture_of(robot).link_placements(q)
+    placed = link_placements(picture_of(robot), q)
     for name, body in zip(robot.joint_names, robot.body_names, strict=True):
         expected = data.oMi[robot.model.getJointId(name)]
         np.testing.assert_allclose(placed[body].homogeneous, expected.homogeneous, atol=1e-12)
@@ -167,7 +176,7 @@ def test_origins_colours_and_fixed_links_count(write_urdf: Callable[[str], Path]
     assert box.color == (255, 0, 0)
     assert sphere.color == (0, 128, 255)
     np.testing.assert_allclose(box.vertices.mean(axis=0), [1.0, 0.0, 0.0], atol=1e-12)
-    placement = picture.link_placements(np.array([np.pi / 2]))["tip"]
+    placement = link_placements(picture, np.array([np.pi / 2]))["tip"]
     np.testing.assert_allclose(placement.translation, [0.5, 0.0, 1.0], atol=1e-12)
 
 

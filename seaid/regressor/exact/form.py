@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from flint import fmpq
 
 from seaid._arrays import Array, frozen
 from seaid.drives import (
@@ -154,11 +153,8 @@ def _symbol(text: str) -> sp.Symbol:
 
 
 def _to_sympy(value: Value) -> sp.Expr:
-    return sp.Add(*(sp.Mul(_rational(x), *map(_symbol, f)) for f, x in value.items()))
-
-
-def _rational(x: fmpq) -> sp.Rational:
-    return sp.Rational(int(x.p), int(x.q))
+    terms = ((sp.Rational(int(x.p), int(x.q)), map(_symbol, f)) for f, x in value.items())
+    return sp.Add(*(sp.Mul(number, *factors) for number, factors in terms))
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,6 +39,7 @@ _HALF_TANGENT_ERROR = 1e-16
 
 _IDENTITY = fmpq_mat([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
 _HALF_TURN = fmpq_mat([[1, 0, 0], [0, -1, 0], [0, 0, -1]])
+_NO_SHIFT = fmpq_mat(3, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,9 +281,9 @@ def _turning() -> JointKind:
     }
     return JointKind(
         axis=5,
-        velocity={powers: _sparse(part) for powers, part in parts.items()},
+        velocity={powers: sparse(part) for powers, part in parts.items()},
         square={powers: _squared(parts, terms) for powers, terms in square.items()},
-        gravity={_ONE: _sparse(still), _C: _sparse(cosine), _S: _sparse(sine)},
+        gravity={_ONE: sparse(still), _C: sparse(cosine), _S: sparse(sine)},
     )
 
 
@@ -298,7 +299,7 @@ def _sliding() -> JointKind:
     }
     return JointKind(
         axis=2,
-        velocity={powers: _sparse(part) for powers, part in parts.items()},
+        velocity={powers: sparse(part) for powers, part in parts.items()},
         square={powers: _squared(parts, terms) for powers, terms in square.items()},
         gravity={_ONE: tuple((i, i, 1) for i in range(3))},
     )
@@ -309,7 +310,8 @@ def _both(block: _Square) -> _Square:
     return [[*row, *zero] for row in block] + [[*zero, *row] for row in block]
 
 
-def _sparse(matrix: _Square) -> Sum:
+def sparse(matrix: Sequence[Sequence[Any]]) -> Sum:
+    """Return a matrix without its zeros."""
     return tuple((i, j, x) for i, row in enumerate(matrix) for j, x in enumerate(row) if x)
 
 
@@ -317,7 +319,7 @@ def _squared(parts: Mapping[Powers, _Square], terms: Sequence[tuple[Powers, Powe
     """Return the sum over (a, b, sign) of A_a w A_b^T as a matrix on the 21 entries of w."""
     found: dict[tuple[int, int], int] = {}
     for a, b, sign in terms:
-        for (i, k, x), (j, m, y) in product(_sparse(parts[a]), _sparse(parts[b])):
+        for (i, k, x), (j, m, y) in product(sparse(parts[a]), sparse(parts[b])):
             if i <= j:
                 place = PAIR[i, j], PAIR[k, m]
                 found[place] = found.get(place, 0) + sign * x * y
@@ -363,7 +365,7 @@ def twist_transform(rotation: fmpq_mat, translation: fmpq_mat) -> fmpq_mat:
     return fmpq_mat(rows + [[0, 0, 0, *turned.tolist()[i]] for i in range(3)])
 
 
-def inertia_transform(rotation: fmpq_mat, translation: fmpq_mat) -> fmpq_mat:
+def inertia_transform(rotation: fmpq_mat, translation: fmpq_mat = _NO_SHIFT) -> fmpq_mat:
     """Return the map (10, 10) from a body's ten parameters to those in the parent frame.
 
     By the pseudo-inertia T J T^T (Wensing et al. 2018), as `seaid.robot.inertia.in_parent_frame`.
@@ -374,7 +376,7 @@ def inertia_transform(rotation: fmpq_mat, translation: fmpq_mat) -> fmpq_mat:
     return fmpq_mat(columns).transpose()
 
 
-_INERTIA = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+INERTIA = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 
 def _unit_pseudo(place: int) -> fmpq_mat:
@@ -384,11 +386,11 @@ def _unit_pseudo(place: int) -> fmpq_mat:
         row, column = (3, 3) if place == 0 else (place - 1, 3)
         J[row, column] = J[column, row] = 1
         return J
-    row, column = _INERTIA[place - 4]
+    row, column = INERTIA[place - 4]
     J[row, column] = J[column, row] = -1
     if row == column:
         for axis in range(3):
-            J[axis, axis] = (fmpq_mat([[1]]) / 2)[0, 0] * (-1 if axis == row else 1)
+            J[axis, axis] = fmpq(-1 if axis == row else 1, 2)
     return J
 
 
@@ -397,5 +399,5 @@ _PSEUDO = tuple(_unit_pseudo(place) for place in range(10))
 
 def _from_pseudo(J: fmpq_mat) -> list[Any]:
     trace = J[0, 0] + J[1, 1] + J[2, 2]
-    second = [(trace if i == j else 0) - J[i, j] for i, j in _INERTIA]
+    second = [(trace if i == j else 0) - J[i, j] for i, j in INERTIA]
     return [J[3, 3], J[0, 3], J[1, 3], J[2, 3], *second]

@@ -91,7 +91,7 @@ def from_null_space(nulls: Iterable[SparseRow], width: int) -> list[SparseRow]:
     dependent: dict[int, SparseRow] = {}
     for null in nulls:
         row = dict(null)
-        for column in [j for j in row if j in dependent]:
+        for column in row.keys() & dependent.keys():
             _subtract(row, row[column], dependent[column])
         last = max(row)
         row = {j: x / row[last] for j, x in row.items()}
@@ -99,11 +99,11 @@ def from_null_space(nulls: Iterable[SparseRow], width: int) -> list[SparseRow]:
             if last in other:
                 _subtract(other, other[last], row)
         dependent[last] = row
-    echelon = {j: {j: fmpq(1)} for j in range(width) if j not in dependent}
+    echelon = {j: {j: fmpq(1)} for j in range(width)}
     for column, row in dependent.items():
+        del echelon[column], row[column]
         for j, x in row.items():
-            if j != column:
-                echelon[j][column] = -x
+            echelon[j][column] = -x
     return list(echelon.values())
 
 

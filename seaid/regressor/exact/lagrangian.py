@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import gcd
 
-from flint import Ordering, fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx
+from flint import Ordering, fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from seaid._progress import track
 from seaid.errors import SymbolicError
@@ -31,6 +31,7 @@ from seaid.regressor.exact.geometry import (
     Sum,
     applied,
     inertia_transform,
+    sparse,
     twist_transform,
     with_axis,
 )
@@ -41,8 +42,6 @@ Monomial = tuple[int, ...]
 
 _GROWTH = 4
 """Estimated growth of the number of terms from a parent's motion to its child's."""
-
-_NO_SHIFT = fmpq_mat(3, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +99,8 @@ def too_large(count: int, max_terms: int, place: int, joints: int) -> SymbolicEr
 
 def _placed(joint: ExactJoint, above: _State, zero: fmpq_mpoly) -> _State:
     """Return the parent's motion in the joint's frame at zero position."""
-    X = _sparse(twist_transform(joint.rotation, joint.translation))
-    turned = _sparse(joint.rotation.transpose())
+    X = sparse(twist_transform(joint.rotation, joint.translation).tolist())
+    turned = sparse(joint.rotation.transpose().tolist())
     w = [[above.square[PAIR[i, j]] for j in range(6)] for i in range(6)]
     half = list(zip(*(applied(X, row, 6, zero) for row in w), strict=True))
     full = [applied(X, row, 6, zero) for row in half]
@@ -112,11 +111,6 @@ def _placed(joint: ExactJoint, above: _State, zero: fmpq_mpoly) -> _State:
         applied(turned, above.gravity, 3, zero),
         above.height + sum((x * z for x, z in offset if x != 0), zero),
     )
-
-
-def _sparse(matrix: fmpq_mat) -> Sum:
-    rows = matrix.tolist()
-    return tuple((i, j, x) for i, row in enumerate(rows) for j, x in enumerate(row) if x != 0)
 
 
 def _moved(
@@ -152,8 +146,8 @@ def _columns(state: _State, joint: ExactJoint, zero: fmpq_mpoly) -> list[fmpq_mp
     columns = [half * x for x in applied(TWICE_KINETIC, state.square, 10, zero)]
     for i, x in enumerate((state.height, *state.gravity)):
         columns[i] = columns[i] + x
-    to_aligned = inertia_transform(joint.alignment.transpose(), _NO_SHIFT)
-    return applied(_sparse(to_aligned.transpose()), columns, 10, zero)
+    to_aligned = inertia_transform(joint.alignment.transpose())
+    return applied(sparse(to_aligned.transpose().tolist()), columns, 10, zero)
 
 
 _CODES: dict[Powers, int] = {(0, 0): 0, (1, 0): 1, (0, 1): 2, (2, 0): 3, (1, 1): 4}
@@ -213,33 +207,38 @@ def _euler_lagrange(
 
     A function is encoded as its part in q, with nothing, q_i' q_j' or q_j'' in the higher bits.
     """
-    codes = [_CODES[monomial[3 * i], monomial[3 * i + 1]] for i in range(n)]
-    part = sum(code << 3 * i for i, code in enumerate(codes))
-    derived = {
-        i: [(part + ((new - code) << 3 * i), factor) for new, factor in slopes[i][code]]
-        for i, code in enumerate(codes)
-        if code
-    }
+    part, slopes_of_part = _position_part(monomial, n, slopes)
     speeds = [i for i in range(n) for _ in range(monomial[3 * i + 2])]
-    top = 3 * n
+    own = 0
     if speeds:  # f = g(q) q_a' q_b': d/dt df/dq_a' = g q_b'' + sum_i dg/dq_i q_i' q_b'
         a, b = speeds
+        own = _pair(a, b, n)
         for k, other in (a, b), (b, a):
             if k in wanted:
-                yield k, part + ((1 + n * n + other) << top), 1
-                for i, terms in derived.items():
-                    pair = _pair(i, other, n) << top
-                    for function, factor in terms:
-                        yield k, function + pair, factor
-    pair = _pair(speeds[0], speeds[1], n) << top if speeds else 0
-    for k, terms in derived.items():
+                yield k, part + ((1 + n * n + other) << 3 * n), 1
+                for i, function, factor in slopes_of_part:
+                    yield k, function + _pair(i, other, n), factor
+    for k, function, factor in slopes_of_part:
         if k in wanted:
-            for function, factor in terms:
-                yield k, function + pair, -factor
+            yield k, function + own, -factor
+
+
+def _position_part(
+    monomial: Monomial, n: int, slopes: Sequence[_Slopes]
+) -> tuple[int, list[tuple[int, int, int]]]:
+    """Return the code of a monomial's part in q, and its derivatives (joint, code, factor)."""
+    codes = [_CODES[monomial[3 * i], monomial[3 * i + 1]] for i in range(n)]
+    part = sum(code << 3 * i for i, code in enumerate(codes))
+    return part, [
+        (i, part + ((new - code) << 3 * i), factor)
+        for i, code in enumerate(codes)
+        for new, factor in slopes[i][code]
+    ]
 
 
 def _pair(i: int, j: int, n: int) -> int:
-    return 1 + (i * n + j if i < j else j * n + i)
+    """Return the code of q_i' q_j'."""
+    return (1 + (i * n + j if i < j else j * n + i)) << 3 * n
 
 
 def _primitive(terms: _Row) -> tuple[tuple[int, int], ...]:

@@ -11,8 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from flint import fmpq_mat
-
 from seaid.regressor.exact.codegen import (
     ZERO,
     Program,
@@ -27,12 +25,11 @@ from seaid.regressor.exact.codegen import (
     scaled,
     times,
 )
-from seaid.regressor.exact.geometry import ExactJoint, ExactTree, inertia_transform
+from seaid.regressor.exact.geometry import INERTIA, ExactJoint, ExactTree, inertia_transform
 
 Entries = dict[tuple[int, int], Value]
 """The elements of the regressor: {(joint, parameter): value}."""
 
-_NO_SHIFT = fmpq_mat(3, 1)
 _NOTHING = [ZERO] * 3
 _UNIT = [[constant(int(i == j)) for i in range(3)] for j in range(3)]
 _AXIS = _UNIT[2]
@@ -76,14 +73,14 @@ def _placed(program: Program, joint: ExactJoint, above: _Motion) -> _Motion:
     """Return the parent's motion at the joint's frame at zero position."""
     turned = joint.rotation.transpose().tolist()
     offset = [constant(x) for x in joint.translation.entries()]
-    B = _shape(program, above.angular, above.turning)
-    at_joint = [plus(x, dot(row, offset)) for x, row in zip(above.acceleration, B, strict=True)]
+    shape = _shape(program, above.angular, above.turning)
+    moved = [_times(x, column) for x, column in zip(offset, shape, strict=True)]
     partial = {
         k: (combined(turned, _added(v, cross(w, offset))), combined(turned, w))
         for k, (v, w) in above.partial.items()
     }
     motion = _Motion(
-        combined(turned, at_joint),
+        combined(turned, _added(above.acceleration, *moved)),
         combined(turned, above.angular),
         combined(turned, above.turning),
         partial,
@@ -111,9 +108,8 @@ def _turned(program: Program, place: int, body: int, placed: _Motion) -> _Motion
 def _slid(program: Program, place: int, body: int, placed: _Motion) -> _Motion:
     """Return the motion behind a joint that slides along z."""
     q, speed, rate = (name(f"{x}{body}") for x in "qva")
-    B = _shape(program, placed.angular, placed.turning)
     coriolis = [scaled(2, x) for x in _times(speed, cross(placed.angular, _AXIS))]
-    along = _times(q, [row[2] for row in B])
+    along = _times(q, _shape(program, placed.angular, placed.turning)[2])
     partial = {
         k: (_added(v, _times(q, cross(w, _AXIS))), w) for k, (v, w) in placed.partial.items()
     }
@@ -154,21 +150,17 @@ def _about_axis(c: str, s: str, vector: _Vector) -> list[Value]:
 
 
 def _shape(program: Program, w: _Vector, e: _Vector) -> list[list[Value]]:
-    """Return B = [e]x + [w]x [w]x, row by row; equal sums share one name in the program."""
-    columns = [
+    """Return the columns of B = [e]x + [w]x [w]x; equal sums share one name in the program."""
+    return [
         named(program, _added(cross(e, axis), cross(w, named(program, cross(w, axis)))))
         for axis in _UNIT
     ]
-    return [[column[row] for column in columns] for row in range(3)]
-
-
-_INERTIA = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 
 def _inertia_moments(program: Program, motion: _Motion) -> list[list[Value]]:
     """Return I e + w x I w for each of the six unit moments of inertia."""
     moments = []
-    for row, column in _INERTIA:
+    for row, column in INERTIA:
         unit = [[0] * 3 for _ in range(3)]
         unit[row][column] = unit[column][row] = 1
         spin = cross(motion.angular, combined(unit, motion.angular))
@@ -186,11 +178,10 @@ def _by_products(program: Program, value: Value) -> Value:
 def _columns(program: Program, joint: ExactJoint, motion: _Motion) -> dict[tuple[int, int], Value]:
     """Return the nonzero {(joint above, parameter of the body): torque}."""
     a = motion.acceleration
-    B = _shape(program, motion.angular, motion.turning)
-    forces = [a, *([row[i] for row in B] for i in range(3))]
+    forces = [a, *_shape(program, motion.angular, motion.turning)]
     moments = [named(program, cross(axis, a)) for axis in _UNIT]
     inertial = [named(program, moment) for moment in _inertia_moments(program, motion)]
-    to_aligned = inertia_transform(joint.alignment.transpose(), _NO_SHIFT).transpose().tolist()
+    to_aligned = inertia_transform(joint.alignment.transpose()).transpose().tolist()
     found = {}
     for k, (linear, angular) in motion.partial.items():
         torques = [dot(linear, force) for force in forces]

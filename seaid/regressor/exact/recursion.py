@@ -34,7 +34,6 @@ Null = dict[int, fmpq]
 """A combination of standard parameters without any effect: {column: value}."""
 
 _ZERO = fmpq(0)
-_NO_SHIFT = fmpq_mat(3, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,21 +57,19 @@ def null_space(tree: ExactTree, *, floating: bool = False) -> list[Null]:
     """
     shift = 10 if floating else 0
     base = _full_spans() if floating else Spans([], [], _basis([tree.gravity.entries()]))
-    spans: list[Spans] = []
+    spans = {-1: base}
     nulls: list[Null] = []
-    for joint, body in zip(tree.joints, tree.bodies, strict=True):
-        has_parent = joint.parent >= 0
-        hidden, beyond = _hidden(joint, spans[joint.parent] if has_parent else base)
-        spans.append(beyond)
-        above = tree.joints[joint.parent].alignment if has_parent else None
-        parent = 10 * tree.bodies[joint.parent] + shift if has_parent else 0
+    for place, (joint, body) in enumerate(zip(tree.joints, tree.bodies, strict=True)):
+        hidden, spans[place] = _hidden(joint, spans[joint.parent])
+        own = inertia_transform(joint.alignment)
+        above, parent = inertia_transform(joint.rotation, joint.translation), 0
+        if joint.parent >= 0:
+            above = inertia_transform(tree.joints[joint.parent].alignment) * above
+            parent = 10 * tree.bodies[joint.parent] + shift
         for change in hidden:
-            null = _at(10 * body + shift, inertia_transform(joint.alignment, _NO_SHIFT) * change)
-            if has_parent or floating:
-                same = inertia_transform(joint.rotation, joint.translation) * change
-                if above is not None:
-                    same = inertia_transform(above, _NO_SHIFT) * same
-                null |= _at(parent, -same)
+            null = _at(10 * body + shift, own * change)
+            if joint.parent >= 0 or floating:
+                null |= _at(parent, -(above * change))
             nulls.append(null)
     return nulls
 
@@ -128,9 +125,19 @@ def _through(kind: JointKind, above: Spans) -> tuple[list[Vector], Spans]:
     for w in above.square:
         for powers, part in kind.square.items():
             (moving if any(powers) else still).append(applied(part, w, 21, _ZERO))
-    conditions = [applied(TWICE_KINETIC, w, 10, _ZERO) for w in moving]
-    gravity: list[Vector] = []
-    for z in above.gravity:
+    kinetic = [applied(TWICE_KINETIC, w, 10, _ZERO) for w in moving]
+    potential, gravity = _potential(kind, above.gravity)
+    return [*kinetic, *potential], Spans(
+        velocity=_widened(above.velocity, [*velocity, along]),
+        square=_widened(above.square, [*moving, *still]),
+        gravity=_widened(above.gravity, gravity),
+    )
+
+
+def _potential(kind: JointKind, above: list[Vector]) -> tuple[list[Vector], list[Vector]]:
+    """Return the conditions from the potential energy, and the directions of gravity behind."""
+    conditions, gravity = [], []
+    for z in above:
         if kind is SLIDING:
             conditions.append([z[2], *[_ZERO] * 9])
         for powers, part in kind.gravity.items():
@@ -138,11 +145,12 @@ def _through(kind: JointKind, above: Spans) -> tuple[list[Vector], Spans]:
             gravity.append(turned)
             if any(powers):
                 conditions.append([_ZERO, *turned, *[_ZERO] * 6])
-    return conditions, Spans(
-        velocity=above.velocity if len(above.velocity) == 6 else _basis([*velocity, along]),
-        square=above.square if len(above.square) == 21 else _basis([*moving, *still]),
-        gravity=above.gravity if len(above.gravity) == 3 else _basis(gravity),
-    )
+    return conditions, gravity
+
+
+def _widened(above: list[Vector], vectors: list[Vector]) -> list[Vector]:
+    """Return a basis of the vectors; `above` if it is already one of the whole space."""
+    return above if above and len(above) == len(above[0]) else _basis(vectors)
 
 
 def _basis(vectors: Sequence[Sequence[fmpq]]) -> list[Vector]:

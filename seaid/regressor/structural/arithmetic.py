@@ -63,9 +63,6 @@ class Numbers(Protocol):
     def value(self, expression: sp.Expr, known: Known) -> Any:
         """Return the values of an expression."""
 
-    def sign(self, values: Any) -> Any:
-        """Return the signs of the values; random ones for numbers without an order."""
-
     def over(self, above: Any, below: Any) -> Any:
         """Return above / below."""
 
@@ -129,10 +126,6 @@ class RealNumbers:
         """Return the values of an expression of known symbols."""
         function, symbols = _compiled(expression)
         return function(*(known[symbol] for symbol in symbols))
-
-    def sign(self, values: Array) -> Array:
-        """Return the signs."""
-        return np.sign(values)
 
     def over(self, above: Any, below: Any) -> Any:
         """Return above / below."""
@@ -254,10 +247,6 @@ class ResidueNumbers:
         ]
         return np.array([[int(x) for x in one.entries()] for one in solved], dtype=object)
 
-    def sign(self, values: Residues) -> Residues:
-        """Return random signs: residues have none."""
-        return np.where(self.rng.random(len(values)) < 0.5, 1, PRIME - 1).astype(object)
-
     def over(self, above: Any, below: Any) -> Any:
         """Return above / below."""
         return above * _inverse(self.reduced(below)) % PRIME
@@ -280,8 +269,7 @@ class ResidueNumbers:
                 total = total * self.value(part, known) % PRIME
             return total
         if isinstance(expression, sp.Pow) and expression.exp.is_Integer:
-            base, power = self.value(expression.base, known), int(expression.exp)
-            return _power(base if power > 0 else _inverse(base), abs(power))
+            return _power(self.value(expression.base, known), int(expression.exp))
         if isinstance(expression, sp.Abs):
             inside = expression.args[0]
             return self.value(inside, known) * self.value(sp.sign(inside), known) % PRIME
@@ -292,7 +280,8 @@ class ResidueNumbers:
         """Return random values of a function that is not rational, one per instant."""
         count = max(len(x) for x in known.values() if isinstance(x, np.ndarray))
         if isinstance(expression, sp.sign):
-            return self.sign(self.random(count))
+            # residues have no order: a random sign
+            return np.where(self.rng.random(count) < 0.5, 1, PRIME - 1).astype(object)
         if isinstance(expression, sp.sin | sp.cos):
             angle = expression.args[0]
             cosine, sine = _circle(self.random(count))
@@ -339,7 +328,8 @@ def _circle(t: Residues) -> tuple[Residues, Residues]:
 
 def _power(base: Any, exponent: int) -> Any:
     total: Any = 1
-    for _ in range(exponent):
+    base = base if exponent > 0 else _inverse(base)
+    for _ in range(abs(exponent)):
         total = total * base % PRIME
     return total
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import chain
 
 import numpy as np
 import sympy as sp
@@ -26,7 +27,6 @@ from seaid.drives import (
     MotorInput,
     N,
     SeriesElasticDrive,
-    StiffDrive,
     flat_names,
     joint_equation,
     known_values,
@@ -56,39 +56,25 @@ def known_positions(robot: Robot, sensors: Mapping[str, frozenset[str]]) -> Know
     A position is determined if it is in the row space of the encoders' and stiff drives' equations.
     """
     n = robot.n
-    C = exact_transmission(robot)
-    rows: list[list[fmpq]] = []
-    motors, driven, stretches = [], [], []
-    for i, joint in enumerate(robot.joint_names):
-        drive = robot.drives[joint]
-        unit = [fmpq(int(j == i)) for j in range(n)]
-        turned = [fmpq(0)] * n + [C[i, j] for j in range(n)]
-        motor = [*unit, *[fmpq(0)] * n]
-        ratio = exact_number(drive.ratio)
-        if isinstance(drive, StiffDrive):
-            stretch = None
-            rows.append([x - ratio * y for x, y in zip(motor, turned, strict=True)])
-        else:
-            in_, out = exact_number(drive.motor_radius) / ratio, exact_number(drive.load_radius)
-            stretch = [in_ * x - out * y for x, y in zip(motor, turned, strict=True)]
-        motors.append(motor)
-        driven.append(turned)
-        stretches.append(stretch)
-        if "motor_position" in sensors[joint]:
-            rows.append(motor)
-        if "joint_position" in sensors[joint]:
-            rows.append([*[fmpq(0)] * n, *unit])
-        if "deflection" in sensors[joint] and stretch is not None:
-            rows.append(stretch)
+    drives = [robot.drives[joint] for joint in robot.joint_names]
+    motors, joints = np.split(np.eye(2 * n, dtype=int) * fmpq(1), 2)
+    driven = np.array(exact_transmission(robot).tolist()) @ joints
+    ratio, in_, out = (
+        np.array([[exact_number(getattr(drive, name, 1.0))] for drive in drives])
+        for name in ("ratio", "motor_radius", "load_radius")
+    )
+    stretches = in_ / ratio * motors - out * driven
+    encoders = ("motor_position", "joint_position", "deflection")
+    seen = np.array([[name in sensors[joint] for joint in robot.joint_names] for name in encoders])
+    seen[2] |= ~np.isin(robot.joint_names, robot.elastic_joints)  # zero for a stiff drive
+    rows = np.vstack([motors, joints, stretches])[seen.ravel()].tolist()
     rank = fmpq_mat(rows).rank() if rows else 0
 
-    def determined(position: list[fmpq] | None) -> bool:
-        return position is not None and fmpq_mat([*rows, position]).rank() == rank
+    def determined(position: list[fmpq]) -> bool:
+        return bool(fmpq_mat([*rows, position]).rank() == rank)
 
-    joints = [[fmpq(int(j == n + i)) for j in range(2 * n)] for i in range(n)]
-    return KnownPositions(
-        *(tuple(map(determined, each)) for each in (motors, driven, joints, stretches))
-    )
+    positions = (motors, driven, joints, stretches)
+    return KnownPositions(*(tuple(map(determined, each.tolist())) for each in positions))
 
 
 def exact_transmission(robot: Robot) -> fmpq_mat:
@@ -150,14 +136,14 @@ class DriveTerms:
 @cache
 def drive_terms(drive: Drive, sensors: frozenset[str]) -> DriveTerms:
     """Return the equations of a drive whose motor has the given sensors."""
-    own = next(sensor for sensor, name in INPUTS.items() if name == drive.motor_input)
-    sensed = [sensor for sensor in INPUTS if sensor in sensors] or [own]
+    sensed = [x for x in INPUTS if x in sensors] or [f"motor_{drive.motor_input}"]
     driver = sensed[0]
     seen, scale, source = _driven_by(drive, INPUTS[driver]), _SCALES[driver], MOTOR_SIGNALS[driver]
-    force = spring_force(seen) if isinstance(seen, SeriesElasticDrive) else None
-    behind = tau_L / N if force is None else r_M / N * force
+    share, behind, spring = 1 / N, tau_L / N, None
+    if isinstance(seen, SeriesElasticDrive):
+        force = spring_force(seen)
+        share, behind, spring = r_M / (N * r_L), r_M / N * force, _by_stretch(_plain(force))
     motor = _plain(motor_equation(seen).expression - behind) + scale * plain(source)
-    spring = None if force is None else _by_stretch(_plain(force))
     joint = _plain(joint_equation(seen).expression + tau_L)
     inputs = {sensor: _input(sensor, driver) for sensor in sensed}
     motor, known = _by_stretch(sp.expand(motor)), known_values(seen)
@@ -165,7 +151,7 @@ def drive_terms(drive: Drive, sensors: frozenset[str]) -> DriveTerms:
     return DriveTerms(
         drive=seen,
         motor=motor,
-        share=1 / N if force is None else r_M / (N * r_L),
+        share=share,
         spring=spring,
         joint=joint,
         inputs=inputs,
@@ -292,16 +278,19 @@ def _load_rows(
 ) -> Iterator[Equation]:
     C = exact_transmission(robot)
     for j, joint in enumerate(robot.joint_names):
-        factors = {i: C[i, j] for i in range(robot.n) if C[i, j] != 0}
-        parts = tuple((i, -x, terms[i].joint) for i, x in factors.items())
-        unseen = [robot.joint_names[k] for k in sorted(depends[j]) if not seen.joint[k]]
-        missing = [f"the position of {', '.join(unseen)} is not known"] if unseen else []
+        torques = {("load", i): C[i, j] for i in range(robot.n) if C[i, j] != 0}
+        parts = tuple((i, -x, terms[i].joint) for (_, i), x in torques.items())
+        missing = _unknown_joints(robot, depends[j], seen)
         for i, _, expression in parts:
-            missing += [] if missing else _missing(expression, i, sensors[joint], seen)
-        torques = {("load", i): x for i, x in factors.items()}
-        yield Equation("load", j, parts, torques, tuple(missing))
+            missing = missing or _missing(expression, i, sensors[joint], seen)
+        yield Equation("load", j, parts, torques, missing)
         if "joint_torque" in sensors[joint]:
             yield Equation("sensor", j, (), torques)
+
+
+def _unknown_joints(robot: Robot, joints: Collection[int], seen: KnownPositions) -> tuple[str, ...]:
+    names = [robot.joint_names[k] for k in sorted(joints) if not seen.joint[k]]
+    return (f"the position of {', '.join(names)} is not known",) if names else ()
 
 
 def _missing(
@@ -329,22 +318,21 @@ def _number(expression: sp.Expr, terms: DriveTerms) -> fmpq:
     return fmpq(int(found.p), int(found.q))
 
 
-def eliminations(equations: Sequence[Equation]) -> fmpq_mat:
+def eliminations(equations: Sequence[Equation]) -> NDArray[np.object_]:
     """Return the combinations (W, E) of usable equations without unknown torques.
 
     They are the rows of the echelon form of [torques, 1] that are zero in all torques.
     """
-    usable = [e for e, equation in enumerate(equations) if not equation.missing]
-    torques = sorted({torque for e in usable for torque in equations[e].torques})
-    rows = []
-    for e in usable:
-        unit = [fmpq(int(e == other)) for other in range(len(equations))]
-        rows.append([equations[e].torques.get(torque, fmpq(0)) for torque in torques] + unit)
-    if not rows:
-        return fmpq_mat(0, len(equations))
-    echelon, rank = fmpq_mat(rows).rref()
-    kept = [row for row in echelon.tolist()[:rank] if not any(row[: len(torques)])]
-    return fmpq_mat([row[len(torques) :] for row in kept]) if kept else fmpq_mat(0, len(equations))
+    torques = sorted(set(chain(*(one.torques for one in equations))))
+    rows = [
+        [one.torques.get(torque, 0) for torque in torques] + [int(x is one) for x in equations]
+        for one in equations
+        if not one.missing
+    ]
+    echelon = fmpq_mat(rows).rref()[0].tolist() if rows else []
+    table = np.array(echelon, dtype=object).reshape(-1, len(torques) + len(equations))
+    without = np.all(table[:, : len(torques)] == 0, axis=1)
+    return table[without, len(torques) :]
 
 
 @dataclass(frozen=True, eq=False)
@@ -375,9 +363,8 @@ def system_of(
     equations = equations_of(robot, terms, sensors, depends)
     drives = zip(joints, terms, strict=True)
     names = tuple(f"{name} of {joint}" for joint, drive in drives for name in drive.names)
-    sums = eliminations(equations)
-    table = np.array(sums.entries(), dtype=object).reshape(sums.nrows(), sums.ncols())
-    return System(robot, terms, tuple(equations), table, (*robot.parameter_names, *names))
+    names = (*robot.parameter_names, *names)
+    return System(robot, terms, tuple(equations), eliminations(equations), names)
 
 
 _TITLES = {"motor": "(7) of its motor", "spring": "(4b) of its spring", "load": "(8) of its load"}
@@ -406,19 +393,21 @@ def _scales(joint: str, scaled: Collection[str]) -> Iterator[str]:
 
 def _sentences(system: System, index: int) -> Iterator[str]:
     own = [(e, one) for e, one in enumerate(system.equations) if one.index == index]
-    inputs = [one for _, one in own if one.kind == "input" and not one.missing]
+    has_input = any(one.kind == "input" and not one.missing for _, one in own)
     for e, equation in own:
         if equation.kind not in _TITLES:
             continue
-        title = _TITLES[equation.kind]
         if e in system.used:
-            yield f"{title} is used{_by(system, equation)}"
-        elif equation.missing:
-            yield f"{title} cannot be used: {'; '.join(equation.missing)}"
-        elif equation.kind == "motor" and not inputs:
-            yield f"{title} cannot be used: no motor torque, current or voltage"
+            use = f"is used{_by(system, equation)}"
         else:
-            yield f"{title} cannot be used: the torque on its load is not determined"
+            use = f"cannot be used: {_obstacle(equation, has_input)}"
+        yield f"{_TITLES[equation.kind]} {use}"
+
+
+def _obstacle(equation: Equation, has_input: bool) -> str:
+    if equation.kind == "motor" and not (has_input or equation.missing):
+        return "no motor torque, current or voltage"
+    return "; ".join(equation.missing) or "the torque on its load is not determined"
 
 
 def _by(system: System, equation: Equation) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain, compress
 from typing import Literal, get_args
 
 import numpy as np
@@ -145,28 +146,22 @@ def identifiability(
     payloads = [one.known_parameters for one in (robot, *conditions)]
     numeric = RealNumbers(robot, np.random.default_rng(seed))
     base, groups, rank, agree = decide(system, payloads, exact, numeric)
-    known = set(np.flatnonzero(robot.is_known).tolist())
-    up_to_scale = {member for group in groups for member in group}
-    alone = [len(np.flatnonzero(row)) == 1 for row in base.grouping]
-    free = [place for place in range(len(base.names)) if place not in up_to_scale]
-    usable = explanations(system, [base.names[place] for place in sorted(up_to_scale)])
+    up_to_scale = np.isin(np.arange(len(base.names)), list(chain(*groups)))
+    alone = np.count_nonzero(base.grouping, axis=1) == 1
+    missing = ~np.any(base.grouping, axis=0)
+    missing[: 10 * robot.n] &= ~robot.is_known
+    usable = explanations(system, list(compress(base.names, up_to_scale)))
     return Identifiability(
         robot_name=robot.name,
         names=names,
-        identifiable=tuple(base.names[place] for place in free if alone[place]),
-        combinations=tuple(base.expressions[place] for place in free if not alone[place]),
+        identifiable=tuple(compress(base.names, alone & ~up_to_scale)),
+        combinations=tuple(compress(base.expressions, ~alone & ~up_to_scale)),
         ratios=tuple(tuple(base.expressions[place] for place in group) for group in groups),
-        unidentifiable=tuple(
-            name
-            for place, name in enumerate(names)
-            if place not in known and not np.any(base.grouping[:, place])
-        ),
+        unidentifiable=tuple(compress(names, missing)),
         base=base,
         rank=rank,
         usable=FrozenMapping(usable),
-        sensors=FrozenMapping(
-            {joint: tuple(x for x in SENSORS if x in sensed[joint]) for joint in robot.joint_names}
-        ),
+        sensors=FrozenMapping({x: tuple(sorted(sensed[x], key=SENSORS.index)) for x in sensed}),
         gap=base.gap,
         agree=agree,
     )

@@ -134,29 +134,36 @@ def _instants(
     C, C_inv = (_matrix(numbers, x, q.dtype) for x in (exact, exact.inv()))
     drives: list[Known] = []
     for i, drive in enumerate(terms):
-        known: Known = dict(truth.drives[i])
-        for suffix, state in zip(_STATES, (q, v, a), strict=True):
-            known[plain(f"theta_L{suffix}")] = numbers.product(state, C[i])
-        own = exact[i, i] == 1 and sum(x != 0 for x in exact.tolist()[i]) == 1
-        if own and not robot.is_prismatic[i]:
-            for function, values in zip((sp.cos, sp.sin), turned, strict=True):
-                known[function(plain("theta_L"))] = values[:, i]
+        known = {**truth.drives[i], **_load_signals(numbers, robot, i, C[i], (q, turned, v, a))}
         _turn_motor(numbers, drive, known, count)
         drives.append(known)
-    if payload is not None:
+    if payload is None:
+        Y, loads = numbers.regressor(q, turned, v, a), [None] * robot.n
+    else:
         bodies = numbers.reduced(truth.bodies + payload)
         a = _balanced(numbers, terms, drives, (q, turned, v, a), C_inv, bodies)
         for i, drive in enumerate(terms):
             drives[i][plain("theta_L_ddot")] = numbers.product(a, C[i])
             if drive.spring is None:
                 _turn_motor(numbers, drive, drives[i], count)
-    Y = numbers.regressor(q, turned, v, a)
-    loads = None
-    if payload is not None:
-        loads = numbers.product(numbers.product(Y, bodies), C_inv)
-    for i, drive in enumerate(terms):
-        _drive_motor(numbers, drive, drives[i], None if loads is None else loads[:, i], count)
+        Y = numbers.regressor(q, turned, v, a)
+        loads = list(numbers.product(numbers.product(Y, bodies), C_inv).T)
+    for drive, known, load in zip(terms, drives, loads, strict=True):
+        _drive_motor(numbers, drive, known, load, count)
     return Y, drives
+
+
+def _load_signals(
+    numbers: Numbers, robot: Robot, i: int, row: Any, state: tuple[Any, Any, Any, Any]
+) -> Known:
+    """Return the states of a drive's coordinate `row` @ q; of a joint also cosine and sine."""
+    q, turned, v, a = state
+    pairs = zip(_STATES, (q, v, a), strict=True)
+    known: Known = {plain(f"theta_L{suffix}"): numbers.product(x, row) for suffix, x in pairs}
+    if not robot.is_prismatic[i] and np.array_equal(robot.transmission[i], np.eye(robot.n)[i]):
+        for function, values in zip((sp.cos, sp.sin), turned, strict=True):
+            known[function(plain("theta_L"))] = values[:, i]
+    return known
 
 
 def _turn_motor(numbers: Numbers, drive: DriveTerms, known: Known, count: int) -> None:
@@ -332,10 +339,8 @@ def _in_doubles(
     width = len(system.names)
     if not columns:
         return np.zeros((0, width)), float("inf"), True
-    truth, count = (
-        random_truth(numeric, system),
-        2 * (width // len(system.sums)) + 4 * _MORE_INSTANTS,
-    )
+    truth = random_truth(numeric, system)
+    count = 2 * (width // len(system.sums)) + 4 * _MORE_INSTANTS
     H = columns_at_instants(numeric, system, truth, count)
     found, grouping, gap = left_to_right(H, _negligible(system, H))
     agree = found == columns

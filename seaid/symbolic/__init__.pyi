@@ -1,0 +1,16 @@
+from .expression_text import expression_of as expression_of
+from .lagrange import equations_of_motion as equations_of_motion
+from .of_robots import CompleteModel as CompleteModel
+from .of_robots import ExactBaseParameters as ExactBaseParameters
+from .of_robots import RigidBodyForm as RigidBodyForm
+from .of_robots import base_parameters as base_parameters
+from .of_robots import complete_model as complete_model
+from .of_robots import export_c as export_c
+from .of_robots import export_numpy as export_numpy
+from .of_robots import rigid_body as rigid_body
+from .polynomial import MAX_TERMS as MAX_TERMS
+from .reduction import BaseForm as BaseForm
+from .reduction import Column as Column
+from .reduction import reduce as reduce
+from .separation import RegressorForm as RegressorForm
+from .separation import separate as separate
