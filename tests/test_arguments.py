@@ -21,7 +21,7 @@ from seaid.drives.terms import (
     ParallelSpringTerm,
     SpringTerm,
 )
-from seaid.errors import MADE_BY, LogError, SeaidError, UnknownNameError, checked
+from seaid.errors import MADE_BY, LogError, SeaidError, UnknownNameError, _hints, checked
 from seaid.estimation.fitting import ESTIMATORS, LinearEstimator
 from seaid.excitation.basis import _LEAST, BasisName
 from seaid.excitation.criteria import CRITERIA, CriterionName
@@ -310,3 +310,14 @@ def test_lists_within_lists_are_left_to_the_function() -> None:
         takes(kind="c")  # type: ignore[arg-type]
     assert takes.__name__ == "takes"
     assert list(inspect.signature(takes).parameters) == ["pairs", "kind"]
+
+
+def test_all_annotations_are_types_that_are_compared() -> None:
+    """Those of modules that import a type for types only are found in the faces of packages."""
+    unknown = {
+        (name, argument)
+        for name in FUNCTIONS
+        for argument, hint in _hints(getattr(seaid, name)).items()
+        if hint is Any
+    }
+    assert unknown == {("cross_validate", "options"), ("cutoff_sensitivity", "options")}
