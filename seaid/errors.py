@@ -38,14 +38,19 @@ _LONGEST_REASON = 300
 
 
 class SeaidError(Exception):
-    """Base of all errors that seaid raises on purpose; their messages have a bounded length."""
+    """Base of all errors that seaid raises on purpose; their messages have a bounded length.
 
-    def __init__(self, message: object = "") -> None:
+    `arguments` are those that the message names, as it does: "joints=" or 'method="two-step"'. The
+    command line names its options in their place.
+    """
+
+    def __init__(self, message: object = "", *arguments: str) -> None:
         message = str(message)
         if len(message) > LONGEST_MESSAGE:
             half = LONGEST_MESSAGE // 2
             message = f"{message[:half]} ... {message[-half:]}"
         super().__init__(visible(message))
+        self.arguments = arguments
 
 
 class RobotError(SeaidError):
@@ -181,7 +186,8 @@ def checked(
                 raise error(text) from None
             for name, value in given.items():
                 if not _fits(value, hints().get(name, Any)):
-                    raise error(_mismatch(function.__name__, name, given, hints()))
+                    text = _mismatch(function.__name__, name, given, hints())
+                    raise error(text, f"{name}=")
             return function(*values, **named)
 
         return call

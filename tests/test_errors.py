@@ -1,7 +1,13 @@
 """The errors are of one family, and name what exists."""
 
+import ast
+import pickle
+import re
+from pathlib import Path
+
 import pytest
 
+import seaid
 from seaid import errors
 from seaid.errors import (
     LogError,
@@ -70,3 +76,35 @@ def test_what_a_library_says_is_one_line() -> None:
     assert reason_of(FileNotFoundError(2, "No such file", "/x")) == "No such file"
     assert reason_of(MemoryError()) == "it requests more memory than is available"
     assert len(reason_of(ValueError("x" * 10_000))) <= 300
+
+
+NAMED = re.compile(
+    r"\b(?:feasible=True|force=True|repair=seaid\.Repairs\(\)|payloads=|known_bodies=|torque_joints="
+    r"|joints=|description=|(?:method|estimator)=(?:'\w+'|\"\w+\"|(?=:)))"
+)
+"""Arguments of the library for which the command line has options."""
+
+
+def texts(node: ast.AST) -> str:
+    strings = [one.value for one in ast.walk(node) if isinstance(one, ast.Constant)]
+    return "\n".join(one for one in strings if isinstance(one, str))
+
+
+@pytest.mark.parametrize(
+    "path", sorted(Path(seaid.__file__).parent.rglob("*.py")), ids=lambda path: path.name
+)
+def test_every_error_carries_the_arguments_that_it_names(path: Path) -> None:
+    for node in ast.walk(ast.parse(path.read_text())):
+        if not isinstance(node, ast.Call) or not node.args:
+            continue
+        if not ast.unparse(node.func).lower().endswith("error"):
+            continue
+        carried = "\n".join(map(texts, node.args[1:]))
+        for argument in NAMED.findall(texts(node.args[0])):
+            assert argument in carried, f"{path}:{node.lineno}: {argument}"
+
+
+def test_an_error_keeps_its_arguments_on_the_way_from_another_process() -> None:
+    error = pickle.loads(pickle.dumps(LogError("move the joints with joints=", "joints=")))
+    assert (str(error), error.arguments) == ("move the joints with joints=", ("joints=",))
+    assert SeaidError("no argument").arguments == ()

@@ -11,6 +11,7 @@ from typer.core import TyperGroup
 
 from seaid.cli import excite, export, identify, inspect, report, view
 from seaid.cli.messages import reported
+from seaid.cli.options import with_groups
 
 _HELP = """Identify robots with springs in their joints: from a URDF and a log to motor friction,
 spring stiffness and inertias, each with its standard error.
@@ -70,7 +71,7 @@ def _options(
 def _add(name: str, function: Callable[..., None]) -> None:
     """Add a command; its help is the docstring, with one line per example."""
     text = cleandoc(function.__doc__ or "")
-    app.command(name, help=text.replace("\n\nseaid ", "\n\n\b\nseaid "))(function)
+    app.command(name, help=text.replace("\n\nseaid ", "\n\n\b\nseaid "))(with_groups(function))
 
 
 _add("inspect", inspect.inspect)

@@ -2,93 +2,112 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 import seaid
-from seaid.cli.messages import check_outputs, is_terminal, show, show_paths
+from seaid.cli.messages import is_terminal
 from seaid.cli.options import (
-    AsJson,
     Description,
-    Drives,
-    Force,
-    Joints,
     Output,
-    Payloads,
+    ResultOptions,
+    RobotOptions,
     TorqueJoints,
-    Urdf,
     checked_suffix,
     logs_of,
     names,
     one_of,
-    robot_of,
     values,
 )
 
 if TYPE_CHECKING:
-    from seaid.excitation import Excitation, Trajectory
+    from seaid.excitation import Excitation, Limits, Trajectory
 
 
 _OF_ALL = "for all joints, or as knee=2,hip=1"
 
 
-def excite(
-    urdf: Urdf,
-    drives: Drives = None,
-    joints: Joints = None,
-    payload: Payloads = None,
-    duration: Annotated[float, typer.Option(help="Duration of the motion [s].")] = 10.0,
+@dataclass(frozen=True)
+class MotionOptions:
+    """The kind of motion."""
+
+    duration: Annotated[float, Option(help="Duration of the motion [s].")] = 10.0
     basis: Annotated[
         str,
-        typer.Option(
+        Option(
             help="bspline, fourier or polynomial.",
             callback=one_of("basis", lambda: seaid.excitation.BasisName),
         ),
-    ] = "bspline",
-    lower: Annotated[str | None, typer.Option(help=f"Lower position limit, {_OF_ALL}.")] = None,
-    upper: Annotated[str | None, typer.Option(help=f"Upper position limit, {_OF_ALL}.")] = None,
-    velocity: Annotated[
-        str | None, typer.Option(help=f"Velocity limit [rad/s or m/s], {_OF_ALL}.")
-    ] = None,
+    ] = "bspline"
+    ends_in_motion: Annotated[
+        bool, Option("--ends-in-motion", help="Start and end in motion, with run-in and run-out.")
+    ] = False
+    rate_hz: Annotated[float, Option(help="Rate of the set-points [Hz].")] = 1000.0
+
+
+@dataclass(frozen=True)
+class LimitOptions:
+    """The limits of a motion: a number for all joints, or one per joint."""
+
+    lower: Annotated[str | None, Option(help=f"Lower position limit, {_OF_ALL}.")] = None
+    upper: Annotated[str | None, Option(help=f"Upper position limit, {_OF_ALL}.")] = None
+    velocity: Annotated[str | None, Option(help=f"Velocity limit [rad/s or m/s], {_OF_ALL}.")] = (
+        None
+    )
     acceleration: Annotated[
-        str | None,
-        typer.Option(help=f"Acceleration limit [rad/s2 or m/s2], default 10, {_OF_ALL}."),
-    ] = None,
+        str | None, Option(help=f"Acceleration limit [rad/s2 or m/s2], default 10, {_OF_ALL}.")
+    ] = None
     joint_torque: Annotated[
-        str | None, typer.Option(help=f"Joint torque limit [N m or N], {_OF_ALL}.")
-    ] = None,
-    torque_joints: TorqueJoints = None,
+        str | None, Option(help=f"Joint torque limit [N m or N], {_OF_ALL}.")
+    ] = None
+
+    def limits(self) -> Limits:
+        """Return the limits."""
+        from seaid.excitation import Limits
+
+        given = vars(self).items()
+        return Limits(**{name: values(f"--{name.replace('_', '-')}", one) for name, one in given})
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """What a motion excites, and the search for it."""
+
+    torque_joints: TorqueJoints = None
     criterion: Annotated[
         str,
-        typer.Option(
+        Option(
             help="condition_number, d_optimality or relative_error.",
             callback=one_of("criterion", lambda: seaid.excitation.CriterionName),
         ),
-    ] = "condition_number",
+    ] = "condition_number"
     drive_parameters: Annotated[
-        bool, typer.Option("--drive-parameters", help="Excite friction and stiffness as well.")
-    ] = False,
-    ends_in_motion: Annotated[
-        bool,
-        typer.Option("--ends-in-motion", help="Start and end in motion, with run-in and run-out."),
-    ] = False,
+        bool, Option("--drive-parameters", help="Excite friction and stiffness as well.")
+    ] = False
     previous_logs: Annotated[
-        list[Path] | None, typer.Option(help="Log of a previous motion. May be repeated.")
-    ] = None,
-    description: Description = None,
-    rate_hz: Annotated[float, typer.Option(help="Rate of the set-points [Hz].")] = 1000.0,
-    starts: Annotated[int, typer.Option(help="Random starts of the search.")] = 3,
-    iterations: Annotated[int, typer.Option(help="Iteration limit of the search.")] = 150,
-    seed: Annotated[int, typer.Option(help="Seed of the random starts.")] = 0,
+        list[Path] | None, Option(help="Log of a previous motion. May be repeated.")
+    ] = None
+    description: Description = None
+    starts: Annotated[int, Option(help="Random starts of the search.")] = 3
+    iterations: Annotated[int, Option(help="Iteration limit of the search.")] = 150
+    seed: Annotated[int, Option(help="Seed of the random starts.")] = 0
+
+
+def excite(
+    given: RobotOptions,
+    motion: MotionOptions,
+    limits: LimitOptions,
+    search: SearchOptions,
+    *,
     joint_trajectory: Annotated[
-        Path | None,
-        typer.Option(help="Also write it for ROS 2 trajectory controllers.", metavar="YAML"),
+        Path | None, Option(help="Also write it for ROS 2 trajectory controllers.", metavar="YAML")
     ] = None,
     output: Output = Path("excitation.json"),
-    force: Force = False,
-    as_json: AsJson = False,
+    result: ResultOptions,
 ) -> None:
     """Plan a motion within limits that excites the parameters.
 
@@ -100,42 +119,41 @@ def excite(
     seaid excite arm.urdf --duration 20 --velocity shoulder=1,elbow=2 --torque-joints shoulder,elbow
     seaid excite arm.urdf --ends-in-motion --joint-trajectory arm.yaml -o plan.json
     """
-    from seaid.excitation import Limits, add_run_in, design_excitation
+    from seaid.excitation import add_run_in, design_excitation
 
     set_points = checked_suffix(output, ".json").with_suffix(".csv")
-    texts = {"lower": lower, "upper": upper, "velocity": velocity, "acceleration": acceleration}
-    texts["joint_torque"] = joint_torque
-    limits = {name: values(f"--{name.replace('_', '-')}", text) for name, text in texts.items()}
+    asked, rate_hz = limits.limits(), motion.rate_hz
     if not rate_hz > 0:
         raise typer.BadParameter(f"{rate_hz:g} is not more than zero", param_hint="--rate-hz")
-    read = (urdf, drives, description, *(previous_logs or ()))
-    check_outputs(output, set_points, joint_trajectory, force=force, read=read)
-    robot = robot_of(urdf, drives, joints, payload)
-    asked = Limits(**limits)
+    read = (given.urdf, given.drives, search.description, *(search.previous_logs or ()))
+    result.check(output, set_points, joint_trajectory, read=read)
+    robot = given.robot()
     plan = design_excitation(
         robot,
-        duration,
-        basis=basis,  # type: ignore[arg-type]  # design_excitation checks it
+        motion.duration,
+        basis=motion.basis,  # type: ignore[arg-type]  # checked by one_of
         limits=asked,
-        rest_to_rest=not ends_in_motion,
-        torque_joints=names(torque_joints),
-        criterion=criterion,  # type: ignore[arg-type]
-        drive_parameters=drive_parameters,
-        previous_logs=logs_of(previous_logs or [], robot, description),
-        starts=starts,
-        iterations=iterations,
-        seed=seed,
+        rest_to_rest=not motion.ends_in_motion,
+        torque_joints=names(search.torque_joints),
+        criterion=search.criterion,  # type: ignore[arg-type]
+        drive_parameters=search.drive_parameters,
+        previous_logs=logs_of(search.previous_logs or [], robot, search.description),
+        starts=search.starts,
+        iterations=search.iterations,
+        seed=search.seed,
         progress=is_terminal(),
     )
-    motion = add_run_in(plan.trajectory, robot, asked) if ends_in_motion else plan.trajectory
-    motion.save(output)
-    motion.save_set_points(set_points, rate_hz)
+    planned = plan.trajectory
+    if motion.ends_in_motion:
+        planned = add_run_in(planned, robot, asked)
+    planned.save(output)
+    planned.save_set_points(set_points, rate_hz)
     if joint_trajectory is not None:
-        motion.save_joint_trajectory(joint_trajectory)
+        planned.save_joint_trajectory(joint_trajectory)
     content = {
         "robot": robot.name,
-        "duration_s": motion.duration,
-        "main_interval_s": motion.main_interval,
+        "duration_s": planned.duration,
+        "main_interval_s": planned.main_interval,
         "condition_number": plan.condition_number,
         "criterion": plan.criterion,
         "value": plan.value,
@@ -147,8 +165,8 @@ def excite(
         "set_points": set_points,
         "joint_trajectory": joint_trajectory,
     }
-    show(_plan_text(robot.name, plan, motion), content, as_json)
-    show_paths(as_json, output, set_points, joint_trajectory)
+    text = _plan_text(robot.name, plan, planned)
+    result.show(text, content, output, set_points, joint_trajectory)
 
 
 def _plan_text(name: str, plan: Excitation, motion: Trajectory) -> str:
@@ -167,21 +185,16 @@ def _plan_text(name: str, plan: Excitation, motion: Trajectory) -> str:
 
 
 def simulate(
-    urdf: Urdf,
-    trajectory: Annotated[
-        Path, typer.Argument(help="Trajectory of seaid excite.", metavar="TRAJECTORY")
-    ],
-    drives: Drives = None,
-    joints: Joints = None,
-    payload: Payloads = None,
-    rate_hz: Annotated[float, typer.Option(help="Rate of controller and log [Hz].")] = 1000.0,
-    torque_std: Annotated[float, typer.Option(help="Noise of motor torques [N m].")] = 0.0,
-    motor_resolution: Annotated[float, typer.Option(help="Motor encoder step [rad].")] = 0.0,
-    joint_resolution: Annotated[float, typer.Option(help="Joint encoder step [rad or m].")] = 0.0,
-    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
+    given: RobotOptions,
+    trajectory: Annotated[Path, Argument(help="Trajectory of seaid excite.", metavar="TRAJECTORY")],
+    *,
+    rate_hz: Annotated[float, Option(help="Rate of controller and log [Hz].")] = 1000.0,
+    torque_std: Annotated[float, Option(help="Noise of motor torques [N m].")] = 0.0,
+    motor_resolution: Annotated[float, Option(help="Motor encoder step [rad].")] = 0.0,
+    joint_resolution: Annotated[float, Option(help="Joint encoder step [rad or m].")] = 0.0,
+    seed: Annotated[int, Option(help="Seed of the noise.")] = 0,
     output: Output = Path("log.csv"),
-    force: Force = False,
-    as_json: AsJson = False,
+    result: ResultOptions,
 ) -> None:
     """Simulate the robot of the files on a trajectory, and write the log of its sensors.
 
@@ -196,14 +209,14 @@ def simulate(
     from seaid.simulation import simulate as simulated
 
     checked_suffix(output, *WRITTEN)
-    check_outputs(output, force=force, read=(urdf, drives, trajectory))
+    result.check(output, read=(given.urdf, given.drives, trajectory))
     noise = Noise(
         motor_resolution_rad=motor_resolution,
         joint_resolution_rad=joint_resolution,
         torque_std_Nm=torque_std,
     )
     log = simulated(
-        robot_of(urdf, drives, joints, payload),
+        given.robot(),
         load_trajectory(trajectory),
         rate_hz=rate_hz,
         noise=noise,
@@ -213,5 +226,4 @@ def simulate(
     write_log(log, output)
     content = {"log": output, "samples": len(log.time), "joints": log.joint_names}
     text = f"{len(log.time)} samples of {', '.join(log.joint_names)}, {log.time[-1]:.4g} s"
-    show(text, content, as_json)
-    show_paths(as_json, output)
+    result.show(text, content, output)

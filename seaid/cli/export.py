@@ -6,64 +6,30 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Option
 
-from seaid.cli.identify import FEASIBLE, identified
-from seaid.cli.messages import check_outputs, show, show_paths, with_options
-from seaid.cli.options import (
-    AsJson,
-    CutoffHz,
-    Description,
-    Drives,
-    EncoderOffsetStd,
-    Estimator,
-    Force,
-    Joints,
-    KnownBodies,
-    Method,
-    Payloads,
-    Repair,
-    TorqueJoints,
-    Urdf,
-    checked_suffix,
-    logs_of,
-    robot_of,
-)
+from seaid.cli.messages import option_of
+from seaid.cli.options import FEASIBLE, FROM, IdentifyOptions, ResultOptions, checked_suffix
 
 if TYPE_CHECKING:
     from seaid.robot import Robot
 
 
 def export(
-    urdf: Urdf,
+    given: IdentifyOptions,
+    *,
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="File to write: .urdf, or .xml for MuJoCo.")
+        Path, Option("--output", "-o", help="File to write: .urdf, or .xml for MuJoCo.")
     ],
-    from_logs: Annotated[
-        list[Path] | None,
-        typer.Option("--from", help="Log to identify from. May be repeated.", metavar="LOG"),
-    ] = None,
+    from_logs: Annotated[list[Path] | None, FROM] = None,
     parameters: Annotated[
-        Path | None,
-        typer.Option(help="Parameters of seaid identify, used unchanged in place of --from."),
+        Path | None, Option(help="Parameters of seaid identify, used unchanged in place of --from.")
     ] = None,
-    drives: Drives = None,
-    joints: Joints = None,
-    payload: Payloads = None,
-    known_body: KnownBodies = None,
-    description: Description = None,
-    repair: Repair = False,
-    torque_joints: TorqueJoints = None,
-    method: Method = "two-step",
-    estimator: Estimator = "wls",
-    feasible: Annotated[bool, typer.Option("--feasible/--as-estimated", help=FEASIBLE)] = True,
+    feasible: Annotated[bool, Option("--feasible/--as-estimated", help=FEASIBLE)] = True,
     allow_inconsistent: Annotated[
-        bool,
-        typer.Option("--allow-inconsistent", help="Also write physically inconsistent bodies."),
+        bool, Option("--allow-inconsistent", help="Also write physically inconsistent bodies.")
     ] = False,
-    cutoff_hz: CutoffHz = None,
-    encoder_offset_std: EncoderOffsetStd = 0.0,
-    force: Force = False,
-    as_json: AsJson = False,
+    result: ResultOptions,
 ) -> None:
     """Write the identified robot as URDF or MuJoCo model.
 
@@ -80,28 +46,24 @@ def export(
     if (parameters is None) == (not from_logs):
         raise typer.BadParameter("give one of the two", param_hint="--from, --parameters")
     toml = output.with_suffix(".toml") if output.suffix.lower() == ".urdf" else None
-    read = (urdf, drives, description, parameters, *(from_logs or ()))
-    check_outputs(output, toml, force=force, read=read)
-    robot = robot_of(urdf, drives, joints, payload, known_body)
+    result.check(output, toml, read=(*given.files, parameters, *(from_logs or ())))
+    robot = given.robot(given.known_body or ())
     flags: tuple[str, ...] = ()
     if parameters is not None:
         from seaid.export import read_parameters
 
         robot = read_parameters(parameters, robot)
     else:
-        logs = logs_of(from_logs or [], robot, description, repair)
-        found = identified(
-            robot, logs, torque_joints, method, estimator, feasible, cutoff_hz, encoder_offset_std
-        )
+        logs = given.logs(from_logs or [], robot)
+        found = given.identify(robot, logs, feasible=feasible)
         robot, flags = found.robot, found.flags
     tables, notes = _written(robot, output, allow_inconsistent)
     for note in notes:
-        typer.echo(f"note: {with_options(note)}", err=True)
+        typer.echo(f"note: {note.replace('payloads=', option_of('payloads='))}", err=True)
     content = {"robot": output, "drives": tables, "notes": notes, "flags": flags}
     text = [f"{robot.name}: {robot.n} bodies and their drives written"]
     text += [f"! {flag}" for flag in flags]
-    show("\n".join(text), content, as_json)
-    show_paths(as_json, output, tables)
+    result.show("\n".join(text), content, output, tables)
 
 
 def _written(

@@ -2,66 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
-from seaid.cli.messages import check_outputs, is_terminal, show, show_paths
+from seaid.cli.messages import is_terminal
 from seaid.cli.options import (
-    AsJson,
-    CutoffHz,
-    Description,
-    Drives,
-    EncoderOffsetStd,
-    Estimator,
-    Force,
+    FEASIBLE,
     FromLogs,
-    Joints,
-    KnownBodies,
+    IdentifyOptions,
+    LogOptions,
     Logs,
-    Method,
     Output,
-    Payloads,
-    Repair,
-    TorqueJoints,
-    Urdf,
+    ResultOptions,
     check_validation_logs,
-    logs_of,
     names,
-    robot_of,
 )
 
 if TYPE_CHECKING:
-    from seaid.identification import Identification, Source, TermComparison
-    from seaid.robot import Robot
+    from seaid.identification import TermComparison
 
 
 PIECES = "Read logs with the column names of seaid in pieces: they may be larger than memory."
-FEASIBLE = "Physically consistent bodies nearest to the estimate."
 
 
 def identify(
-    urdf: Urdf,
+    given: IdentifyOptions,
     logs: Logs,
-    drives: Drives = None,
-    joints: Joints = None,
-    payload: Payloads = None,
-    known_body: KnownBodies = None,
-    description: Description = None,
-    repair: Repair = False,
-    in_pieces: Annotated[bool, typer.Option("--in-pieces", help=PIECES)] = False,
-    torque_joints: TorqueJoints = None,
-    method: Method = "two-step",
-    estimator: Estimator = "wls",
-    feasible: Annotated[bool, typer.Option("--feasible", help=FEASIBLE)] = False,
-    cutoff_hz: CutoffHz = None,
-    encoder_offset_std: EncoderOffsetStd = 0.0,
+    *,
+    in_pieces: Annotated[bool, Option("--in-pieces", help=PIECES)] = False,
+    feasible: Annotated[bool, Option("--feasible", help=FEASIBLE)] = False,
     output: Output = Path("parameters.json"),
-    force: Force = False,
-    as_json: AsJson = False,
+    result: ResultOptions,
 ) -> None:
     """Identify drives and bodies from one log or several.
 
@@ -73,75 +48,28 @@ def identify(
     seaid identify arm.urdf bag/ --description arm_log.toml --estimator huber
     seaid identify arm.urdf day.parquet --drives arm.toml --in-pieces
     """
-    if in_pieces and (repair or description is not None):
+    if in_pieces and (given.repair or given.description is not None):
         raise typer.BadParameter(
             "logs that are read in pieces are not changed: no --repair, no --description",
             param_hint="--in-pieces",
         )
-    check_outputs(output, force=force, read=(urdf, drives, description, *logs))
-    robot = robot_of(urdf, drives, joints, payload, known_body)
-    found = identified(
-        robot,
-        logs if in_pieces else logs_of(logs, robot, description, repair),
-        torque_joints,
-        method,
-        estimator,
-        feasible,
-        cutoff_hz,
-        encoder_offset_std,
-    )
+    result.check(output, read=(*given.files, *logs))
+    robot = given.robot(given.known_body or ())
+    known = logs if in_pieces else given.logs(logs, robot)
+    found = given.identify(robot, known, feasible=feasible)
     found.save(output)
-    show(found.summary(), found.to_dict(), as_json)
-    show_paths(as_json, output)
-
-
-def identified(
-    robot: Robot,
-    logs: Sequence[Source],
-    torque_joints: str | None,
-    method: str,
-    estimator: str,
-    feasible: bool,
-    cutoff_hz: float | None,
-    encoder_offset_std: float,
-) -> Identification:
-    """Identify with the values of the options."""
-    from seaid.identification import identify as identify_logs
-
-    return identify_logs(
-        robot,
-        logs,
-        torque_joints=names(torque_joints),
-        method=method,  # type: ignore[arg-type]  # identify checks it
-        estimator=estimator,  # type: ignore[arg-type]
-        feasible=feasible,
-        cutoff_hz=cutoff_hz,
-        encoder_offset_std=encoder_offset_std,
-        progress=is_terminal(),
-    )
+    result.show(found.summary(), found.to_dict(), output)
 
 
 def validate(
-    urdf: Urdf,
-    log: Annotated[Path, typer.Argument(help="A log not identified from.", metavar="LOG")],
+    given: IdentifyOptions,
+    log: Annotated[Path, Argument(help="A log not identified from.", metavar="LOG")],
     from_logs: FromLogs,
-    drives: Drives = None,
-    joints: Joints = None,
-    payload: Payloads = None,
-    known_body: KnownBodies = None,
-    description: Description = None,
-    repair: Repair = False,
-    torque_joints: TorqueJoints = None,
-    method: Method = "two-step",
-    estimator: Estimator = "wls",
-    cutoff_hz: CutoffHz = None,
-    encoder_offset_std: EncoderOffsetStd = 0.0,
+    *,
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="File for parameters with their validation."),
+        Path | None, Option("--output", "-o", help="File for parameters with their validation.")
     ] = None,
-    force: Force = False,
-    as_json: AsJson = False,
+    result: ResultOptions,
 ) -> None:
     """Identify from some logs, and predict the torques of another one.
 
@@ -151,40 +79,28 @@ def validate(
     from seaid.identification import validate as validated
 
     check_validation_logs([log], from_logs)
-    check_outputs(output, force=force, read=(urdf, drives, description, log, *from_logs))
-    robot = robot_of(urdf, drives, joints, payload, known_body)
-    *known, unseen = logs_of([*from_logs, log], robot, description, repair)
-    found = identified(
-        robot, known, torque_joints, method, estimator, False, cutoff_hz, encoder_offset_std
-    )
-    result = validated(found, unseen)
+    result.check(output, read=(*given.files, log, *from_logs))
+    robot = given.robot(given.known_body or ())
+    *known, unseen = given.logs([*from_logs, log], robot)
+    found = given.identify(robot, known)
+    validation = validated(found, unseen)
     if output is not None:
-        found.save(output, result)
-    text = [result.summary(), *(f"! {flag}" for flag in found.flags)]
-    show("\n".join(text), {**result.to_dict(), "flags": found.flags}, as_json)
-    show_paths(as_json, output)
+        found.save(output, validation)
+    text = [validation.summary(), *(f"! {flag}" for flag in found.flags)]
+    result.show("\n".join(text), {**validation.to_dict(), "flags": found.flags}, output)
 
 
 def terms(
-    urdf: Urdf,
+    given: LogOptions,
     logs: Logs,
-    drives: Drives = None,
-    joints: Joints = None,
-    payload: Payloads = None,
-    known_body: KnownBodies = None,
-    description: Description = None,
-    repair: Repair = False,
+    *,
     of: Annotated[
-        str | None, typer.Option(help="Joints whose terms are compared, as a,b,c; default: all.")
+        str | None, Option(help="Joints whose terms are compared, as a,b,c; default: all.")
     ] = None,
-    torque_joints: TorqueJoints = None,
-    cutoff_hz: CutoffHz = None,
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="TOML with the drives and recommended terms."),
+        Path | None, Option("--output", "-o", help="TOML with the drives and recommended terms.")
     ] = None,
-    force: Force = False,
-    as_json: AsJson = False,
+    result: ResultOptions,
 ) -> None:
     """Compare which further terms of friction and springs the logs support.
 
@@ -194,14 +110,14 @@ def terms(
     from seaid.drives import write_drives
     from seaid.identification import compare_terms
 
-    check_outputs(output, force=force, read=(urdf, drives, description, *logs))
-    robot = robot_of(urdf, drives, joints, payload, known_body)
+    result.check(output, read=(*given.files, *logs))
+    robot = given.robot(given.known_body or ())
     selection = compare_terms(
         robot,
-        logs_of(logs, robot, description, repair),
+        given.logs(logs, robot),
         joints=names(of),
-        torque_joints=names(torque_joints),
-        cutoff_hz=cutoff_hz,
+        torque_joints=names(given.torque_joints),
+        cutoff_hz=given.cutoff_hz,
         progress=is_terminal(),
     )
     if output is not None:
@@ -210,8 +126,7 @@ def terms(
         "recommended": selection.recommended,
         "comparisons": [_comparison_facts(one) for one in selection.comparisons],
     }
-    show(str(selection), content, as_json)
-    show_paths(as_json, output)
+    result.show(str(selection), content, output)
 
 
 def _comparison_facts(one: TermComparison) -> dict[str, object]:

@@ -7,10 +7,18 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
-from seaid.cli.messages import check_outputs, show, show_paths
-from seaid.cli.options import AsJson, Drives, Force, Joints, Payloads, Urdf, names, robot_of
+from seaid.cli.messages import show
+from seaid.cli.options import (
+    AsJson,
+    Drives,
+    Joints,
+    ResultOptions,
+    RobotOptions,
+    Urdf,
+    names,
+)
 
 if TYPE_CHECKING:
     from seaid.regressor import BaseParameters, Identifiability
@@ -27,13 +35,10 @@ _CHOICES = (
 
 
 def inspect(
-    urdf: Urdf,
-    drives: Drives = None,
-    joints: Joints = None,
-    payload: Payloads = None,
+    given: RobotOptions,
     sensors: Annotated[
         str | None,
-        typer.Option(help="Sensors of every joint, as motor_position,motor_torque, in detail."),
+        Option(help="Sensors of every joint, as motor_position,motor_torque, in detail."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -49,8 +54,8 @@ def inspect(
     from seaid.regressor import base_parameters, identifiability
     from seaid.robot import reread_urdf
 
-    robot = robot_of(urdf, drives, joints, payload)
-    tree = reread_urdf(urdf)
+    robot = given.robot()
+    tree = reread_urdf(given.urdf)
     inconsistent = _inconsistent_links(tree)
     base = base_parameters(robot)
     choices = (tuple(names(sensors) or ()),) if sensors is not None else _CHOICES
@@ -134,15 +139,8 @@ def _base_lines(base: BaseParameters) -> Iterator[str]:
 
 
 def _identifiable(found: Identifiability) -> dict[str, Any]:
-    return {
-        "rank": found.rank,
-        "base_parameters": found.body_count,
-        "identifiable": found.identifiable,
-        "combinations": found.combinations,
-        "ratios": found.ratios,
-        "unidentifiable": found.unidentifiable,
-        "agree": found.agree,
-    }
+    kept = ("rank", "identifiable", "combinations", "ratios", "unidentifiable", "agree")
+    return {"base_parameters": found.body_count, **{name: getattr(found, name) for name in kept}}
 
 
 def _identifiability_table(found: dict[str, Identifiability]) -> str:
@@ -179,7 +177,7 @@ def crosscheck(
     from seaid.errors import SeaidError
     from seaid.regressor import base_parameters, cross_check
 
-    robot = robot_of(urdf, drives, joints)
+    robot = RobotOptions(urdf, drives, joints).robot()
     numeric = base_parameters(robot)
     found = cross_check(numeric, symbolic.base_parameters(robot))
     show(f"{robot.name}: {found.summary()}", asdict(found), as_json)
@@ -191,18 +189,17 @@ def crosscheck(
 
 
 def describe(
-    log: Annotated[Path, typer.Argument(help="A log with custom columns.", metavar="LOG")],
+    log: Annotated[Path, Argument(help="A log with custom columns.", metavar="LOG")],
     urdf: Annotated[
-        Path | None, typer.Option(help="The robot, for joint names and units of angles.")
+        Path | None, Option(help="The robot, for joint names and units of angles.")
     ] = None,
     drives: Drives = None,
     joints: Joints = None,
+    *,
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="File for the TOML; default: on stdout."),
+        Path | None, Option("--output", "-o", help="File for the TOML; default: on stdout.")
     ] = None,
-    force: Force = False,
-    as_json: AsJson = False,
+    result: ResultOptions,
 ) -> None:
     """Infer the meaning of custom columns, as a log description in TOML.
 
@@ -215,8 +212,8 @@ def describe(
     from seaid._files import write_whole
     from seaid.log import describe_log
 
-    check_outputs(output, force=force, read=(log, urdf, drives))
-    robot = None if urdf is None else robot_of(urdf, drives, joints)
+    result.check(output, read=(log, urdf, drives))
+    robot = None if urdf is None else RobotOptions(urdf, drives, joints).robot()
     guess = describe_log(log, robot)
     content = {
         "description": guess.description.to_dict(),
@@ -225,5 +222,4 @@ def describe(
     }
     if output is not None:
         write_whole(output, guess.to_toml())
-    show(str(guess) if output is not None else guess.to_toml().rstrip(), content, as_json)
-    show_paths(as_json, output)
+    result.show(str(guess) if output is not None else guess.to_toml().rstrip(), content, output)

@@ -9,10 +9,9 @@ import errno
 import io
 import json
 import os
-import re
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TextIO
@@ -21,19 +20,14 @@ import typer
 
 from seaid.errors import SeaidError, SeaidWarning, reason_of
 
-_AS_OPTIONS = {
-    r"write it with force=True": "add --allow-inconsistent",
-    r"repair=seaid\.Repairs\(\)": "--repair",
-    r"\b(feasible|progress)=True": r"--\1",
-    r"\bpayloads=": "--payload",
-    r"\bknown_bodies=": "--known-body",
-    r"\bencoder_offset_std=": "--encoder-offset-std",
-    r"\bcutoff_hz=": "--cutoff-hz",
-    r"\btorque_joints=": "--torque-joints",
-    r"\b(method|estimator|basis|criterion|joints|description)=(?=[\w\"])": r"--\1 ",
-    r"\b(method|estimator|basis|criterion|joints|description)=": r"--\1",
+_OPTIONS = {
+    "payloads=": "--payload",
+    "known_bodies=": "--known-body",
+    "repair=seaid.Repairs()": "--repair",
+    "write it with force=True": "add --allow-inconsistent",
+    "force=True": "--allow-inconsistent",
 }
-"""Arguments named in messages of the library, and the options of the command line for them."""
+"""Arguments whose option has another name: {argument as an error names it: option}."""
 
 
 @contextmanager
@@ -46,7 +40,7 @@ def reported() -> Iterator[None]:
             other(message, category, *place)
         elif str(message) not in printed:
             printed.add(str(message))
-            typer.echo(f"note: {with_options(str(message))}", err=True)
+            typer.echo(f"note: {' '.join(str(message).split())}", err=True)
 
     with warnings.catch_warnings():
         other = warnings.showwarning
@@ -55,30 +49,42 @@ def reported() -> Iterator[None]:
         try:
             yield
         except SeaidError as problem:
-            typer.echo(f"error: {with_options(str(problem))}", err=True)
+            typer.echo(f"error: {error_text(problem)}", err=True)
             raise typer.Exit(1) from None
 
 
-def with_options(text: str) -> str:
-    """Return a message of the library in one line, with options in place of its arguments."""
-    for pattern, option in _AS_OPTIONS.items():
-        text = re.sub(pattern, option, text)
+def error_text(problem: BaseException | None) -> str:
+    """Return the message of an error in one line, with options in place of arguments.
+
+    An error that repeats the message of another one has it as its context.
+    """
+    text = str(problem)
+    while problem is not None:
+        for argument in getattr(problem, "arguments", ()):
+            text = text.replace(argument, option_of(argument))
+        problem = problem.__context__
     return " ".join(text.split())
 
 
-def show(text: str, content: Any, as_json: bool) -> None:
-    """Print the text for people, or the content as JSON for machines, on stdout."""
+def option_of(argument: str) -> str:
+    """Return the option for an argument: '--method "two-step"' for 'method="two-step"'."""
+    name, _, value = argument.partition("=")
+    option = f"--{name.replace('_', '-')}"
+    has_value = value.startswith(("'", '"'))
+    return _OPTIONS.get(argument, f"{option} {value}" if has_value else option)
+
+
+def show(text: str, content: Any, as_json: bool, *paths: Path | None) -> None:
+    """Print the text for people, or the content as JSON for machines, on stdout.
+
+    The last line names the files of the results; it is on stderr if stdout is JSON.
+    """
     from seaid._files import plain
 
     if as_json:
         text = json.dumps(plain(content), indent=1, allow_nan=False, ensure_ascii=False)
     typer.echo(text)
-
-
-def show_paths(as_json: bool, *paths: Path | None) -> None:
-    """Print the paths of the results in the last line of stdout, or of stderr if stdout is JSON."""
-    there = ", ".join(str(path) for path in paths if path is not None)
-    if there:
+    if there := ", ".join(map(str, filter(None, paths))):
         typer.echo(f"Results: {there}", err=as_json)
 
 
@@ -87,7 +93,7 @@ def is_terminal() -> bool:
     return sys.stderr.isatty()
 
 
-def check_outputs(*paths: Path | None, force: bool, read: tuple[Path | None, ...] = ()) -> None:
+def check_outputs(*paths: Path | None, force: bool, read: Iterable[Path | None]) -> None:
     """Check before a long computation that the results can be written.
 
     Raises SeaidError for an existing file (unless `force`), a file that is `read`, a folder, and a
@@ -95,10 +101,8 @@ def check_outputs(*paths: Path | None, force: bool, read: tuple[Path | None, ...
     """
     from seaid._files import is_replaced, real_path, result_folder
 
-    sources = {real_path(path) for path in read if path is not None}
-    for path in paths:
-        if path is None:
-            continue
+    sources = {real_path(path) for path in filter(None, read)}
+    for path in filter(None, paths):
         target = real_path(path)
         if target in sources:
             raise SeaidError(f"'{path}' is read by this command: name another file for the results")

@@ -1,65 +1,52 @@
-"""Arguments and options that commands share, and the conversion of their values."""
+"""Options that commands share, in groups: a command has one argument per group.
+
+`with_groups` makes the fields of a group options of the command line.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, is_dataclass
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
+from typer import Argument, Option
 
 import seaid
+from seaid.cli.messages import check_outputs, is_terminal, show
 from seaid.errors import SeaidError, unknown_name
 
 if TYPE_CHECKING:
+    from seaid.identification import Identification, Source
     from seaid.log import Log
     from seaid.robot import Payload, Robot
 
 
-Urdf = Annotated[Path, typer.Argument(help="The robot, with its base fixed.", metavar="URDF")]
+Urdf = Annotated[Path, Argument(help="The robot, with its base fixed.", metavar="URDF")]
 Logs = Annotated[
-    list[Path], typer.Argument(help="Logs to identify from: docs/logs.md.", metavar="LOG...")
+    list[Path], Argument(help="Logs to identify from: docs/logs.md.", metavar="LOG...")
 ]
-FromLogs = Annotated[
-    list[Path],
-    typer.Option("--from", help="Log to identify from. May be repeated.", metavar="LOG"),
-]
+FROM = Option("--from", help="Log to identify from. May be repeated.", metavar="LOG")
+FromLogs = Annotated[list[Path], FROM]
 Drives = Annotated[
-    Path | None,
-    typer.Option(help="Its drives, one table per joint; default: all stiff.", metavar="TOML"),
+    Path | None, Option(help="Its drives, one table per joint; default: all stiff.", metavar="TOML")
 ]
 Joints = Annotated[
-    str | None, typer.Option(help="Moving joints, as a,b,c; the others are locked at zero.")
-]
-Payloads = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--payload",
-        help="Known body on a link: mass [kg] at x,y,z [m] in the link's frame. May be repeated.",
-        metavar="LINK:MASS:X,Y,Z",
-    ),
-]
-KnownBodies = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--known-body",
-        help="Link with the known inertial parameters of the URDF. May be repeated.",
-        metavar="LINK",
-    ),
+    str | None, Option(help="Moving joints, as a,b,c; the others are locked at zero.")
 ]
 Description = Annotated[
     Path | None,
-    typer.Option(
-        help="Meaning of custom columns of the logs; default: run.toml for run.csv.",
-        metavar="TOML",
+    Option(
+        help="Meaning of custom columns of the logs; default: run.toml for run.csv.", metavar="TOML"
     ),
 ]
 Repair = Annotated[
-    bool, typer.Option("--repair", help="Repair gaps, repeated times and lost samples of the logs.")
+    bool, Option("--repair", help="Repair gaps, repeated times and lost samples of the logs.")
 ]
 TorqueJoints = Annotated[
-    str | None,
-    typer.Option(help="Joints whose torque is used, as a,b,c; default: all with a torque."),
+    str | None, Option(help="Joints whose torque is used, as a,b,c; default: all with a torque.")
 ]
 
 
@@ -70,36 +57,157 @@ def one_of(name: str, choice: Callable[[], Any]) -> Callable[[str], str]:
     """
 
     def checked(value: str) -> str:
-        if value not in get_args(choice()):
-            raise SeaidError(f"{name}=: {unknown_name(name, value, get_args(choice()))}")
+        names = get_args(choice())
+        if value not in names:
+            raise SeaidError(f"{name}=: {unknown_name(name, value, names)}", f"{name}=")
         return value
 
     return checked
 
 
-Method = Annotated[
-    str,
-    typer.Option(
-        help="two-step: springs, then bodies; simultaneous: both in one regression.",
-        callback=one_of("method", lambda: seaid.identification.Method),
-    ),
-]
-Estimator = Annotated[
-    str,
-    typer.Option(
-        help="ols, wls, huber, tukey or iv.",
-        callback=one_of("estimator", lambda: seaid.estimation.EstimatorName),
-    ),
-]
-CutoffHz = Annotated[
-    float | None, typer.Option(help="Cutoff of the low pass [Hz]; default: from the data.")
-]
-EncoderOffsetStd = Annotated[
-    float, typer.Option(help="Standard deviation of joint encoder offsets [rad or m].")
-]
-Output = Annotated[Path, typer.Option("--output", "-o", help="File for the result.")]
-Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
-AsJson = Annotated[bool, typer.Option("--json", help="JSON on stdout.")]
+Output = Annotated[Path, Option("--output", "-o", help="File for the result.")]
+AsJson = Annotated[bool, Option("--json", help="JSON on stdout.")]
+
+FEASIBLE = "Physically consistent bodies nearest to the estimate."
+
+
+@dataclass(frozen=True)
+class RobotOptions:
+    """The robot of a command."""
+
+    urdf: Urdf
+    drives: Drives = None
+    joints: Joints = None
+    payload: Annotated[
+        list[str] | None,
+        Option(
+            "--payload",
+            help=(
+                "Known body on a link: mass [kg] at x,y,z [m] in the link's frame. May be repeated."
+            ),
+            metavar="LINK:MASS:X,Y,Z",
+        ),
+    ] = None
+
+    def robot(self, known_bodies: Sequence[str] = ()) -> Robot:
+        """Load the robot."""
+        from seaid.robot import load_robot
+
+        return load_robot(
+            self.urdf,
+            self.drives,
+            joints=names(self.joints),
+            payloads=[payload_of(text) for text in self.payload or ()],
+            known_bodies=known_bodies,
+        )
+
+
+@dataclass(frozen=True)
+class LogOptions(RobotOptions):
+    """The robot of a command, and what of its logs is used."""
+
+    known_body: Annotated[
+        list[str] | None,
+        Option(
+            "--known-body",
+            help="Link with the known inertial parameters of the URDF. May be repeated.",
+            metavar="LINK",
+        ),
+    ] = None
+    description: Description = None
+    repair: Repair = False
+    torque_joints: TorqueJoints = None
+    cutoff_hz: Annotated[
+        float | None, Option(help="Cutoff of the low pass [Hz]; default: from the data.")
+    ] = None
+
+    @property
+    def files(self) -> tuple[Path | None, ...]:
+        """The files of these options, which a command reads."""
+        return self.urdf, self.drives, self.description
+
+    def logs(self, paths: Sequence[Path], robot: Robot) -> list[Log]:
+        """Read logs."""
+        return logs_of(paths, robot, self.description, self.repair)
+
+
+@dataclass(frozen=True)
+class IdentifyOptions(LogOptions):
+    """The robot of a command, and how it is identified."""
+
+    method: Annotated[
+        str,
+        Option(
+            help="two-step: springs, then bodies; simultaneous: both in one regression.",
+            callback=one_of("method", lambda: seaid.identification.Method),
+        ),
+    ] = "two-step"
+    estimator: Annotated[
+        str,
+        Option(
+            help="ols, wls, huber, tukey or iv.",
+            callback=one_of("estimator", lambda: seaid.estimation.EstimatorName),
+        ),
+    ] = "wls"
+    encoder_offset_std: Annotated[
+        float, Option(help="Standard deviation of joint encoder offsets [rad or m].")
+    ] = 0.0
+
+    def identify(
+        self, robot: Robot, logs: Sequence[Source], *, feasible: bool = False
+    ) -> Identification:
+        """Identify a robot from logs."""
+        from seaid.identification import identify
+
+        return identify(
+            robot,
+            logs,
+            torque_joints=names(self.torque_joints),
+            method=self.method,  # type: ignore[arg-type]  # checked by one_of
+            estimator=self.estimator,  # type: ignore[arg-type]
+            feasible=feasible,
+            cutoff_hz=self.cutoff_hz,
+            encoder_offset_std=self.encoder_offset_std,
+            progress=is_terminal(),
+        )
+
+
+@dataclass(frozen=True)
+class ResultOptions:
+    """How a command writes and prints its results."""
+
+    force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False
+    as_json: AsJson = False
+
+    def check(self, *paths: Path | None, read: Iterable[Path | None]) -> None:
+        """Raise SeaidError before a long computation if a result cannot be written."""
+        check_outputs(*paths, force=self.force, read=read)
+
+    def show(self, text: str, content: Any, *paths: Path | None) -> None:
+        """Print the result and the paths of its files."""
+        show(text, content, self.as_json, *paths)
+
+
+def with_groups(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command that has the fields of its dataclass arguments as options of its own."""
+    groups: dict[str, Any] = {}
+    parameters: list[Parameter] = []
+    annotations = get_type_hints(command, include_extras=True)
+    for name, parameter in signature(command).parameters.items():
+        if is_dataclass(annotations[name]):
+            groups[name] = signature(annotations[name], eval_str=True).parameters
+            parameters += groups[name].values()
+        else:
+            parameters.append(parameter.replace(annotation=annotations[name]))
+
+    def run(**values: Any) -> None:
+        for name, fields in groups.items():
+            values[name] = annotations[name](**{field: values.pop(field) for field in fields})
+        command(**values)
+
+    keyword = Parameter.KEYWORD_ONLY
+    run.__signature__ = Signature([one.replace(kind=keyword) for one in parameters])  # type: ignore[attr-defined]
+    return run
 
 
 def names(text: str | None) -> list[str] | None:
@@ -139,27 +247,8 @@ def payload_of(text: str) -> Payload:
     return Payload(link, mass, (x, y, z))
 
 
-def robot_of(
-    urdf: Path,
-    drives: Path | None,
-    joints: str | None = None,
-    payloads: list[str] | None = None,
-    known_bodies: list[str] | None = None,
-) -> Robot:
-    """Return the robot of the options."""
-    from seaid.robot import load_robot
-
-    return load_robot(
-        urdf,
-        drives,
-        joints=names(joints),
-        payloads=[payload_of(text) for text in payloads or ()],
-        known_bodies=known_bodies or (),
-    )
-
-
 def logs_of(
-    paths: list[Path], robot: Robot, description: Path | None = None, repair: bool = False
+    paths: Sequence[Path], robot: Robot, description: Path | None = None, repair: bool = False
 ) -> list[Log]:
     """Return the logs of a robot, read with one description or with that of each log."""
     from seaid.log import Repairs, read_log

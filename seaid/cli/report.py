@@ -5,63 +5,33 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
-from seaid.cli.identify import FEASIBLE, identified
-from seaid.cli.messages import check_outputs, show, show_paths
 from seaid.cli.options import (
-    AsJson,
-    CutoffHz,
-    Description,
-    Drives,
-    EncoderOffsetStd,
-    Estimator,
-    Force,
+    FEASIBLE,
     FromLogs,
-    Joints,
-    KnownBodies,
-    Method,
-    Payloads,
-    Repair,
-    TorqueJoints,
-    Urdf,
+    IdentifyOptions,
+    ResultOptions,
     check_validation_logs,
     checked_suffix,
-    logs_of,
-    robot_of,
 )
 
 _DIGEST = 12
 
 
 def report(
-    urdf: Urdf,
+    given: IdentifyOptions,
     from_logs: FromLogs,
+    *,
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="The page to write.", metavar="HTML")
+        Path, Option("--output", "-o", help="The page to write.", metavar="HTML")
     ] = Path("report.html"),
     validation: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--validate",
-            help="Another log, to validate on. May be repeated.",
-            metavar="LOG",
-        ),
+        Option("--validate", help="Another log, to validate on. May be repeated.", metavar="LOG"),
     ] = None,
-    drives: Drives = None,
-    joints: Joints = None,
-    payload: Payloads = None,
-    known_body: KnownBodies = None,
-    description: Description = None,
-    repair: Repair = False,
-    torque_joints: TorqueJoints = None,
-    method: Method = "two-step",
-    estimator: Estimator = "wls",
-    feasible: Annotated[bool, typer.Option("--feasible", help=FEASIBLE)] = False,
-    cutoff_hz: CutoffHz = None,
-    encoder_offset_std: EncoderOffsetStd = 0.0,
-    force: Force = False,
-    as_json: AsJson = False,
+    feasible: Annotated[bool, Option("--feasible", help=FEASIBLE)] = False,
+    result: ResultOptions,
 ) -> None:
     """Identify, validate, and write the results with their reliability as one HTML page.
 
@@ -78,37 +48,27 @@ def report(
     checked_suffix(output, ".html", ".htm")
     unseen = validation or []
     check_validation_logs(unseen, from_logs)
-    check_outputs(output, force=force, read=(urdf, drives, description, *from_logs, *unseen))
-    robot = robot_of(urdf, drives, joints, payload, known_body)
-    logs = logs_of([*from_logs, *unseen], robot, description, repair)
-    own, others = logs[: len(from_logs)], logs[len(from_logs) :]
-    found = identified(
-        robot, own, torque_joints, method, estimator, feasible, cutoff_hz, encoder_offset_std
-    )
+    result.check(output, read=(*given.files, *from_logs, *unseen))
+    robot = given.robot(given.known_body or ())
+    own, others = (given.logs(paths, robot) for paths in (from_logs, unseen))
+    found = given.identify(robot, own, feasible=feasible)
     results = [validated(found, log) for log in others]
-    facts = _facts(urdf, drives, description, from_logs, unseen)
-    offsets = f"{encoder_offset_std:g} rad or m"
-    options = {"Estimator": estimator, "Standard deviation of encoder offsets": offsets}
+    facts = _facts(given, from_logs, unseen)
+    offsets = f"{given.encoder_offset_std:g} rad or m"
+    options = {"Estimator": given.estimator, "Standard deviation of encoder offsets": offsets}
     write_report(found, results, output, facts={**facts, **options})
     content = {"report": output, "validations": [one.to_dict() for one in results]}
     text = [f"{robot.name}: {len(found.load.values)} base parameters and its drives reported"]
     text += [f"! {flag}" for flag in found.flags]
-    show("\n".join(text), {**content, "flags": found.flags}, as_json)
-    show_paths(as_json, output)
+    result.show("\n".join(text), {**content, "flags": found.flags}, output)
 
 
-def _facts(
-    urdf: Path,
-    drives: Path | None,
-    description: Path | None,
-    from_logs: list[Path],
-    unseen: list[Path],
-) -> dict[str, str]:
+def _facts(given: IdentifyOptions, from_logs: list[Path], unseen: list[Path]) -> dict[str, str]:
     """Return {kind of file: name, size and digest} of the files that were read."""
     named: dict[str, list[Path | None]] = {
-        "Robot": [urdf],
-        "Drives": [drives],
-        "Description of logs": [description],
+        "Robot": [given.urdf],
+        "Drives": [given.drives],
+        "Description of logs": [given.description],
         "Identified from": [*from_logs],
         "Validated on": [*unseen],
     }

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Option
 
-from seaid.cli.options import Description, Drives, Joints, Payloads, Repair, Urdf, logs_of, robot_of
+from seaid.cli.options import Description, Repair, RobotOptions, logs_of
 
 if TYPE_CHECKING:
     from seaid.robot import Robot
@@ -16,29 +17,22 @@ if TYPE_CHECKING:
 
 
 def view(
-    urdf: Urdf,
-    log: Annotated[
-        list[Path] | None, typer.Option(help="Recorded log to play. May be repeated.")
-    ] = None,
+    given: RobotOptions,
+    log: Annotated[list[Path] | None, Option(help="Recorded log to play. May be repeated.")] = None,
     trajectory: Annotated[
-        list[Path] | None,
-        typer.Option(help="Trajectory of seaid excite to play. May be repeated."),
+        list[Path] | None, Option(help="Trajectory of seaid excite to play. May be repeated.")
     ] = None,
-    drives: Drives = None,
-    joints: Joints = None,
-    payload: Payloads = None,
     description: Description = None,
     repair: Repair = False,
     package_dir: Annotated[
-        list[Path] | None,
-        typer.Option(help="Folder with packages of meshes. May be repeated."),
+        list[Path] | None, Option(help="Folder with packages of meshes. May be repeated.")
     ] = None,
-    port: Annotated[int, typer.Option(help="Port of the page; 0: any free port.")] = 8080,
+    port: Annotated[int, Option(help="Port of the page; 0: any free port.")] = 8080,
     host: Annotated[
-        str, typer.Option(help="Access: 127.0.0.1 from this machine, 0.0.0.0 from the network.")
+        str, Option(help="Access: 127.0.0.1 from this machine, 0.0.0.0 from the network.")
     ] = "127.0.0.1",
     seconds: Annotated[
-        float | None, typer.Option(help="Time to show it [s]; default: until Ctrl-C.")
+        float | None, Option(help="Time to show it [s]; default: until Ctrl-C.")
     ] = None,
 ) -> None:
     """Show a robot and its motions in the browser, at the address in the last line.
@@ -52,7 +46,7 @@ def view(
     """
     from seaid.view import view_robot
 
-    robot = robot_of(urdf, drives, joints, payload)
+    robot = given.robot()
     motions = _motions(robot, log or [], trajectory or [], description, repair)
     shown = view_robot(robot, motions, package_dirs=package_dir or (), host=host, port=port)
     with shown, contextlib.suppress(KeyboardInterrupt):
@@ -63,20 +57,14 @@ def view(
 
 
 def _motions(
-    robot: Robot,
-    logs: list[Path],
-    trajectories: list[Path],
-    description: Path | None,
-    repair: bool,
+    robot: Robot, logs: list[Path], trajectories: list[Path], description: Path | None, repair: bool
 ) -> dict[str, Shown]:
     """Return all motions by the names of their files, or by their paths if names are equal."""
     from seaid.excitation import load_trajectory
 
     paths = [*logs, *trajectories]
-    read: list[Shown] = [
-        *logs_of(logs, robot, description, repair),
-        *(load_trajectory(path) for path in trajectories),
-    ]
+    read: list[Shown] = [*logs_of(logs, robot, description, repair)]
+    read += map(load_trajectory, trajectories)
     names = [path.name for path in paths]
     return {
         path.name if names.count(path.name) == 1 else str(path): motion

@@ -71,11 +71,7 @@ def check_divisors(drive: Drive, values: Mapping[str, float]) -> None:
             )
 
 
-_MAY_BE_ZERO = (
-    "motor_inertia_kg_m2",
-    "viscous_friction_Nms_per_rad",
-    "coulomb_friction_Nm",
-)
+_MAY_BE_ZERO = ("motor_inertia_kg_m2", "viscous_friction_Nms_per_rad", "coulomb_friction_Nm")
 _LENGTHS = ("gear_ratio", "motor_pulley_radius", "load_pulley_radius", "transmission")
 _LENGTH_SIZES, _SIZES = (1e-9, 1e9), (0.0, 1e30)
 """Limits that keep products and powers in the equations finite; real drives are far inside."""
@@ -109,21 +105,35 @@ def _check_number(name: str, value: Any, least: str) -> None:
         )
 
 
+def _names_in(drive: Drive, field: str) -> tuple[str, ...]:
+    """Return the names in a field, each allowed and there once. Raises RobotError."""
+    names = getattr(drive, field)
+    if not (isinstance(names, list | tuple) and all(isinstance(name, str) for name in names)):
+        raise RobotError(f"{field} must be a list of texts, found {shown(names)}")
+    if len(set(names)) < len(names):
+        raise RobotError(f"{field} names a term twice: {shortened(', '.join(names))}")
+    allowed = PARAMETERS_OF.get(field, names)
+    for name in names:
+        if name not in allowed:
+            raise RobotError(unknown_name(f"{field.replace('_', ' ')} term", name, allowed))
+    return tuple(names)
+
+
+def _numbers_in(drive: Drive, field: str) -> FrozenMapping[float]:
+    """Return the table of numbers in a field. Raises RobotError."""
+    given = getattr(drive, field)
+    if not isinstance(given, Mapping):
+        raise RobotError(f"{field} must be a table of numbers, found {shown(given)}")
+    for name, value in given.items():
+        _check_number(f"{field} '{shortened(name)}'", value, "any number")
+    return FrozenMapping(given)
+
+
 def _check_terms(drive: Drive) -> None:
     """Check the fields that name terms. Raises RobotError."""
     for field in _TERM_FIELDS:
-        if not hasattr(drive, field):
-            continue
-        terms = getattr(drive, field)
-        if not (isinstance(terms, list | tuple) and all(isinstance(term, str) for term in terms)):
-            raise RobotError(f"{field} must be a list of texts, found {shown(terms)}")
-        if len(set(terms)) < len(terms):
-            raise RobotError(f"{field} names a term twice: {shortened(', '.join(terms))}")
-        object.__setattr__(drive, field, tuple(terms))
-        for term in terms:
-            if field in PARAMETERS_OF and term not in PARAMETERS_OF[field]:
-                what = f"{field.replace('_', ' ')} term"
-                raise RobotError(unknown_name(what, term, PARAMETERS_OF[field]))
+        if hasattr(drive, field):
+            object.__setattr__(drive, field, _names_in(drive, field))
     if len(drive.extra_terms) > _MOST_EXTRA_TERMS:
         raise RobotError(
             f"extra_terms has {len(drive.extra_terms)} terms, allowed are {_MOST_EXTRA_TERMS}"
@@ -131,7 +141,7 @@ def _check_terms(drive: Drive) -> None:
     inputs = get_args(MotorInput)
     if not isinstance(drive.motor_input, str) or drive.motor_input not in inputs:
         raise RobotError(unknown_name("motor input", drive.motor_input, inputs))
-    coulomb = [term for term in drive.friction if term in COULOMB]
+    coulomb = sorted({*COULOMB} & {*drive.friction}, key=drive.friction.index)
     if len(coulomb) > 1:
         raise RobotError(
             f"friction may have one of {', '.join(COULOMB)}, found {', '.join(coulomb)}"
@@ -149,14 +159,13 @@ def _check_spring(drive: SeriesElasticDrive) -> None:
             "a series elastic drive with load_pulley_radius_m needs motor_pulley_radius_m too "
             "(give neither for a rotary spring)"
         )
-    wrong = "stiffness_Nm_per_rad" if drive.is_linear_spring else "stiffness_N_per_m"
+    sides = [
+        ("stiffness_Nm_per_rad", "rotary (pulley radii not given)"),
+        ("stiffness_N_per_m", "linear (pulley radii given)"),
+    ]
+    (right, kind), (wrong, _) = sides[:: -1 if drive.is_linear_spring else 1]
     if getattr(drive, wrong) is not None:
-        kind = "linear" if drive.is_linear_spring else "rotary"
-        right = "stiffness_N_per_m" if drive.is_linear_spring else "stiffness_Nm_per_rad"
-        raise RobotError(
-            f"found {wrong}, but the spring is {kind} (pulley radii "
-            f"{'given' if drive.is_linear_spring else 'not given'}): use {right}"
-        )
+        raise RobotError(f"found {wrong}, but the spring is {kind}: use {right}")
     if not {"linear", "cubic", "fifth"} & set(drive.spring):
         raise RobotError(
             "spring needs a stiffness term, 'linear', 'cubic' or 'fifth', found "
@@ -168,12 +177,7 @@ def _check_values(drive: Drive) -> None:
     """Check that `nominal`, `known` and `transmission` fit the drive's terms."""
     names = drive.parameter_names
     for field in ("nominal", "transmission"):
-        given = getattr(drive, field)
-        if not isinstance(given, Mapping):
-            raise RobotError(f"{field} must be a table of numbers, found {shown(given)}")
-        for name, value in given.items():
-            _check_number(f"{field} '{shortened(name)}'", value, "any number")
-        object.__setattr__(drive, field, FrozenMapping(given))
+        object.__setattr__(drive, field, _numbers_in(drive, field))
     for name, value in drive.nominal.items():
         if name not in PARAMETERS:
             raise RobotError(unknown_name("nominal parameter", name, PARAMETERS))
@@ -204,11 +208,17 @@ _PLAIN_FRICTION: tuple[FrictionTerm, ...] = ("viscous", "coulomb")
 _NOTHING: Mapping[str, float] = FrozenMapping({})
 
 
+@dataclass(frozen=True, kw_only=True, repr=False)
 class _Parameters(Display):
-    """The parameters of a drive by name, wherever their values are stored."""
+    """The fields of both drives, and their parameters by name, wherever the values are stored."""
 
-    known: tuple[str, ...]
-    nominal: Mapping[str, float]
+    friction: tuple[FrictionTerm, ...] = _PLAIN_FRICTION
+    extra_terms: tuple[str, ...] = ()
+    parallel_spring: tuple[ParallelSpringTerm, ...] = ()
+    motor_input: MotorInput = "torque"
+    known: tuple[str, ...] = ()
+    nominal: Mapping[str, float] = _NOTHING
+    transmission: Mapping[str, float] = _NOTHING
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -243,7 +253,7 @@ class _Parameters(Display):
                 nominal[name] = float(value)
             else:
                 changes[field] = float(value)
-        return replace(self, nominal=nominal, **changes)  # type: ignore[type-var]
+        return replace(self, nominal=nominal, **changes)
 
     def without_nominal(self) -> Self:
         """Return the drive with known values only: no stiffness, no friction."""
@@ -251,7 +261,7 @@ class _Parameters(Display):
         others = (_field_of(self, name) for name in PARAMETERS if name not in kept)
         changes: dict[str, Any] = {field: None for field in others if field is not None}
         nominal = {name: value for name, value in self.nominal.items() if name in kept}
-        return replace(self, nominal=nominal, **changes)  # type: ignore[type-var]
+        return replace(self, nominal=nominal, **changes)
 
 
 @dataclass(frozen=True, repr=False)
@@ -299,13 +309,6 @@ class StiffDrive(_Parameters):
     motor_inertia_kg_m2: float | None = None
     viscous_friction_Nms_per_rad: float | None = None
     coulomb_friction_Nm: float | None = None
-    friction: tuple[FrictionTerm, ...] = _PLAIN_FRICTION
-    extra_terms: tuple[str, ...] = ()
-    parallel_spring: tuple[ParallelSpringTerm, ...] = ()
-    motor_input: MotorInput = "torque"
-    known: tuple[str, ...] = ()
-    nominal: Mapping[str, float] = _NOTHING
-    transmission: Mapping[str, float] = _NOTHING
 
     def __post_init__(self) -> None:
         _check_numbers(self)
@@ -371,15 +374,8 @@ class SeriesElasticDrive(_Parameters):
     stiffness_Nm_per_rad: float | None = None
     viscous_friction_Nms_per_rad: float | None = None
     coulomb_friction_Nm: float | None = None
-    friction: tuple[FrictionTerm, ...] = _PLAIN_FRICTION
-    extra_terms: tuple[str, ...] = ()
     spring: tuple[SpringTerm, ...] = ("linear",)
-    parallel_spring: tuple[ParallelSpringTerm, ...] = ()
     joint_friction: tuple[JointFrictionTerm, ...] = ()
-    motor_input: MotorInput = "torque"
-    known: tuple[str, ...] = ()
-    nominal: Mapping[str, float] = _NOTHING
-    transmission: Mapping[str, float] = _NOTHING
 
     def __post_init__(self) -> None:
         _check_numbers(self)

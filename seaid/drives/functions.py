@@ -354,24 +354,24 @@ def nonlinear_spring(joint: str, drive: SeriesElasticDrive) -> NonlinearSpring:
     Raises ExcitationError for a spring without linear stiffness, whose compliance at zero force is
     infinite and with it the motor speed.
     """
-    values, terms = drive.values, drive.spring
-    k = values["stiffness"] if "linear" in terms else 0.0
+    k, k_3, k_5, preload, gap = (
+        drive.values[PARAMETERS_OF["spring"][term][0]] if term in drive.spring else 0.0
+        for term in ("linear", "cubic", "fifth", "preload", "dead_zone")
+    )
     if k <= 0:
         raise ExcitationError(
             f"joint '{joint}': its spring has no linear stiffness, so that the motor motion along "
             "a plan is undetermined at zero spring force; plan for the base parameters, without "
             "parameters and limits of its drive"
         )
-    k_3 = values["cubic_stiffness"] if "cubic" in terms else 0.0
-    k_5 = values["fifth_stiffness"] if "fifth" in terms else 0.0
     # k + 3 k_3 d^2 + 5 k_5 d^4 = _SOFTEST k, quadratic in d^2.
     squares = np.roots([5 * k_5, 3 * k_3, (1 - _SOFTEST) * k])
     softest = [float(root.real) for root in squares if root.imag == 0 and root.real > 0]
     return NonlinearSpring(
         coefficients=(k, k_3, k_5),
-        preload=values["spring_offset"] if "preload" in terms else 0.0,
-        zero=values.get("deflection_zero", 0.0) if drive.is_nonlinear_spring else 0.0,
-        gap=values["dead_zone"] if "dead_zone" in terms else 0.0,
+        preload=preload,
+        zero=drive.values.get("deflection_zero", 0.0) if drive.is_nonlinear_spring else 0.0,
+        gap=gap,
         end=float(np.sqrt(min(softest))) if softest else np.inf,
     )
 

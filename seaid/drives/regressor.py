@@ -83,7 +83,7 @@ def drive_regressor(equation: DriveEquation, drive: Drive) -> DriveRegressor:
     Raises SymbolicError if an extra term is nonlinear in its unknowns.
     """
     nonlinear = () if _hides_a_parameter(equation) else non_linear(equation)
-    if nonlinear and all(symbol in PARAMETER_NAMES for symbol in nonlinear):
+    if nonlinear and PARAMETER_NAMES.keys() >= set(nonlinear):
         row = tuple(_slope(equation.expression, symbol) for symbol in equation.unknowns)
         linear = {symbol: 0 for symbol in equation.unknowns if symbol not in nonlinear}
         zeta, parameters = -flat_names(equation.expression).subs(linear), equation.unknowns
@@ -136,9 +136,7 @@ def _slope(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
 
 
 @cache
-def _separated(
-    equation: DriveEquation,
-) -> tuple[sp.Expr, tuple[sp.Expr, ...], tuple[sp.Expr, ...]]:
+def _separated(equation: DriveEquation) -> tuple[sp.Expr, tuple[sp.Expr, ...], tuple[sp.Expr, ...]]:
     expression, unknowns = equation.expression, list(equation.unknowns)
     if not unknowns:
         return -expression, (), ()
@@ -172,18 +170,17 @@ def _evaluate(
     """Return zeta (T,) and the columns (T, wanted), with nonlinear parameters at `near`."""
     columns = tuple(regressor.row[regressor.names.index(name)] for name in wanted)
     function, names = _compiled(regressor.zeta, columns)
-    known = {str(SYMBOLS[name]): value for name, value in near.items()}
-    known |= {str(symbol): value for symbol, value in known_values(regressor.drive).items()}
-    missing = [name for name in names if name not in known and name not in signals]
+    given = dict(signals) | {str(SYMBOLS[name]): value for name, value in near.items()}
+    given |= {str(symbol): value for symbol, value in known_values(regressor.drive).items()}
+    missing = [name for name in names if name not in given]
     if missing:
         named = {str(symbol): name for symbol, name in PARAMETER_NAMES.items()}
         raise RobotError(
             "the drive's equation is nonlinear in its parameters: "
             f"{named.get(missing[0], missing[0])} needs an initial value"
         )
-    length = len(next(iter(signals.values())))
-    table = np.empty((1 + len(wanted), length))
-    arguments = [known[name] if name in known else signals[name] for name in names]
+    table = np.empty((1 + len(wanted), len(next(iter(signals.values())))))
+    arguments = [given[name] for name in names]
     for line, entry in zip(table, function(*arguments), strict=True):
         line[:] = entry
     return table[0], np.ascontiguousarray(table[1:].T)

@@ -120,10 +120,7 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
         "damping": ("spring_damping",),
         "preload": ("spring_offset",),
     },
-    "parallel_spring": {
-        "linear": ("parallel_stiffness",),
-        "preload": ("parallel_preload",),
-    },
+    "parallel_spring": {"linear": ("parallel_stiffness",), "preload": ("parallel_preload",)},
     "joint_friction": {
         "viscous": ("joint_viscous_friction",),
         "coulomb": ("joint_coulomb_friction",),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import MISSING, fields, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ _TYPES: dict[str, type[StiffDrive] | type[SeriesElasticDrive]] = {
     "stiff": StiffDrive,
     "series_elastic": SeriesElasticDrive,
 }
+_RATIOS = {"gear_ratio", "gear_ratio_rad_per_m"}
 _OF_SPRING = ("spring_offset", "deflection_zero")
 
 
@@ -44,48 +45,50 @@ def drives_from_mapping(drives: Mapping[str, Any]) -> dict[str, Drive]:
 def _drive(where: str, table: Any) -> Drive:
     if not isinstance(table, Mapping):
         raise RobotError(f"{where} must be a table of a drive, found {shown(table)}")
+    try:
+        return _of_table(_kind_of(table), _with_new_keys(table))
+    except RobotError as problem:
+        raise RobotError(f"{where}: {problem}") from None
+
+
+def _kind_of(table: Mapping[str, Any]) -> type[Drive]:
     if "type" not in table:
-        raise RobotError(f"{where}: key 'type' is missing; allowed: {', '.join(_TYPES)}")
+        raise RobotError(f"key 'type' is missing; allowed: {', '.join(_TYPES)}")
     if not isinstance(table["type"], str) or table["type"] not in _TYPES:
-        raise RobotError(f"{where}: " + unknown_name("drive type", table["type"], _TYPES))
-    kind = _TYPES[table["type"]]
-    keys = [field.name for field in fields(kind)]
-    values = {key: value for key, value in table.items() if key in keys}
+        raise RobotError(unknown_name("drive type", table["type"], _TYPES))
+    return _TYPES[table["type"]]
+
+
+def _with_new_keys(table: Mapping[str, Any]) -> dict[str, Any]:
     for old, new in _OLD_KEYS.items():
         if old in table and new in table:
-            raise RobotError(f"{where}: '{old}' is the old name of '{new}': give one of them")
-    others: dict[str, Any] = {
-        _OLD_KEYS.get(str(key), str(key)): value
-        for key, value in table.items()
-        if key not in keys and key != "type"
-    }
-    needed = ("gear_ratio", "gear_ratio_rad_per_m") if kind is StiffDrive else ("gear_ratio",)
-    if all(values.get(key) is None for key in needed):
-        _check_keys(where, others, keys, _every_key())
+            raise RobotError(f"'{old}' is the old name of '{new}': give one of them")
+    return {_OLD_KEYS.get(key, key): value for key, value in table.items() if key != "type"}
+
+
+def _of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
+    """Return the drive of a table: fields of the kind by name, parameters by names with units."""
+    keys = [field.name for field in fields(kind)]
+    values = {key: others.pop(key) for key in keys if key in others}
+    if all(values.get(key) is None for key in _RATIOS):
+        _check_keys(others, keys, _every_key())
         raise RobotError(
-            f"{where}: key '{needed[0]}' is missing; give the motor turns per turn behind the gear"
+            "key 'gear_ratio' is missing; give the motor turns per turn behind the gear"
         )
-    try:
-        bare = kind(**{key: value for key, value in values.items() if key != "known"})
-        named = {key_of(name, unit_of(bare, name)): name for name in _possible(kind)}
-        _check_keys(where, others, keys, named)
-        more = {named[key]: value for key, value in others.items()}
-        twice = [name for name in more if name in bare.nominal]
-        if twice:
-            raise RobotError(f"found two values of '{twice[0]}': one in nominal, one by its key")
-        return replace(bare, known=values.get("known", ()), nominal={**bare.nominal, **more})
-    except RobotError as problem:
-        text = str(problem)
-        raise RobotError(text if text.startswith(where) else f"{where}: {text}") from None
+    bare = kind(**{**values, "known": ()})
+    named = {key_of(name, unit_of(bare, name)): name for name in _possible(kind)}
+    _check_keys(others, keys, named)
+    more = {named[key]: value for key, value in others.items()}
+    for name in more:
+        if name in bare.nominal:
+            raise RobotError(f"found two values of '{name}': one in nominal, one by its key")
+    return replace(bare, known=values.get("known", ()), nominal={**bare.nominal, **more})
 
 
-def _check_keys(
-    where: str, found: Mapping[str, Any], keys: list[str], named: Mapping[str, str]
-) -> None:
+def _check_keys(found: Iterable[str], keys: list[str], named: Mapping[str, str]) -> None:
     for key in found:
         if key not in named:
-            allowed = dict.fromkeys(["type", *keys, *named])
-            raise RobotError(f"{where}: " + unknown_name("key", key, list(allowed)))
+            raise RobotError(unknown_name("key", key, dict.fromkeys(["type", *keys, *named])))
 
 
 def _possible(kind: type[Drive]) -> list[str]:
@@ -134,19 +137,15 @@ def write_drives(drives: Mapping[str, Drive], path: str | Path) -> None:
 
 def drive_table(drive: Drive) -> dict[str, Any]:
     """Return the TOML table of a drive: the fields that differ from their defaults, and values."""
-    kind = "series_elastic" if isinstance(drive, SeriesElasticDrive) else "stiff"
-    table: dict[str, Any] = {"type": kind}
-    for field in fields(drive):
-        value = getattr(drive, field.name)
-        default = None if field.default is MISSING else field.default
-        if value is None or value == default or field.name == "nominal":
-            continue
-        table[field.name] = _plain(value)
-    if isinstance(drive, StiffDrive) and not {"gear_ratio", "gear_ratio_rad_per_m"} & set(table):
+    kind = next(name for name, one in _TYPES.items() if isinstance(drive, one))
+    ordered = sorted(fields(drive), key=lambda field: bool(field.kw_only))  # ratios and sizes first
+    given = ((field, getattr(drive, field.name)) for field in ordered)
+    kept = {field.name: _plain(one) for field, one in given if one not in (None, field.default)}
+    nominal, transmission = kept.pop("nominal", {}), kept.pop("transmission", None)
+    table = {"type": kind, **kept}
+    if _RATIOS.isdisjoint(table):
         table["gear_ratio"] = 1.0  # the default, which a table must state
-    nominal = {key_of(name, unit_of(drive, name)): value for name, value in drive.nominal.items()}
-    transmission = table.pop("transmission", None)
-    table |= {key: float(value) for key, value in nominal.items()}
+    table |= {key_of(name, unit_of(drive, name)): value for name, value in nominal.items()}
     return table if transmission is None else table | {"transmission": transmission}
 
 

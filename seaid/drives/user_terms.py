@@ -42,20 +42,8 @@ _NAMES = {
     **{str(symbol): symbol for symbol in (N, r_M, r_L, F_v, F_C, F_0, k, f_0, I_M)},
 }
 _TAKEN = {*PARAMETER_NAMES.values(), *map(str, PARAMETER_NAMES)}
-_FUNCTIONS = {
-    "abs": sp.Abs,
-    "atan": sp.atan,
-    "cos": sp.cos,
-    "cosh": sp.cosh,
-    "exp": sp.exp,
-    "log": sp.log,
-    "sign": sp.sign,
-    "sin": sp.sin,
-    "sinh": sp.sinh,
-    "sqrt": sp.sqrt,
-    "tan": sp.tan,
-    "tanh": sp.tanh,
-}
+_PLAIN = ("atan", "cos", "cosh", "exp", "log", "sign", "sin", "sinh", "sqrt", "tan", "tanh")
+_FUNCTIONS = {"abs": sp.Abs, **{name: getattr(sp, name) for name in _PLAIN}}
 
 
 @lru_cache(maxsize=256)

@@ -22,6 +22,7 @@ from .fitting import LinearEstimator as LinearEstimator
 from .fitting import Rows as Rows
 from .fitting import estimator_named as estimator_named
 from .fitting import fit as fit
+from .fitting import stored_rows as stored_rows
 from .gauss_newton import Residuals as Residuals
 from .gauss_newton import Step as Step
 from .gauss_newton import gauss_newton_step as gauss_newton_step
@@ -41,5 +42,4 @@ from .qr_factor import triangle as triangle
 from .sdp import Program as Program
 from .sdp import covariance_root as covariance_root
 from .sdp import floored_covariance as floored_covariance
-from .streaming import stored_rows as stored_rows
 from .variable_projection import separable_least_squares as separable_least_squares

@@ -87,6 +87,7 @@ def _first_stage(Z: Array, H: Array, names: tuple[str, ...]) -> Array:
     if rank < p:
         raise IdentificationError(
             f"the instruments identify only {rank} of {p} parameters: the motion from which they "
-            "are computed is too smooth; raise cutoff_hz, or use estimator='wls'"
+            "are computed is too smooth; raise cutoff_hz, or use estimator='wls'",
+            "estimator='wls'",
         )
     return np.asarray(coefficients / norms[:, None])

@@ -174,7 +174,8 @@ def settled_weights(qr_factor: QRFactor) -> Array:
     else:
         raise IdentificationError(
             f"the weights of the joints did not converge in {_MOST_REWEIGHTINGS} iterations: a "
-            "joint has too few rows; record a longer log, or use estimator='ols'"
+            "joint has too few rows; record a longer log, or use estimator='ols'",
+            "estimator='ols'",
         )
     return weights
 
@@ -200,7 +201,7 @@ def solve(qr_factor: QRFactor, weights: Array) -> Solution:
     found = directions(R, qr_factor.names)
     worst = float(found.shares[-1]) if p else 1.0
     if worst < _RANK_TOLERANCE:
-        raise ExcitationError(_unidentifiable(qr_factor, found))
+        raise ExcitationError(_unidentifiable(qr_factor, found), "torque_joints=")
     half = (found.vectors.T / (found.largest * found.shares)) / found.norms[:, None]
     return Solution(half @ (found.left.T @ R[:p, p]), half @ half.T, 1 / worst)
 

@@ -102,7 +102,8 @@ def _iterated(
     raise IdentificationError(
         f"the weights of the rows did not converge in {_MOST_ITERATIONS} iterations: at "
         f"{rows.time[worst]:.3g} s the fit still changes by {moved[worst] / scales[worst]:.1e} of "
-        "the residual's scale; record a longer log, or use estimator='wls'"
+        "the residual's scale; record a longer log, or use estimator='wls'",
+        "estimator='wls'",
     )
 
 

@@ -116,7 +116,8 @@ def load_target(
     if group:
         raise ExcitationError(
             f"the drives of {', '.join(group)} move these joints together: torque_joints= must "
-            "name all of them or none to plan a motion"
+            "name all of them or none to plan a motion",
+            "torque_joints=",
         )
     bare = replace(robot.with_values(np.zeros(10 * robot.n), robot.drives), drives={})
     p = len(base.columns)

@@ -116,7 +116,7 @@ def _check_consistent(link: str, parameters: Array, force: bool) -> None:
     advice = "identify with feasible=True, or write the nearest body with force=True"
     if parameters[0] <= 0:
         advice = "identify with feasible=True (force=True needs a mass of more than zero)"
-    raise RobotError(f"{problem}: {advice}")
+    raise RobotError(f"{problem}: {advice}", "feasible=True", "force=True")
 
 
 def _quaternion(rotation: Array) -> Array:

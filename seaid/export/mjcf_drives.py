@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from seaid.drives import Drive, SeriesElasticDrive, StiffDrive, key_of, unit_of
+from seaid.drives import PARAMETERS_OF, Drive, SeriesElasticDrive, StiffDrive, key_of, unit_of
 from seaid.errors import RobotError
 from seaid.export.mjcf_bodies import TINY, text
 from seaid.robot import Robot
@@ -22,11 +22,13 @@ _SUPPORTED = ("viscous", "coulomb", *SMOOTH)
 
 def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
     """Add notes on the terms of a drive that the model lacks or approximates."""
-    smooth = [term for term in drive.friction if term in SMOOTH]
-    if smooth:
-        notes.append(f"joint '{joint}': its {smooth[0]} is written as dry friction (friction loss)")
+    notes += [
+        f"joint '{joint}': its {term} is written as dry friction (friction loss)"
+        for term in drive.friction
+        if term in SMOOTH
+    ]
     excluded: list[str] = [term for term in drive.friction if term not in _SUPPORTED]
-    excluded += [f"extra term {term}" for term in drive.extra_terms]
+    excluded += map("extra term {}".format, drive.extra_terms)
     if excluded:
         notes.append(f"joint '{joint}': excluded, not available in MuJoCo: {', '.join(excluded)}")
     offset = drive.values.get("spring_offset", 0.0)
@@ -135,20 +137,16 @@ def _behind_gear(joint: str, drive: StiffDrive) -> _Coordinate:
 
 def _parallel(joint: str, drive: Drive) -> _Coordinate:
     """Return the parallel spring and the joint friction."""
-    terms = getattr(drive, "joint_friction", ())
-    damping = _value(joint, drive, "joint_viscous_friction") if "viscous" in terms else 0.0
-    friction = _value(joint, drive, "joint_coulomb_friction") if "coulomb" in terms else 0.0
-    stiffness, rest = 0.0, 0.0
-    if "linear" in drive.parallel_spring:
-        stiffness = _value(joint, drive, "parallel_stiffness")
-    if "preload" in drive.parallel_spring:
-        preload = _value(joint, drive, "parallel_preload")
-        if stiffness == 0 and preload != 0:
-            raise RobotError(
-                f"joint '{joint}': MuJoCo has no parallel preload without a parallel spring: give "
-                "parallel_spring=('linear', 'preload')"
-            )
-        rest = -preload / stiffness if stiffness else 0.0
+    damping = _of_term(joint, drive, "joint_friction", "viscous")
+    friction = _of_term(joint, drive, "joint_friction", "coulomb")
+    stiffness = _of_term(joint, drive, "parallel_spring", "linear")
+    preload = _of_term(joint, drive, "parallel_spring", "preload")
+    if stiffness == 0 and preload != 0:
+        raise RobotError(
+            f"joint '{joint}': MuJoCo has no parallel preload without a parallel spring: give "
+            "parallel_spring=('linear', 'preload')"
+        )
+    rest = -preload / stiffness if stiffness else 0.0
     if stiffness < 0:
         raise RobotError(
             f"joint '{joint}': MuJoCo has no parallel spring with a negative stiffness, found "
@@ -160,10 +158,9 @@ def _parallel(joint: str, drive: Drive) -> _Coordinate:
 def _motor(joint: str, drive: Drive) -> _Coordinate:
     """Return inertia and friction of a motor in its own coordinate."""
     dry = any(term in drive.friction for term in ("coulomb", *SMOOTH))
-    viscous = "viscous" in drive.friction
     return _Coordinate(
         armature=_value(joint, drive, "motor_inertia"),
-        damping=_value(joint, drive, "viscous_friction") if viscous else 0.0,
+        damping=_of_term(joint, drive, "friction", "viscous"),
         friction=_value(joint, drive, "coulomb_friction") if dry else 0.0,
     )
 
@@ -177,7 +174,7 @@ def _spring(joint: str, drive: SeriesElasticDrive) -> _Coordinate:
             "linear: give or identify one with spring=('linear',)"
         )
     stiffness = _value(joint, drive, "stiffness")
-    damping = _value(joint, drive, "spring_damping") if "damping" in drive.spring else 0.0
+    damping = _of_term(joint, drive, "spring", "damping")
     if "dead_zone" in drive.spring:
         if "preload" in drive.spring:
             raise RobotError(
@@ -186,8 +183,14 @@ def _spring(joint: str, drive: SeriesElasticDrive) -> _Coordinate:
             )
         zero, half = drive.values.get("deflection_zero", 0.0), _value(joint, drive, "dead_zone")
         return _Coordinate(damping=damping, stiffness=stiffness, rest=(zero - half, zero + half))
-    preload = _value(joint, drive, "spring_offset") if "preload" in drive.spring else 0.0
+    preload = _of_term(joint, drive, "spring", "preload")
     return _Coordinate(damping=damping, stiffness=stiffness, rest=(-preload / stiffness,))
+
+
+def _of_term(joint: str, drive: Drive, field: str, term: str) -> float:
+    """Return the value of a term with one parameter, zero if the drive lacks the term."""
+    (name,) = PARAMETERS_OF[field][term]
+    return _value(joint, drive, name) if term in getattr(drive, field, ()) else 0.0
 
 
 def _value(joint: str, drive: Drive, name: str) -> float:
@@ -201,17 +204,9 @@ def _value(joint: str, drive: Drive, name: str) -> float:
 
 
 def _set_joint(element: Any, values: _Coordinate, step: float) -> None:
-    numbers = {
-        "armature": values.armature,
-        "damping": values.damping,
-        "frictionloss": values.friction,
-        "stiffness": values.stiffness,
-        "springref": values.rest[0],
-    }
-    for name, number in numbers.items():
-        if number:
-            element.set(name, text([number]))
-    _set_friction(element, values, step)
+    _set_numbers(element, values, step)
+    if values.rest[0]:
+        element.set("springref", text(values.rest))
 
 
 def _add_tendon(
@@ -219,25 +214,25 @@ def _add_tendon(
 ) -> None:
     """Add a fixed tendon with the length sum(lever * coordinate)."""
     element = tendons.makeelement("fixed", name=name)
-    numbers = {
-        "armature": values.armature,
-        "damping": values.damping,
-        "frictionloss": values.friction,
-    }
-    for attribute, number in numbers.items():
-        if number:
-            element.set(attribute, text([number]))
+    _set_numbers(element, values, step)
     if values.stiffness:
-        element.set("stiffness", text([values.stiffness]))
         element.set("springlength", text(values.rest))
-    _set_friction(element, values, step)
     for joint, factor in lever.items():
         element.append(element.makeelement("joint", joint=joint, coef=text([factor])))
     tendons.append(element)
 
 
-def _set_friction(element: Any, values: _Coordinate, step: float) -> None:
-    """Make friction loss brake within one step, the shortest time that MuJoCo allows."""
+def _set_numbers(element: Any, values: _Coordinate, step: float) -> None:
+    """Set what joints and tendons share; friction brakes within one step, the shortest time."""
+    numbers = {
+        "armature": values.armature,
+        "damping": values.damping,
+        "frictionloss": values.friction,
+        "stiffness": values.stiffness,
+    }
+    for name, number in numbers.items():
+        if number:
+            element.set(name, text([number]))
     if values.friction:
         element.set("solreffriction", text([2 * step, 1.0]))
         element.set("solimpfriction", text([_FIRM, _FIRM, 0.001]))

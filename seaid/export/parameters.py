@@ -22,24 +22,9 @@ if TYPE_CHECKING:
 
 _FORMAT = "seaid parameters 2"
 _KEYS = (
-    "format",
-    "robot",
-    "joints",
-    "drives",
-    "load",
-    "base_columns",
-    "grouping",
-    "validation",
-    "torques_used",
-    "cutoff_hz",
-    "flags",
-    "bodies",
-    "drive_tables",
-    "feasible",
-    "checks",
-    "excluded",
-    "processing",
-    "seaid",
+    *("format", "robot", "joints", "drives", "load", "base_columns", "grouping", "validation"),
+    *("torques_used", "cutoff_hz", "flags", "bodies", "drive_tables", "feasible", "checks"),
+    *("excluded", "processing", "seaid"),
 )
 _MOST = 1e12
 """Largest parameter of a body [kg, kg m, kg m^2]."""
@@ -113,15 +98,8 @@ def read_parameters(path: str | Path, robot: Robot) -> Robot:
         )
     try:
         _check_keys("", content, _KEYS)
-        joints, bodies = content["joints"], content["bodies"]
-        if joints != list(robot.joint_names) or list(_table("bodies", bodies)) != list(
-            robot.body_names
-        ):
-            raise RobotError(
-                f"it is of another robot than '{robot.name}': its joints are {shown(joints)}, "
-                f"here they are {', '.join(robot.joint_names)}; select joints with joints="
-            )
-        values = np.array([_body(link, table) for link, table in bodies.items()]).ravel()
+        _check_robot(content["joints"], _table("bodies", content["bodies"]), robot)
+        values = np.array([_body(link, table) for link, table in content["bodies"].items()]).ravel()
         _check_keys("drive_tables", content["drive_tables"], robot.joint_names)
         drives = {
             joint: IDEAL_DRIVE if drive == IDEAL_DRIVE else drive
@@ -135,6 +113,15 @@ def read_parameters(path: str | Path, robot: Robot) -> Robot:
     return robot.with_values(values, drives)
 
 
+def _check_robot(joints: Any, bodies: Mapping[str, Any], robot: Robot) -> None:
+    if joints != list(robot.joint_names) or list(bodies) != list(robot.body_names):
+        raise RobotError(
+            f"it is of another robot than '{robot.name}': its joints are {shown(joints)}, "
+            f"here they are {', '.join(robot.joint_names)}; select joints with joints=",
+            "joints=",
+        )
+
+
 def _body(link: str, table: Any) -> list[float]:
     """Return the ten parameters of a body; Pinocchio stores no first moments without mass."""
     where = f"bodies.{shortened(link)}"
@@ -146,7 +133,8 @@ def _body(link: str, table: Any) -> list[float]:
     if largest > _FARTHEST_M * abs(values["m"]):
         raise RobotError(
             f"{where}: its mass, {values['m']:g} kg, is too small for its other parameters; "
-            "identify with feasible=True"
+            "identify with feasible=True",
+            "feasible=True",
         )
     return [values[name] for name in PARAMETERS]
 

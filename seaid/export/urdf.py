@@ -242,18 +242,7 @@ def write_urdf(
     """
     robot = found.robot if isinstance(found, Identification) else found
     path = Path(path)
-    source = robot.urdf if source is None else Path(source)
-    if source is None:
-        raise RobotError(f"'{robot.name}' was not loaded from a file: name its URDF with source=")
-    source = Path(source)
-    if not path.name or path.suffix.lower() == ".toml":
-        raise RobotError(f"'{path}' is no name for a URDF: name a file that ends in .urdf")
-    drives = None
-    if any(drive != IDEAL_DRIVE for drive in robot.drives.values()):
-        drives = path.with_suffix(".toml")
-    for written in (path, drives):
-        if written is not None and real_path(written) == real_path(source):
-            raise RobotError(f"'{written}' is the source URDF: name another file to write")
+    source, drives = _source_and_drives(robot, path, source)
     text = urdf_text(source)  # read once: the file may change meanwhile
     tree = reread_urdf(source, text)
     _check_links(source, tree, robot)
@@ -263,12 +252,30 @@ def write_urdf(
     links = root.named("link")
     edits = [edit for link in bodies for edit in _inertial_edits(text, links[link], bodies[link])]
     edits += _dynamics(text, root, robot)
-    _note_missing(robot, path, source, root, notes)
+    _note_missing(robot, notes)
+    _note_files(path, source, root, notes)
     with whole_file(path) as temporary:
         temporary.write_bytes(edited(text, edits))
         if drives is not None:
             write_drives(robot.drives, drives)
     return WrittenUrdf(path, drives, tuple(notes))
+
+
+def _source_and_drives(
+    robot: Robot, path: Path, source: str | Path | None
+) -> tuple[Path, Path | None]:
+    """Return the URDF to edit, and the drive file to write: None if all drives are ideal."""
+    source = robot.urdf if source is None else Path(source)
+    if source is None:
+        raise RobotError(f"'{robot.name}' was not loaded from a file: name its URDF with source=")
+    if not path.name or path.suffix.lower() == ".toml":
+        raise RobotError(f"'{path}' is no name for a URDF: name a file that ends in .urdf")
+    is_ideal = all(drive == IDEAL_DRIVE for drive in robot.drives.values())
+    drives = None if is_ideal else path.with_suffix(".toml")
+    for written in (path, drives):
+        if written is not None and real_path(written) == real_path(source):
+            raise RobotError(f"'{written}' is the source URDF: name another file to write")
+    return source, drives
 
 
 def _root(source: Path, text: bytes) -> Element:
@@ -347,11 +354,16 @@ def _check_consistent(body: str, parameters: Array, force: bool, notes: list[str
         raise RobotError(f"link '{body}' would have {absurd}, which is not written")
     problem = inconsistent_link(body, parameters)
     if problem is not None and not force:
-        raise RobotError(f"{problem}: identify with feasible=True, or write it with force=True")
+        raise RobotError(
+            f"{problem}: identify with feasible=True, or write it with force=True",
+            "feasible=True",
+            "write it with force=True",
+        )
     if massless:
         raise RobotError(
             f"link '{body}' would have inertia without a mass ({parameters[0]:.4g} kg), which a "
-            "URDF cannot hold: identify with feasible=True"
+            "URDF cannot hold: identify with feasible=True",
+            "feasible=True",
         )
     if problem is not None:
         notes.append(problem)
@@ -387,48 +399,58 @@ def _inertial_edits(text: bytes, element: Element, parameters: Array) -> list[Ed
 
 def _dynamics(text: bytes, root: Element, robot: Robot) -> list[Edit]:
     """Return the edits that write damping and friction of stiff drives, reflected to the joint."""
-    joints, coupled = root.named("joint"), _coupled(robot)
-    edits: list[Edit] = []
-    for joint, drive in robot.drives.items():
-        if not isinstance(drive, StiffDrive) or drive == IDEAL_DRIVE or joint in coupled:
-            continue
-        viscous, coulomb = (drive.values.get(f"{kind}_friction") for kind in ("viscous", "coulomb"))
-        seen = {}
-        if viscous is not None:
-            seen["damping"] = _numbers([drive.ratio**2 * viscous])
-        if coulomb is not None:
-            seen["friction"] = _numbers([drive.ratio * coulomb])
+    joints, edits = root.named("joint"), []
+    for joint, drive in _stiff_drives(robot, are_coupled=False).items():
+        written = {
+            "damping": ("viscous_friction", drive.ratio**2),
+            "friction": ("coulomb_friction", drive.ratio),
+        }
+        seen = {
+            attribute: _numbers([factor * drive.values[name]])
+            for attribute, (name, factor) in written.items()
+            if name in drive.values
+        }
         if seen:
             edits += with_children(text, joints[joint], {"dynamics": seen})
     return edits
 
 
-def _coupled(robot: Robot) -> set[str]:
-    """Return the joints whose drive moves others, or its own with a factor other than 1."""
-    matrix = robot.transmission
-    plain = (matrix == np.eye(robot.n)).all(axis=1)
-    return {joint for joint, is_plain in zip(robot.joint_names, plain, strict=True) if not is_plain}
+def _stiff_drives(robot: Robot, *, are_coupled: bool) -> dict[str, StiffDrive]:
+    """Return stiff drives, except ideal ones, that are coupled or not.
+
+    A coupled one moves other joints, or its own with a factor other than 1.
+    """
+    plain = (robot.transmission == np.eye(robot.n)).all(axis=1)
+    return {
+        joint: drive
+        for joint, is_plain in zip(robot.joint_names, plain, strict=True)
+        if isinstance(drive := robot.drives[joint], StiffDrive)
+        and drive != IDEAL_DRIVE
+        and is_plain != are_coupled
+    }
 
 
-def _note_missing(robot: Robot, path: Path, source: Path, root: Element, notes: list[str]) -> None:
-    """Add notes on parts of the robot that a URDF cannot hold, and on meshes no longer found."""
+def _note_missing(robot: Robot, notes: list[str]) -> None:
+    """Add notes on parts of the robot that a URDF cannot hold."""
     if np.any(robot.payload_parameters):
         notes.append("the known payload is not in the file: give it with payloads=")
-    coupled = _coupled(robot)
-    for joint, drive in robot.drives.items():
-        if isinstance(drive, StiffDrive) and drive != IDEAL_DRIVE and joint in coupled:
-            notes.append(
-                f"joint '{joint}': its drive moves other joints, and <dynamics> cannot hold its "
-                "friction: the drive file does"
-            )
+    notes += [
+        f"joint '{joint}': its drive moves other joints, and <dynamics> cannot hold its friction: "
+        "the drive file does"
+        for joint in _stiff_drives(robot, are_coupled=True)
+    ]
+
+
+def _note_files(path: Path, source: Path, root: Element, notes: list[str]) -> None:
+    """Add a note on meshes and textures that are no longer found from another folder."""
     shapes = (one for one in root.all() if one.tag in ("mesh", "texture"))
-    named = (one.attributes.get("filename", "") for one in shapes)
+    named = dict.fromkeys(one.attributes.get("filename", "") for one in shapes)
     relative = [
-        name for name in named if name and "://" not in name and not Path(name).is_absolute()
+        name for name in filter(None, named) if not ("://" in name or Path(name).is_absolute())
     ]
     folder = real_path(source).parent
     if relative and real_path(path).parent != folder:
-        more = len(set(relative)) - 1
+        more = len(relative) - 1
         notes.append(
             f"'{relative[0]}'{f' and {more} other files' if more else ''} are relative to its "
             f"folder: write it into '{folder}', or copy them"

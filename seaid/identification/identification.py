@@ -185,7 +185,11 @@ def identify(
     >>> print(result.summary())
     """
     if estimator == "iv" and method != "two-step":
-        raise IdentificationError(f'estimator="iv" needs method="two-step", found "{method}"')
+        raise IdentificationError(
+            f'estimator="iv" needs method="two-step", found "{method}"',
+            'estimator="iv"',
+            'method="two-step"',
+        )
     check_offset_std(encoder_offset_std)
     robot.rows(torque_joints)  # refuses unknown joints before a log is read
     solver = estimator_named("wls" if estimator == "iv" else estimator)

@@ -255,7 +255,8 @@ def _settled(
     raise IdentificationError(
         f"instrumental variables did not converge in {_MOST_ITERATIONS} iterations: {worst} still "
         f"changes by {moved[worst]:.2g} standard errors; move that joint more, or use "
-        "estimator='wls'"
+        "estimator='wls'",
+        "estimator='wls'",
     )
 
 
@@ -274,7 +275,8 @@ def _fitted(robot: Robot, model: LoadModel, sides: RobotEstimate) -> FittedModel
     if bad:
         raise IdentificationError(
             f"the estimated stiffness of {', '.join(bad)} is not positive, so the fitted model "
-            "predicts no deflection; load this spring more, or use estimator='wls'"
+            "predicts no deflection; load this spring more, or use estimator='wls'",
+            "estimator='wls'",
         )
     return FittedModel(model, sides.load_side.values, springs)
 

@@ -124,7 +124,8 @@ def check_excitation(robot: Robot, logs: Sequence[Log]) -> None:
             raise ExcitationError(
                 f"the motor of '{joint}' stands still (it moves {widest:.3g} rad, noise "
                 f"{_noise(positions[0]):.2g} rad), so that its friction and spring are "
-                "unidentifiable; move the joint, or exclude it with joints=[...] of load_robot"
+                "unidentifiable; move the joint, or exclude it with joints=[...] of load_robot",
+                "joints=[...] of load_robot",
             )
     every = [
         column
@@ -160,7 +161,8 @@ def _check_alive(joint: str, name: str, values: Array, other: str, moved: Array)
         raise LogError(
             f"the {name} of '{joint}' is {values[0]:.6g} all the time, while its {other} moves: a "
             "dead channel? Exclude its column from the log, or the joint with joints=[...] of "
-            "load_robot"
+            "load_robot",
+            "joints=[...] of load_robot",
         )
 
 

@@ -39,7 +39,9 @@ def check_simultaneous(robot: Robot, springs: Iterable[str]) -> None:
         if not {"stiffness", "spring_offset"} <= names <= _LINEAR:
             raise IdentificationError(
                 'method="simultaneous" shares a spring of unknown stiffness and offset; that of '
-                f'{joint} {_kind(robot, joint)}: use method="two-step"'
+                f'{joint} {_kind(robot, joint)}: use method="two-step"',
+                'method="simultaneous"',
+                'method="two-step"',
             )
 
 
@@ -49,7 +51,9 @@ def check_instruments(robot: Robot, springs: Iterable[str]) -> None:
         if not set(spring_regressor(robot, joint).names) <= _LINEAR:
             raise IdentificationError(
                 f'estimator="iv" supports springs of one stiffness; that of {joint} '
-                f'{_kind(robot, joint)}: use estimator="wls"'
+                f'{_kind(robot, joint)}: use estimator="wls"',
+                'estimator="iv"',
+                'estimator="wls"',
             )
 
 

@@ -372,7 +372,9 @@ def _check_start(found: Identification) -> None:
     if coupled:
         raise IdentificationError(
             f"the drives of {', '.join(coupled)} move several joints, which the refinement cannot "
-            "simulate; use the result of identify, or its estimator='iv' or method='simultaneous'"
+            "simulate; use the result of identify, or its estimator='iv' or method='simultaneous'",
+            "estimator='iv'",
+            "method='simultaneous'",
         )
     check_refinable(found.known)
     for joint in found.springs:

@@ -260,7 +260,7 @@ def _moved(
     Each joint is scaled by its own motion, so that radians and metres are comparable.
     """
     if not all(np.all(np.abs(part) < _RUNAWAY) for part in vars(response).values()):
-        raise IdentificationError(_DIVERGED)
+        raise IdentificationError(_DIVERGED, "estimator='wls'")
     spread = np.std(reading, axis=0)
     scale = 1 / np.where(spread > 0, spread, 1.0)
     residual = scale * (reading - motion.joint_position[:, joints] - response.position[:, :, 0])
@@ -287,7 +287,7 @@ def _moved(
         for state, change in zip(motion.joint_states, changes, strict=True)
     ]
     if np.any(np.max(np.abs(states[0] - reading), axis=0) > np.ptp(reading, axis=0)):
-        raise IdentificationError(_DIVERGED)
+        raise IdentificationError(_DIVERGED, "estimator='wls'")
     return _with_joints(motion, joints, states)
 
 

@@ -177,7 +177,8 @@ def settled(
     raise IdentificationError(
         f"both sides at once did not converge in {MOST_ITERATIONS} iterations: "
         f"{found.names[worst]} still changes by {moved[worst]:.2g} {found.units[worst]}; move that "
-        'joint more, or use method="two-step"'
+        'joint more, or use method="two-step"',
+        'method="two-step"',
     )
 
 

@@ -84,7 +84,8 @@ def check_scale(qr_factor: QRFactor) -> None:
                 f"the {name.replace('_', ' ')} of {joint} is unidentifiable: only the "
                 f"{CONSTANTS[name]} of its motor was logged, so all torques are known only up to "
                 f"scale. Give one of: {_LOAD_SIDE if where else _SPRING}its rotor inertia, or the "
-                f"constant itself (known = ['{name}'])"
+                f"constant itself (known = ['{name}'])",
+                "known_bodies=",
             )
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,28 +26,40 @@ def channels_of(
     A deflection is the channel "<joint>.deflection_rad" or "_m", which `both_sides` converts.
     Raises LogError naming joint and quantity.
     """
-    wanted: dict[str, None] = dict.fromkeys([description.where] if description.where else [])
-    clocks: dict[tuple[str, str], Clock] = {}
+    described = list(_described_quantities(path, table, description, robot))
+    wanted: dict[str, None] = {}
+    for one in described:
+        for name in (description.where, *one.source.columns(), one.clock.column):
+            if name is not None and name not in table.names:
+                raise LogError(f"{one.where}: {table.missing(name)}")
+            wanted |= {} if name is None else {name: None}
+    data = table.load(list(wanted))
+    kept = data[description.where] != 0 if description.where else None
+    return [
+        _selected(one.where, _channel(data, robot, one), kept, table.sparse) for one in described
+    ]
+
+
+class _Described(NamedTuple):
+    """A described quantity of a joint; `where` names it in messages."""
+
+    where: str
+    joint: str
+    quantity: str
+    source: Source
+    clock: Clock
+
+
+def _described_quantities(
+    path: Path, table: Table, description: LogDescription, robot: Robot
+) -> Iterator[_Described]:
     for joint, sources in description.joints.items():
         if joint not in robot.joint_names:
             raise LogError("description: " + unknown_name("joint", joint, robot.joint_names))
         for quantity, source in sources.items():
             where = f"'{path}': [joints.{joint}] {quantity}"
-            clocks[joint, quantity] = _clock_of(where, table, description, source)
-            needed = [*source.columns(), clocks[joint, quantity].column]
-            wanted |= dict.fromkeys(one for one in needed if one is not None)
-            for name in wanted:
-                if name not in table.names:
-                    raise LogError(f"{where}: {table.missing(name)}")
-    data = table.load(list(wanted))
-    kept = data[description.where] != 0 if description.where else None
-    found = []
-    for (joint, quantity), clock in clocks.items():
-        source = description.joints[joint][quantity]
-        where = f"'{path}': [joints.{joint}] {quantity}"
-        channel = _channel(where, data, robot, joint, quantity, source, clock)
-        found.append(_selected(where, channel, kept, table.sparse))
-    return found
+            clock = _clock_of(where, table, description, source)
+            yield _Described(where, joint, quantity, source, clock)
 
 
 def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
@@ -101,23 +114,16 @@ def _clock_of(where: str, table: Table, description: LogDescription, source: Sou
     return clock
 
 
-def _channel(
-    where: str,
-    data: Block,
-    robot: Robot,
-    joint: str,
-    quantity: str,
-    source: Source,
-    clock: Clock,
-) -> Channel:
-    name, unit = _name_of(robot, joint, quantity)
+def _channel(data: Block, robot: Robot, one: _Described) -> Channel:
+    source, clock, where = one.source, one.clock, one.where
+    name, unit = _name_of(robot, one.joint, one.quantity)
     factor = source.sign * source.scale
     try:
         if source.servo:
             values = _servo_voltage(data, source.servo)
         else:
-            factor *= _unit_factor(where, robot, joint, quantity, source, unit)
-            values = data[str(source.column)] * _number(data, source.times, 1.0)
+            factor *= _unit_factor(robot, one, unit)
+            values = data[str(source.column)] * _number(data, source.times)
         if clock.column is None:
             time = np.arange(len(values)) / float(clock.rate_hz or 1.0)
         else:
@@ -134,28 +140,19 @@ def _name_of(robot: Robot, joint: str, quantity: str) -> tuple[str, str]:
     is_prismatic = robot.is_prismatic[robot.index(joint)]
     drive = robot.drives[joint]
     if quantity == "deflection":
-        is_linear = isinstance(drive, SeriesElasticDrive) and drive.is_linear_spring
-        unit = "m" if is_linear else "rad"
+        unit = drive.spring_units[1] if isinstance(drive, SeriesElasticDrive) else "rad"
         return f"{joint}.deflection_{unit}", unit
     names = {field: name for name, field in column_names(joint, is_prismatic).items()}
     return names[quantity], names[quantity].rsplit("_", 1)[1]
 
 
-def _unit_factor(
-    where: str, robot: Robot, joint: str, quantity: str, source: Source, unit: str
-) -> float:
+def _unit_factor(robot: Robot, one: _Described, unit: str) -> float:
     """Return the factor from the column to the quantity: unit, torque constant, gear."""
-    own_side, _, kind = quantity.partition("_")
-    factor = 1.0
+    source, factor = one.source, 1.0
+    own_side, _, kind = one.quantity.partition("_")
     if source.side not in (None, own_side):
-        _check_own_drive(robot, joint, f"its {source.side} side does not determine the other")
-        drive = robot.drives[joint]
-        ratio = drive.ratio
-        if isinstance(drive, SeriesElasticDrive):
-            ratio *= drive.load_radius / drive.motor_radius
-        to_motor = own_side == "motor"
-        factor = ratio if (kind == "position") == to_motor else 1.0 / ratio
-        _, unit = _name_of(robot, joint, f"{source.side}_{kind}")
+        factor = _gear_factor(robot, one)
+        _, unit = _name_of(robot, one.joint, f"{source.side}_{kind}")
     if source.unit is None:
         return factor
     if source.torque_constant_Nm_per_A is not None:
@@ -166,8 +163,19 @@ def _unit_factor(
     if source.counts_per_m is not None and unit == "m":
         units["counts"] = 1.0 / source.counts_per_m
     if source.unit not in units:
-        raise LogError(f"{where}: {unknown_name('unit of this quantity', source.unit, units)}")
+        raise LogError(f"{one.where}: {unknown_name('unit of this quantity', source.unit, units)}")
     return factor * units[source.unit]
+
+
+def _gear_factor(robot: Robot, one: _Described) -> float:
+    """Return the factor from the other side of the gear to that of the quantity."""
+    _check_own_drive(robot, one.joint, f"its {one.source.side} side does not determine the other")
+    drive = robot.drives[one.joint]
+    ratio = drive.ratio
+    if isinstance(drive, SeriesElasticDrive):
+        ratio *= drive.load_radius / drive.motor_radius
+    grows = one.quantity in ("motor_position", "joint_torque")  # with the ratio
+    return ratio if grows else 1.0 / ratio
 
 
 def _servo_voltage(data: Block, servo: Servo) -> Array:
@@ -176,21 +184,19 @@ def _servo_voltage(data: Block, servo: Servo) -> Array:
     A goal holds until the next one, so at a sample the voltage is the mean of those before and
     after the step of the goal.
     """
-    goal, gain = data[servo.goal], servo.gain_factor * _number(data, servo.gain, 1.0)
+    goal, gain = data[servo.goal], servo.gain_factor * _number(data, servo.gain)
     before = np.concatenate([goal[:1], goal[:-1]])
     duties = [
         np.clip(gain * (one - data[servo.position]), -servo.limit, servo.limit)
         for one in (before, goal)
     ]
-    voltage: Array = 0.5 * (duties[0] + duties[1]) * _number(data, servo.supply, 1.0)
+    voltage: Array = 0.5 * (duties[0] + duties[1]) * _number(data, servo.supply)
     return voltage
 
 
-def _number(data: Block, value: str | float | None, default: float) -> Array | float:
-    """Return a column, or the number itself."""
-    if value is None:
-        return default
-    return data[value] if isinstance(value, str) else float(value)
+def _number(data: Block, value: str | float | None) -> Array | float:
+    """Return a column, or the number itself; None is 1."""
+    return data[value] if isinstance(value, str) else 1.0 if value is None else float(value)
 
 
 def _selected(where: str, channel: Channel, kept: Array | None, sparse: bool) -> Channel:

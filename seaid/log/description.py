@@ -7,7 +7,7 @@ import math
 import os
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -57,11 +57,8 @@ class Servo:
 
     def columns(self) -> list[str]:
         """Return the columns that the servo uses."""
-        return [
-            one
-            for one in (self.goal, self.position, self.gain, self.supply)
-            if isinstance(one, str)
-        ]
+        used = (self.goal, self.position, self.gain, self.supply)
+        return [one for one in used if isinstance(one, str)]
 
 
 Side = Literal["motor", "joint"]
@@ -147,6 +144,14 @@ class LogDescription(Display):
         copied = {joint: FrozenMapping(sources) for joint, sources in self.joints.items()}
         object.__setattr__(self, "joints", FrozenMapping(copied))
 
+    def columns(self) -> set[str]:
+        """Return the columns that the description uses, those of clocks too."""
+        sources = [one for sources in self.joints.values() for one in sources.values()]
+        clocks = [self.time, *(one.time for one in sources)]
+        found = [self.where, *(clock.column for clock in clocks if clock)]
+        found += [name for one in sources for name in one.columns()]
+        return {name for name in found if name is not None}
+
     def to_dict(self) -> dict[str, Any]:
         """Return the description as mappings of plain data without default values."""
         found: dict[str, Any] = {}
@@ -227,14 +232,17 @@ def description_for(path: Path, description: Described | None) -> LogDescription
     A TOML file of the same name is a description if it has a table `joints`. Raises LogError.
     """
     if isinstance(description, LogDescription):
-        return _described("description=", description.to_dict())
+        description = description.to_dict()
     if isinstance(description, Mapping):
         return _described("description=", description)
     if description is not None:
         return _described(f"'{description}'", read_toml(description, "the description", LogError))
-    if not path.name:  # '.' or '/'
-        return None
-    sibling = path.with_suffix(".toml")
+    return _described_next_to(path)
+
+
+def _described_next_to(path: Path) -> LogDescription | None:
+    """Return the description in the TOML file of a log's name; None if it is something else."""
+    sibling = path.with_suffix(".toml") if path.name else path  # no name: '.' or '/'
     if sibling == path or not os.path.isfile(sibling):  # False also for invalid file names
         return None
     try:
@@ -304,64 +312,52 @@ def _joint(where: str, table: Any) -> dict[str, Source]:
 def _source(where: str, quantity: str, value: Any, clock: Clock | None) -> Source:
     if isinstance(value, Source):
         return value
-    table = {"column": value} if isinstance(value, str) else value
-    _check_keys(where, table, [one.name for one in fields(Source)])
-    values = dict(table)
-    values["time"] = _clock(f"{where} time", values.get("time")) or clock
-    if "servo" in values:
-        _check_keys(f"{where} servo", values["servo"], [one.name for one in fields(Servo)])
-        needed = [
-            key for key in ("goal", "position", "gain", "supply") if key not in values["servo"]
-        ]
-        if needed:
-            raise LogError(f"{where} servo: key '{needed[0]}' is missing")
-        _check_values(f"{where} servo", values["servo"], Servo)
-        values["servo"] = Servo(**values["servo"])
-    _check_values(where, values, Source)
-    source = Source(**values)
+    table: Mapping[str, Any] = {"column": value} if isinstance(value, str) else value
+    _check_table(where, Source, table)
+    built: dict[str, Any] = {"time": _clock(f"{where} time", table.get("time")) or clock}
+    if "servo" in table:
+        _check_table(f"{where} servo", Servo, table["servo"])
+        built["servo"] = Servo(**table["servo"])
+    source = Source(**{**table, **built})
     _check_source(where, quantity, source)
     return source
 
 
 def _check_source(where: str, quantity: str, source: Source) -> None:
-    if (source.column is None) == (source.servo is None):
-        raise LogError(f"{where}: needs column (or, for a voltage, servo instead)")
-    if source.servo and quantity != "motor_voltage":
-        raise LogError(f"{where}: servo gives a motor_voltage only")
-    kind = quantity.rsplit("_", 1)[-1]
-    if source.unit is not None and source.unit not in _UNITS[kind]:
-        raise LogError(
-            f"{where}: {unknown_name('unit of this quantity', source.unit, sorted(_UNITS[kind]))}"
-        )
-    counts = [one for one in (source.counts_per_turn, source.counts_per_m) if one is not None]
-    if (source.unit == "counts") != (len(counts) == 1):
-        raise LogError(f"{where}: unit 'counts' and counts_per_turn (or counts_per_m) go together")
-    is_current = kind == "torque" and source.unit in UNIT_FACTORS["A"]
-    if is_current != (source.torque_constant_Nm_per_A is not None):
-        raise LogError(
-            f"{where}: a torque from a current needs unit 'A' or 'mA' and "
-            "torque_constant_Nm_per_A; where the constant is not known, name it motor_current"
-        )
-    if source.sign not in (1, -1):
-        raise LogError(f"{where}: sign must be 1 or -1, found {source.sign}")
-    if source.side is not None and kind not in ("position", "torque"):
-        raise LogError(f"{where}: only positions and torques have a side of the gear")
-    if source.side not in (None, "motor", "joint"):
-        raise LogError(f"{where}: {unknown_name('side', source.side, get_args(Side))}")
-    for name in ("scale", "wraps", "counts_per_turn", "counts_per_m", "torque_constant_Nm_per_A"):
-        value = getattr(source, name)
-        may_be_negative = name == "scale"
-        if value is not None and (value == 0 or (value < 0 and not may_be_negative)):
-            allowed = "not zero" if may_be_negative else "above zero"
-            raise LogError(f"{where}: {name} must be {allowed}, found {value}")
+    """Raise LogError for keys that do not fit together or do not fit the quantity."""
+    kind, unit = quantity.rsplit("_", 1)[-1], source.unit
+    counts = (source.counts_per_turn, source.counts_per_m)
+    is_current = kind == "torque" and unit in UNIT_FACTORS["A"]
+    units, sides = sorted(_UNITS[kind]), get_args(Side)
+    faults = {
+        "needs column (or, for a voltage, servo instead)": (
+            (source.column is None) == (source.servo is None)
+        ),
+        "servo gives a motor_voltage only": source.servo and quantity != "motor_voltage",
+        unknown_name("unit of this quantity", unit, units): unit not in (None, *units),
+        "unit 'counts' and counts_per_turn (or counts_per_m) go together": (
+            (unit == "counts") != (counts.count(None) == 1)
+        ),
+        "a torque from a current needs unit 'A' or 'mA' and torque_constant_Nm_per_A; where the "
+        "constant is not known, name it motor_current": (
+            is_current != (source.torque_constant_Nm_per_A is not None)
+        ),
+        f"sign must be 1 or -1, found {source.sign}": source.sign not in (1, -1),
+        "only positions and torques have a side of the gear": (
+            source.side is not None and kind not in ("position", "torque")
+        ),
+        unknown_name("side", source.side, sides): source.side not in (None, *sides),
+    }
+    for fault, is_there in faults.items():
+        if is_there:
+            raise LogError(f"{where}: {fault}")
 
 
 def _clock(where: str, value: Any) -> Clock | None:
     if value is None or isinstance(value, Clock):
         return value
     table = {"column": value} if isinstance(value, str) else value
-    _check_keys(where, table, [one.name for one in fields(Clock)])
-    _check_values(where, table, Clock)
+    _check_table(where, Clock, table)
     try:
         return Clock(**table)
     except LogError as problem:
@@ -371,9 +367,22 @@ def _clock(where: str, value: Any) -> Clock | None:
 _MOST = 1e30
 """Largest magnitude of a value, so that products and quotients with it stay finite."""
 
-_DIVISORS = ("counts_per_turn", "counts_per_m", "wraps", "rate_hz")
-_TEXTS = ("column", "unit", "side", "goal", "position")
-_TEXT_OR_NUMBER = ("times", "gain", "supply")
+_SMALLEST = dict.fromkeys(("counts_per_turn", "counts_per_m", "wraps", "rate_hz"), 1 / _MOST)
+"""Smallest magnitudes of divisors."""
+
+_SIGNS = {
+    "scale": "not zero",
+    **dict.fromkeys(("wraps", "counts_per_turn", "counts_per_m"), "above zero"),
+    "torque_constant_Nm_per_A": "above zero",
+    "rate_hz": "above zero and finite",
+}
+_VALUES = {
+    "str": "a text",
+    "str | float": "a finite number or the name of a column",
+    "float": "a finite number",
+    "int": "a finite number",
+}
+"""What the fields of `Source`, `Servo` and `Clock` may be, by their annotation without None."""
 
 
 def _check_keys(where: str, table: Any, allowed: list[str]) -> None:
@@ -387,25 +396,32 @@ def _check_keys(where: str, table: Any, allowed: list[str]) -> None:
         raise LogError(f"{where}: {unknown_name('key', key, allowed)}{more}")
 
 
-def _check_values(where: str, table: Mapping[str, Any], kind: type) -> None:
-    """Check that values are texts or finite numbers, as their keys require."""
-    for key, value in table.items():
-        if value is None or isinstance(value, Clock | Servo):
-            continue
-        is_number = (
-            isinstance(value, int | float)
-            and not isinstance(value, bool)
-            and abs(value) <= sys.float_info.max  # an integer may be larger
-        )
-        if key in _TEXTS and not isinstance(value, str):
-            raise LogError(f"{where}: {key} must be a text, found {shown(value)}")
-        if key not in _TEXTS and not (
-            is_number or (key in _TEXT_OR_NUMBER and isinstance(value, str))
-        ):
-            more = " or the name of a column" if key in _TEXT_OR_NUMBER else ""
-            raise LogError(f"{where}: {key} must be a finite number{more}, found {shown(value)}")
-        least = 1 / _MOST if key in _DIVISORS and value != 0 else 0.0
-        if is_number and not least <= abs(value) <= _MOST:
-            raise LogError(
-                f"{where}: {key} must be from {least:g} to {_MOST:g} in size, found {value:g}"
-            )
+def _check_table(where: str, kind: type, table: Any) -> None:
+    """Check the keys and the values of a table by the fields of its dataclass."""
+    _check_keys(where, table, [one.name for one in fields(kind)])
+    for one in fields(kind):
+        annotation = str(one.type).removesuffix(" | None")
+        if one.name not in table:
+            if one.default is MISSING:
+                raise LogError(f"{where}: key '{one.name}' is missing")
+        elif annotation in _VALUES and (table[one.name] is not None or annotation == one.type):
+            _check_value(f"{where}: {one.name}", one.name, table[one.name], annotation)
+
+
+def _check_value(where: str, key: str, value: Any, annotation: str) -> None:
+    if isinstance(value, str) and "str" in annotation:
+        return
+    if annotation == "str" or not _is_finite(value):
+        raise LogError(f"{where} must be {_VALUES[annotation]}, found {shown(value)}")
+    sign = _SIGNS.get(key)
+    if not {None: True, "not zero": value != 0}.get(sign, value > 0):
+        raise LogError(f"{where} must be {sign}, found {value}")
+    least = _SMALLEST.get(key, 0.0)
+    if not least <= abs(value) <= _MOST:
+        raise LogError(f"{where} must be from {least:g} to {_MOST:g} in size, found {value:g}")
+
+
+def _is_finite(value: Any) -> bool:
+    """Return whether a value is a number that a float can hold, as an integer may not be."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_number and abs(value) <= sys.float_info.max

@@ -158,14 +158,7 @@ def select_cutoff(
     """
     highest = rate_hz / _RATES
     shortest = min(_FEWEST_PERIODS * rate_hz / len(joint), highest, _WIDENED_HZ)
-    found: dict[str, _Spectrum] = {}
-    for side, positions in (("joint", joint), ("motor", motor)):
-        for index, name in enumerate(names):
-            samples = positions[:, index]
-            if np.isfinite(samples[0]) and np.ptp(samples) > 0:
-                order = 1 if side == "motor" and np.isfinite(joint[0, index]) else 2
-                found[f"{side} side of {name}"] = _spectrum(samples, rate_hz, order)
-    moving = {name: one for name, one in found.items() if one.moves}
+    moving = _moving_spectra(joint, motor, rate_hz, names)
     if not moving:
         return CutoffSelection(
             highest, "an eighth of the rate: nothing moves", (np.nan, np.nan), rate_limit_hz=highest
@@ -195,6 +188,20 @@ def select_cutoff(
         shortest_hz=shortest,
         rate_limit_hz=highest,
     )
+
+
+def _moving_spectra(
+    joint: Array, motor: Array, rate_hz: float, names: Sequence[str]
+) -> dict[str, _Spectrum]:
+    """Return {channel: spectrum} of the encoders that move."""
+    found: dict[str, _Spectrum] = {}
+    for side, positions in (("joint", joint), ("motor", motor)):
+        for index, name in enumerate(names):
+            samples = positions[:, index]
+            if np.isfinite(samples[0]) and np.ptp(samples) > 0:
+                order = 1 if side == "motor" and np.isfinite(joint[0, index]) else 2
+                found[f"{side} side of {name}"] = _spectrum(samples, rate_hz, order)
+    return {name: one for name, one in found.items() if one.moves}
 
 
 def _spectrum(samples: Array, rate_hz: float, order: int) -> _Spectrum:

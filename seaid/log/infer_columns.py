@@ -10,10 +10,11 @@ import math
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,13 @@ _QUANTITIES = {
     "temperature": "temp temperature wtemp",
 }
 _WORDS = {word: kind for kind, words in _QUANTITIES.items() for word in words.split()}
-_ORDER = ("acceleration", "velocity", "temperature", "duty", "voltage", "current", "deflection")
+_PRECEDENCE = (
+    *("acceleration", "velocity", "temperature", "duty", "voltage", "current", "deflection"),
+    "position torque",
+    "time",
+)
+"""Quantities by how they rank if a name has words of several; in one rank the first word counts."""
+_RANK = {kind: rank for rank, kinds in enumerate(_PRECEDENCE) for kind in kinds.split()}
 _MOTOR = {"m", "motor", "mot", "rotor", "drive", "winding"}
 _JOINT = {"joint", "link", "load", "out", "output", "l", "arm", "sensor", "external"}
 _ROLES = {
@@ -58,6 +65,11 @@ _UNITS = {
     **{"nm": "Nm", "mnm": "mNm", "n": "N", "a": "A", "ma": "mA", "v": "V", "mv": "mV", "mm": "mm"},
     **{"s": "s", "ms": "ms", "us": "us", "ns": "ns", "nsec": "ns", "usec": "us", "msec": "ms"},
 }
+_COMPUTED = _COMMANDED | _DERIVED
+_GENERIC = {*_WORDS, *_MOTOR, *_FILLER, *_JOINT}
+_NO_LABEL = {*_WORDS, *_MOTOR, *_COMPUTED, *_FILLER, *_UNITS}
+"""Words that say what a column is; the others are the label of its joint."""
+_BRACKETED = re.compile(r"(.*)\[([^\[\]]*)\]")
 _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+|[^\W\d_]+")
 _GREEK = {"θ": "theta", "φ": "phi", "ω": "omega", "τ": "tau", "μ": "u"}
 _DOTS = (
@@ -84,34 +96,41 @@ class Meaning:
 
 def meaning_of(name: str) -> Meaning:
     """Return the meaning of a name: "mpos_0", "/joint_states/position[elbow]", "tau_meas1"."""
-    head, label = name, ""
-    if bracket := re.fullmatch(r"(.*)\[([^\[\]]*)\]", name):
-        head, label = bracket[1], bracket[2]
+    bracketed = _BRACKETED.fullmatch(name)
+    head, label = bracketed.groups() if bracketed else (name, "")
     if head.startswith("/"):  # a topic: use the field only
         head = head.rsplit("/", 1)[1]
     words = [word for one in _SPLIT.findall(_in_latin(head)) for word in _split(one.lower())]
-    found = [_WORDS[word] for word in words if word in _WORDS]
-    quantity = next((kind for kind in _ORDER if kind in found), found[0] if found else "")
-    unit = next((_UNITS[word] for word in words[-1:] if word in _UNITS), None)
-    if quantity == "time" and len(found) > 1:
-        quantity = next((kind for kind in found if kind != "time"), "time")
-    motor, joint = bool(_MOTOR & set(words)), _is_at_joint(words)
-    side = "motor" if motor and not joint else "joint" if joint and not motor else ""
-    if motor and joint:  # "joint_position_m" is in metres, "motor_elbow_joint" of the motor
-        unit, side = ("m", "joint") if words[-1] == "m" else (unit, "motor")
-    known = {*_WORDS, *_MOTOR, *_COMMANDED, *_DERIVED, *_FILLER}
+    side = _side(words)
+    units = {**_UNITS, "m": "m"} if side == "joint" else _UNITS  # "pos_m" is at the motor
+    return Meaning(
+        quantity=min(
+            (_WORDS[one] for one in words if one in _WORDS), key=_RANK.__getitem__, default=""
+        ),
+        side=side,
+        joint=label or "_".join(_label(words)),
+        unit=units.get("".join(words[-1:])),
+        is_raw=_COMPUTED.isdisjoint(words),
+    )
+
+
+def _side(words: list[str]) -> str:
+    """Return the side: "joint_position_m" is in metres, "motor_elbow_joint" at the motor."""
+    at_joint = _is_at_joint(words)
+    if not _MOTOR.isdisjoint(words) and not (at_joint and words[-1] == "m"):
+        return "motor"
+    return "joint" if at_joint else ""
+
+
+def _label(words: list[str]) -> list[str]:
+    """Return the words of a joint's name, or its number if the other words are generic."""
     rest = [
         word
-        for word, following in zip(words, [*words[1:], ""], strict=False)
-        if word not in known
-        and (word not in _UNITS or word.isdigit())
-        and not (word in _JOINT and following in _WORDS)
+        for word, following in pairwise([*words, ""])
+        if word not in _NO_LABEL and not (word in _JOINT and following in _WORDS)
     ]
-    if set(rest) <= _JOINT | {"1"} and not any(word.isdigit() for word in rest):
-        rest = []
-    tag = label or "_".join(word for word in _named(rest))
-    is_raw = not (_COMMANDED | _DERIVED) & set(words)
-    return Meaning(quantity, side, tag, unit, is_raw)
+    digits = [word for word in rest if word.isdigit()]
+    return digits if set(rest) <= {*digits, *_JOINT} else rest
 
 
 def _in_latin(name: str) -> str:
@@ -129,18 +148,9 @@ def _in_latin(name: str) -> str:
 def _is_at_joint(words: list[str]) -> bool:
     """Return True for a side ("joint_position", "pos_link"), False for a name ("elbow_joint")."""
     others = [word for word in words if not word.isdigit() and word not in _UNITS]
-    for place, word in enumerate(others):
-        before_quantity = others[place + 1 : place + 2]
-        if word in _JOINT and before_quantity and before_quantity[0] in _WORDS:
-            return True
-    named = [word for word in others if word not in {*_WORDS, *_MOTOR, *_FILLER, *_JOINT}]
-    return not named and bool(_JOINT & set(others))
-
-
-def _named(rest: list[str]) -> list[str]:
-    """Return the words of a joint's name, or its number if the other words are generic."""
-    digits = [word for word in rest if word.isdigit()]
-    return digits if digits and set(rest) <= {*digits, *_JOINT} else rest
+    if any(word in _JOINT and following in _WORDS for word, following in pairwise(others)):
+        return True
+    return _GENERIC.issuperset(others) and not _JOINT.isdisjoint(others)
 
 
 def _split(word: str) -> list[str]:
@@ -175,9 +185,21 @@ class Inference:
     meanings: dict[str, Meaning]
     notes: dict[str, list[str]] = field(default_factory=dict)
 
-    def having(self, quantity: str, joint: str) -> list[str]:
-        """Return the columns with a quantity of a joint, except commands and derived signals."""
-        return [name for name in self._raw.get((quantity, joint), ()) if name in self.data]
+    def having(self, quantity: str, joint: str, *sides: str) -> list[str]:
+        """Return the columns with a quantity of a joint, except commands and derived signals.
+
+        `sides` selects those whose names state one of these sides, or none if it contains "".
+        """
+        return [
+            name
+            for name in self._raw.get((quantity, joint), ())
+            if name in self.data and (not sides or self.meanings[name].side in sides)
+        ]
+
+    def finite(self, name: str) -> Array:
+        """Return the samples of a column that are finite."""
+        values = self.data[name]
+        return values[np.isfinite(values)]
 
     @cached_property
     def _raw(self) -> dict[tuple[str, str], list[str]]:
@@ -206,9 +228,8 @@ def quantities_of(inference: Inference, tag: str, joint: str, robot: Robot | Non
     units = [source.get("unit") for source in found.values()]
     if units == [None, "deg"]:
         found["motor_position"]["unit"] = "deg"
-        inference.note(
-            str(found["motor_position"]["column"]), "taken for degrees, like the joint's"
-        )
+        column = str(found["motor_position"]["column"])
+        inference.note(column, "taken for degrees, like the joint's")
     _add_deflection(inference, tag, found)
     _add_torques(inference, tag, found)
     _add_electric(inference, tag, found)
@@ -218,32 +239,32 @@ def quantities_of(inference: Inference, tag: str, joint: str, robot: Robot | Non
 
 
 def _positions(inference: Inference, tag: str, joint: str) -> Sources:
-    names = inference.having("position", tag)
-    sides = {name: inference.meanings[name].side for name in names}
-    motor = [name for name in names if sides[name] == "motor"]
-    load = [name for name in names if sides[name] != "motor"]
-    if not motor and len(load) == 2:
-        ranges = {
-            name: float(np.nanmax(inference.data[name]) - np.nanmin(inference.data[name]))
-            for name in load
-        }
-        large, small = sorted(load, key=lambda name: -ranges[name])
-        if ranges[large] > 5 * ranges[small] and sides[large] == "":
-            motor, load = [large], [small]
-            inference.note(large, f"moves much farther than {small}: taken for the motor side")
-    if not motor and load and sides[load[0]] == "":
-        inference.note(load[0], "taken for the joint side of the gear; it may be the motor side")
-    for group in (motor, load):
+    motor = inference.having("position", tag, "motor")
+    load = inference.having("position", tag, "joint", "")
+    if load and not motor:
+        motor, load = _sides_by_range(inference, load)
+    found: Sources = {}
+    for quantity, group in (("motor_position", motor), ("joint_position", load)):
+        if group:
+            found[quantity] = {"column": group[0]}
         if len(group) > 1:
             inference.note(group[0], f"selected from the positions {', '.join(group)}")
-    found: Sources = {}
-    if motor:
-        found["motor_position"] = {"column": motor[0]}
-    if load:
-        found["joint_position"] = {"column": load[0]}
-    if motor and load:
+    if len(found) == 2:
         _note_ratio(inference, tag, joint, inference.data[motor[0]], inference.data[load[0]])
     return found
+
+
+def _sides_by_range(inference: Inference, names: list[str]) -> tuple[list[str], list[str]]:
+    """Return motor positions and joint positions, if no name states the motor's side."""
+    ranges = {name: float(np.ptp(inference.finite(name))) for name in names}
+    small, large = min(names, key=ranges.__getitem__), max(names, key=ranges.__getitem__)
+    unnamed = [name for name in names if not inference.meanings[name].side]
+    if len(names) == 2 and ranges[large] > 5 * ranges[small] and large in unnamed:
+        inference.note(large, f"moves much farther than {small}: taken for the motor side")
+        return [large], [small]
+    if names[0] in unnamed:
+        inference.note(names[0], "taken for the joint side of the gear; it may be the motor side")
+    return [], names
 
 
 def _note_ratio(inference: Inference, tag: str, joint: str, motor: Array, load: Array) -> None:
@@ -260,27 +281,32 @@ def _note_ratio(inference: Inference, tag: str, joint: str, motor: Array, load: 
 def _position_unit(
     inference: Inference, column: str, quantity: str, joint: str, robot: Robot | None
 ) -> dict[str, Any]:
-    values = inference.data[column][np.isfinite(inference.data[column])]
-    unit, moves = inference.meanings[column].unit, float(np.ptp(values))
+    values, unit = inference.finite(column), inference.meanings[column].unit
+    moves = float(np.ptp(values))
     if unit == "counts" or (unit is None and moves > 100 and np.all(values == np.round(values))):
         power = 2 ** math.ceil(math.log2(max(float(np.max(np.abs(values))), 2.0)))
         inference.note(column, f"in counts: {power} per turn is a guess")
         return {"unit": "counts", "counts_per_turn": float(power)}
     if unit is not None:
         return {"unit": unit}
-    if quantity != "joint_position":
+    farthest = _farthest_rad(joint, robot)
+    if quantity != "joint_position" or farthest is None:
         return {}
-    reach = 4 * np.pi
-    if robot is not None and joint in robot.joint_names:
-        index = robot.index(joint)
-        if robot.is_prismatic[index]:
-            return {}
-        reach = min(2 * float(robot.upper_limits[index] - robot.lower_limits[index]), reach)
-    if moves > reach:
+    if moves > farthest:
         inference.note(f"{column} (moves by {moves:.4g})", "taken for degrees")
         return {"unit": "deg"}
     inference.note(f"{column} (moves by {moves:.3g})", "taken for rad")
     return {}
+
+
+def _farthest_rad(joint: str, robot: Robot | None) -> float | None:
+    """Return the range that the angle of a joint hardly exceeds, None for a prismatic joint."""
+    if robot is None or joint not in robot.joint_names:
+        return 4 * np.pi
+    index = robot.index(joint)
+    if robot.is_prismatic[index]:
+        return None
+    return min(2 * float(robot.upper_limits[index] - robot.lower_limits[index]), 4 * np.pi)
 
 
 def _add_deflection(inference: Inference, tag: str, found: Sources) -> None:
@@ -290,10 +316,9 @@ def _add_deflection(inference: Inference, tag: str, found: Sources) -> None:
     if len(found) == 2:
         inference.note(names[0], "redundant, because both positions are there")
     elif found:
-        torques = inference.having("torque", tag)
-        pulls = (
-            _correlation(inference.data[torques[0]], inference.data[names[0]]) if torques else 0.0
-        )
+        torques = inference.having("torque", tag)[:1]
+        twist = inference.data[names[0]]
+        pulls = sum(_correlation(inference.data[name], twist) for name in torques)
         found["deflection"] = {"column": names[0], "sign": -1 if pulls < 0 else 1}
         origin = f", inferred from {torques[0]}" if pulls else ""
         inference.note(names[0], f"check its sign (motor side minus joint side){origin}")
@@ -303,8 +328,7 @@ def _add_torques(inference: Inference, tag: str, found: Sources) -> None:
     twists = inference.having("deflection", tag)
     for name in inference.having("torque", tag):
         meaning = inference.meanings[name]
-        side: str = meaning.side
-        arguments: dict[str, Any] = {"column": name}
+        side, arguments = meaning.side, {"column": name}
         if meaning.unit in ("A", "mA"):
             continue
         if twists and abs(_correlation(inference.data[name], inference.data[twists[0]])) > _SAME:
@@ -345,18 +369,17 @@ def _add_electric(inference: Inference, tag: str, found: Sources) -> None:
         found["motor_current"] = {"column": currents[0], **({"unit": unit} if unit == "mA" else {})}
         if len(currents) > 1:
             inference.note(currents[0], f"selected from {len(currents)} currents as the winding's")
-    voltages, duties = inference.having("voltage", tag), inference.having("duty", tag)
-    for name in voltages:
-        values = inference.data[name][np.isfinite(inference.data[name])]
+    duties = inference.having("duty", tag)
+    for name in inference.having("voltage", tag):
+        values = inference.finite(name)
         if np.min(values) < 0 < np.max(values):
             found["motor_voltage"] = {"column": name}
-        elif duties and "motor_voltage" not in found:
+            return
+        if duties:
             found["motor_voltage"] = {"column": duties[0], "times": name}
             inference.note(f"{duties[0]} times {name}", "taken for the voltage of the motor")
-        else:
-            inference.note(name, "has one sign: a supply, not the voltage of the motor")
-            continue
-        break
+            return
+        inference.note(name, "has one sign: a supply, not the voltage of the motor")
 
 
 _MEASURED = ("position", "torque", "deflection", "current", "voltage")
@@ -405,18 +428,21 @@ class Description(Display):
     def __str__(self) -> str:
         rows = [("joint", "quantity", "column", "unit", "time")]
         for joint, sources in self.description.joints.items():
-            for name, source in sources.items():
-                clock = source.time or self.description.time
-                column = ("-" if source.sign < 0 else "") + (source.column or "")
-                column += f" * {source.times}" if source.times else ""
-                unit = source.unit or "SI"
-                unit += f", at the {source.side}" if source.side else ""
-                rows.append((joint, name, column, unit, (clock and clock.column) or "of the file"))
+            rows += [(joint, name, *self._cells(source)) for name, source in sources.items()]
         cells = [list(map(in_one_line, row)) for row in rows]
         widths = [max(len(row[place]) for row in cells) for place in range(5)]
         lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in cells]
         lines += [f"unsure: {one}" for one in self.unsure]
         return "\n".join([*lines, f"not used: {listed(self.unused, _SHOWN) or 'none'}"])
+
+    def _cells(self, source: Source) -> tuple[str, str, str]:
+        """Return column, unit and time of a source."""
+        column = f"{'-' if source.sign < 0 else ''}{source.column or ''}"
+        times = f" * {source.times}" if source.times else ""
+        side = f", at the {source.side}" if source.side else ""
+        clock = source.time or self.description.time
+        time = (clock and clock.column) or "of the file"
+        return column + times, (source.unit or "SI") + side, time
 
 
 @checked(LogError)
@@ -466,20 +492,25 @@ def describe_log(path: str | Path, robot: Robot | None = None) -> Description:
         own = clocks.get(tag) if tag else None
         sources = quantities_of(inference, tag, names[tag], robot)
         joints[names[tag]] = {name: Source(**one, time=own) for name, one in sources.items()}
+    common = None if table.clocks else _common_clock(inference, clocks, tags)
+    description = LogDescription(joints, common)
+    used = description.columns()
+    unused = tuple(name for name in table.names if name not in used)
+    return Description(description, inference.unsure(), unused)
+
+
+def _common_clock(
+    inference: Inference, clocks: Mapping[str, Clock], tags: Sequence[str]
+) -> Clock | None:
+    """Return the clock of all joints, None if each has its own or no column looks like one."""
     common = clocks.get("")
-    if all(tag in clocks for tag in tags) and "" not in tags:
+    if clocks.keys() >= set(tags) and "" not in tags:
         other = f"; {common.column} would be a common clock" if common else ""
         inference.note("time", f"every joint has its own clock, and these are used{other}")
-        common = None
-    elif common is None and not table.clocks:
+        return None
+    if common is None:
         inference.note("time", "no column looks like it: name it, or give time = { rate_hz = ... }")
-    used = {name for group in joints.values() for one in group.values() for name in one.columns()}
-    used |= {
-        one.time.column or "" for group in joints.values() for one in group.values() if one.time
-    }
-    used |= {common.column or ""} if common else set()
-    unused = tuple(name for name in table.names if name not in used)
-    return Description(LogDescription(joints, common), inference.unsure(), unused)
+    return common
 
 
 def _all_samples(table: Table, inference: Inference) -> Block:
@@ -487,28 +518,24 @@ def _all_samples(table: Table, inference: Inference) -> Block:
 
     If they cannot be read together, bisection finds the columns that cannot be read.
     """
-    counts = Counter(table.names)
-    unique = [name for name, count in counts.items() if count == 1]
+    waiting = [[name for name, count in Counter(table.names).items() if count == 1]]
     found: Block = {}
-    waiting, whole, refused = [unique], "", 0
+    first, refused = "", 0
     while waiting:
         names = waiting.pop()
         try:
-            found |= next(table.blocks(names, _EXAMINED)) if table.blocks else table.load(names)
+            found |= table.start(names, _EXAMINED)
         except LogError as problem:
-            whole, refused = whole or str(problem), refused + 1
-            if len(names) > 1 and refused * len(counts) < _MOST_LISTED:
+            text = str(problem)
+            first, refused = first or text, refused + 1
+            if len(names) > 1 and refused * len(table.names) < _MOST_LISTED:
                 half = len(names) // 2
                 waiting += [names[half:], names[:half]]
-                continue
-            if (
-                len(names) == 1
-                and str(problem) == whole
-                and f"'{shortened(names[0])}'" not in whole
-            ):
+            elif len(names) == 1 and text == first and f"'{shortened(names[0])}'" not in text:
                 raise  # the file is invalid, not this column
-            for name in names:
-                inference.note(name, "no column of numbers: excluded")
+            else:
+                for name in names:
+                    inference.note(name, "no column of numbers: excluded")
     return found
 
 
@@ -542,9 +569,7 @@ def _clocks(inference: Inference) -> dict[str, Clock]:
             inference.note(name, f"may be the time instead of {found[tag].column}")
             continue
         found[tag] = Clock(name, _time_unit(name, meaning, steps, inference))
-    if not found:
-        return _nameless_clock(inference)
-    return found
+    return found or _nameless_clock(inference)
 
 
 def _nameless_clock(inference: Inference) -> dict[str, Clock]:
@@ -587,9 +612,13 @@ def _joint_names(tags: Sequence[str], robot: Robot | None, inference: Inference)
     """Return {label: joint name}, matched to the robot's joints by name or by order."""
     if robot is None:
         return {tag: f"joint_{tag}" if _is_number(tag) else tag or "joint" for tag in tags}
-    near = {tag: get_close_matches(tag, robot.joint_names, 1, 0.7) for tag in tags if tag}
-    if len({one[0] for one in near.values() if one}) == len(tags):
-        return {tag: one[0] for tag, one in near.items()}
+    near = {
+        tag: names[0]
+        for tag in tags
+        if (names := get_close_matches(tag, robot.joint_names, 1, 0.7))
+    }
+    if len(set(near.values())) == len(tags):
+        return near
     if len(tags) > robot.n:
         inference.note(", ".join(tags), f"{len(tags)} joints in the log, {robot.n} in the robot")
     inference.note(", ".join(tags), "taken for the robot's joints in their order")

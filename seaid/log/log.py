@@ -82,9 +82,10 @@ def wanted_columns(
         custom, factor = _custom(name, columns.get(name, name))
         if custom in table.names:
             wanted[name] = (custom, factor)
-        elif name in columns or name == "time_s":
+        elif name in {"time_s", *columns}:
             hint = "; custom columns need columns= or description= (seaid.describe_log infers one)"
-            raise LogError(f"'{path}': {table.missing(custom)}{'' if name in columns else hint}")
+            text = f"'{path}': {table.missing(custom)}{'' if name in columns else hint}"
+            raise LogError(text, "description=")
     if len(wanted) == 1:
         raise LogError(
             f"'{path}' has no column of this robot; expected names as '{allowed[1]}' (or map "
@@ -242,7 +243,8 @@ def _check_time(time: Array) -> None:
             raise LogError(
                 f"time_s {word} at sample {row} ({time[row - 1]:.9g} s, then {time[row]:.9g} s; "
                 f"{int(bad.sum())} such places); it must increase: sort or drop these samples, "
-                "or repair them with repair=seaid.Repairs()"
+                "or repair them with repair=seaid.Repairs()",
+                "repair=seaid.Repairs()",
             )
 
 
@@ -253,7 +255,8 @@ def _check_column(name: str, column: Array, time: Array) -> None:
         raise LogError(
             f"column '{name}' has {int(bad.sum())} values that are not finite, the first in sample "
             f"{row} (t = {time[row]:.6g} s); leave the whole column NaN if there is no such "
-            "sensor, or repair single samples with repair=seaid.Repairs()"
+            "sensor, or repair single samples with repair=seaid.Repairs()",
+            "repair=seaid.Repairs()",
         )
     largest = int(np.argmax(np.abs(column)))
     if abs(column[largest]) > LARGEST:
@@ -299,8 +302,7 @@ def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]
         }
         for name, field in found.items():
             fields[field][:, index] = picked[name]
-        missing = [name for name in names if name not in found]
-        _check_sensors(robot, joint, list(found.values()), near_names(missing, picked, file_names))
+        _check_sensors(robot, joint, found, picked, file_names)
     sensors: dict[str, Any] = {
         field: values
         for field, values in fields.items()
@@ -309,16 +311,23 @@ def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]
     return Log(time=time, joint_names=robot.joint_names, is_prismatic=robot.is_prismatic, **sensors)
 
 
-def _check_sensors(robot: Robot, joint: str, found: list[str], hint: str) -> None:
+def _check_sensors(
+    robot: Robot,
+    joint: str,
+    found: Mapping[str, str],
+    picked: Iterable[str],
+    file_names: Sequence[str],
+) -> None:
+    """Raise LogError if {column: field} of a joint are too few for its drive."""
     elastic = isinstance(robot.drives[joint], SeriesElasticDrive)
-    positions = [field for field in found if field.endswith("position")]
-    torques = [field for field in found if not field.endswith("position")]
-    if len(positions) < (2 if elastic else 1) or not torques:
-        need = "both positions" if elastic else "one position"
-        names = ", ".join(column_names(joint, robot.is_prismatic[robot.index(joint)]))
+    positions = sum(field.endswith("position") for field in found.values())
+    if positions < (2 if elastic else 1) or positions == len(found):
+        names = column_names(joint, robot.is_prismatic[robot.index(joint)])
+        missing = [name for name in names if name not in found]
         raise LogError(
-            f"joint '{joint}' needs {need} and one torque, found {', '.join(found) or 'none'}; "
-            f"its columns are {names}{hint}"
+            f"joint '{joint}' needs {'both positions' if elastic else 'one position'} and one "
+            f"torque, found {', '.join(found.values()) or 'none'}; its columns are "
+            f"{', '.join(names)}{near_names(missing, picked, file_names)}"
         )
 
 

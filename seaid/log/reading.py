@@ -24,7 +24,7 @@ from seaid.log.log import (
     write_log,
 )
 from seaid.log.readers.opening import open_table
-from seaid.log.readers.table import check_lengths
+from seaid.log.readers.table import Table, check_lengths
 from seaid.log.repair.data import Channel, Repairs
 from seaid.log.repair.repair import repaired
 from seaid.robot import Robot
@@ -87,24 +87,33 @@ def read_log(
     path = Path(path)
     described = description_for(path, None if columns else description)
     if columns and description is not None:
-        raise LogError("give columns= or description=, not both: a description names the columns")
+        raise LogError(
+            "give columns= or description=, not both: a description names the columns",
+            "description=",
+        )
     table = open_table(path)
     if described is not None:
         channels = channels_of(path, table, described, robot)
         log = _repaired(path, channels, repair or described.repair, robot, table.names, described)
     else:
-        wanted = wanted_columns(path, table, robot, columns or {})
-        data = table.load(list(dict.fromkeys(custom for custom, _ in wanted.values())))
-        check_lengths(path, {name: len(values) for name, values in data.items()})
-        if repair is None:
-            log = log_of(path, data, wanted, robot, table.names)
-        else:
-            picked = {name: data[custom] * factor for name, (custom, factor) in wanted.items()}
-            time = picked.pop("time_s")
-            channels = [Channel(name, time, values) for name, values in picked.items()]
-            log = _repaired(path, channels, repair, robot, table.names, None)
+        log = _by_names(path, table, robot, columns or {}, repair)
     _warn_of_degrees(path, log, robot)
     return log
+
+
+def _by_names(
+    path: Path, table: Table, robot: Robot, columns: Mapping[str, Column], repair: Repairs | None
+) -> Log:
+    """Return the log of a file with the column names of seaid, or with `columns` for them."""
+    wanted = wanted_columns(path, table, robot, columns)
+    data = table.load(list(dict.fromkeys(custom for custom, _ in wanted.values())))
+    check_lengths(path, {name: len(values) for name, values in data.items()})
+    if repair is None:
+        return log_of(path, data, wanted, robot, table.names)
+    picked = {name: data[custom] * factor for name, (custom, factor) in wanted.items()}
+    time = picked.pop("time_s")
+    channels = [Channel(name, time, values) for name, values in picked.items()]
+    return _repaired(path, channels, repair, robot, table.names, None)
 
 
 def _repaired(

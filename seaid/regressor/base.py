@@ -121,7 +121,9 @@ def base_parameters(
     torques = robot.rows(torque_joints)
     known = [robot.index(joint) for joint in torques]
     if not known:
-        raise ExcitationError("torque_joints= names no joint: give those whose torque is known")
+        raise ExcitationError(
+            "torque_joints= names no joint: give those whose torque is known", "torque_joints="
+        )
     states = random_states(robot, seed, len(known)) if motion is None else motion.joint_states
     _check_memory(robot, len(states[0]))
     Y = regressor_at_drives(robot, *states)
@@ -142,7 +144,8 @@ def _check_memory(robot: Robot, samples: int) -> None:
         raise ExcitationError(
             f"'{robot.name}' has {robot.n} joints that move: the regressor over {samples} samples "
             f"takes {needed / 1e9:.3g} GB, allowed are {_MOST_BYTES / 1e9:.3g} GB; let fewer "
-            "joints move with joints=, or give a shorter motion"
+            "joints move with joints=, or give a shorter motion",
+            "joints=",
         )
 
 

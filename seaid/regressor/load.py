@@ -321,7 +321,8 @@ def _load_targets(
     missing = [joint for row, joint in enumerate(rows) if np.any(np.isnan(targets[:, row]))]
     if missing:
         raise LogError(
-            f"no torque in the log at {', '.join(missing)}; name the others with torque_joints="
+            f"no torque in the log at {', '.join(missing)}; name the others with torque_joints=",
+            "torque_joints=",
         )
     return targets, propagated
 

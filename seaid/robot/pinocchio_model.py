@@ -101,22 +101,28 @@ def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ..
     if joints is None:
         names = [joint for joint in _depth_first(tree) if tree.joints[joint].type != "fixed"]
     else:
-        names = list(joints)
-        for name in names:
-            if name not in tree.joints:
-                raise RobotError(f"'{tree.name}': " + unknown_name("joint", name, tree.joints))
-        if len(set(names)) < len(names):
-            raise RobotError(f"joints= names a joint twice: {names}")
+        names = _given_joints(tree, joints)
     for name in names:
         kind = tree.joints[name].type
         if kind not in _MOVING:
             raise RobotError(
                 f"'{tree.name}': joint '{name}' is {kind}; seaid moves {', '.join(_MOVING)} joints "
-                "of a robot with a fixed base: exclude it from joints=[...] to lock it at zero"
+                "of a robot with a fixed base: exclude it from joints=[...] to lock it at zero",
+                "joints=[...]",
             )
     if not names:
         raise RobotError(f"'{tree.name}' has no joint that moves")
     return tuple(names)
+
+
+def _given_joints(tree: UrdfTree, joints: Sequence[str]) -> list[str]:
+    names = list(joints)
+    for name in names:
+        if name not in tree.joints:
+            raise RobotError(f"'{tree.name}': " + unknown_name("joint", name, tree.joints))
+    if len(set(names)) < len(names):
+        raise RobotError(f"joints= names a joint twice: {names}", "joints=")
+    return names
 
 
 def _depth_first(tree: UrdfTree) -> list[str]:

@@ -101,11 +101,8 @@ class Robot(Display):
     @property
     def elastic_joints(self) -> tuple[str, ...]:
         """The joints with a series elastic drive."""
-        return tuple(
-            joint
-            for joint in self.joint_names
-            if isinstance(self.drives[joint], SeriesElasticDrive)
-        )
+        drives = self.drives
+        return tuple(one for one in self.joint_names if isinstance(drives[one], SeriesElasticDrive))
 
     @property
     def transmission(self) -> Array:
@@ -289,7 +286,6 @@ def check_kind(joint: str, kind: str, drive: Drive) -> None:
 
     A drive for revolute joints does not fit a prismatic one, and the reverse.
     """
-    turning = kind in TURNING
     if drive is IDEAL_DRIVE:
         return
     if drive.extra_terms:
@@ -299,20 +295,19 @@ def check_kind(joint: str, kind: str, drive: Drive) -> None:
             extra_terms(drive)
         except RobotError as problem:
             raise RobotError(f"joint '{joint}': {problem}") from None
-    if isinstance(drive, StiffDrive):
-        wrong, right = ("gear_ratio_rad_per_m", "gear_ratio")
-        wrong, right = (wrong, right) if turning else (right, wrong)
-        if getattr(drive, wrong) is not None:
-            raise RobotError(
-                f"joint '{joint}' is {kind}: its stiff drive has {right}, found {wrong}"
-            )
-    elif turning and drive.is_linear_spring and drive.load_pulley_radius_m is None:
-        raise RobotError(
-            f"joint '{joint}' turns: its linear spring needs load_pulley_radius_m "
-            "(or no radii for a rotary spring)"
-        )
-    elif not turning and (not drive.is_linear_spring or drive.load_pulley_radius_m is not None):
-        raise RobotError(
-            f"joint '{joint}' is prismatic: its elastic drive has motor_pulley_radius_m and "
-            "no load_pulley_radius_m"
-        )
+    turning, for_turning = kind in TURNING, drive.joint_units[1] == "rad"
+    if turning != for_turning and not (for_turning and drive.gear_ratio is None):
+        raise RobotError(f"joint '{joint}' {_MISFITS[type(drive), turning].format(kind)}")
+
+
+_MISFITS = {
+    (StiffDrive, True): "is {}: its stiff drive has gear_ratio, found gear_ratio_rad_per_m",
+    (StiffDrive, False): "is {}: its stiff drive has gear_ratio_rad_per_m, found gear_ratio",
+    (SeriesElasticDrive, True): (
+        "turns: its linear spring needs load_pulley_radius_m (or no radii for a rotary spring)"
+    ),
+    (SeriesElasticDrive, False): (
+        "is prismatic: its elastic drive has motor_pulley_radius_m and no load_pulley_radius_m"
+    ),
+}
+"""What is wrong with a drive for the other kind of joint, by the drive and if the joint turns."""

@@ -47,7 +47,8 @@ def check_transmission(
             if name in others:
                 raise RobotError(
                     f"{where} has a factor on '{name}', which does not move here (fixed, or locked "
-                    "at zero): let it move with joints=, or remove the factor"
+                    "at zero): let it move with joints=, or remove the factor",
+                    "joints=",
                 )
             if name not in joints:
                 raise RobotError(f"{where}: " + unknown_name("joint", name, joints))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -141,13 +142,13 @@ def _check_number(where: str, tag: str, name: str, text: str, wanted: _Numbers) 
         found = [float(word) for word in text.split()]
     except ValueError:
         found = []
-    endless = tag == "limit" and not any(map(math.isnan, found))
-    if len(found) != wanted.many or not (endless or all(map(math.isfinite, found))):
+    most = math.inf if tag == "limit" else sys.float_info.max
+    if len(found) != wanted.many or not np.all(np.abs(found) <= most):
         raise RobotError(
             f"{where}: {name} of <{tag}> must be {wanted.many} finite number"
             f"{'s' if wanted.many > 1 else ''}, found '{shortened(text)}'"
         )
-    if any(abs(number) > wanted.largest for number in found):
+    if max(map(abs, found)) > wanted.largest:
         allowed = f"-{wanted.largest:g} to {wanted.largest:g} {wanted.unit}"
         raise RobotError(
             f"{where}: {name} of <{tag}> is out of range, found '{shortened(text)}': allowed are "
@@ -471,8 +472,7 @@ def _link_parameters(path: Path, link: Any) -> Array:
     if mass < 0:
         raise RobotError(f"URDF '{path}': link '{link.name}' has a negative mass, {mass} kg")
     return in_parent_frame(
-        from_center_of_mass(mass, np.zeros(3), tensor),
-        _placement(inertial.origin),
+        from_center_of_mass(mass, np.zeros(3), tensor), _placement(inertial.origin)
     )
 
 

@@ -151,7 +151,8 @@ def _columns(robot: Robot, names: Sequence[str], what: str, error: type[SeaidErr
     if missing:
         raise error(
             f"{what} has no joint {', '.join(missing)} of '{robot.name}'; its joints: "
-            f"{', '.join(names)}; name the joints that move by joints= when loading the robot"
+            f"{', '.join(names)}; name the joints that move by joints= when loading the robot",
+            "joints=",
         )
     return [tuple(names).index(joint) for joint in robot.joint_names]
 

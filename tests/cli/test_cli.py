@@ -24,7 +24,8 @@ import seaid
 from seaid._files import plain
 from seaid.cli import main
 from seaid.cli.commands import app
-from seaid.cli.messages import with_options
+from seaid.cli.messages import error_text
+from seaid.errors import IdentificationError, LogError, RobotError
 from seaid.regressor import Sensor
 
 ROOT = Path(__file__).parents[2]
@@ -501,14 +502,25 @@ def test_nothing_heavy_is_imported_for_the_help() -> None:
     assert said.stdout == "[]\n"
 
 
-def test_keywords_of_the_library_are_said_as_options() -> None:
-    message = "torque_joints= names no joint:\n give feasible=True, or write it with force=True"
-    assert with_options(message) == (
-        "--torque-joints names no joint: give --feasible, or add --allow-inconsistent"
+def test_arguments_of_the_library_are_named_as_options() -> None:
+    first = RobotError(
+        "torque_joints= names no joint:\n give feasible=True, or write it with force=True",
+        *("torque_joints=", "feasible=True", "write it with force=True"),
     )
-    assert with_options('estimator="iv" needs method="two-step"') == (
-        '--estimator "iv" needs --method "two-step"'
+    with pytest.raises(LogError) as caught:
+        try:
+            raise first
+        except RobotError as problem:  # as readers do, to say which file it is
+            raise LogError(f"'joints=.csv': {problem}") from None
+    assert error_text(caught.value) == (
+        "'joints=.csv': --torque-joints names no joint: give --feasible, or add "
+        "--allow-inconsistent"
     )
+    method = IdentificationError(
+        'estimator="iv" needs method="two-step"', 'estimator="iv"', 'method="two-step"'
+    )
+    assert error_text(method) == '--estimator "iv" needs --method "two-step"'
+    assert error_text(LogError("use joints=[...]", "joints=[...]")) == "use --joints"
 
 
 def test_json_has_no_numbers_that_json_has_not() -> None:

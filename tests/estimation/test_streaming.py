@@ -15,9 +15,9 @@ import seaid.log.long_log as long_log_module
 from seaid._arrays import Array
 from seaid.errors import IdentificationError, LogError
 from seaid.estimation.estimate import Estimate
+from seaid.estimation.fitting import StoredRows, stored_estimate
 from seaid.estimation.least_squares import equal_weights, ordinary, settled_weights, weighted
 from seaid.estimation.qr_factor import QRFactor
-from seaid.estimation.streaming import StoredRows, stored_estimate
 from seaid.identification.datasets import rows_of_equations
 from seaid.identification.drive_estimates import spring_of
 from seaid.identification.identification import identify
@@ -170,7 +170,7 @@ def test_no_room_for_rows_is_said(npz: Path, monkeypatch: pytest.MonkeyPatch) ->
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("seaid.estimation.streaming.np.save", full)
+    monkeypatch.setattr("seaid.estimation.fitting.np.save", full)
     with pytest.raises(LogError, match=r"cannot be kept .*No space left on device.* set TMPDIR"):
         stream_estimate([opened(npz)], actuator)
 

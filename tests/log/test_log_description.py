@@ -304,6 +304,10 @@ def test_description_survives_its_toml(
         ({"motor_torque": {"column": "c", "sign": 2}}, "sign must be 1 or -1, found 2"),
         ({"motor_torque": {"column": "c", "scale": 0}}, "scale must be not zero, found 0"),
         ({"motor_torque": {"column": "c", "scale": "x"}}, "scale must be a finite number, found"),
+        (
+            {"motor_torque": {"column": "c", "scale": None}},
+            "scale must be a finite number, found None",
+        ),
         ({"motor_torque": {"column": "c", "times": True}}, "or the name of a column, found True"),
         (
             {"motor_torque": {"column": "c", "side": "link"}},

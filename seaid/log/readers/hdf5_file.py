@@ -93,6 +93,17 @@ def _columns_of(name: str, data: Any) -> list[str]:
     return [f"{name}/{one}" for one in fields] if fields else with_parts(name, shape)
 
 
+def _place_of(file: Any, name: str) -> tuple[str, int | None, str | None]:
+    """Return the dataset of a column, and the index or the field in it."""
+    if name in file:
+        return name, None, None
+    base, index = part_of(name)
+    if index is not None:
+        return base, index, None
+    base, _, field = name.rpartition("/")
+    return base, None, field
+
+
 class _Column:
     """A column of an open file: a dataset, a column of a dataset, or a field of a table."""
 
@@ -102,13 +113,7 @@ class _Column:
             self._find(file)
 
     def _find(self, file: Any) -> None:
-        self.index: int | None = None
-        self.field: str | None = None
-        base = self.name
-        if base not in file:
-            base, self.index = part_of(base)
-        if self.index is None and base not in file:
-            base, _, self.field = self.name.rpartition("/")
+        base, self.index, self.field = _place_of(file, self.name)
         self.data = file[base]
         if self.data.is_virtual or self.data.external:
             raise LogError(

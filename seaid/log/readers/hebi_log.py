@@ -29,7 +29,12 @@ _SECONDS, _BYTES_PER_SECOND = 15.0, 2e5
 
 _MAGIC = 0x73B1
 _SAMPLE, _MODULES, _START = 1, 2, 4
-"""Kinds of records: a module's sample, the modules' addresses, and a number of eight bytes."""
+_LENGTHS = {_SAMPLE: (8, 24, 1), _MODULES: (0, 8, 8), _START: (0, 12, 0)}
+"""{kind of record: bytes between kind and a number, and a, b of the record's length a + b number}.
+
+A sample: address (8 bytes), length of the message (4), time (8), message. Modules: their number
+(4), an address each (8). A start: a number (8).
+"""
 
 
 def open_hebilog(path: Path) -> Table:
@@ -86,29 +91,25 @@ def _column(fields: Any, name: str) -> Any:
 def _check_end(path: Path) -> None:
     """Check that the last record of a log ends at the end of the file; HEBI's reader does not.
 
-    A record starts with 73 b1 and its kind, two bytes each; that of a sample has the address
-    (8 bytes), the length of the message (4) and the time (8) before the message. Unknown kinds and
-    other files are passed on to HEBI's reader.
+    A record starts with 73 b1 and its kind, two bytes each. HEBI's reader gets unknown kinds and
+    other files.
     """
     size, place, samples = path.stat().st_size, 0, 0
     with path.open("rb") as file:
         while place < size:
             file.seek(place)
             magic, kind, length = (*struct.unpack(">HH", file.read(4).ljust(4, b"\0")), 4)
-            if magic == _MAGIC and kind == _SAMPLE:
-                length = 24 + _number(file.read(12)[8:])
-                samples += 1
-            elif magic == _MAGIC and kind == _MODULES:
-                length = 8 + 8 * _number(file.read(4))
-            elif magic == _MAGIC and kind == _START:
-                length = 12
-            elif place and magic != _MAGIC and size - place >= length:
+            if magic == _MAGIC and kind in _LENGTHS:
+                skipped, fixed, each = _LENGTHS[kind]
+                length = fixed + each * _number(file.read(skipped + 4)[skipped:])
+                samples += kind == _SAMPLE
+            elif place == 0 or (magic == _MAGIC and size - place >= length):
+                return
+            elif size - place >= length:
                 raise LogError(
                     f"'{path}' is a damaged HEBI log: after {samples} samples of modules there is "
                     f"no record at byte {place} of {size}; copy it again from its origin"
                 )
-            elif place == 0 or size - place >= length:
-                return
             if place + length > size:
                 raise LogError(
                     f"'{path}' is cut off: its last record, at byte {place}, should end at byte "

@@ -31,13 +31,10 @@ def open_json(path: Path) -> Table:
     "motor.current". Raises LogError for other content.
     """
     content = _content(path)
-    constants: dict[str, float] = {}
-    records: Any = content
-    if isinstance(content, Mapping):
-        constants = {name: as_float(one) for name, one in content.items() if isinstance(one, Real)}
-        lists = [one for one in content.values() if _are_records(one)]
-        records = lists[0] if len(lists) == 1 else content
-    data = _of_records(path, records) if _are_records(records) else _of_lists(path, records, 0)
+    values = content if isinstance(content, Mapping) else {}
+    constants = {name: as_float(one) for name, one in values.items() if isinstance(one, Real)}
+    lists = [one for one in (content, *values.values()) if _are_records(one)]
+    data = _of_records(path, lists[0]) if len(lists) == 1 else _of_lists(path, values, 0)
     if not data:
         raise LogError(
             f"'{path}' has no columns; a JSON log is a list of records, or lists of numbers by name"
@@ -95,22 +92,28 @@ def _flat(path: Path, name: str, value: Any, depth: int) -> Iterator[tuple[str, 
         yield name, value
 
 
-def _of_lists(path: Path, value: Any, depth: int) -> dict[str, list[Any]]:
-    """Return the lists in an object by name; a list of lists of equal length has one per place."""
+def _of_lists(path: Path, value: Mapping[str, Any], depth: int) -> dict[str, list[Any]]:
+    """Return the lists in an object by name."""
     _check_depth(path, depth)
     data: dict[str, list[Any]] = {}
-    for name, one in value.items() if isinstance(value, Mapping) else ():
+    for name, one in value.items():
         if isinstance(one, Mapping):
             inner = _of_lists(path, one, depth + 1)
             data.update({f"{name}.{key}": column for key, column in inner.items()})
-        elif isinstance(one, list) and one and all(isinstance(row, list) for row in one):
-            if len({len(row) for row in one}) == 1:
-                check_columns(path, len(data) + len(one[0]))
-                for index, column in enumerate(zip(*one, strict=True)):
-                    data[f"{name}[{index}]"] = list(column)
         elif isinstance(one, list) and one:
-            data[name] = one
+            data |= _of_list(path, name, one, len(data))
     return data
+
+
+def _of_list(path: Path, name: str, rows: list[Any], others: int) -> dict[str, list[Any]]:
+    """Return a list as a column; of lists of equal length, one column per place in them."""
+    if not all(isinstance(row, list) for row in rows):
+        return {name: rows}
+    if len({len(row) for row in rows}) > 1:
+        return {}
+    check_columns(path, others + len(rows[0]))
+    columns = zip(*rows, strict=True)
+    return {f"{name}[{index}]": list(column) for index, column in enumerate(columns)}
 
 
 def _check_depth(path: Path, depth: int) -> None:

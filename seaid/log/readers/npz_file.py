@@ -57,9 +57,7 @@ def open_npz(path: Path) -> Table:
             names += _parts(path, archive, name)
             check_columns(path, len(names))
     return Table(
-        names,
-        lambda wanted: _load(path, wanted),
-        lambda wanted, size: _blocks(path, wanted, size),
+        names, lambda wanted: _load(path, wanted), lambda wanted, size: _blocks(path, wanted, size)
     )
 
 

@@ -109,14 +109,13 @@ def _values(message: Any, start_ns: int, name: str = "") -> Iterator[tuple[str, 
         yield name, (message.sec * 10**9 + message.nanosec - start_ns) * 1e-9
     elif is_dataclass(message):
         given = (_labels(getattr(message, one, None)) for one in _NAMES)
-        labels = next((found for found in given if found), [])
-        dot = f"{name}." if name else ""
+        labels = next(filter(None, given), [])
         for field in fields(message):
-            value = getattr(message, field.name)
+            value, path = getattr(message, field.name), f"{name}.{field.name}".removeprefix(".")
             if isinstance(value, list | np.ndarray) and 0 < len(value) <= _LONGEST_ARRAY:
-                yield from _array(value, start_ns, f"{dot}{field.name}", labels)
+                yield from _array(value, start_ns, path, labels)
             elif not isinstance(value, str | list | np.ndarray):
-                yield from _values(value, start_ns, f"{dot}{field.name}")
+                yield from _values(value, start_ns, path)
 
 
 def _array(values: Any, start_ns: int, name: str, labels: list[str]) -> Iterator[tuple[str, float]]:

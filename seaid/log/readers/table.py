@@ -36,6 +36,10 @@ class Table:
     clocks: Mapping[str, str] = field(default_factory=dict)
     sparse: bool = False
 
+    def start(self, names: list[str], samples: int) -> Block:
+        """Return the first samples of columns, all if the format cannot be read in pieces."""
+        return next(self.blocks(names, samples)) if self.blocks else self.load(names)
+
     def missing(self, name: str) -> str:
         """Return the message for a missing column, with the most similar name.
 

@@ -276,12 +276,7 @@ def repaired_channel(
 
 
 def _without(
-    channel: Channel,
-    time: Array,
-    values: Array,
-    bad: BoolArray,
-    kind: Fault,
-    found: list[Repair],
+    channel: Channel, time: Array, values: Array, bad: BoolArray, kind: Fault, found: list[Repair]
 ) -> tuple[Array, Array, int]:
     """Return a channel without the `bad` samples, and their number."""
     count = int(bad.sum())

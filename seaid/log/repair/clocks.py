@@ -271,26 +271,23 @@ def _line(
     span = float(np.nanmax(reference) - np.nanmin(reference))
     drifts = abs(line.drift) * span > step and abs(line.drift) > line.drift_error
     shifted = abs(line.offset_s) > step
+    line = replace(line, drift=line.drift * drifts, offset_s=line.offset_s * shifted)
     name, name_first = _clock_name(group), _clock_name(first)
-    if drifts and abs(line.drift) > limits.largest_drift:
+    if abs(line.drift) > limits.largest_drift:
         raise LogError(
             f"the clock of {name} drifts by {line.drift:.3g} s/s from that of {name_first}, "
             f"allowed {limits.largest_drift:.3g} (Repairs.largest_drift): check its unit, and that "
             "its rows belong to those of the other clock"
         )
-    faults: list[tuple[Fault, bool, str]] = [
-        ("clock offset", shifted, f"{line.offset_s:.6g} s"),
-        ("clock drift", drifts, f"{line.drift * 1e6:.4g} us/s"),
+    faults: list[tuple[Fault, float, str]] = [
+        ("clock offset", line.offset_s, f"{line.offset_s:.6g} s"),
+        ("clock drift", line.drift, f"{line.drift * 1e6:.4g} us/s"),
     ]
-    for kind, there, size in faults:
-        if there:
-            action = f"{size} relative to {name_first}, removed"
+    for kind, size, text in faults:
+        if size:
+            action = f"{text} relative to {name_first}, removed"
             found.append(Repair(name, kind, 1, float(np.nanmin(own)), action))
-    if not drifts and not shifted:
-        return None
-    return replace(
-        line, drift=line.drift if drifts else 0.0, offset_s=line.offset_s if shifted else 0.0
-    )
+    return line if line.drift or line.offset_s else None
 
 
 def _clock_name(group: Sequence[Channel]) -> str:

@@ -61,12 +61,11 @@ class Repairs(Display):
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            optional = field.name in ("rate_hz", "longest_gap_s")
+            optional = field.default is None
             if value is None and optional:
                 continue
-            largest = math.inf if optional else 1.0
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not (is_number and 0 <= value <= largest) or (optional and not 0 < value < math.inf):
+            if not is_number or not (0 < value < math.inf if optional else 0 <= value <= 1):
                 allowed = "a finite number above 0, or None" if optional else "a share from 0 to 1"
                 raise LogError(f"Repairs.{field.name} must be {allowed}, found {shown(value)}")
 

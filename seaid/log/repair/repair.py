@@ -38,10 +38,22 @@ def repaired(
     if not channels:
         raise LogError("no channels to repair: a log needs one at least")
     clocks = clocks_of(channels)
-    repaired: dict[str, tuple[Array, Array]] = {}
     found: list[Repair] = []
-    lines = clock_lines(clocks, limits, found)
-    for group, line in zip(clocks, lines, strict=True):
+    usable = _repaired_channels(clocks, limits, found)
+    if len(clocks) == 1 and limits.rate_hz is None and not _changed(channels, usable):
+        time, values_of = channels[0].time, {one.name: one.values for one in channels}
+        return time, values_of, tuple(found)
+    time, sampled = _on_grid(usable, limits, found)
+    nothing = np.full(len(time), np.nan)
+    return time, {one.name: sampled.get(one.name, nothing) for one in channels}, tuple(found)
+
+
+def _repaired_channels(
+    clocks: Sequence[Sequence[Channel]], limits: Repairs, found: list[Repair]
+) -> dict[str, tuple[Array, Array]]:
+    """Return {channel: times and samples}, on the first clock, of channels with enough samples."""
+    repaired: dict[str, tuple[Array, Array]] = {}
+    for group, line in zip(clocks, clock_lines(clocks, limits, found), strict=True):
         clock, kept = repaired_group(group, limits, found)
         for channel in group:
             time, values = repaired_channel(channel, clock, kept, limits, found)
@@ -49,12 +61,7 @@ def repaired(
     usable = {name: one for name, one in repaired.items() if len(one[0]) >= FEWEST}
     if not usable:
         raise LogError("no channel of the log has as many as four samples that are numbers")
-    if len(clocks) == 1 and limits.rate_hz is None and not _changed(channels, usable):
-        time, values_of = channels[0].time, {one.name: one.values for one in channels}
-        return time, values_of, tuple(found)
-    time, sampled = _on_grid(usable, limits, found)
-    nothing = np.full(len(time), np.nan)
-    return time, {one.name: sampled.get(one.name, nothing) for one in channels}, tuple(found)
+    return usable
 
 
 def _changed(channels: Sequence[Channel], usable: dict[str, tuple[Array, Array]]) -> bool:

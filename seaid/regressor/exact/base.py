@@ -139,13 +139,15 @@ def _known(robot: Robot, torque_joints: Sequence[str] | None) -> list[int]:
     if isinstance(torque_joints, str) or not torque_joints:
         raise SymbolicError(
             "torque_joints= must be a list of at least one joint name, found "
-            f"{torque_joints!r}; the joints of '{robot.name}' are {', '.join(robot.joint_names)}"
+            f"{torque_joints!r}; the joints of '{robot.name}' are {', '.join(robot.joint_names)}",
+            "torque_joints=",
         )
     group = incomplete_group(robot.joint_names, robot.transmission, torque_joints)
     if group:
         raise SymbolicError(
             f"the drives of {', '.join(group)} move these joints together: torque_joints= must "
-            "name all of them or none here; seaid.base_parameters accepts some of them"
+            "name all of them or none here; seaid.base_parameters accepts some of them",
+            "torque_joints=",
         )
     return [robot.model_order.index(robot.index(joint)) for joint in torque_joints]
 
@@ -158,7 +160,8 @@ def _route(
     if torque_joints is not None and through not in (None, "torque"):
         raise SymbolicError(
             f'torque_joints= was given with through="{through}", but only through="torque" '
-            "supports it: omit through="
+            "supports it: omit through=",
+            "torque_joints=",
         )
     route: Route = through or ("recursion" if torque_joints is None else "torque")
     if floating_base and route != "recursion":

@@ -93,7 +93,8 @@ def too_large(count: int, max_terms: int, place: int, joints: int) -> SymbolicEr
     return SymbolicError(
         f"the system is too large for its polynomials: about {count} terms at joint {place + 1} of "
         f'{joints}, max_terms={max_terms}; take through="recursion", which has none, fewer joints '
-        "with load_robot(..., joints=[...]), or raise max_terms (about 1 kB per term)"
+        "with load_robot(..., joints=[...]), or raise max_terms (about 1 kB per term)",
+        "joints=[...]",
     )
 
 
