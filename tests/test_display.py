@@ -34,7 +34,7 @@ def found(log: seaid.Log) -> seaid.Identification:
 def test_a_robot_and_its_drives_in_one_line() -> None:
     assert repr(arm()) == "Robot('mixed_arm': 4 joints, 2 springs)"
     drive = seaid.StiffDrive(gear_ratio=50.0, motor_input="current")
-    assert repr(drive) == "StiffDrive(gear_ratio=50.0, motor_input='current')"
+    assert repr(drive) == "StiffDrive(motor_input='current', gear_ratio=50.0)"
     assert repr(seaid.Payload("foot", 2.0)) == "Payload(link='foot', mass=2.0)"
     assert eval(repr(drive), {"StiffDrive": seaid.StiffDrive}) == drive
     assert repr(seaid.Noise()) == "Noise()"
