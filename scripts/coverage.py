@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import repeat
 from pathlib import Path
+from typing import Any, cast, get_args
 
 import numpy as np
 
@@ -23,6 +24,7 @@ import seaid
 from seaid._arrays import Array
 from seaid._files import result_folder
 from seaid._progress import track
+from seaid.excitation import BasisName
 from seaid.log.motion import Motion
 from seaid.report.figures import save_figure
 from seaid.report.text import percent, table
@@ -127,7 +129,7 @@ def progress_wanted() -> bool:
 def simulated(number: int) -> Motion:
     """Return the motion of the leg along one of the plans."""
     truth = load_leg((TEST_MASS,))
-    basis = ("bspline", "polynomial", "fourier")[number % 3]
+    basis = get_args(BasisName)[number % 3]
     plan = seaid.design_excitation(
         truth.without_nominal(), DURATION_S, basis=basis, limits=LIMITS, seed=number, starts=1
     )
@@ -146,7 +148,7 @@ def experiment(way: str, motion: Motion, run: int) -> Outcome | None:
             found = seaid.identify(known, log, encoder_offset_std=zeros)
             found = seaid.refine(found, log, encoder_offset_std=zeros)
         else:
-            found = seaid.identify(known, log, estimator=way, encoder_offset_std=zeros)
+            found = seaid.identify(known, log, estimator=cast(Any, way), encoder_offset_std=zeros)
     except seaid.SeaidError as problem:
         print(f"{way}, experiment {run}: {problem}", file=sys.stderr)
         return None

@@ -157,8 +157,7 @@ def value_of(found: seaid.Identification, name: str) -> tuple[float, float]:
         if joint in found.drives and parameter
         else (found.load, name)
     )
-    place = estimate.names.index(name)
-    return float(estimate.values[place]), float(estimate.standard_errors[place])
+    return estimate.value(name), estimate.standard_error(name)
 
 
 def value_rows(case: Case, found: seaid.Identification) -> Iterator[Row]:

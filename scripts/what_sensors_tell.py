@@ -14,9 +14,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import seaid
+from seaid.regressor import Sensor
 from seaid.report.text import table
 
-BOTH = ("motor_position", "joint_position")
+BOTH: tuple[Sensor, Sensor] = ("motor_position", "joint_position")
 HEADER = (
     "sensors",
     "base",
@@ -26,14 +27,15 @@ HEADER = (
     "unidentifiable",
     "numbers",
 )
-Choice = Sequence[str] | Mapping[str, Sequence[str]] | None
+Choice = Sequence[Sensor] | Mapping[str, Sequence[Sensor]] | None
 
 
 def choices(robot: seaid.Robot) -> Iterator[tuple[str, Choice]]:
     """Return common choices of sensors by name."""
     yield "both positions, motor torque", (*BOTH, "motor_torque")
     if 0 < len(robot.elastic_joints) < robot.n:
-        every: dict[str, Sequence[str]] = dict.fromkeys(robot.joint_names, BOTH)
+        every: dict[str, Sequence[Sensor]] = dict.fromkeys(robot.joint_names, BOTH)
+        some: dict[str, Sequence[Sensor]]
         some = dict.fromkeys(robot.elastic_joints, (*BOTH, "motor_torque"))
         yield "the same, no torque at stiff joints", {**every, **some}
     yield "both positions, motor current", (*BOTH, "motor_current")

@@ -11,7 +11,14 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from seaid.errors import IdentificationError, SeaidError, reason_of, shown
+from seaid.errors import (
+    IdentificationError,
+    SeaidError,
+    UnknownNameError,
+    reason_of,
+    shown,
+    unknown_name,
+)
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -23,13 +30,26 @@ MOST_SAMPLES = 10_000_000
 
 
 class FrozenMapping(Mapping[str, Value]):
-    """A read-only copy of a mapping; unlike MappingProxyType it can be pickled."""
+    """A read-only copy of a mapping; unlike MappingProxyType it can be pickled.
 
-    def __init__(self, items: Mapping[str, Value]) -> None:
-        self._items = dict(items)
+    `kind` is what its names are, for messages.
+    """
+
+    def __init__(self, items: Mapping[str, Value], kind: str = "entry") -> None:
+        self._items, self._kind = dict(items), kind
 
     def __getitem__(self, name: str) -> Value:
-        return self._items[name]
+        try:
+            return self._items[name]
+        except KeyError:
+            raise UnknownNameError(unknown_name(self._kind, name, self._items)) from None
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._items
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """Return the entry of a name, or the default."""
+        return self._items.get(name, default)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._items)

@@ -1,13 +1,30 @@
 """The errors and the warning of seaid, and the functions that put user input into messages.
 
 Every message states the problem, the place, the value found, the values allowed and the remedy.
+`checked` compares the arguments of a public function with its annotations.
 """
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+import inspect
+import os
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache, wraps
 from itertools import islice
+from types import NoneType, UnionType
+from typing import (
+    Any,
+    Literal,
+    ParamSpec,
+    SupportsFloat,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 LONGEST_MESSAGE = 2000
 """Characters of an error message: longer ones lose their middle."""
@@ -54,6 +71,12 @@ class SymbolicError(SeaidError):
 
 class IdentificationError(SeaidError):
     """An estimation problem without a unique or meaningful solution."""
+
+
+class UnknownNameError(SeaidError, KeyError):
+    """A name that a mapping of seaid does not have."""
+
+    __str__ = Exception.__str__  # that of KeyError is the repr
 
 
 class SeaidWarning(UserWarning):
@@ -115,3 +138,203 @@ def unknown_name(kind: str, name: object, allowed: Iterable[str]) -> str:
     near = difflib.get_close_matches(name, islice(comparable, _COMPARED), n=1, cutoff=0.5)
     hint = f"did you mean '{near[0]}'? " if near else ""
     return f"no {kind} is named '{name}'; {hint}allowed: {listed(names, _ALLOWED) or 'none'}"
+
+
+_Parameters = ParamSpec("_Parameters")
+_Result = TypeVar("_Result")
+
+MADE_BY = {
+    "Robot": "seaid.load_robot(urdf, drives)",
+    "Log": "seaid.read_log(path, robot)",
+    "LongLog": "seaid.open_long_log(path, robot)",
+    "Motion": "seaid.reconstruct_motion(robot, log)",
+    "Trajectory": "seaid.load_trajectory(path), or .trajectory of seaid.design_excitation(...)",
+    "Identification": "seaid.identify(robot, logs)",
+    "Validation": "seaid.validate(identification, log)",
+    "BaseParameters": "seaid.base_parameters(robot)",
+    "Scene": "seaid.load_scene(urdf, robot)",
+    "Payload": "seaid.Payload(link, mass)",
+    "Limits": "seaid.Limits(velocity=2.0)",
+    "Repairs": "seaid.Repairs()",
+    "LogDescription": "seaid.describe_log(path, robot).description",
+    "Delay": "seaid.estimate_delays(robot, log)",
+}
+"""{type of an argument: the call that makes one}."""
+
+
+def checked(
+    error: type[SeaidError],
+) -> Callable[[Callable[_Parameters, _Result]], Callable[_Parameters, _Result]]:
+    """Return a decorator: the function raises `error` for arguments that its annotations exclude.
+
+    Missing and unknown arguments, wrong types and unknown values of a `Literal` are refused before
+    the function begins. Contents of mappings and names within lists are left to the function.
+    """
+
+    def decorate(
+        function: Callable[_Parameters, _Result],
+    ) -> Callable[_Parameters, _Result]:
+        signature = inspect.signature(function)
+        hints = cache(lambda: _hints(function))
+
+        @wraps(function)
+        def call(*values: _Parameters.args, **named: _Parameters.kwargs) -> _Result:
+            try:
+                given = signature.bind(*values, **named).arguments
+            except TypeError:
+                text = _wrong_call(function.__name__, signature, values, named, hints())
+                raise error(text) from None
+            for name, value in given.items():
+                if not _fits(value, hints().get(name, Any)):
+                    text = _mismatch(function.__name__, name, given, hints())
+                    raise error(text, f"{name}=")
+            return function(*values, **named)
+
+        return call
+
+    return decorate
+
+
+def _hints(function: Callable[..., Any]) -> dict[str, Any]:
+    """Return the annotations of a function.
+
+    Names that its module imports for types only are those of `seaid`, or of the own package.
+    """
+    package = sys.modules.get(".".join(function.__module__.split(".")[:2]))
+    known: dict[str, Any] = {}
+    while True:
+        try:
+            return get_type_hints(function, localns=known)
+        except NameError as problem:
+            name = str(problem.name)
+            known[name] = getattr(sys.modules["seaid"], name, getattr(package, name, Any))
+
+
+def _wrong_call(
+    function: str,
+    signature: inspect.Signature,
+    values: tuple[Any, ...],
+    named: Mapping[str, Any],
+    hints: Mapping[str, Any],
+) -> str:
+    """Return the message for arguments that are missing, unknown or too many."""
+    for name in named:
+        if name not in signature.parameters:
+            return f"{function}: {unknown_name('argument', name, signature.parameters)}"
+    ordered = [
+        one for one in signature.parameters.values() if one.kind is one.POSITIONAL_OR_KEYWORD
+    ]
+    names = [one.name for one in ordered if one.default is one.empty]
+    missing = [name for name in names[len(values) :] if name not in named]
+    call = f"{function}({', '.join(names)})"
+    if not missing:
+        most = f"at most {len(ordered)} arguments without a name, found {len(values)}"
+        return f"{call} takes {most}: write the others as name=value, each once"
+    maker = _maker(_parts(hints[missing[0]]))
+    return f"{missing[0]} is missing: write {call}{maker and f'; make it with {maker}'}"
+
+
+def _maker(parts: Iterable[Any]) -> str:
+    """Return the call that makes the first alternative which has one, else an empty text."""
+    names = (getattr(part, "__name__", "") for part in parts)
+    return next((MADE_BY[name] for name in names if name in MADE_BY), "")
+
+
+def _parts(hint: Any) -> tuple[Any, ...]:
+    """Return the alternatives of an annotation."""
+    return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Return whether a value is one that an annotation allows."""
+    kind = get_origin(hint) or hint
+    if kind in (Union, UnionType):
+        return any(_fits(value, one) for one in get_args(hint))
+    if kind is Literal:
+        return isinstance(value, str) and value in get_args(hint)
+    if kind in (int, float, bool):  # numbers of numpy, and 1 for True, are allowed
+        return isinstance(value, SupportsFloat)
+    if kind is Any or not isinstance(kind, type) or getattr(kind, "_is_protocol", False):
+        return True
+    if kind.__module__ == "pathlib":
+        return isinstance(value, os.PathLike)
+    if kind.__module__ == "numpy":
+        return hasattr(value, "__array__") or isinstance(value, Sequence | SupportsFloat)
+    if not issubclass(kind, Iterable) or issubclass(kind, str | Mapping) or not get_args(hint):
+        return isinstance(value, kind)
+    if isinstance(value, str | bytes | Mapping) or not hasattr(value, "__iter__"):
+        return False
+    inner = str if get_origin(get_args(hint)[0]) is Literal else get_args(hint)[0]
+    is_plain = get_origin(inner) in (None, Union, UnionType)  # no list within a list
+    elements = value if is_plain and isinstance(value, list | tuple) else ()
+    return all(_fits(one, inner) for one in elements)
+
+
+def _mismatch(function: str, name: str, given: Mapping[str, Any], hints: Mapping[str, Any]) -> str:
+    """Return the message for a value of a wrong type: what is expected, found, and to do."""
+    value, parts = given[name], _parts(hints[name])
+    is_list = isinstance(value, list | tuple)
+    elements = [part for part in parts if is_list and isinstance(value, get_origin(part) or str)]
+    wrong = [one for one in value if not _fits([one], elements[0])] if elements else []
+    names = [one for part in parts if get_origin(part) is Literal for one in get_args(part)]
+    if names and isinstance(value, str):
+        return f"{name}=: {unknown_name(name, value, names)}"
+    text = f"{name}= must be {_described(parts)}, found {_described_value(value, wrong)}"
+    lists = [part for part in parts if get_args(part) and _fits([value], part)]
+    if lists:
+        return f"{text}; put it into a list: {name}=[...]"
+    others = [
+        other
+        for other in given
+        if other != name and _fits(given[other], hints[name]) and _fits(value, hints[other])
+    ]
+    if others and not _fits(given[others[0]], hints[others[0]]):
+        return f"{text}: {name} and {others[0]} are swapped; write {function}({', '.join(given)})"
+    maker = _maker(parts)
+    return f"{text}; make one with {maker}" if maker else text
+
+
+_WORDS = {int: "a whole number", float: "a number", bool: "True or False", str: "a name"}
+_WORDS |= {NoneType: "None"}
+
+
+def _described(parts: Iterable[Any]) -> str:
+    """Return the alternatives of an annotation in words."""
+    words: list[str] = []
+    for part in parts:
+        kind = get_origin(part) or part
+        if kind is Literal:
+            words += [f"'{one}'" for one in get_args(part)]
+        elif kind in _WORDS:
+            words.append(_WORDS[kind])
+        elif kind.__module__ == "pathlib":
+            words = [*(word for word in words if word != _WORDS[str]), "a path"]
+        elif kind.__module__ == "numpy":
+            words.append("an array")
+        elif not get_args(part):
+            words.append(_with_article(kind.__name__))
+        elif issubclass(kind, Mapping):
+            words.append("a mapping")
+        else:
+            inner = get_origin(get_args(part)[0]) or get_args(part)[0]
+            plain = {str: "names", Literal: "names", int: "numbers", float: "numbers"}
+            plain |= {Union: "these", UnionType: "these"}
+            words.append(f"a list of {plain.get(inner) or f'{inner.__name__}s'}")
+    words = list(dict.fromkeys(word for word in words if word != "None"))
+    return " or ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
+
+
+def _described_value(value: Any, wrong: Sequence[Any] = ()) -> str:
+    """Return what an argument is, in words; of a list its first wrong element."""
+    if isinstance(value, str):
+        return f"the text {shown(value)}"
+    if isinstance(value, os.PathLike):
+        return f"the path '{shortened(os.fspath(value))}'"
+    if value is None or isinstance(value, int | float):
+        return shown(value)
+    inside = f" with {_described_value(wrong[0])}" if wrong else ""
+    return _with_article(type(value).__name__) + inside
+
+
+def _with_article(noun: str) -> str:
+    return f"{'an' if noun[:1].lower() in 'aeiou' else 'a'} {noun}"

@@ -1,15 +1,24 @@
-"""The examples in the docstrings of the packages run as they stand."""
+"""The examples in the docstrings of the packages and of all public names run as they stand."""
 
 from __future__ import annotations
 
+import csv
 import doctest
+import inspect
 import shutil
+import warnings
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 
 import seaid
+from seaid.simulation.simulation import measure, simulate_motion
+from tests.experiments import wiggle
 
 MODELS = Path(__file__).parents[1] / "models"
 PACKAGES = ("drives", "robot", "log", "regressor", "excitation", "simulation", "identification")
@@ -42,3 +51,98 @@ def test_example_of_a_package_runs(
         exec(compile(example.source, f"seaid.{name}", "single"), values)
     plt.close("all")
     assert all(value is not None for value in values.values())
+
+
+LEG = """<robot name="leg">
+<link name="base"><collision><geometry><box size="0.02 0.02 0.02"/></geometry></collision></link>
+{links}
+</robot>"""
+LINK = """<link name="{0}"><inertial><origin xyz="0.02 0 -0.15"/><mass value="2"/>
+<inertia ixx="0.02" iyy="0.03" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><origin xyz="0 0 -0.15"/><geometry><sphere radius="0.03"/></geometry></collision></link>
+<joint name="{1}" type="revolute"><parent link="{2}"/><child link="{0}"/>
+<origin xyz="0 0 {3}"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" velocity="5" effort="100"/></joint>"""
+DRIVES = """[hip]
+type = "stiff"
+gear_ratio = 50.0
+motor_inertia_kg_m2 = 1e-5
+viscous_friction_Nms_per_rad = 1e-4
+coulomb_friction_Nm = 0.01
+[knee]
+type = "series_elastic"
+gear_ratio = 100.0
+motor_inertia_kg_m2 = 1e-5
+viscous_friction_Nms_per_rad = 1e-4
+coulomb_friction_Nm = 0.01
+stiffness_Nm_per_rad = 300.0
+"""
+FUNCTIONS = [name for name in seaid.__all__ if inspect.isfunction(getattr(seaid, name))]
+CLASSES = [name for name in seaid.__all__ if inspect.isclass(getattr(seaid, name))]
+
+
+class Quick(SimpleNamespace):
+    """seaid with one identification for all examples, and searches of one step."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(seaid, name)
+
+
+def custom_columns(text: str) -> str:
+    """Return a CSV with time in ms and the knee in degrees, under other names."""
+    header, *rows = csv.reader(text.splitlines())
+    time, knee = header.index("time_s"), header.index("knee.joint_position_rad")
+    header[time], header[knee] = "t", "pos_2"
+    for row in rows:
+        row[time] = str(1e3 * float(row[time]))
+        row[knee] = str(np.rad2deg(float(row[knee])))
+    return "\n".join(map(",".join, [header, *rows]))
+
+
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """A folder with the files of the examples, and the names that they start from."""
+    place = tmp_path_factory.mktemp("functions")
+    links = [LINK.format("thigh", "hip", "base", 0), LINK.format("shank", "knee", "thigh", -0.4)]
+    (place / "leg.urdf").write_text(LEG.format(links="\n".join(links)))
+    (place / "leg.toml").write_text(DRIVES)
+    robot = seaid.load_robot(place / "leg.urdf", place / "leg.toml")
+    wiggle(robot, 1.0, (0.0, 0.0), (0.1, 0.1)).save(place / "plan.json")
+    motion = simulate_motion(robot, wiggle(robot, 12.0, (0.0, 0.0), (0.7, 0.7)), rate_hz=200.0)
+    logs = [measure(robot, motion, seaid.Noise(torque_std_Nm=1e-3), seed) for seed in range(2)]
+    for log, name in zip(logs * 2, ("run.csv", "other.csv", "day.parquet"), strict=False):
+        seaid.write_log(log, place / name)
+    (place / "custom.csv").write_text(custom_columns((place / "run.csv").read_text()))
+    (place / "models").symlink_to(MODELS)
+    result = seaid.identify(robot, logs[0], feasible=True)
+    result.save(place / "parameters.json")
+    quick = Quick(
+        identify=lambda *logs, **options: result,
+        design_excitation=partial(seaid.design_excitation, starts=1, iterations=2),
+        view_robot=partial(seaid.view_robot, port=0),
+    )
+    names = {"seaid": quick, "np": np, "Path": Path, "robot": robot, "result": result}
+    names |= {"log": logs[0], "cold_log": logs[0], "warm_log": logs[1]}
+    names |= {"estimate": result.drives["knee"], **{name: getattr(seaid, name) for name in CLASSES}}
+    return place, names
+
+
+@pytest.mark.parametrize("name", [*FUNCTIONS, *CLASSES])
+def test_example_of_a_public_name_runs(
+    name: str,
+    prepared: tuple[Path, dict[str, Any]],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """All functions but `identify` itself use one identification."""
+    place, names = prepared
+    monkeypatch.chdir(place)
+    monkeypatch.setattr("seaid.view.window.View.wait", lambda view: None)
+    examples = doctest.DocTestParser().get_examples(inspect.getdoc(getattr(seaid, name)) or "")
+    assert examples or name in CLASSES
+    values = {**names, "seaid": seaid} if name == "identify" else dict(names)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", seaid.SeaidWarning)  # searches of two steps end early
+        for example in examples:
+            exec(compile(example.source, f"seaid.{name}", "single"), values)
+    plt.close("all")

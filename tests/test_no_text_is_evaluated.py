@@ -39,7 +39,7 @@ PARSE = {"symbolic/expression_text.py"}
 IMPORT_MODULE = {"log/readers/table.py", "log/readers/child_process.py"}
 """Names of seaid's own modules, and of readers listed in `log/readers`; none is of a file."""
 
-LOAD = {"log/readers/child_process.py", "estimation/streaming.py"}
+LOAD = {"log/readers/child_process.py", "estimation/fitting.py"}
 """`np.load` refuses objects unless `allow_pickle` is given, which occurs as False only."""
 
 

@@ -3,6 +3,8 @@
 import importlib
 import inspect
 import pkgutil
+import pydoc
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -15,7 +17,7 @@ import pytest
 import seaid
 import seaid.regressor
 import seaid.symbolic
-from seaid.identification.results import Shown
+from seaid._display import Display, Result
 
 IMPORT_SECONDS = 1.0
 FUNCTIONS = {
@@ -90,7 +92,7 @@ CLASSES = {
     "LongLog": "path cutoff_hz",
     "FeasibleParameters": "robot values estimate distance chi_square active_bounds notes",
     "Identifiability": "names identifiable combinations ratios unidentifiable base rank usable gap "
-    "agree table body_count",
+    "agree summary body_count",
     "TermSelection": "comparisons recommended robot",
     "Conditions": "identifications condition_specific differences summary",
     "Identification": "drives load base robot checks feasible summary to_dict save",
@@ -103,6 +105,12 @@ CLASSES = {
     "symbolic.RegressorForm": "zeta regressor parameters",
     "symbolic.BaseForm": "regressor parameters B echelon pivots fundamental_functions",
 }
+RESULTS = {
+    *("BaseParameters", "CrossCheck", "Excitation", "CutoffSensitivity", "FeasibleParameters"),
+    *("Identifiability", "TermSelection", "Conditions", "Identification", "Estimate"),
+    "Validation",
+}
+PACKAGES = [one.name for one in pkgutil.iter_modules(seaid.__path__) if one.ispkg]
 ERRORS = (
     *("SeaidError", "RobotError", "LogError", "ExcitationError", "SymbolicError"),
     *("IdentificationError", "SeaidWarning"),
@@ -225,7 +233,34 @@ def test_every_public_function_that_can_fail_says_how(name: str) -> None:
     assert "Raises" in (inspect.getdoc(find(name)) or "")
 
 
-def test_every_result_names_a_table_of_the_report() -> None:
-    assert len(Shown.__subclasses__()) == 5
-    for kind in Shown.__subclasses__():
-        assert inspect.isfunction(getattr(seaid.report, kind.table_name))
+@pytest.mark.parametrize("name", CLASSES)
+def test_every_type_is_displayed_in_one_line_and_by_a_table_of_the_report(name: str) -> None:
+    kind = find(name)
+    assert isinstance(kind, type)
+    assert issubclass(kind, Display)
+    assert kind.__repr__ is Display.__repr__
+    assert inspect.isfunction(getattr(seaid.report, kind.table_name))
+
+
+def test_results_are_those_with_a_summary() -> None:
+    assert {name for name in CLASSES if issubclass(find(name), Result)} == RESULTS  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", [name for name in FUNCTIONS if "." not in name])
+def test_help_shows_the_signature(name: str) -> None:
+    shown = pydoc.render_doc(find(name), renderer=pydoc.TextDoc())
+    assert set(FUNCTIONS[name].split()) <= set(re.findall(r"\w+", shown.split(" -> ")[0]))
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_dir_of_a_package_shows_its_functions(package: str) -> None:
+    module = importlib.import_module(f"seaid.{package}")
+    text = (module.__doc__ or "") if package != "cli" else "`main`"
+    found = {name: getattr(module, name, None) for name in re.findall(r"`(\w+)`", text)}
+    named = {name for name, one in found.items() if inspect.isfunction(one)}
+    assert set(dir(module)) >= {*named, *getattr(module, "__all__", ())}
+    assert dir(module)
+
+
+def test_dir_of_symbolic_shows_what_is_imported_on_first_use() -> None:
+    assert {"separate", "reduce", "base_parameters", "complete_model"} <= set(dir(seaid.symbolic))

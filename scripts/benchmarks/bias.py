@@ -22,6 +22,7 @@ import numpy as np
 import seaid
 from seaid._arrays import Array
 from seaid._progress import track
+from seaid.estimation import EstimatorName
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.report.text import table
@@ -31,7 +32,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from scripts.identify_tulip_leg import DURATION_S, LIMITS, TEST_MASS, load_leg, sensors
 
-ESTIMATORS = ("ols", "iv")
+ESTIMATORS: tuple[EstimatorName, ...] = ("ols", "iv")
 """Weighted equals ordinary least squares here, since each spring has one motor equation."""
 
 PARAMETERS = ("viscous_friction", "stiffness")

@@ -23,7 +23,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import seaid
 from scripts.example_robots import example_urdf
-from seaid.excitation import CRITERIA, joint_limits, make_basis, motion_space, pivoted_base
+from seaid.excitation import (
+    CRITERIA,
+    CriterionName,
+    joint_limits,
+    make_basis,
+    motion_space,
+    pivoted_base,
+)
 from seaid.excitation.boundary import EndState
 from seaid.excitation.objective import load_target
 from seaid.excitation.problem import (
@@ -110,7 +117,7 @@ def figures(seeds: int) -> str:
 
 
 def make(
-    robot: seaid.Robot, limits: seaid.Limits, criterion: str, count: int, samples: int
+    robot: seaid.Robot, limits: seaid.Limits, criterion: CriterionName, count: int, samples: int
 ) -> Problem:
     """Return the planning problem with all torques and without drive limits."""
     basis, bounds = make_basis("bspline", DURATION_S, count), joint_limits(robot, limits)

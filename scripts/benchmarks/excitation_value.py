@@ -23,9 +23,9 @@ import numpy as np
 import seaid
 from seaid._arrays import Array
 from seaid._progress import track
-from seaid.excitation import joint_limits, make_basis, motion_space
+from seaid.excitation import CRITERIA, CriterionName, joint_limits, make_basis, motion_space
 from seaid.excitation.boundary import EndState
-from seaid.excitation.criteria import criterion_named, triangular_factor
+from seaid.excitation.criteria import triangular_factor
 from seaid.excitation.flatness import transmission
 from seaid.excitation.objective import Target, drive_target, stacked_regressor
 from seaid.excitation.problem import make_problem, previous_logs_factor, scaled_target
@@ -43,7 +43,6 @@ from scripts.identify_tulip_leg import (
     sensors,
 )
 
-CRITERIA = ("condition_number", "d_optimality", "relative_error")
 SHOWN = ("stiffness", "coulomb_friction", "viscous_friction")
 COEFFICIENTS, SAMPLES = 35, 140
 
@@ -53,7 +52,7 @@ def torque_std(truth: seaid.Robot) -> list[float]:
     return [float(std) for std in transmission(truth).ratio * sensors(0).torque_std_Nm]
 
 
-def plan(truth: seaid.Robot, criterion: str, **request: Any) -> seaid.Excitation:
+def plan(truth: seaid.Robot, criterion: CriterionName, **request: Any) -> seaid.Excitation:
     """Return a plan that excites bodies and drives; nominal values are the true ones."""
     return seaid.design_excitation(
         truth,
@@ -178,7 +177,7 @@ def worst_error(target: Target, factor: Array, found: seaid.Excitation | None) -
         instants = np.linspace(0.0, DURATION_S, 10 * SAMPLES)
         H = stacked_regressor(target, instants, found.trajectory.sample(instants))
     R = triangular_factor(H, factor)
-    return float(np.exp(criterion_named("relative_error").log_value(R)))
+    return float(np.exp(CRITERIA["relative_error"].log_value(R)))
 
 
 def main() -> None:

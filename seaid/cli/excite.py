@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
+import seaid
 from seaid.cli.messages import is_terminal
 from seaid.cli.options import (
     Description,
@@ -19,6 +20,7 @@ from seaid.cli.options import (
     checked_suffix,
     logs_of,
     names,
+    one_of,
     values,
 )
 
@@ -34,7 +36,13 @@ class MotionOptions:
     """The kind of motion."""
 
     duration: Annotated[float, Option(help="Duration of the motion [s].")] = 10.0
-    basis: Annotated[str, Option(help="bspline, fourier or polynomial.")] = "bspline"
+    basis: Annotated[
+        str,
+        Option(
+            help="bspline, fourier or polynomial.",
+            callback=one_of("basis", lambda: seaid.excitation.BasisName),
+        ),
+    ] = "bspline"
     ends_in_motion: Annotated[
         bool, Option("--ends-in-motion", help="Start and end in motion, with run-in and run-out.")
     ] = False
@@ -70,9 +78,13 @@ class SearchOptions:
     """What a motion excites, and the search for it."""
 
     torque_joints: TorqueJoints = None
-    criterion: Annotated[str, Option(help="condition_number, d_optimality or relative_error.")] = (
-        "condition_number"
-    )
+    criterion: Annotated[
+        str,
+        Option(
+            help="condition_number, d_optimality or relative_error.",
+            callback=one_of("criterion", lambda: seaid.excitation.CriterionName),
+        ),
+    ] = "condition_number"
     drive_parameters: Annotated[
         bool, Option("--drive-parameters", help="Excite friction and stiffness as well.")
     ] = False
@@ -119,11 +131,11 @@ def excite(
     plan = design_excitation(
         robot,
         motion.duration,
-        basis=motion.basis,
+        basis=motion.basis,  # type: ignore[arg-type]  # checked by one_of
         limits=asked,
         rest_to_rest=not motion.ends_in_motion,
         torque_joints=names(search.torque_joints),
-        criterion=search.criterion,
+        criterion=search.criterion,  # type: ignore[arg-type]
         drive_parameters=search.drive_parameters,
         previous_logs=logs_of(search.previous_logs or [], robot, search.description),
         starts=search.starts,
@@ -158,17 +170,16 @@ def excite(
 
 
 def _plan_text(name: str, plan: Excitation, motion: Trajectory) -> str:
+    from seaid.report import condition_lines
+
     begin, end = motion.main_interval
     total = f" ({motion.duration:.4g} s with run-in and run-out)"
     run_ins = total if end - begin < motion.duration else ""
-    first, last = (one[0] / one[-1] for one in (plan.start_singular_values, plan.singular_values))
     return "\n".join(
         [
             f"{name}: a motion of {end - begin:.4g} s{run_ins} for {len(plan.names)} parameters; "
             f"{plan.criterion} {plan.value:.4g}",
-            f"condition number of the scaled columns: random start {first:.4g}, planned {last:.4g}",
-            f"condition number of the {len(plan.base.columns)} base columns: "
-            f"{plan.condition_number:.4g}",
+            *condition_lines(plan),
         ]
     )
 

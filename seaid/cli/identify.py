@@ -77,7 +77,6 @@ def validate(
     seaid validate arm.urdf c.csv --from a.csv --from b.csv -o parameters.json
     """
     from seaid.identification import validate as validated
-    from seaid.report import validation_table
 
     check_validation_logs([log], from_logs)
     result.check(output, read=(*given.files, log, *from_logs))
@@ -87,7 +86,7 @@ def validate(
     validation = validated(found, unseen)
     if output is not None:
         found.save(output, validation)
-    text = [validation_table(validation), *(f"! {flag}" for flag in found.flags)]
+    text = [validation.summary(), *(f"! {flag}" for flag in found.flags)]
     result.show("\n".join(text), {**validation.to_dict(), "flags": found.flags}, output)
 
 

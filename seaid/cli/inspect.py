@@ -59,7 +59,7 @@ def inspect(
     inconsistent = _inconsistent_links(tree)
     base = base_parameters(robot)
     choices = (tuple(names(sensors) or ()),) if sensors is not None else _CHOICES
-    found = {", ".join(one): identifiability(robot, one) for one in choices}
+    found = {", ".join(one): identifiability(robot, one) for one in choices}  # type: ignore[arg-type]
     content = {
         "robot": robot.name,
         "joints": _joint_facts(robot),
@@ -180,12 +180,7 @@ def crosscheck(
     robot = RobotOptions(urdf, drives, joints).robot()
     numeric = base_parameters(robot)
     found = cross_check(numeric, symbolic.base_parameters(robot))
-    text = (
-        f"{robot.name}: {found.counts[0]} base parameters numerically, {found.counts[1]} exactly; "
-        f"largest difference of groupings {found.max_difference:.2g}, gap {found.gap:.2g}: "
-        f"{'they agree' if found.agree else 'they differ'}"
-    )
-    show(text, asdict(found), as_json)
+    show(f"{robot.name}: {found.summary()}", asdict(found), as_json)
     if not found.agree:
         raise SeaidError(
             f"numeric and exact base parameters of '{robot.name}' differ: look for rounded angles "

@@ -9,12 +9,14 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, is_dataclass
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
 from typer import Argument, Option
 
+import seaid
 from seaid.cli.messages import check_outputs, is_terminal, show
+from seaid.errors import SeaidError, unknown_name
 
 if TYPE_CHECKING:
     from seaid.identification import Identification, Source
@@ -46,6 +48,23 @@ Repair = Annotated[
 TorqueJoints = Annotated[
     str | None, Option(help="Joints whose torque is used, as a,b,c; default: all with a torque.")
 ]
+
+
+def one_of(name: str, choice: Callable[[], Any]) -> Callable[[str], str]:
+    """Return the check of an option whose values are a Literal of the library.
+
+    It is made before any file is read, and imports the library only if the option is used.
+    """
+
+    def checked(value: str) -> str:
+        names = get_args(choice())
+        if value not in names:
+            raise SeaidError(f"{name}=: {unknown_name(name, value, names)}", f"{name}=")
+        return value
+
+    return checked
+
+
 Output = Annotated[Path, Option("--output", "-o", help="File for the result.")]
 AsJson = Annotated[bool, Option("--json", help="JSON on stdout.")]
 
@@ -117,9 +136,19 @@ class IdentifyOptions(LogOptions):
     """The robot of a command, and how it is identified."""
 
     method: Annotated[
-        str, Option(help="two-step: springs, then bodies; simultaneous: both in one regression.")
+        str,
+        Option(
+            help="two-step: springs, then bodies; simultaneous: both in one regression.",
+            callback=one_of("method", lambda: seaid.identification.Method),
+        ),
     ] = "two-step"
-    estimator: Annotated[str, Option(help="ols, wls, huber, tukey or iv.")] = "wls"
+    estimator: Annotated[
+        str,
+        Option(
+            help="ols, wls, huber, tukey or iv.",
+            callback=one_of("estimator", lambda: seaid.estimation.EstimatorName),
+        ),
+    ] = "wls"
     encoder_offset_std: Annotated[
         float, Option(help="Standard deviation of joint encoder offsets [rad or m].")
     ] = 0.0
@@ -134,8 +163,8 @@ class IdentifyOptions(LogOptions):
             robot,
             logs,
             torque_joints=names(self.torque_joints),
-            method=self.method,
-            estimator=self.estimator,
+            method=self.method,  # type: ignore[arg-type]  # checked by one_of
+            estimator=self.estimator,  # type: ignore[arg-type]
             feasible=feasible,
             cutoff_hz=self.cutoff_hz,
             encoder_offset_std=self.encoder_offset_std,
@@ -231,7 +260,6 @@ def logs_of(
 def check_validation_logs(unseen: Sequence[Path], from_logs: Sequence[Path]) -> None:
     """Raise SeaidError for a validation log that is also used for the identification."""
     from seaid._files import real_path
-    from seaid.errors import SeaidError
 
     known = {real_path(path) for path in from_logs}
     for log in unseen:

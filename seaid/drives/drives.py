@@ -10,15 +10,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from typing import Any, Self, get_args
 
 from seaid._arrays import FrozenMapping, number
+from seaid._display import Display
 from seaid.drives.terms import (
     COULOMB,
-    MOTOR_INPUTS,
     NONLINEAR_SPRING,
     PARAMETERS,
     PARAMETERS_OF,
+    FrictionTerm,
+    JointFrictionTerm,
+    MotorInput,
+    ParallelSpringTerm,
+    SpringTerm,
     key_of,
 )
 from seaid.errors import RobotError, shortened, shown, unknown_name
@@ -133,8 +138,9 @@ def _check_terms(drive: Drive) -> None:
         raise RobotError(
             f"extra_terms has {len(drive.extra_terms)} terms, allowed are {_MOST_EXTRA_TERMS}"
         )
-    if not isinstance(drive.motor_input, str) or drive.motor_input not in MOTOR_INPUTS:
-        raise RobotError(unknown_name("motor input", drive.motor_input, MOTOR_INPUTS))
+    inputs = get_args(MotorInput)
+    if not isinstance(drive.motor_input, str) or drive.motor_input not in inputs:
+        raise RobotError(unknown_name("motor input", drive.motor_input, inputs))
     coulomb = sorted({*COULOMB} & {*drive.friction}, key=drive.friction.index)
     if len(coulomb) > 1:
         raise RobotError(
@@ -198,18 +204,18 @@ def _term_with(name: str) -> str:
     return "a nonlinear spring, of which it is the zero"
 
 
-_PLAIN_FRICTION = ("viscous", "coulomb")
+_PLAIN_FRICTION: tuple[FrictionTerm, ...] = ("viscous", "coulomb")
 _NOTHING: Mapping[str, float] = FrozenMapping({})
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Parameters:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class _Parameters(Display):
     """The fields of both drives, and their parameters by name, wherever the values are stored."""
 
-    friction: tuple[str, ...] = _PLAIN_FRICTION
+    friction: tuple[FrictionTerm, ...] = _PLAIN_FRICTION
     extra_terms: tuple[str, ...] = ()
-    parallel_spring: tuple[str, ...] = ()
-    motor_input: str = "torque"
+    parallel_spring: tuple[ParallelSpringTerm, ...] = ()
+    motor_input: MotorInput = "torque"
     known: tuple[str, ...] = ()
     nominal: Mapping[str, float] = _NOTHING
     transmission: Mapping[str, float] = _NOTHING
@@ -258,7 +264,7 @@ class _Parameters:
         return replace(self, nominal=nominal, **changes)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class StiffDrive(_Parameters):
     """A motor behind a stiff gear: joint torque = N (tau_M - I_M theta_M'' - friction).
 
@@ -330,7 +336,7 @@ class StiffDrive(_Parameters):
         return self.joint_units
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SeriesElasticDrive(_Parameters):
     """A motor with gear, and a spring between two pulleys (Fig. 1 of the paper).
 
@@ -368,8 +374,8 @@ class SeriesElasticDrive(_Parameters):
     stiffness_Nm_per_rad: float | None = None
     viscous_friction_Nms_per_rad: float | None = None
     coulomb_friction_Nm: float | None = None
-    spring: tuple[str, ...] = ("linear",)
-    joint_friction: tuple[str, ...] = ()
+    spring: tuple[SpringTerm, ...] = ("linear",)
+    joint_friction: tuple[JointFrictionTerm, ...] = ()
 
     def __post_init__(self) -> None:
         _check_numbers(self)

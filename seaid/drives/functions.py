@@ -11,7 +11,7 @@ the joint's two bodies.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -166,7 +166,7 @@ def _reaches(curve: SpringCurve, bound: float, least: float, most: float) -> tup
     return bool(low <= least), bool(high >= most)
 
 
-def _with_values(drive: Drive, expression: sp.Expr, needed: list[str] | None = None) -> sp.Expr:
+def _with_values(drive: Drive, expression: sp.Expr, needed: Sequence[str] | None = None) -> sp.Expr:
     """Return an expression with flat names of signals and the drive's values inserted."""
     flat = flat_names(expression).subs(known_values(drive))
     values = dict(drive.values)

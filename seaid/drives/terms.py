@@ -27,6 +27,7 @@ The constants are unknown parameters.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,21 @@ def key_of(name: str, unit: str) -> str:
     return f"{name}_{above}_per_{below}" if below else f"{name}_{above.replace('kgm2', 'kg_m2')}"
 
 
+FrictionTerm = Literal[
+    "viscous",
+    "coulomb",
+    "smooth_coulomb",
+    "shifted_coulomb",
+    "offset",
+    "asymmetric",
+    "quadratic",
+    "load",
+    "stribeck",
+]
+SpringTerm = Literal["linear", "cubic", "fifth", "dead_zone", "damping", "preload"]
+ParallelSpringTerm = Literal["linear", "preload"]
+JointFrictionTerm = Literal["viscous", "coulomb"]
+
 PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
     "friction": {
         "viscous": ("viscous_friction",),
@@ -117,7 +133,8 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
 }
 """{field of a drive: {term: its parameters}}."""
 
-MOTOR_INPUTS = tuple(PARAMETERS_OF["motor_input"])
+MotorInput = Literal["torque", "current", "voltage"]
+"""Values of `motor_input=`, with their parameters in `PARAMETERS_OF`."""
 
 COULOMB = ("coulomb", "smooth_coulomb", "shifted_coulomb")
 """Friction terms of which a drive has at most one."""

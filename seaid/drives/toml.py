@@ -10,7 +10,7 @@ from typing import Any
 from seaid._files import read_toml, write_whole
 from seaid.drives.drives import IDEAL_DRIVE, Drive, SeriesElasticDrive, StiffDrive, unit_of
 from seaid.drives.terms import PARAMETERS, PARAMETERS_OF, key_of
-from seaid.errors import RobotError, shortened, shown, unknown_name
+from seaid.errors import RobotError, checked, shortened, shown, unknown_name
 
 _TYPES: dict[str, type[StiffDrive] | type[SeriesElasticDrive]] = {
     "stiff": StiffDrive,
@@ -109,6 +109,7 @@ def _every_key() -> dict[str, str]:
     }
 
 
+@checked(RobotError)
 def write_drives(drives: Mapping[str, Drive], path: str | Path) -> None:
     """Write drives as a TOML file that `load_robot` reads, one table per joint.
 
@@ -126,7 +127,7 @@ def write_drives(drives: Mapping[str, Drive], path: str | Path) -> None:
 
     Examples
     --------
-    >>> seaid.write_drives(identification.robot.drives, "leg_drives.toml")
+    >>> seaid.write_drives(result.robot.drives, "leg_drives.toml")
     """
     import tomli_w
 

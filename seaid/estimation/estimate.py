@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import ndtri
 
 from seaid._arrays import Array, frozen
-from seaid.errors import SeaidError
+from seaid._display import MOST_NAMES, Result, counted
+from seaid.errors import SeaidError, UnknownNameError, listed, shortened, unknown_name
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
+@dataclass(frozen=True, eq=False, repr=False)
+class Estimate(Result):
     """Estimated parameters with their covariance.
 
     Attributes
@@ -37,7 +42,10 @@ class Estimate:
     --------
     >>> estimate.value("stiffness"), estimate.standard_error("stiffness")
     >>> estimate.interval(0.95)
+    >>> estimate.to_dataframe()
     """
+
+    table_name = "estimate_table"
 
     names: tuple[str, ...]
     values: Array
@@ -47,6 +55,14 @@ class Estimate:
     condition_number: float
     flags: tuple[str, ...] = ()
     white_standard_errors: Array | None = None
+
+    def _in_short(self) -> str:
+        entries = zip(self.names, self.values, self.standard_errors, self.units, strict=True)
+        texts = [
+            f"{shortened(name, 24)} {x:.4g} +- {error:.2g} {unit}"
+            for name, x, error, unit in entries
+        ]
+        return f"{counted(len(texts), 'parameter')}: {listed(texts, MOST_NAMES)}"
 
     def __post_init__(self) -> None:
         p = len(self.names)
@@ -86,6 +102,19 @@ class Estimate:
         half = float(ndtri(0.5 + level / 2)) * self.standard_errors
         return np.column_stack([self.values - half, self.values + half])
 
+    def to_dataframe(self) -> DataFrame:
+        """Return a pandas DataFrame: name, value, standard_error, unit, lower, upper (95 %).
+
+        Raises SeaidError if pandas is not installed.
+        """
+        try:
+            from pandas import DataFrame
+        except ImportError:
+            raise SeaidError("to_dataframe needs pandas: get it with pip install pandas") from None
+        columns = {"value": self.values, "standard_error": self.standard_errors, "unit": self.units}
+        lower, upper = self.interval().T
+        return DataFrame({"name": self.names, **columns, "lower": lower, "upper": upper})
+
     def part(self, indices: Sequence[int], names: Sequence[str]) -> Estimate:
         """Return the estimate of the parameters at `indices`, renamed to `names`."""
         picked, white = list(indices), self.white_standard_errors
@@ -108,5 +137,5 @@ class Estimate:
 
     def _index(self, name: str) -> int:
         if name not in self.names:
-            raise SeaidError(f"no parameter '{name}'; there are: {', '.join(self.names)}")
+            raise UnknownNameError(unknown_name("parameter", name, self.names))
         return self.names.index(name)

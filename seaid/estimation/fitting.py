@@ -13,12 +13,12 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
-from typing import IO, TYPE_CHECKING, Union
+from typing import IO, TYPE_CHECKING, Literal, Union
 
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
-from seaid.errors import IdentificationError, LogError, reason_of, unknown_name
+from seaid.errors import LogError, reason_of
 from seaid.estimation.covariance import at_slots, long_run, slots
 from seaid.estimation.diagnostics import ModelChecks, model_checks, whiteness
 from seaid.estimation.estimate import Estimate
@@ -58,7 +58,13 @@ class Estimator:
     effective_rows: Callable[[Regression, Estimate], Regression] = unweighted
 
 
-ESTIMATORS = FrozenMapping(
+LinearEstimator = Literal["ols", "wls", "huber", "tukey"]
+"""Estimators of linear equations, which `ESTIMATORS` has."""
+
+EstimatorName = Literal[LinearEstimator, "iv"]
+"""Values of `estimator=`; "iv" is `instrumental`, which starts from the estimate of "wls"."""
+
+ESTIMATORS: FrozenMapping[Estimator] = FrozenMapping(
     {
         "ols": Estimator(ordinary, equal_weights),
         "wls": Estimator(weighted, settled_weights),
@@ -68,12 +74,8 @@ ESTIMATORS = FrozenMapping(
 )
 
 
-def estimator_named(name: str) -> Estimator:
-    """Return an estimator by name. Raises IdentificationError that suggests the nearest name."""
-    if name not in ESTIMATORS:
-        raise IdentificationError(
-            "estimator=: " + unknown_name("estimator", name, [*ESTIMATORS, "iv"]), "estimator="
-        )
+def estimator_named(name: LinearEstimator) -> Estimator:
+    """Return an estimator by name."""
     return ESTIMATORS[name]
 
 

@@ -1,9 +1,11 @@
 from .basis import Basis as Basis
+from .basis import BasisName as BasisName
 from .basis import JoinedBasis as JoinedBasis
 from .basis import make_basis as make_basis
 from .boundary import EndState as EndState
 from .boundary import motion_space as motion_space
 from .criteria import CRITERIA as CRITERIA
+from .criteria import CriterionName as CriterionName
 from .criteria import pivoted_base as pivoted_base
 from .design import Excitation as Excitation
 from .design import design_excitation as design_excitation

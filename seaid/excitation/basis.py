@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 
@@ -105,10 +105,11 @@ def _block_diagonal(blocks: Sequence[Array]) -> Array:
     return np.asarray(block_diag(*blocks))
 
 
-BASES = ("bspline", "polynomial", "fourier")
+BasisName = Literal["bspline", "polynomial", "fourier"]
+BASES = get_args(BasisName)
 _QUINTIC = 5
 _SHORTEST_S, _LONGEST_S = 1e-3, 1e6
-_LEAST = {"bspline": 6, "polynomial": 4, "fourier": 3}
+_LEAST: dict[BasisName, int] = {"bspline": 6, "polynomial": 4, "fourier": 3}
 """The least number of coefficients per joint; prescribed ends may need more."""
 
 
@@ -147,7 +148,7 @@ class Basis(Protocol):
         """Return the basis as JSON content; `basis_from_dict` reads it."""
 
 
-def make_basis(name: str, duration: float, coefficients: int) -> Basis:
+def make_basis(name: BasisName, duration: float, coefficients: int) -> Basis:
     """Return the basis "bspline", "polynomial" or "fourier".
 
     `duration` [s] is from 0.001 to 1e6; `coefficients` is their number per joint, odd for a Fourier

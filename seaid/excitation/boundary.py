@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, finite, safely
+from seaid._display import Display
 from seaid.errors import ExcitationError
 from seaid.excitation.basis import Basis
 from seaid.excitation.limits import KINDS, JointLimits, grouped, hull_rows, per_joint
@@ -23,8 +24,8 @@ ROUNDING = 1e-9
 _ENDS = ("start", "end")
 
 
-@dataclass(frozen=True, eq=False)
-class EndState:
+@dataclass(frozen=True, eq=False, repr=False)
+class EndState(Display):
     """Position, velocity and acceleration at one end of a motion [rad or m, s].
 
     Without arguments the motion is at rest there, at a position that the search chooses.

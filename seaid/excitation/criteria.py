@@ -13,13 +13,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 from scipy.linalg import solve_triangular
 
 from seaid._arrays import Array, safely
-from seaid.errors import ExcitationError, unknown_name
+from seaid.errors import ExcitationError
 from seaid.regressor import (
     BaseParameters,
     base_of_columns,
@@ -49,13 +50,6 @@ class Criterion:
     log_value: Callable[[Array], float]
     smooth: Callable[[Array], tuple[float, Array]]
     needs_nominal: bool = False
-
-
-def criterion_named(name: str) -> Criterion:
-    """Return the criterion of a name. Raises ExcitationError with the nearest name."""
-    if name not in CRITERIA:
-        raise ExcitationError(unknown_name("criterion", name, tuple(CRITERIA)))
-    return CRITERIA[name]
 
 
 def triangular_factor(H: Array, known: Array) -> Array:
@@ -128,7 +122,9 @@ def _smooth_maximum(values: Array) -> tuple[float, Array]:
     return float(values.max()) + np.log(total) / _SHARPNESS, shares / total
 
 
-CRITERIA = {
+CriterionName = Literal["condition_number", "d_optimality", "relative_error"]
+
+CRITERIA: dict[CriterionName, Criterion] = {
     "condition_number": Criterion("condition number", _log_condition, _smooth_condition),
     "d_optimality": Criterion("mean standard error", _log_mean_error, _smooth_mean_error),
     "relative_error": Criterion(
@@ -151,7 +147,7 @@ _ALIKE = 1e-6
 """Relative difference below which condition numbers count as equal."""
 
 
-def pivoted_base(robot: Robot, torque_joints: Sequence[str] | None = None) -> BaseParameters:
+def pivoted_base(robot: Robot, torque_joints: str | Sequence[str] | None = None) -> BaseParameters:
     """Return the base parameters whose columns QR with column pivoting picks at random states.
 
     The pivoting (Businger and Golub 1965) is repeated over 16 draws of states, because the

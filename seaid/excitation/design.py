@@ -11,12 +11,14 @@ from functools import partial
 import numpy as np
 
 from seaid._arrays import Array, safely, seed_of
-from seaid.errors import ExcitationError, SeaidWarning
-from seaid.excitation.basis import make_basis
+from seaid._display import Result, counted
+from seaid.errors import ExcitationError, SeaidWarning, checked
+from seaid.excitation.basis import BasisName, make_basis
 from seaid.excitation.boundary import IN_MOTION, EndState, motion_space
 from seaid.excitation.collision import Scene
 from seaid.excitation.criteria import (
-    criterion_named,
+    CRITERIA,
+    CriterionName,
     has_full_rank,
     pivoted_base,
     singular_values,
@@ -44,8 +46,8 @@ _REPORT_SAMPLES = 2000
 _safely = partial(safely, what="the regressor of the motion", error=ExcitationError)
 
 
-@dataclass(frozen=True, eq=False)
-class Excitation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Excitation(Result):
     """A planned motion, its criterion and its margins to the limits.
 
     Attributes
@@ -67,12 +69,14 @@ class Excitation:
         Of the scaled observation matrix of the plan, and of the best random start.
     """
 
+    table_name = "excitation_table"
+
     trajectory: Trajectory
     condition_number: float
     base: BaseParameters
     margins: Margins
     limits: JointLimits
-    criterion: str
+    criterion: CriterionName
     value: float
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -80,19 +84,24 @@ class Excitation:
     singular_values: Array
     start_singular_values: Array
 
+    def _in_short(self) -> str:
+        parameters = counted(len(self.names), "parameter")
+        return f"{self.trajectory._in_short()}; {parameters}, {self.criterion} {self.value:.4g}"
 
+
+@checked(ExcitationError)
 def design_excitation(
     robot: Robot,
     duration: float,
     *,
-    basis: str = "bspline",
+    basis: BasisName = "bspline",
     coefficients: int | None = None,
     limits: Limits | None = None,
     rest_to_rest: bool = True,
     start: EndState | None = None,
     end: EndState | None = None,
-    torque_joints: Sequence[str] | None = None,
-    criterion: str = "condition_number",
+    torque_joints: str | Sequence[str] | None = None,
+    criterion: CriterionName = "condition_number",
     drive_parameters: bool = False,
     torque_std: float | Sequence[float] | dict[str, float] = 1.0,
     previous_logs: Sequence[Log] = (),
@@ -170,7 +179,7 @@ def design_excitation(
     >>> plan.condition_number
     >>> plan.trajectory.save_set_points("plan.csv")
     """
-    measure = criterion_named(criterion)
+    measure = CRITERIA[criterion]
     for name, count in (("starts", starts), ("iterations", iterations)):
         if count < 1:
             raise ExcitationError(f"{name} must be at least 1, found {count}")
@@ -237,7 +246,7 @@ def _excitation(
     )
 
 
-def _coefficients(robot: Robot, basis: str, duration: float) -> int:
+def _coefficients(robot: Robot, basis: BasisName, duration: float) -> int:
     """Return the default number of coefficients per joint, by duration and number of joints."""
     if basis == "polynomial":
         return 18
@@ -266,5 +275,5 @@ def _warn_if_early(outcome: Outcome, meaning: str) -> None:
             f"the search for an excitation ended early: {outcome.early}; the motion keeps all "
             f"limits, its {meaning} is {np.exp(outcome.value):.4g}",
             SeaidWarning,
-            stacklevel=3,
+            stacklevel=4,
         )

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, frozen
+from seaid._display import Display
 from seaid.drives import DriveCurve, friction_curve, joint_term_parameters
 from seaid.errors import ExcitationError, unknown_name
 from seaid.excitation.basis import Basis
@@ -50,8 +51,8 @@ KINDS = ("position", "velocity", "acceleration")
 LimitValue = float | Sequence[float] | Array | Mapping[str, float] | None
 
 
-@dataclass(frozen=True, eq=False)
-class Limits:
+@dataclass(frozen=True, eq=False, repr=False)
+class Limits(Display):
     """Limits of a planned motion.
 
     Each is one number for all joints, one per joint, {joint: value} for some joints, or None for
@@ -89,8 +90,8 @@ class Limits:
     deflection: LimitValue = None
 
 
-@dataclass(frozen=True, eq=False)
-class JointLimits:
+@dataclass(frozen=True, eq=False, repr=False)
+class JointLimits(Display):
     """The limits of n joints, each (n,), with lower < upper and the others more than zero."""
 
     lower: Array

@@ -104,7 +104,9 @@ class Target:
         return f"{len(self.names)} {'parameters' if self.blocks else 'base parameters'}"
 
 
-def load_target(robot: Robot, torque_joints: Sequence[str] | None, base: BaseParameters) -> Target:
+def load_target(
+    robot: Robot, torque_joints: str | Sequence[str] | None, base: BaseParameters
+) -> Target:
     """Return the target of the base parameters alone, unscaled, as in (16).
 
     Its robot has geometry alone, without parameters and drives. Raises ExcitationError if
@@ -138,7 +140,7 @@ def load_target(robot: Robot, torque_joints: Sequence[str] | None, base: BasePar
 
 
 def drive_target(
-    robot: Robot, torque_joints: Sequence[str] | None, base: BaseParameters, top_speed: Array
+    robot: Robot, torque_joints: str | Sequence[str] | None, base: BaseParameters, top_speed: Array
 ) -> Target:
     """Return the target of base parameters and drives: friction, stiffness, rotor inertia.
 

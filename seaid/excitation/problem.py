@@ -14,9 +14,10 @@ from seaid.errors import ExcitationError
 from seaid.excitation.boundary import MotionSpace, limit_rows
 from seaid.excitation.collision import Scene, distance_gradients, distances
 from seaid.excitation.criteria import (
+    CRITERIA,
     Criterion,
+    CriterionName,
     States,
-    criterion_named,
     has_full_rank,
     triangular_factor,
 )
@@ -56,7 +57,7 @@ class Problem:
     """
 
     target: Target
-    criterion: str
+    criterion: CriterionName
     space: MotionSpace
     time: Array
     maps: tuple[Array, Array, Array]
@@ -75,12 +76,12 @@ class Problem:
     @property
     def measure(self) -> Criterion:
         """The criterion of that name."""
-        return criterion_named(self.criterion)
+        return CRITERIA[self.criterion]
 
 
 def make_problem(
     target: Target,
-    criterion: str,
+    criterion: CriterionName,
     space: MotionSpace,
     samples: int,
     limits: JointLimits,

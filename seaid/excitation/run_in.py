@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from seaid._arrays import Array, safely
-from seaid.errors import ExcitationError
+from seaid.errors import ExcitationError, checked
 from seaid.excitation.basis import Basis, JoinedBasis, make_basis
 from seaid.excitation.boundary import (
     ROUNDING,
@@ -101,6 +101,7 @@ _PHASES = 200
 Segment = tuple[Basis, Array]
 
 
+@checked(ExcitationError)
 def add_run_in(
     trajectory: Trajectory, robot: Robot, limits: Limits | None = None, *, periods: int = 1
 ) -> Trajectory:

@@ -13,10 +13,12 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, finite
+from seaid._display import Display
 from seaid.errors import (
     ExcitationError,
     RobotError,
     SeaidWarning,
+    checked,
     reason_of,
     shortened,
     shown,
@@ -33,8 +35,8 @@ _MOST_M = 1e6
 """Largest coordinate and edge of a keep-out box."""
 
 
-@dataclass(frozen=True, eq=False)
-class Box:
+@dataclass(frozen=True, eq=False, repr=False)
+class Box(Display):
     """A box, in the base frame, that the robot must keep out of.
 
     Parameters
@@ -85,6 +87,7 @@ class Box:
         return pin.GeometryObject(self.name, 0, pin.SE3(turned, np.array(self.center)), box)
 
 
+@checked(ExcitationError)
 def load_scene(
     urdf: str | Path,
     robot: Robot,
@@ -132,7 +135,8 @@ def load_scene(
 
     Examples
     --------
-    >>> scene = seaid.load_scene("arm.urdf", robot, keep_out=[table], clearance_m=0.02)
+    >>> table = seaid.Box(center=(0.4, 0.0, -0.05), size=(0.6, 0.8, 0.1), name="table")
+    >>> scene = seaid.load_scene("leg.urdf", robot, keep_out=[table], clearance_m=0.02)
     >>> plan = seaid.design_excitation(robot, 10.0, scene=scene)
     """
     if not (np.isfinite(clearance_m) and clearance_m >= 0):
@@ -184,7 +188,7 @@ def _pairs(model: pin.Model, joints: Sequence[int], links: int) -> Iterator[tupl
 def _checked(pairs: Iterable[Pair], names: Sequence[str]) -> set[frozenset[str]]:
     known = dict.fromkeys(names)
     found = set()
-    for pair in pairs if isinstance(pairs, Iterable) else [pairs]:
+    for pair in pairs:
         is_pair = not isinstance(pair, str) and isinstance(pair, Collection) and len(pair) == 2
         if not is_pair or not all(isinstance(name, str) for name in pair):
             raise ExcitationError(
@@ -239,7 +243,7 @@ def _without_always_close(scene: Scene, robot: Robot, boxes: set[str]) -> Scene:
             f"{scene.clearance_m:g} m in nearly every posture: "
             f"{', '.join(' and '.join(pair) for pair in ignored)}",
             SeaidWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
     if not np.any(keep):
         raise ExcitationError(

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, check_rate, finite, frozen
+from seaid._display import MOST_NAMES, Display, counted
 from seaid._files import numbers, read_json, write_csv, write_whole
-from seaid.errors import ExcitationError, shown, unknown_name
+from seaid.errors import ExcitationError, checked, listed, shown, unknown_name
 from seaid.excitation.basis import Basis, basis_from_dict
 from seaid.excitation.spline import SplineBasis, bernstein_from_powers
 
@@ -75,8 +76,8 @@ _TURNING = ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
 _SLIDING = ("position_m", "velocity_m_s", "acceleration_m_s2")
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Display):
     """A motion of n joints over [0, duration], linear in its coefficients.
 
     Raises ExcitationError for values that are not finite or do not fit each other.
@@ -105,6 +106,11 @@ class Trajectory:
     coefficients: Array
     prismatic_joints: tuple[str, ...] = ()
     main_interval: tuple[float, float] = ()  # type: ignore[assignment]
+
+    def _in_short(self) -> str:
+        names = listed(self.joint_names, MOST_NAMES)
+        kind = f"{type(self.basis).__name__} of {counted(self.basis.size, 'coefficient')} per joint"
+        return f"{self.duration:.4g} s, joints {names}: {kind}"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joint_names", tuple(self.joint_names))
@@ -265,6 +271,7 @@ def polynomial_trajectory(
     )
 
 
+@checked(ExcitationError)
 def load_trajectory(path: str | Path) -> Trajectory:
     """Load the trajectory of a JSON file that `Trajectory.save` wrote.
 

@@ -11,9 +11,10 @@ import numpy as np
 import scipy.linalg
 
 from seaid._arrays import safely
+from seaid._display import Display
 from seaid._files import write_whole
 from seaid.drives import SeriesElasticDrive
-from seaid.errors import RobotError
+from seaid.errors import RobotError, checked
 from seaid.export.mjcf_bodies import TINY, add_bodies
 from seaid.export.mjcf_drives import add_drives
 from seaid.identification import Identification
@@ -97,14 +98,15 @@ _SETTINGS_NOTE = (
 )
 
 
-@dataclass(frozen=True)
-class WrittenMjcf:
+@dataclass(frozen=True, repr=False)
+class WrittenMjcf(Display):
     """The file written, and `notes` on what differs from the identified model."""
 
     path: Path
     notes: tuple[str, ...]
 
 
+@checked(RobotError)
 def write_mjcf(
     found: Identification | Robot, path: str | Path, *, force: bool = False
 ) -> WrittenMjcf:

@@ -27,7 +27,7 @@ def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
         for term in drive.friction
         if term in SMOOTH
     ]
-    excluded = [term for term in drive.friction if term not in _SUPPORTED]
+    excluded: list[str] = [term for term in drive.friction if term not in _SUPPORTED]
     excluded += map("extra term {}".format, drive.extra_terms)
     if excluded:
         notes.append(f"joint '{joint}': excluded, not available in MuJoCo: {', '.join(excluded)}")

@@ -12,7 +12,7 @@ import numpy as np
 from seaid._arrays import number
 from seaid._files import plain, read_json
 from seaid.drives import IDEAL_DRIVE, drive_table, drives_from_mapping
-from seaid.errors import RobotError, shortened, shown, unknown_name
+from seaid.errors import RobotError, checked, shortened, shown, unknown_name
 from seaid.robot import PARAMETERS, Robot, check_kind, check_transmission
 
 if TYPE_CHECKING:
@@ -62,6 +62,7 @@ def content_of(found: Identification, validation: Validation | None = None) -> d
     return {name: plain(value) for name, value in content.items()}
 
 
+@checked(RobotError)
 def read_parameters(path: str | Path, robot: Robot) -> Robot:
     """Read the identified bodies and drives of a `parameters.json`, without rounding.
 

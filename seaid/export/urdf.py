@@ -16,9 +16,10 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array
+from seaid._display import Display
 from seaid._files import real_path, whole_file
 from seaid.drives import IDEAL_DRIVE, StiffDrive, write_drives
-from seaid.errors import RobotError, unknown_name
+from seaid.errors import RobotError, checked, unknown_name
 from seaid.identification import Identification
 from seaid.robot import (
     SMALLEST_KG,
@@ -186,8 +187,8 @@ _ROUNDING = 1e-13
 """Relative size below which the difference of a body and its parts is rounding error."""
 
 
-@dataclass(frozen=True)
-class WrittenUrdf:
+@dataclass(frozen=True, repr=False)
+class WrittenUrdf(Display):
     """The files written, and `notes` on what they do not contain."""
 
     urdf: Path
@@ -195,6 +196,7 @@ class WrittenUrdf:
     notes: tuple[str, ...]
 
 
+@checked(RobotError)
 def write_urdf(
     found: Identification | Robot,
     path: str | Path,

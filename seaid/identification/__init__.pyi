@@ -8,6 +8,7 @@ from .delays import correct_delays as correct_delays
 from .delays import estimate_delays as estimate_delays
 from .drive_estimates import POORLY_IDENTIFIED as POORLY_IDENTIFIED
 from .identification import Identification as Identification
+from .identification import Method as Method
 from .identification import identify as identify
 from .model_selection import TermComparison as TermComparison
 from .model_selection import TermSelection as TermSelection

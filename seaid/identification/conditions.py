@@ -15,12 +15,14 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array, FrozenMapping
+from seaid._display import MOST_NAMES, Result, counted
 from seaid.drives import PARAMETERS
-from seaid.errors import IdentificationError, unknown_name
+from seaid.errors import IdentificationError, checked, listed, shown, unknown_name
 from seaid.estimation import (
     Estimate,
     Estimator,
     Fit,
+    LinearEstimator,
     TermTest,
     estimator_named,
     fit,
@@ -40,7 +42,6 @@ from seaid.identification.drive_estimates import merged_estimates, spring_of, wi
 from seaid.identification.identification import Identification, identification_of
 from seaid.identification.linearisation import linearised_robot
 from seaid.identification.nonlinear_terms import with_fixed_flags
-from seaid.identification.results import Shown
 from seaid.identification.two_step import (
     LOAD,
     RobotEstimate,
@@ -286,8 +287,8 @@ CONDITION_SPECIFIC = ("spring_offset", "deflection_zero")
 """Default: encoders are zeroed anew when a robot is switched on."""
 
 
-@dataclass(frozen=True, eq=False)
-class Conditions(Shown):
+@dataclass(frozen=True, eq=False, repr=False)
+class Conditions(Result):
     """The identifications of several conditions.
 
     Attributes
@@ -306,13 +307,19 @@ class Conditions(Shown):
     condition_specific: tuple[str, ...]
     differences: Mapping[str, TermTest]
 
+    def _in_short(self) -> str:
+        differ = sum(test.bic > 0 for test in self.differences.values())
+        specific = counted(len(self.differences), "specific parameter")
+        return f"{listed(self.identifications, MOST_NAMES)}: {specific}, differing: {differ}"
 
+
+@checked(IdentificationError)
 def identify_conditions(
     conditions: Mapping[str, tuple[Robot, Source | Sequence[Source]]],
     *,
     condition_specific: Sequence[str] = CONDITION_SPECIFIC,
-    torque_joints: Sequence[str] | None = None,
-    estimator: str = "wls",
+    torque_joints: str | Sequence[str] | None = None,
+    estimator: LinearEstimator = "wls",
     cutoff_hz: float | None = None,
     progress: bool = False,
 ) -> Conditions:
@@ -382,6 +389,11 @@ def _read(
         raise IdentificationError(
             f"identify_conditions needs at least two conditions, found {len(conditions)}"
         )
+    for name, pair in conditions.items():
+        if not (isinstance(pair, tuple) and len(pair) == 2 and isinstance(pair[0], Robot)):
+            raise IdentificationError(
+                f"condition '{name}' must be (robot, logs), found {shown(pair)}"
+            )
     robots = {name: robot for name, (robot, _) in conditions.items()}
     _check_joints(robots)
     sources = {name: sources_of(logs) for name, (_, logs) in conditions.items()}

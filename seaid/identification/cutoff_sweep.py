@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, frozen
+from seaid._display import Result, counted
 from seaid._progress import track
-from seaid.errors import IdentificationError, SeaidError
+from seaid.errors import IdentificationError, SeaidError, checked
 from seaid.identification.datasets import Source
 from seaid.identification.identification import Identification, identify
-from seaid.identification.results import Shown
 from seaid.robot import Robot
 
 _FACTORS = (1 / 3, 1 / 2, 1 / np.sqrt(2), np.sqrt(2), 2.0, 3.0)
@@ -23,8 +23,8 @@ NEAR = 2.0
 """Cutoffs within this factor of the proposed one could have been proposed as well."""
 
 
-@dataclass(frozen=True, eq=False)
-class CutoffSensitivity(Shown):
+@dataclass(frozen=True, eq=False, repr=False)
+class CutoffSensitivity(Result):
     """Estimates over the cutoff; str() is a table.
 
     Attributes
@@ -51,6 +51,11 @@ class CutoffSensitivity(Shown):
     proposed: int
     refused: Mapping[float, str]
 
+    def _in_short(self) -> str:
+        band = f"{self.cutoffs_hz[0]:.3g} to {self.cutoffs_hz[-1]:.3g} Hz"
+        cutoffs = counted(len(self.cutoffs_hz), "cutoff")
+        return f"{counted(len(self.names), 'parameter')} at {cutoffs} from {band}"
+
     def __post_init__(self) -> None:
         shape = (len(self.cutoffs_hz), len(self.names))
         object.__setattr__(self, "cutoffs_hz", frozen("cutoffs_hz", self.cutoffs_hz, (None,)))
@@ -75,6 +80,7 @@ class CutoffSensitivity(Shown):
         save_sensitivity_figure(self, path)
 
 
+@checked(IdentificationError)
 def cutoff_sensitivity(
     robot: Robot,
     logs: Source | Sequence[Source],

@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, IndexArray
+from seaid._display import Display
 from seaid.drives import SeriesElasticDrive
-from seaid.errors import LogError, unknown_name
+from seaid.errors import LogError, checked, unknown_name
 from seaid.estimation import newey_west, scaled_svd
 from seaid.log import (
     Log,
+    LogField,
     Motion,
     Repair,
     column_names,
@@ -41,8 +43,8 @@ _WIDER = 2.0
 _WHAT = "the delay of a channel"
 
 
-@dataclass(frozen=True)
-class Delay:
+@dataclass(frozen=True, repr=False)
+class Delay(Display):
     """Delay of a channel of a joint relative to other channels.
 
     Attributes
@@ -59,7 +61,7 @@ class Delay:
     """
 
     joint: str
-    channel: str
+    channel: LogField
     against: str
     delay_s: float
     standard_error_s: float
@@ -87,7 +89,7 @@ class _Relation:
     """A linear relation without a delay: channel (T,) + rest (T,) = columns (T, p) @ parameters."""
 
     joint: str
-    channel: str
+    channel: LogField
     against: str
     values: Array
     rest: Array
@@ -95,6 +97,7 @@ class _Relation:
     rows: IndexArray
 
 
+@checked(LogError)
 def estimate_delays(
     robot: Robot, log: Log, *, largest_s: float = 0.03, cutoff_hz: float | None = None
 ) -> tuple[Delay, ...]:
@@ -155,6 +158,7 @@ def _longest_motion(robot: Robot, log: Log, cutoff_hz: float | None) -> Motion:
     return max(reconstruct_motions(robot, log, cutoff_hz), key=lambda motion: len(motion.time))
 
 
+@checked(LogError)
 def correct_delays(log: Log, delays: Sequence[Delay]) -> Log:
     """Return the log with every significant delay corrected.
 

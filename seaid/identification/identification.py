@@ -7,14 +7,15 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
+from seaid._display import Result, counted
 from seaid._files import write_json
-from seaid.errors import IdentificationError, unknown_name
-from seaid.estimation import Estimate, ModelChecks, estimator_named
+from seaid.errors import IdentificationError, checked
+from seaid.estimation import Estimate, EstimatorName, ModelChecks, estimator_named
 from seaid.identification.datasets import Dataset, Source, datasets_of, processing_of, sources_of
 from seaid.identification.drive_estimates import with_estimate
 from seaid.identification.instrumental import estimate_instrumental
@@ -22,7 +23,6 @@ from seaid.identification.linearisation import linearised_robot
 from seaid.identification.log_checks import check_channels, check_excitation, sign_flags
 from seaid.identification.nonlinear_terms import with_fixed_flags
 from seaid.identification.physical.consistency import FeasibleParameters, feasible_parameters
-from seaid.identification.results import Shown
 from seaid.identification.simultaneous import estimate_simultaneous
 from seaid.identification.two_step import RobotEstimate, estimate_two_step, joints_with_torque
 from seaid.log import Log, Motion, Processing, stretches
@@ -40,14 +40,11 @@ if TYPE_CHECKING:
     from seaid.identification.validation import Validation
 
 
-METHODS = ("two-step", "simultaneous")
-
-INSTRUMENTAL = "iv"
-"""Name of the estimator that starts from the estimate of another one."""
+Method = Literal["two-step", "simultaneous"]
 
 
-@dataclass(frozen=True, eq=False)
-class Identification(Shown):
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification(Result):
     """The parameters of a robot identified from one log or several.
 
     Attributes
@@ -94,6 +91,11 @@ class Identification(Shown):
     processing: tuple[Processing, ...] = ()
     motions: tuple[Motion, ...] = ()
 
+    def _in_short(self) -> str:
+        drives, flags = counted(len(self.drives), "drive"), counted(len(self.flags), "flag")
+        sizes = f"{drives}, {counted(len(self.load.names), 'base parameter')}"
+        return f"'{self.robot.name}': {sizes}, cutoff {self.cutoff_hz:.3g} Hz, {flags}"
+
     @cached_property
     def flags(self) -> tuple[str, ...]:
         """Warnings about implausible or poorly determined values, and about the data."""
@@ -114,13 +116,14 @@ class Identification(Shown):
         write_json(path, self.to_dict(validation))
 
 
+@checked(IdentificationError)
 def identify(
     robot: Robot,
     logs: Source | Sequence[Source],
     *,
-    torque_joints: Sequence[str] | None = None,
-    method: str = "two-step",
-    estimator: str = "wls",
+    torque_joints: str | Sequence[str] | None = None,
+    method: Method = "two-step",
+    estimator: EstimatorName = "wls",
     feasible: bool = False,
     cutoff_hz: float | None = None,
     encoder_offset_std: float = 0.0,
@@ -181,16 +184,15 @@ def identify(
     >>> result = seaid.identify(robot, seaid.read_log("run.csv", robot), feasible=True)
     >>> print(result.summary())
     """
-    if method not in METHODS:
-        raise IdentificationError("method=: " + unknown_name("method", method, METHODS), "method=")
-    if estimator == INSTRUMENTAL and method != "two-step":
+    if estimator == "iv" and method != "two-step":
         raise IdentificationError(
             f'estimator="iv" needs method="two-step", found "{method}"',
             'estimator="iv"',
             'method="two-step"',
         )
     check_offset_std(encoder_offset_std)
-    solver = estimator_named("wls" if estimator == INSTRUMENTAL else estimator)
+    robot.rows(torque_joints)  # refuses unknown joints before a log is read
+    solver = estimator_named("wls" if estimator == "iv" else estimator)
     sources = sources_of(logs)
     datasets = datasets_of(robot, sources, cutoff_hz, executor, progress)
     logs_in_memory = [source for source in sources if isinstance(source, Log)]
@@ -208,7 +210,7 @@ def identify(
     found = estimate_two_step(
         robot, datasets, model, solver, encoder_offset_std, executor, progress
     )
-    if estimator == INSTRUMENTAL:
+    if estimator == "iv":
         found = estimate_instrumental(robot, datasets, model, found, encoder_offset_std, executor)
     if method == "simultaneous":
         found = estimate_simultaneous(
@@ -229,7 +231,7 @@ def identification_of(
 ) -> Identification:
     """Return the estimates of both sides as an Identification of the robot."""
     return Identification(
-        drives=FrozenMapping(found.drives),
+        drives=FrozenMapping(found.drives, "joint"),
         load=found.load,
         base=model.base,
         robot=_identified_robot(robot, model.base, found) if feasible is None else feasible.robot,

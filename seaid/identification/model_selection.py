@@ -15,9 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
+from seaid._display import MOST_NAMES, Result, counted
 from seaid._progress import track
 from seaid.drives import PARAMETERS_OF, Drive
-from seaid.errors import IdentificationError, RobotError, SeaidError, unknown_name
+from seaid.errors import IdentificationError, RobotError, SeaidError, checked, listed, unknown_name
 from seaid.estimation import (
     ModelComparison,
     common_rows,
@@ -30,7 +31,6 @@ from seaid.estimation import (
 from seaid.identification.datasets import Source, datasets_of, first_motion, sources_of
 from seaid.identification.linearisation import with_gear_torques
 from seaid.identification.nonlinear_terms import fit_load, linearised
-from seaid.identification.results import Shown
 from seaid.identification.two_step import joints_with_torque
 from seaid.log import Motion
 from seaid.regressor import Regression, actuator_regression, stacked
@@ -71,8 +71,8 @@ class TermComparison:
         return self.comparison is not None and self.comparison.is_supported
 
 
-@dataclass(frozen=True, eq=False)
-class TermSelection(Shown):
+@dataclass(frozen=True, eq=False, repr=False)
+class TermSelection(Result):
     """The result of `compare_terms`; str() is a table with the recommendation.
 
     Attributes
@@ -91,14 +91,20 @@ class TermSelection(Shown):
     recommended: Mapping[str, tuple[tuple[str, str], ...]]
     robot: Robot
 
+    def _in_short(self) -> str:
+        terms = [f"{joint} {term}" for joint, of in self.recommended.items() for _, term in of]
+        tried = counted(len(self.comparisons), "comparison")
+        return f"'{self.robot.name}': {tried}, recommended: {listed(terms, MOST_NAMES) or 'none'}"
 
+
+@checked(IdentificationError)
 def compare_terms(
     robot: Robot,
     logs: Source | Sequence[Source],
     *,
-    joints: Sequence[str] | None = None,
+    joints: str | Sequence[str] | None = None,
     terms: Mapping[str, Sequence[str]] | None = None,
-    torque_joints: Sequence[str] | None = None,
+    torque_joints: str | Sequence[str] | None = None,
     cutoff_hz: float | None = None,
     progress: bool = False,
 ) -> TermSelection:
@@ -129,14 +135,15 @@ def compare_terms(
     >>> selection = seaid.compare_terms(robot, log, terms={"friction": ["stribeck"]})
     >>> result = seaid.identify(selection.robot, log)
     """
-    asked = _asked(terms)
+    asked, compared = _asked(terms), robot.rows(joints)
+    robot.rows(torque_joints)  # refuses unknown joints before a log is read
     datasets = datasets_of(robot, sources_of(logs), cutoff_hz, None, progress)
     motions = [first_motion(dataset) for dataset in datasets]
     used = (
         joints_with_torque(robot, datasets) if torque_joints is None else robot.rows(torque_joints)
     )
     comparisons: list[TermComparison] = []
-    for joint in track(robot.rows(joints), "terms", progress):
+    for joint in track(compared, "terms", progress):
         robot = _extended(_JointModel(robot, motions, used, joint), asked, comparisons)
     recommended = {
         joint: tuple(

@@ -19,7 +19,7 @@ from scipy.ndimage import maximum_filter1d
 from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid._progress import track
 from seaid.drives import SeriesElasticDrive
-from seaid.errors import IdentificationError
+from seaid.errors import IdentificationError, checked
 from seaid.estimation import Estimate, Residuals, Step, gauss_newton_step
 from seaid.identification.drive_estimates import merged_estimates, with_estimate, with_flags
 from seaid.identification.method_limits import check_refinable
@@ -296,6 +296,7 @@ class Point:
     step: Step
 
 
+@checked(IdentificationError)
 def refine(
     identification: Identification,
     logs: Log | Sequence[Log],

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, BoolArray
+from seaid._display import Display, Result, sampled_text
 from seaid._progress import track
-from seaid.errors import IdentificationError
+from seaid.errors import IdentificationError, checked
 from seaid.identification.identification import Identification, identify
-from seaid.identification.results import Shown
 from seaid.log import Log, Motion, in_band, reconstruct_motions, standstill
 from seaid.regressor import (
     INPUTS,
@@ -36,8 +36,8 @@ NUMBERS = (
 """Fields of a Fit that tables and files contain."""
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit(Display):
     """Measured and computed torque (T, n) below the cutoff, and error measures (n,).
 
     Both torques are NaN in the filter transients at the ends. `rms_error` is in the unit of the
@@ -56,8 +56,8 @@ class Fit:
     moving_relative_error: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Validation(Shown):
+@dataclass(frozen=True, eq=False, repr=False)
+class Validation(Result):
     """Predicted torques of a log: `actuator` (motor torque of elastic joints) and `load` side.
 
     Attributes
@@ -80,6 +80,13 @@ class Validation(Shown):
     actuator: Fit
     load: Fit
 
+    def _in_short(self) -> str:
+        sides = {"motor": self.actuator.relative_error, "load": self.load.relative_error}
+        known = {side: errors[np.isfinite(errors)] for side, errors in sides.items()}
+        texts = [f"{100 * x.max():.2g} % ({side} torque)" for side, x in known.items() if len(x)]
+        errors = ", ".join(texts)
+        return f"{sampled_text(self.time, self.joints)}: relative error at most {errors}"
+
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers for `parameters.json`, null for a joint without such an equation."""
         return {
@@ -91,6 +98,7 @@ class Validation(Shown):
         }
 
 
+@checked(IdentificationError)
 def validate(identification: Identification, log: Log) -> Validation:
     """Predict the torques of another log and compare them with the measured ones.
 
@@ -113,7 +121,7 @@ def validate(identification: Identification, log: Log) -> Validation:
 
     Examples
     --------
-    >>> seaid.validate(result, seaid.read_log("other_run.csv", robot)).load.relative_error
+    >>> seaid.validate(result, seaid.read_log("other.csv", robot)).load.relative_error
     """
     return _compared(
         identification, reconstruct_motions(identification.robot, log, identification.cutoff_hz)
@@ -285,6 +293,7 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
+@checked(IdentificationError)
 def cross_validate(
     robot: Robot,
     logs: Log | Sequence[Log],

@@ -9,6 +9,7 @@ from .infer_columns import Description as Description
 from .infer_columns import describe_log as describe_log
 from .log import WRITTEN as WRITTEN
 from .log import Log as Log
+from .log import LogField as LogField
 from .log import check_whole as check_whole
 from .log import column_names as column_names
 from .log import stretches as stretches

@@ -9,11 +9,12 @@ import sys
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 from seaid._arrays import FrozenMapping
+from seaid._display import MOST_NAMES, Display, counted
 from seaid._files import MOST_TOML_BYTES, read_toml
-from seaid.errors import LogError, shortened, shown, unknown_name
+from seaid.errors import LogError, listed, shortened, shown, unknown_name
 from seaid.log.log import SENSORS, UNIT_FACTORS
 from seaid.log.repair.data import Repairs
 
@@ -60,6 +61,9 @@ class Servo:
         return [one for one in used if isinstance(one, str)]
 
 
+Side = Literal["motor", "joint"]
+
+
 @dataclass(frozen=True)
 class Source:
     """The source of a quantity: value = sign scale (unit in SI) times column + offset.
@@ -93,7 +97,7 @@ class Source:
     counts_per_m: float | None = None
     torque_constant_Nm_per_A: float | None = None
     times: str | float | None = None
-    side: str | None = None
+    side: Side | None = None
     time: Clock | None = None
     servo: Servo | None = None
 
@@ -103,8 +107,8 @@ class Source:
         return own + (self.servo.columns() if self.servo else [])
 
 
-@dataclass(frozen=True, eq=False)
-class LogDescription:
+@dataclass(frozen=True, eq=False, repr=False)
+class LogDescription(Display):
     """The meaning of the columns of a log, for `read_log`.
 
     Attributes
@@ -121,8 +125,9 @@ class LogDescription:
 
     Examples
     --------
+    >>> from seaid.log.description import Clock, Source
     >>> source = Source("pos_2", unit="deg")
-    >>> description = LogDescription({"elbow": {"joint_position": source}}, Clock("t"))
+    >>> description = seaid.LogDescription({"elbow": {"joint_position": source}}, Clock("t"))
     >>> print(description.to_toml())
     """
 
@@ -130,6 +135,10 @@ class LogDescription:
     time: Clock | None = None
     where: str | None = None
     repair: Repairs = field(default_factory=Repairs)
+
+    def _in_short(self) -> str:
+        columns = counted(sum(map(len, self.joints.values())), "column")
+        return f"joints {listed(self.joints, MOST_NAMES)}: {columns}"
 
     def __post_init__(self) -> None:
         copied = {joint: FrozenMapping(sources) for joint, sources in self.joints.items()}
@@ -226,12 +235,6 @@ def description_for(path: Path, description: Described | None) -> LogDescription
         description = description.to_dict()
     if isinstance(description, Mapping):
         return _described("description=", description)
-    if not isinstance(description, str | os.PathLike | None):
-        raise LogError(
-            "description= must be a LogDescription, a mapping or the path of a TOML file, found "
-            f"{shown(description)}",
-            "description=",
-        )
     if description is not None:
         return _described(f"'{description}'", read_toml(description, "the description", LogError))
     return _described_next_to(path)
@@ -325,7 +328,7 @@ def _check_source(where: str, quantity: str, source: Source) -> None:
     kind, unit = quantity.rsplit("_", 1)[-1], source.unit
     counts = (source.counts_per_turn, source.counts_per_m)
     is_current = kind == "torque" and unit in UNIT_FACTORS["A"]
-    units, sides = sorted(_UNITS[kind]), ("motor", "joint")
+    units, sides = sorted(_UNITS[kind]), get_args(Side)
     faults = {
         "needs column (or, for a voltage, servo instead)": (
             (source.column is None) == (source.servo is None)

@@ -8,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.errors import LogError
+from seaid._display import Display
+from seaid.errors import LogError, checked
 
 _RESOLVED = 0.05
 """Relative standard error above which the motion is too small to determine a ratio."""
 
 
-@dataclass(frozen=True)
-class GearRatio:
+@dataclass(frozen=True, repr=False)
+class GearRatio(Display):
     """A gear ratio, as `gear_ratio` determines it.
 
     Attributes
@@ -31,6 +32,7 @@ class GearRatio:
     misfit_rad: float
 
 
+@checked(LogError)
 def gear_ratio(
     motor_angle_rad: Array | Sequence[Array], output_angle_rad: Array | Sequence[Array]
 ) -> GearRatio:

@@ -21,9 +21,10 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.errors import LogError, in_one_line, listed, shortened
+from seaid._display import Display, counted
+from seaid.errors import LogError, checked, in_one_line, listed, shortened
 from seaid.log.description import Clock, LogDescription, Source
-from seaid.log.readers.opening import log_path, open_table
+from seaid.log.readers.opening import open_table
 from seaid.log.readers.table import Block, Table
 from seaid.log.repair.data import LARGEST
 from seaid.robot import Robot
@@ -397,8 +398,8 @@ _STEPS_S = {"s": 5e-5, "ms": 5e-2, "us": 50.0, "ns": 5e4}
 """Smallest step of a clock in this unit (20 kHz); the largest is a thousand times that."""
 
 
-@dataclass(frozen=True, eq=False)
-class Description:
+@dataclass(frozen=True, eq=False, repr=False)
+class Description(Display):
     """An inferred log description, as `describe_log` returns it; str() is a table.
 
     Attributes
@@ -414,6 +415,10 @@ class Description:
     description: LogDescription
     unsure: tuple[str, ...]
     unused: tuple[str, ...]
+
+    def _in_short(self) -> str:
+        more = f"{len(self.unsure)} unsure, {counted(len(self.unused), 'unused column')}"
+        return f"{self.description._in_short()}, {more}"
 
     def to_toml(self) -> str:
         """Return the TOML of the description, with the uncertain choices as comments on top."""
@@ -440,6 +445,7 @@ class Description:
         return column + times, (source.unit or "SI") + side, time
 
 
+@checked(LogError)
 def describe_log(path: str | Path, robot: Robot | None = None) -> Description:
     """Infer a log description from the names and values of the columns of a log.
 
@@ -469,7 +475,7 @@ def describe_log(path: str | Path, robot: Robot | None = None) -> Description:
     >>> print(guess)
     >>> Path("run.toml").write_text(guess.to_toml())
     """
-    path = log_path(path)
+    path = Path(path)
     table = open_table(path)
     inference = Inference({}, {name: meaning_of(name) for name in table.names})
     inference.data |= _with_signal(_all_samples(table, inference), inference)

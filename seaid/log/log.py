@@ -9,14 +9,15 @@ from io import BytesIO
 from itertools import pairwise
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 
 import numpy as np
 
 from seaid._arrays import Array, frozen
+from seaid._display import Display, sampled_text
 from seaid._files import write_csv, write_whole
 from seaid.drives import SeriesElasticDrive
-from seaid.errors import LogError, listed, shown, unknown_name
+from seaid.errors import LogError, checked, listed, shown, unknown_name
 from seaid.log.readers.hdf5_file import write_hdf5
 from seaid.log.readers.parquet_file import write_parquet
 from seaid.log.repair.clocks import longest_bridge
@@ -40,15 +41,17 @@ UNIT_FACTORS = {
 }
 """{SI unit at the end of a column name: {unit: factor to the SI unit}}."""
 
-SENSORS = (
+LogField = Literal[
     "motor_position",
     "joint_position",
     "motor_torque",
     "joint_torque",
     "motor_current",
     "motor_voltage",
-)
+]
 """Fields of a `Log` with samples of sensors, each (T, n)."""
+
+SENSORS = get_args(LogField)
 
 
 def column_names(joint: str, is_prismatic: bool) -> dict[str, str]:
@@ -68,11 +71,6 @@ def wanted_columns(
     path: Path, table: Table, robot: Robot, columns: Mapping[str, Column]
 ) -> dict[str, tuple[str, float]]:
     """Return {column of seaid: (column of the file, factor to SI)} of the columns in the file."""
-    if not isinstance(columns, Mapping):
-        raise LogError(
-            "columns= must be a mapping {column of seaid: column of the file}, found "
-            f"{shown(columns)}"
-        )
     allowed = ["time_s"]
     for joint, is_prismatic in zip(robot.joint_names, robot.is_prismatic, strict=True):
         allowed += column_names(joint, is_prismatic)
@@ -135,8 +133,8 @@ LARGEST = 1e15
 """Largest magnitude of a sample in SI units, so that its powers do not overflow."""
 
 
-@dataclass(frozen=True, eq=False)
-class Log:
+@dataclass(frozen=True, eq=False, repr=False)
+class Log(Display):
     """Samples of the sensors of n joints at T instants; the column of a missing sensor is NaN.
 
     Attributes
@@ -168,6 +166,8 @@ class Log:
     >>> log.between(2.0, 5.0).motor_position.shape
     """
 
+    table_name = "log_table"
+
     time: Array
     joint_names: tuple[str, ...]
     motor_position: Array
@@ -178,6 +178,11 @@ class Log:
     motor_current: Array | None = None
     motor_voltage: Array | None = None
     report: tuple[Repair, ...] = ()
+
+    def _in_short(self) -> str:
+        logged = [name for name, x in self.sensors().items() if not np.all(np.isnan(x))]
+        kinds = ", ".join(name.replace("_", " ") for name in logged)
+        return f"{sampled_text(self.time, self.joint_names)}: {kinds}"
 
     def __post_init__(self) -> None:
         shape = (len(np.atleast_1d(self.time)), len(self.joint_names))
@@ -326,6 +331,7 @@ def _check_sensors(
         )
 
 
+@checked(LogError)
 def write_log(log: Log, path: str | Path) -> None:
     """Write a log to a file, completely or not at all.
 
@@ -377,7 +383,7 @@ WRITTEN = tuple(_WRITERS)
 MOST_EXCLUDED = 0.5
 """A log is refused if more than this share of its time lies in holes and too short stretches."""
 
-HOLES = "holes in time"
+HOLES: Final = "holes in time"
 """The kind of the `Repair` that reports holes."""
 
 

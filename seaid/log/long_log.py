@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.errors import LogError, shown
+from seaid._display import Display, counted
+from seaid.errors import LogError, checked, shown
 from seaid.log.filtering import decimation, filter_overlap
 from seaid.log.log import MINIMUM_SAMPLES, Column, Log, holes, log_of, wanted_columns
 from seaid.log.motion import Motion, Processing, check_cutoff, is_regular, reconstruct_motion
-from seaid.log.readers.opening import log_path, open_table
+from seaid.log.readers.opening import open_table
 from seaid.log.readers.table import Block, Blocks
 from seaid.robot import Robot
 
@@ -41,8 +42,8 @@ class LogPart:
     end_s: float
 
 
-@dataclass(frozen=True, eq=False)
-class LongLog:
+@dataclass(frozen=True, eq=False, repr=False)
+class LongLog(Display):
     """A log file that is read in pieces on every pass, and the values that all pieces share.
 
     Attributes
@@ -69,6 +70,10 @@ class LongLog:
     fastest: Array | None = None
     processing: Processing | None = None
 
+    def _in_short(self) -> str:
+        pieces = f"pieces of {counted(self.chunk_samples, 'sample')}"
+        return f"'{self.path}' in {pieces}, '{self.robot.name}', cutoff {self.cutoff_hz:.3g} Hz"
+
     def parts(self) -> Iterator[LogPart]:
         """Yield the parts of the log, which overlap."""
         return iterate_log(
@@ -87,6 +92,7 @@ class LongLog:
             yield replace(motion, fastest=self.fastest), part
 
 
+@checked(LogError)
 def open_long_log(
     path: str | Path,
     robot: Robot,
@@ -125,7 +131,7 @@ def open_long_log(
     >>> log = seaid.open_long_log("day.parquet", robot, cutoff_hz=8.0)
     >>> found = seaid.identify(robot, log)
     """
-    path, columns = log_path(path), columns or {}
+    path, columns = Path(path), columns or {}
     first = next(iterate_log(path, robot, columns=columns, chunk_samples=chunk_samples)).log
     processing = None
     if cutoff_hz is None:
@@ -168,7 +174,7 @@ def iterate_log(
             f"overlap_samples must be between 0 and chunk_samples, {chunk_samples}, found "
             f"{overlap_samples}"
         )
-    path = log_path(path)
+    path = Path(path)
     table = open_table(path)
     if table.blocks is None:
         raise LogError(

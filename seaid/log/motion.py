@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array
+from seaid._display import Display, sampled_text
 from seaid.drives import SeriesElasticDrive
-from seaid.errors import LogError
+from seaid.errors import LogError, checked
 from seaid.log.filtering import CutoffSelection, low_pass, select_cutoff, spline_derivatives
 from seaid.log.log import HOLES, check_whole, holes, stretches
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, typical_step
@@ -88,8 +89,8 @@ SHORTEST_STRETCH = 4.0
 """Shortest stretch between two holes in periods of the cutoff: the transients take half of it."""
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
+@dataclass(frozen=True, eq=False, repr=False)
+class Motion(Display):
     """The motion of both sides of n joints at T instants of a uniform grid.
 
     Attributes
@@ -137,6 +138,9 @@ class Motion:
     gear_torque: Array | None = None
     processing: Processing | None = None
 
+    def _in_short(self) -> str:
+        return f"{sampled_text(self.time, self.joint_names)}, cutoff {self.cutoff_hz:.3g} Hz"
+
     @property
     def joint_states(self) -> tuple[Array, Array, Array]:
         """Joint position, velocity and acceleration, each (T, n), as arguments of a regressor."""
@@ -163,6 +167,7 @@ class Motion:
         return replace(self, **cut, fastest=self.largest_speeds)
 
 
+@checked(LogError)
 def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -> Motion:
     """Return the motion of a log: resampled if needed, filtered and differentiated.
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.errors import LogError, SeaidWarning, shown
+from seaid.errors import LogError, SeaidWarning, checked
 from seaid.log.custom_columns import both_sides, channels_of
 from seaid.log.description import Described, LogDescription, description_for
 from seaid.log.log import (
@@ -23,7 +23,7 @@ from seaid.log.log import (
     wanted_columns,
     write_log,
 )
-from seaid.log.readers.opening import log_path, open_table
+from seaid.log.readers.opening import open_table
 from seaid.log.readers.table import Table, check_lengths
 from seaid.log.repair.data import Channel, Repairs
 from seaid.log.repair.repair import repaired
@@ -36,6 +36,7 @@ _FAR, _SLACK = 1.0, 0.2
 values in degrees are within the limits by this slack [rad]."""
 
 
+@checked(LogError)
 def read_log(
     path: str | Path,
     robot: Robot,
@@ -80,12 +81,10 @@ def read_log(
     Examples
     --------
     >>> log = seaid.read_log("run.csv", robot)
-    >>> names = {"time_s": ("t", "ms"), "elbow.joint_position_rad": ("pos_2", "deg")}
-    >>> log = seaid.read_log("other.csv", robot, columns=names, repair=seaid.Repairs())
+    >>> names = {"time_s": ("t", "ms"), "knee.joint_position_rad": ("pos_2", "deg")}
+    >>> log = seaid.read_log("custom.csv", robot, columns=names, repair=seaid.Repairs())
     """
-    path = log_path(path)
-    if not isinstance(repair, Repairs | None):
-        raise LogError(f"repair must be seaid.Repairs(...), found {shown(repair)}")
+    path = Path(path)
     described = description_for(path, None if columns else description)
     if columns and description is not None:
         raise LogError(
@@ -166,5 +165,5 @@ def _warn_of_degrees(path: Path, log: Log, robot: Robot) -> None:
                 f"{np.max(values):.4g} rad, its limits are {lower:.4g} and {upper:.4g} rad: "
                 "if the angles are in degrees, give the unit 'deg'",
                 SeaidWarning,
-                stacklevel=3,
+                stacklevel=4,
             )

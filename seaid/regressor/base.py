@@ -13,7 +13,8 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array, BoolArray, frozen, safely, seed_of
-from seaid.errors import ExcitationError, RobotError, SeaidError
+from seaid._display import Result, counted
+from seaid.errors import ExcitationError, RobotError, SeaidError, checked
 from seaid.regressor.rigid_body import regressor_at_drives
 
 if TYPE_CHECKING:
@@ -32,8 +33,8 @@ _ROUNDING = 1e-12
 """Grouping coefficients of unit columns below this are rounding errors."""
 
 
-@dataclass(frozen=True, eq=False)
-class BaseParameters:
+@dataclass(frozen=True, eq=False, repr=False)
+class BaseParameters(Result):
     """The p identifiable combinations of m standard parameters.
 
     base = grouping @ standard, and Y @ standard = Y[..., columns] @ base for every motion.
@@ -52,11 +53,17 @@ class BaseParameters:
         decision.
     """
 
+    table_name = "base_table"
+
     columns: tuple[int, ...]
     names: tuple[str, ...]
     expressions: tuple[str, ...]
     grouping: Array
     gap: float
+
+    def _in_short(self) -> str:
+        combinations, parameters = map(counted, self.grouping.shape, ("combination", "parameter"))
+        return f"{combinations} of {parameters}, gap {self.gap:.2g}"
 
     def reduce(self, Y: Array) -> Array:
         """Return the base columns (..., p) of a standard regressor (..., m)."""
@@ -74,11 +81,12 @@ class BaseParameters:
         return np.asarray(inverse @ values)
 
 
+@checked(RobotError)
 def base_parameters(
     robot: Robot,
     motion: Motion | None = None,
     *,
-    torque_joints: Sequence[str] | None = None,
+    torque_joints: str | Sequence[str] | None = None,
     seed: int = 0,
 ) -> BaseParameters:
     """Return the base parameters of a robot, structural ones or those that a motion excites.
@@ -244,8 +252,8 @@ AGREEMENT = 1e-9
 """The largest difference of groupings that rounding can cause."""
 
 
-@dataclass(frozen=True)
-class CrossCheck:
+@dataclass(frozen=True, repr=False)
+class CrossCheck(Result):
     """Comparison of numeric and exact base parameters.
 
     Attributes
@@ -262,6 +270,8 @@ class CrossCheck:
         Number of base parameters, numeric and exact.
     """
 
+    table_name = "cross_check_text"
+
     agree: bool
     same_columns: bool
     max_difference: float
@@ -269,6 +279,7 @@ class CrossCheck:
     counts: tuple[int, int]
 
 
+@checked(SeaidError)
 def cross_check(numeric: BaseParameters, exact: BaseParameters) -> CrossCheck:
     """Compare the numeric base parameters of a robot with its exact ones.
 

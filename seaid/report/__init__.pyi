@@ -1,8 +1,17 @@
 from .figures import save_sensitivity_figure as save_sensitivity_figure
 from .figures import sensitivity_table as sensitivity_table
 from .html import write_report as write_report
+from .text import base_table as base_table
+from .text import condition_lines as condition_lines
 from .text import conditions_table as conditions_table
+from .text import cross_check_text as cross_check_text
+from .text import estimate_table as estimate_table
+from .text import excitation_table as excitation_table
+from .text import feasible_text as feasible_text
+from .text import fields_table as fields_table
 from .text import identification_table as identification_table
+from .text import log_table as log_table
+from .text import robot_table as robot_table
 from .text import sensors_table as sensors_table
 from .text import table as table
 from .text import terms_table as terms_table

@@ -11,7 +11,7 @@ import numpy as np
 
 from seaid._files import write_whole
 from seaid.errors import SeaidError
-from seaid.report.text import cut, number, table
+from seaid.report.text import Text, cut, joined, number, table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -111,7 +111,7 @@ _COLUMNS, _LONGEST = 4, 40
 _LEVEL = 1.96
 
 
-def sensitivity_table(result: CutoffSensitivity) -> str:
+def sensitivity_table(result: CutoffSensitivity) -> Text:
     """Return each estimate at each cutoff, and its largest change in standard errors.
 
     The selected cutoff is in brackets.
@@ -132,12 +132,8 @@ def sensitivity_table(result: CutoffSensitivity) -> str:
     ]
     header = ["parameter", *marked, "std. error", "change", "unit"]
     title = "Estimates over the cutoff; change: largest between half and twice the selected one"
-    return "\n".join(
-        [
-            table(title, header, rows),
-            *(f"! {cutoff:.3g} Hz: {why}" for cutoff, why in result.refused.items()),
-        ]
-    )
+    refused = (f"! {cutoff:.3g} Hz: {why}" for cutoff, why in result.refused.items())
+    return joined([table(title, header, rows), *refused])
 
 
 def save_sensitivity_figure(result: CutoffSensitivity, path: str | Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from seaid._files import plain, write_whole
-from seaid.errors import SeaidError
+from seaid.errors import SeaidError, checked
 from seaid.identification import Identification, Validation, compared
 from seaid.report.html_experiment import (
     known_rows,
@@ -44,6 +44,7 @@ from seaid.report.html_verdict import verdict, warnings_of
 Fact = str | int | float
 
 
+@checked(SeaidError)
 def write_report(
     found: Identification,
     results: Validation | Iterable[Validation],
@@ -76,14 +77,12 @@ def write_report(
 
     Examples
     --------
-    >>> checked = seaid.validate(found, seaid.read_log("other.csv", robot))
-    >>> seaid.write_report(found, checked, "report.html", facts={"place": "Eindhoven"})
+    >>> checked = seaid.validate(result, seaid.read_log("other.csv", robot))
+    >>> seaid.write_report(result, checked, "report.html", facts={"place": "Eindhoven"})
     """
     path = Path(path)
     if path.suffix.lower() not in (".html", ".htm"):
         raise SeaidError(f"a report is an HTML page: '{path}' must end in .html")
-    if not isinstance(found, Identification):
-        raise SeaidError(f"a report needs an Identification, found {type(found).__name__}")
     runs = runs_of(found, _checked(found, results))
     page = _page(found, runs, _checked_facts(facts or {}))
     write_whole(path, page)
@@ -117,12 +116,10 @@ def _same(one: Validation, other: Validation) -> bool:
 
 
 def _checked(found: Identification, results: Validation | Iterable[Validation]) -> list[Validation]:
-    if isinstance(results, str | bytes) or not isinstance(results, Validation | Iterable):
-        raise SeaidError(_no_validation(results))
     every = [results] if isinstance(results, Validation) else list(results)
     for one in every:
         if not isinstance(one, Validation):
-            raise SeaidError(_no_validation(one))
+            raise SeaidError(f"results= must be Validations, found {type(one).__name__}")
         if one.joints != found.robot.joint_names:
             raise SeaidError(
                 f"results: a validation of the joints {', '.join(one.joints)}, but the identified "
@@ -132,16 +129,7 @@ def _checked(found: Identification, results: Validation | Iterable[Validation]) 
     return every
 
 
-def _no_validation(one: object) -> str:
-    return (
-        f"results must be Validations (of seaid.validate), found {type(one).__name__}; give [] "
-        "if there is none"
-    )
-
-
 def _checked_facts(facts: Mapping[str, Fact]) -> list[tuple[str, str]]:
-    if not isinstance(facts, Mapping):
-        raise SeaidError(f"facts= must be {{name: text or number}}, found {type(facts).__name__}")
     for name, value in facts.items():
         if not isinstance(name, str) or not isinstance(value, str | int | float | np.number):
             raise SeaidError(

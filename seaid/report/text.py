@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from html import escape
 from io import StringIO
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from seaid._display import counted, field_texts
+from seaid.drives import SeriesElasticDrive, StiffDrive
 from seaid.log import has_holes
 
 if TYPE_CHECKING:
     from seaid.estimation import Estimate, TermTest
+    from seaid.excitation import Excitation
     from seaid.identification import (
         Conditions,
         FeasibleParameters,
@@ -21,12 +25,50 @@ if TYPE_CHECKING:
         TermSelection,
         Validation,
     )
-    from seaid.regressor import Identifiability
+    from seaid.log import Log
+    from seaid.regressor import BaseParameters, CrossCheck, Identifiability
     from seaid.robot import Robot
 
 
-def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return an aligned table as text, the first column left-aligned, the others right-aligned."""
+class Text(str):
+    """A text with tables; `html` has the same content."""
+
+    html: str
+
+    def __new__(cls, text: str, html: str | None = None) -> Self:
+        """Return the text; without `html` it is a paragraph."""
+        made = super().__new__(cls, text)
+        made.html = f'<div style="white-space: pre-wrap">{escape(text)}</div>'
+        made.html = made.html if html is None else html
+        return made
+
+    def _repr_html_(self) -> str:
+        return self.html
+
+
+def joined(parts: Iterable[str]) -> Text:
+    """Return texts and tables below each other."""
+    texts = [part if isinstance(part, Text) else Text(part) for part in parts]
+    return Text("\n".join(texts), "\n".join(part.html for part in texts))
+
+
+def _html(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table in HTML, aligned as in the text."""
+
+    def row(tag: str, cells: Sequence[str]) -> str:
+        sides = ["left", *["right"] * (len(cells) - 1)]
+        texts = zip(sides, cells, strict=True)
+        return "".join(f'<{tag} style="text-align: {s}">{escape(x)}</{tag}>' for s, x in texts)
+
+    body = "".join(f"<tr>{row('td', cells)}</tr>" for cells in rows)
+    caption = f'<caption style="text-align: left">{escape(title.strip())}</caption>'
+    return (
+        f"<table>{caption}<thead><tr>{row('th', header)}</tr></thead><tbody>{body}</tbody></table>"
+    )
+
+
+def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> Text:
+    """Return an aligned table, the first column left-aligned, the others right-aligned."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -38,10 +80,92 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> s
         drawn.add_row(*row)
     text = StringIO()
     Console(file=text, width=400, markup=False).print(drawn)
-    return "\n".join([title, *(line.rstrip() for line in text.getvalue().splitlines())])
+    lines = [title, *(line.rstrip() for line in text.getvalue().splitlines())]
+    return Text("\n".join(lines), _html(title, header, rows))
 
 
-def drive_table(title: str, found: Identification, truth: Robot | None = None) -> str:
+def fields_table(data: Any) -> Text:
+    """Return the fields of an object that differ from their defaults."""
+    return table(repr(data), ["field", "value"], [[*one] for one in field_texts(data)])
+
+
+def robot_table(robot: Robot) -> Text:
+    """Return joints, drives and bodies of a robot."""
+    kinds = {SeriesElasticDrive: "series elastic", StiffDrive: "stiff"}
+    rows = [
+        [
+            joint,
+            "prismatic" if is_prismatic else "revolute",
+            f"{kinds[type(drive)]}, ratio {number(drive.ratio)}",
+            body,
+            number(mass),
+        ]
+        for joint, is_prismatic, drive, body, mass in zip(
+            robot.joint_names,
+            robot.is_prismatic,
+            robot.drives.values(),
+            robot.body_names,
+            robot.parameters[::10],
+            strict=True,
+        )
+    ]
+    return table(repr(robot), ["joint", "type", "drive", "body", "mass [kg]"], rows)
+
+
+def log_table(log: Log) -> Text:
+    """Return the range of each sensor of a log."""
+    rows = [
+        [name, number(values.min()), number(values.max()), number(values.std())]
+        for name, values in log.columns().items()
+    ]
+    return table(repr(log), ["sensor", "least", "largest", "std. deviation"], rows)
+
+
+def estimate_table(estimate: Estimate) -> Text:
+    """Return the parameters of an estimate with standard errors."""
+    rows = [
+        [cut(name), number(value), number(error), percent(error / abs(value)), unit]
+        for name, value, error, unit in _entries(estimate)
+    ]
+    header = ["parameter", "estimated", "std. error", "rel.", "unit"]
+    flags = (f"! {flag}" for flag in estimate.flags)
+    return joined([table(counted(len(rows), "parameter"), header, rows), *flags])
+
+
+def base_table(base: BaseParameters) -> Text:
+    """Return the base parameters as combinations of standard ones."""
+    title = f"{counted(len(base.columns), 'base parameter')} (singular-value gap {base.gap:.2g})"
+    return table(title, ["combination"], [[text] for text in base.expressions])
+
+
+def cross_check_text(check: CrossCheck) -> Text:
+    """Return the comparison of numeric and exact base parameters in a sentence."""
+    return Text(
+        f"{check.counts[0]} base parameters numerically, {check.counts[1]} exactly; largest "
+        f"difference of groupings {check.max_difference:.2g}, gap {check.gap:.2g}: "
+        f"{'they agree' if check.agree else 'they differ'}"
+    )
+
+
+def excitation_table(plan: Excitation) -> Text:
+    """Return the criterion of a planned motion and the expected standard errors."""
+    errors = zip(plan.names, plan.standard_errors.tolist(), plan.units, strict=True)
+    rows = [[cut(name), number(error), unit] for name, error, unit in errors]
+    header = ["parameter", "expected std. error", "unit"]
+    return joined([repr(plan), *condition_lines(plan), table("Parameters", header, rows)])
+
+
+def condition_lines(plan: Excitation) -> list[str]:
+    """Return the condition numbers of a planned motion in two lines."""
+    first, last = (one[0] / one[-1] for one in (plan.start_singular_values, plan.singular_values))
+    return [
+        f"condition number of the scaled columns: random start {first:.4g}, planned {last:.4g}",
+        f"condition number of the {len(plan.base.columns)} base columns: "
+        f"{plan.condition_number:.4g}",
+    ]
+
+
+def drive_table(title: str, found: Identification, truth: Robot | None = None) -> Text:
     """Return Table 1 of the paper: drive parameters with standard errors, and true values."""
     header = ["joint", "parameter", "estimated", "std. error", "rel."]
     rows = []
@@ -55,7 +179,7 @@ def drive_table(title: str, found: Identification, truth: Robot | None = None) -
     return table(title, [*header, *([] if truth is None else ["true", "off by"]), "unit"], rows)
 
 
-def load_table(title: str, found: Identification, truth: Robot | None = None) -> str:
+def load_table(title: str, found: Identification, truth: Robot | None = None) -> Text:
     """Return the base parameters with standard errors, and true values if `truth` is given.
 
     Long groupings are shortened; `parameters.json` has them in full.
@@ -72,7 +196,7 @@ def load_table(title: str, found: Identification, truth: Robot | None = None) ->
     return table(title, [*header, *([] if truth is None else ["true", "off by"]), "unit"], rows)
 
 
-def identification_table(found: Identification) -> str:
+def identification_table(found: Identification) -> Text:
     """Return the summary of an identification: drives, base parameters, checks and flags."""
     parts = [
         f"{found.robot.name}: {len(found.load.values)} base parameters from the torques at "
@@ -84,7 +208,7 @@ def identification_table(found: Identification) -> str:
         *(_feasible_text(found.feasible) if found.feasible is not None else []),
         *(f"! {flag}" for flag in found.flags),
     ]
-    return "\n".join(parts)
+    return joined(parts)
 
 
 def _processing_text(found: Identification) -> list[str]:
@@ -95,7 +219,7 @@ def _processing_text(found: Identification) -> list[str]:
     return [f"processing{more}: {one}" for one in found.processing[:1]]
 
 
-def checks_table(found: Identification) -> str:
+def checks_table(found: Identification) -> Text:
     """Return the checks of the model: optional terms, residuals and condition numbers.
 
     The data support a term whose BIC difference is above zero. A low-pass filter correlates the
@@ -118,11 +242,12 @@ def checks_table(found: Identification) -> str:
         )
         poorly += [f"! {text}" for text in checks.poorly_determined]
     header = ["term", "residual without", "F", "BIC", "supported"]
+    parts: list[str]
     parts = [table("Terms of the drives: support by the data", header, terms)] if terms else []
     if residuals:
         header = ["residual", "side", "autocorrelation", "Durbin-Watson"]
         parts.append(table("Residuals: autocorrelation at lag 1", header, residuals))
-    return "\n".join([*parts, *conditions, *poorly])
+    return joined([*parts, *conditions, *poorly])
 
 
 _SIDES = {"load": ("", "load", "the load side"), "both": ("", "both", "both sides")}
@@ -132,6 +257,11 @@ _SIDES = {"load": ("", "load", "the load side"), "both": ("", "both", "both side
 def _term_numbers(term: TermTest) -> list[str]:
     supported = "yes" if term.bic > 0 else "no"
     return [f"x {np.sqrt(term.growth):.3g}", number(term.F), number(term.bic), supported]
+
+
+def feasible_text(found: FeasibleParameters) -> Text:
+    """Return the summary of the physically consistent parameters."""
+    return joined(_feasible_text(found))
 
 
 def _feasible_text(found: FeasibleParameters) -> list[str]:
@@ -145,7 +275,7 @@ def _feasible_text(found: FeasibleParameters) -> list[str]:
     ]
 
 
-def validation_table(result: Validation) -> str:
+def validation_table(result: Validation) -> Text:
     """Return relative errors by joint and side: below the cutoff, in motion, and unfiltered."""
     title = "Unseen motion: relative error below the cutoff; away from standstill; unfiltered"
     header = ["joint", "motor torque", "moving", "raw", "load torque", "moving", "raw"]
@@ -189,9 +319,9 @@ def cut(text: str, longest: int = 56) -> str:
 _WIDTH = 100
 
 
-def sensors_table(found: Identifiability) -> str:
+def sensors_table(found: Identifiability) -> Text:
     """Return the parameters identifiable individually, in combination, up to scale, or not."""
-    return "\n".join(_lines(found))
+    return joined(_lines(found))
 
 
 def _lines(found: Identifiability) -> Iterator[str]:
@@ -236,7 +366,7 @@ def _wrapped(start: str, items: Sequence[str], between: str = "; ") -> list[str]
     )
 
 
-def conditions_table(together: Conditions) -> str:
+def conditions_table(together: Conditions) -> Text:
     """Return the condition-specific parameters of all conditions, and whether they differ.
 
     They differ if the Bayesian information criterion supports one value per condition.
@@ -260,13 +390,13 @@ def _text(found: Identification, name: str) -> str:
     return f"{number(estimate.value(key))} +- {estimate.standard_error(key):.2g}"
 
 
-def terms_table(selection: TermSelection) -> str:
+def terms_table(selection: TermSelection) -> Text:
     """Return the comparison of all candidate terms, step by step, and the recommendation."""
     header = ["joint: term", "step", "F", "BIC", "excluded blocks", "better", "supported"]
     rows = [_row(one) for one in selection.comparisons]
     notes = [f"! {_name(one)}: {one.reason}" for one in selection.comparisons if one.reason]
     title = "Model comparison: a term needs BIC above zero and a smaller error of excluded blocks"
-    return "\n".join([table(title, header, rows), *notes, *_recommendation(selection)])
+    return joined([table(title, header, rows), *notes, *_recommendation(selection)])
 
 
 def _row(one: TermComparison) -> list[str]:

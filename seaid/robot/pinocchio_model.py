@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, finite, number, safely
+from seaid._display import Display
 from seaid.errors import RobotError, unknown_name
 from seaid.robot.inertia import (
     LARGEST_KG,
@@ -28,8 +29,8 @@ TURNING = ("revolute", "continuous")
 _MOVING = (*TURNING, "prismatic")
 
 
-@dataclass(frozen=True)
-class Payload:
+@dataclass(frozen=True, repr=False)
+class Payload(Display):
     """A known body fixed to a link.
 
     Parameters
@@ -115,8 +116,6 @@ def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ..
 
 
 def _given_joints(tree: UrdfTree, joints: Sequence[str]) -> list[str]:
-    if isinstance(joints, str):
-        raise RobotError(f"joints= must be a list of names, found the text '{joints}'", "joints=")
     names = list(joints)
     for name in names:
         if name not in tree.joints:

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, finite, frozen
+from seaid._display import Display, counted
 from seaid.drives import (
     IDEAL_DRIVE,
     Drive,
@@ -20,7 +21,7 @@ from seaid.drives import (
     drives_from_mapping,
     read_drives,
 )
-from seaid.errors import RobotError, SeaidWarning, unknown_name
+from seaid.errors import RobotError, SeaidWarning, checked, unknown_name
 from seaid.robot.inertia import parameter_names, to_pinocchio
 from seaid.robot.pinocchio_model import TURNING, Assembly, Payload, assemble, moving_joints
 from seaid.robot.transmission import check_transmission, transmission_matrix
@@ -29,8 +30,8 @@ from seaid.robot.urdf import SNAP_RAD, UrdfTree, read_urdf
 __all__ = ["Payload", "Robot", "load_robot"]
 
 
-@dataclass(frozen=True, eq=False)
-class Robot:
+@dataclass(frozen=True, eq=False, repr=False)
+class Robot(Display):
     """A fixed-base tree of n one-axis joints with their drives, made by `load_robot`.
 
     Attributes
@@ -55,6 +56,8 @@ class Robot:
         Bodies whose parameters are known and not identified.
     """
 
+    table_name = "robot_table"
+
     name: str
     joint_names: tuple[str, ...]
     body_names: tuple[str, ...]
@@ -70,6 +73,10 @@ class Robot:
     effort_limits: Array
     urdf: Path | None = None
     known_bodies: tuple[str, ...] = ()
+
+    def _in_short(self) -> str:
+        springs = counted(len(self.elastic_joints), "spring")
+        return f"'{self.name}': {counted(self.n, 'joint')}, {springs}"
 
     @property
     def n(self) -> int:
@@ -129,7 +136,7 @@ class Robot:
         loaded = (parameters + self.payload_parameters).reshape(self.n, 10)
         for position, index in enumerate(self.model_order):
             model.inertias[position + 1] = to_pinocchio(loaded[index])
-        given = FrozenMapping({joint: drives[joint] for joint in self.joint_names})
+        given = FrozenMapping({joint: drives[joint] for joint in self.joint_names}, "joint")
         return replace(self, model=model, parameters=parameters, drives=given)
 
     def with_drives(self, drives: Mapping[str, Drive]) -> Robot:
@@ -148,6 +155,7 @@ class Robot:
         return self.with_values(np.where(self.is_known, self.parameters, np.nan), known)
 
 
+@checked(RobotError)
 def load_robot(
     urdf: str | Path,
     drives: str | Path | Mapping[str, Any] | None = None,
@@ -203,7 +211,7 @@ def load_robot(
         warnings.warn(
             f"'{tree.name}': mimic joints are taken as independent: {', '.join(mimics)}",
             SeaidWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
     by_joint = _drives(tree, moving, drives)
     built = assemble(tree, moving, payloads, finite("gravity", gravity, (3,), RobotError))
@@ -226,7 +234,7 @@ def _robot(
         is_prismatic=tuple(joint.type == "prismatic" for joint in moved),
         model=built.model,
         model_order=built.order,
-        drives=FrozenMapping(drives),
+        drives=FrozenMapping(drives, "joint"),
         parameters=built.bodies.ravel(),
         payload_parameters=frozen("payload", built.payloads.ravel(), (None,)),
         lower_limits=limits("lower"),
@@ -238,10 +246,6 @@ def _robot(
 
 
 def _known_bodies(robot: Robot, tree: UrdfTree, names: Sequence[str]) -> tuple[str, ...]:
-    if isinstance(names, str):
-        raise RobotError(
-            f"known_bodies= must be a list of names, found the text '{names}'", "known_bodies="
-        )
     bodies = robot.parameters.reshape(-1, 10)
     for name in names:
         if name in tree.links and name not in robot.body_names:
@@ -263,13 +267,8 @@ def _drives(
         given: dict[str, Drive] = {}
     elif isinstance(drives, str | Path):
         given = read_drives(drives)
-    elif isinstance(drives, Mapping):
-        given = drives_from_mapping(drives)
     else:
-        raise RobotError(
-            "drives= must be the path of a TOML file or {joint: drive}, found "
-            f"{type(drives).__name__}"
-        )
+        given = drives_from_mapping(drives)
     for name in given:
         if name not in tree.joints:
             raise RobotError(

@@ -387,7 +387,7 @@ def _urdf_of(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
             f"'{path.name}': {len(snapped)} rounded angles in joint origins taken as the multiples "
             f"of pi/2 they mean ({shown}); snap_tolerance_rad=0 leaves them as written",
             SeaidWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
     robot = _parse_robot(path, root)
     links = {link.name: _link_parameters(path, link) for link in robot.links}

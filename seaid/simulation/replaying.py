@@ -14,7 +14,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.drives import SeriesElasticDrive
-from seaid.errors import LogError
+from seaid.errors import LogError, SeaidError, checked
 from seaid.log import Log, check_whole, spline_derivatives
 from seaid.robot import Robot, at_drives
 from seaid.simulation.controller import input_gain
@@ -27,6 +27,7 @@ Command = Callable[[float, Array], Array]
 """Function of time [s] and joint positions (n,) that returns motor inputs (n,)."""
 
 
+@checked(SeaidError)
 def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
     """Simulate a robot from the first state of a log, with the motor inputs of the log.
 
@@ -55,7 +56,7 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
 
     Examples
     --------
-    >>> replayed = seaid.replay(identification.robot, log)
+    >>> replayed = seaid.replay(result.robot, log)
     >>> np.std(replayed.joint_position - log.joint_position, axis=0)
     """
     check_whole(log)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from seaid._arrays import Array, check_rate, frozen, seed_of
+from seaid._display import Display
 from seaid._progress import track
-from seaid.errors import SeaidError
+from seaid.errors import SeaidError, checked
 from seaid.excitation import Trajectory
 from seaid.log import Log, Motion
 from seaid.robot import Robot, torques_at_joints
@@ -31,8 +32,8 @@ _LEAST_RATE_HZ = 0.1
 """A slower controller is unstable, and needs too many steps between its ticks."""
 
 
-@dataclass(frozen=True, eq=False)
-class Noise:
+@dataclass(frozen=True, eq=False, repr=False)
+class Noise(Display):
     """Errors of the simulated sensors: one number for all joints, or one per joint; default 0.
 
     Parameters
@@ -56,6 +57,7 @@ class Noise:
     torque_std_Nm: float | tuple[float, ...] = 0.0
 
 
+@checked(SeaidError)
 def simulate(
     robot: Robot,
     trajectory: Trajectory,
@@ -97,8 +99,8 @@ def simulate(
 
     Examples
     --------
-    >>> robot = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")
-    >>> plan = seaid.load_trajectory("models/tulip_plan.json")
+    >>> robot = seaid.load_robot("leg.urdf", "leg.toml")
+    >>> plan = seaid.load_trajectory("plan.json")
     >>> log = seaid.simulate(robot, plan, noise=seaid.Noise(torque_std_Nm=0.002), seed=1)
     """
     noise = Noise() if noise is None else noise

@@ -16,6 +16,7 @@ from typing import Literal
 import sympy as sp
 from flint import fmpq, fmpq_mat, fmpq_mpoly
 
+from seaid._display import Display
 from seaid.errors import SymbolicError
 from seaid.symbolic.entries import Entry, Row, grouped_by_motion
 from seaid.symbolic.independence import independent_functions
@@ -165,8 +166,8 @@ class Column:
     depends_on: Mapping[sp.Expr, sp.Expr] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, eq=False)
-class BaseForm:
+@dataclass(frozen=True, eq=False, repr=False)
+class BaseForm(Display):
     """The base regressor form (14): zeta = regressor * parameters, with independent columns.
 
     Attributes

@@ -15,6 +15,7 @@ from typing import Any
 import sympy as sp
 from flint import fmpq, fmpq_mpoly
 
+from seaid._display import Display
 from seaid._progress import track
 from seaid.errors import SymbolicError
 from seaid.symbolic.entries import (
@@ -39,8 +40,8 @@ from seaid.symbolic.polynomial import (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class RegressorForm:
+@dataclass(frozen=True, eq=False, repr=False)
+class RegressorForm(Display):
     """The regressor form (9): zeta = regressor * parameters.
 
     Attributes

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.errors import SeaidError, reason_of, unknown_name
+from seaid._display import Display, counted
+from seaid.errors import SeaidError, checked, reason_of, unknown_name
 from seaid.excitation import Excitation, Trajectory
 from seaid.log import Log, Motion
 from seaid.view.panel import NOTHING, notes_of, put_panel, slider_end, table
@@ -34,8 +35,8 @@ if TYPE_CHECKING:
 _FRAMES_HZ = 30.0
 
 
-@dataclass(frozen=True, eq=False)
-class View:
+@dataclass(frozen=True, eq=False, repr=False)
+class View(Display):
     """An open window on a robot, from `view_robot`; its methods do the same as the panel.
 
     `stop` or the end of a `with` block closes it.
@@ -62,6 +63,9 @@ class View:
     _playing: threading.Event = field(default_factory=threading.Event, init=False, repr=False)
     _ended: threading.Event = field(default_factory=threading.Event, init=False, repr=False)
     _clock: threading.Thread = field(init=False, repr=False)
+
+    def _in_short(self) -> str:
+        return f"{self.url}: {counted(len(self.playbacks), 'motion')}"
 
     def __post_init__(self) -> None:
         self._listen()
@@ -217,6 +221,7 @@ _POSTURES = 40
 """Number of postures per motion that the camera shows."""
 
 
+@checked(SeaidError)
 def view_robot(
     robot: Robot,
     motions: Mapping[str, Shown] | Sequence[Shown] | Shown = (),

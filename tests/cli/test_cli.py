@@ -26,6 +26,7 @@ from seaid.cli import main
 from seaid.cli.commands import app
 from seaid.cli.messages import error_text
 from seaid.errors import IdentificationError, LogError, RobotError
+from seaid.regressor import Sensor
 
 ROOT = Path(__file__).parents[2]
 HELP_SECONDS = 1.0
@@ -182,7 +183,7 @@ def test_inspect_shows_tree_drives_base_parameters_and_sensors(arm: Path) -> Non
 
 
 def test_inspect_of_given_sensors_is_in_detail(arm: Path) -> None:
-    sensors = ("motor_position", "joint_position", "motor_torque")
+    sensors: tuple[Sensor, ...] = ("motor_position", "joint_position", "motor_torque")
     said = done("inspect", *robot_and_drives(arm), "--sensors", ",".join(sensors))
     robot = seaid.load_robot(arm / "arm.urdf", arm / "arm.toml")
     assert str(seaid.identifiability(robot, sensors)) in said.out
@@ -371,6 +372,10 @@ def test_a_full_disk_leaves_the_old_file(
         ("identify arm.urdf run.csv --estimator best", "no estimator is named 'best'"),
         ("terms arm.urdf run.csv --of elbo", "did you mean 'elbow'?"),
         ("excite arm.urdf --velocity elbo=1", "did you mean 'elbow'?"),
+        ("identify no.urdf no.csv --method twostep", "--method: no method is named 'twostep'; did"),
+        ("validate no.urdf no.csv --from no.csv --estimator hube", "did you mean 'huber'?"),
+        ("excite no.urdf --basis furier", "--basis: no basis is named 'furier'; did you mean"),
+        ("excite no.urdf --criterion condition", "did you mean 'condition_number'?"),
         ("simulate arm.urdf no.json", "cannot read trajectory 'no.json'"),
         ("simulate arm.urdf run_plan.json --rate-hz 0", "rate_hz must be more than zero"),
         ("validate arm.urdf run.csv --from run.csv", "is used for the identification: validate on"),

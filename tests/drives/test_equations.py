@@ -9,6 +9,7 @@ import pytest
 import sympy as sp
 
 from seaid._arrays import Array
+from seaid.drives import FrictionTerm
 from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.drives.equations import motor_equation, spring_equation
 from seaid.drives.regressor import DriveRegressor, drive_regressor
@@ -104,7 +105,7 @@ def test_stiff_drive_has_the_joint_torque_behind_its_gear() -> None:
 
 
 @pytest.mark.parametrize("friction", [(), ("viscous",), ("coulomb",), ("coulomb", "viscous")])
-def test_friction_has_the_terms_that_the_drive_names(friction: tuple[str, ...]) -> None:
+def test_friction_has_the_terms_that_the_drive_names(friction: tuple[FrictionTerm, ...]) -> None:
     names = motor_regressor(replace(LINEAR, friction=friction)).names
     expected = [f"{term}_friction" for term in ("viscous", "coulomb") if term in friction]
     assert names == (*expected, "stiffness", "spring_offset")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
+from seaid.drives import FrictionTerm, MotorInput, SpringTerm
 from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive, unit_of
 from seaid.drives.equations import (
     dry_friction,
@@ -67,7 +68,7 @@ def signals(seed: int = 0, count: int = 40) -> dict[str, Array]:
 
 @pytest.mark.parametrize(("friction", "spring", "expected"), CHOICES)
 def test_what_is_linear_stays_linear(
-    friction: tuple[str, ...], spring: tuple[str, ...], expected: tuple[str, ...]
+    friction: tuple[FrictionTerm, ...], spring: tuple[SpringTerm, ...], expected: tuple[str, ...]
 ) -> None:
     drive = replace(ELASTIC, friction=friction, spring=spring)
     nonlinear = non_linear(motor_equation(drive))
@@ -135,7 +136,7 @@ def test_friction_under_load_takes_the_direction_of_the_coulomb_friction() -> No
 @pytest.mark.parametrize("motor_input", ["torque", "current", "voltage"])
 @pytest.mark.parametrize("friction", [("viscous",), ("viscous", "coulomb", "load"), ("load",)])
 def test_a_row_balances_the_torque_at_the_motor(
-    motor_input: str, friction: tuple[str, ...]
+    motor_input: MotorInput, friction: tuple[FrictionTerm, ...]
 ) -> None:
     """The load's torque counts 1/N there, whatever scale Algorithm 1 leaves."""
     drive = replace(STIFF, motor_input=motor_input, friction=friction)
@@ -163,7 +164,7 @@ def test_dead_zone_takes_its_width_away_on_both_sides() -> None:
     [("current", "i_M", "torque_constant"), ("voltage", "u_M", "voltage_constant")],
 )
 def test_current_or_voltage_has_a_constant_as_its_column(
-    motor_input: str, signal: str, name: str
+    motor_input: MotorInput, signal: str, name: str
 ) -> None:
     drive = replace(STIFF, motor_input=motor_input)
     regressor = drive_regressor(motor_equation(drive), drive)

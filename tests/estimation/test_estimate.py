@@ -54,7 +54,7 @@ def test_value_and_standard_error_by_name() -> None:
 
 
 def test_unknown_name_lists_what_is_there() -> None:
-    with pytest.raises(SeaidError, match="no parameter 'd'; there are: a, b, c"):
+    with pytest.raises(SeaidError, match="no parameter is named 'd'; allowed: a, b, c"):
         FOUND.value("d")
 
 

@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from seaid._arrays import Array
 from seaid.errors import ExcitationError, IdentificationError
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.fitting import ESTIMATORS
+from seaid.estimation.fitting import ESTIMATORS, LinearEstimator
 from seaid.estimation.least_squares import ordinary, weighted
 from seaid.estimation.robust import (
     huber,
@@ -187,7 +187,7 @@ def test_what_does_not_settle_is_refused(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 @pytest.mark.parametrize("name", ["huber", "tukey"])
-def test_a_saturated_amplifier_in_a_log(name: str) -> None:
+def test_a_saturated_amplifier_in_a_log(name: LinearEstimator) -> None:
     """The torque sensor of one joint stands at a wrong value for a tenth of the log."""
     assert name in ESTIMATORS
     log = measure(arm(), arm_motion(), ARM_SENSORS, 0)
@@ -196,16 +196,17 @@ def test_a_saturated_amplifier_in_a_log(name: str) -> None:
     log, known = replace(log, motor_torque=torque), arm().without_nominal()
     joint = arm().joint_names[1]
     truth = true_value(arm(), joint, "stiffness")
+    pair: tuple[LinearEstimator, LinearEstimator] = ("wls", name)
     plain, robust = (
         abs(identify(known, log, estimator=one).drives[joint].value("stiffness") / truth - 1)
-        for one in ("wls", name)
+        for one in pair
     )
     assert plain > 0.1
     assert robust < 0.01
 
 
 @pytest.mark.parametrize("name", ["huber", "tukey"])
-def test_spikes_in_a_log(name: str) -> None:
+def test_spikes_in_a_log(name: LinearEstimator) -> None:
     """One of a thousand samples of torque is a spike; the low pass smears it over its rows."""
     log = measure(arm(), arm_motion(), ARM_SENSORS, 0)
     torque, rng = log.motor_torque.copy(), np.random.default_rng(0)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,18 +9,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seaid.errors import ExcitationError
-from seaid.excitation.basis import make_basis
+from seaid.excitation.basis import BasisName, make_basis
 from seaid.excitation.fourier import FourierBasis
 from seaid.excitation.spline import SplineBasis, bernstein_from_powers
 
 pytestmark = pytest.mark.rounding
 
+BASES: list[tuple[BasisName, int]]
 BASES = [("bspline", 7), ("bspline", 30), ("polynomial", 7), ("polynomial", 18), ("polynomial", 30)]
-FOURIER = [("fourier", 7), ("fourier", 31)]
+FOURIER: list[tuple[BasisName, int]] = [("fourier", 7), ("fourier", 31)]
 
 
 @pytest.mark.parametrize(("name", "count"), BASES + FOURIER)
-def test_velocity_and_acceleration_are_the_derivatives(name: str, count: int) -> None:
+def test_velocity_and_acceleration_are_the_derivatives(name: BasisName, count: int) -> None:
     basis = make_basis(name, 4.0, count)
     assert (basis.size, basis.duration) == (count, 4.0)
     time, step = np.linspace(0.3, 3.7, 41), 1e-5
@@ -30,7 +32,7 @@ def test_velocity_and_acceleration_are_the_derivatives(name: str, count: int) ->
 
 
 @pytest.mark.parametrize(("name", "count"), BASES + FOURIER)
-def test_constant_is_one_at_all_times(name: str, count: int) -> None:
+def test_constant_is_one_at_all_times(name: BasisName, count: int) -> None:
     basis = make_basis(name, 4.0, count)
     position, velocity, _ = basis.matrices(np.linspace(0.0, 4.0, 11))
     np.testing.assert_allclose(position @ basis.constant, 1.0, rtol=1e-13)
@@ -45,7 +47,7 @@ def test_constant_is_one_at_all_times(name: str, count: int) -> None:
     density=st.sampled_from([0, 2, 5]),
 )
 def test_hull_is_never_exceeded_and_closes_in(
-    seed: int, case: tuple[str, int], order: int, density: int
+    seed: int, case: tuple[BasisName, int], order: int, density: int
 ) -> None:
     basis = make_basis(case[0], 3.0, case[1])
     coefficients = np.random.default_rng(seed).normal(size=basis.size)
@@ -115,7 +117,7 @@ def test_bernstein_form_is_the_power_form_of_equation_18() -> None:
         ("fourier", 1.0, 8, "odd number of coefficients per joint, .* found 8"),
     ],
 )
-def test_bad_requests_say_what_is_wrong(name: str, duration: float, count: int, words: str) -> None:
+def test_bad_requests_say_what_is_wrong(name: Any, duration: float, count: int, words: str) -> None:
     with pytest.raises(ExcitationError, match=words):
         make_basis(name, duration, count)
 

@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from seaid.errors import ExcitationError
 from seaid.excitation.criteria import (
     CRITERIA,
-    criterion_named,
+    CriterionName,
     has_full_rank,
     singular_values,
     triangular_factor,
@@ -27,7 +26,7 @@ pytestmark = pytest.mark.rounding
     seed=st.integers(0, 10**6),
 )
 def test_slope_equals_central_differences(
-    name: str, columns: int, previous_logs: int, seed: int
+    name: CriterionName, columns: int, previous_logs: int, seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
     sizes = 10 ** rng.uniform(-2, 0, columns)
@@ -79,8 +78,3 @@ def test_a_lost_column_is_seen() -> None:
     H[:, 3] = H[:, 0] - 2 * H[:, 1]
     assert not has_full_rank(triangular_factor(H, np.empty((0, 4))))
     assert not has_full_rank(triangular_factor(H[:3], np.empty((0, 4))))
-
-
-def test_unknown_criterion_offers_the_nearest() -> None:
-    with pytest.raises(ExcitationError, match="did you mean 'd_optimality'"):
-        criterion_named("d_optimal")

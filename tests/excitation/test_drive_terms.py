@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array
+from seaid.drives import FrictionTerm
 from seaid.drives.drives import Drive, SeriesElasticDrive
 from seaid.drives.equations import joint_equation, motor_equation, spring_equation
 from seaid.drives.functions import (
@@ -39,7 +40,7 @@ from tests.terms import ELASTIC, STIFF, arm, exact_motion, slope, value_of, with
 
 pytestmark = pytest.mark.rounding
 
-DRY = ("viscous", "coulomb")
+DRY: tuple[FrictionTerm, FrictionTerm] = ("viscous", "coulomb")
 SHARP = np.full(2, 1e-7)
 LIMITED = Limits(joint_torque=50.0, motor_torque=0.5, motor_speed=400.0, deflection=0.1)
 COUPLED = {"one": {"one": 1.0, "two": 1.0}, "two": {"one": 0.5, "two": -1.0}}

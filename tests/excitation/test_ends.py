@@ -10,11 +10,18 @@ from hypothesis import strategies as st
 from seaid._arrays import Array
 from seaid.errors import ExcitationError
 from seaid.excitation import EndState, JointLimits, Trajectory, make_basis
+from seaid.excitation.basis import BasisName
 from seaid.excitation.boundary import IN_MOTION, MotionSpace, limit_rows, motion_space
 
 pytestmark = pytest.mark.rounding
 
-BASES = [("bspline", 8), ("bspline", 25), ("polynomial", 9), ("polynomial", 18), ("fourier", 13)]
+BASES: list[tuple[BasisName, int]] = [
+    ("bspline", 8),
+    ("bspline", 25),
+    ("polynomial", 9),
+    ("polynomial", 18),
+    ("fourier", 13),
+]
 JOINTS = ("rail", "shoulder", "elbow")
 
 
@@ -23,7 +30,11 @@ def limits(n: int = 3) -> JointLimits:
 
 
 def space(
-    start: EndState, end: EndState, name: str = "bspline", count: int = 12, duration: float = 4.0
+    start: EndState,
+    end: EndState,
+    name: BasisName = "bspline",
+    count: int = 12,
+    duration: float = 4.0,
 ) -> MotionSpace:
     return motion_space(make_basis(name, duration, count), JOINTS, limits(), start, end)
 
@@ -44,7 +55,7 @@ def filling(motions: MotionSpace, bounds: JointLimits, rng: np.random.Generator)
 
 
 @pytest.mark.parametrize(("name", "count"), BASES)
-def test_rest_is_rest_wherever_it_is(name: str, count: int) -> None:
+def test_rest_is_rest_wherever_it_is(name: BasisName, count: int) -> None:
     found = space(EndState(), EndState(), name, count)
     conditions = 2 if name == "fourier" else 4
     assert found.shape == (3, count - conditions)
@@ -59,7 +70,7 @@ def test_rest_is_rest_wherever_it_is(name: str, count: int) -> None:
 
 
 @pytest.mark.parametrize(("name", "count"), BASES)
-def test_free_ends_leave_all_variables_of_like_size(name: str, count: int) -> None:
+def test_free_ends_leave_all_variables_of_like_size(name: BasisName, count: int) -> None:
     found = space(IN_MOTION, IN_MOTION, name, count)
     np.testing.assert_array_equal(found.free, found.basis.scaling)
 
@@ -71,7 +82,7 @@ def test_free_ends_leave_all_variables_of_like_size(name: str, count: int) -> No
     seed=st.integers(0, 2**32 - 1),
 )
 def test_all_motions_keep_the_ends_given_as_number_row_or_mapping(
-    case: tuple[str, int], asked: list[bool], seed: int
+    case: tuple[BasisName, int], asked: list[bool], seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
     periodic = case[0] == "fourier"
@@ -99,7 +110,9 @@ def test_all_motions_keep_the_ends_given_as_number_row_or_mapping(
     n=st.integers(1, 7),
     seed=st.integers(0, 2**32 - 1),
 )
-def test_no_limit_is_broken_at_100_kHz(case: tuple[str, int], ends: str, n: int, seed: int) -> None:
+def test_no_limit_is_broken_at_100_kHz(
+    case: tuple[BasisName, int], ends: str, n: int, seed: int
+) -> None:
     rng = np.random.default_rng(seed)
     lower, range_ = rng.uniform(-2, 2, n), 10 ** rng.uniform(-2, 1, n)
     bounds = JointLimits(

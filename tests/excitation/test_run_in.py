@@ -16,7 +16,7 @@ from seaid.excitation import (
     make_basis,
     margins,
 )
-from seaid.excitation.basis import JoinedBasis
+from seaid.excitation.basis import BasisName, JoinedBasis
 from seaid.excitation.boundary import IN_MOTION, limit_rows, motion_space
 from seaid.excitation.run_in import add_run_in, with_run_in
 from seaid.robot.robot import Robot
@@ -25,7 +25,7 @@ LIMITS = Limits(velocity=[1.0, 3.0, 3.0], acceleration=8.0)
 
 
 def free_motion(
-    robot: Robot, name: str, count: int, seed: int = 0, duration: float = 3.0
+    robot: Robot, name: BasisName, count: int, seed: int = 0, duration: float = 3.0
 ) -> Trajectory:
     """Return a motion with free ends that can be run into and is at a limit somewhere."""
     bounds = joint_limits(robot, LIMITS)
@@ -44,7 +44,7 @@ def free_motion(
     case=st.sampled_from([("bspline", 14), ("polynomial", 12), ("fourier", 11)]),
 )
 def test_it_rests_at_both_ends_without_a_jump_and_within_limits(
-    seed: int, case: tuple[str, int], slider_arm: Robot
+    seed: int, case: tuple[BasisName, int], slider_arm: Robot
 ) -> None:
     main = free_motion(slider_arm, *case, seed=seed)
     assert not main.rests_at_ends
@@ -76,7 +76,7 @@ def test_it_rests_at_both_ends_without_a_jump_and_within_limits(
 
 
 @pytest.mark.parametrize("name", ["bspline", "polynomial"])
-def test_the_main_interval_is_the_motion_itself(slider_arm: Robot, name: str) -> None:
+def test_the_main_interval_is_the_motion_itself(slider_arm: Robot, name: BasisName) -> None:
     main = free_motion(slider_arm, name, 12)
     whole = add_run_in(main, slider_arm, LIMITS)
     time = np.linspace(0.0, 3.0, 50)[:-1]

@@ -446,7 +446,7 @@ FAR = Box((0, 0, 9), (1, 1, 1), name="far")
             r"pairs of link names, found \(\['a'\], 'lower'\)",
         ),
         ({"disabled_pairs": [1.0]}, r"disabled_pairs must be pairs of link names, found 1\.0"),
-        ({"disabled_pairs": 7}, "disabled_pairs must be pairs of link names, found 7"),
+        ({"disabled_pairs": 7}, "disabled_pairs= must be a list of tuples, found 7"),
         ({"keep_out": [AROUND_ALL]}, r"no posture .*'upper'.*'cell'.*disabled_pairs=\[\('upper'"),
         ({"keep_out": [FAR, FAR]}, "keep-out box 'far' has the name of another box"),
         ({"keep_out": [Box((0, 0, 9), (1, 1, 1), name="lower")]}, "'lower' has the name of"),

@@ -20,6 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seaid._arrays import Array
+from seaid.drives import FrictionTerm
 from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.errors import RobotError, SeaidError
 from seaid.export.mjcf import write_mjcf
@@ -171,7 +172,7 @@ def test_accelerations_are_the_plants(payloads: tuple[Any, ...], tmp_path: Path)
     assert acceleration_errors(Twin(without_friction(arm()), tmp_path)) < 1e-9
 
 
-VISCOUS = ("viscous",)
+VISCOUS: tuple[FrictionTerm, ...] = ("viscous",)
 
 
 def stiff(values: Mapping[str, float], **terms: Any) -> Drive:

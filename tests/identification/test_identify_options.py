@@ -14,6 +14,7 @@ import pytest
 
 from seaid.errors import IdentificationError, LogError
 from seaid.estimation.estimate import Estimate
+from seaid.identification import Method
 from seaid.identification.identification import Identification, identify
 from seaid.identification.validation import cross_validate, validate
 from seaid.log.long_log import open_long_log
@@ -193,7 +194,7 @@ def test_an_identification_can_be_sent_to_a_process() -> None:
     ("logs", "words"),
     [
         ([], "identify needs a log, found none"),
-        ([3.0], "logs must be Logs .*, found float"),
+        ([3.0], "logs= must be a Log, a LongLog, a path or a list of these, found a list with 3.0"),
     ],
 )
 def test_what_is_no_log(logs: Any, words: str) -> None:
@@ -208,9 +209,9 @@ def test_a_file_that_is_not_there() -> None:
 
 def test_unknown_choices_offer_the_nearest() -> None:
     with pytest.raises(IdentificationError, match="did you mean 'simultaneous'"):
-        identify(KNOWN, log(), method="simultanous")
+        identify(KNOWN, log(), method="simultanous")  # type: ignore[arg-type]
     with pytest.raises(IdentificationError, match=r"estimator=: .*did you mean 'wls'"):
-        identify(KNOWN, log(), estimator="wlss")
+        identify(KNOWN, log(), estimator="wlss")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -224,7 +225,7 @@ def test_unknown_choices_offer_the_nearest() -> None:
     ],
 )
 @pytest.mark.parametrize("method", ["two-step", "simultaneous"])
-def test_a_dead_channel_is_named(field: str, joint: str, words: str, method: str) -> None:
+def test_a_dead_channel_is_named(field: str, joint: str, words: str, method: Method) -> None:
     values = getattr(log(), field).copy()
     values[:, KNOWN.index(joint)] = 0.4
     with pytest.raises(LogError, match=f"{words}, while its .* moves: a dead channel"):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from seaid.errors import IdentificationError
+from seaid.estimation import EstimatorName
 from seaid.estimation.fitting import ESTIMATORS
 from seaid.identification.identification import identify
 from seaid.identification.instrumental import (
@@ -112,7 +113,8 @@ def test_coarse_joint_encoders_bias_least_squares_more() -> None:
             [0.02, 1.0, 0.02, 1.0]
         )
         log = replace(log, joint_position=position)
-        for name, errors in (("wls", plain), ("iv", freed)):
+        cases: list[tuple[EstimatorName, list[list[float]]]] = [("wls", plain), ("iv", freed)]
+        for name, errors in cases:
             found = identify(known, log, estimator=name, cutoff_hz=8.0)
             errors.append(list(drive_errors(found, arm(), "stiffness").values()))
     worst = int(np.argmax(np.abs(np.mean(plain, axis=0))))
@@ -138,7 +140,7 @@ def test_errors(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(IdentificationError, match='estimator="iv" needs method="two-step"'):
         identify(robot, log, estimator="iv", method="simultaneous")
     with pytest.raises(IdentificationError, match="did you mean 'iv'"):
-        identify(robot, log, estimator="ivv")
+        identify(robot, log, estimator="ivv")  # type: ignore[arg-type]
     run = partial(estimate_instrumental, robot, [motion], model)
     joint = robot.elastic_joints[0]
     drive = sides.drives[joint]

@@ -12,8 +12,10 @@ import pytest
 
 import seaid
 from seaid._arrays import Array
+from seaid.drives import FrictionTerm
 from seaid.drives.drives import StiffDrive
 from seaid.errors import IdentificationError, LogError, SeaidError
+from seaid.estimation import EstimatorName
 from seaid.log.reading import Log
 from seaid.regressor.rigid_body import joint_torques
 from seaid.robot.robot import Robot
@@ -83,7 +85,7 @@ def test_a_time_in_another_unit_is_named() -> None:
 
 @pytest.mark.parametrize("friction", [("viscous", "smooth_coulomb"), ("viscous", "stribeck")])
 def test_nonlinear_friction_from_a_sensor_at_the_joint(
-    pendulum: Robot, friction: tuple[str, ...]
+    pendulum: Robot, friction: tuple[FrictionTerm, ...]
 ) -> None:
     """The torque of a stiff drive without a sensor of its own is that of the one at its joint."""
     terms = friction if "smooth_coulomb" in friction else (*friction, "coulomb")
@@ -96,7 +98,9 @@ def test_nonlinear_friction_from_a_sensor_at_the_joint(
 
 
 @pytest.mark.parametrize("estimator", ["wls", "tukey"])
-def test_a_motor_fed_with_current_that_hardly_moves(pendulum: Robot, estimator: str) -> None:
+def test_a_motor_fed_with_current_that_hardly_moves(
+    pendulum: Robot, estimator: EstimatorName
+) -> None:
     robot = pendulum.with_drives({"hinge": StiffDrive(motor_input="current")})
     slow = np.where(TIME < 5.0, 1e-12 * ANGLE, 0.0)
     with pytest.raises(IdentificationError, match=r"0 rows \(.* near standstill\) cannot det"):

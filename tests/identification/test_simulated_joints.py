@@ -10,6 +10,7 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.errors import IdentificationError
+from seaid.estimation import EstimatorName
 from seaid.estimation.fitting import ESTIMATORS
 from seaid.identification.identification import identify
 from seaid.identification.instrumental import estimate_instrumental
@@ -132,7 +133,7 @@ def test_a_model_that_cannot_be_simulated() -> None:
         driven_motion(robot, motion, model, sides.springs, -1e-3 * sides.load_side.values)
 
 
-def base_errors(estimator: str, seed: int) -> Array:
+def base_errors(estimator: EstimatorName, seed: int) -> Array:
     """Return the errors of the base parameters with white noise on the joint encoders."""
     rng = np.random.default_rng(seed)
     noise = Noise(

@@ -213,7 +213,7 @@ def test_motion_tells_what_was_done_to_it() -> None:
     assert thinned.resampled
     assert thinned.logged_rate_hz == pytest.approx(700, rel=0.02)
     assert "uneven steps resampled to" in str(thinned)
-    report = (Repair("rail.motor_torque_Nm", "no numbers", 3, 0.5, "bridged"),)
+    report = (Repair("rail.motor_torque_Nm", "values that are no number", 3, 0.5, "bridged"),)
     repaired = reconstruct_motion(arm(), replace(log(), report=report), 8.0).processing
     assert repaired is not None
     assert repaired.repairs == report

@@ -390,9 +390,10 @@ def test_validation_without_any_torque_is_a_page_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("results", "words"),
     [
-        ("report", "results must be Validations (of seaid.validate), found str; give []"),
-        ([1], "results must be Validations (of seaid.validate), found int"),
-        (None, "found NoneType; give []"),
+        ("report", "results= must be a Validation or a list of Validations, found the text"),
+        ([1], "results= must be a Validation or a list of Validations, found a list with 1"),
+        (iter([1]), "results= must be Validations, found int"),
+        (None, "found None; make one with seaid.validate(identification, log)"),
         (
             [prediction(("other",), 200)],
             "a validation of the joints other, but the identified robot",
@@ -409,14 +410,16 @@ def test_results_that_are_none_are_refused(tmp_path: Path, results: Any, words: 
 
 @pytest.mark.parametrize("facts", [{"a": [1]}, {1: "a"}, ["a"], {"a": None}])
 def test_facts_that_are_no_text_are_refused(tmp_path: Path, facts: Any) -> None:
-    with pytest.raises(SeaidError, match=r"facts= must be \{name: text or number\}, found"):
+    with pytest.raises(
+        SeaidError, match=r"facts= must be (a mapping|\{name: text or number\}), found"
+    ):
         write_report(arm_found(), [], tmp_path / "page.html", facts=facts)
 
 
 def test_page_has_its_ending_and_an_identification(tmp_path: Path) -> None:
     with pytest.raises(SeaidError, match=r"report.pdf' must end in .html"):
         write_report(arm_found(), [], tmp_path / "report.pdf")
-    with pytest.raises(SeaidError, match="needs an Identification, found Robot"):
+    with pytest.raises(SeaidError, match="must be an Identification, found a Robot"):
         write_report(arm_found().robot, [], tmp_path / "page.html")  # type: ignore[arg-type]
 
 

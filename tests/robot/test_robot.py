@@ -277,7 +277,7 @@ def test_joints_that_are_not_there_twice_or_none_are_refused(
 
 @pytest.mark.parametrize("gravity", [(0.0, 0.0), (0.0, 0.0, np.nan), "down"])
 def test_gravity_that_is_no_vector_is_refused(tulip_urdf: Path, gravity: tuple[float, ...]) -> None:
-    with pytest.raises(RobotError, match="gravity must"):
+    with pytest.raises(RobotError, match=r"gravity=? must"):
         load_robot(tulip_urdf, gravity=gravity)
 
 
@@ -403,7 +403,7 @@ def test_extra_term_that_is_no_expression_names_its_joint(tulip_urdf: Path) -> N
 
 @pytest.mark.parametrize("given", [[1], 3, {"knee_pitch": None}, {"knee_pitch": "stiff"}])
 def test_drives_that_are_no_mapping_of_drives_are_refused(tulip_urdf: Path, given: object) -> None:
-    fails_with(tulip_urdf, given, "must be (the path of a TOML file|a table of a drive)")
+    fails_with(tulip_urdf, given, "must be (a path or a mapping|a table of a drive)")
 
 
 def test_rows_names_each_joint_once_and_takes_a_plain_name(tulip_leg: Robot) -> None:

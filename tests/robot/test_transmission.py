@@ -30,8 +30,10 @@ from seaid.errors import (
     SeaidWarning,
     SymbolicError,
 )
+from seaid.estimation import EstimatorName
 from seaid.estimation.least_squares import ordinary
 from seaid.excitation.objective import load_target
+from seaid.identification import Method
 from seaid.identification.identification import Identification, identify
 from seaid.identification.output_error import refine
 from seaid.identification.simulated_joints import driven_motion
@@ -512,7 +514,7 @@ def test_the_count_of_base_parameters_does_not_change(case: Case) -> None:
 
 @pytest.mark.parametrize("method", ["two-step", "simultaneous"])
 @pytest.mark.parametrize("name", ["stiff differential", "elastic differential", "sliding"])
-def test_a_log_gives_nearly_the_truth(name: str, method: str) -> None:
+def test_a_log_gives_nearly_the_truth(name: str, method: Method) -> None:
     case = CASES[name]()
     log = log_of(true_motion(case))
     found = identify(case.robot.without_nominal(), log, cutoff_hz=12.0, method=method)
@@ -525,7 +527,9 @@ def test_a_log_gives_nearly_the_truth(name: str, method: str) -> None:
 
 @pytest.mark.parametrize("estimator", ["wls", "iv"])
 @pytest.mark.parametrize("name", ["stiff differential", "mixed differential", "parallelogram"])
-def test_errors_are_as_large_as_the_standard_errors_say(name: str, estimator: str) -> None:
+def test_errors_are_as_large_as_the_standard_errors_say(
+    name: str, estimator: EstimatorName
+) -> None:
     case = CASES[name]()
     scores: list[float] = []
     for seed in range(4):

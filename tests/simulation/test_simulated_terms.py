@@ -14,6 +14,7 @@ import pytest
 import sympy as sp
 
 from seaid._arrays import Array
+from seaid.drives import FrictionTerm
 from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive
 from seaid.drives.equations import (
     DriveEquation,
@@ -42,7 +43,7 @@ from tests.terms import ELASTIC, STIFF, arm, exact_motion, with_terms
 
 Chain = Callable[..., Path]
 
-DRY = ("viscous", "coulomb")
+DRY: tuple[FrictionTerm, FrictionTerm] = ("viscous", "coulomb")
 COUPLED = {"one": {"one": 1.0, "two": 1.0}, "two": {"one": 0.5, "two": -1.0}}
 
 

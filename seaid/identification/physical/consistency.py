@@ -16,6 +16,7 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array, finite
+from seaid._display import Result, counted
 from seaid.errors import IdentificationError
 from seaid.estimation import (
     WEIGHTS,
@@ -105,8 +106,8 @@ _SHAPES = ("without mass", "a point mass", "a thin rod", "a flat plate")
 """Names of bodies whose pseudo-inertia has rank 0, 1, 2, 3."""
 
 
-@dataclass(frozen=True, eq=False)
-class FeasibleParameters:
+@dataclass(frozen=True, eq=False, repr=False)
+class FeasibleParameters(Result):
     """A physically consistent robot and its distance from the estimate.
 
     Attributes
@@ -133,6 +134,8 @@ class FeasibleParameters:
         Assumptions that the data contradict: a payload, or bounds.
     """
 
+    table_name = "feasible_text"
+
     robot: Robot
     parameters: Array
     names: tuple[str, ...]
@@ -147,6 +150,11 @@ class FeasibleParameters:
     active_bounds: tuple[str, ...]
     notes: tuple[str, ...]
     flags: tuple[str, ...] = ()
+
+    def _in_short(self) -> str:
+        distance = f"chi-square {self.chi_square:.3g} over {counted(len(self.values), 'value')}"
+        bounds = counted(len(self.active_bounds), "active bound")
+        return f"'{self.robot.name}': {distance}, {bounds}"
 
 
 def feasible_parameters(

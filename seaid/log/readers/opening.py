@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import stat
 from collections.abc import Callable
 from pathlib import Path
 
 from seaid._files import working_folder
-from seaid.errors import LogError, reason_of, shortened, shown
+from seaid.errors import LogError, reason_of, shortened
 from seaid.log.readers.csv_file import open_csv
 from seaid.log.readers.hdf5_file import open_hdf5
 from seaid.log.readers.hebi_log import open_hebilog
@@ -32,13 +31,6 @@ READERS: dict[str, Callable[[Path], Table]] = {
     ".hebilog": open_hebilog,
 }
 """Readers by the suffix of the file; a folder is a ROS bag."""
-
-
-def log_path(path: str | Path) -> Path:
-    """Return the path of a log as a Path. Raises LogError for another type."""
-    if not isinstance(path, str | os.PathLike):
-        raise LogError(f"the path of a log must be a text or a Path, found {shown(path)}")
-    return Path(path)
 
 
 def open_table(path: Path) -> Table:

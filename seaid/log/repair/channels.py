@@ -7,7 +7,7 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, IndexArray, is_constant
 from seaid.errors import LogError
 from seaid.log.repair.clocks import RepairedClock, longest_bridge, longest_step
-from seaid.log.repair.data import FEWEST, Channel, Repair, Repairs, is_position
+from seaid.log.repair.data import FEWEST, Channel, Fault, Repair, Repairs, is_position
 from seaid.log.repair.resampling import gap_error
 
 _FARTHER = 2.0
@@ -259,7 +259,7 @@ def repaired_channel(
         values = _without_wraps(channel, time, values, found)
     held = held_dropouts(values, 2 if is_position(channel.name) else 3)
     slower = float(np.mean(held)) > SLOWER if len(held) else False
-    kind = "values of a slower sensor" if slower else "held values"
+    kind: Fault = "values of a slower sensor" if slower else "held values"
     time, values, lost = _without(channel, time, values, held, kind, found)
     missing += 0 if slower else lost
     if missing > limits.most_missing * total:
@@ -276,7 +276,7 @@ def repaired_channel(
 
 
 def _without(
-    channel: Channel, time: Array, values: Array, bad: BoolArray, kind: str, found: list[Repair]
+    channel: Channel, time: Array, values: Array, bad: BoolArray, kind: Fault, found: list[Repair]
 ) -> tuple[Array, Array, int]:
     """Return a channel without the `bad` samples, and their number."""
     count = int(bad.sum())

@@ -12,7 +12,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray
 from seaid.errors import LogError
-from seaid.log.repair.data import FEWEST, Channel, Repair, Repairs
+from seaid.log.repair.data import FEWEST, Channel, Fault, Repair, Repairs
 
 _LATE_RUN, _HOLE = 5, 0.3
 """Most late samples in a row; their distance from earlier stamps in typical steps, at least."""
@@ -279,10 +279,11 @@ def _line(
             f"allowed {limits.largest_drift:.3g} (Repairs.largest_drift): check its unit, and that "
             "its rows belong to those of the other clock"
         )
-    for kind, size, text in (
+    faults: list[tuple[Fault, float, str]] = [
         ("clock offset", line.offset_s, f"{line.offset_s:.6g} s"),
         ("clock drift", line.drift, f"{line.drift * 1e6:.4g} us/s"),
-    ):
+    ]
+    for kind, size, text in faults:
         if size:
             action = f"{text} relative to {name_first}, removed"
             found.append(Repair(name, kind, 1, float(np.nanmin(own)), action))
@@ -320,7 +321,7 @@ def _report_disorder(
 ) -> None:
     """Report the faults in the order of a clock's stamps."""
     jumps = ", ".join(f"{size:.4g} s" for _, size in clock.jumps)
-    for kind, places, action in (
+    faults: list[tuple[Fault, IndexArray, str]] = [
         ("stamps that are not finite", clock.unknown, "their samples were excluded"),
         ("late samples", clock.late, "sorted into place"),
         ("repeated stamps", clock.rows[repeats], "the first sample of each was kept"),
@@ -329,7 +330,8 @@ def _report_disorder(
             np.array([row for row, _ in clock.jumps], dtype=np.intp),
             f"of {jumps}, removed: the values are continuous",
         ),
-    ):
+    ]
+    for kind, places, action in faults:
         if len(places):
             before = float(raw[max(int(places[0]) - 1, 0)])
             found.append(Repair(name, kind, len(places), before, action))

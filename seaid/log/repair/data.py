@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from typing import Literal
 
 import numpy as np
 
 from seaid._arrays import Array, frozen
+from seaid._display import Display
 from seaid.errors import LogError, shown
 
 
-@dataclass(frozen=True)
-class Repairs:
+@dataclass(frozen=True, repr=False)
+class Repairs(Display):
     """Limits within which a log is repaired; a log beyond them is refused.
 
     Attributes
@@ -68,8 +70,30 @@ class Repairs:
                 raise LogError(f"Repairs.{field.name} must be {allowed}, found {shown(value)}")
 
 
-@dataclass(frozen=True)
-class Repair:
+Fault = Literal[
+    "values that are no number",
+    "sudden zeros",
+    "held values",
+    "values of a slower sensor",
+    "constant channel",
+    "wraps",
+    "saturated samples",
+    "clock offset",
+    "clock drift",
+    "stamps that are not finite",
+    "late samples",
+    "repeated stamps",
+    "clock jumps",
+    "irregular steps",
+    "gaps",
+    "holes in time",
+    "delay",
+]
+"""Kinds of the faults of a log."""
+
+
+@dataclass(frozen=True, repr=False)
+class Repair(Display):
     """A fault of a channel, or of the clock of several, and its repair; str() is one sentence.
 
     Attributes
@@ -85,7 +109,7 @@ class Repair:
     """
 
     channel: str
-    kind: str
+    kind: Fault
     count: int
     time_s: float
     action: str

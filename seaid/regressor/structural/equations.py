@@ -24,6 +24,7 @@ from seaid.drives import (
     Drive,
     K_t,
     K_u,
+    MotorInput,
     N,
     SeriesElasticDrive,
     flat_names,
@@ -81,7 +82,11 @@ def exact_transmission(robot: Robot) -> fmpq_mat:
     return fmpq_mat([[exact_number(x) for x in row] for row in robot.transmission])
 
 
-INPUTS = {"motor_torque": "torque", "motor_current": "current", "motor_voltage": "voltage"}
+INPUTS: dict[str, MotorInput] = {
+    "motor_torque": "torque",
+    "motor_current": "current",
+    "motor_voltage": "voltage",
+}
 """{sensor of a motor's input: `motor_input`}, the best first."""
 
 BACK_EMF = sp.Symbol("back_emf_damping", real=True)
@@ -174,7 +179,7 @@ def _unknowns(
     return (*named, *sorted(free - set(named), key=str))
 
 
-def _driven_by(drive: Drive, motor_input: str) -> Drive:
+def _driven_by(drive: Drive, motor_input: MotorInput) -> Drive:
     """Return the drive with another motor input, and the constants that go with it."""
     if motor_input == drive.motor_input:
         return drive

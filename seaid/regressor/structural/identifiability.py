@@ -10,16 +10,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, compress
+from typing import Literal, get_args
 
 import numpy as np
 
 from seaid._arrays import FrozenMapping, seed_of
+from seaid._display import Result, counted
 from seaid.drives import SeriesElasticDrive
-from seaid.errors import RobotError, unknown_name
+from seaid.errors import RobotError, checked, unknown_name
 from seaid.regressor.base import BaseParameters
 from seaid.robot import Robot
 
-SENSORS = (
+Sensor = Literal[
     "motor_position",
     "joint_position",
     "deflection",
@@ -27,12 +29,14 @@ SENSORS = (
     "motor_current",
     "motor_voltage",
     "joint_torque",
-)
+]
 """Sensors of a joint: encoders of motor and joint, one across the spring; motor input; torque."""
 
+SENSORS = get_args(Sensor)
 
-@dataclass(frozen=True, eq=False)
-class Identifiability:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identifiability(Result):
     """Structural identifiability of a robot's parameters, those of the drives and ten per body.
 
     Attributes
@@ -61,6 +65,8 @@ class Identifiability:
         Whether doubles give the same combinations and rank as exact arithmetic.
     """
 
+    table_name = "sensors_table"
+
     robot_name: str
     names: tuple[str, ...]
     identifiable: tuple[str, ...]
@@ -74,24 +80,22 @@ class Identifiability:
     gap: float
     agree: bool
 
+    def _in_short(self) -> str:
+        kinds = {"individually": self.identifiable, "in combination": self.combinations}
+        kinds |= {"up to scale": sum(self.ratios, ()), "unidentifiable": self.unidentifiable}
+        counts = ", ".join(f"{len(names)} {kind}" for kind, names in kinds.items())
+        return f"'{self.robot_name}': {counted(len(self.names), 'parameter')}: {counts}"
+
     @property
     def body_count(self) -> int:
         """Number of combinations whose first parameter is a body's: the base parameters."""
         return sum(" of " not in name for name in self.base.names)
 
-    def table(self) -> str:
-        """Return the result as text."""
-        from seaid.report import sensors_table
 
-        return sensors_table(self)
-
-    def __str__(self) -> str:
-        return self.table()
-
-
+@checked(RobotError)
 def identifiability(
     robot: Robot,
-    sensors: Iterable[str] | Mapping[str, Iterable[str]] | None = None,
+    sensors: Iterable[Sensor] | Mapping[str, Iterable[Sensor]] | None = None,
     *,
     conditions: Sequence[Robot] = (),
     seed: int = 0,
@@ -164,7 +168,7 @@ def identifiability(
 
 
 def _sensed(
-    robot: Robot, sensors: Iterable[str] | Mapping[str, Iterable[str]] | None
+    robot: Robot, sensors: Iterable[Sensor] | Mapping[str, Iterable[Sensor]] | None
 ) -> dict[str, frozenset[str]]:
     """Return {joint: sensors} of all joints, checked."""
     if sensors is None:
@@ -174,8 +178,7 @@ def _sensed(
             robot.index(joint)
         given = {joint: sensors.get(joint, ()) for joint in robot.joint_names}
     else:
-        every = sensors if isinstance(sensors, str) else tuple(sensors)
-        given = dict.fromkeys(robot.joint_names, every)
+        given = dict.fromkeys(robot.joint_names, tuple(sensors))
     return {joint: _checked(joint, names) for joint, names in given.items()}
 
 

@@ -82,7 +82,7 @@ def test_a_folder_with_a_pipe_for_a_bag_is_none(tmp_path: Path) -> None:
 @pytest.mark.parametrize("path", [None, 5, b"log.csv", ["log.csv"]])
 def test_a_path_is_a_text_or_a_path(arm: Robot, path: Any) -> None:
     for read in (read_log, open_long_log):
-        with pytest.raises(LogError, match="the path of a log must be a text or a Path, found"):
+        with pytest.raises(LogError, match="path= must be a path, found"):
             read(path, arm)
 
 
@@ -94,7 +94,7 @@ def test_pieces_have_a_whole_number_of_samples(
     arm: Robot, tmp_path: Path, chunk_samples: Any
 ) -> None:
     write_log(one_log(), tmp_path / "log.npz")
-    with pytest.raises(LogError, match="chunk_samples must be a whole number from 50 to 1,000,000"):
+    with pytest.raises(LogError, match=r"chunk_samples=? must be a whole number"):
         open_long_log(tmp_path / "log.npz", arm, chunk_samples=chunk_samples)
     with pytest.raises(LogError, match="overlap_samples must be a whole number from 0 to"):
         next(iterate_log(tmp_path / "log.npz", arm, overlap_samples=-1))
@@ -107,8 +107,11 @@ def test_pieces_have_a_whole_number_of_samples(
         ({"columns": {"time_s": 5}}, "'time_s' must be a column name or"),
         ({"columns": {"time_s": ("t", None)}}, "'time_s' must be a column name or"),
         ({"columns": {"time_s": (5, 1.0)}}, "'time_s' must be a column name or"),
-        ({"repair": True}, "repair must be seaid.Repairs"),
-        ({"description": 5}, "description= must be a LogDescription, a mapping or the path"),
+        (
+            {"repair": True},
+            "repair= must be a Repairs, found True; make one with",
+        ),
+        ({"description": 5}, "description= must be a LogDescription, a mapping or a path, found 5"),
         (
             {
                 "description": {
