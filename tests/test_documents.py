@@ -31,6 +31,7 @@ LEG_LOGS = {
 }
 """Logs that pages begin with, and which of those that docs/how_to/index.md makes they are."""
 
+SIMULATE = ("docs/drives.md", "docs/view.md")
 MAKES_ITS_FILES = ("README.md", "docs/first_result.md", "docs/tutorial.md")
 MAKES_THE_LOGS = "docs/how_to/index.md"
 LINK = re.compile(r"(?<!`)!?\[[^\]]*\]\(([^)\s]+)\)")
@@ -80,7 +81,10 @@ def leg_files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 @pytest.mark.parametrize(
     "name",
     # They simulate the leg with its springs, some more than once, since they teach how.
-    [pytest.param(n, marks=pytest.mark.slow if n in MAKES_ITS_FILES else ()) for n in WITH_CODE],
+    [
+        pytest.param(n, marks=pytest.mark.slow if n in MAKES_ITS_FILES + SIMULATE else ())
+        for n in WITH_CODE
+    ],
 )
 def test_code_of_a_page_runs_and_prints_what_the_page_says(
     name: str, tmp_path: Path, request: pytest.FixtureRequest

@@ -64,6 +64,7 @@ def test_condition_number_is_raw_and_of_the_columns_in_base(slider_arm: Robot) -
     assert found.trajectory.prismatic_joints == ("rail",)
 
 
+@pytest.mark.slow  # a search for each of ten limits
 @settings(derandomize=True, max_examples=10, deadline=None)
 @given(
     seed=st.integers(0, 10**6),

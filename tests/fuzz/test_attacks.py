@@ -296,6 +296,7 @@ while True:
 """
 
 
+@pytest.mark.slow  # three processes that import seaid and write
 def test_a_killed_process_leaves_whole_files(tmp_path: Path) -> None:
     whole: dict[str, int] = {}
     arguments = [str(tmp_path), str(seeds.ARM_URDF), str(seeds.ARM_DRIVES)]

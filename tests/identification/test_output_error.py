@@ -206,10 +206,10 @@ def settled(layout: Layout, run: Run, x: Array) -> Run:
 # With noise.
 
 
-@pytest.mark.slow  # 40 refinements
+@pytest.mark.slow  # 70 refinements
 def test_errors_are_as_large_as_the_standard_errors_say() -> None:
     plain, scores = log(), []
-    for seed in range(40):
+    for seed in range(70):
         rng = np.random.default_rng(seed)
         noise = rng.normal(size=(3, *plain.motor_torque.shape))
         spoiled = replace(

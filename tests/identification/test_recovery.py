@@ -130,7 +130,7 @@ def test_perfect_sensors_give_nearly_the_truth(experiment: Experiment) -> None:
 # Real sensors: inside the intervals.
 
 
-@pytest.mark.slow  # 60 identifications of whole robots
+@pytest.mark.slow  # 80 identifications of whole robots
 @pytest.mark.parametrize(("number", "of_load"), [(0, 0.82), (1, 0.88)], ids=ROBOTS)
 def test_errors_are_as_large_as_the_standard_errors_say(number: int, of_load: float) -> None:
     """Those of the drives are 10 % too small on six seconds, those of the bodies too large.
@@ -139,7 +139,7 @@ def test_errors_are_as_large_as_the_standard_errors_say(number: int, of_load: fl
     """
     truth, motion, noise = experiments()[number]
     drives, loads = [], []
-    for seed in range(60):
+    for seed in range(80):
         found = identify(truth.without_nominal(), measure(truth, motion, noise, seed))
         drives.append(drive_scores(found, truth, *DRIVE))
         true = found.base.project(truth.parameters)

@@ -524,13 +524,13 @@ def test_a_log_gives_nearly_the_truth(name: str, method: str) -> None:
     assert np.max(np.abs(found.load.values - true)) < 0.01 * np.max(np.abs(true))
 
 
-@pytest.mark.slow  # 40 identifications each
+@pytest.mark.slow  # 60 identifications each
 @pytest.mark.parametrize(
     ("name", "method", "expected"),
     [
         ("stiff differential", "two-step", 1.0),
         ("mixed differential", "two-step", 0.9),
-        ("parallelogram", "two-step", 0.9),
+        ("parallelogram", "two-step", 1.0),
         ("mixed differential", "simultaneous", 1.0),
     ],
 )
@@ -543,7 +543,7 @@ def test_errors_are_as_large_as_the_standard_errors_say(
     """
     case, scores = CASES[name](), []
     motion, known = true_motion(case, duration=32.0), case.robot.without_nominal()
-    for seed in range(40):
+    for seed in range(60):
         log = log_of(motion, torque=0.01, angle=2e-5, seed=seed)
         found = identify(known, log, cutoff_hz=8.0, method=method)
         load = (found.load.values - true_load(case, found)) / found.load.standard_errors
@@ -562,7 +562,7 @@ def test_instruments_say_what_least_squares_say_where_columns_have_no_noise(name
     for plain, freed in zip(
         (one.load, *one.drives.values()), (other.load, *other.drives.values()), strict=True
     ):
-        assert freed.standard_errors == pytest.approx(plain.standard_errors, rel=0.03)
+        assert freed.standard_errors == pytest.approx(plain.standard_errors, rel=0.05)
         assert np.all(np.abs(freed.values - plain.values) < 0.1 * plain.standard_errors)
 
 
