@@ -51,7 +51,11 @@ def log_of(robot: Robot, found: Excitation) -> Log:
     return Log(time, robot.joint_names, nothing, q, nothing, np.zeros_like(q), robot.is_prismatic)
 
 
-@pytest.mark.parametrize("drives", [False, True])
+@pytest.mark.parametrize(
+    "drives",
+    # one search for each criterion; the parameters of the drives add half as many columns
+    [False, pytest.param(True, marks=pytest.mark.slow)],
+)
 def test_each_criterion_is_best_at_its_own(elastic_leg: Robot, drives: bool) -> None:
     plans = {
         name: plan(elastic_leg, criterion=name, drive_parameters=drives, iterations=60)
@@ -107,6 +111,7 @@ def test_given_ends_are_kept(elastic_leg: Robot) -> None:
     assert np.isfinite(found.condition_number)
 
 
+@pytest.mark.slow  # three searches for a motion of the leg
 def test_a_motion_that_helps_after_what_was_recorded(leg: Robot) -> None:
     """Three joints were moved already: the next motion tells of the two others.
 

@@ -71,7 +71,7 @@ def test_shared_and_own_parameters_hold_the_truth(joint: str) -> None:
 
 @pytest.mark.slow  # 45 identifications of two logs
 def test_errors_are_as_large_as_the_standard_errors_say() -> None:
-    """Those of the bodies are too large: what is wrong with a spring counts twice in them."""
+    """Those of the drives are nearly right, those of the bodies a fifth too large."""
     drives, loads = [], []
     for seed in range(1, 91, 2):
         cold, warmed = together(seed=seed).identifications.values()

@@ -133,10 +133,7 @@ def test_perfect_sensors_give_nearly_the_truth(experiment: Experiment) -> None:
 @pytest.mark.slow  # 80 identifications of whole robots
 @pytest.mark.parametrize(("number", "of_load"), [(0, 0.82), (1, 0.88)], ids=ROBOTS)
 def test_errors_are_as_large_as_the_standard_errors_say(number: int, of_load: float) -> None:
-    """Those of the drives are 10 % too small on six seconds, those of the bodies too large.
-
-    The residuals of (8) have in them what is wrong with a spring, whose covariance is added too.
-    """
+    """Those of the drives are 10 % too small on six seconds, those of the bodies too large."""
     truth, motion, noise = experiments()[number]
     drives, loads = [], []
     for seed in range(80):

@@ -537,10 +537,7 @@ def test_a_log_gives_nearly_the_truth(name: str, method: str) -> None:
 def test_errors_are_as_large_as_the_standard_errors_say(
     name: str, method: str, expected: float
 ) -> None:
-    """Those of the bodies behind springs are too large if the springs were estimated before.
-
-    The residuals of (8) have in them what is wrong with a spring, whose covariance is added too.
-    """
+    """Those of bodies behind springs are too large in two steps, and right in one."""
     case, scores = CASES[name](), []
     motion, known = true_motion(case, duration=32.0), case.robot.without_nominal()
     for seed in range(60):
@@ -619,7 +616,7 @@ def test_a_sensor_at_one_joint_of_a_group_is_not_enough() -> None:
 
 @pytest.mark.slow  # 60 identifications, each load side twice
 def test_shifted_zeros_are_as_far_off_as_the_standard_errors_say() -> None:
-    """They are 12 % too large: the residuals have in them what the covariance adds."""
+    """They are 12 % too large in two steps."""
     case, scores = elastic_differential(), []
     motion, known = true_motion(case), case.robot.without_nominal()
     for seed in range(60):
