@@ -51,11 +51,8 @@ def log_of(robot: Robot, found: Excitation) -> Log:
     return Log(time, robot.joint_names, nothing, q, nothing, np.zeros_like(q), robot.is_prismatic)
 
 
-@pytest.mark.parametrize(
-    "drives",
-    # one search for each criterion; the parameters of the drives add half as many columns
-    [False, pytest.param(True, marks=pytest.mark.slow)],
-)
+@pytest.mark.slow  # a search for each criterion
+@pytest.mark.parametrize("drives", [False, True])
 def test_each_criterion_is_best_at_its_own(elastic_leg: Robot, drives: bool) -> None:
     plans = {
         name: plan(elastic_leg, criterion=name, drive_parameters=drives, iterations=60)

@@ -191,6 +191,7 @@ def test_a_hole_is_excluded_and_said(hole: tuple[float, float], described: bool)
     )
 
 
+@pytest.mark.slow  # output error of a whole leg
 def test_a_refinement_leaves_the_hole_out() -> None:
     kept = (clean().time <= 3.0) | (clean().time >= 3.3)
     sensors: dict[str, Any] = {field: one[kept] for field, one in clean().sensors().items()}

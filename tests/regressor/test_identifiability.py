@@ -538,6 +538,7 @@ def script(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow  # a script for many choices
 def test_script_compares_choices_of_sensors() -> None:
     done = script()
     assert done.returncode == 0, done.stderr
