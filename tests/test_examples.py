@@ -10,6 +10,8 @@ import matplotlib.pyplot as plt
 import pytest
 
 import seaid
+from seaid.simulation.simulation import measure
+from tests.experiments import LEG_SENSORS, leg, leg_motion
 
 MODELS = Path(__file__).parents[1] / "models"
 PACKAGES = ("drives", "robot", "log", "regressor", "excitation", "simulation", "identification")
@@ -22,10 +24,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "models").mkdir()
     for name in ("tulip_leg.urdf", "tulip_leg.toml", "tulip_plan.json"):
         shutil.copy(MODELS / name, place / "models" / name)
-    robot = seaid.load_robot(MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml")
-    for name, plan in (("run", "tulip_plan"), ("other", "tulip_validation_plan")):
-        trajectory = seaid.load_trajectory(MODELS / f"{plan}.json")
-        seaid.write_log(seaid.simulate(robot, trajectory, seed=1), place / f"{name}.csv")
+    for seed, name in enumerate(("run", "other")):
+        seaid.write_log(measure(leg(), leg_motion(), LEG_SENSORS, seed), place / f"{name}.csv")
     return place
 
 
