@@ -365,6 +365,7 @@ def drive_of(kind: str, drive: str) -> dict[str, Any] | None:
     return {**elastic, **radius} if drive == "elastic" else None
 
 
+@pytest.mark.slow  # twenty random trees, each with several choices of sensors
 @settings(max_examples=20)
 @given(tree=st.lists(random_joints, min_size=1, max_size=4))
 def test_more_sensors_never_tell_less_and_both_ranks_agree(
