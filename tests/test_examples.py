@@ -29,7 +29,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-@pytest.mark.parametrize("name", [*PACKAGES, "export", "report"])
+@pytest.mark.parametrize(
+    "name",
+    # that of the simulation simulates a whole plan
+    [
+        pytest.param(name, marks=pytest.mark.slow if name == "simulation" else ())
+        for name in (*PACKAGES, "export", "report")
+    ],
+)
 def test_example_of_a_package_runs(
     name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -219,7 +219,11 @@ LOG_BOMBS: dict[str, tuple[str, Use]] = {
 }
 
 
-@pytest.mark.parametrize("bomb", LOG_BOMBS)
+@pytest.mark.parametrize(
+    "bomb",
+    # the file of the last is as large as it says: twelve million rows
+    [pytest.param(one, marks=pytest.mark.slow if one == "parquet" else ()) for one in LOG_BOMBS],
+)
 def test_log_bombs_are_refused(tmp_path: Path, bomb: str) -> None:
     ending, make = LOG_BOMBS[bomb]
     path = tmp_path / f"log{ending}"

@@ -90,6 +90,7 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> Sequence[Path]:
     )
 
 
+@pytest.mark.slow  # six bags, each read in a process of its own
 def test_every_kind_of_bag_gives_the_same_columns(bags: Sequence[Path]) -> None:
     for path in bags:
         table = open_table(path)
