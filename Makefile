@@ -1,4 +1,4 @@
-# Two commands: `make tulip` identifies the TULip leg, `make test` proves the code. Both make .venv.
+# Two commands: `make tulip` identifies the TULip leg, `make test` tests the code. Both make .venv.
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 PYTHON ?= python3
@@ -9,12 +9,16 @@ RUN := $(VENV)/bin/python
 # Matrices here are small: a second BLAS thread only waits, and takes the core of another process.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: tulip test test-rounding test-hebi test-browser lint docs wheel env dev clean
+.PHONY: tulip test test-all test-rounding test-hebi test-browser lint docs wheel env dev clean
 
 tulip: env
 	$(RUN) scripts/identify_tulip_leg.py
 
+# In minutes, for every change; the slow tests, each with its reason, are for `make test-all`.
 test: lint
+	$(RUN) -m pytest -n 2 --dist worksteal -m 'not browser and not slow'
+
+test-all: lint
 	$(RUN) -m pytest -n 2 --dist worksteal
 
 # What rests on rounding, on other processors: OpenBLAS has a kernel for each kind. SkylakeX is one with AVX-512.

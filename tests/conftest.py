@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,6 +38,37 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for item in items:
             if item.get_closest_marker("hebi"):
                 item.add_marker(skip)
+
+
+DESELECTED_SLOW = pytest.StashKey[int]()
+
+
+def pytest_deselected(items: Sequence[pytest.Item]) -> None:
+    """Count the slow tests that are not run."""
+    for item in items:
+        if item.get_closest_marker("slow"):
+            item.config.stash[DESELECTED_SLOW] = item.config.stash.get(DESELECTED_SLOW, 0) + 1
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Hand the count from a worker of pytest-xdist to the process that reports."""
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["slow"] = session.config.stash.get(DESELECTED_SLOW, 0)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """Take the count of a worker; all workers collect the same tests."""
+    node.config.stash[DESELECTED_SLOW] = getattr(node, "workeroutput", {}).get("slow", 0)
+
+
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
+    """Say at the end how many slow tests were not run."""
+    count = config.stash.get(DESELECTED_SLOW, 0)
+    if count and "not slow" in config.getoption("markexpr"):
+        terminalreporter.write_line(f"{count} slow tests were deselected: make test-all runs them")
 
 
 @pytest.fixture(scope="session")

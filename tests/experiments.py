@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from seaid._arrays import Array
 from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.excitation.basis import make_basis
 from seaid.excitation.trajectory import Trajectory
@@ -114,3 +115,15 @@ def drive_errors(found: Identification, truth: Robot, *names: str) -> dict[str, 
         for name in names
         if name in estimate.names
     }
+
+
+def drive_scores(found: Identification, truth: Robot, *names: str) -> Array:
+    """Return the errors of drives over their standard errors, as many as were found."""
+    return np.array(
+        [
+            (estimate.value(name) - true_value(truth, joint, name)) / estimate.standard_error(name)
+            for joint, estimate in found.drives.items()
+            for name in names
+            if name in estimate.names
+        ]
+    )

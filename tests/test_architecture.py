@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 from collections.abc import Iterable, Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -55,6 +56,15 @@ UPWARDS = {
     # seaid.symbolic.base_parameters and the like are names that outside scripts rely on
     ("seaid.symbolic.of_robots", "seaid.regressor.exact"),
 }
+
+
+@cache
+def libraries() -> dict[str, set[str]]:
+    """What each module imports, by its first name."""
+    trees = {name: ast.parse(text).body for name, text in SOURCES.items()}
+    return {
+        name: {one.split(".")[0] for one in imported(tree, True)} for name, tree in trees.items()
+    }
 
 
 def package_of(module: str) -> str:
@@ -126,11 +136,7 @@ def test_every_name_of_a_face_is_there_and_none_is_hidden_by_a_module() -> None:
     ],
 )
 def test_a_library_stays_where_it_belongs(library: str, places: tuple[str, ...]) -> None:
-    users = {
-        name
-        for name, text in SOURCES.items()
-        if any(one.split(".")[0] == library for one in imported(ast.parse(text).body, True))
-    }
+    users = {name for name, used in libraries().items() if library in used}
     assert users
     assert {name for name in users if not name.startswith(places)} == set()
 

@@ -77,11 +77,8 @@ def leg_files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 @pytest.mark.rounding
-@pytest.mark.parametrize(
-    "name",
-    # They simulate the leg with its springs, some more than once, since they teach how.
-    [pytest.param(n, marks=pytest.mark.slow if n in MAKES_ITS_FILES else ()) for n in WITH_CODE],
-)
+@pytest.mark.slow  # pages simulate the leg with its springs, or begin with logs of it
+@pytest.mark.parametrize("name", WITH_CODE)
 def test_code_of_a_page_runs_and_prints_what_the_page_says(
     name: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
@@ -121,6 +118,7 @@ def test_toml_is_drives_or_a_log_description(block: Block) -> None:
         assert description.joints
 
 
+@pytest.mark.slow  # begins with a log of the leg, as the pages
 @pytest.mark.parametrize("block", of_language("json"))
 def test_json_has_the_keys_of_parameters_json(block: Block, leg_files: dict[str, Path]) -> None:
     leg = seaid.load_robot(ROOT / "models/tulip_leg.urdf", ROOT / "models/tulip_leg.toml")

@@ -18,7 +18,7 @@ import pytest
 
 import seaid
 from seaid.simulation.simulation import measure, simulate_motion
-from tests.experiments import wiggle
+from tests.experiments import LEG_SENSORS, leg, leg_motion, wiggle
 
 MODELS = Path(__file__).parents[1] / "models"
 PACKAGES = ("drives", "robot", "log", "regressor", "excitation", "simulation", "identification")
@@ -31,14 +31,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "models").mkdir()
     for name in ("tulip_leg.urdf", "tulip_leg.toml", "tulip_plan.json"):
         shutil.copy(MODELS / name, place / "models" / name)
-    robot = seaid.load_robot(MODELS / "tulip_leg.urdf", MODELS / "tulip_leg.toml")
-    for name, plan in (("run", "tulip_plan"), ("other", "tulip_validation_plan")):
-        trajectory = seaid.load_trajectory(MODELS / f"{plan}.json")
-        seaid.write_log(seaid.simulate(robot, trajectory, seed=1), place / f"{name}.csv")
+    for seed, name in enumerate(("run", "other")):
+        seaid.write_log(measure(leg(), leg_motion(), LEG_SENSORS, seed), place / f"{name}.csv")
     return place
 
 
-@pytest.mark.parametrize("name", [*PACKAGES, "export", "report"])
+@pytest.mark.parametrize(
+    "name",
+    # that of the simulation simulates a whole plan
+    [
+        pytest.param(name, marks=pytest.mark.slow if name == "simulation" else ())
+        for name in (*PACKAGES, "export", "report")
+    ],
+)
 def test_example_of_a_package_runs(
     name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

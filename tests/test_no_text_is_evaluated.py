@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -56,12 +57,18 @@ def words(tree: ast.AST) -> Iterator[tuple[str, ast.AST]]:
             yield ast.unparse(node), node
 
 
+@cache
+def words_of_all() -> dict[str, set[str]]:
+    """The names of each module."""
+    return {place: {word for word, _ in words(tree)} for place, tree in SOURCES.items()}
+
+
 def users(name: str) -> set[str]:
     """Modules with a name, plain or as the last part of a.b."""
     return {
         place
-        for place, tree in SOURCES.items()
-        if any(word == name or word.endswith(f".{name}") for word, _ in words(tree))
+        for place, found in words_of_all().items()
+        if any(word == name or word.endswith(f".{name}") for word in found)
     }
 
 
@@ -75,13 +82,13 @@ def calls(name: str) -> Iterator[ast.Call]:
 @pytest.mark.parametrize("name", sorted(NEVER))
 def test_what_runs_text_does_not_occur(name: str) -> None:
     allowed = {"re.compile"} if name == "compile" else set()
-    found = {
+    uses = {
         f"{place}: {word}"
-        for place, tree in SOURCES.items()
-        for word, _ in words(tree)
+        for place, found in words_of_all().items()
+        for word in found
         if (word == name or word.endswith(f".{name}")) and word not in allowed
     }
-    assert found == set()
+    assert uses == set()
 
 
 @pytest.mark.parametrize(

@@ -171,6 +171,7 @@ def test_shipped_log_that_is_not_its_original_is_found(tmp_path: Path) -> None:
     assert "ur10_exciting_trajectory.npz' does not hold what '" in done.stderr
 
 
+@pytest.mark.slow  # a script that searches for a motion
 def test_plan_writes_every_file_and_says_where(tmp_path: Path) -> None:
     arguments = ("tests/data/mixed_arm.urdf", "tests/data/mixed_arm.toml", "--ends-in-motion")
     budget = ("--duration", "4", "--starts", "1", "--iterations", "3", "--output", str(tmp_path))

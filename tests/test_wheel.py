@@ -62,16 +62,22 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Built:
     return Built(inside, names, metadata)
 
 
+BUILDS = pytest.mark.slow  # the sdist and the wheel from that
+
+
+@BUILDS
 def test_wheel_has_every_file_of_the_package_and_nothing_else(built: Built) -> None:
     package = {name for name in built.wheel if ".dist-info/" not in name}
     assert package == set(tracked("seaid"))
     assert {"seaid/py.typed", "seaid/report/page/report.css"} <= package
 
 
+@BUILDS
 def test_source_distribution_is_the_whole_project(built: Built) -> None:
     assert set(tracked()) - built.source <= {".gitignore"}
 
 
+@BUILDS
 def test_metadata_of_the_wheel_are_what_a_package_index_shows(built: Built) -> None:
     metadata = built.metadata
     assert metadata["Name"] == "seaid"

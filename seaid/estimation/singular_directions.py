@@ -20,7 +20,7 @@ RANK_TOLERANCE = 1e-7
 Columns of regressors are computed to about 1e-10; real motions have 1e-2 to 1e-4."""
 
 ROUNDING = 1e-9
-"""The same for directions that are nothing but rounding, which projections leave out."""
+"""The same for directions that are nothing but rounding, which projections exclude."""
 
 _PART = 0.1
 """A parameter with less than this part of the largest share of a combination is not named."""

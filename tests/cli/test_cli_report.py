@@ -13,6 +13,7 @@ from tests.cli.test_cli import arm, done, refused, robot_and_drives, run
 __all__ = ["arm"]
 
 
+@pytest.mark.slow  # an identification, a validation and their page
 def test_report_of_a_validated_identification(arm: Path, tmp_path: Path) -> None:
     page, other = tmp_path / "report.html", arm / "other.csv"
     logs = ("--from", arm / "run.csv", "--validate", other)

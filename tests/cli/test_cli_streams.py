@@ -50,6 +50,7 @@ def test_streams_that_are_closed_or_lost_end_it_quietly(
     assert (found, out, error) == (code, b"", b"")
 
 
+@pytest.mark.slow  # exact base parameters by a command, and a second one
 def test_a_path_that_is_no_text_is_read_and_named(tmp_path: Path) -> None:
     path = os.fsencode(tmp_path) + b"/caf\xe9.urdf"
     Path(os.fsdecode(path)).write_bytes(TULIP.read_bytes())

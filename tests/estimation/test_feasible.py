@@ -249,7 +249,11 @@ def test_no_weight_is_tried_that_cannot_be_resolved(monkeypatch: pytest.MonkeyPa
         assert min(tried) >= min(max(WEIGHTS[-1], RESOLVED * least), WEIGHTS[0])
 
 
-@pytest.mark.parametrize("number", range(48))
+@pytest.mark.parametrize(
+    "number",
+    # by another solver each; the first ones have all kinds of robots
+    [pytest.param(n, marks=pytest.mark.slow if n >= 12 else ()) for n in range(48)],
+)
 def test_random_programs_of_robots_are_solved_as_clarabel_does(number: int) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SeaidWarning)

@@ -14,6 +14,7 @@ from seaid.errors import ExcitationError, IdentificationError
 from seaid.estimation.instrumental_variables import instrumental
 from seaid.estimation.least_squares import ordinary, weighted
 from seaid.regressor.regression import Regression
+from tests.standard_errors import check_scores
 
 pytestmark = pytest.mark.rounding
 
@@ -57,13 +58,13 @@ def test_noise_in_a_column_biases_least_squares_and_not_instruments() -> None:
     assert abs(np.mean(plain, axis=0)[1] - TRUTH[1]) > 20 * error[1]
 
 
-def test_intervals_hold_the_truth() -> None:
-    held = []
-    for seed in range(150):
+def test_errors_are_as_large_as_the_standard_errors_say() -> None:
+    scores = []
+    for seed in range(300):
         rows, Z = experiment(seed, stds=(0.2, 1.0))
-        low, high = instrumental(rows, Z).interval().T
-        held.append((low < TRUTH) & (high > TRUTH))
-    assert np.mean(held) == pytest.approx(0.94, abs=0.035)
+        found = instrumental(rows, Z)
+        scores.append((found.values - TRUTH) / found.standard_errors)
+    check_scores(scores)
 
 
 def test_it_is_the_textbook_with_the_weights_of_least_squares() -> None:

@@ -26,6 +26,7 @@ from seaid.identification.identification import identify
 from seaid.regressor.regression import Regression
 from seaid.simulation.simulation import measure
 from tests.experiments import ARM_SENSORS, arm, arm_motion, true_value
+from tests.standard_errors import check_scores
 
 pytestmark = pytest.mark.rounding
 
@@ -79,17 +80,15 @@ def test_five_of_a_hundred_gaussian_rows_are_lost(estimator: Solver) -> None:
 
 
 @ROBUST
-@pytest.mark.parametrize("phi", [0.0, 0.8])
-@pytest.mark.parametrize("share", [0.0, 0.2])
-def test_intervals_hold_the_truth_as_often_as_those_of_least_squares(
+@pytest.mark.parametrize(("phi", "share"), [(0.0, 0.0), (0.8, 0.2)])
+def test_errors_are_as_large_as_the_standard_errors_say(
     estimator: Solver, phi: float, share: float
 ) -> None:
-    """Those of least squares on clean rows hold 93 of 100 at this length; +-3 deviations of 300."""
-    held = []
-    for seed in range(100):
-        low, high = estimator(spoiled(experiment(seed, 600, phi=phi), share, seed)).interval().T
-        held.append((low < TRUTH) & (high > TRUTH))
-    assert np.mean(held) == pytest.approx(0.93, abs=0.044)
+    scores = []
+    for seed in range(250):
+        found = estimator(spoiled(experiment(seed, 2000, phi=phi), share, seed))
+        scores.append((found.values - TRUTH) / found.standard_errors)
+    check_scores(scores)
 
 
 @ROBUST

@@ -44,6 +44,7 @@ def kept(robot: Robot, plan: Excitation, limits: Limits | None, rate_hz: float =
     assert np.min(least) >= -1e-9
 
 
+@pytest.mark.slow  # a search for ten seconds of the leg
 def test_leg_from_ten_seconds_rest_to_rest(leg: Robot) -> None:
     limits = Limits(velocity=2.5, acceleration=10.0)
     found = design_excitation(leg, 10.0, limits=limits, starts=1, iterations=120)
@@ -64,6 +65,7 @@ def test_condition_number_is_raw_and_of_the_columns_in_base(slider_arm: Robot) -
     assert found.trajectory.prismatic_joints == ("rail",)
 
 
+@pytest.mark.slow  # a search for each of ten limits
 @settings(derandomize=True, max_examples=10, deadline=None)
 @given(
     seed=st.integers(0, 10**6),

@@ -34,6 +34,7 @@ def plan(robot: Robot, **options: Any) -> Excitation:
         return design_excitation(robot, 6.0, **(quick | options))
 
 
+@pytest.mark.slow  # a search, and its motion simulated with springs
 def test_loads_are_those_of_the_simulated_leg(elastic_leg: Robot) -> None:
     """The complete model, moved along a plan, has the torques and deflections foreseen.
 

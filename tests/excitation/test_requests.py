@@ -51,6 +51,7 @@ def log_of(robot: Robot, found: Excitation) -> Log:
     return Log(time, robot.joint_names, nothing, q, nothing, np.zeros_like(q), robot.is_prismatic)
 
 
+@pytest.mark.slow  # a search for each criterion
 @pytest.mark.parametrize("drives", [False, True])
 def test_each_criterion_is_best_at_its_own(elastic_leg: Robot, drives: bool) -> None:
     plans = {
@@ -107,6 +108,7 @@ def test_given_ends_are_kept(elastic_leg: Robot) -> None:
     assert np.isfinite(found.condition_number)
 
 
+@pytest.mark.slow  # three searches for a motion of the leg
 def test_a_motion_that_helps_after_what_was_recorded(leg: Robot) -> None:
     """Three joints were moved already: the next motion tells of the two others.
 

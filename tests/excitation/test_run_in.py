@@ -38,6 +38,7 @@ def free_motion(
     return Trajectory(robot.joint_names, basis, space.coefficients(x), ("rail",))
 
 
+@pytest.mark.slow  # four motions, each sampled at 100 kHz
 @settings(derandomize=True, max_examples=4, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),

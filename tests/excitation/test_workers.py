@@ -11,7 +11,7 @@ import time
 import warnings
 from collections.abc import Callable
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -55,8 +55,12 @@ def by_default(slider_arm: Robot) -> Excitation:
 
 @pytest.mark.parametrize(
     "executors",
-    [lambda: nullcontext(ThreadPoolExecutor(1)), spawned, dask_cluster],
-    ids=["thread", "processes", "dask"],
+    [
+        pytest.param(lambda: nullcontext(ThreadPoolExecutor(1)), id="thread"),
+        # processes that import seaid
+        pytest.param(spawned, id="processes", marks=pytest.mark.slow),
+        pytest.param(dask_cluster, id="dask", marks=pytest.mark.slow),
+    ],
 )
 def test_the_same_seed_gives_the_same_motion_whoever_computes(
     slider_arm: Robot,
@@ -83,6 +87,22 @@ print(plan.condition_number, plan.margins.position.min() > -1e-9, flush=True)
 """
 
 
+def searching(group: int) -> int:
+    """Return how many processes of a group, but for its first one, have computed for 4 s.
+
+    They need less than that to import seaid.
+    """
+    count = 0
+    for place in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            fields = (place / "stat").read_text().rpartition(")")[2].split()
+            ticks = int(fields[11]) + int(fields[12])
+            busy = ticks > 4 * os.sysconf("SC_CLK_TCK")
+            count += int(fields[2]) == group and int(place.name) != group and busy
+    return count
+
+
+@pytest.mark.slow  # searches until it is interrupted
 def test_ctrl_c_ends_the_search_of_a_plain_script(tmp_path: Path) -> None:
     """A script without a main guard, interrupted as by a terminal: the whole process group."""
     script = tmp_path / "plan.py"
@@ -97,7 +117,9 @@ def test_ctrl_c_ends_the_search_of_a_plain_script(tmp_path: Path) -> None:
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "planning\n"
-    time.sleep(6.0)  # the workers have imported and are searching
+    until = time.monotonic() + 60.0
+    while searching(process.pid) < min(2, os.cpu_count() or 1) and time.monotonic() < until:
+        time.sleep(0.1)
     os.killpg(process.pid, signal.SIGINT)
     output, errors = process.communicate(timeout=60)
     assert process.returncode == 0, errors
@@ -124,6 +146,7 @@ def never(number: int, value: int) -> None:
     """Take what is told of the tasks that are done."""
 
 
+@pytest.mark.slow  # processes that import seaid, some again
 def test_a_killed_process_is_replaced_once(tmp_path: Path) -> None:
     path = tmp_path / "deaths"
     path.touch()
@@ -132,6 +155,7 @@ def test_a_killed_process_is_replaced_once(tmp_path: Path) -> None:
     assert path.read_text() == "x"
 
 
+@pytest.mark.slow  # processes that import seaid, some again
 def test_processes_that_are_killed_again_are_said(tmp_path: Path) -> None:
     path = tmp_path / "deaths"
     path.touch()
@@ -142,6 +166,7 @@ def test_processes_that_are_killed_again_are_said(tmp_path: Path) -> None:
     assert run_all(killed, [(str(path), 0, 1)], None, never) == ([1], False)
 
 
+@pytest.mark.slow  # processes that import seaid
 def test_an_executor_of_the_user_that_breaks_is_said(tmp_path: Path) -> None:
     path = tmp_path / "deaths"
     path.touch()
@@ -164,6 +189,7 @@ time.sleep(100.0)
 """
 
 
+@pytest.mark.slow  # three processes that import seaid
 @pytest.mark.parametrize(("what", "end"), [("busy", signal.SIGTERM), ("idle", signal.SIGKILL)])
 def test_processes_end_with_the_one_that_began_them(what: str, end: int) -> None:
     with subprocess.Popen(

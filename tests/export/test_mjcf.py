@@ -339,6 +339,7 @@ def test_a_thousandth_of_a_stiffness_is_seen_in_the_motion(tmp_path: Path) -> No
     assert np.max(np.abs(other - own)) > 1e6 * np.max(np.abs(found - own))
 
 
+@pytest.mark.slow  # whole robots in MuJoCo, at two steps
 @pytest.mark.parametrize("name", ROBOTS)
 def test_motion_with_dry_friction_comes_to_the_plants_with_shorter_steps(
     name: str, tmp_path: Path

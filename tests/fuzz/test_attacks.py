@@ -219,7 +219,11 @@ LOG_BOMBS: dict[str, tuple[str, Use]] = {
 }
 
 
-@pytest.mark.parametrize("bomb", LOG_BOMBS)
+@pytest.mark.parametrize(
+    "bomb",
+    # the file of the last is as large as it says: twelve million rows
+    [pytest.param(one, marks=pytest.mark.slow if one == "parquet" else ()) for one in LOG_BOMBS],
+)
 def test_log_bombs_are_refused(tmp_path: Path, bomb: str) -> None:
     ending, make = LOG_BOMBS[bomb]
     path = tmp_path / f"log{ending}"
@@ -296,6 +300,7 @@ while True:
 """
 
 
+@pytest.mark.slow  # three processes that import seaid and write
 def test_a_killed_process_leaves_whole_files(tmp_path: Path) -> None:
     whole: dict[str, int] = {}
     arguments = [str(tmp_path), str(seeds.ARM_URDF), str(seeds.ARM_DRIVES)]

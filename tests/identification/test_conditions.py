@@ -18,10 +18,12 @@ from tests.experiments import (
     TEST_MASS,
     arm,
     arm_motion,
+    drive_scores,
     leg,
     leg_motion,
     perfect_log,
 )
+from tests.standard_errors import check_scores
 
 pytestmark = pytest.mark.rounding
 
@@ -37,15 +39,17 @@ def warm(log: Log, seed: int | None = None) -> Log:
 
 
 @cache
-def together(own: tuple[str, ...] = ("spring_offset", "viscous_friction")) -> Conditions:
+def together(
+    own: tuple[str, ...] = ("spring_offset", "viscous_friction"), seed: int = 1
+) -> Conditions:
     """Return the leg cold with its bare foot, warm with a test mass."""
     bare, loaded = leg().without_nominal(), leg(TEST_MASS).without_nominal()
+    logs = (
+        measure(leg(), leg_motion(), LEG_SENSORS, seed=seed),
+        warm(measure(leg(), leg_motion(TEST_MASS), LEG_SENSORS, seed=seed + 1)),
+    )
     return identify_conditions(
-        {
-            "cold": (bare, measure(leg(), leg_motion(), LEG_SENSORS, seed=1)),
-            "warm": (loaded, warm(measure(leg(), leg_motion(TEST_MASS), LEG_SENSORS, seed=2))),
-        },
-        condition_specific=own,
+        {"cold": (bare, logs[0]), "warm": (loaded, logs[1])}, condition_specific=own
     )
 
 
@@ -63,6 +67,25 @@ def test_shared_and_own_parameters_hold_the_truth(joint: str) -> None:
         assert distance(cold, name, truth[name]) < 4
     assert distance(cold, "viscous_friction", truth["viscous_friction"]) < 4
     assert distance(warmed, "viscous_friction", (1 - WARM) * truth["viscous_friction"]) < 4
+
+
+@pytest.mark.slow  # 45 identifications of two logs
+def test_errors_are_as_large_as_the_standard_errors_say() -> None:
+    """Those of the drives are nearly right, those of the bodies a fifth too large."""
+    drives, loads = [], []
+    for seed in range(1, 91, 2):
+        cold, warmed = together(seed=seed).identifications.values()
+        shared = "stiffness", "coulomb_friction", "viscous_friction"
+        own = [
+            (one.value("viscous_friction") - (1 - WARM) * leg().drives[joint].values[shared[2]])
+            / one.standard_error("viscous_friction")
+            for joint, one in warmed.drives.items()
+        ]
+        drives.append(np.append(drive_scores(cold, leg(), *shared), own))
+        exact = cold.base.project(leg().parameters)
+        loads.append((cold.load.values - exact) / cold.load.standard_errors)
+    check_scores(drives, 1.05, band=1.2)
+    check_scores(loads, 0.8, band=1.2)
 
 
 def test_the_conditions_share_the_bodies_and_the_payload_is_known() -> None:

@@ -97,6 +97,7 @@ def test_coarse_encoder_shows_in_the_estimates_of_wide_bands() -> None:
     assert shifts[0] > 5 * shifts[1]
 
 
+@pytest.mark.slow  # an identification for each of many cutoffs
 def test_default_cutoffs_go_from_a_third_to_three_times(tmp_path: Path) -> None:
     result = cutoff_sensitivity(KNOWN, log())
     proposed = result.cutoffs_hz[result.proposed]

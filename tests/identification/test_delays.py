@@ -16,8 +16,9 @@ from seaid.errors import LogError
 from seaid.identification.delays import Delay, correct_delays, estimate_delays
 from seaid.log.reading import Log
 from seaid.robot.robot import Robot
-from seaid.simulation.simulation import measure
+from seaid.simulation.simulation import Noise, measure
 from tests.experiments import LEG_SENSORS, leg, leg_motion, true_value
+from tests.standard_errors import check_scores
 
 QUIET = replace(LEG_SENSORS, torque_std_Nm=5e-4)
 ELASTIC = ("hip_pitch", "knee_pitch", "ankle_pitch")
@@ -50,6 +51,11 @@ def late_log(
     log = measure(leg(), replace(motion, **moved), noise, seed)
     if with_springs:
         log = replace(log, joint_torque=moved["joint_torque"])
+    return at_500_hz(log)
+
+
+def at_500_hz(log: Log) -> Log:
+    """Return every second sample, after the first ones."""
     part: dict[str, Any] = {field: one[20::2] for field, one in log.sensors().items()}
     return replace(log, time=log.time[20::2], **part)
 
@@ -88,6 +94,23 @@ def test_a_late_torque_of_a_stiff_drive_is_found_as_well_as_it_says() -> None:
     assert found.delay_s == pytest.approx(0.008, abs=4 * found.standard_error_s)
     assert found.standard_error_s < 1e-3
     assert found.is_significant
+
+
+@pytest.mark.slow  # 45 estimates of ten delays
+def test_errors_are_as_large_as_the_standard_errors_say() -> None:
+    """Those of six seconds are a fifth too small."""
+    scores = []
+    for seed in range(45):
+        plain = measure(leg(), leg_motion(), Noise(torque_std_Nm=5e-3), seed)
+        noise = np.random.default_rng(seed).normal(size=(2, *plain.motor_position.shape))
+        log = replace(
+            plain,
+            motor_position=plain.motor_position + 1e-3 * noise[0],
+            joint_position=plain.joint_position + 1e-4 * noise[1],
+        )
+        found = estimate_delays(known(), at_500_hz(log))
+        scores.append(np.array([one.delay_s / one.standard_error_s for one in found]))
+    check_scores(scores, 1.2, band=1.2)
 
 
 @pytest.mark.parametrize("torque_std", [5e-4, 5e-3])

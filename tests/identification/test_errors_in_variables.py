@@ -13,6 +13,7 @@ from seaid.identification.errors_in_variables import deming, errors_in_variables
 from seaid.log.motion import reconstruct_motion
 from seaid.regressor.regression import Regression
 from tests.experiments import leg, leg_motion, perfect_log
+from tests.standard_errors import check_scores
 
 STIFFNESS, OFFSET = 70.0, 1.5
 
@@ -58,13 +59,13 @@ def test_noise_in_both_leaves_the_stiffness_unbiased(
 ) -> None:
     ratio = (torque_std / deflection_std) ** 2
     found = [
-        errors_in_variables(rows(torque_std, deflection_std, seed), ratio) for seed in range(40)
+        errors_in_variables(rows(torque_std, deflection_std, seed), ratio) for seed in range(400)
     ]
     values = np.array([one.value("stiffness") for one in found])
     error = np.std(values) / np.sqrt(len(values))
     assert abs(np.mean(values) - STIFFNESS) < 3.5 * error
-    stated = np.mean([one.standard_error("stiffness") for one in found])
-    assert 0.7 * np.std(values) < stated < 1.5 * np.std(values)
+    truth = np.array([STIFFNESS, OFFSET])
+    check_scores([(one.values - truth) / one.standard_errors for one in found])
     offsets = [one.value("spring_offset") for one in found]
     assert np.mean(offsets) == pytest.approx(OFFSET, abs=0.05)
 

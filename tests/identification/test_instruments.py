@@ -100,6 +100,7 @@ def test_perfect_sensors_give_the_same_as_least_squares() -> None:
     assert max(map(abs, errors[1].values())) < max(2e-3, 2 * max(map(abs, errors[0].values())))
 
 
+@pytest.mark.slow  # four logs, each by a search for instruments
 def test_coarse_joint_encoders_bias_least_squares_more() -> None:
     """A wide pass band lets their noise into the deflection; the mean error of some draws."""
     known = arm().without_nominal()

@@ -27,13 +27,13 @@ def script(name: str) -> ModuleType:
 
 real_data = script("real_data")
 CASES = real_data.read_cases()
-SLOW = pytest.mark.slow  # friction that is searched for, or simulated sample by sample
 
 
+@pytest.mark.slow  # friction that is searched for, or simulated sample by sample
 @pytest.mark.parametrize(
     "case",
     [
-        pytest.param(case, id=case.name, marks=SLOW if "unseen_half" in case.torque else ())
+        pytest.param(case, id=case.name)
         for case in CASES
         if not case.forward  # long: the script's
     ],

@@ -149,6 +149,7 @@ def base_errors(estimator: EstimatorName, seed: int) -> Array:
     return np.asarray(found.load.values - found.base.project(TRUTH.parameters))
 
 
+@pytest.mark.slow  # three logs, each by both estimators
 def test_noisy_joint_encoders_bias_the_bodies_of_least_squares_only() -> None:
     plain, freed = (
         np.mean([base_errors(estimator, seed) for seed in range(3)], axis=0)

@@ -38,6 +38,11 @@ def clean() -> Log:
     return replace(log, time=log.time[::2], **part)
 
 
+@cache
+def undamaged() -> seaid.Identification:
+    return seaid.identify(leg().without_nominal(), clean())
+
+
 def channels_of(log: Log, damage: Damage) -> list[Channel]:
     """Return the log as channels, damaged one by one."""
     found = []
@@ -141,7 +146,7 @@ def test_a_damaged_log_is_repaired_and_its_estimate_holds(damage: Damage) -> Non
     robot = leg().without_nominal()
     log = log_of(robot, channels_of(clean(), damage))
     assert log.report
-    found, before = seaid.identify(robot, log), seaid.identify(robot, clean())
+    found, before = seaid.identify(robot, log), undamaged()
     for joint in ELASTIC:
         drive, plain = found.drives[joint], before.drives[joint]
         for name in ("viscous_friction", "coulomb_friction", "stiffness"):
@@ -186,6 +191,7 @@ def test_a_hole_is_excluded_and_said(hole: tuple[float, float], described: bool)
     )
 
 
+@pytest.mark.slow  # output error of a whole leg
 def test_a_refinement_leaves_the_hole_out() -> None:
     kept = (clean().time <= 3.0) | (clean().time >= 3.3)
     sensors: dict[str, Any] = {field: one[kept] for field, one in clean().sensors().items()}

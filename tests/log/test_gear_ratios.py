@@ -27,7 +27,9 @@ def test_exact_angles_give_the_ratio(ratio: float) -> None:
 def test_the_standard_error_holds_transmission_errors(swing: float, zero: float) -> None:
     motor, output = angles(762.222, swing, 2e-3, zero)
     found = gear_ratio(motor, output)
-    assert abs(found.value - 762.222) < 2 * found.standard_error
+    assert abs(found.value - 762.222) < found.standard_error
+    of_one_sample = 762.222 * found.misfit_rad / np.std(output)
+    assert found.standard_error == pytest.approx(of_one_sample, rel=0.02)
     assert found.misfit_rad == pytest.approx(2e-3 / np.sqrt(2), rel=0.4)
 
 

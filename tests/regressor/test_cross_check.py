@@ -87,6 +87,7 @@ def test_two_robots_are_not_compared(
         cross_check(base_parameters(tulip_leg), exact_base_parameters(other))
 
 
+@pytest.mark.slow  # a script with exact base parameters of several robots
 def test_table_of_the_script(tmp_path: Path) -> None:
     done = run_script("--only", "kinova", "--output", str(tmp_path))
     assert done.returncode == 0, done.stderr

@@ -370,6 +370,7 @@ def drive_of(kind: str, drive: str) -> dict[str, Any] | None:
     return {**elastic, **radius} if drive == "elastic" else None
 
 
+@pytest.mark.slow  # twenty random trees, each with several choices of sensors
 @settings(max_examples=20)
 @given(tree=st.lists(random_joints, min_size=1, max_size=4))
 def test_more_sensors_never_tell_less_and_both_ranks_agree(
@@ -543,6 +544,7 @@ def script(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow  # a script for many choices
 def test_script_compares_choices_of_sensors() -> None:
     done = script()
     assert done.returncode == 0, done.stderr

@@ -246,6 +246,7 @@ def test_hostile_names_are_text(tmp_path: Path) -> None:
     assert "<" not in page.scripts["traces-data"] + page.scripts["correlations-data"]
 
 
+@pytest.mark.slow  # 2100 parameters and their correlations
 def test_three_hundred_joints_are_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # inertia and gravity of such a chain take a minute, and no page needs them
     monkeypatch.setattr("seaid.identification.identification.sign_flags", lambda _: ())

@@ -30,7 +30,6 @@ from seaid.errors import (
     SeaidWarning,
     SymbolicError,
 )
-from seaid.estimation import EstimatorName
 from seaid.estimation.least_squares import ordinary
 from seaid.excitation.objective import load_target
 from seaid.identification import Method
@@ -64,7 +63,8 @@ from seaid.robot.transmission import (
     torques_at_joints,
 )
 from seaid.simulation.replaying import replay
-from tests.experiments import DATA, MODELS, drive_errors, true_value
+from tests.experiments import DATA, MODELS, drive_errors, drive_scores, true_value
+from tests.standard_errors import check_scores
 
 DRIVE = ("viscous_friction", "coulomb_friction", "stiffness")
 
@@ -525,24 +525,43 @@ def test_a_log_gives_nearly_the_truth(name: str, method: Method) -> None:
     assert np.max(np.abs(found.load.values - true)) < 0.01 * np.max(np.abs(true))
 
 
-@pytest.mark.parametrize("estimator", ["wls", "iv"])
-@pytest.mark.parametrize("name", ["stiff differential", "mixed differential", "parallelogram"])
+@pytest.mark.slow  # 60 identifications each
+@pytest.mark.parametrize(
+    ("name", "method", "expected"),
+    [
+        ("stiff differential", "two-step", 1.0),
+        ("mixed differential", "two-step", 0.9),
+        ("parallelogram", "two-step", 1.0),
+        ("mixed differential", "simultaneous", 1.0),
+    ],
+)
 def test_errors_are_as_large_as_the_standard_errors_say(
-    name: str, estimator: EstimatorName
+    name: str, method: str, expected: float
 ) -> None:
+    """Those of bodies behind springs are too large in two steps, and right in one."""
+    case, scores = CASES[name](), []
+    motion, known = true_motion(case, duration=32.0), case.robot.without_nominal()
+    for seed in range(60):
+        log = log_of(motion, torque=0.01, angle=2e-5, seed=seed)
+        found = identify(known, log, cutoff_hz=8.0, method=method)
+        load = (found.load.values - true_load(case, found)) / found.load.standard_errors
+        scores.append(np.append(load, drive_scores(found, case.robot, *DRIVE)))
+    check_scores(scores, expected, band=1.2)
+
+
+@pytest.mark.parametrize("name", ["stiff differential", "mixed differential", "parallelogram"])
+def test_instruments_say_what_least_squares_say_where_columns_have_no_noise(name: str) -> None:
     case = CASES[name]()
-    scores: list[float] = []
-    for seed in range(4):
-        log = log_of(true_motion(case), torque=0.01, angle=2e-5, seed=seed)
-        found = identify(case.robot.without_nominal(), log, cutoff_hz=8.0, estimator=estimator)
-        errors = (found.load.values - true_load(case, found)) / found.load.standard_errors
-        scores += errors.tolist()
-        for joint, estimate in found.drives.items():
-            for term in ("viscous_friction", "coulomb_friction", "stiffness"):
-                if term in estimate.names:
-                    error = estimate.value(term) - true_value(case.robot, joint, term)
-                    scores.append(error / estimate.standard_error(term))
-    assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.6
+    log = log_of(true_motion(case), torque=0.01, angle=1e-6)
+    one, other = (
+        identify(case.robot.without_nominal(), log, cutoff_hz=8.0, estimator=estimator)
+        for estimator in ("wls", "iv")
+    )
+    for plain, freed in zip(
+        (one.load, *one.drives.values()), (other.load, *other.drives.values()), strict=True
+    ):
+        assert freed.standard_errors == pytest.approx(plain.standard_errors, rel=0.05)
+        assert np.all(np.abs(freed.values - plain.values) < 0.1 * plain.standard_errors)
 
 
 def test_one_motor_of_a_differential_tells_its_own_equation() -> None:
@@ -594,6 +613,20 @@ def test_a_sensor_at_one_joint_of_a_group_is_not_enough() -> None:
             torque_joints=["elbow", "wrist_pitch"],
             cutoff_hz=12.0,
         )
+
+
+@pytest.mark.slow  # 60 identifications, each load side twice
+def test_shifted_zeros_are_as_far_off_as_the_standard_errors_say() -> None:
+    """They are 12 % too large in two steps."""
+    case, scores = elastic_differential(), []
+    motion, known = true_motion(case), case.robot.without_nominal()
+    for seed in range(60):
+        log = log_of(motion, torque=0.003, seed=seed)
+        zeros = 0.02 * np.random.default_rng(seed + 1000).normal(size=3)
+        moved = replace(log, joint_position=log.joint_position + zeros)
+        found = identify(known, moved, cutoff_hz=10.0, encoder_offset_std=0.02)
+        scores.append((found.load.values - true_load(case, found)) / found.load.standard_errors)
+    check_scores(scores, 0.88, band=1.2)
 
 
 @pytest.mark.parametrize("method", ["two-step", "simultaneous"])

@@ -611,6 +611,7 @@ EXPERIMENTS: dict[str, tuple[Drive, Drive]] = {
 }
 
 
+@pytest.mark.slow  # six seconds of two drives, simulated step by step
 @pytest.mark.parametrize("terms", EXPERIMENTS)
 def test_what_was_simulated_is_found_again(terms: str, tmp_path: Path) -> None:
     """What the terms bring is within three of its standard errors, which are small."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.errors import RobotError, SeaidError
 from seaid.excitation.basis import make_basis
 from seaid.excitation.trajectory import Trajectory
+from seaid.log.motion import Motion
 from seaid.robot.robot import Robot, load_robot
 from seaid.simulation.forward_dynamics import advance
 from seaid.simulation.plant import (
@@ -27,7 +29,7 @@ from seaid.simulation.plant import (
     plant_of,
 )
 from seaid.simulation.simulation import Noise, measure, simulate, simulate_motion
-from tests.experiments import LEG_SENSORS, TEST_MASS, arm, arm_motion, leg, leg_motion, wiggle
+from tests.experiments import LEG_SENSORS, TEST_MASS, arm, arm_motion, leg, wiggle
 
 Chain = Callable[..., Path]
 
@@ -187,9 +189,16 @@ def test_known_numbers_of_extra_terms_act_on_the_motor(write_chain: Chain) -> No
     assert states[:, SPEED] == pytest.approx(0.0, abs=1e-9)
 
 
+@cache
+def leg_motion() -> Motion:
+    """Return two and a half seconds with the leg and its test mass."""
+    middle, reach = (0.0, 0.0, -0.2, 0.7, 0.0), (0.8, 0.6, 0.7, 0.7, 1.1)
+    return simulate_motion(leg(TEST_MASS), wiggle(leg(), 2.5, middle, reach))
+
+
 def test_true_motion_obeys_the_equations_it_was_made_of() -> None:
     """(7) and (8) at every tick that is not at rest, of elastic and stiff joints."""
-    for robot, motion in ((leg(TEST_MASS), leg_motion(TEST_MASS)), (arm(), arm_motion())):
+    for robot, motion in ((leg(TEST_MASS), leg_motion()), (arm(), arm_motion())):
         plant = plant_of(robot)
         assert robot.model_order == tuple(range(robot.n))
         data = robot.model.createData()
@@ -341,7 +350,7 @@ def test_absurd_noise_is_refused(std: float) -> None:
 
 def test_noise_of_wrong_length_is_refused() -> None:
     with pytest.raises(SeaidError, match=r"Noise.torque_std_Nm must have shape \(5\)"):
-        measure(leg(), leg_motion(TEST_MASS), Noise(torque_std_Nm=(0.1, 0.2)))
+        measure(leg(), leg_motion(), Noise(torque_std_Nm=(0.1, 0.2)))
 
 
 @pytest.mark.parametrize("rate_hz", [200.0, 1000.0])

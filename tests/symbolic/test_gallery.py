@@ -84,7 +84,13 @@ ARMS = {
 }
 
 
-@pytest.mark.parametrize("name", ARMS)
+SIX_JOINTS = ("PUMA 560", "Stanford arm")  # thousands of products of six sines
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow if name in SIX_JOINTS else ()) for name in ARMS],
+)
 def test_arm_has_its_published_number_of_base_parameters(name: str) -> None:
     axes, offsets, published = ARMS[name]
     assert len(base_of_arm(axes, offsets).pivots) == published

@@ -100,6 +100,7 @@ EQUATIONS = [
 ]
 
 
+@pytest.mark.slow  # 150 equations, rewritten by sympy
 @settings(max_examples=150, deadline=None, derandomize=True)
 @given(st.sampled_from(EQUATIONS), st.integers(0, 10**6), st.integers(1, 4))
 def test_result_does_not_depend_on_how_an_equation_is_written(

@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ BOARD = "float64 current\nstring note\n"
 MOTOR, JOINTS = "/drives", "/joint_states"
 
 
+@cache
 def store(version: int) -> Any:
     types = get_typestore(Stores.ROS2_HUMBLE if version == 2 else Stores.ROS1_NOETIC)
     types.register(get_types_from_msg(DRIVE, "my_msgs/msg/Drive"))
@@ -69,7 +71,10 @@ def write_bag(path: Path, version: int = 2, plugin: Any = None, stamped: bool = 
     return path
 
 
-def bags(folder: Path) -> Sequence[Path]:
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory: pytest.TempPathFactory) -> Sequence[Path]:
+    """Return one bag of every kind."""
+    folder = tmp_path_factory.mktemp("bags")
     sqlite = write_bag(folder / "sqlite", plugin=StoragePlugin.SQLITE3)
     mcap = write_bag(folder / "mcap", plugin=StoragePlugin.MCAP)
     alone = folder / "alone"
@@ -85,8 +90,9 @@ def bags(folder: Path) -> Sequence[Path]:
     )
 
 
-def test_every_kind_of_bag_gives_the_same_columns(tmp_path: Path) -> None:
-    for path in bags(tmp_path):
+@pytest.mark.slow  # six bags, each read in a process of its own
+def test_every_kind_of_bag_gives_the_same_columns(bags: Sequence[Path]) -> None:
+    for path in bags:
         table = open_table(path)
         joints, motors = f"{JOINTS}/header.stamp", f"{MOTOR}/header.stamp"
         wanted = [f"{JOINTS}/position[a]", f"{JOINTS}/effort[grip]", joints, motors]
@@ -148,9 +154,9 @@ def test_topics_with_clocks_of_their_own_become_one_log(tmp_path: Path, arm: Rob
     ],
 )
 def test_bag_without_the_topic_or_field_says_what_is_there(
-    tmp_path: Path, arm: Robot, position: str, words: str
+    bags: Sequence[Path], arm: Robot, position: str, words: str
 ) -> None:
-    path = write_bag(tmp_path / "bag")
+    path = bags[0]
     with pytest.raises(LogError) as caught:
         read_log(path, arm, description=described(position))
     text = str(caught.value)
@@ -159,8 +165,10 @@ def test_bag_without_the_topic_or_field_says_what_is_there(
 
 
 @pytest.mark.parametrize("ending", [".db3", ".mcap", ".bag"])
-def test_bag_that_is_cut_off_is_named(tmp_path: Path, arm: Robot, ending: str) -> None:
-    found = next(path for path in bags(tmp_path) if path.suffix == ending)
+def test_bag_that_is_cut_off_is_named(
+    bags: Sequence[Path], tmp_path: Path, arm: Robot, ending: str
+) -> None:
+    found = next(path for path in bags if path.suffix == ending)
     content = found.read_bytes()
     path = tmp_path / f"cut{ending}"
     for share in (0.1, 0.5, 0.9):
