@@ -536,7 +536,7 @@ def test_a_log_gives_nearly_the_truth(name: str, method: Method) -> None:
     ],
 )
 def test_errors_are_as_large_as_the_standard_errors_say(
-    name: str, method: str, expected: float
+    name: str, method: Method, expected: float
 ) -> None:
     """Those of bodies behind springs are too large in two steps, and right in one."""
     case, scores = CASES[name](), []
