@@ -11,6 +11,7 @@ import inspect
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache, wraps
 from itertools import islice
 from types import NoneType, UnionType
@@ -218,20 +219,20 @@ def _wrong_call(
     hints: Mapping[str, Any],
 ) -> str:
     """Return the message for arguments that are missing, unknown or too many."""
-    for name in named:
-        if name not in signature.parameters:
-            return f"{function}: {unknown_name('argument', name, signature.parameters)}"
+    unknown = [name for name in named if name not in signature.parameters]
+    if unknown:
+        return f"{function}: {unknown_name('argument', unknown[0], signature.parameters)}"
     ordered = [
         one for one in signature.parameters.values() if one.kind is one.POSITIONAL_OR_KEYWORD
     ]
-    names = [one.name for one in ordered if one.default is one.empty]
-    missing = [name for name in names[len(values) :] if name not in named]
-    call = f"{function}({', '.join(names)})"
-    if not missing:
-        most = f"at most {len(ordered)} arguments without a name, found {len(values)}"
-        return f"{call} takes {most}: write the others as name=value, each once"
-    maker = _maker(_parts(hints[missing[0]]))
-    return f"{missing[0]} is missing: write {call}{maker and f'; make it with {maker}'}"
+    needed = [one.name for one in ordered if one.default is one.empty]
+    call = f"{function}({', '.join(needed)})"
+    missing = [name for name in needed[len(values) :] if name not in named]
+    if missing:
+        maker = _maker(_parts(hints[missing[0]]))
+        return f"{missing[0]} is missing: write {call}{maker and f'; make it with {maker}'}"
+    most = f"at most {len(ordered)} arguments without a name, found {len(values)}"
+    return f"{call} takes {most}: write the others as name=value, each once"
 
 
 def _maker(parts: Iterable[Any]) -> str:
@@ -245,82 +246,148 @@ def _parts(hint: Any) -> tuple[Any, ...]:
     return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
 
 
-def _fits(value: Any, hint: Any) -> bool:
-    """Return whether a value is one that an annotation allows."""
-    kind = get_origin(hint) or hint
-    if kind in (Union, UnionType):
-        return any(_fits(value, one) for one in get_args(hint))
-    if kind is Literal:
-        return isinstance(value, str) and value in get_args(hint)
-    if kind in (int, float, bool):  # numbers of numpy, and 1 for True, are allowed
-        return isinstance(value, SupportsFloat)
-    if kind is Any or not isinstance(kind, type) or getattr(kind, "_is_protocol", False):
-        return True
-    if kind.__module__ == "pathlib":
-        return isinstance(value, os.PathLike)
-    if kind.__module__ == "numpy":
-        return hasattr(value, "__array__") or isinstance(value, Sequence | SupportsFloat)
-    if not issubclass(kind, Iterable) or issubclass(kind, str | Mapping) or not get_args(hint):
-        return isinstance(value, kind)
-    if isinstance(value, str | bytes | Mapping) or not hasattr(value, "__iter__"):
-        return False
-    inner = str if get_origin(get_args(hint)[0]) is Literal else get_args(hint)[0]
-    is_plain = get_origin(inner) in (None, Union, UnionType)  # no list within a list
-    elements = value if is_plain and isinstance(value, list | tuple) else ()
-    return all(_fits(one, inner) for one in elements)
-
-
 def _mismatch(function: str, name: str, given: Mapping[str, Any], hints: Mapping[str, Any]) -> str:
     """Return the message for a value of a wrong type: what is expected, found, and to do."""
     value, parts = given[name], _parts(hints[name])
-    is_list = isinstance(value, list | tuple)
-    elements = [part for part in parts if is_list and isinstance(value, get_origin(part) or str)]
-    wrong = [one for one in value if not _fits([one], elements[0])] if elements else []
     names = [one for part in parts if get_origin(part) is Literal for one in get_args(part)]
     if names and isinstance(value, str):
         return f"{name}=: {unknown_name(name, value, names)}"
-    text = f"{name}= must be {_described(parts)}, found {_described_value(value, wrong)}"
-    lists = [part for part in parts if get_args(part) and _fits([value], part)]
-    if lists:
+    found = _described_value(value, _wrong_elements(value, parts))
+    text = f"{name}= must be {_described(parts)}, found {found}"
+    if any(get_args(part) and _fits([value], part) for part in parts):
         return f"{text}; put it into a list: {name}=[...]"
-    others = [
-        other
-        for other in given
-        if other != name and _fits(given[other], hints[name]) and _fits(value, hints[other])
-    ]
-    if others and not _fits(given[others[0]], hints[others[0]]):
-        return f"{text}: {name} and {others[0]} are swapped; write {function}({', '.join(given)})"
+    other = _swapped(name, given, hints)
+    if other:
+        return f"{text}: {name} and {other} are swapped; write {function}({', '.join(given)})"
     maker = _maker(parts)
     return f"{text}; make one with {maker}" if maker else text
 
 
+def _wrong_elements(value: Any, parts: Iterable[Any]) -> list[Any]:
+    """Return the elements of a list that the first annotation of a list does not allow."""
+    if not isinstance(value, list | tuple):
+        return []
+    lists = [part for part in parts if isinstance(value, get_origin(part) or str)]
+    return [one for one in value if not _fits([one], lists[0])] if lists else []
+
+
+def _swapped(name: str, given: Mapping[str, Any], hints: Mapping[str, Any]) -> str:
+    """Return the argument whose value fits this one while this one's fits that, else ''."""
+    for other in given:
+        if other != name and _fits(given[other], hints[name]) and _fits(given[name], hints[other]):
+            return "" if _fits(given[other], hints[other]) else other
+    return ""
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """A kind of annotation.
+
+    `matches` its origin or type; `fits` (value, annotation); `words` (annotation) for messages.
+    """
+
+    matches: Callable[[Any], bool]
+    fits: Callable[[Any, Any], bool]
+    words: Callable[[Any], list[str]]
+
+
+def _kind(hint: Any) -> _Kind:
+    """Return the first kind that matches an annotation."""
+    origin = get_origin(hint) or hint
+    return next(kind for kind in _KINDS if kind.matches(origin))
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Return whether a value is one that an annotation allows."""
+    return _kind(hint).fits(value, hint)
+
+
+def _is_list_of(value: Any, hint: Any) -> bool:
+    """Return whether a value is an iterable of what an annotation such as Sequence[str] allows."""
+    if isinstance(value, str | bytes | Mapping) or not hasattr(value, "__iter__"):
+        return False
+    inner = get_args(hint)[0]
+    inner = str if get_origin(inner) is Literal else inner
+    is_plain = get_origin(inner) in (None, *_UNIONS)  # no list within a list
+    return all(_fits(one, inner) for one in value if is_plain and isinstance(value, list | tuple))
+
+
+def _list_words(hint: Any) -> list[str]:
+    """Return the words for a list of what an annotation allows."""
+    inner = get_origin(get_args(hint)[0]) or get_args(hint)[0]
+    plain = {str: "names", Literal: "names", int: "numbers", float: "numbers"}
+    plain |= dict.fromkeys(_UNIONS, "these")
+    return [f"a list of {plain.get(inner) or f'{inner.__name__}s'}"]
+
+
+def _is_open(kind: Any) -> bool:
+    """Return whether an annotation is not checked: Any, type variables, protocols."""
+    return kind is Any or not isinstance(kind, type) or getattr(kind, "_is_protocol", False)
+
+
+def _is_in(library: str) -> Callable[[Any], bool]:
+    return lambda kind: getattr(kind, "__module__", "") == library
+
+
+_UNIONS = (Union, UnionType)
 _WORDS = {int: "a whole number", float: "a number", bool: "True or False", str: "a name"}
 _WORDS |= {NoneType: "None"}
+_KINDS = (
+    _Kind(
+        lambda kind: kind in _UNIONS,
+        lambda value, hint: any(_fits(value, one) for one in get_args(hint)),
+        lambda hint: [word for one in get_args(hint) for word in _kind(one).words(one)],
+    ),
+    _Kind(
+        lambda kind: kind is Literal,
+        lambda value, hint: isinstance(value, str) and value in get_args(hint),
+        lambda hint: [f"'{one}'" for one in get_args(hint)],
+    ),
+    _Kind(  # numbers of numpy, and 1 for True, are allowed
+        lambda kind: kind in (int, float, bool),
+        lambda value, hint: isinstance(value, SupportsFloat),
+        lambda hint: [_WORDS[hint]],
+    ),
+    _Kind(lambda kind: kind in _WORDS, isinstance, lambda hint: [_WORDS[hint]]),
+    _Kind(_is_open, lambda value, hint: True, lambda hint: []),
+    _Kind(
+        _is_in("pathlib"),
+        lambda value, hint: isinstance(value, os.PathLike),
+        lambda hint: ["a path"],
+    ),
+    _Kind(
+        _is_in("numpy"),
+        lambda value, hint: (
+            hasattr(value, "__array__") or isinstance(value, Sequence | SupportsFloat)
+        ),
+        lambda hint: ["an array"],
+    ),
+    _Kind(
+        lambda kind: issubclass(kind, Mapping),
+        lambda value, hint: isinstance(value, get_origin(hint) or hint),
+        lambda hint: ["a mapping"],
+    ),
+    _Kind(
+        lambda kind: (
+            kind.__module__ in ("builtins", "collections.abc") and issubclass(kind, Iterable)
+        ),
+        _is_list_of,
+        _list_words,
+    ),
+    _Kind(
+        lambda kind: True,
+        lambda value, hint: isinstance(value, get_origin(hint) or hint),
+        lambda hint: [_with_article((get_origin(hint) or hint).__name__)],
+    ),
+)
 
 
 def _described(parts: Iterable[Any]) -> str:
     """Return the alternatives of an annotation in words."""
-    words: list[str] = []
-    for part in parts:
-        kind = get_origin(part) or part
-        if kind is Literal:
-            words += [f"'{one}'" for one in get_args(part)]
-        elif kind in _WORDS:
-            words.append(_WORDS[kind])
-        elif kind.__module__ == "pathlib":
-            words = [*(word for word in words if word != _WORDS[str]), "a path"]
-        elif kind.__module__ == "numpy":
-            words.append("an array")
-        elif not get_args(part):
-            words.append(_with_article(kind.__name__))
-        elif issubclass(kind, Mapping):
-            words.append("a mapping")
-        else:
-            inner = get_origin(get_args(part)[0]) or get_args(part)[0]
-            plain = {str: "names", Literal: "names", int: "numbers", float: "numbers"}
-            plain |= {Union: "these", UnionType: "these"}
-            words.append(f"a list of {plain.get(inner) or f'{inner.__name__}s'}")
-    words = list(dict.fromkeys(word for word in words if word != "None"))
+    words = list(dict.fromkeys(word for part in parts for word in _kind(part).words(part)))
+    if "a path" in words:
+        words = [word for word in words if word != _WORDS[str]]
+    words = [word for word in words if word != "None"]
     return " or ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 
 
