@@ -254,7 +254,7 @@ def smooth_columns(regressor: DriveRegressor) -> SmoothColumns:
         values["spring_offset"] = 0.0
     check_divisors(regressor.drive, values)
     known = {str(SYMBOLS[name]): value for name, value in values.items()}
-    known |= {str(symbol): value for symbol, value in known_values(regressor.drive).items()}
+    known |= regressor.known
     return SmoothColumns(regressor.names, regressor.units, row, FrozenMapping(known))
 
 

@@ -50,6 +50,11 @@ class DriveRegressor:
         found = [flat_names(entry).free_symbols for entry in (self.zeta, *self.row)]
         return {str(symbol) for symbols in found for symbol in symbols} & set(_ARGUMENTS.values())
 
+    @cached_property
+    def known(self) -> dict[str, float]:
+        """The known values of the drive by their symbols: ratio, radii, what `known` names."""
+        return {str(symbol): value for symbol, value in known_values(self.drive).items()}
+
     @property
     def linear(self) -> tuple[str, ...]:
         """The parameters in which the equation is linear once `non_linear` are given."""
@@ -171,7 +176,7 @@ def _evaluate(
     columns = tuple(regressor.row[regressor.names.index(name)] for name in wanted)
     function, names = _compiled(regressor.zeta, columns)
     given = dict(signals) | {str(SYMBOLS[name]): value for name, value in near.items()}
-    given |= {str(symbol): value for symbol, value in known_values(regressor.drive).items()}
+    given |= regressor.known
     missing = [name for name in names if name not in given]
     if missing:
         named = {str(symbol): name for symbol, name in PARAMETER_NAMES.items()}

@@ -1,5 +1,6 @@
 from .basis import Basis as Basis
 from .basis import BasisName as BasisName
+from .basis import FourierBasis as FourierBasis
 from .basis import JoinedBasis as JoinedBasis
 from .basis import make_basis as make_basis
 from .boundary import EndState as EndState
@@ -13,7 +14,6 @@ from .flatness import check_nominal_bodies as check_nominal_bodies
 from .flatness import load_torques as load_torques
 from .flatness import parallel_elements as parallel_elements
 from .flatness import transmission as transmission
-from .fourier import FourierBasis as FourierBasis
 from .limits import JointLimits as JointLimits
 from .limits import Limits as Limits
 from .limits import Margins as Margins

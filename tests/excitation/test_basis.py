@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seaid.errors import ExcitationError
-from seaid.excitation.basis import BasisName, make_basis
-from seaid.excitation.fourier import FourierBasis
+from seaid.excitation.basis import BasisName, FourierBasis, make_basis
 from seaid.excitation.spline import SplineBasis, bernstein_from_powers
 
 pytestmark = pytest.mark.rounding

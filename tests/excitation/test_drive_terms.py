@@ -25,8 +25,8 @@ from seaid.drives.functions import (
 )
 from seaid.errors import ExcitationError
 from seaid.excitation import Limits, design_excitation
+from seaid.excitation.basis import FourierBasis
 from seaid.excitation.flatness import differentiation, motor_signals, transmission
-from seaid.excitation.fourier import FourierBasis
 from seaid.excitation.limits import drive_limits, drive_load_gradient, drive_loads
 from seaid.excitation.objective import drive_target, stacked_regressor
 from seaid.regressor.base import base_parameters

@@ -13,8 +13,8 @@ from seaid._arrays import Array
 from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.drives.functions import SMOOTH_SIGNALS, STATES, smooth_columns
 from seaid.errors import ExcitationError
+from seaid.excitation.basis import FourierBasis
 from seaid.excitation.criteria import pivoted_base, regressor_gradient, torque_derivatives
-from seaid.excitation.fourier import FourierBasis
 from seaid.excitation.objective import (
     READINGS_HZ,
     Target,
