@@ -309,7 +309,8 @@ def _is_list_of(value: Any, hint: Any) -> bool:
     inner = get_args(hint)[0]
     inner = str if get_origin(inner) is Literal else inner
     is_plain = get_origin(inner) in (None, *_UNIONS)  # no list within a list
-    return all(_fits(one, inner) for one in value if is_plain and isinstance(value, list | tuple))
+    elements = value if is_plain and isinstance(value, list | tuple) else ()
+    return all(_fits(one, inner) for one in elements)
 
 
 def _list_words(hint: Any) -> list[str]:

@@ -45,10 +45,13 @@ from .symbols import u_M as u_M
 from .terms import COULOMB as COULOMB
 from .terms import PARAMETERS as PARAMETERS
 from .terms import PARAMETERS_OF as PARAMETERS_OF
+from .terms import Column as Column
 from .terms import FrictionTerm as FrictionTerm
 from .terms import MotorInput as MotorInput
 from .terms import SpringTerm as SpringTerm
 from .terms import key_of as key_of
+from .terms import parameter_of as parameter_of
+from .terms import readable as readable
 from .toml import drive_table as drive_table
 from .toml import drives_from_mapping as drives_from_mapping
 from .toml import read_drives as read_drives

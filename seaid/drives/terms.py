@@ -136,6 +136,35 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
 MotorInput = Literal["torque", "current", "voltage"]
 """Values of `motor_input=`, with their parameters in `PARAMETERS_OF`."""
 
+
+class Column(str):
+    """The name of a column that is the parameter of a joint: "stiffness of knee"."""
+
+    parameter: str
+    joint: str
+
+    def __new__(cls, parameter: str, joint: str) -> Column:
+        """Return the name with its two parts."""
+        name = super().__new__(cls, f"{parameter} of {joint}")
+        name.parameter, name.joint = parameter, joint
+        return name
+
+    def __getnewargs__(self) -> tuple[str, str]:  # type: ignore[override]
+        return self.parameter, self.joint
+
+
+def parameter_of(name: str) -> str:
+    """Return the parameter that a name of a column begins with: of any joint, or of no joint."""
+    return name.parameter if isinstance(name, Column) else name
+
+
+def readable(name: str) -> str:
+    """Return the name of a column for text: "viscous friction of knee", bodies unchanged."""
+    if not isinstance(name, Column):
+        return name
+    return f"{name.parameter.replace('_', ' ')} of {name.joint}"
+
+
 COULOMB = ("coulomb", "smooth_coulomb", "shifted_coulomb")
 """Friction terms of which a drive has at most one."""
 

@@ -24,6 +24,7 @@ from functools import partial
 import numpy as np
 
 from seaid._arrays import Array, IndexArray
+from seaid.drives import Column
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Estimator, Fit, qr_factor_of
 from seaid.identification.datasets import Dataset, rows_in_memory
@@ -71,7 +72,7 @@ def simultaneous_regression(
     zero = without_torque(robot, [joint for joint in model.rows if joint in springs])
     load = load_regression(robot, motion, model, zero)
     actuators = {joint: actuator_regression(robot, motion, joint) for joint in robot.elastic_joints}
-    names = [f"{name} of {joint}" for joint, one in actuators.items() for name in one.names]
+    names = [Column(name, joint) for joint, one in actuators.items() for name in one.names]
     load = replace(
         load,
         names=(*names, *load.names),
@@ -85,7 +86,7 @@ def simultaneous_regression(
 
 
 def _spring_columns(
-    robot: Robot, load: Regression, springs: Collection[str], names: list[str]
+    robot: Robot, load: Regression, springs: Collection[str], names: Sequence[str]
 ) -> Array:
     """Return the columns of the springs' parameters in (8), among those of the drives."""
     columns, start = np.zeros((len(load.y), len(names))), 0
@@ -193,10 +194,9 @@ def split_estimate(
     base = range(count, count + len(model.expressions))
     load_side = estimate.part(range(count, len(estimate.names)), model.names)
     columns: dict[str, dict[str, int]] = {joint: {} for joint in robot.joint_names}
-    for index, full in enumerate(estimate.names):
-        if index not in base:
-            name, joint = full.split(" of ", 1)
-            columns[joint][name] = index
+    for index, name in enumerate(estimate.names):
+        if isinstance(name, Column):
+            columns[name.joint][name.parameter] = index
     drives = {
         joint: with_flags(estimate.part(list(own.values()), tuple(own)), joint, None)
         for joint, own in columns.items()

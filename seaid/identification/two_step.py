@@ -14,6 +14,7 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array
+from seaid.drives import Column, parameter_of
 from seaid.errors import IdentificationError
 from seaid.estimation import (
     RANK_TOLERANCE,
@@ -63,11 +64,9 @@ def check_scale(qr_factor: QRFactor) -> None:
     All torques are then known only up to scale, and least squares gives zero. A payload in all logs
     does not help, since it could be part of its body.
     """
-    places = {
-        place: name.split(" of ", 1)
-        for place, name in enumerate(qr_factor.names)
-        if name.split(" of ", 1)[0] in CONSTANTS
-    }
+    places = [
+        place for place, name in enumerate(qr_factor.names) if parameter_of(name) in CONSTANTS
+    ]
     if not places or not qr_factor.count:  # without rows `solve` raises
         return
     R, p = qr_factor.weighted_factor(), len(qr_factor.names)
@@ -75,13 +74,17 @@ def check_scale(qr_factor: QRFactor) -> None:
     torques = svd.norms * svd.solve(R[:p, p], RANK_TOLERANCE)
     least = _ROUNDING * float(np.linalg.norm(R[:, p]))
     open_part = np.max(np.abs(svd.vectors[svd.rank(RANK_TOLERANCE) :]), axis=0, initial=0.0)
-    for place, (name, *where) in places.items():
+    for place in places:
         if abs(torques[place]) <= least or open_part[place] > _PART:
-            joint = where[0] if where else qr_factor.joint_names[qr_factor.equations[0]]
+            column = qr_factor.names[place]
+            name, remedy = parameter_of(column), _SPRING
+            joint = qr_factor.joint_names[qr_factor.equations[0]]
+            if isinstance(column, Column):
+                joint, remedy = column.joint, _LOAD_SIDE
             raise IdentificationError(
                 f"the {name.replace('_', ' ')} of {joint} is unidentifiable: only the "
                 f"{CONSTANTS[name]} of its motor was logged, so all torques are known only up to "
-                f"scale. Give one of: {_LOAD_SIDE if where else _SPRING}its rotor inertia, or the "
+                f"scale. Give one of: {remedy}its rotor inertia, or the "
                 f"constant itself (known = ['{name}'])",
                 "known_bodies=",
             )

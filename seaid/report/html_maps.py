@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from seaid._arrays import Array
+from seaid.drives import Column, readable
 from seaid.estimation import (
     POORLY_DETERMINED,
     directions,
@@ -136,17 +137,12 @@ def _estimates(found: Identification) -> tuple[list[str], list[int], list[Array]
         drive = found.drives[joint]
         own = [i for i, name in enumerate(drive.names) if f"{name} of {joint}" not in load.names]
         if own:
-            named = [_readable(f"{drive.names[i]} of {joint}") for i in own]
+            named = [readable(Column(drive.names[i], joint)) for i in own]
             add(drive.correlation[np.ix_(own, own)], named)
     if load.names:
         bodies = [first_term(name) for name in found.model.expressions]
-        add(load.correlation, [*bodies, *map(_readable, load.names[len(bodies) :])])
+        add(load.correlation, [*bodies, *map(readable, load.names[len(bodies) :])])
     return names, blocks, parts
-
-
-def _readable(name: str) -> str:
-    parameter, _, joint = name.partition(" of ")
-    return f"{parameter.replace('_', ' ')} of {joint}"
 
 
 @dataclass(frozen=True)

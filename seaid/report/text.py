@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from seaid._display import counted, field_texts
-from seaid.drives import SeriesElasticDrive, StiffDrive
+from seaid.drives import Column, SeriesElasticDrive, StiffDrive
 from seaid.log import has_holes
 
 if TYPE_CHECKING:
@@ -382,11 +382,9 @@ def conditions_table(together: Conditions) -> Text:
 
 
 def _text(found: Identification, name: str) -> str:
-    if name in found.load_side.names:
-        estimate, key = found.load_side, name
-    else:
-        key, joint = name.split(" of ", 1)
-        estimate = found.drives[joint]
+    estimate, key = found.load_side, name
+    if name not in estimate.names and isinstance(name, Column):
+        estimate, key = found.drives[name.joint], name.parameter
     return f"{number(estimate.value(key))} +- {estimate.standard_error(key):.2g}"
 
 

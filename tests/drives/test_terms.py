@@ -1,12 +1,14 @@
 """Friction, spring and motor terms: their columns, and equations that are not linear in them."""
 
+import json
+import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from seaid._arrays import Array
-from seaid.drives import FrictionTerm, MotorInput, SpringTerm
+from seaid.drives import Column, FrictionTerm, MotorInput, SpringTerm, parameter_of, readable
 from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive, unit_of
 from seaid.drives.equations import (
     dry_friction,
@@ -264,3 +266,16 @@ def test_every_choice_is_hashable_and_survives_a_round_trip_of_its_values() -> N
     assert {drive: 1}[replace(drive)] == 1
     assert drive.values == {**VALUES, "motor_inertia": 1e-5}
     assert EVERYTHING.with_values(drive.values) == drive
+
+
+def test_columns_carry_their_parameter_and_joint() -> None:
+    """Through tuples, files and processes, whatever the joint is called."""
+    one = Column("stiffness", "left of knee")
+    assert one == "stiffness of left of knee"
+    assert {one: 1.0}["stiffness of left of knee"] == 1.0
+    other = pickle.loads(pickle.dumps(one))
+    assert (other, other.parameter, other.joint) == (one, "stiffness", "left of knee")
+    assert json.dumps([one]) == '["stiffness of left of knee"]'
+    assert parameter_of(one) == parameter_of("stiffness") == "stiffness"
+    assert readable(Column("viscous_friction", "a_b")) == "viscous friction of a_b"
+    assert readable("m_1 + m_2 of both") == "m_1 + m_2 of both"

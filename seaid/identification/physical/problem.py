@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, frozen, safely
+from seaid.drives import Column, parameter_of, readable
 from seaid.errors import IdentificationError, RobotError, unknown_name
 from seaid.estimation import Estimate, Program, covariance_root
 from seaid.regressor import LoadModel
@@ -255,11 +256,11 @@ def body_program(
     columns, pivots, own = _columns(model, known, m)
     root = covariance_root(known.covariance, known.values)
     largest = np.max(np.abs(model.absorption), axis=0, initial=0.0)
-    names = [f"{name} of {joint}" for joint, name, _ in model.absorbed]
+    names: list[str] = [Column(name, joint) for joint, name, _ in model.absorbed]
     names += [known.names[row] for row in own]
     sizes = np.append(np.max(bodies[:, 4:]) / largest, np.linalg.norm(root, axis=1)[own])
     values = np.append(np.zeros(absorbed), known.values[own])
-    signed = np.array([name.split(" of ", 1)[0] in NON_NEGATIVE for name in names], dtype=bool)
+    signed = np.array([parameter_of(name) in NON_NEGATIVE for name in names], dtype=bool)
     all_limits = [replace(one, row=np.pad(one.row, (0, len(names)))) for one in limits]
     all_limits += _not_negative(names, sizes, signed, m)
     program = Program(
@@ -300,6 +301,5 @@ def _not_negative(names: Sequence[str], sizes: Array, signed: BoolArray, m: int)
     for place in np.flatnonzero(signed).tolist():
         row = np.zeros(m + len(names))
         row[m + place] = 1 / sizes[place]
-        parameter, joint = names[place].split(" of ", 1)
-        limits.append(Limit(row, 0.0, f"{parameter.replace('_', ' ')} of {joint} is zero"))
+        limits.append(Limit(row, 0.0, f"{readable(names[place])} is zero"))
     return limits

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from seaid.drives import (
     PARAMETER_NAMES,
     SIGNALS,
+    Column,
     Drive,
     K_t,
     K_u,
@@ -362,9 +363,9 @@ def system_of(
     terms = tuple(drive_terms(robot.drives[joint], sensors[joint]) for joint in joints)
     equations = equations_of(robot, terms, sensors, depends)
     drives = zip(joints, terms, strict=True)
-    names = tuple(f"{name} of {joint}" for joint, drive in drives for name in drive.names)
-    names = (*robot.parameter_names, *names)
-    return System(robot, terms, tuple(equations), eliminations(equations), names)
+    names = [Column(name, joint) for joint, drive in drives for name in drive.names]
+    names_of_all = (*robot.parameter_names, *names)
+    return System(robot, terms, tuple(equations), eliminations(equations), names_of_all)
 
 
 _TITLES = {"motor": "(7) of its motor", "spring": "(4b) of its spring", "load": "(8) of its load"}
