@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from scripts.benchmarks.house import faces, import_graph
+from scripts.benchmarks.house import faces, import_graph, longest_chain
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -108,6 +108,53 @@ def test_nothing_else_stands_at_the_root() -> None:
 def test_no_module_imports_one_that_imports_it() -> None:
     order = list(TopologicalSorter(import_graph("seaid", ROOT / "seaid")).static_order())
     assert order.index("seaid.robot.robot") < order.index("seaid.identification.identification")
+
+
+ONE_IMPORTER = {
+    "one command each, which `cli.commands` lists": (
+        *("cli.excite", "cli.export", "cli.identify", "cli.inspect", "cli.report", "cli.view"),
+    ),
+    "one file format each, of which `readers.opening` takes the one of the ending": (
+        *("log.readers.csv_file", "log.readers.hebi_log", "log.readers.json_file"),
+        *("log.readers.npz_file", "log.readers.ros_bag"),
+    ),
+    "a method with a source of its own, read and tested alone": (
+        *("estimation.feasible", "estimation.gauss_newton", "estimation.robust"),
+        *("estimation.variable_projection", "identification.errors_in_variables"),
+        *("identification.instrumental", "identification.simultaneous"),
+        *("regressor.exact.lagrangian", "regressor.exact.recursion", "symbolic.independence"),
+    ),
+    "functions that users call": (
+        *("identification.validation", "identification.physical.consistency", "log.long_log"),
+        *("regressor.exact.base", "report.figures", "report.text", "symbolic.expression_text"),
+    ),
+    "one part of the page or window each": (
+        *("report.html_experiment", "report.html_maps", "report.html_verdict"),
+        *("view.panel", "view.playback"),
+    ),
+    "one step of a long way, which would make its importer longer than 400 lines": (
+        *("excitation.run_in", "excitation.search", "export.mjcf_drives"),
+        *("identification.log_checks", "identification.physical.problem", "log.repair.channels"),
+        *("regressor.structural.arithmetic", "regressor.structural.equations"),
+        "robot.pinocchio_model",
+    ),
+    "one stage of reading each, which most logs do not pass": (
+        *("log.custom_columns", "log.repair.repair"),
+    ),
+}
+"""{reason: modules that only one other module imports}."""
+
+
+def test_modules_with_one_importer_have_a_reason() -> None:
+    graph = import_graph("seaid", ROOT / "seaid")
+    importers = {name: [one for one, others in graph.items() if name in others] for name in graph}
+    single = {name for name, found in importers.items() if len(found) == 1}
+    assert single == {f"seaid.{name}" for names in ONE_IMPORTER.values() for name in names}
+
+
+def test_no_chain_of_imports_is_long() -> None:
+    assert longest_chain(import_graph("seaid", ROOT / "seaid")) <= 15
+    assert len(SOURCES) <= 170
 
 
 def test_every_name_of_a_face_is_there_and_none_is_hidden_by_a_module() -> None:
