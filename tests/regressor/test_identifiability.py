@@ -537,9 +537,9 @@ def test_unknown_names_are_refused_with_the_nearest(tulip_leg: Robot, write_chai
 
 
 def script(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run scripts/what_sensors_tell.py on the leg."""
+    """Run scripts/identifiability.py on the leg."""
     root = Path(__file__).parents[2]
-    leg = ("scripts/what_sensors_tell.py", "models/tulip_leg.urdf", "models/tulip_leg.toml")
+    leg = ("scripts/identifiability.py", "models/tulip_leg.urdf", "models/tulip_leg.toml")
     command = [sys.executable, *leg, *arguments]
     return subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
 

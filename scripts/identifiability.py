@@ -1,4 +1,4 @@
-"""Identifiability with given sensors: `what_sensors_tell.py robot.urdf [drives.toml]`.
+"""Identifiability with given sensors: `identifiability.py robot.urdf [drives.toml]`.
 
 Without --sensors the script prints a table of common choices. With --sensors it prints the details
 of one choice, as in
