@@ -189,10 +189,10 @@ States = tuple[Array, Array, Array]
 
 def torque_derivatives(robot: Robot, states: States) -> Array:
     """Return d tau_i / d (q, v, a)_j of the inverse dynamics, (3, T, n, n), payloads included."""
-    model, order = robot.model, list(robot.model_order)
+    order = list(robot.model_order)
     inverse = np.argsort(order)
-    by_state = _derivatives(model, tuple(state[:, order] for state in states), slice(None), None)
-    return np.ascontiguousarray(by_state[:, :, inverse][:, :, :, inverse])
+    tables = _derivatives(robot.model, tuple(state[:, order] for state in states))
+    return np.ascontiguousarray(tables[:, :, inverse][:, :, :, inverse])
 
 
 def regressor_gradient(
@@ -205,52 +205,56 @@ def regressor_gradient(
     derivatives (Carpentier and Mansard 2018) per row, whatever the number of parameters.
     """
     model, order, n = robot.model.copy(), list(robot.model_order), robot.n
-    positions = [order.index(row) for row in rows]
     ordered = tuple(np.ascontiguousarray(state[:, order]) for state in states)
     bodies = weights.reshape(*weights.shape[:2], n, 10)[:, :, order]
     # Pinocchio needs bodies with positive mass: equal masses are added to all bodies, and their
     # torques, which are linear in the parameters, are subtracted again
     mass = 2.0 * max(float(np.abs(weights).max(initial=0.0)), 1e-12)
     bodies[:, :, :, 0] += mass
-    plain = np.zeros(10)
-    plain[0] = mass
     for body in range(n):
-        model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(plain)
-    total = -_derivatives(model, ordered, positions, None).sum(axis=2)
+        model.inertias[body + 1] = pin.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
+    positions = [order.index(row) for row in rows]
+    total = -_derivatives(model, ordered)[:, :, positions].sum(axis=2)
     for r, position in enumerate(positions):
-        total += _derivatives(model, ordered, [position], bodies[:, r])[:, :, 0]
+        felt = [joint - 1 for joint in model.subtrees[position + 1]]
+        total += _row_derivatives(model, ordered, position, bodies[:, r, felt])
     gradient = np.empty_like(total)
     gradient[:, :, order] = total
     return gradient[0], gradient[1], gradient[2]
 
 
-def _derivatives(
-    model: pin.Model, states: tuple[Array, ...], rows: Sequence[int] | slice, bodies: Array | None
-) -> Array:
-    """Return d tau[rows] / d (q, v, a), (3, T, rows, n), all in the order of the model.
-
-    `bodies` (T, n, 10) are the parameters at every instant, None for those of the model; with
-    `bodies`, there must be one row, and only the bodies of its subtree are set.
-    """
-    data, n = model.createData(), model.nv
+def _derivatives(model: pin.Model, states: tuple[Array, ...]) -> Array:
+    """Return d tau / d (q, v, a), (3, T, n, n), in the order of the model."""
+    data, compute = model.createData(), pin.computeRNEADerivatives
     q, v, a = (np.ascontiguousarray(state) for state in states)
-    pin.computeRNEADerivatives(model, data, q[0], v[0], a[0])
-    by_q, by_v, mass_matrix = data.dtau_dq, data.dtau_dv, data.M
-    everything = np.arange(n)[rows]
-    tables = np.empty((4, len(q), len(everything), n))
-    felt: list[int] = []
-    if bodies is not None:
-        felt = [joint - 1 for joint in model.subtrees[int(everything[0]) + 1]]
-    inertias, inertia_of = model.inertias, pin.Inertia.FromDynamicParameters
-    compute = pin.computeRNEADerivatives
-    index = int(everything[0]) if len(everything) == 1 else everything
-    for t in range(len(q)):
-        for body in felt:
-            inertias[body + 1] = inertia_of(bodies[t, body])  # type: ignore[index]
-        compute(model, data, q[t], v[t], a[t])
-        tables[0, t], tables[1, t] = by_q[index], by_v[index]
-        tables[2, t], tables[3, t] = mass_matrix[index], mass_matrix.T[index]
+    compute(model, data, *np.zeros((3, model.nv)))
+    views, tables = (data.dtau_dq, data.dtau_dv, data.M), np.empty((len(q), 3, model.nv, model.nv))
+    for table, q_t, v_t, a_t in zip(tables, q, v, a, strict=True):
+        compute(model, data, q_t, v_t, a_t)
+        table[0], table[1], table[2] = views
+    by_state = np.ascontiguousarray(tables.swapaxes(0, 1))
     # Pinocchio fills only the upper triangle of the mass matrix
-    upper = np.arange(n)[None, :] >= everything[:, None]
-    tables[2] = np.where(upper, tables[2], tables[3])
-    return tables[:3]
+    by_state[2] = np.triu(by_state[2]) + np.triu(by_state[2], 1).swapaxes(1, 2)
+    return by_state
+
+
+def _row_derivatives(model: pin.Model, states: tuple[Array, ...], row: int, bodies: Array) -> Array:
+    """Return d tau_row / d (q, v, a), (3, T, n), in the order of the model.
+
+    `bodies` (T, b, 10) are the parameters of the b bodies of the row's subtree at every instant.
+    """
+    model, n = model.copy(), model.nv
+    data, inertias = model.createData(), model.inertias
+    compute, inertia_of = pin.computeRNEADerivatives, pin.Inertia.FromDynamicParameters
+    compute(model, data, *np.zeros((3, n)))
+    # views of the row, in memory that Pinocchio overwrites at every instant; of the mass matrix it
+    # fills only the upper triangle
+    views = (data.dtau_dq[row], data.dtau_dv[row], data.M[:row, row], data.M[row, row:])
+    felt, together = list(model.subtrees[row + 1]), np.concatenate
+    table = np.empty((len(bodies), 3 * n))
+    for own, out, q, v, a in zip(bodies, table, *states, strict=True):
+        for joint, parameters in zip(felt, own, strict=True):
+            inertias[joint] = inertia_of(parameters)
+        compute(model, data, q, v, a)
+        together(views, out=out)
+    return table.reshape(-1, 3, n).swapaxes(0, 1)
