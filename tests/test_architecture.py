@@ -111,13 +111,6 @@ def test_no_module_imports_one_that_imports_it() -> None:
 
 
 ONE_IMPORTER = {
-    "one command each, which `cli.commands` lists": (
-        *("cli.excite", "cli.export", "cli.identify", "cli.inspect", "cli.report", "cli.view"),
-    ),
-    "one file format each, of which `readers.opening` takes the one of the ending": (
-        *("log.readers.csv_file", "log.readers.hebi_log", "log.readers.json_file"),
-        *("log.readers.npz_file", "log.readers.ros_bag"),
-    ),
     "a method with a source of its own, read and tested alone": (
         *("estimation.feasible", "estimation.gauss_newton", "estimation.robust"),
         *("estimation.variable_projection", "identification.errors_in_variables"),
@@ -144,17 +137,24 @@ ONE_IMPORTER = {
 }
 """{reason: modules that only one other module imports}."""
 
+DISPATCHERS = ("seaid.cli.commands", "seaid.log.readers.opening")
+"""Modules that import one module per command, and one per file format."""
+
+ONE_PER_FORMAT = ("seaid.cli.", "seaid.export.", "seaid.log.readers.")
+"""Packages that a new command or format makes larger, and no harder to understand."""
+
 
 def test_modules_with_one_importer_have_a_reason() -> None:
     graph = import_graph("seaid", ROOT / "seaid")
     importers = {name: [one for one, others in graph.items() if name in others] for name in graph}
-    single = {name for name, found in importers.items() if len(found) == 1}
+    alone = {name: found[0] for name, found in importers.items() if len(found) == 1}
+    single = {name for name, importer in alone.items() if importer not in DISPATCHERS}
     assert single == {f"seaid.{name}" for names in ONE_IMPORTER.values() for name in names}
 
 
 def test_no_chain_of_imports_is_long() -> None:
     assert longest_chain(import_graph("seaid", ROOT / "seaid")) <= 15
-    assert len(SOURCES) <= 170
+    assert len([name for name in SOURCES if not name.startswith(ONE_PER_FORMAT)]) <= 145
 
 
 def test_every_name_of_a_face_is_there_and_none_is_hidden_by_a_module() -> None:

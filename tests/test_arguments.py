@@ -111,7 +111,7 @@ CALLS: dict[str, Call] = {
     "an estimator that conditions do not have": (
         "identify_conditions",
         lambda x: ([{}], {"estimator": "iv"}),
-        "no estimator is named 'iv'; allowed: ols, wls, huber, tukey$",
+        f"no estimator is named 'iv'; allowed: {', '.join(ESTIMATORS)}$",
     ),
     "no text for a choice": (
         "identify",

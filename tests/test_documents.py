@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 
 import seaid
+from seaid.drives.terms import PARAMETERS_OF
 from seaid.drives.toml import drives_from_mapping
 from seaid.log.description import description_for
+from seaid.log.readers.opening import READERS
 from tests.pages import (
     ROOT,
     SHELLS,
@@ -159,6 +161,16 @@ def test_every_public_name_is_in_the_reference() -> None:
     inner = {"MAX_TERMS", "expression_of"}  # for other packages
     symbolic = {f"symbolic.{name}" for name in set(dir(seaid.symbolic)) - inner}
     assert set(seaid.__all__) - modules | symbolic | {"regressor.rigid_body_regressor"} <= named
+
+
+TERMS = [term for field in PARAMETERS_OF.values() for term in field if term != "torque"]
+NAMED = {"docs/logs.md": list(READERS), "docs/drives.md": TERMS}
+
+
+@pytest.mark.parametrize("page", NAMED)
+def test_tables_name_every_format_and_term(page: str) -> None:
+    text = PAGES[page].read_text("utf-8")
+    assert [name for name in NAMED[page] if f"`{name}`" not in text] == []
 
 
 def test_every_command_is_in_the_reference_with_its_options() -> None:

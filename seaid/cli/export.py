@@ -42,7 +42,7 @@ def export(
     seaid export leg.urdf --parameters parameters.json -o found.urdf
     seaid export leg.urdf --from run.csv --drives leg.toml -o found.xml
     """
-    checked_suffix(output, ".urdf", ".xml")
+    checked_suffix(output, *_WRITERS)
     if (parameters is None) == (not from_logs):
         raise typer.BadParameter("give one of the two", param_hint="--from, --parameters")
     toml = output.with_suffix(".toml") if output.suffix.lower() == ".urdf" else None
@@ -57,7 +57,7 @@ def export(
         logs = given.logs(from_logs or [], robot)
         found = given.identify(robot, logs, feasible=feasible)
         robot, flags = found.robot, found.flags
-    tables, notes = _written(robot, output, allow_inconsistent)
+    tables, notes = _WRITERS[output.suffix.lower()](robot, output, allow_inconsistent)
     for note in notes:
         typer.echo(f"note: {note.replace('payloads=', option_of('payloads='))}", err=True)
     content = {"robot": output, "drives": tables, "notes": notes, "flags": flags}
@@ -66,15 +66,21 @@ def export(
     result.show("\n".join(text), content, output, tables)
 
 
-def _written(
-    robot: Robot, output: Path, allow_inconsistent: bool
-) -> tuple[Path | None, tuple[str, ...]]:
-    """Write the robot; return the file of its drives and the notes."""
-    if output.suffix.lower() == ".xml":
-        from seaid.export import write_mjcf
+_Written = tuple[Path | None, tuple[str, ...]]
 
-        return None, write_mjcf(robot, output, force=allow_inconsistent).notes
+
+def _urdf(robot: Robot, output: Path, allow_inconsistent: bool) -> _Written:
     from seaid.export import write_urdf
 
     written = write_urdf(robot, output, force=allow_inconsistent)
     return written.drives, written.notes
+
+
+def _mjcf(robot: Robot, output: Path, allow_inconsistent: bool) -> _Written:
+    from seaid.export import write_mjcf
+
+    return None, write_mjcf(robot, output, force=allow_inconsistent).notes
+
+
+_WRITERS = {".urdf": _urdf, ".xml": _mjcf}
+"""{suffix: what writes the robot, and returns the file of its drives, if any, and the notes}."""

@@ -16,6 +16,7 @@ from seaid._arrays import FrozenMapping, number
 from seaid._display import Display
 from seaid.drives.terms import (
     COULOMB,
+    DRY,
     NONLINEAR_SPRING,
     PARAMETERS,
     PARAMETERS_OF,
@@ -34,10 +35,6 @@ def unit_of(drive: Drive, name: str) -> str:
     return PARAMETERS[name].unit_for(drive.spring_units, drive.joint_units)
 
 
-DRY = ("coulomb", "load", "stribeck")
-"""Friction terms that can hold a motor at rest, unless the drive's Coulomb friction is smooth."""
-
-
 def is_smooth(drive: Drive) -> bool:
     """Whether the drive's friction is a continuous function of speed, known at standstill too."""
     return bool({"smooth_coulomb", "shifted_coulomb"} & set(drive.friction))
@@ -54,7 +51,6 @@ def _field_of(drive: Any, name: str) -> str | None:
     return key if hasattr(drive, key) else None
 
 
-_DIVISORS = ("coulomb_width", "stribeck_speed", "torque_constant", "voltage_constant")
 _LEAST_DIVISOR = 1e-12
 
 
@@ -63,8 +59,8 @@ def check_divisors(drive: Drive, values: Mapping[str, float]) -> None:
 
     An identification may return such a zero.
     """
-    for name in _DIVISORS:
-        if name in drive.parameter_names and values.get(name, 1.0) < _LEAST_DIVISOR:
+    for name in drive.parameter_names:
+        if PARAMETERS[name].is_divisor and values.get(name, 1.0) < _LEAST_DIVISOR:
             raise RobotError(
                 f"'{key_of(name, unit_of(drive, name))}' is {values[name]:g}, and the drive's "
                 "equation is divided by it: give a value above zero, or remove its term"

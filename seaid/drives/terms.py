@@ -35,11 +35,15 @@ class Parameter:
     """A parameter of a drive: its unit, and whether it cannot be negative.
 
     In `unit`, F and L are force and length of the spring (N and m, or N m and rad), P and Q those
-    of the joint.
+    of the joint. A parameter in which the equations are nonlinear has `starts` of its search, in
+    units of the largest motor speed (rad/s) or of half the range of the deflection (L). The
+    equations are divided by a parameter that `is_divisor`.
     """
 
     unit: str
     is_positive: bool = True
+    starts: tuple[float, ...] = ()
+    is_divisor: bool = False
 
     def unit_for(self, spring: tuple[str, str], joint: tuple[str, str]) -> str:
         """Return the unit for given units (force, length) of spring and joint."""
@@ -50,24 +54,24 @@ class Parameter:
 PARAMETERS = {
     "viscous_friction": Parameter("N m s/rad"),
     "coulomb_friction": Parameter("N m"),
-    "coulomb_width": Parameter("rad/s"),
-    "coulomb_shift": Parameter("rad/s", is_positive=False),
+    "coulomb_width": Parameter("rad/s", starts=(0.002, 0.01, 0.05), is_divisor=True),
+    "coulomb_shift": Parameter("rad/s", is_positive=False, starts=(0.0,)),
     "friction_offset": Parameter("N m", is_positive=False),
     "asymmetric_friction": Parameter("N m s/rad", is_positive=False),
     "quadratic_friction": Parameter("N m s^2/rad^2", is_positive=False),
     "load_friction": Parameter("1"),
     "stribeck_friction": Parameter("N m", is_positive=False),
-    "stribeck_speed": Parameter("rad/s"),
+    "stribeck_speed": Parameter("rad/s", starts=(0.03, 0.1, 0.3), is_divisor=True),
     "stiffness": Parameter("F/L"),
     "cubic_stiffness": Parameter("F/L^3", is_positive=False),
     "fifth_stiffness": Parameter("F/L^5", is_positive=False),
-    "dead_zone": Parameter("L"),
+    "dead_zone": Parameter("L", starts=(0.03, 0.15, 0.4)),
     "spring_damping": Parameter("F s/L"),
     "spring_offset": Parameter("F", is_positive=False),
-    "deflection_zero": Parameter("L", is_positive=False),
+    "deflection_zero": Parameter("L", is_positive=False, starts=(0.0,)),
     "motor_inertia": Parameter("kg m^2"),
-    "torque_constant": Parameter("N m/A"),
-    "voltage_constant": Parameter("N m/V"),
+    "torque_constant": Parameter("N m/A", is_divisor=True),
+    "voltage_constant": Parameter("N m/V", is_divisor=True),
     "parallel_stiffness": Parameter("P/Q", is_positive=False),
     "parallel_preload": Parameter("P", is_positive=False),
     "joint_viscous_friction": Parameter("P s/Q"),
@@ -167,6 +171,9 @@ def readable(name: str) -> str:
 
 COULOMB = ("coulomb", "smooth_coulomb", "shifted_coulomb")
 """Friction terms of which a drive has at most one."""
+
+DRY = ("coulomb", "load", "stribeck")
+"""Friction terms that can hold a motor at rest, unless the drive's Coulomb friction is smooth."""
 
 NONLINEAR_SPRING = ("cubic", "fifth", "dead_zone")
 """Spring terms whose force depends on where the deflection is zero."""

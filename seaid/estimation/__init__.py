@@ -3,7 +3,8 @@
 A `Regression` comes in; an `Estimate` goes out: values, covariance, standard errors that allow for
 autocorrelated residuals, the condition number, and flags for poorly determined values.
 
-- `estimators`: ordinary, weighted, Huber and Tukey least squares;
+- `fitting`: estimators by name; `least_squares` has the ordinary and weighted ones, `robust` those
+  of Huber and Tukey;
 - `instrumental_variables`, `variable_projection`, `gauss_newton`: for noisy columns and for
   equations nonlinear in the parameters;
 - `qr_factor`: the R factors of rows, which add up, so that logs may be longer than memory;

@@ -167,7 +167,8 @@ def _motor(joint: str, drive: Drive) -> _Coordinate:
 
 def _spring(joint: str, drive: SeriesElasticDrive) -> _Coordinate:
     """Return the spring of a drive in the coordinate of its deflection."""
-    nonlinear = [term for term in drive.spring if term in ("cubic", "fifth")]
+    linear = ("linear", "dead_zone", "damping", "preload")
+    nonlinear = [term for term in drive.spring if term not in linear]
     if nonlinear:
         raise RobotError(
             f"joint '{joint}': the spring has the term '{nonlinear[0]}', and MuJoCo's springs are "

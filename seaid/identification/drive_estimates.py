@@ -50,9 +50,6 @@ def _with(drive: Estimate, other: Estimate) -> Estimate:
     )
 
 
-SEARCHED = ("coulomb_width", "stribeck_speed", "dead_zone")
-"""Positive parameters found by a search: a negative value is not due to a wrong sign in the log."""
-
 _ZEROS = (
     "spring_offset",
     "deflection_zero",
@@ -102,10 +99,11 @@ def with_flags(estimate: Estimate, joint: str, qr_factor: QRFactor | None) -> Es
             reasons += _weak_spring(estimate, qr_factor)
         if reasons:
             flags.append(f"{text} is poorly identified: {'; '.join(reasons)}")
-        if value < 0 and name in SEARCHED:
-            flags.append(f"{text} is not distinguishable from zero: remove its term")
-        elif value < 0 and name in PARAMETERS and PARAMETERS[name].is_positive:
-            flags.append(f"{text} is negative, {value:.3g}: check signs and offsets of the log")
+        if value < 0 and name in PARAMETERS and PARAMETERS[name].is_positive:
+            if PARAMETERS[name].starts:  # found by a search: not due to a wrong sign in the log
+                flags.append(f"{text} is not distinguishable from zero: remove its term")
+            else:
+                flags.append(f"{text} is negative, {value:.3g}: check signs and offsets of the log")
     return replace(estimate, flags=tuple(flags))
 
 

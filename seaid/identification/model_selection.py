@@ -17,7 +17,7 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping
 from seaid._display import MOST_NAMES, Result, counted
 from seaid._progress import track
-from seaid.drives import PARAMETERS_OF, Drive
+from seaid.drives import COULOMB, PARAMETERS_OF, Drive
 from seaid.errors import IdentificationError, RobotError, SeaidError, checked, listed, unknown_name
 from seaid.estimation import (
     ModelComparison,
@@ -36,9 +36,12 @@ from seaid.log import Motion
 from seaid.regressor import Regression, actuator_regression, stacked
 from seaid.robot import Robot
 
+_NOT_COMPARED = {"friction": ("viscous", *COULOMB), "spring": ("linear", "fifth", "preload")}
+"""Terms of the usual drive, and those for which another one stands in a comparison."""
+
 AT_THE_MOTOR = {
-    "friction": ("offset", "asymmetric", "quadratic", "load", "stribeck"),
-    "spring": ("cubic", "dead_zone", "damping"),
+    field: tuple(term for term in PARAMETERS_OF[field] if term not in excluded)
+    for field, excluded in _NOT_COMPARED.items()
 }
 """Terms on the actuator side of an elastic drive; of a stiff drive on the load side."""
 

@@ -16,7 +16,15 @@ from itertools import product
 import numpy as np
 
 from seaid._arrays import Array, IndexArray
-from seaid.drives import COULOMB, PARAMETERS, Drive, DriveRegressor, SeriesElasticDrive, unit_of
+from seaid.drives import (
+    COULOMB,
+    PARAMETERS,
+    PARAMETERS_OF,
+    Drive,
+    DriveRegressor,
+    SeriesElasticDrive,
+    unit_of,
+)
 from seaid.errors import IdentificationError
 from seaid.estimation import (
     Estimate,
@@ -59,8 +67,12 @@ rank falls only near the best values, where the search ends."""
 
 _PART = 0.1
 
-_LEVEL = {"stribeck_speed": "stribeck_friction", "stribeck_friction": "stribeck_speed"}
-"""Pairs of parameters of which one is meaningless if the other is zero."""
+_LEVEL_OF = {
+    term: names[0]
+    for term, names in PARAMETERS_OF["friction"].items()
+    if any(PARAMETERS[name].starts for name in names)
+}
+"""{nonlinear friction term: the parameter that multiplies the slopes of its other parameters}."""
 
 
 def fix_unidentifiable(
@@ -72,9 +84,10 @@ def fix_unidentifiable(
     Stribeck speed without Stribeck friction: the equations are singular in them.
     """
     fixed: list[str] = []
+    levels = [level for term, level in _LEVEL_OF.items() if term not in COULOMB]
     while True:
         kept = [place for place, name in enumerate(names) if name not in fixed]
-        name = _unidentifiable([names[place] for place in kept], H[:, kept], [*nonlinear, *_LEVEL])
+        name = _unidentifiable([names[place] for place in kept], H[:, kept], [*nonlinear, *levels])
         if name is None:
             return replace(drive, known=(*drive.known, *fixed)) if fixed else drive
         fixed.append(name)
@@ -113,18 +126,8 @@ def with_fixed_flags(
     return flagged
 
 
-_SPEEDS = {
-    "coulomb_width": (0.002, 0.01, 0.05),
-    "coulomb_shift": (0.0,),
-    "stribeck_speed": (0.03, 0.1, 0.3),
-}
-"""Starts of the search in units of the largest motor speed."""
-
-_STRETCHES = {"dead_zone": (0.03, 0.15, 0.4), "deflection_zero": (0.0,)}
-"""Starts of the search in units of half the range of the deflection."""
-
 _LEAST, _MOST = 1e-4, 2.0
-"""Bounds of positive parameters in the same units."""
+"""Bounds of positive parameters in the units of their starts."""
 
 
 def linearised(robot: Robot, motions: Sequence[Motion]) -> Robot:
@@ -279,7 +282,7 @@ def _linear_start(
     known = tuple(name for name in drive.known if name in ("stiffness", "viscous_friction"))
     plain = replace(
         drive,
-        friction=tuple(term for term in friction if term not in ("load", "stribeck")),
+        friction=tuple(term for term in friction if term not in ("load", *_LEVEL_OF)),
         spring=("linear",),
         known=known,
         nominal={},
@@ -301,33 +304,29 @@ def starts_of(
     """Return the starts of the search for a parameter: its nominal value, or some from the data."""
     if name in drive.values:
         return (drive.values[name],)
-    if name in _SPEEDS:
-        return tuple(part * scale.speed for part in _SPEEDS[name])
     if name == "deflection_zero":
         return (start[name], scale.middle)
-    if name in _STRETCHES:
-        return tuple(part * scale.reach for part in _STRETCHES[name])
-    return (start.get(name, 0.0),)
+    parts = tuple(part * _size(name, scale) for part in PARAMETERS[name].starts)
+    return parts or (start.get(name, 0.0),)
 
 
 def bounds_of(name: str, scale: Scale) -> tuple[float, float]:
     """Return the lower and upper search bound of a nonlinear parameter."""
-    if name in _SPEEDS:
-        size, middle = scale.speed, 0.0
-    elif name in _STRETCHES:
-        size, middle = scale.reach, scale.middle if name == "deflection_zero" else 0.0
-    else:
+    if not PARAMETERS[name].starts:
         return (0.0 if PARAMETERS[name].is_positive else -np.inf), np.inf
+    size = _size(name, scale)
+    middle = scale.middle if name == "deflection_zero" else 0.0
     if PARAMETERS[name].is_positive:
         return _LEAST * size, _MOST * size
     return middle - _MOST * size, middle + _MOST * size
 
 
+def _size(name: str, scale: Scale) -> float:
+    return scale.speed if PARAMETERS[name].unit == "rad/s" else scale.reach
+
+
 _SWEEPS = 2
 """Number of sweeps in which each joint is searched with the others fixed."""
-
-_LEVELS = ("coulomb_friction", "stribeck_friction")
-"""Parameters that must not be zero at the start, since they multiply the nonlinear slopes."""
 
 _FEW = 1e-3
 """Least ratio of the weights of two equations."""
@@ -410,7 +409,7 @@ def _started(robot: Robot, scales: Mapping[str, Scale]) -> Robot:
     for joint, scale in scales.items():
         drive, regressor = drives[joint], motor_regressor(robot, joint)
         values = {
-            name: 1.0 if name in _LEVELS else starts_of(name, drive, {}, scale)[0]
+            name: 1.0 if name in _LEVEL_OF.values() else starts_of(name, drive, {}, scale)[0]
             for name in regressor.names
             if name in PARAMETERS and name not in drive.values
         }

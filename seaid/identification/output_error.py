@@ -18,7 +18,7 @@ from scipy.ndimage import maximum_filter1d
 
 from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid._progress import track
-from seaid.drives import SeriesElasticDrive
+from seaid.drives import SeriesElasticDrive, is_dry
 from seaid.errors import IdentificationError, checked
 from seaid.estimation import Estimate, Residuals, Step, gauss_newton_step
 from seaid.identification.drive_estimates import merged_estimates, with_estimate, with_flags
@@ -256,7 +256,7 @@ def _drive_error(layout: Layout, run: Run, x: Array, response: Response) -> Arra
 
 def _turning(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     """Return a mask (T,) of samples near which a motor with dry friction stands or turns back."""
-    if "coulomb" not in robot.drives[joint].friction:
+    if not is_dry(robot.drives[joint]):
         return np.zeros(len(motion.time), dtype=bool)
     speed = motion.motor_velocity[:, robot.index(joint)]
     still = np.abs(speed) < max(STANDSTILL * np.max(np.abs(speed)), REST_RAD_S)

@@ -15,7 +15,7 @@ from seaid._arrays import Array
 from seaid._display import Display, counted
 from seaid.errors import LogError, checked, shown
 from seaid.log.filtering import decimation, filter_overlap
-from seaid.log.log import MINIMUM_SAMPLES, Column, Log, holes, log_of, wanted_columns
+from seaid.log.log import MINIMUM_SAMPLES, WRITTEN, Column, Log, holes, log_of, wanted_columns
 from seaid.log.motion import Motion, Processing, check_cutoff, is_regular, reconstruct_motion
 from seaid.log.readers.opening import open_table
 from seaid.log.readers.table import Block, Blocks
@@ -178,8 +178,8 @@ def iterate_log(
     table = open_table(path)
     if table.blocks is None:
         raise LogError(
-            f"'{path}': '{path.suffix}' logs cannot be read in pieces; allowed: .csv, .npz, "
-            ".parquet, .h5, .hdf5; use read_log, or write it as one of these"
+            f"'{path}': '{path.suffix}' logs cannot be read in pieces; allowed: "
+            f"{', '.join(WRITTEN)}; use read_log, or write it as one of these"
         )
     wanted = wanted_columns(path, table, robot, columns or {})
     blocks = table.blocks(list(dict.fromkeys(name for name, _ in wanted.values())), chunk_samples)

@@ -12,6 +12,7 @@ import sys
 import time
 import tomllib
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from seaid.cli import main
 from seaid.cli.commands import app
 from seaid.cli.messages import error_text
 from seaid.errors import IdentificationError, LogError, RobotError
+from seaid.estimation import EstimatorName
 from seaid.regressor import Sensor
 
 ROOT = Path(__file__).parents[2]
@@ -460,6 +462,13 @@ def test_every_example_is_right_usage() -> None:
     for example in found:
         _, name, *arguments = shlex.split(example, comments=True)
         group.commands[name].make_context(name, arguments)  # raises for wrong usage
+
+
+def test_help_and_reference_name_all_estimators() -> None:
+    said = re.findall(r"\w+", done("identify", "--help").out)
+    for name in get_args(EstimatorName):
+        assert name in said
+        assert f'"{name}"' in str(seaid.identify.__doc__)
 
 
 def test_help_and_version_come_at_once() -> None:

@@ -3,13 +3,14 @@
 import json
 import pickle
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
 
 from seaid._arrays import Array
 from seaid.drives import Column, FrictionTerm, MotorInput, SpringTerm, parameter_of, readable
-from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive, unit_of
+from seaid.drives.drives import Drive, SeriesElasticDrive, StiffDrive, is_dry, unit_of
 from seaid.drives.equations import (
     dry_friction,
     joint_equation,
@@ -118,6 +119,12 @@ def test_a_term_that_is_not_linear_needs_a_start() -> None:
     drive = replace(ELASTIC, friction=("coulomb", "stribeck"))
     with pytest.raises(RobotError, match=r"stribeck_.* needs an initial value"):
         drive_regressor(motor_equation(drive), drive).evaluate(signals())
+
+
+@pytest.mark.parametrize("term", get_args(FrictionTerm))
+def test_dry_terms_are_those_that_act_against_the_motion(term: FrictionTerm) -> None:
+    drive = replace(STIFF, friction=(term,))
+    assert is_dry(drive) == (dry_friction(drive) != 0)
 
 
 def test_friction_under_load_takes_the_direction_of_the_coulomb_friction() -> None:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from seaid._arrays import Array
 from seaid.errors import ExcitationError, IdentificationError
+from seaid.estimation.fitting import ESTIMATORS, LinearEstimator
 from seaid.estimation.least_squares import ordinary, weighted
 from seaid.regressor.regression import Regression
 from tests.standard_errors import check_scores
@@ -58,10 +59,17 @@ def test_ordinary_is_least_squares() -> None:
     assert (found.names, found.units) == (("a", "b", "c"), ("kg",) * 3)
 
 
-def test_exact_data_give_the_exact_answer() -> None:
-    H = experiment(0).H
-    for estimator in (ordinary, weighted):
-        assert estimator(rows(H, H @ TRUTH)).values == pytest.approx(TRUTH, rel=1e-12)
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_every_estimator_is_exact_without_noise_and_inside_its_intervals_with_noise(
+    name: LinearEstimator,
+) -> None:
+    H, scores = experiment(0).H, []
+    exact = ESTIMATORS[name].solve(rows(H, H @ TRUTH), None)
+    assert exact.values == pytest.approx(TRUTH, rel=1e-12)
+    for seed in range(400):
+        found = ESTIMATORS[name].solve(experiment(seed, (1.0, 3.0)), None)
+        scores.append((found.values - TRUTH) / found.standard_errors)
+    check_scores(scores)
 
 
 @given(exponent=st.lists(st.integers(-8, 8), min_size=3, max_size=3))

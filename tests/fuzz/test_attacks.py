@@ -24,12 +24,13 @@ import pytest
 import seaid
 from seaid.drives.toml import read_drives
 from seaid.errors import SeaidError
+from seaid.log.readers.opening import READERS as OF_LOGS
 from tests.fuzz import seeds
 
 Use = Callable[[Path], Any]
 MEMORY_BYTES = 2 * 10**9
 SECONDS = 10.0
-ENDINGS = (".csv", ".npz", ".json", ".parquet", ".h5", ".db3", ".mcap", ".bag", ".hebilog")
+ENDINGS = tuple(OF_LOGS)
 
 
 class TookTooLong(BaseException):

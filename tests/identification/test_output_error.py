@@ -4,21 +4,32 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from seaid._arrays import Array, FrozenMapping
+from seaid.drives import FrictionTerm
 from seaid.errors import IdentificationError, LogError
 from seaid.estimation.estimate import Estimate
 from seaid.identification.identification import Identification, identify
-from seaid.identification.output_error import Layout, Run, layout_of, linearised, refine, run_of
+from seaid.identification.output_error import (
+    Layout,
+    Run,
+    _turning,
+    layout_of,
+    linearised,
+    refine,
+    run_of,
+)
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Payload, Robot, load_robot
 from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import DATA, drive_errors, drive_scores, perfect_log, wiggle
 from tests.standard_errors import check_scores
+from tests.terms import ELASTIC, STIFF, arm, exact_motion
 
 DRIVE = ("stiffness", "viscous_friction", "coulomb_friction")
 REACH = {"rail": (0.0, 0.4), "shoulder": (0.3, 0.8), "telescope": (0.15, 0.2), "wrist": (0.0, 0.9)}
@@ -299,3 +310,15 @@ def test_log_of_other_sensors_and_of_another_robot() -> None:
         refine(found(), springs_only)
     with pytest.raises(LogError, match="the log has no joint telescope"):
         refine(found(), log(robot("rail", "shoulder")))
+
+
+@pytest.mark.parametrize(
+    ("friction", "is_excluded"),
+    [(("stribeck",), True), (("load",), True), (("coulomb",), True), (("smooth_coulomb",), False)],
+)
+def test_rows_where_dry_friction_turns_back_are_excluded(
+    tmp_path: Path, friction: tuple[FrictionTerm, ...], is_excluded: bool
+) -> None:
+    motion = exact_motion(arm(tmp_path, STIFF, ELASTIC))
+    other = arm(tmp_path, STIFF, replace(ELASTIC, friction=friction, nominal={}))
+    assert np.any(_turning(other, motion, "two")) == is_excluded

@@ -18,11 +18,10 @@ from seaid.errors import LogError
 from seaid.log.long_log import iterate_log, open_long_log
 from seaid.log.readers.memory import free_memory
 from seaid.log.readers.opening import open_table
-from seaid.log.reading import Log, read_log, write_log
+from seaid.log.reading import WRITTEN, Log, read_log, write_log
 from seaid.robot.robot import Robot
 
 TIME = np.arange(400) / 100
-WRITABLE = ("log.csv", "log.npz", "log.parquet", "log.h5", "log.hdf5")
 
 
 def one_log() -> Log:
@@ -32,29 +31,44 @@ def one_log() -> Log:
     return Log(TIME, ("arm",), wave(0.5), wave(0.7), wave(0.9), motor_current=wave(1.1))
 
 
+def write_json(log: Log, path: Path) -> None:
+    columns = {"time_s": log.time, **log.columns()}
+    path.write_text(json.dumps({name: values.tolist() for name, values in columns.items()}))
+
+
+FORMATS: dict[str, Callable[[Log, Path], None]] = {
+    **dict.fromkeys(WRITTEN, write_log),
+    ".json": write_json,
+}
+"""{suffix: what writes a log with our columns}."""
+
+IN_PIECES = WRITTEN
+"""Suffixes of the files that are read in pieces."""
+
+
 def error_of(path: Path, robot: Robot) -> str:
     with pytest.raises(LogError) as caught:
         read_log(path, robot)
     return str(caught.value)
 
 
-@pytest.mark.parametrize("name", WRITABLE)
+@pytest.mark.parametrize("suffix", FORMATS)
 def test_every_format_gives_the_log_back_to_the_last_bit(
-    arm: Robot, tmp_path: Path, name: str
+    arm: Robot, tmp_path: Path, suffix: str
 ) -> None:
-    log = one_log()
-    write_log(log, tmp_path / name)
-    back = read_log(tmp_path / name, arm)
+    log, path = one_log(), tmp_path / f"log{suffix}"
+    FORMATS[suffix](log, path)
+    back = read_log(path, arm)
     assert back.columns().keys() == log.columns().keys()
     for column, values in log.columns().items():
         np.testing.assert_array_equal(back.columns()[column], values)
 
 
-@pytest.mark.parametrize("name", WRITABLE)
-def test_log_in_pieces_is_the_log_as_a_whole(arm: Robot, tmp_path: Path, name: str) -> None:
-    log = one_log()
-    write_log(log, tmp_path / name)
-    parts = [part.log for part in iterate_log(tmp_path / name, arm, chunk_samples=150)]
+@pytest.mark.parametrize("suffix", IN_PIECES)
+def test_log_in_pieces_is_the_log_as_a_whole(arm: Robot, tmp_path: Path, suffix: str) -> None:
+    log, path = one_log(), tmp_path / f"log{suffix}"
+    FORMATS[suffix](log, path)
+    parts = [part.log for part in iterate_log(path, arm, chunk_samples=150)]
     assert [len(part.time) for part in parts] == [150, 150, 100]
     joined = np.concatenate([part.joint_position for part in parts])
     np.testing.assert_array_equal(joined, log.joint_position)

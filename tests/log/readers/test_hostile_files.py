@@ -29,7 +29,7 @@ from seaid.errors import LogError, SeaidError
 from seaid.log.long_log import iterate_log, open_long_log
 from seaid.log.readers.child_process import Answer
 from seaid.log.readers.memory import free_memory
-from seaid.log.readers.opening import open_table
+from seaid.log.readers.opening import READERS, open_table
 from seaid.log.reading import Log, read_log, write_log
 from seaid.robot.robot import Robot
 from tests.fuzz.mutators import damaged_bytes
@@ -55,7 +55,7 @@ def error_of(path: Path, *wanted: str) -> str:
 # What is no file
 
 
-@pytest.mark.parametrize("ending", [".csv", ".npz", ".parquet", ".h5", ".json", ".bag", ".hebilog"])
+@pytest.mark.parametrize("ending", READERS)
 def test_a_pipe_is_not_waited_for(tmp_path: Path, ending: str) -> None:
     os.mkfifo(tmp_path / f"log{ending}")
     assert "is a pipe, a socket or a device" in error_of(tmp_path / f"log{ending}")
