@@ -21,7 +21,6 @@ import sympy as sp
 from seaid._arrays import Array, FrozenMapping
 from seaid.drives.drives import (
     Drive,
-    SeriesElasticDrive,
     StiffDrive,
     check_divisors,
     is_dry,
@@ -80,7 +79,7 @@ class DriveFunctions:
 
 def is_plain(drive: Drive) -> bool:
     """Whether a drive has at most viscous and Coulomb friction and a linear spring."""
-    is_linear = getattr(drive, "spring", ("linear",)) == ("linear",)
+    is_linear = set(drive.spring) <= {"linear"}
     return is_linear and set(drive.friction) <= _PLAIN_FRICTION and not _joint_terms(drive)
 
 
@@ -94,9 +93,7 @@ def drive_functions(drive: Drive) -> DriveFunctions:
     """
     level = _with_values(drive, dry_friction(drive))
     friction = _with_values(drive, smooth_friction(drive))
-    force = sp.Integer(0)
-    if isinstance(drive, SeriesElasticDrive):
-        force = _with_values(drive, spring_force(drive))
+    force = _with_values(drive, spring_force(drive))
     joint = _with_values(drive, joint_equation(drive).expression + tau_L)
     smooth = joint.replace(sp.sign, lambda _: sp.Integer(0))
     position, speed = sp.symbols("theta_L theta_L_dot")
@@ -107,7 +104,7 @@ def drive_functions(drive: Drive) -> DriveFunctions:
         joint_torque=sp.lambdify([position, speed], smooth, modules="math"),
         joint_level=float(joint.coeff(sp.sign(speed))),
         is_dry=is_dry(drive),
-        is_under_load=not isinstance(drive, SeriesElasticDrive) and "load" in drive.friction,
+        is_under_load=not drive.is_elastic and "load" in drive.friction,
     )
 
 
@@ -123,7 +120,7 @@ class SpringCurve:
 
 
 @cache
-def spring_curve(drive: SeriesElasticDrive) -> SpringCurve:
+def spring_curve(drive: Drive) -> SpringCurve:
     """Return the curve of a drive's spring with its values, without damping.
 
     Raises RobotError naming the key of a parameter without a value.
@@ -170,7 +167,7 @@ def _with_values(drive: Drive, expression: sp.Expr, needed: Sequence[str] | None
     """Return an expression with flat names of signals and the drive's values inserted."""
     flat = flat_names(expression).subs(known_values(drive))
     values = dict(drive.values)
-    if "preload" not in getattr(drive, "spring", ()):
+    if "preload" not in drive.spring:
         values["spring_offset"] = 0.0
     values.setdefault("deflection_zero", 0.0)
     check_divisors(drive, values)
@@ -250,7 +247,7 @@ def smooth_columns(regressor: DriveRegressor) -> SmoothColumns:
     """
     row = tuple(_with_input(flat_names(entry), regressor.drive) for entry in regressor.row)
     values = {"deflection_zero": 0.0, "spring_offset": 0.0, **regressor.drive.values}
-    if "preload" not in getattr(regressor.drive, "spring", ("preload",)):
+    if "preload" not in regressor.drive.spring:
         values["spring_offset"] = 0.0
     check_divisors(regressor.drive, values)
     known = {str(SYMBOLS[name]): value for name, value in values.items()}
@@ -348,7 +345,7 @@ class NonlinearSpring:
         return x * (k + k_3 * x**2 + k_5 * x**4) + (d - x) * stiffness, stiffness
 
 
-def nonlinear_spring(joint: str, drive: SeriesElasticDrive) -> NonlinearSpring:
+def nonlinear_spring(joint: str, drive: Drive) -> NonlinearSpring:
     """Return the spring of a drive whose values are all given, without damping.
 
     Raises ExcitationError for a spring without linear stiffness, whose compliance at zero force is
@@ -424,7 +421,7 @@ def joint_term_parameters(drive: Drive) -> tuple[str, ...]:
 
 def _joint_terms(drive: Drive) -> list[tuple[str, str]]:
     fields = ("parallel_spring", "joint_friction")
-    return [(field, term) for field in fields for term in getattr(drive, field, ())]
+    return [(field, term) for field in fields for term in getattr(drive, field)]
 
 
 def missing_value(joint: str, name: str) -> ExcitationError:
@@ -437,7 +434,7 @@ def missing_value(joint: str, name: str) -> ExcitationError:
 
 def _friction(drive: Drive) -> tuple[sp.Expr, tuple[str, str]]:
     """Return the friction as that of a stiff drive, with the load torque as the spring's torque."""
-    lever = drive.ratio * getattr(drive, "load_radius", 1.0) / getattr(drive, "motor_radius", 1.0)
+    lever = drive.ratio * drive.load_radius / drive.motor_radius
     stiff = StiffDrive(friction=drive.friction)
     turning = dry_friction(stiff) * sp.sign(theta_M.diff(time_symbol))
     friction = smooth_friction(stiff) + turning

@@ -327,7 +327,7 @@ def _has_parallel_values(robot: Robot) -> BoolArray:
 def _check_flat(robot: Robot, limited: BoolArray) -> None:
     """Raise ExcitationError for limits of quantities that the joint's motion does not determine."""
     for index, joint in enumerate(robot.joint_names):
-        for term in getattr(robot.drives[joint], "spring", ()):
+        for term in robot.drives[joint].spring:
             kinds = [
                 kind for kind in _NOT_FLAT.get(term, ()) if limited[DRIVE_KINDS.index(kind), index]
             ]

@@ -27,7 +27,6 @@ from functools import partial
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Estimator, instrumental
 from seaid.identification.datasets import Dataset
@@ -95,7 +94,7 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
     torque = payload + H @ fitted.load_side
     for row, joint in enumerate(fitted.model.rows):
         drive, index = robot.drives[joint], robot.index(joint)
-        if joint in fitted.springs and isinstance(drive, SeriesElasticDrive):
+        if joint in fitted.springs and drive.is_elastic:
             spring = linear_spring(robot, joint, fitted.springs[joint])
             force = torque[:, row] / drive.load_radius - spring.offset
             deflection = force / spring.stiffness  # (4b); an instrument may lack its damping

@@ -16,7 +16,7 @@ from itertools import product
 import numpy as np
 
 from seaid._arrays import Array, IndexArray
-from seaid.drives import COULOMB, PARAMETERS, Drive, DriveRegressor, SeriesElasticDrive, unit_of
+from seaid.drives import COULOMB, PARAMETERS, Drive, DriveRegressor, unit_of
 from seaid.errors import IdentificationError
 from seaid.estimation import (
     Estimate,
@@ -143,9 +143,8 @@ def linearised(robot: Robot, motions: Sequence[Motion]) -> Robot:
 
 def _linearised_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Drive:
     drive = robot.drives[joint]
-    assert isinstance(drive, SeriesElasticDrive)
     scale = _scale_of(robot, motions, joint)
-    start = _linear_start(robot, motions, joint, drive)
+    start = _linear_start(robot, motions, joint)
     search = _actuator_search(robot, motions, joint)
     grid = product(*(starts_of(name, drive, start, scale) for name in search.nonlinear))
     found = search.best([np.array(one) for one in grid], scale)
@@ -258,7 +257,6 @@ def _actuator_search(robot: Robot, motions: Sequence[Motion], joint: str) -> _Se
 
 def _scale_of(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
     index, drive = robot.index(joint), robot.drives[joint]
-    assert isinstance(drive, SeriesElasticDrive)
     by_name = [actuator_equation(robot, motion, joint)[1] for motion in motions]
     stretch = np.concatenate(
         [
@@ -271,16 +269,15 @@ def _scale_of(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
     return Scale(max(speed, 1e-9), 0.5 * (low + high), max(0.5 * (high - low), 1e-12))
 
 
-def _linear_start(
-    robot: Robot, motions: Sequence[Motion], joint: str, drive: SeriesElasticDrive
-) -> dict[str, float]:
+def _linear_start(robot: Robot, motions: Sequence[Motion], joint: str) -> dict[str, float]:
     """Return friction, stiffness and zero of the deflection of a drive with linear terms only."""
+    drive = robot.drives[joint]
     friction = tuple("coulomb" if term in COULOMB else term for term in drive.friction)
     known = tuple(name for name in drive.known if name in ("stiffness", "viscous_friction"))
     plain = replace(
         drive,
         friction=tuple(term for term in friction if term not in ("load", "stribeck")),
-        spring=("linear",),
+        spring=("linear",),  # type: ignore[arg-type]
         known=known,
         nominal={},
     )

@@ -18,7 +18,6 @@ from scipy.ndimage import maximum_filter1d
 
 from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid._progress import track
-from seaid.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError, checked
 from seaid.estimation import Estimate, Residuals, Step, gauss_newton_step
 from seaid.identification.drive_estimates import merged_estimates, with_estimate, with_flags
@@ -225,9 +224,7 @@ def _load_error(layout: Layout, run: Run, x: Array) -> tuple[Array, Array, Torqu
 
 def _spring_rate(robot: Robot, joint: str) -> float:
     """Return the decrease of the spring's load torque with the joint position, for k = 1."""
-    drive = robot.drives[joint]
-    assert isinstance(drive, SeriesElasticDrive)
-    return drive.load_radius**2
+    return robot.drives[joint].load_radius ** 2
 
 
 def _drive_error(layout: Layout, run: Run, x: Array, response: Response) -> Array:

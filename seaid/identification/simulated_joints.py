@@ -15,7 +15,6 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, safely
-from seaid.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError
 from seaid.identification.method_limits import linear_spring
 from seaid.log import Motion, low_pass, spline_derivatives
@@ -157,7 +156,7 @@ def driven_motion(
     joints = [robot.index(joint) for joint in names]
     rows = [model.rows.index(joint) for joint in names]
     fitted = _fitted_robot(robot, model, load_side)
-    lever = np.array([_load_radius(robot, joint) ** 2 for joint in names])
+    lever = np.array([robot.drives[joint].load_radius ** 2 for joint in names])
     linear = [linear_spring(robot, joint, springs[joint]) for joint in names]
     rate = lever * [spring.stiffness for spring in linear]
     damping = lever * [spring.damping for spring in linear]
@@ -188,7 +187,7 @@ def finer_side(robot: Robot, motion: Motion) -> Motion:
     q, v, a = (at_drives(robot.transmission, state).copy() for state in motion.joint_states)
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drives[joint]
-        if isinstance(drive, SeriesElasticDrive):
+        if drive.is_elastic:
             continue
         if np.std(motion.motor_acceleration[:, index]) < drive.ratio * np.std(a[:, index]):
             turned = motion.motor_position[:, index] / drive.ratio
@@ -203,10 +202,6 @@ def _turned(motion: Motion, matrix: Array, to: Callable[[Array, Array], Array]) 
     """Return the motion with its joints in the coordinates of the drives, or back."""
     q, v, a = (to(matrix, state) for state in motion.joint_states)
     return replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a)
-
-
-def _load_radius(robot: Robot, joint: str) -> float:
-    return float(getattr(robot.drives[joint], "load_radius", 1.0))
 
 
 def _fitted_robot(robot: Robot, model: LoadModel, load_side: Array) -> Robot:

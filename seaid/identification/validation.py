@@ -178,8 +178,8 @@ def _actuator(identification: Identification, motion: Motion) -> tuple[Array, Ar
         measured[:, index] = _input_torque(identification, motion, joint)
         if np.any(np.isnan(measured[:, index])):
             drive = identification.known.drives[joint]
-            lever = getattr(drive, "motor_radius", 1.0) / drive.ratio
-            force = motion.joint_torque[:, index] / getattr(drive, "load_radius", 1.0)
+            lever = drive.motor_radius / drive.ratio
+            force = motion.joint_torque[:, index] / drive.load_radius
             measured[:, index], error = lever * force, lever * error
         computed[:, index] = measured[:, index] + error
     return measured, computed

@@ -16,7 +16,6 @@ import numpy as np
 from seaid._arrays import Array, frozen
 from seaid._display import Display, sampled_text
 from seaid._files import write_csv, write_whole
-from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError, checked, listed, shown, unknown_name
 from seaid.log.readers.hdf5_file import write_hdf5
 from seaid.log.readers.parquet_file import write_parquet
@@ -319,7 +318,7 @@ def _check_sensors(
     file_names: Sequence[str],
 ) -> None:
     """Raise LogError if {column: field} of a joint are too few for its drive."""
-    elastic = isinstance(robot.drives[joint], SeriesElasticDrive)
+    elastic = robot.drives[joint].is_elastic
     positions = sum(field.endswith("position") for field in found.values())
     if positions < (2 if elastic else 1) or positions == len(found):
         names = column_names(joint, robot.is_prismatic[robot.index(joint)])

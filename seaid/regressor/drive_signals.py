@@ -10,7 +10,6 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.drives import (
-    SeriesElasticDrive,
     drive_regressor,
     joint_equation,
     motor_equation,
@@ -43,7 +42,7 @@ def motor_regressor(robot: Robot, joint: str) -> DriveRegressor:
 def spring_regressor(robot: Robot, joint: str) -> DriveRegressor:
     """Return the regressor derived from the spring equation (4b) of an elastic joint."""
     drive = robot.drives[joint]
-    if not isinstance(drive, SeriesElasticDrive):
+    if not drive.is_elastic:
         raise LogError(f"joint '{joint}' has no spring")
     return _spring_regressor(drive)
 
@@ -84,7 +83,7 @@ def _motor_regressor(drive: Drive) -> DriveRegressor:
 
 
 @cache
-def _spring_regressor(drive: SeriesElasticDrive) -> DriveRegressor:
+def _spring_regressor(drive: Drive) -> DriveRegressor:
     return drive_regressor(spring_equation(drive), drive)
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, frozen
-from seaid.drives import Column, SeriesElasticDrive, StiffDrive, is_dry
+from seaid.drives import Column, is_dry
 from seaid.errors import IdentificationError, LogError
 from seaid.log import in_band_at, joint_standstill, row_samples, standstill, still_share
 from seaid.regressor.base import (
@@ -60,9 +60,9 @@ def drive_parameters(
     for joint in robot.joint_names:
         index, drive = robot.index(joint), robot.drives[joint]
         parts = []
-        if not isinstance(drive, SeriesElasticDrive) and index in known:
+        if not drive.is_elastic and index in known:
             parts.append((motor_regressor(robot, joint), drive.ratio, np.eye(robot.n)[index]))
-        if drive.parallel_spring or getattr(drive, "joint_friction", ()):
+        if drive.parallel_spring or drive.joint_friction:
             at_drive = torques_at_drives(robot.transmission, np.eye(robot.n)[index])
             parts.append((joint_regressor(robot, joint), 1.0, at_drive))
         for regressor, factor, share in parts:
@@ -180,8 +180,8 @@ def load_model(robot: Robot, base: BaseParameters, rows: Sequence[str]) -> LoadM
 
 def _nonlinear_parameters(robot: Robot, joint: str) -> tuple[str, ...]:
     """Return the parameters in which the equation of a stiff drive is nonlinear."""
-    elastic = isinstance(robot.drives[joint], SeriesElasticDrive)
-    return () if elastic else motor_regressor(robot, joint).non_linear
+    drive = robot.drives[joint]
+    return () if drive.is_elastic else motor_regressor(robot, joint).non_linear
 
 
 def _identifiable(H: Array, nonlinear: Sequence[int]) -> tuple[list[int], Array]:
@@ -287,10 +287,10 @@ def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     """
     drive, index = robot.drives[joint], robot.index(joint)
     unknown = np.zeros(len(motion.time), dtype=bool)
-    if isinstance(drive, StiffDrive) and is_dry(drive):
+    if not drive.is_elastic and is_dry(drive):
         unknown |= standstill(motion, index, still_share(drive))
     for other in group_of(robot.transmission, index):
-        if "coulomb" in getattr(robot.drives[robot.joint_names[other]], "joint_friction", ()):
+        if "coulomb" in robot.drives[robot.joint_names[other]].joint_friction:
             unknown |= joint_standstill(motion, other)
     return unknown
 
@@ -305,7 +305,7 @@ def _load_targets(
     start = 0
     for row, joint in enumerate(rows):
         index, drive = robot.index(joint), robot.drives[joint]
-        if isinstance(drive, SeriesElasticDrive):
+        if drive.is_elastic:
             if joint not in springs:
                 targets[:, row] = sensed_torque(robot, motion, index)
                 continue
@@ -368,6 +368,6 @@ def shifted_encoder(robot: Robot, motion: Motion, index: int) -> Motion:
     joint[:, index] += OFFSET_STEP
     for name in robot.elastic_joints:
         other, drive = robot.index(name), robot.drives[name]
-        lever = drive.ratio * getattr(drive, "load_radius", 1.0) / getattr(drive, "motor_radius", 1)
+        lever = drive.ratio * drive.load_radius / drive.motor_radius
         motor[:, other] += lever * robot.transmission[other, index] * OFFSET_STEP
     return replace(motion, joint_position=joint, motor_position=motor)

@@ -9,7 +9,7 @@ import pinocchio as pin
 from scipy.ndimage import gaussian_filter1d
 
 from seaid._arrays import Array
-from seaid.drives import SeriesElasticDrive, key_of, spring_curve, stretch_of, unit_of
+from seaid.drives import key_of, spring_curve, stretch_of, unit_of
 from seaid.errors import RobotError
 from seaid.robot import Robot
 from seaid.simulation.plant import Plant, inverse_inertia
@@ -162,7 +162,6 @@ def _nonlinear_stretch(
     The jump across a dead zone is smoothed over `_PASSAGE_S`.
     """
     drive = plant.drives[index]
-    assert isinstance(drive, SeriesElasticDrive)
     curve = spring_curve(drive)
     stretch = stretch_of(curve, force)
     if "dead_zone" in drive.spring:

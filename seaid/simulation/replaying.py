@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError, SeaidError, checked
 from seaid.log import Log, check_whole, spline_derivatives
 from seaid.robot import Robot, at_drives
@@ -121,7 +120,7 @@ def _start(robot: Robot, log: Log) -> Array:
     position, speed = at_drives(robot.transmission, state[[JOINT_POSITION, JOINT_SPEED]])
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drives[joint]
-        if isinstance(drive, SeriesElasticDrive):
+        if drive.is_elastic:
             turned = _column(robot, log, "motor_position", joint)[:, None]
             state[POSITION, index] = turned[0, 0]
             state[SPEED, index] = spline_derivatives(log.time, turned)[1][0, 0]

@@ -114,7 +114,7 @@ def _nominal_deflection(robot: Robot, states: tuple[Array, Array, Array]) -> Arr
     check_nominal_bodies(robot)
     parallel = parallel_elements(robot, np.max(np.abs(states[1]), axis=0), robot.elastic_joints)
     torque = torques_at_drives(robot.transmission, load_torques(robot, parallel, states))
-    radius = [getattr(robot.drives[joint], "load_radius", 1.0) for joint in robot.joint_names]
+    radius = [robot.drives[joint].load_radius for joint in robot.joint_names]
     deflection: Array = drives.spring_deflection(torque)[0] / np.array(radius)
     return deflection
 
@@ -140,9 +140,7 @@ def _logged(robot: Robot, motion: Log | Motion, name: str) -> Playback:
 def _ratios(robot: Robot) -> Array:
     """Return N r_L / r_M of all drives (n,), the motor angle per output angle."""
     drives = [robot.drives[joint] for joint in robot.joint_names]
-    levers = [
-        getattr(drive, "load_radius", 1.0) / getattr(drive, "motor_radius", 1.0) for drive in drives
-    ]
+    levers = [drive.load_radius / drive.motor_radius for drive in drives]
     return np.multiply([drive.ratio for drive in drives], levers)
 
 

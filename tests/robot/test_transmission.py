@@ -268,7 +268,7 @@ def true_motion(case: Case, seed: int = 0, duration: float = 8.0) -> Motion:
                 "coulomb_friction_Nm",
             )
         )
-        lever = getattr(drive, "motor_radius", 1.0) / getattr(drive, "load_radius", 1.0)
+        lever = drive.motor_radius / drive.load_radius
         torque[:, i] = inertia * acceleration[:, i] + viscous * speed[:, i]
         torque[:, i] += coulomb * np.sign(speed[:, i]) + lever * tau_phi[:, i] / drive.ratio
     return Motion(
@@ -749,8 +749,8 @@ def test_the_complete_model_is_zero_along_a_motion() -> None:
         for joint, drive in case.robot.drives.items():
             numbers |= {
                 f"N_{joint}": drive.ratio,
-                f"r_M_{joint}": getattr(drive, "motor_radius", 1.0),
-                f"r_L_{joint}": getattr(drive, "load_radius", 1.0),
+                f"r_M_{joint}": drive.motor_radius,
+                f"r_L_{joint}": drive.load_radius,
                 f"I_M_{joint}": drive.motor_inertia_kg_m2,
                 f"F_v_{joint}": drive.viscous_friction_Nms_per_rad,
                 f"F_C_{joint}": drive.coulomb_friction_Nm,
