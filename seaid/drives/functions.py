@@ -19,13 +19,7 @@ import numpy as np
 import sympy as sp
 
 from seaid._arrays import Array, FrozenMapping
-from seaid.drives.drives import (
-    Drive,
-    StiffDrive,
-    check_divisors,
-    is_dry,
-    unit_of,
-)
+from seaid.drives.drives import Drive, StiffDrive, check_divisors, is_dry, unit_of
 from seaid.drives.equations import (
     dry_friction,
     joint_equation,

@@ -264,10 +264,7 @@ def polynomial_trajectory(
     knots = np.repeat([0.0, duration], len(powers))
     basis = SplineBasis(len(powers) - 1, knots)
     return Trajectory(
-        tuple(joint_names),
-        basis,
-        bernstein_from_powers(powers, duration),
-        tuple(prismatic_joints),
+        tuple(joint_names), basis, bernstein_from_powers(powers, duration), tuple(prismatic_joints)
     )
 
 

@@ -31,13 +31,7 @@ from seaid.estimation import (
     settled_weights,
     term_test,
 )
-from seaid.identification.datasets import (
-    Dataset,
-    Source,
-    datasets_of,
-    rows_in_memory,
-    sources_of,
-)
+from seaid.identification.datasets import Dataset, Source, datasets_of, rows_in_memory, sources_of
 from seaid.identification.drive_estimates import merged_estimates, spring_of, with_flags
 from seaid.identification.identification import Identification, identification_of
 from seaid.identification.linearisation import linearised_robot
@@ -51,13 +45,7 @@ from seaid.identification.two_step import (
     two_step_equations,
     with_spring_torque,
 )
-from seaid.regressor import (
-    LoadModel,
-    Regression,
-    base_parameters,
-    load_model,
-    stacked,
-)
+from seaid.regressor import LoadModel, Regression, base_parameters, load_model, stacked
 from seaid.robot import Robot
 
 

@@ -33,12 +33,7 @@ from seaid.identification.datasets import Dataset
 from seaid.identification.drive_estimates import spring_of
 from seaid.identification.method_limits import check_instruments, linear_spring
 from seaid.identification.simulated_joints import driven_motion
-from seaid.identification.two_step import (
-    LOAD,
-    RobotEstimate,
-    estimate_two_step,
-    without_torque,
-)
+from seaid.identification.two_step import LOAD, RobotEstimate, estimate_two_step, without_torque
 from seaid.log import Motion, in_band, low_pass, spline_derivatives
 from seaid.regressor import (
     LoadModel,
@@ -187,12 +182,7 @@ def estimate_instrumental(
     converge, and as `instrumental` does.
     """
     run = partial(
-        _settled,
-        robot,
-        datasets,
-        model,
-        encoder_offset_std=encoder_offset_std,
-        executor=executor,
+        _settled, robot, datasets, model, encoder_offset_std=encoder_offset_std, executor=executor
     )
     found = run(start, make=instrument_motion)
     try:

@@ -95,11 +95,7 @@ LOAD = ""
 
 _NEEDED = ("stiffness", "spring_offset", "deflection_zero")
 
-INPUT_FIELDS = {
-    "torque": "motor_torque",
-    "current": "motor_current",
-    "voltage": "motor_voltage",
-}
+INPUT_FIELDS = {"torque": "motor_torque", "current": "motor_current", "voltage": "motor_voltage"}
 """Field of a motion with a drive's logged input."""
 
 
@@ -222,10 +218,7 @@ def fit_actuator(
 
 
 def fit_load(
-    rows: Rows,
-    springs: Mapping[str, Estimate],
-    estimator: Estimator,
-    offsets: Array | None = None,
+    rows: Rows, springs: Mapping[str, Estimate], estimator: Estimator, offsets: Array | None = None
 ) -> Fit:
     """Fit the load side (8), whose rows have no spring torque, with the springs' uncertainty.
 

@@ -248,10 +248,7 @@ def _selected(robot: Robot, time: Array, signals: dict[str, Array]) -> CutoffSel
 
 
 def _motion(
-    robot: Robot,
-    log: Log,
-    cutoff: CutoffSelection | None,
-    fewest: float = FEWEST_PERIODS,
+    robot: Robot, log: Log, cutoff: CutoffSelection | None, fewest: float = FEWEST_PERIODS
 ) -> Motion:
     """Return the motion of a log without a hole; `cutoff` None: selected from the spectra."""
     time, signals = _sampled(robot, log)

@@ -9,20 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import (
-    drive_regressor,
-    joint_equation,
-    motor_equation,
-    spring_equation,
-)
+from seaid.drives import drive_regressor, joint_equation, motor_equation, spring_equation
 from seaid.errors import LogError
 from seaid.robot import at_drives, torques_at_drives
 
 if TYPE_CHECKING:
-    from seaid.drives import (
-        Drive,
-        DriveRegressor,
-    )
+    from seaid.drives import Drive, DriveRegressor
     from seaid.log import Motion
     from seaid.robot import Robot
 

@@ -19,12 +19,7 @@ from seaid._arrays import Array, BoolArray, frozen
 from seaid.drives import Column, is_dry
 from seaid.errors import IdentificationError, LogError
 from seaid.log import in_band_at, joint_standstill, row_samples, standstill, still_share
-from seaid.regressor.base import (
-    grouped_text,
-    left_to_right,
-    negligible,
-    random_states,
-)
+from seaid.regressor.base import grouped_text, left_to_right, negligible, random_states
 from seaid.regressor.drive_signals import (
     INPUTS,
     fed_signals,
@@ -40,9 +35,7 @@ from seaid.robot import UNITS, at_drives, group_of, torques_at_drives
 
 if TYPE_CHECKING:
     from seaid.log import Motion
-    from seaid.regressor.base import (
-        BaseParameters,
-    )
+    from seaid.regressor.base import BaseParameters
     from seaid.robot import Robot
 
 _JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")

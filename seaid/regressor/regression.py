@@ -34,9 +34,7 @@ from seaid.regressor.rigid_body import rigid_body_regressor
 
 if TYPE_CHECKING:
     from seaid.drives import DriveRegressor
-    from seaid.log import (
-        LongLog,
-    )
+    from seaid.log import LongLog
     from seaid.robot import Robot
 
 __all__ = [

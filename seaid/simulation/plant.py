@@ -13,13 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
-from seaid.drives import (
-    Drive,
-    DriveFunctions,
-    drive_functions,
-    extra_torque,
-    is_plain,
-)
+from seaid.drives import Drive, DriveFunctions, drive_functions, extra_torque, is_plain
 from seaid.errors import RobotError
 from seaid.robot import Robot, coupled_groups
 

@@ -313,10 +313,7 @@ def _axes(robot: Robot) -> Array:
 
 
 def _segments(
-    tree: UrdfTree,
-    robot: Robot,
-    places: dict[str, tuple[int, pin.SE3]],
-    payloads: Sequence[Mark],
+    tree: UrdfTree, robot: Robot, places: dict[str, tuple[int, pin.SE3]], payloads: Sequence[Mark]
 ) -> tuple[Array, tuple[int, ...]]:
     """Return the line segments and their bodies.
 

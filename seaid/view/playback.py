@@ -103,12 +103,7 @@ def _planned(robot: Robot, trajectory: Trajectory, name: str) -> Playback:
 
 
 def _nominal_deflection(robot: Robot, states: tuple[Array, Array, Array]) -> Array:
-    from seaid.excitation import (
-        check_nominal_bodies,
-        load_torques,
-        parallel_elements,
-        transmission,
-    )
+    from seaid.excitation import check_nominal_bodies, load_torques, parallel_elements, transmission
 
     drives = transmission(robot)
     check_nominal_bodies(robot)
