@@ -51,10 +51,7 @@ TorqueJoints = Annotated[
 
 
 def one_of(name: str, choice: Callable[[], Any]) -> Callable[[str], str]:
-    """Return the check of an option whose values are a Literal of the library.
-
-    It is made before any file is read, and imports the library only if the option is used.
-    """
+    """Return the check of an option's values by a Literal, before any file is read."""
 
     def checked(value: str) -> str:
         names = get_args(choice())

@@ -64,10 +64,7 @@ _LEAST_DIVISOR = 1e-12
 
 
 def check_divisors(drive: Drive, values: Mapping[str, float]) -> None:
-    """Raise RobotError if a parameter by which an equation of the drive divides is zero.
-
-    An identification may return such a zero.
-    """
+    """Raise RobotError if a parameter by which the drive's equation divides is zero."""
     for name in _DIVISORS:
         if name in drive.parameter_names and values.get(name, 1.0) < _LEAST_DIVISOR:
             raise RobotError(

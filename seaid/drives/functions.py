@@ -379,10 +379,7 @@ class DriveCurve:
     values: FrozenMapping[float]
 
     def evaluate(self, one: Array, other: Array, width: float) -> tuple[Array, Array, Array]:
-        """Return the torque and its slopes by both signals, each (T,).
-
-        tanh(speed / width) replaces sign(speed), `width` in rad/s or m/s.
-        """
+        """Return torque and slopes by both signals (T,), with sign(w) as tanh(w / width)."""
         function, names = _compiled(self.expression, self.signals)
         given = [self.values[name] for name in names]
         found = np.empty((3, *np.shape(one)))
@@ -400,10 +397,7 @@ def friction_curve(joint: str, drive: Drive) -> DriveCurve:
 
 
 def joint_curve(joint: str, drive: Drive) -> DriveCurve:
-    """Return the torque [N m or N] of the joint terms as a function of joint position and speed.
-
-    Raises ExcitationError for a missing nominal value.
-    """
+    """Return the torque [N m or N] of the joint terms by joint position and speed."""
     torque = joint_equation(drive).expression + tau_L
     return _curve(joint, drive, torque, ("theta_L", "theta_L_dot"))
 

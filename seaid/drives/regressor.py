@@ -107,10 +107,7 @@ def drive_regressor(equation: DriveEquation, drive: Drive) -> DriveRegressor:
 
 
 def _hides_a_parameter(equation: DriveEquation) -> bool:
-    """Whether a parameter of an extra term is inside a function, which Algorithm 1 refuses.
-
-    Such a term is not differentiated: sympy could take minutes to simplify its derivative.
-    """
+    """Whether an extra term has a parameter in a function, whose derivative may be slow."""
     own = set(equation.unknowns) - set(PARAMETER_NAMES)
     return any(own & one.free_symbols for one in equation.expression.atoms(sp.Function))
 

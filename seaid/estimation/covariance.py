@@ -65,10 +65,7 @@ def newey_west(scores: Array, time: Array, run: Array) -> Array:
 
 
 def long_run_of(H: Array, factor: Array, time: Array, run: Array) -> LongRun:
-    """Return the long-run covariance of the scores `factor` (R,) times `H` (R, p).
-
-    `time` and `run` as in `newey_west`.
-    """
+    """Return `newey_west` of the scores `factor` (R,) times `H` (R, p)."""
     summed = by_instant(H, factor, time, run)
     return long_run([[one] for one in summed], sum(map(len, summed)))
 

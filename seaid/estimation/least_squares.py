@@ -134,10 +134,7 @@ def equal_weights(qr_factor: QRFactor) -> Array:
 
 
 def settled_weights(qr_factor: QRFactor) -> Array:
-    """Return the converged weights (E,) of the equations, inverse to their residuals.
-
-    They are relative to the equation with the largest residual. Raises as `ordinary` does.
-    """
+    """Return the converged weights (E,), relative to the equation of largest residual."""
     weights = equal_weights(qr_factor)
     theta = solve(qr_factor, weights).values
     equations = orthonormal(qr_factor, theta) if len(theta) else None

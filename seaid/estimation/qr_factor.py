@@ -117,10 +117,7 @@ def qr_factor_of(rows: Regression) -> QRFactor:
 
 
 def combined(parts: Iterable[QRFactor]) -> QRFactor:
-    """Return the QR factor of all parts together, stacked and factored again.
-
-    Raises IdentificationError for no part, and if columns or propagated parameters differ.
-    """
+    """Return the QR factor of all parts together, stacked and factored again."""
     parts = iter(parts)
     first = next(parts, None)
     if first is None:

@@ -264,10 +264,7 @@ def make_basis(name: BasisName, duration: float, coefficients: int) -> Basis:
 
 
 def basis_from_dict(content: Any) -> Basis:
-    """Return the basis of the JSON content that `to_dict` made.
-
-    Raises ExcitationError for an unknown type or invalid values, KeyError for missing keys.
-    """
+    """Return the basis of `to_dict`; raise ExcitationError or, for missing keys, KeyError."""
     if not isinstance(content, dict):
         raise ExcitationError(f"a basis must be an object with a type, found {shown(content)}")
     if content["type"] == "spline":

@@ -340,10 +340,7 @@ def _check_flat(robot: Robot, limited: BoolArray) -> None:
 
 
 def drive_loads(limits: DriveLimits, time: Array, states: States) -> Array:
-    """Return the `DRIVE_KINDS` along a motion, (4, T, n) [N m or N, N m, rad/s, rad or m].
-
-    The first kind is per joint, the others are per drive.
-    """
+    """Return `DRIVE_KINDS` along a motion, (4, T, n) [N m or N, N m, rad/s, rad or m]."""
     torque = load_torques(limits.robot, limits.parallel, states)
     drive_torque = torques_at_drives(limits.drives.matrix, torque)
     signals = motor_signals(limits.drives, states, drive_torque, differentiation(time))
@@ -407,10 +404,7 @@ def drive_load_gradient(
 def _slopes(
     limits: DriveLimits, joint: int, kinds: IndexArray, speed: Array, torque: Array
 ) -> tuple[Array, Array, Array]:
-    """Return the derivatives (m,) of loads by motor acceleration, motor speed and torque.
-
-    Those of the deflection are zero here.
-    """
+    """Return the slopes (m,) of loads by motor acceleration, speed and torque."""
     slopes = np.zeros((3, len(kinds)))
     at_joint, motor, fast = (kinds == number for number in range(3))
     slopes[2, at_joint] = 1.0

@@ -214,10 +214,7 @@ def largest_nonlinear_use(problem: Problem, x: Array) -> float:
 
 
 def scaled_into_limits(problem: Problem, x: Array) -> Array:
-    """Return x, scaled towards zero until no limit is broken.
-
-    A linear limit scales its own joint, a limit on a drive or a distance scales all joints.
-    """
+    """Return x with each joint (or, for drives and distances, all) scaled into the limits."""
     joints = x.reshape(problem.shape)
     return scaled_into_nonlinear_limits(
         problem, np.ravel(joints / np.maximum(linear_use(problem, x), 1.0)[:, None]), _SAFE
@@ -325,10 +322,7 @@ def motion_within(problem: Problem, x: Array) -> Array:
 
 
 def all_margins(problem: Problem, x: Array, trajectory: Trajectory, bounds: JointLimits) -> Margins:
-    """Return the margins of the motion x: linear ones at every instant, the others on a grid.
-
-    The grid has eight times the instants of the search, at most 2000.
-    """
+    """Return the margins of x: linear ones at every instant, the others on a finer grid."""
     found = margins(trajectory, bounds)
     if not has_nonlinear_limits(problem):
         return found

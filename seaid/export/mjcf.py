@@ -26,10 +26,7 @@ _STEPS_PER_RADIAN = 20.0
 
 
 def step_s(robot: Robot) -> tuple[float, str]:
-    """Return a time step [s] that resolves the fastest spring and damper, and a note about it.
-
-    Missing values count as zero here; the elements that need them raise RobotError.
-    """
+    """Return a time step [s] that resolves the fastest spring and damper, and a note about it."""
     fastest = float(np.max(np.abs(_rates(robot)), initial=0.0))
     wanted = min(_LONGEST_S, 1 / (_STEPS_PER_RADIAN * max(fastest, TINY)))
     step = max(_round_down(wanted), _SHORTEST_S)

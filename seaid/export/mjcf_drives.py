@@ -88,10 +88,7 @@ def add_drives(
     step: float,
     notes: list[str],
 ) -> None:
-    """Add all drives to the elements of the joints, to the world, and to <tendon> and <actuator>.
-
-    Raises RobotError, naming the joint, for unknown values and terms that MuJoCo lacks.
-    """
+    """Add all drives to the joints, to the world, and to <tendon> and <actuator>."""
     tendons, actuators = parts
     taken = {*robot.joint_names, *robot.body_names, "world"}
     for index, joint in enumerate(robot.joint_names):

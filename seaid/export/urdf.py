@@ -416,10 +416,7 @@ def _dynamics(text: bytes, root: Element, robot: Robot) -> list[Edit]:
 
 
 def _stiff_drives(robot: Robot, *, are_coupled: bool) -> dict[str, Drive]:
-    """Return stiff drives, except ideal ones, that are coupled or not.
-
-    A coupled one moves other joints, or its own with a factor other than 1.
-    """
+    """Return stiff drives, except ideal ones, that move other joints (`are_coupled`) or not."""
     plain = (robot.transmission == np.eye(robot.n)).all(axis=1)
     return {
         joint: drive

@@ -100,11 +100,6 @@ def shared_rows(rows: Mapping[str, Regression], specific: Sequence[bool]) -> Sha
     return SharedRows(replace(stacked(wide), run=run), places, names)
 
 
-def placed_propagated(rows: Regression, places: Sequence[int], count: int) -> Regression:
-    """Return the rows with their propagated columns at `places` among `count` parameters."""
-    return replace(rows, propagated=_placed(rows.propagated, places, count))
-
-
 def _columns(
     names: Sequence[str], specific: Sequence[bool], conditions: Sequence[str]
 ) -> list[str]:
@@ -252,7 +247,8 @@ def _load(
             for parameter in springs[joint].names
         ]
         with_torque = with_spring_torque(springs.values(), rows[name])
-        placed[name] = placed_propagated(with_torque, places, starts[-1])
+        columns = _placed(with_torque.propagated, places, starts[-1])
+        placed[name] = replace(with_torque, propagated=columns)
     first = models[next(iter(models))]
     is_specific = [BODIES in specific] * len(first.expressions) + [
         f"{name} of {joint}" in specific or name in specific for joint, name, _ in first.drives

@@ -26,10 +26,7 @@ def spring_of(robot: Robot, estimate: Estimate, joint: str) -> Estimate:
 def merged_estimates(
     drives: Mapping[str, Estimate], load_side: Mapping[str, Estimate]
 ) -> dict[str, Estimate]:
-    """Return the estimates of both sides by joint, without correlation between the sides.
-
-    `drives` are those of actuator sides, `load_side` those of the same drives on the load side.
-    """
+    """Return the drives' estimates of both sides by joint, without correlation between them."""
     found = dict(load_side)
     for joint, drive in drives.items():
         found[joint] = _with(drive, load_side[joint]) if joint in load_side else drive

@@ -70,10 +70,7 @@ Maker = Callable[[Robot, Motion, FittedModel], Motion]
 
 
 def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Motion:
-    """Return the motion of the fitted model for smoothed joint positions.
-
-    Torques and cutoff are those of the measured motion.
-    """
+    """Return the fitted model's motion for smoothed joint positions, with measured torques."""
     band = REFERENCE_BAND * motion.cutoff_hz
     smooth = low_pass(motion.joint_position, motion.rate_hz, band)
     q, v, a = spline_derivatives(motion.time, smooth)
@@ -216,7 +213,7 @@ def _settled(
     executor: Executor | None,
 ) -> RobotEstimate:
     """Return the converged estimates of both sides; `make` is for the load side's instruments."""
-    estimator = Estimator(_solve, effective_rows=_seen)
+    estimator = Estimator(_solve, effective_rows=lambda rows, _: split_instruments(rows)[0])
     for _ in range(_MOST_ITERATIONS):
         fitted = _fitted(robot, model, found)
         equations: dict[str, Regress] = {
@@ -272,10 +269,6 @@ def _fitted(robot: Robot, model: LoadModel, sides: RobotEstimate) -> FittedModel
 
 def _solve(rows: Regression, propagated: Array | None) -> Estimate:
     return instrumental(*split_instruments(rows), propagated)
-
-
-def _seen(rows: Regression, estimate: Estimate) -> Regression:
-    return split_instruments(rows)[0]
 
 
 def _moved(before: RobotEstimate, after: RobotEstimate) -> dict[str, float]:

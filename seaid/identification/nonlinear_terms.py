@@ -386,10 +386,7 @@ def fit_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> Lo
 
 
 def _weights(qr_factor: QRFactor) -> Array:
-    """Return weights (E,) of the equations by the residuals of an ordinary fit, within limits.
-
-    They are not iterated, since the model is not yet right.
-    """
+    """Return limited weights (E,) of the equations by the residuals of one ordinary fit."""
     theta = solve(qr_factor, equal_weights(qr_factor)).values
     std = qr_factor.residual_norms(theta) / np.sqrt(np.maximum(qr_factor.counts, 1))
     largest = float(np.max(std))

@@ -180,10 +180,7 @@ def driven_motion(
 
 
 def finer_side(robot: Robot, motion: Motion) -> Motion:
-    """Return the motion with stiff joints from the encoder with less noise in acceleration.
-
-    The offset is that of the joint encoder.
-    """
+    """Return the motion with stiff joints from the encoder with less acceleration noise."""
     q, v, a = (at_drives(robot.transmission, state).copy() for state in motion.joint_states)
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drives[joint]
@@ -231,10 +228,7 @@ def _smoothed(motion: Motion, joints: list[int]) -> Motion:
 
 
 def _response(inside: TorqueJacobians, force: Array, step: float, windows: int) -> Response:
-    """Return the response (T, joints, 1 + 2 joints) to a force (T, joints) in equal windows.
-
-    The last values are repeated to complete the last window.
-    """
+    """Return the response (T, joints, 1 + 2 joints) to a force (T, joints), by windows."""
     extra = -len(force) % windows
     padded = [
         np.pad(part, ((0, extra), *[(0, 0)] * (part.ndim - 1)), mode="edge")

@@ -148,11 +148,11 @@ def estimate_two_step(
         springs = {joint: spring_of(robot, drives[joint], joint) for joint in joints}
         load = fit_load(rows[LOAD], springs, estimator)
         if encoder_offset_std > 0:
+            known = {joint: spring.values for joint, spring in springs.items()}
             regress = partial(
                 with_offset_columns,
                 robot,
-                model=model,
-                springs={joint: spring.values for joint, spring in springs.items()},
+                of_springs=partial(load_regression, robot, model=model, springs=known),
                 theta=load.estimate.values,
                 regress=equations[LOAD],
             )
@@ -183,10 +183,7 @@ def estimate_two_step(
 def two_step_equations(
     robot: Robot, model: LoadModel, springs: Sequence[str]
 ) -> dict[str, Regress]:
-    """Return the functions for the rows: per elastic joint, and "" for the load side.
-
-    The load side is without the torque of the `springs`, which `with_spring_torque` adds.
-    """
+    """Return the functions for the rows: of each elastic joint, and of the load side ("")."""
     zero = without_torque(robot, springs)
     equations: dict[str, Regress] = {
         joint: partial(actuator_regression, robot, joint=joint) for joint in robot.elastic_joints
@@ -240,16 +237,11 @@ def with_spring_torque(springs: Collection[Estimate], rows: Regression) -> Regre
 
 
 def with_offset_columns(
-    robot: Robot,
-    motion: Motion,
-    model: LoadModel,
-    springs: Mapping[str, Array],
-    theta: Array,
-    regress: Regress,
+    robot: Robot, motion: Motion, of_springs: Regress, theta: Array, regress: Regress
 ) -> Regression:
     """Return the load side with propagated columns of the springs and then of encoder offsets."""
     plain = regress(motion)
-    offsets = offset_sensitivity(robot, motion, model, springs, theta)
+    offsets = offset_sensitivity(robot, motion, of_springs, theta)
     return replace(plain, propagated=np.hstack([plain.propagated, offsets.propagated]))
 
 

@@ -286,10 +286,7 @@ def log_of(
 
 
 def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]) -> Log:
-    """Return the log of columns {name of seaid: samples (T,)}; `file_names` serve for hints.
-
-    Raises LogError for a joint without the sensors that its drive needs.
-    """
+    """Return the log of columns {name of seaid: samples (T,)}; `file_names` serve for hints."""
     time = picked["time_s"]
     fields = {field: np.full((len(time), robot.n), np.nan) for field in SENSORS}
     for index, joint in enumerate(robot.joint_names):

@@ -54,10 +54,7 @@ def under_load(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
 
 
 def is_linear(robot: Robot, used: Sequence[str]) -> bool:
-    """Return whether the equations of all springs and of the joints `used` are linear.
-
-    That is, linear in their parameters, and without friction that depends on the load.
-    """
+    """Whether springs and joints `used` are linear, without load-dependent friction."""
     joints = dict.fromkeys((*robot.elastic_joints, *used))
     return not under_load(robot, used) and not any(
         motor_regressor(robot, joint).non_linear for joint in joints
@@ -123,8 +120,5 @@ def _channel(samples: Array | None, motion: Motion, index: int) -> Array:
 
 
 def sensed_torque(robot: Robot, motion: Motion, index: int) -> Array:
-    """Return the torque (T,) on a drive's coordinate by the joint torque sensors, NaN without.
-
-    A drive that moves several joints needs the sensors of all coupled joints.
-    """
+    """Return the torque (T,) on a drive's coordinate by joint torque sensors, NaN without all."""
     return np.asarray(torques_at_drives(robot.transmission, motion.joint_torque)[:, index])

@@ -29,7 +29,7 @@ from seaid.regressor.drive_signals import (
     signals,
     spring_regressor,
 )
-from seaid.regressor.regression import Regression, rows_by_pieces
+from seaid.regressor.regression import Regress, Regression, rows_by_pieces
 from seaid.regressor.rigid_body import regressor_at_drives
 from seaid.robot import UNITS, at_drives, group_of, torques_at_drives
 
@@ -44,10 +44,7 @@ _JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
 def drive_parameters(
     robot: Robot, rows: Sequence[str], signals_of: Callable[[int], dict[str, Array]]
 ) -> tuple[Array, list[tuple[str, str, str]]]:
-    """Return the drives' columns (T, rows, columns) on the load side, and (joint, parameter, unit).
-
-    They are those of stiff drives, and of the joint terms of any drive.
-    """
+    """Return the drives' load-side columns (T, rows, columns), and (joint, parameter, unit)."""
     blocks, drives = [], []
     known = [robot.index(joint) for joint in rows]
     for joint in robot.joint_names:
@@ -196,10 +193,7 @@ def _identifiable(H: Array, nonlinear: Sequence[int]) -> tuple[list[int], Array]
 def load_columns(
     robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array]
 ) -> tuple[Array, Array, Array, Array]:
-    """Return the load side over time: torque and payload torque (T, rows), H, and `propagated`.
-
-    torque = payload + H (T, rows, columns) @ theta; see `load_regression`.
-    """
+    """Return torque and payload (T, rows), H and `propagated`: torque = payload + H @ theta."""
     Y = regressor_at_drives(robot, *motion.joint_states)
     known = [robot.index(joint) for joint in model.rows]
     signals_of = partial(load_signals, robot, motion)
@@ -337,16 +331,14 @@ def check_offset_std(encoder_offset_std: float) -> None:
         )
 
 
-def offset_sensitivity(
-    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
-) -> Regression:
-    """Return the load side with `propagated` (R, n), the derivative of y by the encoder offsets.
+def offset_sensitivity(robot: Robot, motion: Motion, regress: Regress, theta: Array) -> Regression:
+    """Return the rows with `propagated` (R, n), the derivative of y by the encoder offsets.
 
     It is that of the residual y - H theta at the parameters `theta`, by difference quotients.
     """
-    reference, changes = load_regression(robot, motion, model, springs), []
+    reference, changes = regress(motion), []
     for index in range(robot.n):
-        shifted = load_regression(robot, shifted_encoder(robot, motion, index), model, springs)
+        shifted = regress(shifted_encoder(robot, motion, index))
         change = (shifted.y - shifted.H @ theta) - (reference.y - reference.H @ theta)
         changes.append(change / OFFSET_STEP)
     return replace(reference, propagated=np.column_stack(changes))

@@ -112,10 +112,7 @@ _LEVEL = 1.96
 
 
 def sensitivity_table(result: CutoffSensitivity) -> Text:
-    """Return each estimate at each cutoff, and its largest change in standard errors.
-
-    The selected cutoff is in brackets.
-    """
+    """Return each estimate by cutoff (selected one in brackets), and its largest change."""
     marked = [
         f"[{cutoff:.3g} Hz]" if place == result.proposed else f"{cutoff:.3g} Hz"
         for place, cutoff in enumerate(result.cutoffs_hz)

@@ -155,7 +155,7 @@ class CheckRow:
 def drive_tables(found: Identification) -> list[DriveTable]:
     """Return a table for every joint whose drive has parameters."""
     return [
-        DriveTable(joint, tuple(_rows(estimate, _readable)))
+        DriveTable(joint, tuple(_rows(estimate, lambda name: name.replace("_", " "))))
         for joint, estimate in found.drives.items()
     ]
 
@@ -215,10 +215,6 @@ def _head(text: str) -> tuple[str, str]:
         return text, ""
     terms = text[:_LONG_GROUPING].rsplit(" + ", 1)[0].rsplit(" - ", 1)[0]
     return f"{terms} + …", text
-
-
-def _readable(name: str) -> str:
-    return name.replace("_", " ")
 
 
 def _mark(value: float, error: float, contains_zero: bool) -> str:

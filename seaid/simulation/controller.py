@@ -47,10 +47,7 @@ def motor_inputs(robot: Robot, torque: Array) -> MotorInputs:
 
 
 def input_gain(robot: Robot, joint: str) -> float:
-    """Return the motor torque [N m] per unit of the drive's motor input.
-
-    Raises RobotError if the motor's constant has no value or is zero.
-    """
+    """Return the motor torque [N m] per unit of the drive's motor input, or raise RobotError."""
     drive = robot.drives[joint]
     if drive.motor_input == "torque":
         return 1.0
@@ -157,10 +154,7 @@ def _drive_torques(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float) -
 def _nonlinear_stretch(
     plant: Plant, index: int, force: Array, rate_hz: float
 ) -> tuple[Array, float]:
-    """Return the deflection (T,) of a spring under a force (T,), and its median stiffness.
-
-    The jump across a dead zone is smoothed over `_PASSAGE_S`.
-    """
+    """Return the deflection (T,), smooth across a dead zone, and the median stiffness."""
     drive = plant.drives[index]
     curve = spring_curve(drive)
     stretch = stretch_of(curve, force)

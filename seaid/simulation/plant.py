@@ -163,10 +163,7 @@ class Plant:
 
 
 def plant_of(robot: Robot) -> Plant:
-    """Return the plant of a robot with its payloads and nominal values.
-
-    Raises RobotError naming the joint and the parameter if a nominal value is missing.
-    """
+    """Return the plant of a robot with payloads; raise RobotError for a missing nominal value."""
     if not np.all(np.isfinite(robot.parameters)):
         raise RobotError(f"'{robot.name}' has no inertial parameters: it cannot be simulated")
     order = list(robot.model_order)

@@ -74,10 +74,7 @@ def playback_of(robot: Robot, motion: Shown, name: str) -> Playback:
 
 
 def scales(playbacks: Sequence[Playback], is_prismatic: Sequence[bool]) -> Array:
-    """Return the ends of the colour scales (n,), zero if no deflection is known.
-
-    They are the largest deflections over all motions and revolute [rad] or prismatic joints [m].
-    """
+    """Return the ends (n,) of the colour scales, the largest deflections per kind of joint."""
     sliding = np.array(is_prismatic)
     found = np.zeros(len(sliding))
     for kind in (sliding, ~sliding):
