@@ -154,11 +154,7 @@ def spring_equation(drive: Drive) -> DriveEquation:
 
 
 def joint_equation(drive: Drive) -> DriveEquation:
-    """Return the equation of the joint terms: parallel spring and joint friction less `tau_L`.
-
-    They act between the joint's two bodies, and add their sum `tau_L` to the rigid bodies' torque
-    in (8).
-    """
+    """Return the joint terms (parallel spring, joint friction) that act in (8), less `tau_L`."""
     speed = theta_L.diff(t)
     spring = {"linear": k_P * theta_L, "preload": tau_P}
     friction = {"viscous": b_L * speed, "coulomb": c_L * sp.sign(speed)}

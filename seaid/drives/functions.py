@@ -115,10 +115,7 @@ class SpringCurve:
 
 @cache
 def spring_curve(drive: Drive) -> SpringCurve:
-    """Return the curve of a drive's spring with its values, without damping.
-
-    Raises RobotError naming the key of a parameter without a value.
-    """
+    """Return the undamped curve of a drive's spring, or raise RobotError for a missing value."""
     stretch = sp.Symbol("stretch", real=True)
     undamped = [term for term in drive.spring if term != "damping"]
     force = _with_values(drive, spring_force(drive), needed=undamped)
@@ -340,11 +337,7 @@ class NonlinearSpring:
 
 
 def nonlinear_spring(joint: str, drive: Drive) -> NonlinearSpring:
-    """Return the spring of a drive whose values are all given, without damping.
-
-    Raises ExcitationError for a spring without linear stiffness, whose compliance at zero force is
-    infinite and with it the motor speed.
-    """
+    """Return a drive's undamped spring with values; raise ExcitationError if not linear at 0."""
     k, k_3, k_5, preload, gap = (
         drive.values[PARAMETERS_OF["spring"][term][0]] if term in drive.spring else 0.0
         for term in ("linear", "cubic", "fifth", "preload", "dead_zone")
@@ -389,10 +382,7 @@ class DriveCurve:
 
 
 def friction_curve(joint: str, drive: Drive) -> DriveCurve:
-    """Return the friction [N m] at the motor as a function of motor speed and torque on the load.
-
-    Extra terms are not included. Raises ExcitationError for a missing nominal value.
-    """
+    """Return the friction [N m] by motor speed and torque on the load, without extra terms."""
     return _curve(joint, drive, *_friction(drive))
 
 

@@ -83,10 +83,7 @@ class DriveRegressor:
 
 
 def drive_regressor(equation: DriveEquation, drive: Drive) -> DriveRegressor:
-    """Derive the regressor of a drive's equation, by Algorithm 1 or, if nonlinear, by derivatives.
-
-    Raises SymbolicError if an extra term is nonlinear in its unknowns.
-    """
+    """Derive the regressor of a drive's equation by Algorithm 1; if nonlinear, by derivatives."""
     nonlinear = () if _hides_a_parameter(equation) else non_linear(equation)
     if nonlinear and PARAMETER_NAMES.keys() >= set(nonlinear):
         row = tuple(_slope(equation.expression, symbol) for symbol in equation.unknowns)

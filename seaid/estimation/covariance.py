@@ -100,11 +100,7 @@ def at_slots(H: Array, factor: Array, slot: IndexArray) -> Array:
 
 
 def long_run(runs: Iterable[Iterable[Array]], instants: int) -> LongRun:
-    """Return the long-run covariance of `runs`, per log an iterable of scores (T, p) in time order.
-
-    `instants` is the number of instants of all logs. Logs are independent of each other; each chunk
-    is read once.
-    """
+    """Return the long-run covariance of `runs`, per log an iterable of scores (T, p) in time."""
     lags = automatic_lags(instants)
     sums = [bartlett(run, lags) for run in runs]
     return LongRun(

@@ -231,10 +231,7 @@ def common_rows(one: Regression, other: Regression) -> tuple[Regression, Regress
 
 
 def time_blocks(rows: Regression, count: int = BLOCKS) -> list[BoolArray]:
-    """Return `count` masks of rows, blocks of equal length in time over all runs in turn.
-
-    Raises IdentificationError if one of them would have fewer rows than columns.
-    """
+    """Return `count` masks of rows, blocks of equal length in time over all runs in turn."""
     order = np.lexsort((rows.time, rows.run))
     place = np.empty(len(order), dtype=np.intp)
     place[order] = np.arange(len(order))
@@ -293,10 +290,7 @@ def model_checks(
     whiteness: Mapping[str, Whiteness],
     weights: Array,
 ) -> ModelChecks:
-    """Return the checks of an estimate from its QR factor; `optional` names the terms to test.
-
-    `weights` (E,) of the equations are those of `settled_weights`.
-    """
+    """Return the checks of an estimate from its QR factor and the `settled_weights`."""
     factor = qr_factor.weighted_factor(weights)
     independent = independent_rows(qr_factor, estimate)
     return ModelChecks(

@@ -118,11 +118,7 @@ class StoredRows:
 def stored_rows(
     names: Iterable[str], steps_s: tuple[float, ...], rows: Iterable[tuple[int, str, Regression]]
 ) -> Iterator[dict[str, StoredRows]]:
-    """Yield the stored rows of several equations, from (log, equation, rows of the next piece).
-
-    `steps_s` are the times between rows of each log. Raises LogError if the temporary folder has no
-    room for them.
-    """
+    """Yield the stored rows of equations, from (log, equation, rows of the next piece)."""
     with ExitStack() as files:
         with _room_needed():
             stored = {

@@ -116,11 +116,7 @@ def check_spring(joint: str, drive: Drive) -> None:
 
 
 def parallel_elements(robot: Robot, top_speed: Array, joints: Sequence[str]) -> ParallelElements:
-    """Return the elements parallel to the drives of joints, and of joints coupled with them.
-
-    `top_speed` (n,) scales the speed width of dry friction. Raises ExcitationError if a nominal
-    value is missing.
-    """
+    """Return the elements parallel to drives; `top_speed` (n,) scales dry friction's width."""
     wanted = {i for joint in joints for i in group_of(robot.transmission, robot.index(joint))}
     return tuple(
         (index, joint_curve(joint, drive), SIGN_WIDTH * float(top_speed[index]))

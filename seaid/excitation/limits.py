@@ -130,11 +130,7 @@ class Margins:
 
 
 def joint_limits(robot: Robot, limits: Limits | None = None) -> JointLimits:
-    """Return the limits of every joint: those given, else the robot's.
-
-    Raises ExcitationError, naming joint and limit, for one that is missing, not finite, zero or
-    inverted.
-    """
+    """Return every joint's limits, given or the robot's; raise ExcitationError for bad ones."""
     limits = Limits() if limits is None else limits
     turns = ~np.array(robot.is_prismatic)
     endless = turns & ~np.isfinite(robot.lower_limits) & ~np.isfinite(robot.upper_limits)
@@ -216,10 +212,7 @@ def limit_values(
 
 
 def per_joint(name: str, given: Any, joint_names: Sequence[str]) -> Any:
-    """Return the values of {joint: value} in the order of the joints, or one value for each.
-
-    Raises ExcitationError for a joint that is unknown or missing; a sequence is returned as it is.
-    """
+    """Return the values of {joint: value} in the order of the joints, or the same for all."""
     if not isinstance(given, Mapping):
         return [given] * len(joint_names) if np.ndim(given) == 0 else given
     for joint in given:

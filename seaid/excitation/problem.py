@@ -163,11 +163,7 @@ def linear_use(problem: Problem, x: Array) -> Array:
 
 
 def linear_slack(problem: Problem, x: Array) -> tuple[Array, Array]:
-    """Return the slack of each group of rows above and below (2 n g,), and its derivative.
-
-    The slack of a group is the smallest of its rows: the feasible set is the same, and the
-    derivative is that of the smallest row.
-    """
+    """Return the smallest slack of each group of rows (2 n g,), and its derivative."""
     used = np.einsum("jgck,jk->jgc", problem.rows, x.reshape(problem.shape)) + problem.offset
     highest, lowest = used.argmax(axis=2), used.argmin(axis=2)
     slack = np.concatenate([1.0 - used.max(axis=2).ravel(), 1.0 + used.min(axis=2).ravel()])
@@ -386,10 +382,7 @@ def scaled_target(
 
 
 def previous_logs_factor(target: Target, robot: Robot, logs: Sequence[Log]) -> Array:
-    """Return the triangular factor (., columns) of previous logs, scaled as the target.
-
-    Each log is filtered at its own cutoff. Raises LogError for a log that does not fit the robot.
-    """
+    """Return the factor (., columns) of previous logs at their cutoffs, scaled as the target."""
     factor = np.empty((0, len(target.names)))
     for log in logs:
         motion = reconstruct_motion(robot, log)

@@ -203,11 +203,7 @@ def estimate_conditions(
     specific: Sequence[str],
     solver: Estimator,
 ) -> ConditionFits:
-    """Estimate both sides of {condition: robot}, one after the other.
-
-    `specific` as `condition_specific` of `identify_conditions`. Raises IdentificationError if the
-    conditions differ in their columns.
-    """
+    """Estimate both sides of {condition: robot}, one after the other."""
     name, first = next(iter(robots.items()))
     springs = spring_torque_joints(first, datasets[name], models[name])
     rows = {

@@ -66,11 +66,7 @@ def with_estimate(drive: Drive, estimate: Estimate) -> Drive:
 
 
 def with_values(drive: Drive, values: Mapping[str, float]) -> Drive:
-    """Return the drive with those of the values that are its own parameters.
-
-    Negative values of non-negative parameters become zero; a stiffness that is not positive is
-    ignored.
-    """
+    """Return the drive with those of the values that are its own and have their proper sign."""
     return drive.with_values(
         {
             name: max(float(value), 0.0) if PARAMETERS[name].is_positive else float(value)
@@ -81,10 +77,7 @@ def with_values(drive: Drive, values: Mapping[str, float]) -> Drive:
 
 
 def with_flags(estimate: Estimate, joint: str, qr_factor: QRFactor | None) -> Estimate:
-    """Return the estimate of a drive with flags for poorly identified and implausible values.
-
-    `qr_factor` is that of the actuator side (10), None for a drive without a spring.
-    """
+    """Return a drive's estimate with flags; `qr_factor` of (10), None without a spring."""
     flags = []
     for name, value, error in zip(
         estimate.names, estimate.values, estimate.standard_errors, strict=True

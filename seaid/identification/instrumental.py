@@ -86,7 +86,7 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
     torque = payload + H @ fitted.load_side
     for row, joint in enumerate(fitted.model.rows):
         drive, index = robot.drives[joint], robot.index(joint)
-        if joint in fitted.springs and drive.is_elastic:
+        if joint in fitted.springs:
             spring = linear_spring(robot, joint, fitted.springs[joint])
             force = torque[:, row] / drive.load_radius - spring.offset
             deflection = force / spring.stiffness  # (4b); an instrument may lack its damping

@@ -199,10 +199,7 @@ def without_torque(robot: Robot, springs: Collection[str]) -> dict[str, Array]:
 def fit_actuator(
     robot: Robot, datasets: Sequence[Dataset], joint: str, rows: Rows, estimator: Estimator
 ) -> Fit:
-    """Fit the actuator side (10) of an elastic joint.
-
-    A linear spring whose torque was measured has noise in both torque and deflection.
-    """
+    """Fit (10) of an elastic joint, by errors in variables if the spring torque was measured."""
     found = fit(rows, estimator, check=check_scale)
     plain = found.estimate.names == ("stiffness", "spring_offset")
     if not plain or not estimator.weigh or found.rows is None:
@@ -217,10 +214,7 @@ def fit_actuator(
 def fit_load(
     rows: Rows, springs: Mapping[str, Estimate], estimator: Estimator, offsets: Array | None = None
 ) -> Fit:
-    """Fit the load side (8), whose rows have no spring torque, with the springs' uncertainty.
-
-    `offsets` (n, n) is the covariance of encoder offsets whose columns follow those of the springs.
-    """
+    """Fit (8) from rows without spring torque; `offsets` (n, n) is that of the encoders."""
     covariances = [spring.covariance for spring in springs.values()]
     covariances += [] if offsets is None else [offsets]
     propagated = linalg.block_diag(*covariances) if covariances else None

@@ -101,10 +101,7 @@ def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
 
 
 def fed_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
-    """Return `signals`, with the measured joint torque / N if the motor torque was not logged.
-
-    A stiff gear transmits it, less its friction.
-    """
+    """Return `signals`, with joint torque / N of a stiff gear in place of no motor torque."""
     found, drive = signals(robot, motion, index), robot.drives[robot.joint_names[index]]
     if np.all(np.isnan(found["tau_M"])) and drive.motor_input == "torque":
         found["tau_M"] = sensed_torque(robot, motion, index) / drive.ratio

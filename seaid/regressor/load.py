@@ -79,10 +79,7 @@ def load_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
 
 
 def stiff_signals(robot: Robot, index: int, q: Array, v: Array, a: Array) -> dict[str, Array]:
-    """Return the signals of a stiff drive at joint states, with its motor following the joints.
-
-    Signals that are independent of the states are random: current, voltage and gear torque.
-    """
+    """Return a stiff drive's signals at joint states; current, voltage, gear torque random."""
     ratio, nothing = robot.drives[robot.joint_names[index]].ratio, np.zeros(len(q))
     own = {f"own_{name}": values[:, index] for name, values in zip(_JOINT, (q, v, a), strict=True)}
     rng = np.random.default_rng(index)

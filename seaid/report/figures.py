@@ -134,10 +134,7 @@ def sensitivity_table(result: CutoffSensitivity) -> Text:
 
 
 def save_sensitivity_figure(result: CutoffSensitivity, path: str | Path) -> None:
-    """Draw each estimate with its 95 % interval over the cutoff, the selected one marked.
-
-    Raises SeaidError if the file cannot be written.
-    """
+    """Draw each estimate with its 95 % interval over the cutoff, the selected one marked."""
     from matplotlib.figure import Figure
 
     rows = -(-len(result.names) // _COLUMNS)

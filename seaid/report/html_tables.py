@@ -42,10 +42,7 @@ class Rounded:
 def rounded(
     value: float, error: float, lower: float, upper: float, white: float = math.nan
 ) -> Rounded:
-    """Return numbers rounded at the second digit of the standard error, or of the value if finer.
-
-    `white` is the standard error for white noise, NaN if there is none.
-    """
+    """Return numbers rounded at the second digit of the error, or of the value if finer."""
     if not math.isfinite(value):
         return Rounded(NONE, NONE, NONE, NONE, NONE)
     last = _last_place(value, error)

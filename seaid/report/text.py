@@ -366,10 +366,7 @@ def _wrapped(start: str, items: Sequence[str], between: str = "; ") -> list[str]
 
 
 def conditions_table(together: Conditions) -> Text:
-    """Return the condition-specific parameters of all conditions, and whether they differ.
-
-    They differ if the Bayesian information criterion supports one value per condition.
-    """
+    """Return the parameters of all conditions, and whether they differ by the BIC."""
     rows = []
     for name, test in together.differences.items():
         values = [_text(found, name) for found in together.identifications.values()]

@@ -91,10 +91,7 @@ class JointController:
 
 
 def joint_controller(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float) -> JointController:
-    """Design the controller for a planned joint motion (T, n), sampled at the controller's rate.
-
-    The joint positions are a flat output: (8) gives the motor angle, (7) the motor torque.
-    """
+    """Design the controller for a sampled motion (T, n): (8) gives theta_M, (7) tau_M."""
     planned, load = q, _drive_torques(plant, q, v, a, rate_hz)
     if plant.coupling is not None:
         q, v = q @ plant.coupling.T, v @ plant.coupling.T
