@@ -337,7 +337,7 @@ class NonlinearSpring:
 
 
 def nonlinear_spring(joint: str, drive: Drive) -> NonlinearSpring:
-    """Return a drive's undamped spring with values; raise ExcitationError if not linear at 0."""
+    """Return a drive's undamped spring; raise ExcitationError if it has no linear stiffness."""
     k, k_3, k_5, preload, gap = (
         drive.values[PARAMETERS_OF["spring"][term][0]] if term in drive.spring else 0.0
         for term in ("linear", "cubic", "fifth", "preload", "dead_zone")

@@ -221,10 +221,7 @@ def equation_name(joint_names: tuple[str, ...], index: int) -> str:
 
 
 def determining_joints(qr_factor: QRFactor, columns: list[int]) -> list[str]:
-    """Return the joints whose torque determines columns, by name if names are known.
-
-    Of the equations with a column it is the one with the fewest others: the outermost joint.
-    """
+    """Return the joints whose torque determines columns: of each, the outermost equation."""
     norms = np.linalg.norm(qr_factor.factors[:, :, :-1], axis=1)
     sees = norms > _SEEN * np.max(norms, axis=0, initial=0.0)
     joints = []

@@ -397,10 +397,7 @@ def previous_logs_factor(target: Target, robot: Robot, logs: Sequence[Log]) -> A
 
 
 def _sizes(target: Target, robot: Robot, base: BaseParameters) -> Array:
-    """Return the nominal size of every parameter (p,), NaN for those without.
-
-    It is at least a tenth of the median size of the parameters with the same unit.
-    """
+    """Return the nominal size (p,), at least a tenth of the median of its unit, or NaN."""
     check_nominal_bodies(robot)
     sizes = list(np.abs(base.project(robot.parameters)))
     for block in target.blocks:

@@ -244,10 +244,7 @@ def _response(inside: TorqueJacobians, force: Array, step: float, windows: int) 
 def _moved(
     motion: Motion, joints: list[int], response: Response, reading: Array, windows: int
 ) -> Motion:
-    """Return the motion after one sweep, with the initial states fitted to a reading.
-
-    Each joint is scaled by its own motion, so that radians and metres are comparable.
-    """
+    """Return the motion after a sweep, each joint in its own scale, and its initial states."""
     if not all(np.all(np.abs(part) < _RUNAWAY) for part in vars(response).values()):
         raise IdentificationError(_DIVERGED, "estimator='wls'")
     spread = np.std(reading, axis=0)

@@ -214,7 +214,7 @@ def fit_actuator(
 def fit_load(
     rows: Rows, springs: Mapping[str, Estimate], estimator: Estimator, offsets: Array | None = None
 ) -> Fit:
-    """Fit (8) from rows without spring torque; `offsets` (n, n) is that of the encoders."""
+    """Fit (8) from rows without spring torque; `offsets` (n, n): covariance of encoders."""
     covariances = [spring.covariance for spring in springs.values()]
     covariances += [] if offsets is None else [offsets]
     propagated = linalg.block_diag(*covariances) if covariances else None

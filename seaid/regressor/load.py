@@ -79,7 +79,7 @@ def load_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
 
 
 def stiff_signals(robot: Robot, index: int, q: Array, v: Array, a: Array) -> dict[str, Array]:
-    """Return a stiff drive's signals at joint states; current, voltage, gear torque random."""
+    """Return a stiff drive's signals at joint states, random where these do not fix them."""
     ratio, nothing = robot.drives[robot.joint_names[index]].ratio, np.zeros(len(q))
     own = {f"own_{name}": values[:, index] for name, values in zip(_JOINT, (q, v, a), strict=True)}
     rng = np.random.default_rng(index)

@@ -136,7 +136,10 @@ def actuator_regression(robot: Robot, motion: Motion, joint: str) -> Regression:
 def actuator_rows(
     robot: Robot, motion: Motion, joint: str, regressor: DriveRegressor
 ) -> tuple[IndexArray, int]:
-    """Return the samples of an actuator side that become rows, and how many are excluded."""
+    """Return the samples that become rows of an actuator side, and the number of excluded ones.
+
+    The spring equation (4b) has no derivatives, so that its rows reach the ends of the log.
+    """
     if "tau_M" not in regressor.signals and not regressor.signals & {"i_M", "u_M"}:
         return row_samples(replace(motion, trim_s=0.0)), 0
     rows = row_samples(motion)

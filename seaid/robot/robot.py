@@ -274,10 +274,7 @@ def _drives(
 
 
 def check_kind(joint: str, kind: str, drive: Drive) -> None:
-    """Raise RobotError for a drive that does not fit the joint's URDF type, or bad extra terms.
-
-    A drive for revolute joints does not fit a prismatic one, and the reverse.
-    """
+    """Raise RobotError for a drive that does not fit the joint's type, or bad extra terms."""
     if drive is IDEAL_DRIVE:
         return
     if drive.extra_terms:

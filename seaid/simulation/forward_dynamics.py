@@ -244,7 +244,10 @@ def friction_speeds(plant: Plant, state: Array) -> Array:
 
 
 def friction_levels(plant: Plant, turned: Array, through: Array) -> Array:
-    """Return the dry friction levels (n + m,) at motors and dry joints; `through` (n,) gears."""
+    """Return the levels (n + m,) of dry friction at the motors, then at the dry joints.
+
+    `through` (n,) is the torque through the gears of stiff drives.
+    """
     if not plant.functions:
         return plant.coulomb
     level = np.append(plant.coulomb, plant.joint_coulomb)

@@ -132,8 +132,7 @@ def _logged(robot: Robot, motion: Log | Motion, name: str) -> Playback:
 def _ratios(robot: Robot) -> Array:
     """Return N r_L / r_M of all drives (n,), the motor angle per output angle."""
     drives = [robot.drives[joint] for joint in robot.joint_names]
-    levers = [drive.load_radius / drive.motor_radius for drive in drives]
-    return np.multiply([drive.ratio for drive in drives], levers)
+    return np.array([drive.ratio * (drive.load_radius / drive.motor_radius) for drive in drives])
 
 
 def _columns(robot: Robot, names: Sequence[str], what: str, error: type[SeaidError]) -> list[int]:

@@ -51,10 +51,7 @@ class KnownPositions:
 
 
 def known_positions(robot: Robot, sensors: Mapping[str, frozenset[str]]) -> KnownPositions:
-    """Return which positions the encoders determine, directly or through the transmission.
-
-    A position is determined if it is in the row space of the encoders' and stiff drives' equations.
-    """
+    """Return which positions are in the row space of the encoders' and stiff drives' equations."""
     n = robot.n
     drives = [robot.drives[joint] for joint in robot.joint_names]
     motors, joints = np.split(np.eye(2 * n, dtype=int) * fmpq(1), 2)
@@ -230,10 +227,7 @@ def equations_of(
     sensors: Mapping[str, frozenset[str]],
     depends: Sequence[frozenset[int]],
 ) -> list[Equation]:
-    """Return all equations, with the reasons for which some cannot be used.
-
-    `depends` has, for each joint, the joints on whose motion its rigid-body torque depends.
-    """
+    """Return all equations; `depends` has the joints on whose motion each torque depends."""
     seen = known_positions(robot, sensors)
     found: list[Equation] = []
     for i, (joint, drive) in enumerate(zip(robot.joint_names, terms, strict=True)):

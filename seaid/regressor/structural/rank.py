@@ -82,7 +82,10 @@ def _speed(drive: DriveTerms) -> float:
 def columns_at_instants(
     numbers: Numbers, system: System, truth: Truth, count: int, payload: Any = None
 ) -> Any:
-    """Return the derivatives (count * W, m) at free instants, or true ones with `payload`."""
+    """Return the derivatives (count * W, m) of the sums of equations by all unknown parameters.
+
+    Instants are free or, with the known parameters `payload` (10n,), those of a true motion.
+    """
     robot, terms, sums = system.robot, system.terms, system.sums
     Y, drives = _instants(numbers, robot, terms, truth, count, payload)
     starts = np.cumsum([10 * robot.n, *(len(drive.unknowns) for drive in terms)]).tolist()
