@@ -65,10 +65,7 @@ class FrozenMapping(Mapping[str, Value]):
 
 
 def frozen(
-    name: str,
-    value: Any,
-    shape: tuple[int | None, ...],
-    error: type[SeaidError] = SeaidError,
+    name: str, value: Any, shape: tuple[int | None, ...], error: type[SeaidError] = SeaidError
 ) -> Array:
     """Return a read-only float64 copy of `value`.
 
@@ -90,10 +87,7 @@ def frozen(
 
 
 def finite(
-    name: str,
-    value: Any,
-    shape: tuple[int | None, ...],
-    error: type[SeaidError] = SeaidError,
+    name: str, value: Any, shape: tuple[int | None, ...], error: type[SeaidError] = SeaidError
 ) -> Array:
     """Return `frozen` of a value. Raises `error` naming `name` for NaN and infinity."""
     array = frozen(name, value, shape, error)

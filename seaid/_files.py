@@ -33,10 +33,7 @@ _LONGEST_SUFFIX, _SHOWN = 16, 500
 
 
 def result_folder(path: str | Path) -> Path:
-    """Create a folder for results and return it; callers do so before a long computation.
-
-    Raises SeaidError if the folder cannot be created or written to.
-    """
+    """Create and return a folder for results, before a long computation; or raise SeaidError."""
     path = Path(path)
     with _refusals(path):
         path.mkdir(parents=True, exist_ok=True)
@@ -46,10 +43,7 @@ def result_folder(path: str | Path) -> Path:
 
 
 def real_path(path: str | Path) -> Path:
-    """Return the absolute path with links resolved.
-
-    Raises SeaidError for an invalid path, and for a relative path in a deleted working folder.
-    """
+    """Return the absolute path with links resolved; raise SeaidError for an invalid path."""
     try:
         return Path(os.path.realpath(path))
     except (OSError, ValueError) as problem:

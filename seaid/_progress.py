@@ -28,10 +28,7 @@ Report = Callable[[float, int], None]
 
 @contextmanager
 def best_so_far(description: str, meaning: str, total: int, enabled: bool) -> Iterator[Report]:
-    """Yield a `Report` that shows the best value and the completed steps on stderr if `enabled`.
-
-    The displayed value is the exponential of the smallest logarithm reported so far.
-    """
+    """Yield a `Report` that shows exp(smallest logarithm so far) on stderr if `enabled`."""
     if not enabled:
         yield lambda value, step: None
         return

@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import seaid
 from scripts.example_robots import example_urdf
 from seaid._arrays import Array
-from seaid.regressor.regression import rigid_body_regressor
+from seaid.regressor.rigid_body import rigid_body_regressor
 from seaid.report.text import table
 
 MODELS = Path(__file__).resolve().parents[2] / "models"

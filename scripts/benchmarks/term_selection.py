@@ -41,8 +41,8 @@ def changed(log: Log, motion: Motion, robot: seaid.Robot, term: str) -> Log:
     """Return the log of a knee with one more term: the same motion needs another torque."""
     index, drive = robot.index(JOINT), robot.drives[JOINT]
     w = motion.motor_velocity[:, index]
-    spring = motion.joint_torque[:, index] / getattr(drive, "load_radius", 1.0)
-    gear = spring * getattr(drive, "motor_radius", 1.0) / drive.ratio
+    spring = motion.joint_torque[:, index] / drive.load_radius
+    gear = spring * drive.motor_radius / drive.ratio
     more: Mapping[str, Array] = {
         "stribeck": 0.02 * np.exp(-((w / 60.0) ** 2)) * np.sign(w),
         "load": 0.1 * np.abs(gear) * np.sign(w),

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,10 @@ from seaid._arrays import Array
 from seaid._progress import track
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import weighted
-from seaid.identification.simultaneous import encoder_offset_sensitivity, settled, split_estimate
+from seaid.identification.simultaneous import settled, simultaneous_regression, split_estimate
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.regressor.base import base_parameters
+from seaid.regressor.load import offset_sensitivity
 from seaid.regressor.regression import Regression
 from seaid.regressor.rigid_body import rigid_body_regressor
 from seaid.report.text import percent, table
@@ -45,7 +47,8 @@ def three_ways(known: seaid.Robot, log: seaid.Log, zero_std: float) -> tuple[Arr
         [*(first.drives[one].values for one in known.elastic_joints), first.load_side.values]
     )
     motion, springs = reconstruct_motion(known, log), tuple(first.springs)
-    rows = encoder_offset_sensitivity(known, motion, first.model, springs, start)
+    regress = partial(simultaneous_regression, known, model=first.model, springs=springs)
+    rows = offset_sensitivity(known, motion, regress, start)
     zeros = zero_std**2 * np.eye(known.n)
     both, _ = settled(known, rows, start, lambda one: weighted(one, zeros))
     free = weighted(spring_free(known, rows), zeros)

@@ -37,11 +37,7 @@ class MotionOptions:
 
     duration: Annotated[float, Option(help="Duration of the motion [s].")] = 10.0
     basis: Annotated[
-        str,
-        Option(
-            help="bspline, fourier or polynomial.",
-            callback=one_of("basis", lambda: seaid.excitation.BasisName),
-        ),
+        str, one_of("basis", "bspline, fourier or polynomial.", lambda: seaid.excitation.BasisName)
     ] = "bspline"
     ends_in_motion: Annotated[
         bool, Option("--ends-in-motion", help="Start and end in motion, with run-in and run-out.")
@@ -80,9 +76,10 @@ class SearchOptions:
     torque_joints: TorqueJoints = None
     criterion: Annotated[
         str,
-        Option(
-            help="condition_number, d_optimality or relative_error.",
-            callback=one_of("criterion", lambda: seaid.excitation.CriterionName),
+        one_of(
+            "criterion",
+            "condition_number, d_optimality or relative_error.",
+            lambda: seaid.excitation.CriterionName,
         ),
     ] = "condition_number"
     drive_parameters: Annotated[

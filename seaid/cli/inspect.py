@@ -10,15 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from seaid.cli.messages import show
-from seaid.cli.options import (
-    AsJson,
-    Drives,
-    Joints,
-    ResultOptions,
-    RobotOptions,
-    Urdf,
-    names,
-)
+from seaid.cli.options import AsJson, Drives, Joints, ResultOptions, RobotOptions, Urdf, names
 
 if TYPE_CHECKING:
     from seaid.regressor import BaseParameters, Identifiability

@@ -54,10 +54,7 @@ def reported() -> Iterator[None]:
 
 
 def error_text(problem: BaseException | None) -> str:
-    """Return the message of an error in one line, with options in place of arguments.
-
-    An error that repeats the message of another one has it as its context.
-    """
+    """Return an error and its context in one line, with options in place of arguments."""
     text = str(problem)
     while problem is not None:
         for argument in getattr(problem, "arguments", ()):

@@ -50,11 +50,8 @@ TorqueJoints = Annotated[
 ]
 
 
-def one_of(name: str, choice: Callable[[], Any]) -> Callable[[str], str]:
-    """Return the check of an option whose values are a Literal of the library.
-
-    It is made before any file is read, and imports the library only if the option is used.
-    """
+def one_of(name: str, text: str, choice: Callable[[], Any]) -> Any:
+    """Return an option whose values are those of a Literal, checked before any file is read."""
 
     def checked(value: str) -> str:
         names = get_args(choice())
@@ -62,7 +59,7 @@ def one_of(name: str, choice: Callable[[], Any]) -> Callable[[str], str]:
             raise SeaidError(f"{name}=: {unknown_name(name, value, names)}", f"{name}=")
         return value
 
-    return checked
+    return Option(help=text, callback=checked)
 
 
 Output = Annotated[Path, Option("--output", "-o", help="File for the result.")]
@@ -137,16 +134,16 @@ class IdentifyOptions(LogOptions):
 
     method: Annotated[
         str,
-        Option(
-            help="two-step: springs, then bodies; simultaneous: both in one regression.",
-            callback=one_of("method", lambda: seaid.identification.Method),
+        one_of(
+            "method",
+            "two-step: springs, then bodies; simultaneous: both in one regression.",
+            lambda: seaid.identification.Method,
         ),
     ] = "two-step"
     estimator: Annotated[
         str,
-        Option(
-            help="ols, wls, huber, tukey or iv.",
-            callback=one_of("estimator", lambda: seaid.estimation.EstimatorName),
+        one_of(
+            "estimator", "ols, wls, huber, tukey or iv.", lambda: seaid.estimation.EstimatorName
         ),
     ] = "wls"
     encoder_offset_std: Annotated[

@@ -3,6 +3,7 @@ from .drives import Drive as Drive
 from .drives import SeriesElasticDrive as SeriesElasticDrive
 from .drives import StiffDrive as StiffDrive
 from .drives import is_dry as is_dry
+from .drives import term_fields as term_fields
 from .drives import unit_of as unit_of
 from .equations import joint_equation as joint_equation
 from .equations import motor_equation as motor_equation

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, Self, get_args
+from typing import Any, ClassVar, Self, get_args
 
 from seaid._arrays import FrozenMapping, number
 from seaid._display import Display
@@ -45,6 +45,11 @@ def is_dry(drive: Drive) -> bool:
     return bool(set(DRY) & set(drive.friction)) and not is_smooth(drive)
 
 
+def term_fields(drive: Drive | type[Drive]) -> tuple[str, ...]:
+    """Return the fields that name terms of a drive: a stiff one has no spring."""
+    return tuple(field.name for field in fields(drive) if field.name in PARAMETERS_OF)
+
+
 def _field_of(drive: Any, name: str) -> str | None:
     """Return the field with the value of a parameter, None if its value is in `nominal`."""
     key = key_of(name, unit_of(drive, name))
@@ -55,10 +60,7 @@ _LEAST_DIVISOR = 1e-12
 
 
 def check_divisors(drive: Drive, values: Mapping[str, float]) -> None:
-    """Raise RobotError if a parameter by which an equation of the drive divides is zero.
-
-    An identification may return such a zero.
-    """
+    """Raise RobotError if a parameter by which an equation of the drive divides is zero."""
     for name in drive.parameter_names:
         if PARAMETERS[name].is_divisor and values.get(name, 1.0) < _LEAST_DIVISOR:
             raise RobotError(
@@ -128,8 +130,7 @@ def _numbers_in(drive: Drive, field: str) -> FrozenMapping[float]:
 def _check_terms(drive: Drive) -> None:
     """Check the fields that name terms. Raises RobotError."""
     for field in _TERM_FIELDS:
-        if hasattr(drive, field):
-            object.__setattr__(drive, field, _names_in(drive, field))
+        object.__setattr__(drive, field, _names_in(drive, field))
     if len(drive.extra_terms) > _MOST_EXTRA_TERMS:
         raise RobotError(
             f"extra_terms has {len(drive.extra_terms)} terms, allowed are {_MOST_EXTRA_TERMS}"
@@ -142,7 +143,7 @@ def _check_terms(drive: Drive) -> None:
         raise RobotError(
             f"friction may have one of {', '.join(COULOMB)}, found {', '.join(coulomb)}"
         )
-    if hasattr(drive, "spring") and "offset" in drive.friction:
+    if drive.is_elastic and "offset" in drive.friction:
         raise RobotError(
             "an elastic drive has no friction offset: its constant column is the spring offset"
         )
@@ -215,15 +216,21 @@ class _Parameters(Display):
     known: tuple[str, ...] = ()
     nominal: Mapping[str, float] = _NOTHING
     transmission: Mapping[str, float] = _NOTHING
+    is_elastic: ClassVar[bool] = False
+
+    @property
+    def is_nonlinear_spring(self) -> bool:
+        """True if the spring force is nonlinear, so that the zero of the deflection matters."""
+        return False
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of all parameters of the drive's terms, known ones too, in the order of columns."""
         names = {"motor_inertia"}
-        if isinstance(self, SeriesElasticDrive):
+        if self.is_elastic:
             names.add("deflection_zero" if self.is_nonlinear_spring else "spring_offset")
         for field in PARAMETERS_OF:
-            terms = getattr(self, field, ())
+            terms = getattr(self, field)
             for term in (terms,) if isinstance(terms, str) else terms:
                 names.update(PARAMETERS_OF[field][term])
         return tuple(name for name in PARAMETERS if name in names)
@@ -305,6 +312,10 @@ class StiffDrive(_Parameters):
     motor_inertia_kg_m2: float | None = None
     viscous_friction_Nms_per_rad: float | None = None
     coulomb_friction_Nm: float | None = None
+    spring: ClassVar[tuple[SpringTerm, ...]] = ()
+    joint_friction: ClassVar[tuple[JointFrictionTerm, ...]] = ()
+    motor_radius: ClassVar[float] = 1.0
+    load_radius: ClassVar[float] = 1.0
 
     def __post_init__(self) -> None:
         _check_numbers(self)
@@ -372,6 +383,7 @@ class SeriesElasticDrive(_Parameters):
     coulomb_friction_Nm: float | None = None
     spring: tuple[SpringTerm, ...] = ("linear",)
     joint_friction: tuple[JointFrictionTerm, ...] = ()
+    is_elastic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         _check_numbers(self)
@@ -386,7 +398,7 @@ class SeriesElasticDrive(_Parameters):
 
     @property
     def is_nonlinear_spring(self) -> bool:
-        """True if the spring force is nonlinear, so that the zero of the deflection matters."""
+        """True if one of the spring's terms is."""
         return any(term in NONLINEAR_SPRING for term in self.spring)
 
     @property

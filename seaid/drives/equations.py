@@ -7,11 +7,10 @@ of the `extra_terms` of a drive, becomes a column of the regressor without any o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeGuard
 
 import sympy as sp
 
-from seaid.drives.drives import Drive, SeriesElasticDrive, is_smooth
+from seaid.drives.drives import Drive, is_smooth
 from seaid.drives.symbols import (
     F_0,
     F_C,
@@ -73,11 +72,11 @@ class DriveEquation:
 def deflection(drive: Drive) -> sp.Expr:
     """Return the deflection r_M/N theta_M - r_L theta_L, less its zero for a nonlinear spring."""
     stretch = r_M / N * theta_M - r_L * theta_L
-    return stretch - d_0 if getattr(drive, "is_nonlinear_spring", False) else stretch
+    return stretch - d_0 if drive.is_nonlinear_spring else stretch
 
 
-def spring_force(drive: SeriesElasticDrive) -> sp.Expr:
-    """Return the spring force (3) with the terms of the drive's spring.
+def spring_force(drive: Drive) -> sp.Expr:
+    """Return the spring force (3) with the terms of the drive's spring, 0 without a spring.
 
     A linear spring has the spring offset f_0, which absorbs unknown encoder offsets.
     """
@@ -93,7 +92,7 @@ def spring_force(drive: SeriesElasticDrive) -> sp.Expr:
         "preload": f_0 if drive.is_nonlinear_spring else 0,
         "dead_zone": 0,
     }
-    offset = 0 if drive.is_nonlinear_spring else f_0
+    offset = f_0 if drive.is_elastic and not drive.is_nonlinear_spring else 0
     return sum((terms[term] for term in drive.spring), sp.Integer(0)) + offset
 
 
@@ -108,7 +107,7 @@ def direction(drive: Drive) -> sp.Expr:
 def friction_level(drive: Drive) -> sp.Expr:
     """Return the factor of sign(w) in the motor's friction: Coulomb, load and Stribeck terms."""
     w = theta_M.diff(t)
-    behind_gear = r_M / N * spring_force(drive) if _is_elastic(drive) else tau_G / N
+    behind_gear = r_M / N * spring_force(drive) if drive.is_elastic else tau_G / N
     terms = {
         **dict.fromkeys(COULOMB, F_C),
         "load": F_L * sp.Abs(behind_gear),
@@ -137,7 +136,7 @@ def smooth_friction(drive: Drive) -> sp.Expr:
 
 def motor_equation(drive: Drive) -> DriveEquation:
     """Return the motor equation (7); a stiff gear has the joint torque in place of the spring."""
-    behind_gear = r_M * spring_force(drive) if _is_elastic(drive) else tau_L  # (4a)
+    behind_gear = r_M * spring_force(drive) if drive.is_elastic else tau_L  # (4a)
     expression = (
         I_M * theta_M.diff(t, 2)
         + smooth_friction(drive)
@@ -149,31 +148,23 @@ def motor_equation(drive: Drive) -> DriveEquation:
     return DriveEquation(expression, _known(drive))
 
 
-def spring_equation(drive: SeriesElasticDrive) -> DriveEquation:
+def spring_equation(drive: Drive) -> DriveEquation:
     """Return (4b) as a balance of spring forces, for a joint whose torque is measured."""
     return DriveEquation(spring_force(drive) - tau_L / r_L, _known(drive))
 
 
 def joint_equation(drive: Drive) -> DriveEquation:
-    """Return the equation of the joint terms: parallel spring and joint friction less `tau_L`.
-
-    They act between the joint's two bodies, and add their sum `tau_L` to the rigid bodies' torque
-    in (8).
-    """
+    """Return the joint terms (parallel spring, joint friction) that act in (8), less `tau_L`."""
     speed = theta_L.diff(t)
     spring = {"linear": k_P * theta_L, "preload": tau_P}
     friction = {"viscous": b_L * speed, "coulomb": c_L * sp.sign(speed)}
     terms = [spring[term] for term in drive.parallel_spring]
-    terms += [friction[term] for term in getattr(drive, "joint_friction", ())]
+    terms += [friction[term] for term in drive.joint_friction]
     return DriveEquation(sum(terms, sp.Integer(0)) - tau_L, _known(drive))
 
 
 def _input_torque(drive: Drive) -> sp.Expr:
     return {"torque": tau_M, "current": K_t * i_M, "voltage": K_u * u_M}[drive.motor_input]
-
-
-def _is_elastic(drive: Drive) -> TypeGuard[SeriesElasticDrive]:
-    return isinstance(drive, SeriesElasticDrive)
 
 
 def _known(drive: Drive) -> tuple[sp.Symbol, ...]:

@@ -19,14 +19,7 @@ import numpy as np
 import sympy as sp
 
 from seaid._arrays import Array, FrozenMapping
-from seaid.drives.drives import (
-    Drive,
-    SeriesElasticDrive,
-    StiffDrive,
-    check_divisors,
-    is_dry,
-    unit_of,
-)
+from seaid.drives.drives import Drive, StiffDrive, check_divisors, is_dry, unit_of
 from seaid.drives.equations import (
     dry_friction,
     joint_equation,
@@ -80,7 +73,7 @@ class DriveFunctions:
 
 def is_plain(drive: Drive) -> bool:
     """Whether a drive has at most viscous and Coulomb friction and a linear spring."""
-    is_linear = getattr(drive, "spring", ("linear",)) == ("linear",)
+    is_linear = set(drive.spring) <= {"linear"}
     return is_linear and set(drive.friction) <= _PLAIN_FRICTION and not _joint_terms(drive)
 
 
@@ -94,9 +87,7 @@ def drive_functions(drive: Drive) -> DriveFunctions:
     """
     level = _with_values(drive, dry_friction(drive))
     friction = _with_values(drive, smooth_friction(drive))
-    force = sp.Integer(0)
-    if isinstance(drive, SeriesElasticDrive):
-        force = _with_values(drive, spring_force(drive))
+    force = _with_values(drive, spring_force(drive))
     joint = _with_values(drive, joint_equation(drive).expression + tau_L)
     smooth = joint.replace(sp.sign, lambda _: sp.Integer(0))
     position, speed = sp.symbols("theta_L theta_L_dot")
@@ -107,7 +98,7 @@ def drive_functions(drive: Drive) -> DriveFunctions:
         joint_torque=sp.lambdify([position, speed], smooth, modules="math"),
         joint_level=float(joint.coeff(sp.sign(speed))),
         is_dry=is_dry(drive),
-        is_under_load=not isinstance(drive, SeriesElasticDrive) and "load" in drive.friction,
+        is_under_load=not drive.is_elastic and "load" in drive.friction,
     )
 
 
@@ -123,11 +114,8 @@ class SpringCurve:
 
 
 @cache
-def spring_curve(drive: SeriesElasticDrive) -> SpringCurve:
-    """Return the curve of a drive's spring with its values, without damping.
-
-    Raises RobotError naming the key of a parameter without a value.
-    """
+def spring_curve(drive: Drive) -> SpringCurve:
+    """Return the undamped curve of a drive's spring, or raise RobotError for a missing value."""
     stretch = sp.Symbol("stretch", real=True)
     undamped = [term for term in drive.spring if term != "damping"]
     force = _with_values(drive, spring_force(drive), needed=undamped)
@@ -170,7 +158,7 @@ def _with_values(drive: Drive, expression: sp.Expr, needed: Sequence[str] | None
     """Return an expression with flat names of signals and the drive's values inserted."""
     flat = flat_names(expression).subs(known_values(drive))
     values = dict(drive.values)
-    if "preload" not in getattr(drive, "spring", ()):
+    if "preload" not in drive.spring:
         values["spring_offset"] = 0.0
     values.setdefault("deflection_zero", 0.0)
     check_divisors(drive, values)
@@ -250,7 +238,7 @@ def smooth_columns(regressor: DriveRegressor) -> SmoothColumns:
     """
     row = tuple(_with_input(flat_names(entry), regressor.drive) for entry in regressor.row)
     values = {"deflection_zero": 0.0, "spring_offset": 0.0, **regressor.drive.values}
-    if "preload" not in getattr(regressor.drive, "spring", ("preload",)):
+    if "preload" not in regressor.drive.spring:
         values["spring_offset"] = 0.0
     check_divisors(regressor.drive, values)
     known = {str(SYMBOLS[name]): value for name, value in values.items()}
@@ -348,12 +336,8 @@ class NonlinearSpring:
         return x * (k + k_3 * x**2 + k_5 * x**4) + (d - x) * stiffness, stiffness
 
 
-def nonlinear_spring(joint: str, drive: SeriesElasticDrive) -> NonlinearSpring:
-    """Return the spring of a drive whose values are all given, without damping.
-
-    Raises ExcitationError for a spring without linear stiffness, whose compliance at zero force is
-    infinite and with it the motor speed.
-    """
+def nonlinear_spring(joint: str, drive: Drive) -> NonlinearSpring:
+    """Return a drive's undamped spring; raise ExcitationError if it has no linear stiffness."""
     k, k_3, k_5, preload, gap = (
         drive.values[PARAMETERS_OF["spring"][term][0]] if term in drive.spring else 0.0
         for term in ("linear", "cubic", "fifth", "preload", "dead_zone")
@@ -388,10 +372,7 @@ class DriveCurve:
     values: FrozenMapping[float]
 
     def evaluate(self, one: Array, other: Array, width: float) -> tuple[Array, Array, Array]:
-        """Return the torque and its slopes by both signals, each (T,).
-
-        tanh(speed / width) replaces sign(speed), `width` in rad/s or m/s.
-        """
+        """Return torque and slopes by both signals (T,), with sign(w) as tanh(w / width)."""
         function, names = _compiled(self.expression, self.signals)
         given = [self.values[name] for name in names]
         found = np.empty((3, *np.shape(one)))
@@ -401,18 +382,12 @@ class DriveCurve:
 
 
 def friction_curve(joint: str, drive: Drive) -> DriveCurve:
-    """Return the friction [N m] at the motor as a function of motor speed and torque on the load.
-
-    Extra terms are not included. Raises ExcitationError for a missing nominal value.
-    """
+    """Return the friction [N m] by motor speed and torque on the load, without extra terms."""
     return _curve(joint, drive, *_friction(drive))
 
 
 def joint_curve(joint: str, drive: Drive) -> DriveCurve:
-    """Return the torque [N m or N] of the joint terms as a function of joint position and speed.
-
-    Raises ExcitationError for a missing nominal value.
-    """
+    """Return the torque [N m or N] of the joint terms by joint position and speed."""
     torque = joint_equation(drive).expression + tau_L
     return _curve(joint, drive, torque, ("theta_L", "theta_L_dot"))
 
@@ -424,7 +399,7 @@ def joint_term_parameters(drive: Drive) -> tuple[str, ...]:
 
 def _joint_terms(drive: Drive) -> list[tuple[str, str]]:
     fields = ("parallel_spring", "joint_friction")
-    return [(field, term) for field in fields for term in getattr(drive, field, ())]
+    return [(field, term) for field in fields for term in getattr(drive, field)]
 
 
 def missing_value(joint: str, name: str) -> ExcitationError:
@@ -437,7 +412,7 @@ def missing_value(joint: str, name: str) -> ExcitationError:
 
 def _friction(drive: Drive) -> tuple[sp.Expr, tuple[str, str]]:
     """Return the friction as that of a stiff drive, with the load torque as the spring's torque."""
-    lever = drive.ratio * getattr(drive, "load_radius", 1.0) / getattr(drive, "motor_radius", 1.0)
+    lever = drive.ratio * drive.load_radius / drive.motor_radius
     stiff = StiffDrive(friction=drive.friction)
     turning = dry_friction(stiff) * sp.sign(theta_M.diff(time_symbol))
     friction = smooth_friction(stiff) + turning

@@ -83,10 +83,7 @@ class DriveRegressor:
 
 
 def drive_regressor(equation: DriveEquation, drive: Drive) -> DriveRegressor:
-    """Derive the regressor of a drive's equation, by Algorithm 1 or, if nonlinear, by derivatives.
-
-    Raises SymbolicError if an extra term is nonlinear in its unknowns.
-    """
+    """Derive the regressor of a drive's equation by Algorithm 1; if nonlinear, by derivatives."""
     nonlinear = () if _hides_a_parameter(equation) else non_linear(equation)
     if nonlinear and PARAMETER_NAMES.keys() >= set(nonlinear):
         row = tuple(_slope(equation.expression, symbol) for symbol in equation.unknowns)
@@ -107,10 +104,7 @@ def drive_regressor(equation: DriveEquation, drive: Drive) -> DriveRegressor:
 
 
 def _hides_a_parameter(equation: DriveEquation) -> bool:
-    """Whether a parameter of an extra term is inside a function, which Algorithm 1 refuses.
-
-    Such a term is not differentiated: sympy could take minutes to simplify its derivative.
-    """
+    """Whether an extra term has a parameter in a function, whose derivative may be slow."""
     own = set(equation.unknowns) - set(PARAMETER_NAMES)
     return any(own & one.free_symbols for one in equation.expression.atoms(sp.Function))
 

@@ -72,10 +72,6 @@ STATES = {
 
 def known_values(drive: Drive) -> dict[sp.Symbol, float]:
     """Return {known symbol: value} of a drive."""
-    values = {
-        N: drive.ratio,
-        r_M: getattr(drive, "motor_radius", 1.0),
-        r_L: getattr(drive, "load_radius", 1.0),
-    }
+    values = {N: drive.ratio, r_M: drive.motor_radius, r_L: drive.load_radius}
     known = [*drive.known, *(["motor_inertia"] if drive.motor_inertia_kg_m2 is not None else [])]
     return values | {SYMBOLS[name]: drive.values[name] for name in known}

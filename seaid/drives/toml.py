@@ -8,7 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from seaid._files import read_toml, write_whole
-from seaid.drives.drives import IDEAL_DRIVE, Drive, SeriesElasticDrive, StiffDrive, unit_of
+from seaid.drives.drives import (
+    IDEAL_DRIVE,
+    Drive,
+    SeriesElasticDrive,
+    StiffDrive,
+    term_fields,
+    unit_of,
+)
 from seaid.drives.terms import PARAMETERS, PARAMETERS_OF, key_of
 from seaid.errors import RobotError, checked, shortened, shown, unknown_name
 
@@ -36,7 +43,7 @@ def drives_from_mapping(drives: Mapping[str, Any]) -> dict[str, Drive]:
     """Return {joint: drive} from a mapping whose values are drives or tables as in the TOML."""
     return {
         joint: value
-        if isinstance(value, StiffDrive | SeriesElasticDrive)
+        if isinstance(value, Drive)
         else _drive(f"drive of '{shortened(joint)}'", value)
         for joint, value in drives.items()
     }
@@ -93,10 +100,9 @@ def _check_keys(found: Iterable[str], keys: list[str], named: Mapping[str, str])
 
 def _possible(kind: type[Drive]) -> list[str]:
     """Return the parameters that a kind of drive can have with its terms."""
-    has_spring = kind is SeriesElasticDrive
-    fields_of = [field for field in PARAMETERS_OF if hasattr(kind, field)]
-    names = {name for field in fields_of for term in PARAMETERS_OF[field].values() for name in term}
-    return [name for name in PARAMETERS if name in names or (has_spring and name in _OF_SPRING)]
+    terms = [names for field in term_fields(kind) for names in PARAMETERS_OF[field].values()]
+    found = {*sum(terms, ()), *(_OF_SPRING if kind.is_elastic else ())}
+    return [name for name in PARAMETERS if name in found]
 
 
 def _every_key() -> dict[str, str]:

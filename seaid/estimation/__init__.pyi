@@ -6,9 +6,7 @@ from .diagnostics import TermTest as TermTest
 from .diagnostics import common_rows as common_rows
 from .diagnostics import compare_models as compare_models
 from .diagnostics import independent_rows as independent_rows
-from .diagnostics import model_checks as model_checks
 from .diagnostics import term_test as term_test
-from .diagnostics import whiteness as whiteness
 from .estimate import Estimate as Estimate
 from .feasible import WEIGHTS as WEIGHTS
 from .feasible import FeasiblePoint as FeasiblePoint
@@ -29,7 +27,6 @@ from .gauss_newton import gauss_newton_step as gauss_newton_step
 from .instrumental_variables import instrumental as instrumental
 from .least_squares import equal_weights as equal_weights
 from .least_squares import estimate_of as estimate_of
-from .least_squares import estimate_of_rows as estimate_of_rows
 from .least_squares import ordinary as ordinary
 from .least_squares import settled_weights as settled_weights
 from .least_squares import solve as solve
@@ -41,7 +38,6 @@ from .sdp import Program as Program
 from .sdp import covariance_root as covariance_root
 from .sdp import floored_covariance as floored_covariance
 from .singular_directions import RANK_TOLERANCE as RANK_TOLERANCE
-from .singular_directions import ROUNDING as ROUNDING
 from .singular_directions import directions as directions
 from .singular_directions import first_term as first_term
 from .singular_directions import scaled_svd as scaled_svd

@@ -65,10 +65,7 @@ def newey_west(scores: Array, time: Array, run: Array) -> Array:
 
 
 def long_run_of(H: Array, factor: Array, time: Array, run: Array) -> LongRun:
-    """Return the long-run covariance of the scores `factor` (R,) times `H` (R, p).
-
-    `time` and `run` as in `newey_west`.
-    """
+    """Return `newey_west` of the scores `factor` (R,) times `H` (R, p)."""
     summed = by_instant(H, factor, time, run)
     return long_run([[one] for one in summed], sum(map(len, summed)))
 
@@ -103,11 +100,7 @@ def at_slots(H: Array, factor: Array, slot: IndexArray) -> Array:
 
 
 def long_run(runs: Iterable[Iterable[Array]], instants: int) -> LongRun:
-    """Return the long-run covariance of `runs`, per log an iterable of scores (T, p) in time order.
-
-    `instants` is the number of instants of all logs. Logs are independent of each other; each chunk
-    is read once.
-    """
+    """Return the long-run covariance of `runs`, per log an iterable of scores (T, p) in time."""
     lags = automatic_lags(instants)
     sums = [bartlett(run, lags) for run in runs]
     return LongRun(

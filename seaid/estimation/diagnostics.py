@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -205,7 +205,7 @@ def compare_models(
             f"a comparison needs a larger model and more independent rows than its {len(whole)} "
             f"parameters, found {more} more parameters and {independent:.1f} rows"
         )
-    parts = [qr_factor_of(_part(rows, block)) for block in time_blocks(rows)]
+    parts = [qr_factor_of(rows.at(block)) for block in time_blocks(rows)]
     factors = [part.weighted_factor(_of(part, rows, weights)) for part in parts]
     columns = [[rows.names.index(name) for name in names] for names in (base, whole)]
     growth = _residual(factors, columns[0]) / max(_residual(factors, columns[1]), 1e-300)
@@ -227,14 +227,11 @@ def common_rows(one: Regression, other: Regression) -> tuple[Regression, Regress
     keys = [list(zip(rows.joint, rows.run, rows.time, strict=True)) for rows in (one, other)]
     shared = set(keys[0]) & set(keys[1])
     masks = [np.array([key in shared for key in found], dtype=bool) for found in keys]
-    return _part(one, masks[0]), _part(other, masks[1])
+    return one.at(masks[0]), other.at(masks[1])
 
 
 def time_blocks(rows: Regression, count: int = BLOCKS) -> list[BoolArray]:
-    """Return `count` masks of rows, blocks of equal length in time over all runs in turn.
-
-    Raises IdentificationError if one of them would have fewer rows than columns.
-    """
+    """Return `count` masks of rows, blocks of equal length in time over all runs in turn."""
     order = np.lexsort((rows.time, rows.run))
     place = np.empty(len(order), dtype=np.intp)
     place[order] = np.arange(len(order))
@@ -246,14 +243,6 @@ def time_blocks(rows: Regression, count: int = BLOCKS) -> list[BoolArray]:
             f"{rows.H.shape[1]} parameters from the others: record a longer log"
         )
     return found
-
-
-def _part(rows: Regression, block: BoolArray) -> Regression:
-    arrays = {
-        name: getattr(rows, name)[block]
-        for name in ("H", "y", "joint", "time", "run", "propagated")
-    }
-    return replace(rows, **arrays)
 
 
 def _of(part: QRFactor, rows: Regression, weights: Array) -> Array:
@@ -301,10 +290,7 @@ def model_checks(
     whiteness: Mapping[str, Whiteness],
     weights: Array,
 ) -> ModelChecks:
-    """Return the checks of an estimate from its QR factor; `optional` names the terms to test.
-
-    `weights` (E,) of the equations are those of `settled_weights`.
-    """
+    """Return the checks of an estimate from its QR factor and the `settled_weights`."""
     factor = qr_factor.weighted_factor(weights)
     independent = independent_rows(qr_factor, estimate)
     return ModelChecks(

@@ -81,8 +81,6 @@ def estimator_named(name: LinearEstimator) -> Estimator:
 
 Change = Callable[["Regression"], "Regression"]
 
-_ARRAYS = ("H", "y", "joint", "time", "run", "propagated")
-
 
 @dataclass(eq=False)
 class StoredRows:
@@ -99,11 +97,9 @@ class StoredRows:
 
     def add(self, log: int, rows: Regression) -> None:
         """Append the next piece of a log to the file."""
-        for name in _ARRAYS:
+        for name in rows.arrays:
             np.save(self.file, getattr(rows, name), allow_pickle=False)
-        self.parts.append(
-            (log, replace(rows, **{name: getattr(rows, name)[:0] for name in _ARRAYS}))
-        )
+        self.parts.append((log, rows.at(slice(0))))
         if len(rows.y):
             start, end = self.spans.get(log, (math.inf, -math.inf))
             times = float(np.min(rows.time)), float(np.max(rows.time))
@@ -113,7 +109,7 @@ class StoredRows:
         """Yield the number of the log and the rows of every piece after `change`, if any."""
         self.file.seek(0)
         for log, part in self.parts:
-            arrays = {name: np.load(self.file, allow_pickle=False) for name in _ARRAYS}
+            arrays = {name: np.load(self.file, allow_pickle=False) for name in part.arrays}
             rows = replace(part, **arrays)
             yield log, rows if change is None else change(rows)
 
@@ -122,11 +118,7 @@ class StoredRows:
 def stored_rows(
     names: Iterable[str], steps_s: tuple[float, ...], rows: Iterable[tuple[int, str, Regression]]
 ) -> Iterator[dict[str, StoredRows]]:
-    """Yield the stored rows of several equations, from (log, equation, rows of the next piece).
-
-    `steps_s` are the times between rows of each log. Raises LogError if the temporary folder has no
-    room for them.
-    """
+    """Yield the stored rows of equations, from (log, equation, rows of the next piece)."""
     with ExitStack() as files:
         with _room_needed():
             stored = {

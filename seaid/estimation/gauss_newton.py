@@ -130,10 +130,7 @@ def _autocorrelation(residual: Array, most: float) -> Array:
 def fisher_covariance(
     logs: list[Residuals], names: tuple[str, ...], stds: Array, precision: Array
 ) -> Array:
-    """Return the inverse of the Fisher information (p, p) for white noise of known `stds` (C,).
-
-    It is the Cramer-Rao bound of the covariance of unbiased estimators.
-    """
+    """Return the Cramer-Rao bound (p, p) of the covariance, for white noise of `stds` (C,)."""
     J = np.vstack([_projected(logs, stds)[0], np.diag(precision)])
     return _solve(J, np.zeros(len(J)), names)[1]
 

@@ -14,12 +14,7 @@ from seaid.errors import ExcitationError, IdentificationError
 from seaid.estimation.covariance import LongRun, long_run_of
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.qr_factor import QRFactor, determining_joints, qr_factor_of
-from seaid.estimation.singular_directions import (
-    RANK_TOLERANCE,
-    Directions,
-    directions,
-    first_term,
-)
+from seaid.estimation.singular_directions import RANK_TOLERANCE, Directions, directions, first_term
 
 if TYPE_CHECKING:
     from seaid.regressor import Regression
@@ -88,12 +83,7 @@ def orthonormal(qr_factor: QRFactor, theta: Array) -> Orthonormal:
     residuals = factors @ np.append(-theta, 1.0)
     stacked = factors[:, :, :p].reshape(-1, p)
     columns = safely(
-        linalg.solve_triangular,
-        R,
-        stacked.T,
-        what="the equations",
-        trans="T",
-        check_finite=False,
+        linalg.solve_triangular, R, stacked.T, what="the equations", trans="T", check_finite=False
     ).T
     return Orthonormal(columns.reshape(*factors.shape[:2], p), residuals)
 
@@ -144,10 +134,7 @@ def equal_weights(qr_factor: QRFactor) -> Array:
 
 
 def settled_weights(qr_factor: QRFactor) -> Array:
-    """Return the converged weights (E,) of the equations, inverse to their residuals.
-
-    They are relative to the equation with the largest residual. Raises as `ordinary` does.
-    """
+    """Return the converged weights (E,), relative to the equation of largest residual."""
     weights = equal_weights(qr_factor)
     theta = solve(qr_factor, weights).values
     equations = orthonormal(qr_factor, theta) if len(theta) else None

@@ -117,10 +117,7 @@ def qr_factor_of(rows: Regression) -> QRFactor:
 
 
 def combined(parts: Iterable[QRFactor]) -> QRFactor:
-    """Return the QR factor of all parts together, stacked and factored again.
-
-    Raises IdentificationError for no part, and if columns or propagated parameters differ.
-    """
+    """Return the QR factor of all parts together, stacked and factored again."""
     parts = iter(parts)
     first = next(parts, None)
     if first is None:
@@ -224,10 +221,7 @@ def equation_name(joint_names: tuple[str, ...], index: int) -> str:
 
 
 def determining_joints(qr_factor: QRFactor, columns: list[int]) -> list[str]:
-    """Return the joints whose torque determines columns, by name if names are known.
-
-    Of the equations with a column it is the one with the fewest others: the outermost joint.
-    """
+    """Return the joints whose torque determines columns: of each, the outermost equation."""
     norms = np.linalg.norm(qr_factor.factors[:, :, :-1], axis=1)
     sees = norms > _SEEN * np.max(norms, axis=0, initial=0.0)
     joints = []

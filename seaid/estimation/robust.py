@@ -52,10 +52,7 @@ def huber(rows: Regression, propagated: Array | None = None) -> Estimate:
 
 
 def tukey(rows: Regression, propagated: Array | None = None) -> Estimate:
-    """Return Tukey's bisquare M-estimate, with the weight of a row zero above 4.685 scales.
-
-    It is iterated from Huber's estimate with the scales of that. Otherwise as `huber`.
-    """
+    """Return Tukey's bisquare M-estimate (zero weight above 4.685 scales), from Huber's."""
     start, scales = _huber(rows)
     theta, _ = _iterated(rows, start, lambda _: scales, tukey_weights)
     return _estimate(rows, theta, scales, tukey_weights, propagated)

@@ -64,12 +64,7 @@ def scaled_svd(
     norms = np.linalg.norm(columns, axis=0)
     norms[norms == 0] = 1.0
     left, sizes, vectors = safely(
-        linalg.svd,
-        columns / norms,
-        what=what,
-        error=error,
-        full_matrices=False,
-        check_finite=False,
+        linalg.svd, columns / norms, what=what, error=error, full_matrices=False, check_finite=False
     )
     return ScaledSVD(left, sizes, vectors, norms)
 

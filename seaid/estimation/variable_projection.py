@@ -34,11 +34,7 @@ class SeparableFit:
 
 
 def separable_least_squares(
-    columns: Columns,
-    slopes: Slopes,
-    starts: Sequence[Array],
-    lower: Array,
-    upper: Array,
+    columns: Columns, slopes: Slopes, starts: Sequence[Array], lower: Array, upper: Array
 ) -> SeparableFit:
     """Return the least-squares fit of a model that is nonlinear in b of its parameters.
 

@@ -232,11 +232,7 @@ class Basis(Protocol):
 
 
 def make_basis(name: BasisName, duration: float, coefficients: int) -> Basis:
-    """Return the basis "bspline", "polynomial" or "fourier".
-
-    `duration` [s] is from 0.001 to 1e6; `coefficients` is their number per joint, odd for a Fourier
-    series. Raises ExcitationError for other arguments.
-    """
+    """Return the basis of a name, with `coefficients` per joint, or raise ExcitationError."""
     if name not in BASES:
         raise ExcitationError(unknown_name("basis", name, BASES))
     if not (np.isfinite(duration) and duration > 0):
@@ -264,10 +260,7 @@ def make_basis(name: BasisName, duration: float, coefficients: int) -> Basis:
 
 
 def basis_from_dict(content: Any) -> Basis:
-    """Return the basis of the JSON content that `to_dict` made.
-
-    Raises ExcitationError for an unknown type or invalid values, KeyError for missing keys.
-    """
+    """Return the basis of `to_dict`; raise ExcitationError or, for missing keys, KeyError."""
     if not isinstance(content, dict):
         raise ExcitationError(f"a basis must be an object with a type, found {shown(content)}")
     if content["type"] == "spline":

@@ -199,11 +199,7 @@ class _LimitBlock:
 
 
 def motion_space(
-    basis: Basis,
-    joint_names: Sequence[str],
-    limits: JointLimits,
-    start: EndState,
-    end: EndState,
+    basis: Basis, joint_names: Sequence[str], limits: JointLimits, start: EndState, end: EndState
 ) -> MotionSpace:
     """Return the motions of a basis with the given end states.
 

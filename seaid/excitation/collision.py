@@ -38,10 +38,7 @@ class Mesh:
 
 
 def hulls(urdf: str | Path, meshes: Sequence[Mesh]) -> list[Any]:
-    """Return the convex hulls of meshes as shapes of coal.
-
-    Raises RobotError, naming link and file, for a mesh that cannot be read or is flat.
-    """
+    """Return the convex hulls of meshes as shapes of coal, or raise RobotError for a flat one."""
     if not meshes:
         return []
     seconds = _SECONDS + sum(mesh.path.stat().st_size for mesh in meshes) / _BYTES_PER_SECOND

@@ -18,7 +18,6 @@ from seaid.drives import (
     Drive,
     DriveCurve,
     NonlinearSpring,
-    SeriesElasticDrive,
     joint_curve,
     joint_term_parameters,
     missing_value,
@@ -85,10 +84,9 @@ def transmission(robot: Robot) -> Transmission:
     nonlinear = []
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drives[joint]
-        ratio[index] = drive.ratio
-        if not isinstance(drive, SeriesElasticDrive):
+        ratio[index] = drive.ratio * (drive.load_radius / drive.motor_radius)
+        if not drive.is_elastic:
             continue
-        ratio[index] *= drive.load_radius / drive.motor_radius
         lever[index] = drive.ratio / drive.motor_radius
         check_spring(joint, drive)
         if set(drive.spring) <= {"linear", "damping"}:
@@ -109,7 +107,7 @@ def motor_speeds(drives: Transmission, top_speed: Array) -> Array:
     return np.asarray(drives.ratio * (np.abs(drives.matrix) @ top_speed))
 
 
-def check_spring(joint: str, drive: SeriesElasticDrive) -> None:
+def check_spring(joint: str, drive: Drive) -> None:
     """Raise ExcitationError if a value of a drive's spring is missing."""
     for term in drive.spring:
         for name in PARAMETERS_OF["spring"][term]:
@@ -118,11 +116,7 @@ def check_spring(joint: str, drive: SeriesElasticDrive) -> None:
 
 
 def parallel_elements(robot: Robot, top_speed: Array, joints: Sequence[str]) -> ParallelElements:
-    """Return the elements parallel to the drives of joints, and of joints coupled with them.
-
-    `top_speed` (n,) scales the speed width of dry friction. Raises ExcitationError if a nominal
-    value is missing.
-    """
+    """Return the elements parallel to drives; `top_speed` (n,) scales dry friction's width."""
     wanted = {i for joint in joints for i in group_of(robot.transmission, robot.index(joint))}
     return tuple(
         (index, joint_curve(joint, drive), SIGN_WIDTH * float(top_speed[index]))

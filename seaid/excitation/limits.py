@@ -130,11 +130,7 @@ class Margins:
 
 
 def joint_limits(robot: Robot, limits: Limits | None = None) -> JointLimits:
-    """Return the limits of every joint: those given, else the robot's.
-
-    Raises ExcitationError, naming joint and limit, for one that is missing, not finite, zero or
-    inverted.
-    """
+    """Return every joint's limits, given or the robot's; raise ExcitationError for bad ones."""
     limits = Limits() if limits is None else limits
     turns = ~np.array(robot.is_prismatic)
     endless = turns & ~np.isfinite(robot.lower_limits) & ~np.isfinite(robot.upper_limits)
@@ -216,10 +212,7 @@ def limit_values(
 
 
 def per_joint(name: str, given: Any, joint_names: Sequence[str]) -> Any:
-    """Return the values of {joint: value} in the order of the joints, or one value for each.
-
-    Raises ExcitationError for a joint that is unknown or missing; a sequence is returned as it is.
-    """
+    """Return the values of {joint: value} in the order of the joints, or the same for all."""
     if not isinstance(given, Mapping):
         return [given] * len(joint_names) if np.ndim(given) == 0 else given
     for joint in given:
@@ -327,7 +320,7 @@ def _has_parallel_values(robot: Robot) -> BoolArray:
 def _check_flat(robot: Robot, limited: BoolArray) -> None:
     """Raise ExcitationError for limits of quantities that the joint's motion does not determine."""
     for index, joint in enumerate(robot.joint_names):
-        for term in getattr(robot.drives[joint], "spring", ()):
+        for term in robot.drives[joint].spring:
             kinds = [
                 kind for kind in _NOT_FLAT.get(term, ()) if limited[DRIVE_KINDS.index(kind), index]
             ]
@@ -340,10 +333,7 @@ def _check_flat(robot: Robot, limited: BoolArray) -> None:
 
 
 def drive_loads(limits: DriveLimits, time: Array, states: States) -> Array:
-    """Return the `DRIVE_KINDS` along a motion, (4, T, n) [N m or N, N m, rad/s, rad or m].
-
-    The first kind is per joint, the others are per drive.
-    """
+    """Return `DRIVE_KINDS` along a motion, (4, T, n) [N m or N, N m, rad/s, rad or m]."""
     torque = load_torques(limits.robot, limits.parallel, states)
     drive_torque = torques_at_drives(limits.drives.matrix, torque)
     signals = motor_signals(limits.drives, states, drive_torque, differentiation(time))
@@ -407,10 +397,7 @@ def drive_load_gradient(
 def _slopes(
     limits: DriveLimits, joint: int, kinds: IndexArray, speed: Array, torque: Array
 ) -> tuple[Array, Array, Array]:
-    """Return the derivatives (m,) of loads by motor acceleration, motor speed and torque.
-
-    Those of the deflection are zero here.
-    """
+    """Return the slopes (m,) of loads by motor acceleration, speed and torque."""
     slopes = np.zeros((3, len(kinds)))
     at_joint, motor, fast = (kinds == number for number in range(3))
     slopes[2, at_joint] = 1.0

@@ -225,10 +225,7 @@ READINGS_HZ = 1000.0
 
 
 def stacked_regressor(target: Target, time: Array, states: States) -> Array:
-    """Return the weighted and scaled observation matrix (T rows, columns) of a motion, (15).
-
-    `time` (T,) is equally spaced.
-    """
+    """Return the weighted and scaled observation matrix (T rows, columns), (15)."""
     H = np.zeros((len(time), len(target.row_weights), len(target.names)))
     Y = rigid_body_regressor(target.robot, *states)[:, list(target.rows)]
     H[:, : len(target.rows), : len(target.base_columns)] = _transformed(

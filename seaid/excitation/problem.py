@@ -163,11 +163,7 @@ def linear_use(problem: Problem, x: Array) -> Array:
 
 
 def linear_slack(problem: Problem, x: Array) -> tuple[Array, Array]:
-    """Return the slack of each group of rows above and below (2 n g,), and its derivative.
-
-    The slack of a group is the smallest of its rows: the feasible set is the same, and the
-    derivative is that of the smallest row.
-    """
+    """Return the smallest slack of each group of rows (2 n g,), and its derivative."""
     used = np.einsum("jgck,jk->jgc", problem.rows, x.reshape(problem.shape)) + problem.offset
     highest, lowest = used.argmax(axis=2), used.argmin(axis=2)
     slack = np.concatenate([1.0 - used.max(axis=2).ravel(), 1.0 + used.min(axis=2).ravel()])
@@ -214,10 +210,7 @@ def largest_nonlinear_use(problem: Problem, x: Array) -> float:
 
 
 def scaled_into_limits(problem: Problem, x: Array) -> Array:
-    """Return x, scaled towards zero until no limit is broken.
-
-    A linear limit scales its own joint, a limit on a drive or a distance scales all joints.
-    """
+    """Return x with each joint (or, for drives and distances, all) scaled into the limits."""
     joints = x.reshape(problem.shape)
     return scaled_into_nonlinear_limits(
         problem, np.ravel(joints / np.maximum(linear_use(problem, x), 1.0)[:, None]), _SAFE
@@ -325,10 +318,7 @@ def motion_within(problem: Problem, x: Array) -> Array:
 
 
 def all_margins(problem: Problem, x: Array, trajectory: Trajectory, bounds: JointLimits) -> Margins:
-    """Return the margins of the motion x: linear ones at every instant, the others on a grid.
-
-    The grid has eight times the instants of the search, at most 2000.
-    """
+    """Return the margins of x: linear ones at every instant, the others on a finer grid."""
     found = margins(trajectory, bounds)
     if not has_nonlinear_limits(problem):
         return found
@@ -392,10 +382,7 @@ def scaled_target(
 
 
 def previous_logs_factor(target: Target, robot: Robot, logs: Sequence[Log]) -> Array:
-    """Return the triangular factor (., columns) of previous logs, scaled as the target.
-
-    Each log is filtered at its own cutoff. Raises LogError for a log that does not fit the robot.
-    """
+    """Return the factor (., columns) of previous logs at their cutoffs, scaled as the target."""
     factor = np.empty((0, len(target.names)))
     for log in logs:
         motion = reconstruct_motion(robot, log)
@@ -410,10 +397,7 @@ def previous_logs_factor(target: Target, robot: Robot, logs: Sequence[Log]) -> A
 
 
 def _sizes(target: Target, robot: Robot, base: BaseParameters) -> Array:
-    """Return the nominal size of every parameter (p,), NaN for those without.
-
-    It is at least a tenth of the median size of the parameters with the same unit.
-    """
+    """Return the nominal size (p,), at least a tenth of the median of its unit, or NaN."""
     check_nominal_bodies(robot)
     sizes = list(np.abs(base.project(robot.parameters)))
     for block in target.blocks:

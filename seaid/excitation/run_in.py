@@ -69,10 +69,7 @@ def run_in_basis(duration: float) -> SplineBasis:
 
 
 def _run_in(state: Array, duration: float, *, out: bool) -> tuple[Basis, Array]:
-    """Return the basis of a run-in and its matrix (L, K) from the motion's coefficients.
-
-    `state` (3, K) maps these to position, velocity and acceleration at the end of the motion.
-    """
+    """Return a run-in's basis and its matrix (L, K) from coefficients; `state` (3, K)."""
     basis = run_in_basis(duration)
     names = [str(column) for column in range(state.shape[1])]
     moving, rest = EndState(*state), EndState()

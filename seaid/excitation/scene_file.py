@@ -221,10 +221,7 @@ def _disabled_by_srdf(srdf: str | Path | None) -> set[frozenset[str]]:
 
 
 def _without_always_close(scene: Scene, robot: Robot, boxes: set[str]) -> Scene:
-    """Return the scene without pairs that are too close in nearly every posture.
-
-    A box in collision in every posture raises ExcitationError instead.
-    """
+    """Return the scene without pairs always close; raise for a box always in collision."""
     close = distances(scene, _postures(robot), cap_m=scene.clearance_m) < scene.clearance_m
     shares = np.mean(close, axis=0)
     to_box = np.array([not boxes.isdisjoint(pair) for pair in scene.pairs], dtype=bool)

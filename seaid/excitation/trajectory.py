@@ -23,10 +23,7 @@ _NANO = 10**9
 
 
 def message_times(duration: float, rate_hz: float) -> list[int]:
-    """Return the times of the points [ns], at a rate [1/s] and at the end, without rounding error.
-
-    Raises ExcitationError for a rate that is not more than zero.
-    """
+    """Return the times [ns] of points at a rate [1/s] and at the end, without rounding error."""
     check_rate(rate_hz, duration, error=ExcitationError)
     rate, end = Fraction(rate_hz), round(Fraction(duration) * _NANO)
     times = [round(k * _NANO / rate) for k in range(int(Fraction(duration) * rate) + 1)]
@@ -264,10 +261,7 @@ def polynomial_trajectory(
     knots = np.repeat([0.0, duration], len(powers))
     basis = SplineBasis(len(powers) - 1, knots)
     return Trajectory(
-        tuple(joint_names),
-        basis,
-        bernstein_from_powers(powers, duration),
-        tuple(prismatic_joints),
+        tuple(joint_names), basis, bernstein_from_powers(powers, duration), tuple(prismatic_joints)
     )
 
 

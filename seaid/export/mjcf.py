@@ -13,7 +13,6 @@ import scipy.linalg
 from seaid._arrays import safely
 from seaid._display import Display
 from seaid._files import write_whole
-from seaid.drives import SeriesElasticDrive
 from seaid.errors import RobotError, checked
 from seaid.export.mjcf_bodies import TINY, add_bodies
 from seaid.export.mjcf_drives import add_drives
@@ -27,10 +26,7 @@ _STEPS_PER_RADIAN = 20.0
 
 
 def step_s(robot: Robot) -> tuple[float, str]:
-    """Return a time step [s] that resolves the fastest spring and damper, and a note about it.
-
-    Missing values count as zero here; the elements that need them raise RobotError.
-    """
+    """Return a time step [s] that resolves the fastest spring and damper, and a note about it."""
     fastest = float(np.max(np.abs(_rates(robot)), initial=0.0))
     wanted = min(_LONGEST_S, 1 / (_STEPS_PER_RADIAN * max(fastest, TINY)))
     step = max(_round_down(wanted), _SHORTEST_S)
@@ -53,7 +49,7 @@ def _rates(robot: Robot) -> np.ndarray:
         values = drive.values
         at_joint, at_motor = np.zeros(2 * n), np.zeros(2 * n)
         at_joint[:n], at_motor[n + index] = C[index], 1.0
-        if isinstance(drive, SeriesElasticDrive):
+        if drive.is_elastic:
             # deflection = r_M / N theta_M - r_L theta_L (3), so its stiffness matrix is k d d^T
             deflection = drive.motor_radius / drive.ratio * at_motor - drive.load_radius * at_joint
             spring += values.get("stiffness", 0.0) * np.outer(deflection, deflection)

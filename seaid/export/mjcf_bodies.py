@@ -17,10 +17,7 @@ TINY = 1e-14
 
 
 def add_bodies(robot: Robot, world: Any, notes: list[str], force: bool) -> dict[str, Any]:
-    """Add a body with its joint for each moving link; return {joint: its element}.
-
-    Raises RobotError for a physically inconsistent body, or with `force` writes the nearest one.
-    """
+    """Add a body with its joint for each moving link; return {joint: its element}."""
     from lxml import etree
 
     bodies, joints = [world], {}

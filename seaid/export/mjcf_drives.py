@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from seaid.drives import PARAMETERS_OF, Drive, SeriesElasticDrive, StiffDrive, key_of, unit_of
+from seaid.drives import PARAMETERS_OF, Drive, key_of, unit_of
 from seaid.errors import RobotError
 from seaid.export.mjcf_bodies import TINY, text
 from seaid.robot import Robot
@@ -32,7 +32,7 @@ def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
     if excluded:
         notes.append(f"joint '{joint}': excluded, not available in MuJoCo: {', '.join(excluded)}")
     offset = drive.values.get("spring_offset", 0.0)
-    if offset and "preload" not in getattr(drive, "spring", ()):
+    if offset and "preload" not in drive.spring:
         notes.append(
             f"joint '{joint}': its spring offset ({offset:.4g} "
             f"{unit_of(drive, 'spring_offset')}) comes from the encoder offsets and is not in the "
@@ -88,10 +88,7 @@ def add_drives(
     step: float,
     notes: list[str],
 ) -> None:
-    """Add all drives to the elements of the joints, to the world, and to <tendon> and <actuator>.
-
-    Raises RobotError, naming the joint, for unknown values and terms that MuJoCo lacks.
-    """
+    """Add all drives to the joints, to the world, and to <tendon> and <actuator>."""
     tendons, actuators = parts
     taken = {*robot.joint_names, *robot.body_names, "world"}
     for index, joint in enumerate(robot.joint_names):
@@ -100,7 +97,7 @@ def add_drives(
         turned = {robot.joint_names[at]: float(C[at]) for at in np.flatnonzero(C)}
         parallel, gear = _parallel(joint, drive), _Coordinate()
         where = {"joint": joint}
-        if isinstance(drive, StiffDrive):
+        if not drive.is_elastic:
             gear = _behind_gear(joint, drive)
             _check_armature(robot, joint, turned, gear.armature)
             if turned != {joint: 1.0}:
@@ -114,18 +111,18 @@ def add_drives(
             friction=parallel.friction + gear.friction,
         )
         _set_joint(joints[joint], shared, step)
-        if isinstance(drive, SeriesElasticDrive):
+        if drive.is_elastic:
             where = {"joint": _add_rotor(world, joint, drive, taken, step)}
             lever = {where["joint"]: drive.motor_radius / drive.ratio}
             lever |= {name: -drive.load_radius * factor for name, factor in turned.items()}
             spring = _spring(joint, drive)
             _add_tendon(tendons, _free(f"{joint}_spring", taken), lever, spring, step)
-        ratio = drive.ratio if isinstance(drive, StiffDrive) else 1.0
+        ratio = 1.0 if drive.is_elastic else drive.ratio
         actuators.append(actuators.makeelement("motor", name=joint, gear=text([ratio]), **where))
     note_drives(robot, step, notes)
 
 
-def _behind_gear(joint: str, drive: StiffDrive) -> _Coordinate:
+def _behind_gear(joint: str, drive: Drive) -> _Coordinate:
     """Return the motor of a stiff drive, reflected to the output of its gear."""
     motor = _motor(joint, drive)
     return _Coordinate(
@@ -165,7 +162,7 @@ def _motor(joint: str, drive: Drive) -> _Coordinate:
     )
 
 
-def _spring(joint: str, drive: SeriesElasticDrive) -> _Coordinate:
+def _spring(joint: str, drive: Drive) -> _Coordinate:
     """Return the spring of a drive in the coordinate of its deflection."""
     linear = ("linear", "dead_zone", "damping", "preload")
     nonlinear = [term for term in drive.spring if term not in linear]
@@ -191,7 +188,7 @@ def _spring(joint: str, drive: SeriesElasticDrive) -> _Coordinate:
 def _of_term(joint: str, drive: Drive, field: str, term: str) -> float:
     """Return the value of a term with one parameter, zero if the drive lacks the term."""
     (name,) = PARAMETERS_OF[field][term]
-    return _value(joint, drive, name) if term in getattr(drive, field, ()) else 0.0
+    return _value(joint, drive, name) if term in getattr(drive, field) else 0.0
 
 
 def _value(joint: str, drive: Drive, name: str) -> float:
@@ -239,9 +236,7 @@ def _set_numbers(element: Any, values: _Coordinate, step: float) -> None:
         element.set("solimpfriction", text([_FIRM, _FIRM, 0.001]))
 
 
-def _add_rotor(
-    world: Any, joint: str, drive: SeriesElasticDrive, taken: set[str], step: float
-) -> str:
+def _add_rotor(world: Any, joint: str, drive: Drive, taken: set[str], step: float) -> str:
     """Add the motor of an elastic drive as a separate body; return the name of its joint."""
     name = _free(f"{joint}_motor", taken)
     values = _motor(joint, drive)

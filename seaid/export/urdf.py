@@ -18,7 +18,7 @@ import pinocchio as pin
 from seaid._arrays import Array
 from seaid._display import Display
 from seaid._files import real_path, whole_file
-from seaid.drives import IDEAL_DRIVE, StiffDrive, write_drives
+from seaid.drives import IDEAL_DRIVE, Drive, write_drives
 from seaid.errors import RobotError, checked, unknown_name
 from seaid.identification import Identification
 from seaid.robot import (
@@ -415,16 +415,13 @@ def _dynamics(text: bytes, root: Element, robot: Robot) -> list[Edit]:
     return edits
 
 
-def _stiff_drives(robot: Robot, *, are_coupled: bool) -> dict[str, StiffDrive]:
-    """Return stiff drives, except ideal ones, that are coupled or not.
-
-    A coupled one moves other joints, or its own with a factor other than 1.
-    """
+def _stiff_drives(robot: Robot, *, are_coupled: bool) -> dict[str, Drive]:
+    """Return stiff drives, except ideal ones, that move other joints (`are_coupled`) or not."""
     plain = (robot.transmission == np.eye(robot.n)).all(axis=1)
     return {
         joint: drive
         for joint, is_plain in zip(robot.joint_names, plain, strict=True)
-        if isinstance(drive := robot.drives[joint], StiffDrive)
+        if not (drive := robot.drives[joint]).is_elastic
         and drive != IDEAL_DRIVE
         and is_plain != are_coupled
     }

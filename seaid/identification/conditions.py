@@ -31,13 +31,7 @@ from seaid.estimation import (
     settled_weights,
     term_test,
 )
-from seaid.identification.datasets import (
-    Dataset,
-    Source,
-    datasets_of,
-    rows_in_memory,
-    sources_of,
-)
+from seaid.identification.datasets import Dataset, Source, datasets_of, rows_in_memory, sources_of
 from seaid.identification.drive_estimates import merged_estimates, spring_of, with_flags
 from seaid.identification.identification import Identification, identification_of
 from seaid.identification.linearisation import linearised_robot
@@ -51,13 +45,7 @@ from seaid.identification.two_step import (
     two_step_equations,
     with_spring_torque,
 )
-from seaid.regressor import (
-    LoadModel,
-    Regression,
-    base_parameters,
-    load_model,
-    stacked,
-)
+from seaid.regressor import LoadModel, Regression, base_parameters, load_model, stacked
 from seaid.robot import Robot
 
 
@@ -110,11 +98,6 @@ def shared_rows(rows: Mapping[str, Regression], specific: Sequence[bool]) -> Sha
     offsets = np.cumsum([0, *(float(np.max(one.run, initial=0.0)) + 1 for one in wide)])
     run = np.concatenate([one.run + offset for one, offset in zip(wide, offsets, strict=False)])
     return SharedRows(replace(stacked(wide), run=run), places, names)
-
-
-def placed_propagated(rows: Regression, places: Sequence[int], count: int) -> Regression:
-    """Return the rows with their propagated columns at `places` among `count` parameters."""
-    return replace(rows, propagated=_placed(rows.propagated, places, count))
 
 
 def _columns(
@@ -220,11 +203,7 @@ def estimate_conditions(
     specific: Sequence[str],
     solver: Estimator,
 ) -> ConditionFits:
-    """Estimate both sides of {condition: robot}, one after the other.
-
-    `specific` as `condition_specific` of `identify_conditions`. Raises IdentificationError if the
-    conditions differ in their columns.
-    """
+    """Estimate both sides of {condition: robot}, one after the other."""
     name, first = next(iter(robots.items()))
     springs = spring_torque_joints(first, datasets[name], models[name])
     rows = {
@@ -264,7 +243,8 @@ def _load(
             for parameter in springs[joint].names
         ]
         with_torque = with_spring_torque(springs.values(), rows[name])
-        placed[name] = placed_propagated(with_torque, places, starts[-1])
+        columns = _placed(with_torque.propagated, places, starts[-1])
+        placed[name] = replace(with_torque, propagated=columns)
     first = models[next(iter(models))]
     is_specific = [BODIES in specific] * len(first.expressions) + [
         f"{name} of {joint}" in specific or name in specific for joint, name, _ in first.drives

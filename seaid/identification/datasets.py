@@ -110,11 +110,7 @@ def rows_of_equations(
     executor: Executor | None,
     progress: bool,
 ) -> Iterator[Mapping[str, Rows]]:
-    """Yield the rows of all datasets for several equations, for which each log is read once.
-
-    If all datasets are long logs and their rows may be `stored`, these are in temporary files. The
-    executor takes one dataset per task.
-    """
+    """Yield the rows of several equations; those of long logs may be `stored` in files."""
     long_logs = [dataset for dataset in datasets if isinstance(dataset, LongLog)]
     if stored and len(long_logs) == len(datasets) and executor is None:
         steps_s = tuple(log.step_s for log in long_logs)

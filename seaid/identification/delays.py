@@ -11,7 +11,6 @@ import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid._display import Display
-from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError, checked, unknown_name
 from seaid.estimation import newey_west, scaled_svd
 from seaid.log import (
@@ -218,7 +217,7 @@ def _of_positions(robot: Robot, motion: Motion) -> Iterator[_Relation]:
         drive = robot.drives[joint]
         motor, position = motion.motor_position[:, index], signals(robot, motion, index)["theta_L"]
         one = np.ones((len(motor), 1))
-        if not isinstance(drive, SeriesElasticDrive):
+        if not drive.is_elastic:
             if np.ptp(motor - drive.ratio * position) > 1e-9 * np.ptp(motor):  # both measured
                 columns = np.column_stack([one, position])
                 against, nothing = "joint position", np.zeros(len(motor))
@@ -245,7 +244,7 @@ def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Relation]:
         motor = by_name["tau_M"]
         force = sensed_torque(robot, motion, index)
         if np.all(np.isfinite(motor)):
-            if isinstance(drive, SeriesElasticDrive):
+            if drive.is_elastic:
                 regressor, zeta, columns = actuator_columns(robot, motion, joint)
                 against = "its motion and its spring"
             else:
@@ -256,7 +255,7 @@ def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Relation]:
             rest = regressor.evaluate(by_name | {"tau_M": nothing})[0]
             yield _Relation(joint, "motor_torque", against, zeta - rest, rest, columns, moving)
         if np.all(np.isfinite(force)):
-            if isinstance(drive, SeriesElasticDrive):
+            if drive.is_elastic:
                 stretch = drive.motor_radius / drive.ratio * motion.motor_position[:, index]
                 stretch = stretch - drive.load_radius * by_name["theta_L"]
                 columns, against = np.column_stack([nothing + 1, stretch]), "its deflection"

@@ -26,10 +26,7 @@ def spring_of(robot: Robot, estimate: Estimate, joint: str) -> Estimate:
 def merged_estimates(
     drives: Mapping[str, Estimate], load_side: Mapping[str, Estimate]
 ) -> dict[str, Estimate]:
-    """Return the estimates of both sides by joint, without correlation between the sides.
-
-    `drives` are those of actuator sides, `load_side` those of the same drives on the load side.
-    """
+    """Return the drives' estimates of both sides by joint, without correlation between them."""
     found = dict(load_side)
     for joint, drive in drives.items():
         found[joint] = _with(drive, load_side[joint]) if joint in load_side else drive
@@ -66,11 +63,7 @@ def with_estimate(drive: Drive, estimate: Estimate) -> Drive:
 
 
 def with_values(drive: Drive, values: Mapping[str, float]) -> Drive:
-    """Return the drive with those of the values that are its own parameters.
-
-    Negative values of non-negative parameters become zero; a stiffness that is not positive is
-    ignored.
-    """
+    """Return the drive with those of the values that are its own and have their proper sign."""
     return drive.with_values(
         {
             name: max(float(value), 0.0) if PARAMETERS[name].is_positive else float(value)
@@ -81,10 +74,7 @@ def with_values(drive: Drive, values: Mapping[str, float]) -> Drive:
 
 
 def with_flags(estimate: Estimate, joint: str, qr_factor: QRFactor | None) -> Estimate:
-    """Return the estimate of a drive with flags for poorly identified and implausible values.
-
-    `qr_factor` is that of the actuator side (10), None for a drive without a spring.
-    """
+    """Return a drive's estimate with flags; `qr_factor` of (10), None without a spring."""
     flags = []
     for name, value, error in zip(
         estimate.names, estimate.values, estimate.standard_errors, strict=True

@@ -27,19 +27,13 @@ from functools import partial
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Estimator, instrumental
 from seaid.identification.datasets import Dataset
 from seaid.identification.drive_estimates import spring_of
 from seaid.identification.method_limits import check_instruments, linear_spring
 from seaid.identification.simulated_joints import driven_motion
-from seaid.identification.two_step import (
-    LOAD,
-    RobotEstimate,
-    estimate_two_step,
-    without_torque,
-)
+from seaid.identification.two_step import LOAD, RobotEstimate, estimate_two_step, without_torque
 from seaid.log import Motion, in_band, low_pass, spline_derivatives
 from seaid.regressor import (
     LoadModel,
@@ -76,10 +70,7 @@ Maker = Callable[[Robot, Motion, FittedModel], Motion]
 
 
 def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Motion:
-    """Return the motion of the fitted model for smoothed joint positions.
-
-    Torques and cutoff are those of the measured motion.
-    """
+    """Return the fitted model's motion for smoothed joint positions, with measured torques."""
     band = REFERENCE_BAND * motion.cutoff_hz
     smooth = low_pass(motion.joint_position, motion.rate_hz, band)
     q, v, a = spline_derivatives(motion.time, smooth)
@@ -95,7 +86,7 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
     torque = payload + H @ fitted.load_side
     for row, joint in enumerate(fitted.model.rows):
         drive, index = robot.drives[joint], robot.index(joint)
-        if joint in fitted.springs and isinstance(drive, SeriesElasticDrive):
+        if joint in fitted.springs:
             spring = linear_spring(robot, joint, fitted.springs[joint])
             force = torque[:, row] / drive.load_radius - spring.offset
             deflection = force / spring.stiffness  # (4b); an instrument may lack its damping
@@ -188,12 +179,7 @@ def estimate_instrumental(
     converge, and as `instrumental` does.
     """
     run = partial(
-        _settled,
-        robot,
-        datasets,
-        model,
-        encoder_offset_std=encoder_offset_std,
-        executor=executor,
+        _settled, robot, datasets, model, encoder_offset_std=encoder_offset_std, executor=executor
     )
     found = run(start, make=instrument_motion)
     try:
@@ -227,7 +213,7 @@ def _settled(
     executor: Executor | None,
 ) -> RobotEstimate:
     """Return the converged estimates of both sides; `make` is for the load side's instruments."""
-    estimator = Estimator(_solve, effective_rows=_seen)
+    estimator = Estimator(_solve, effective_rows=lambda rows, _: split_instruments(rows)[0])
     for _ in range(_MOST_ITERATIONS):
         fitted = _fitted(robot, model, found)
         equations: dict[str, Regress] = {
@@ -283,10 +269,6 @@ def _fitted(robot: Robot, model: LoadModel, sides: RobotEstimate) -> FittedModel
 
 def _solve(rows: Regression, propagated: Array | None) -> Estimate:
     return instrumental(*split_instruments(rows), propagated)
-
-
-def _seen(rows: Regression, estimate: Estimate) -> Regression:
-    return split_instruments(rows)[0]
 
 
 def _moved(before: RobotEstimate, after: RobotEstimate) -> dict[str, float]:

@@ -31,10 +31,7 @@ _SETTLED, _MOST_TURNS, _SEARCHES = 1e-5, 20, 2
 def with_gear_torques(
     robot: Robot, motions: Sequence[Motion], used: Sequence[str]
 ) -> tuple[Robot, list[Motion]]:
-    """Return the robot with linearised stiff drives, and motions with the torque through the gears.
-
-    Raises IdentificationError if the torques do not converge.
-    """
+    """Return the robot with linearised stiff drives, and motions with their gear torques."""
     joints = under_load(robot, used)
     if not joints:
         return linearised_load(robot, motions, used), list(motions)

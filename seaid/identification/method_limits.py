@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from seaid.drives import Drive, SeriesElasticDrive
+from seaid.drives import Drive
 from seaid.errors import IdentificationError
 from seaid.regressor import motor_regressor, spring_regressor
 from seaid.robot import Robot
@@ -71,12 +71,11 @@ def check_refinable(robot: Robot) -> None:
 def _not_refinable(robot: Robot, joint: str, drive: Drive) -> str:
     if drive.motor_input != "torque":
         return f"of which the {drive.motor_input} was logged, not the torque"
-    parallel = [*drive.parallel_spring, *getattr(drive, "joint_friction", ())]
-    if parallel:
+    if drive.parallel_spring or drive.joint_friction:
         return "which has a parallel spring or joint friction"
     if motor_regressor(robot, joint).non_linear or "load" in drive.friction:
         return "whose equation is not linear in its parameters"
-    if isinstance(drive, SeriesElasticDrive):
+    if drive.is_elastic:
         names = spring_regressor(robot, joint).names
         if names != ("stiffness", "spring_offset"):
             return f"whose spring {_kind(robot, joint)}"

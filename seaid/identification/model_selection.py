@@ -17,7 +17,7 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping
 from seaid._display import MOST_NAMES, Result, counted
 from seaid._progress import track
-from seaid.drives import COULOMB, PARAMETERS_OF, Drive
+from seaid.drives import COULOMB, PARAMETERS_OF, Drive, term_fields
 from seaid.errors import IdentificationError, RobotError, SeaidError, checked, listed, unknown_name
 from seaid.estimation import (
     ModelComparison,
@@ -211,7 +211,7 @@ def _candidates(model: _JointModel, asked: Mapping[str, Sequence[str]]) -> list[
     drive, found = model.robot.drives[model.joint], []
     for field, terms in asked.items():
         has_equation = model.is_motor_side(field) or model.joint in model.used
-        for term in terms if has_equation and hasattr(drive, field) else ():
+        for term in terms if has_equation and field in term_fields(drive) else ():
             if term not in getattr(drive, field):
                 with suppress(RobotError):  # what this drive cannot have
                     with_term(drive, field, term)

@@ -16,15 +16,7 @@ from itertools import product
 import numpy as np
 
 from seaid._arrays import Array, IndexArray
-from seaid.drives import (
-    COULOMB,
-    PARAMETERS,
-    PARAMETERS_OF,
-    Drive,
-    DriveRegressor,
-    SeriesElasticDrive,
-    unit_of,
-)
+from seaid.drives import COULOMB, PARAMETERS, PARAMETERS_OF, Drive, DriveRegressor, unit_of
 from seaid.errors import IdentificationError
 from seaid.estimation import (
     Estimate,
@@ -146,9 +138,8 @@ def linearised(robot: Robot, motions: Sequence[Motion]) -> Robot:
 
 def _linearised_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Drive:
     drive = robot.drives[joint]
-    assert isinstance(drive, SeriesElasticDrive)
     scale = _scale_of(robot, motions, joint)
-    start = _linear_start(robot, motions, joint, drive)
+    start = _linear_start(robot, motions, joint)
     search = _actuator_search(robot, motions, joint)
     grid = product(*(starts_of(name, drive, start, scale) for name in search.nonlinear))
     found = search.best([np.array(one) for one in grid], scale)
@@ -261,7 +252,6 @@ def _actuator_search(robot: Robot, motions: Sequence[Motion], joint: str) -> _Se
 
 def _scale_of(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
     index, drive = robot.index(joint), robot.drives[joint]
-    assert isinstance(drive, SeriesElasticDrive)
     by_name = [actuator_equation(robot, motion, joint)[1] for motion in motions]
     stretch = np.concatenate(
         [
@@ -274,16 +264,15 @@ def _scale_of(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
     return Scale(max(speed, 1e-9), 0.5 * (low + high), max(0.5 * (high - low), 1e-12))
 
 
-def _linear_start(
-    robot: Robot, motions: Sequence[Motion], joint: str, drive: SeriesElasticDrive
-) -> dict[str, float]:
+def _linear_start(robot: Robot, motions: Sequence[Motion], joint: str) -> dict[str, float]:
     """Return friction, stiffness and zero of the deflection of a drive with linear terms only."""
+    drive = robot.drives[joint]
     friction = tuple("coulomb" if term in COULOMB else term for term in drive.friction)
     known = tuple(name for name in drive.known if name in ("stiffness", "viscous_friction"))
     plain = replace(
         drive,
         friction=tuple(term for term in friction if term not in ("load", *_LEVEL_OF)),
-        spring=("linear",),
+        spring=("linear",),  # type: ignore[arg-type]
         known=known,
         nominal={},
     )
@@ -388,10 +377,7 @@ def fit_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> Lo
 
 
 def _weights(qr_factor: QRFactor) -> Array:
-    """Return weights (E,) of the equations by the residuals of an ordinary fit, within limits.
-
-    They are not iterated, since the model is not yet right.
-    """
+    """Return limited weights (E,) of the equations by the residuals of one ordinary fit."""
     theta = solve(qr_factor, equal_weights(qr_factor)).values
     std = qr_factor.residual_norms(theta) / np.sqrt(np.maximum(qr_factor.counts, 1))
     largest = float(np.max(std))

@@ -18,7 +18,7 @@ from scipy.ndimage import maximum_filter1d
 
 from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid._progress import track
-from seaid.drives import SeriesElasticDrive, is_dry
+from seaid.drives import is_dry
 from seaid.errors import IdentificationError, checked
 from seaid.estimation import Estimate, Residuals, Step, gauss_newton_step
 from seaid.identification.drive_estimates import merged_estimates, with_estimate, with_flags
@@ -179,7 +179,8 @@ def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Response]
     mine = [layout.found.model.rows.index(joint) for joint in layout.simulated]
     others = [row for row in range(error.shape[1]) if row not in mine]
     inside = jacobians.part(joints, joints)
-    spring = np.array([_spring_rate(known, joint) for joint in layout.simulated])
+    # the decrease of the springs' load torque with the joint position, for k = 1
+    spring = np.array([known.drives[joint].load_radius ** 2 for joint in layout.simulated])
     k = np.array([x[layout.spring(joint)[0]] for joint in layout.simulated])
     inside = replace(inside, position=inside.position + np.diag(spring * k))
     force = np.concatenate([error[:, mine, None], by_x[:, mine]], axis=2)
@@ -221,13 +222,6 @@ def _load_error(layout: Layout, run: Run, x: Array) -> tuple[Array, Array, Torqu
         simulated = [layout.zeros.start + found.known.index(joint) for joint in layout.simulated]
         by_x[:, :, simulated] = 0.0
     return torque - payload - H @ x[layout.load], by_x, jacobians
-
-
-def _spring_rate(robot: Robot, joint: str) -> float:
-    """Return the decrease of the spring's load torque with the joint position, for k = 1."""
-    drive = robot.drives[joint]
-    assert isinstance(drive, SeriesElasticDrive)
-    return drive.load_radius**2
 
 
 def _drive_error(layout: Layout, run: Run, x: Array, response: Response) -> Array:

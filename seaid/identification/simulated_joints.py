@@ -15,7 +15,6 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, safely
-from seaid.drives import SeriesElasticDrive
 from seaid.errors import IdentificationError
 from seaid.identification.method_limits import linear_spring
 from seaid.log import Motion, low_pass, spline_derivatives
@@ -157,7 +156,7 @@ def driven_motion(
     joints = [robot.index(joint) for joint in names]
     rows = [model.rows.index(joint) for joint in names]
     fitted = _fitted_robot(robot, model, load_side)
-    lever = np.array([_load_radius(robot, joint) ** 2 for joint in names])
+    lever = np.array([robot.drives[joint].load_radius ** 2 for joint in names])
     linear = [linear_spring(robot, joint, springs[joint]) for joint in names]
     rate = lever * [spring.stiffness for spring in linear]
     damping = lever * [spring.damping for spring in linear]
@@ -181,14 +180,11 @@ def driven_motion(
 
 
 def finer_side(robot: Robot, motion: Motion) -> Motion:
-    """Return the motion with stiff joints from the encoder with less noise in acceleration.
-
-    The offset is that of the joint encoder.
-    """
+    """Return the motion with stiff joints from the encoder with less acceleration noise."""
     q, v, a = (at_drives(robot.transmission, state).copy() for state in motion.joint_states)
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drives[joint]
-        if isinstance(drive, SeriesElasticDrive):
+        if drive.is_elastic:
             continue
         if np.std(motion.motor_acceleration[:, index]) < drive.ratio * np.std(a[:, index]):
             turned = motion.motor_position[:, index] / drive.ratio
@@ -203,10 +199,6 @@ def _turned(motion: Motion, matrix: Array, to: Callable[[Array, Array], Array]) 
     """Return the motion with its joints in the coordinates of the drives, or back."""
     q, v, a = (to(matrix, state) for state in motion.joint_states)
     return replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a)
-
-
-def _load_radius(robot: Robot, joint: str) -> float:
-    return float(getattr(robot.drives[joint], "load_radius", 1.0))
 
 
 def _fitted_robot(robot: Robot, model: LoadModel, load_side: Array) -> Robot:
@@ -236,10 +228,7 @@ def _smoothed(motion: Motion, joints: list[int]) -> Motion:
 
 
 def _response(inside: TorqueJacobians, force: Array, step: float, windows: int) -> Response:
-    """Return the response (T, joints, 1 + 2 joints) to a force (T, joints) in equal windows.
-
-    The last values are repeated to complete the last window.
-    """
+    """Return the response (T, joints, 1 + 2 joints) to a force (T, joints), by windows."""
     extra = -len(force) % windows
     padded = [
         np.pad(part, ((0, extra), *[(0, 0)] * (part.ndim - 1)), mode="edge")
@@ -255,10 +244,7 @@ def _response(inside: TorqueJacobians, force: Array, step: float, windows: int) 
 def _moved(
     motion: Motion, joints: list[int], response: Response, reading: Array, windows: int
 ) -> Motion:
-    """Return the motion after one sweep, with the initial states fitted to a reading.
-
-    Each joint is scaled by its own motion, so that radians and metres are comparable.
-    """
+    """Return the motion after a sweep, each joint in its own scale, and its initial states."""
     if not all(np.all(np.abs(part) < _RUNAWAY) for part in vars(response).values()):
         raise IdentificationError(_DIVERGED, "estimator='wls'")
     spread = np.std(reading, axis=0)

@@ -33,12 +33,12 @@ from seaid.identification.method_limits import check_simultaneous
 from seaid.identification.two_step import RobotEstimate, without_torque
 from seaid.log import Motion
 from seaid.regressor import (
-    OFFSET_STEP,
     LoadModel,
+    Regress,
     Regression,
     actuator_regression,
     load_regression,
-    shifted_encoder,
+    offset_sensitivity,
     spring_regressor,
     stacked,
 )
@@ -186,10 +186,7 @@ def settled(
 def split_estimate(
     robot: Robot, model: LoadModel, estimate: Estimate
 ) -> tuple[dict[str, Estimate], Estimate, Estimate]:
-    """Return drives {joint: Estimate}, the base parameters, and all columns of `model`.
-
-    Names and order are those of `Identification`.
-    """
+    """Return drives {joint: Estimate}, base parameters, and all columns of `model`."""
     count = len(estimate.names) - len(model.names)
     base = range(count, count + len(model.expressions))
     load_side = estimate.part(range(count, len(estimate.names)), model.names)
@@ -203,23 +200,6 @@ def split_estimate(
         if own
     }
     return drives, estimate.part(base, model.expressions), load_side
-
-
-def encoder_offset_sensitivity(
-    robot: Robot, motion: Motion, model: LoadModel, springs: Collection[str], theta: Array
-) -> Regression:
-    """Return both sides with `propagated` (R, n), the effect of each encoder's offset.
-
-    It is minus the change of the residual at `theta`, per unit of offset; see `offset_sensitivity`.
-    """
-    reference, changes = simultaneous_regression(robot, motion, model, springs), []
-    for index in range(robot.n):
-        shifted = simultaneous_regression(
-            robot, shifted_encoder(robot, motion, index), model, springs
-        )
-        change = (shifted.y - shifted.H @ theta) - (reference.y - reference.H @ theta)
-        changes.append(change / OFFSET_STEP)
-    return replace(reference, propagated=np.column_stack(changes))
 
 
 def estimate_simultaneous(
@@ -238,8 +218,7 @@ def estimate_simultaneous(
     """
     springs = tuple(start.springs)
     check_simultaneous(robot, springs)
-    regress: Callable[[Motion], Regression]
-    regress = partial(simultaneous_regression, robot, model=model, springs=springs)
+    regress: Regress = partial(simultaneous_regression, robot, model=model, springs=springs)
     rows = rows_in_memory(datasets, {"": regress}, executor)[""]
     whole, _ = settled(
         robot, rows, _values(rows, start), lambda found: estimator.solve(found, None)
@@ -247,10 +226,8 @@ def estimate_simultaneous(
     zeros: Array | None = None
     if encoder_offset_std > 0:
         theta = whole.values
-        regress = partial(
-            encoder_offset_sensitivity, robot, model=model, springs=springs, theta=theta
-        )
-        rows = rows_in_memory(datasets, {"": regress}, executor)[""]
+        shifted = partial(offset_sensitivity, robot, regress=regress, theta=theta)
+        rows = rows_in_memory(datasets, {"": shifted}, executor)[""]
         zeros = encoder_offset_std**2 * np.eye(robot.n)
         whole, _ = settled(robot, rows, theta, lambda found: estimator.solve(found, zeros))
     drives, load, load_side = split_estimate(robot, model, whole)

@@ -95,11 +95,7 @@ LOAD = ""
 
 _NEEDED = ("stiffness", "spring_offset", "deflection_zero")
 
-INPUT_FIELDS = {
-    "torque": "motor_torque",
-    "current": "motor_current",
-    "voltage": "motor_voltage",
-}
+INPUT_FIELDS = {"torque": "motor_torque", "current": "motor_current", "voltage": "motor_voltage"}
 """Field of a motion with a drive's logged input."""
 
 
@@ -152,11 +148,11 @@ def estimate_two_step(
         springs = {joint: spring_of(robot, drives[joint], joint) for joint in joints}
         load = fit_load(rows[LOAD], springs, estimator)
         if encoder_offset_std > 0:
+            known = {joint: spring.values for joint, spring in springs.items()}
             regress = partial(
                 with_offset_columns,
                 robot,
-                model=model,
-                springs={joint: spring.values for joint, spring in springs.items()},
+                of_springs=partial(load_regression, robot, model=model, springs=known),
                 theta=load.estimate.values,
                 regress=equations[LOAD],
             )
@@ -187,10 +183,7 @@ def estimate_two_step(
 def two_step_equations(
     robot: Robot, model: LoadModel, springs: Sequence[str]
 ) -> dict[str, Regress]:
-    """Return the functions for the rows: per elastic joint, and "" for the load side.
-
-    The load side is without the torque of the `springs`, which `with_spring_torque` adds.
-    """
+    """Return the functions for the rows: of each elastic joint, and of the load side ("")."""
     zero = without_torque(robot, springs)
     equations: dict[str, Regress] = {
         joint: partial(actuator_regression, robot, joint=joint) for joint in robot.elastic_joints
@@ -206,10 +199,7 @@ def without_torque(robot: Robot, springs: Collection[str]) -> dict[str, Array]:
 def fit_actuator(
     robot: Robot, datasets: Sequence[Dataset], joint: str, rows: Rows, estimator: Estimator
 ) -> Fit:
-    """Fit the actuator side (10) of an elastic joint.
-
-    A linear spring whose torque was measured has noise in both torque and deflection.
-    """
+    """Fit (10) of an elastic joint, by errors in variables if the spring torque was measured."""
     found = fit(rows, estimator, check=check_scale)
     plain = found.estimate.names == ("stiffness", "spring_offset")
     if not plain or not estimator.weigh or found.rows is None:
@@ -222,15 +212,9 @@ def fit_actuator(
 
 
 def fit_load(
-    rows: Rows,
-    springs: Mapping[str, Estimate],
-    estimator: Estimator,
-    offsets: Array | None = None,
+    rows: Rows, springs: Mapping[str, Estimate], estimator: Estimator, offsets: Array | None = None
 ) -> Fit:
-    """Fit the load side (8), whose rows have no spring torque, with the springs' uncertainty.
-
-    `offsets` (n, n) is the covariance of encoder offsets whose columns follow those of the springs.
-    """
+    """Fit (8) from rows without spring torque; `offsets` (n, n): covariance of encoders."""
     covariances = [spring.covariance for spring in springs.values()]
     covariances += [] if offsets is None else [offsets]
     propagated = linalg.block_diag(*covariances) if covariances else None
@@ -247,16 +231,11 @@ def with_spring_torque(springs: Collection[Estimate], rows: Regression) -> Regre
 
 
 def with_offset_columns(
-    robot: Robot,
-    motion: Motion,
-    model: LoadModel,
-    springs: Mapping[str, Array],
-    theta: Array,
-    regress: Regress,
+    robot: Robot, motion: Motion, of_springs: Regress, theta: Array, regress: Regress
 ) -> Regression:
     """Return the load side with propagated columns of the springs and then of encoder offsets."""
     plain = regress(motion)
-    offsets = offset_sensitivity(robot, motion, model, springs, theta)
+    offsets = offset_sensitivity(robot, motion, of_springs, theta)
     return replace(plain, propagated=np.hstack([plain.propagated, offsets.propagated]))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import Any
@@ -145,11 +145,15 @@ def _compared(identification: Identification, motions: Sequence[Motion]) -> Vali
             for one in motions
         ]
     actuator = [
-        _traces(one, *_actuator(identification, one), _still(robot, one, _motor_stands))
+        _traces(one, *_actuator(identification, one), [standstill(one, i) for i in range(robot.n)])
         for one in motions
     ]
     load = [
-        _traces(one, *_load(identification, one), _still(robot, one, unknown_friction))
+        _traces(
+            one,
+            *_load(identification, one),
+            [unknown_friction(robot, one, joint) for joint in robot.joint_names],
+        )
         for one in motions
     ]
     return Validation(
@@ -178,8 +182,8 @@ def _actuator(identification: Identification, motion: Motion) -> tuple[Array, Ar
         measured[:, index] = _input_torque(identification, motion, joint)
         if np.any(np.isnan(measured[:, index])):
             drive = identification.known.drives[joint]
-            lever = getattr(drive, "motor_radius", 1.0) / drive.ratio
-            force = motion.joint_torque[:, index] / getattr(drive, "load_radius", 1.0)
+            lever = drive.motor_radius / drive.ratio
+            force = motion.joint_torque[:, index] / drive.load_radius
             measured[:, index], error = lever * force, lever * error
         computed[:, index] = measured[:, index] + error
     return measured, computed
@@ -239,13 +243,16 @@ class _Traces:
     inside: BoolArray
 
 
-def _traces(motion: Motion, measured: Array, computed: Array, still: BoolArray) -> _Traces:
+def _traces(
+    motion: Motion, measured: Array, computed: Array, stands: Sequence[BoolArray]
+) -> _Traces:
     """Return the torques of a motion for the comparison, without filter transients."""
     samples = np.arange(len(measured))
     transient = round(motion.trim_s * motion.rate_hz)
     inside = (samples >= transient) & (samples < len(samples) - transient)
     smooth_measured, smooth_computed = _smooth(motion, measured), _smooth(motion, computed)
     smooth_measured[~inside] = smooth_computed[~inside] = np.nan
+    still = np.column_stack(stands)
     return _Traces(measured, computed, smooth_measured, smooth_computed, still, inside)
 
 
@@ -270,16 +277,6 @@ def _fit(parts: Sequence[_Traces]) -> Fit:
 
 def _ratio(error: Array, signal: Array) -> Array:
     return np.asarray(np.linalg.norm(error, axis=0) / np.linalg.norm(signal, axis=0))
-
-
-def _still(
-    robot: Robot, motion: Motion, unknown: Callable[[Robot, Motion, str], BoolArray]
-) -> BoolArray:
-    return np.column_stack([unknown(robot, motion, joint) for joint in robot.joint_names])
-
-
-def _motor_stands(robot: Robot, motion: Motion, joint: str) -> BoolArray:
-    return standstill(motion, robot.index(joint))
 
 
 def _smooth(motion: Motion, torque: Array) -> Array:

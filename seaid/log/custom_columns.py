@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError, unknown_name
 from seaid.log.description import Clock, LogDescription, Servo, Source
 from seaid.log.log import UNIT_FACTORS, column_names
@@ -74,7 +73,7 @@ def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
         if name is None:
             continue
         deflection, drive = found.pop(name), robot.drives[joint]
-        if not isinstance(drive, SeriesElasticDrive):
+        if not drive.is_elastic:
             raise LogError(f"joint '{joint}' has a stiff drive, which has no deflection")
         _check_own_drive(robot, joint, "a deflection does not determine its position")
         motor, load = list(column_names(joint, robot.is_prismatic[index]))[:2]
@@ -140,7 +139,7 @@ def _name_of(robot: Robot, joint: str, quantity: str) -> tuple[str, str]:
     is_prismatic = robot.is_prismatic[robot.index(joint)]
     drive = robot.drives[joint]
     if quantity == "deflection":
-        unit = drive.spring_units[1] if isinstance(drive, SeriesElasticDrive) else "rad"
+        unit = drive.spring_units[1] if drive.is_elastic else "rad"
         return f"{joint}.deflection_{unit}", unit
     names = {field: name for name, field in column_names(joint, is_prismatic).items()}
     return names[quantity], names[quantity].rsplit("_", 1)[1]
@@ -171,9 +170,7 @@ def _gear_factor(robot: Robot, one: _Described) -> float:
     """Return the factor from the other side of the gear to that of the quantity."""
     _check_own_drive(robot, one.joint, f"its {one.source.side} side does not determine the other")
     drive = robot.drives[one.joint]
-    ratio = drive.ratio
-    if isinstance(drive, SeriesElasticDrive):
-        ratio *= drive.load_radius / drive.motor_radius
+    ratio = drive.ratio * (drive.load_radius / drive.motor_radius)
     grows = one.quantity in ("motor_position", "joint_torque")  # with the ratio
     return ratio if grows else 1.0 / ratio
 

@@ -227,10 +227,7 @@ Described = LogDescription | Mapping[str, Any] | str | Path
 
 
 def description_for(path: Path, description: Described | None) -> LogDescription | None:
-    """Return the description given for a log, or that of the TOML file next to it, or None.
-
-    A TOML file of the same name is a description if it has a table `joints`. Raises LogError.
-    """
+    """Return the description given for a log, or in the TOML file next to it, or None."""
     if isinstance(description, LogDescription):
         description = description.to_dict()
     if isinstance(description, Mapping):

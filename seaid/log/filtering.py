@@ -28,10 +28,7 @@ _FORGOTTEN = 6.0
 
 
 def low_pass(signals: Array, rate_hz: float, cutoff_hz: float) -> Array:
-    """Return columns (T, any) filtered by a zero-phase Butterworth low pass.
-
-    A cutoff above 0.8 of half the rate, such as inf, returns the signals unchanged.
-    """
+    """Return columns (T, any) after a zero-phase Butterworth low pass; unchanged near Nyquist."""
     if cutoff_hz >= 0.8 * rate_hz / 2:
         return signals
     from scipy.signal import sosfiltfilt

@@ -514,10 +514,7 @@ def _common_clock(
 
 
 def _all_samples(table: Table, inference: Inference) -> Block:
-    """Return all columns of numbers, from the start of long files.
-
-    If they cannot be read together, bisection finds the columns that cannot be read.
-    """
+    """Return all readable columns of numbers, found by bisection, from the start of long files."""
     waiting = [[name for name, count in Counter(table.names).items() if count == 1]]
     found: Block = {}
     first, refused = "", 0

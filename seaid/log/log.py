@@ -16,7 +16,6 @@ import numpy as np
 from seaid._arrays import Array, frozen
 from seaid._display import Display, sampled_text
 from seaid._files import write_csv, write_whole
-from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError, checked, listed, shown, unknown_name
 from seaid.log.readers.hdf5_file import write_hdf5
 from seaid.log.readers.parquet_file import write_parquet
@@ -287,10 +286,7 @@ def log_of(
 
 
 def sorted_log(picked: dict[str, Array], robot: Robot, file_names: Sequence[str]) -> Log:
-    """Return the log of columns {name of seaid: samples (T,)}; `file_names` serve for hints.
-
-    Raises LogError for a joint without the sensors that its drive needs.
-    """
+    """Return the log of columns {name of seaid: samples (T,)}; `file_names` serve for hints."""
     time = picked["time_s"]
     fields = {field: np.full((len(time), robot.n), np.nan) for field in SENSORS}
     for index, joint in enumerate(robot.joint_names):
@@ -319,7 +315,7 @@ def _check_sensors(
     file_names: Sequence[str],
 ) -> None:
     """Raise LogError if {column: field} of a joint are too few for its drive."""
-    elastic = isinstance(robot.drives[joint], SeriesElasticDrive)
+    elastic = robot.drives[joint].is_elastic
     positions = sum(field.endswith("position") for field in found.values())
     if positions < (2 if elastic else 1) or positions == len(found):
         names = column_names(joint, robot.is_prismatic[robot.index(joint)])

@@ -209,10 +209,7 @@ def _check_count(name: str, value: Any, least: int) -> None:
 
 
 def _overlapping(blocks: Blocks, overlap: int) -> Iterator[tuple[Block, int, int]]:
-    """Yield blocks with `overlap` samples of both neighbours; the place and number of own samples.
-
-    A last block too short for a log is joined to the previous one.
-    """
+    """Yield blocks with `overlap` samples of neighbours, place and number of own samples."""
     own = next(blocks)
     before = _cut(own, slice(0))
     for following in chain(blocks, [None]):

@@ -11,7 +11,6 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._display import Display, sampled_text
-from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError, checked
 from seaid.log.filtering import CutoffSelection, low_pass, select_cutoff, spline_derivatives
 from seaid.log.log import HOLES, check_whole, holes, stretches
@@ -249,10 +248,7 @@ def _selected(robot: Robot, time: Array, signals: dict[str, Array]) -> CutoffSel
 
 
 def _motion(
-    robot: Robot,
-    log: Log,
-    cutoff: CutoffSelection | None,
-    fewest: float = FEWEST_PERIODS,
+    robot: Robot, log: Log, cutoff: CutoffSelection | None, fewest: float = FEWEST_PERIODS
 ) -> Motion:
     """Return the motion of a log without a hole; `cutoff` None: selected from the spectra."""
     time, signals = _sampled(robot, log)
@@ -337,7 +333,7 @@ def _check_positions(robot: Robot, joint: Array, motor: Array) -> None:
     coupled = {index for group in coupled_groups(robot.transmission) for index in group}
     for index, name in enumerate(robot.joint_names):
         no_joint, no_motor = np.isnan(joint[0, index]), np.isnan(motor[0, index])
-        if isinstance(robot.drives[name], SeriesElasticDrive):
+        if robot.drives[name].is_elastic:
             if no_joint or no_motor:
                 side = "joint" if no_joint else "motor"
                 raise LogError(f"elastic joint '{name}' needs its {side} position in the log")

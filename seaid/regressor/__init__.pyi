@@ -13,14 +13,12 @@ from .drive_signals import sensed_torque as sensed_torque
 from .drive_signals import signals as signals
 from .drive_signals import spring_regressor as spring_regressor
 from .drive_signals import under_load as under_load
-from .load import OFFSET_STEP as OFFSET_STEP
 from .load import LoadModel as LoadModel
 from .load import check_offset_std as check_offset_std
 from .load import load_columns as load_columns
 from .load import load_model as load_model
 from .load import load_regression as load_regression
 from .load import offset_sensitivity as offset_sensitivity
-from .load import shifted_encoder as shifted_encoder
 from .load import unknown_friction as unknown_friction
 from .load import with_gear_torque as with_gear_torque
 from .regression import Regress as Regress

@@ -9,21 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import (
-    SeriesElasticDrive,
-    drive_regressor,
-    joint_equation,
-    motor_equation,
-    spring_equation,
-)
+from seaid.drives import drive_regressor, joint_equation, motor_equation, spring_equation
 from seaid.errors import LogError
 from seaid.robot import at_drives, torques_at_drives
 
 if TYPE_CHECKING:
-    from seaid.drives import (
-        Drive,
-        DriveRegressor,
-    )
+    from seaid.drives import Drive, DriveRegressor
     from seaid.log import Motion
     from seaid.robot import Robot
 
@@ -43,7 +34,7 @@ def motor_regressor(robot: Robot, joint: str) -> DriveRegressor:
 def spring_regressor(robot: Robot, joint: str) -> DriveRegressor:
     """Return the regressor derived from the spring equation (4b) of an elastic joint."""
     drive = robot.drives[joint]
-    if not isinstance(drive, SeriesElasticDrive):
+    if not drive.is_elastic:
         raise LogError(f"joint '{joint}' has no spring")
     return _spring_regressor(drive)
 
@@ -63,10 +54,7 @@ def under_load(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
 
 
 def is_linear(robot: Robot, used: Sequence[str]) -> bool:
-    """Return whether the equations of all springs and of the joints `used` are linear.
-
-    That is, linear in their parameters, and without friction that depends on the load.
-    """
+    """Whether springs and joints `used` are linear, without load-dependent friction."""
     joints = dict.fromkeys((*robot.elastic_joints, *used))
     return not under_load(robot, used) and not any(
         motor_regressor(robot, joint).non_linear for joint in joints
@@ -84,7 +72,7 @@ def _motor_regressor(drive: Drive) -> DriveRegressor:
 
 
 @cache
-def _spring_regressor(drive: SeriesElasticDrive) -> DriveRegressor:
+def _spring_regressor(drive: Drive) -> DriveRegressor:
     return drive_regressor(spring_equation(drive), drive)
 
 
@@ -113,10 +101,7 @@ def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
 
 
 def fed_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
-    """Return `signals`, with the measured joint torque / N if the motor torque was not logged.
-
-    A stiff gear transmits it, less its friction.
-    """
+    """Return `signals`, with joint torque / N where a stiff gear's motor torque was not logged."""
     found, drive = signals(robot, motion, index), robot.drives[robot.joint_names[index]]
     if np.all(np.isnan(found["tau_M"])) and drive.motor_input == "torque":
         found["tau_M"] = sensed_torque(robot, motion, index) / drive.ratio
@@ -132,8 +117,5 @@ def _channel(samples: Array | None, motion: Motion, index: int) -> Array:
 
 
 def sensed_torque(robot: Robot, motion: Motion, index: int) -> Array:
-    """Return the torque (T,) on a drive's coordinate by the joint torque sensors, NaN without.
-
-    A drive that moves several joints needs the sensors of all coupled joints.
-    """
+    """Return the torque (T,) on a drive's coordinate by joint torque sensors, NaN without all."""
     return np.asarray(torques_at_drives(robot.transmission, motion.joint_torque)[:, index])

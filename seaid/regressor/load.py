@@ -16,15 +16,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, frozen
-from seaid.drives import Column, SeriesElasticDrive, StiffDrive, is_dry
+from seaid.drives import Column, is_dry
 from seaid.errors import IdentificationError, LogError
 from seaid.log import in_band_at, joint_standstill, row_samples, standstill, still_share
-from seaid.regressor.base import (
-    grouped_text,
-    left_to_right,
-    negligible,
-    random_states,
-)
+from seaid.regressor.base import grouped_text, left_to_right, negligible, random_states
 from seaid.regressor.drive_signals import (
     INPUTS,
     fed_signals,
@@ -34,15 +29,13 @@ from seaid.regressor.drive_signals import (
     signals,
     spring_regressor,
 )
-from seaid.regressor.regression import Regression, rows_by_pieces
+from seaid.regressor.regression import Regress, Regression, rows_by_pieces
 from seaid.regressor.rigid_body import regressor_at_drives
 from seaid.robot import UNITS, at_drives, group_of, torques_at_drives
 
 if TYPE_CHECKING:
     from seaid.log import Motion
-    from seaid.regressor.base import (
-        BaseParameters,
-    )
+    from seaid.regressor.base import BaseParameters
     from seaid.robot import Robot
 
 _JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
@@ -51,18 +44,15 @@ _JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
 def drive_parameters(
     robot: Robot, rows: Sequence[str], signals_of: Callable[[int], dict[str, Array]]
 ) -> tuple[Array, list[tuple[str, str, str]]]:
-    """Return the drives' columns (T, rows, columns) on the load side, and (joint, parameter, unit).
-
-    They are those of stiff drives, and of the joint terms of any drive.
-    """
+    """Return the drives' load-side columns (T, rows, columns), and (joint, parameter, unit)."""
     blocks, drives = [], []
     known = [robot.index(joint) for joint in rows]
     for joint in robot.joint_names:
         index, drive = robot.index(joint), robot.drives[joint]
         parts = []
-        if not isinstance(drive, SeriesElasticDrive) and index in known:
+        if not drive.is_elastic and index in known:
             parts.append((motor_regressor(robot, joint), drive.ratio, np.eye(robot.n)[index]))
-        if drive.parallel_spring or getattr(drive, "joint_friction", ()):
+        if drive.parallel_spring or drive.joint_friction:
             at_drive = torques_at_drives(robot.transmission, np.eye(robot.n)[index])
             parts.append((joint_regressor(robot, joint), 1.0, at_drive))
         for regressor, factor, share in parts:
@@ -89,10 +79,7 @@ def load_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
 
 
 def stiff_signals(robot: Robot, index: int, q: Array, v: Array, a: Array) -> dict[str, Array]:
-    """Return the signals of a stiff drive at joint states, with its motor following the joints.
-
-    Signals that are independent of the states are random: current, voltage and gear torque.
-    """
+    """Return a stiff drive's signals at joint states, random where these do not fix them."""
     ratio, nothing = robot.drives[robot.joint_names[index]].ratio, np.zeros(len(q))
     own = {f"own_{name}": values[:, index] for name, values in zip(_JOINT, (q, v, a), strict=True)}
     rng = np.random.default_rng(index)
@@ -180,8 +167,8 @@ def load_model(robot: Robot, base: BaseParameters, rows: Sequence[str]) -> LoadM
 
 def _nonlinear_parameters(robot: Robot, joint: str) -> tuple[str, ...]:
     """Return the parameters in which the equation of a stiff drive is nonlinear."""
-    elastic = isinstance(robot.drives[joint], SeriesElasticDrive)
-    return () if elastic else motor_regressor(robot, joint).non_linear
+    drive = robot.drives[joint]
+    return () if drive.is_elastic else motor_regressor(robot, joint).non_linear
 
 
 def _identifiable(H: Array, nonlinear: Sequence[int]) -> tuple[list[int], Array]:
@@ -203,10 +190,7 @@ def _identifiable(H: Array, nonlinear: Sequence[int]) -> tuple[list[int], Array]
 def load_columns(
     robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array]
 ) -> tuple[Array, Array, Array, Array]:
-    """Return the load side over time: torque and payload torque (T, rows), H, and `propagated`.
-
-    torque = payload + H (T, rows, columns) @ theta; see `load_regression`.
-    """
+    """Return torque and payload (T, rows), H and `propagated`: torque = payload + H @ theta."""
     Y = regressor_at_drives(robot, *motion.joint_states)
     known = [robot.index(joint) for joint in model.rows]
     signals_of = partial(load_signals, robot, motion)
@@ -287,10 +271,10 @@ def unknown_friction(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     """
     drive, index = robot.drives[joint], robot.index(joint)
     unknown = np.zeros(len(motion.time), dtype=bool)
-    if isinstance(drive, StiffDrive) and is_dry(drive):
+    if not drive.is_elastic and is_dry(drive):
         unknown |= standstill(motion, index, still_share(drive))
     for other in group_of(robot.transmission, index):
-        if "coulomb" in getattr(robot.drives[robot.joint_names[other]], "joint_friction", ()):
+        if "coulomb" in robot.drives[robot.joint_names[other]].joint_friction:
             unknown |= joint_standstill(motion, other)
     return unknown
 
@@ -305,7 +289,7 @@ def _load_targets(
     start = 0
     for row, joint in enumerate(rows):
         index, drive = robot.index(joint), robot.drives[joint]
-        if isinstance(drive, SeriesElasticDrive):
+        if drive.is_elastic:
             if joint not in springs:
                 targets[:, row] = sensed_torque(robot, motion, index)
                 continue
@@ -344,16 +328,14 @@ def check_offset_std(encoder_offset_std: float) -> None:
         )
 
 
-def offset_sensitivity(
-    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array], theta: Array
-) -> Regression:
-    """Return the load side with `propagated` (R, n), the derivative of y by the encoder offsets.
+def offset_sensitivity(robot: Robot, motion: Motion, regress: Regress, theta: Array) -> Regression:
+    """Return the rows with `propagated` (R, n), the derivative of y by the encoder offsets.
 
     It is that of the residual y - H theta at the parameters `theta`, by difference quotients.
     """
-    reference, changes = load_regression(robot, motion, model, springs), []
+    reference, changes = regress(motion), []
     for index in range(robot.n):
-        shifted = load_regression(robot, shifted_encoder(robot, motion, index), model, springs)
+        shifted = regress(shifted_encoder(robot, motion, index))
         change = (shifted.y - shifted.H @ theta) - (reference.y - reference.H @ theta)
         changes.append(change / OFFSET_STEP)
     return replace(reference, propagated=np.column_stack(changes))
@@ -368,6 +350,6 @@ def shifted_encoder(robot: Robot, motion: Motion, index: int) -> Motion:
     joint[:, index] += OFFSET_STEP
     for name in robot.elastic_joints:
         other, drive = robot.index(name), robot.drives[name]
-        lever = drive.ratio * getattr(drive, "load_radius", 1.0) / getattr(drive, "motor_radius", 1)
+        lever = drive.ratio * drive.load_radius / drive.motor_radius
         motor[:, other] += lever * robot.transmission[other, index] * OFFSET_STEP
     return replace(motion, joint_position=joint, motor_position=motor)

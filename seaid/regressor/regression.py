@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from seaid._arrays import Array, IndexArray, frozen
+from seaid._arrays import Array, BoolArray, IndexArray, frozen
 from seaid.drives import is_dry
 from seaid.errors import LogError
 from seaid.log import (
@@ -30,23 +30,11 @@ from seaid.regressor.drive_signals import (
     signals,
     spring_regressor,
 )
-from seaid.regressor.rigid_body import rigid_body_regressor
 
 if TYPE_CHECKING:
     from seaid.drives import DriveRegressor
-    from seaid.log import (
-        LongLog,
-    )
+    from seaid.log import LongLog
     from seaid.robot import Robot
-
-__all__ = [
-    "Regression",
-    "actuator_regression",
-    "motor_regressor",
-    "rigid_body_regressor",
-    "spring_regressor",
-    "stacked",
-]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +66,7 @@ class Regression:
     excluded: int
     propagated: Array
     joint_names: tuple[str, ...] = ()
+    arrays: ClassVar = ("H", "y", "joint", "time", "run", "propagated")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "H", frozen("H", self.H, (None, len(self.names))))
@@ -85,6 +74,10 @@ class Regression:
         for name in ("y", "joint", "time", "run"):
             object.__setattr__(self, name, frozen(name, getattr(self, name), (rows,)))
         object.__setattr__(self, "propagated", frozen("propagated", self.propagated, (rows, None)))
+
+    def at(self, rows: BoolArray | slice) -> Regression:
+        """Return the regression with some of its rows."""
+        return replace(self, **{name: getattr(self, name)[rows] for name in self.arrays})
 
 
 def actuator_columns(
@@ -158,10 +151,7 @@ def actuator_rows(
 
 
 def stacked(regressions: Sequence[Regression]) -> Regression:
-    """Return the regressions of several logs stacked as one, (15).
-
-    Raises LogError if their columns differ.
-    """
+    """Return the regressions of several logs, whose columns must be equal, as one, (15)."""
     for one in regressions[1:]:
         if one.names != regressions[0].names:
             raise LogError(
@@ -176,7 +166,8 @@ def stacked(regressions: Sequence[Regression]) -> Regression:
         joint_names=regressions[0].joint_names,
         **{
             name: np.concatenate([getattr(one, name) for one in regressions])
-            for name in ("H", "y", "joint", "time", "propagated")
+            for name in Regression.arrays
+            if name != "run"
         },
     )
 
@@ -188,10 +179,7 @@ Regress = Callable[[Motion], Regression]
 def regressions_of_parts(
     long_log: LongLog, equations: Mapping[str, Regress]
 ) -> Iterator[tuple[str, Regression]]:
-    """Yield (name, rows) of several equations, part by part, so that the log is read once.
-
-    Together the rows of an equation are those of the whole log.
-    """
+    """Yield (name, rows) of the parts of each equation, reading a long log once."""
     for motion, part in long_log.motions():
         for name, regress in equations.items():
             yield name, _own_rows(regress(motion), motion, part.start_s, part.end_s)
@@ -213,11 +201,4 @@ def _own_rows(rows: Regression, motion: Motion, start_s: float, end_s: float) ->
     mine = int(np.sum((instants >= start_s) & (instants < end_s)))
     equations = (len(rows.y) + rows.excluded) // max(len(instants), 1)
     kept = (rows.time >= start_s) & (rows.time < end_s)
-    return replace(
-        rows,
-        excluded=equations * mine - int(np.sum(kept)),
-        **{
-            name: getattr(rows, name)[kept]
-            for name in ("H", "y", "joint", "time", "run", "propagated")
-        },
-    )
+    return replace(rows.at(kept), excluded=equations * mine - int(np.sum(kept)))

@@ -64,10 +64,7 @@ def rigid_body_regressor(robot: Robot, q: Array, v: Array, a: Array) -> Array:
 
 
 def regressor_at_drives(robot: Robot, q: Array, v: Array, a: Array) -> Array:
-    """Return `rigid_body_regressor` for the torques on the drives' coordinates, (T, n, 10n).
-
-    Row i is that of joint i unless drives move several joints, see `seaid.robot.transmission`.
-    """
+    """Return `rigid_body_regressor` for the torques on the drives' coordinates, (T, n, 10n)."""
     return rows_at_drives(robot.transmission, rigid_body_regressor(robot, q, v, a))
 
 

@@ -112,10 +112,7 @@ _LEVEL = 1.96
 
 
 def sensitivity_table(result: CutoffSensitivity) -> Text:
-    """Return each estimate at each cutoff, and its largest change in standard errors.
-
-    The selected cutoff is in brackets.
-    """
+    """Return each estimate by cutoff (selected one in brackets), and its largest change."""
     marked = [
         f"[{cutoff:.3g} Hz]" if place == result.proposed else f"{cutoff:.3g} Hz"
         for place, cutoff in enumerate(result.cutoffs_hz)
@@ -137,10 +134,7 @@ def sensitivity_table(result: CutoffSensitivity) -> Text:
 
 
 def save_sensitivity_figure(result: CutoffSensitivity, path: str | Path) -> None:
-    """Draw each estimate with its 95 % interval over the cutoff, the selected one marked.
-
-    Raises SeaidError if the file cannot be written.
-    """
+    """Draw each estimate with its 95 % interval over the cutoff, the selected one marked."""
     from matplotlib.figure import Figure
 
     rows = -(-len(result.names) // _COLUMNS)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seaid._arrays import Array
 from seaid.drives import IDEAL_DRIVE, drive_table
 from seaid.log import has_holes, row_samples
 from seaid.report.html_tables import seconds, short
@@ -75,9 +74,8 @@ def _measured(robot: Robot, motion: Motion | None) -> Iterator[tuple[str, str]]:
     for field, words in _SENSORS.items():
         values = getattr(motion, field)
         if values is not None:
-            seen = [
-                j for j, column in zip(robot.joint_names, values.T, strict=True) if _there(column)
-            ]
+            there = np.all(np.isfinite(values), axis=0)
+            seen = [j for j, is_there in zip(robot.joint_names, there, strict=True) if is_there]
             if seen:
                 yield words.capitalize(), _of(seen, robot)
 
@@ -108,10 +106,6 @@ def _positions(robot: Robot, motion: Motion) -> str:
     if not both:
         return f"every joint: {single}"
     return f"both sides of {_of(both, robot)}; of the others {single}"
-
-
-def _there(column: Array) -> bool:
-    return bool(np.all(np.isfinite(column)))
 
 
 def _of(joints: Sequence[str], robot: Robot) -> str:

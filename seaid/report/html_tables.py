@@ -42,10 +42,7 @@ class Rounded:
 def rounded(
     value: float, error: float, lower: float, upper: float, white: float = math.nan
 ) -> Rounded:
-    """Return numbers rounded at the second digit of the standard error, or of the value if finer.
-
-    `white` is the standard error for white noise, NaN if there is none.
-    """
+    """Return numbers rounded at the second digit of the error, or of the value if finer."""
     if not math.isfinite(value):
         return Rounded(NONE, NONE, NONE, NONE, NONE)
     last = _last_place(value, error)
@@ -155,7 +152,7 @@ class CheckRow:
 def drive_tables(found: Identification) -> list[DriveTable]:
     """Return a table for every joint whose drive has parameters."""
     return [
-        DriveTable(joint, tuple(_rows(estimate, _readable)))
+        DriveTable(joint, tuple(_rows(estimate, lambda name: name.replace("_", " "))))
         for joint, estimate in found.drives.items()
     ]
 
@@ -215,10 +212,6 @@ def _head(text: str) -> tuple[str, str]:
         return text, ""
     terms = text[:_LONG_GROUPING].rsplit(" + ", 1)[0].rsplit(" - ", 1)[0]
     return f"{terms} + …", text
-
-
-def _readable(name: str) -> str:
-    return name.replace("_", " ")
 
 
 def _mark(value: float, error: float, contains_zero: bool) -> str:

@@ -48,10 +48,7 @@ class Run:
 
 
 def traces_of(found: Identification, runs: Sequence[Run]) -> dict[str, Any]:
-    """Return runs as data of the page: names, units, and packed traces by side and joint.
-
-    If there is no room for all runs, unseen ones take precedence.
-    """
+    """Return runs as packed traces by side and joint; unseen logs take precedence for room."""
     runs = _with_room(runs)
     count = sum(map(_count, runs))
     room = int(_ROOM / _SAMPLE_BYTES / max(count, 1))
@@ -192,10 +189,7 @@ def _packed_trace(
 
 
 def envelope(trace: Array, stretch: int) -> Array:
-    """Return the smallest and largest sample of each stretch, in the order of time.
-
-    Both are NaN if a sample of the stretch is missing.
-    """
+    """Return smallest and largest sample of each stretch in order of time, NaN if one lacks."""
     count = -(-len(trace) // stretch)
     padded = np.pad(trace, (0, count * stretch - len(trace)), mode="edge").reshape(count, stretch)
     known = np.where(np.isfinite(padded), padded, 0.0)

@@ -11,22 +11,13 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.identification import POORLY_IDENTIFIED
 from seaid.log import row_samples
-from seaid.report.html_tables import (
-    CORRELATED,
-    error_rows,
-    share,
-    short,
-    side_name,
-    term_name,
-)
+from seaid.report.html_tables import CORRELATED, error_rows, share, short, side_name, term_name
 from seaid.robot import THIN, is_physical
 
 if TYPE_CHECKING:
     from seaid.estimation import Estimate
     from seaid.identification import Identification
-    from seaid.report.html_tables import (
-        ErrorRow,
-    )
+    from seaid.report.html_tables import ErrorRow
     from seaid.report.html_traces import Run
 
 _LARGE_EXCLUDED_SHARE = 0.5

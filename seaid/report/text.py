@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from seaid._display import counted, field_texts
-from seaid.drives import Column, SeriesElasticDrive, StiffDrive
+from seaid.drives import Column
 from seaid.log import has_holes
 
 if TYPE_CHECKING:
@@ -91,12 +91,11 @@ def fields_table(data: Any) -> Text:
 
 def robot_table(robot: Robot) -> Text:
     """Return joints, drives and bodies of a robot."""
-    kinds = {SeriesElasticDrive: "series elastic", StiffDrive: "stiff"}
     rows = [
         [
             joint,
             "prismatic" if is_prismatic else "revolute",
-            f"{kinds[type(drive)]}, ratio {number(drive.ratio)}",
+            f"{'series elastic' if drive.is_elastic else 'stiff'}, ratio {number(drive.ratio)}",
             body,
             number(mass),
         ]
@@ -367,10 +366,7 @@ def _wrapped(start: str, items: Sequence[str], between: str = "; ") -> list[str]
 
 
 def conditions_table(together: Conditions) -> Text:
-    """Return the condition-specific parameters of all conditions, and whether they differ.
-
-    They differ if the Bayesian information criterion supports one value per condition.
-    """
+    """Return the parameters of all conditions, and whether they differ by the BIC."""
     rows = []
     for name, test in together.differences.items():
         values = [_text(found, name) for found in together.identifications.values()]

@@ -94,10 +94,7 @@ def _check_size(what: str, found: float, most: float, unit: str, least: float = 
 
 
 def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the joints that move, in their order: the given ones, or all of the tree.
-
-    Raises RobotError for an unknown or repeated name, and for a joint of an unsupported type.
-    """
+    """Return the joints that move, in order: the given ones, or all of the tree."""
     if joints is None:
         names = [joint for joint in _depth_first(tree) if tree.joints[joint].type != "fixed"]
     else:
@@ -151,10 +148,7 @@ class Assembly:
 def assemble(
     tree: UrdfTree, moving: tuple[str, ...], payloads: Sequence[Payload], gravity: Array
 ) -> Assembly:
-    """Assemble the model from the root outward, with one Pinocchio joint per moving joint.
-
-    Raises RobotError for a payload on a link that does not move, and for inertia without mass.
-    """
+    """Assemble the model from the root outward, with one Pinocchio joint per moving joint."""
     model = pin.Model()
     model.name = tree.name
     model.gravity.linear = np.array(gravity)

@@ -13,14 +13,7 @@ import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, finite, frozen
 from seaid._display import Display, counted
-from seaid.drives import (
-    IDEAL_DRIVE,
-    Drive,
-    SeriesElasticDrive,
-    StiffDrive,
-    drives_from_mapping,
-    read_drives,
-)
+from seaid.drives import IDEAL_DRIVE, Drive, drives_from_mapping, read_drives
 from seaid.errors import RobotError, SeaidWarning, checked, unknown_name
 from seaid.robot.inertia import parameter_names, to_pinocchio
 from seaid.robot.pinocchio_model import TURNING, Assembly, Payload, assemble, moving_joints
@@ -101,8 +94,7 @@ class Robot(Display):
     @property
     def elastic_joints(self) -> tuple[str, ...]:
         """The joints with a series elastic drive."""
-        drives = self.drives
-        return tuple(one for one in self.joint_names if isinstance(drives[one], SeriesElasticDrive))
+        return tuple(joint for joint in self.joint_names if self.drives[joint].is_elastic)
 
     @property
     def transmission(self) -> Array:
@@ -282,10 +274,7 @@ def _drives(
 
 
 def check_kind(joint: str, kind: str, drive: Drive) -> None:
-    """Raise RobotError for a drive that does not fit the joint's URDF type, or bad extra terms.
-
-    A drive for revolute joints does not fit a prismatic one, and the reverse.
-    """
+    """Raise RobotError for a drive that does not fit the joint's type, or bad extra terms."""
     if drive is IDEAL_DRIVE:
         return
     if drive.extra_terms:
@@ -297,17 +286,17 @@ def check_kind(joint: str, kind: str, drive: Drive) -> None:
             raise RobotError(f"joint '{joint}': {problem}") from None
     turning, for_turning = kind in TURNING, drive.joint_units[1] == "rad"
     if turning != for_turning and not (for_turning and drive.gear_ratio is None):
-        raise RobotError(f"joint '{joint}' {_MISFITS[type(drive), turning].format(kind)}")
+        raise RobotError(f"joint '{joint}' {_MISFITS[drive.is_elastic, turning].format(kind)}")
 
 
 _MISFITS = {
-    (StiffDrive, True): "is {}: its stiff drive has gear_ratio, found gear_ratio_rad_per_m",
-    (StiffDrive, False): "is {}: its stiff drive has gear_ratio_rad_per_m, found gear_ratio",
-    (SeriesElasticDrive, True): (
+    (False, True): "is {}: its stiff drive has gear_ratio, found gear_ratio_rad_per_m",
+    (False, False): "is {}: its stiff drive has gear_ratio_rad_per_m, found gear_ratio",
+    (True, True): (
         "turns: its linear spring needs load_pulley_radius_m (or no radii for a rotary spring)"
     ),
-    (SeriesElasticDrive, False): (
+    (True, False): (
         "is prismatic: its elastic drive has motor_pulley_radius_m and no load_pulley_radius_m"
     ),
 }
-"""What is wrong with a drive for the other kind of joint, by the drive and if the joint turns."""
+"""{(drive is elastic, joint turns): what is wrong with a drive for the other kind of joint}."""

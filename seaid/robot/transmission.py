@@ -37,10 +37,7 @@ def transmission_matrix(joints: Sequence[str], drives: Mapping[str, Drive]) -> A
 def check_transmission(
     joints: Sequence[str], drives: Mapping[str, Drive], others: Collection[str]
 ) -> None:
-    """Raise RobotError for factors on joints that do not move and for a singular matrix.
-
-    `others` are the names of the robot's locked and fixed joints.
-    """
+    """Raise RobotError for factors on `others` (joints that do not move), or a singular matrix."""
     for joint in joints:
         for name in drives[joint].transmission:
             where = f"joint '{joint}': the transmission of its drive"

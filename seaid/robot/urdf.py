@@ -255,10 +255,7 @@ def _check_counts(path: Path, counts: dict[str, int], elements: int) -> None:
 
 
 def search_folders(urdf: Path, package_dirs: str | Path | Sequence[str | Path]) -> list[Path]:
-    """Return the folders in which meshes are searched: the given ones, and all above the file.
-
-    Raises RobotError for a folder that does not exist.
-    """
+    """Return the folders to search for meshes: the given ones, and all above the file."""
     several = [package_dirs] if isinstance(package_dirs, str | Path) else package_dirs
     given = [real_path(folder) for folder in several]
     for folder in given:
@@ -334,10 +331,7 @@ class UrdfTree:
 
 
 def reread_urdf(path: str | Path, text: bytes | None = None) -> UrdfTree:
-    """Read the URDF of a loaded robot without repeating the warning about rounded angles.
-
-    `text` is the file's content if it has been read already.
-    """
+    """Read a loaded robot's URDF, or its `text`, without a second warning about angles."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SeaidWarning)
         return _urdf_of(Path(path), urdf_text(Path(path)) if text is None else text, SNAP_RAD)

@@ -9,7 +9,7 @@ import pinocchio as pin
 from scipy.ndimage import gaussian_filter1d
 
 from seaid._arrays import Array
-from seaid.drives import SeriesElasticDrive, key_of, spring_curve, stretch_of, unit_of
+from seaid.drives import key_of, spring_curve, stretch_of, unit_of
 from seaid.errors import RobotError
 from seaid.robot import Robot
 from seaid.simulation.plant import Plant, inverse_inertia
@@ -47,10 +47,7 @@ def motor_inputs(robot: Robot, torque: Array) -> MotorInputs:
 
 
 def input_gain(robot: Robot, joint: str) -> float:
-    """Return the motor torque [N m] per unit of the drive's motor input.
-
-    Raises RobotError if the motor's constant has no value or is zero.
-    """
+    """Return the motor torque [N m] per unit of the drive's motor input, or raise RobotError."""
     drive = robot.drives[joint]
     if drive.motor_input == "torque":
         return 1.0
@@ -94,10 +91,7 @@ class JointController:
 
 
 def joint_controller(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float) -> JointController:
-    """Design the controller for a planned joint motion (T, n), sampled at the controller's rate.
-
-    The joint positions are a flat output: (8) gives the motor angle, (7) the motor torque.
-    """
+    """Design the controller for a sampled motion (T, n): (8) gives theta_M, (7) tau_M."""
     planned, load = q, _drive_torques(plant, q, v, a, rate_hz)
     if plant.coupling is not None:
         q, v = q @ plant.coupling.T, v @ plant.coupling.T
@@ -157,12 +151,8 @@ def _drive_torques(plant: Plant, q: Array, v: Array, a: Array, rate_hz: float) -
 def _nonlinear_stretch(
     plant: Plant, index: int, force: Array, rate_hz: float
 ) -> tuple[Array, float]:
-    """Return the deflection (T,) of a spring under a force (T,), and its median stiffness.
-
-    The jump across a dead zone is smoothed over `_PASSAGE_S`.
-    """
+    """Return the deflection (T,), smooth across a dead zone, and the median stiffness."""
     drive = plant.drives[index]
-    assert isinstance(drive, SeriesElasticDrive)
     curve = spring_curve(drive)
     stretch = stretch_of(curve, force)
     if "dead_zone" in drive.spring:

@@ -178,10 +178,7 @@ def _joint_accelerations(
 def gear_torques(
     plant: Plant, data: pin.Data, state: Array, acceleration: Array, slip: Array
 ) -> Array:
-    """Return the torque (n,) of stiff gears on their loads at joint accelerations, else NaN.
-
-    The friction of a sticking dry joint is not included.
-    """
+    """Return the torque (n,) of stiff gears on their loads, without sticking joint friction."""
     armature, plant.model.armature = plant.model.armature.copy(), np.zeros(plant.model.nv)
     torque = pin.rnea(plant.model, data, state[JOINT_POSITION], state[JOINT_SPEED], acceleration)
     plant.model.armature = armature

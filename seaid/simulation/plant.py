@@ -13,14 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, IndexArray, safely
-from seaid.drives import (
-    Drive,
-    DriveFunctions,
-    SeriesElasticDrive,
-    drive_functions,
-    extra_torque,
-    is_plain,
-)
+from seaid.drives import Drive, DriveFunctions, drive_functions, extra_torque, is_plain
 from seaid.errors import RobotError
 from seaid.robot import Robot, coupled_groups
 
@@ -170,16 +163,13 @@ class Plant:
 
 
 def plant_of(robot: Robot) -> Plant:
-    """Return the plant of a robot with its payloads and nominal values.
-
-    Raises RobotError naming the joint and the parameter if a nominal value is missing.
-    """
+    """Return the plant of a robot with payloads; raise RobotError for a missing nominal value."""
     if not np.all(np.isfinite(robot.parameters)):
         raise RobotError(f"'{robot.name}' has no inertial parameters: it cannot be simulated")
     order = list(robot.model_order)
     names = [robot.joint_names[index] for index in order]
     drives = [robot.drives[name] for name in names]
-    elastic = np.array([isinstance(drive, SeriesElasticDrive) for drive in drives])
+    elastic = np.array([drive.is_elastic for drive in drives])
     numbers = np.array(list(map(_numbers, names, drives))).T.copy()
     ratio, inertia, viscous, coulomb, motor_radius, load_radius, stiffness = numbers
     functions = _drive_functions(names, drives)
@@ -211,21 +201,21 @@ def plant_of(robot: Robot) -> Plant:
 def _numbers(joint: str, drive: Drive) -> tuple[float, ...]:
     """Return ratio, motor inertia, viscous and Coulomb friction, radii and stiffness."""
     terms = drive.friction if is_plain(drive) else ()
-    has_stiffness = is_plain(drive) and isinstance(drive, SeriesElasticDrive)
+    has_stiffness = is_plain(drive) and drive.is_elastic
     return (
         drive.ratio,
         _motor_inertia(joint, drive),
         _nominal(joint, drive, "viscous_friction_Nms_per_rad") if "viscous" in terms else 0.0,
         _nominal(joint, drive, "coulomb_friction_Nm") if "coulomb" in terms else 0.0,
-        getattr(drive, "motor_radius", 1.0),
-        getattr(drive, "load_radius", 1.0),
+        drive.motor_radius,
+        drive.load_radius,
         _nominal(joint, drive, "stiffness") if has_stiffness else 0.0,
     )
 
 
 def _motor_inertia(joint: str, drive: Drive) -> float:
     inertia = _nominal(joint, drive, "motor_inertia_kg_m2")
-    if inertia == 0 and isinstance(drive, SeriesElasticDrive):
+    if inertia == 0 and drive.is_elastic:
         raise RobotError(f"joint '{joint}': an elastic drive needs a motor inertia to be simulated")
     return inertia
 
@@ -265,12 +255,12 @@ def _longest_step(
         values = drive.values
         damping = values.get("spring_damping", 0.0)
         at_joint = values.get("joint_viscous_friction", 0.0)
-        rate = (at_joint + damping * getattr(drive, "load_radius", 1.0) ** 2) / effective[index]
+        rate = (at_joint + damping * drive.load_radius**2) / effective[index]
         at_motor = values.get("viscous_friction", 0.0)
         if "coulomb_width" in values:
             level = values.get("coulomb_friction", 0.0) + abs(values.get("stribeck_friction", 0))
             at_motor += level / max(values["coulomb_width"], 1e-300)  # slope of F tanh(w / w_C)
-        if isinstance(drive, SeriesElasticDrive):
+        if drive.is_elastic:
             inertia = float(drive.motor_inertia_kg_m2 or 0.0)
             rate += (at_motor + damping * (drive.motor_radius / drive.ratio) ** 2) / inertia
         else:

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import SeriesElasticDrive
 from seaid.errors import LogError, SeaidError, checked
 from seaid.log import Log, check_whole, spline_derivatives
 from seaid.robot import Robot, at_drives
@@ -90,7 +89,7 @@ def replay(robot: Robot, log: Log, command: Command | None = None) -> Log:
     )
 
 
-def _column(robot: Robot, log: Log, field: str, joint: str) -> Array:
+def _column(log: Log, field: str, joint: str) -> Array:
     """Return the samples (T,) of one sensor of one joint."""
     values: Any = getattr(log, field)
     known = joint in log.joint_names and values is not None
@@ -100,10 +99,16 @@ def _column(robot: Robot, log: Log, field: str, joint: str) -> Array:
     return column
 
 
+def _first(log: Log, field: str, joint: str) -> tuple[float, float]:
+    """Return the first position of a joint or motor, and its speed."""
+    position = _column(log, field, joint)[:, None]
+    return position[0, 0], spline_derivatives(log.time, position)[1][0, 0]
+
+
 def _logged(robot: Robot, log: Log) -> Command:
     """Return the logged motor inputs as a function of time, interpolated linearly."""
     kinds = {joint: robot.drives[joint].motor_input for joint in robot.joint_names}
-    inputs = [_column(robot, log, f"motor_{kind}", joint) for joint, kind in kinds.items()]
+    inputs = [_column(log, f"motor_{kind}", joint) for joint, kind in kinds.items()]
 
     def given(at: float, _: Array) -> Array:
         return np.array([np.interp(at, log.time, one) for one in inputs])
@@ -115,16 +120,12 @@ def _start(robot: Robot, log: Log) -> Array:
     """Return the first state (4, n) of a log; motors of stiff drives follow their joints."""
     state = np.zeros((4, robot.n))
     for index, joint in enumerate(robot.joint_names):
-        position = _column(robot, log, "joint_position", joint)[:, None]
-        state[JOINT_POSITION, index] = position[0, 0]
-        state[JOINT_SPEED, index] = spline_derivatives(log.time, position)[1][0, 0]
+        state[[JOINT_POSITION, JOINT_SPEED], index] = _first(log, "joint_position", joint)
     position, speed = at_drives(robot.transmission, state[[JOINT_POSITION, JOINT_SPEED]])
     for index, joint in enumerate(robot.joint_names):
         drive = robot.drives[joint]
-        if isinstance(drive, SeriesElasticDrive):
-            turned = _column(robot, log, "motor_position", joint)[:, None]
-            state[POSITION, index] = turned[0, 0]
-            state[SPEED, index] = spline_derivatives(log.time, turned)[1][0, 0]
+        if drive.is_elastic:
+            state[[POSITION, SPEED], index] = _first(log, "motor_position", joint)
         else:
             state[POSITION, index] = drive.ratio * position[index]
             state[SPEED, index] = drive.ratio * speed[index]

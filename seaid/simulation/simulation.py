@@ -168,12 +168,7 @@ def _check_joints(robot: Robot, trajectory: Trajectory) -> None:
 
 
 def _run(
-    robot: Robot,
-    plant: Plant,
-    planned: list[Array],
-    noise: Noise,
-    rate_hz: float,
-    progress: bool,
+    robot: Robot, plant: Plant, planned: list[Array], noise: Noise, rate_hz: float, progress: bool
 ) -> tuple[Array, Array]:
     """Return states (T, 4, n) and motor torques (T, n) at the ticks, in the model's order."""
     q, v, a = planned

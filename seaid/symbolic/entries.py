@@ -175,8 +175,7 @@ def _shortlist(ring: Ring, terms: list[_Term]) -> list[_Term]:
     for term in terms:
         different.setdefault(_text(term[2]), term)
     order = sorted(
-        different.values(),
-        key=lambda term: _cost(ratio(ring, term[2].numerator, common))[0],
+        different.values(), key=lambda term: _cost(ratio(ring, term[2].numerator, common))[0]
     )
     return order[:_MOST_SCALES]
 

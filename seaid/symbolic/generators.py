@@ -111,10 +111,7 @@ def time_symbols(parts: set[sp.Basic], motion: tuple[sp.Expr, ...]) -> frozenset
 def bottom_up(
     expression: sp.Expr, known: Container[sp.Expr], operands: Callable[[sp.Expr], Iterable[sp.Expr]]
 ) -> Iterator[sp.Expr]:
-    """Yield the subexpressions that are not in `known`, operands before their results.
-
-    The caller adds each to `known`. There is no recursion, so that deep expressions are safe.
-    """
+    """Yield subexpressions not in `known`, operands first; the caller adds each to `known`."""
     waiting = [expression]
     while waiting:
         missing = [part for part in operands(waiting[-1]) if part not in known]

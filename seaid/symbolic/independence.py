@@ -110,10 +110,7 @@ def _relation(ring: Ring, part: Exponents, found: Combination) -> tuple[sp.Expr,
 def _dependences(
     ring: Ring, group: tuple[int, ...], functions: Collection[Exponents]
 ) -> dict[Exponents, Combination]:
-    """Return {function: combination of functions before it}, from values at random points.
-
-    Only the parts of `functions` that are made of the generators in `group` are compared.
-    """
+    """Return {function: combination of those before it} within a `group`, at random points."""
     parts = sorted({_part(f, group) for f in functions}, key=lambda e: (sum(e), e[::-1]))
     with mp.workdps(_DIGITS):
         few = len(parts) <= _MOST_FUNCTIONS

@@ -88,10 +88,7 @@ def from_polynomial(ring: Ring, polynomial: fmpq_mpoly) -> Ratio:
 
 
 def ratio(ring: Ring, numerator: fmpq_mpoly, denominator: fmpq_mpoly) -> Ratio:
-    """Return numerator / denominator in lowest terms, square roots taken out of the denominator.
-
-    Raises SymbolicError for a denominator that is zero.
-    """
+    """Return numerator / denominator in lowest terms, without square roots in the denominator."""
     if not denominator.is_constant():
         numerator, denominator = _rationalised(ring, numerator, denominator)
     if denominator.is_zero():

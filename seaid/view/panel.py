@@ -50,7 +50,8 @@ def table(robot: Robot, position: Array, deflection: Array, colors: Sequence[Col
         if springs:
             cells.append(_number(1e3 * deflection[index], ".2f", "mm" if slides else "mrad"))
         name = f"<td>{_chip(colors[index])} {escape(joint)}</td>"
-        rows.append(f"<tr>{name}{''.join(map(_cell, cells))}</tr>")
+        numbers = "".join(f'<td style="text-align:right">{text}</td>' for text in cells)
+        rows.append(f"<tr>{name}{numbers}</tr>")
     heads = ["position", "deflection"] if springs else ["position"]
     head = "".join(f'<th style="text-align:right">{word}</th>' for word in heads)
     return (
@@ -86,10 +87,6 @@ def _chip(color: Color) -> str:
         f'<span style="display:inline-block;width:0.8em;height:0.8em;border-radius:2px;'
         f'border:1px solid #888;vertical-align:-0.05em;background:{hexadecimal(color)}"></span>'
     )
-
-
-def _cell(text: str) -> str:
-    return f'<td style="text-align:right">{text}</td>'
 
 
 def _number(value: float, form: str, unit: str) -> str:

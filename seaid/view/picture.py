@@ -313,10 +313,7 @@ def _axes(robot: Robot) -> Array:
 
 
 def _segments(
-    tree: UrdfTree,
-    robot: Robot,
-    places: dict[str, tuple[int, pin.SE3]],
-    payloads: Sequence[Mark],
+    tree: UrdfTree, robot: Robot, places: dict[str, tuple[int, pin.SE3]], payloads: Sequence[Mark]
 ) -> tuple[Array, tuple[int, ...]]:
     """Return the line segments and their bodies.
 
@@ -369,10 +366,7 @@ _STOPS = np.array(
 
 
 def deflection_colors(deflection: Array, limit: Array) -> list[Color]:
-    """Return the colour of each deflection (n,) on scales from -limit to limit (n,).
-
-    Deflections are clipped to the limit; NaN, and a limit of zero, have the neutral colour.
-    """
+    """Return colours of deflections (n,) on scales from -limit to limit, neutral for NaN."""
     known = np.isfinite(deflection) & (limit > 0)
     part = np.where(known, deflection, 0.0) / np.where(known, limit, 1.0)
     at = np.linspace(-1.0, 1.0, len(_STOPS))

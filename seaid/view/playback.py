@@ -74,10 +74,7 @@ def playback_of(robot: Robot, motion: Shown, name: str) -> Playback:
 
 
 def scales(playbacks: Sequence[Playback], is_prismatic: Sequence[bool]) -> Array:
-    """Return the ends of the colour scales (n,), zero if no deflection is known.
-
-    They are the largest deflections over all motions and revolute [rad] or prismatic joints [m].
-    """
+    """Return the ends (n,) of the colour scales, the largest deflections per kind of joint."""
     sliding = np.array(is_prismatic)
     found = np.zeros(len(sliding))
     for kind in (sliding, ~sliding):
@@ -103,18 +100,13 @@ def _planned(robot: Robot, trajectory: Trajectory, name: str) -> Playback:
 
 
 def _nominal_deflection(robot: Robot, states: tuple[Array, Array, Array]) -> Array:
-    from seaid.excitation import (
-        check_nominal_bodies,
-        load_torques,
-        parallel_elements,
-        transmission,
-    )
+    from seaid.excitation import check_nominal_bodies, load_torques, parallel_elements, transmission
 
     drives = transmission(robot)
     check_nominal_bodies(robot)
     parallel = parallel_elements(robot, np.max(np.abs(states[1]), axis=0), robot.elastic_joints)
     torque = torques_at_drives(robot.transmission, load_torques(robot, parallel, states))
-    radius = [getattr(robot.drives[joint], "load_radius", 1.0) for joint in robot.joint_names]
+    radius = [robot.drives[joint].load_radius for joint in robot.joint_names]
     deflection: Array = drives.spring_deflection(torque)[0] / np.array(radius)
     return deflection
 
@@ -140,10 +132,7 @@ def _logged(robot: Robot, motion: Log | Motion, name: str) -> Playback:
 def _ratios(robot: Robot) -> Array:
     """Return N r_L / r_M of all drives (n,), the motor angle per output angle."""
     drives = [robot.drives[joint] for joint in robot.joint_names]
-    levers = [
-        getattr(drive, "load_radius", 1.0) / getattr(drive, "motor_radius", 1.0) for drive in drives
-    ]
-    return np.multiply([drive.ratio for drive in drives], levers)
+    return np.array([drive.ratio * (drive.load_radius / drive.motor_radius) for drive in drives])
 
 
 def _columns(robot: Robot, names: Sequence[str], what: str, error: type[SeaidError]) -> list[int]:

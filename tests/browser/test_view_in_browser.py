@@ -48,9 +48,7 @@ def view(leg: Robot) -> Iterator[View]:
     joint = np.array([0.3, 0.2, 0.4, 0.5, 0.5]) * np.sin(np.pi * t) + [0.0, 0.0, -0.2, 0.6, 0.0]
     deflection = np.array([0.0, 0.0, 0.05, -0.04, 0.02]) * np.cos(np.pi * t)
     drives = [leg.drives[name] for name in leg.joint_names]
-    levers = [
-        getattr(one, "load_radius", 1.0) / getattr(one, "motor_radius", 1.0) for one in drives
-    ]
+    levers = [one.load_radius / one.motor_radius for one in drives]
     motor = (joint + deflection) * np.multiply([one.ratio for one in drives], levers)
     log = Log(t[:, 0], leg.joint_names, motor, joint, np.full(joint.shape, np.nan))
     powers = np.zeros((4, leg.n))

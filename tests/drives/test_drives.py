@@ -1,5 +1,6 @@
 """Drives as data: what the TOML says, and what is wrong in it."""
 
+from dataclasses import FrozenInstanceError
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from seaid.drives.drives import (
     SeriesElasticDrive,
     StiffDrive,
 )
+from seaid.drives.equations import spring_force
 from seaid.drives.toml import drives_from_mapping, read_drives
 from seaid.errors import RobotError
 
@@ -69,6 +71,20 @@ def test_drum_of_a_prismatic_joint_counts_one_on_the_load_side(tmp_path: Path) -
     drive = read(tmp_path, f"{ELASTIC}motor_pulley_radius_m = 0.02\nstiffness_N_per_m = 5e4\n")
     assert isinstance(drive, SeriesElasticDrive)
     assert (drive.motor_radius, drive.load_radius, drive.is_linear_spring) == (0.02, 1.0, True)
+
+
+def test_stiff_drive_has_the_face_of_an_elastic_one_but_takes_no_spring() -> None:
+    drive = StiffDrive(gear_ratio=100.0)
+    assert (drive.is_elastic, drive.is_nonlinear_spring) == (False, False)
+    assert (drive.spring, drive.joint_friction) == ((), ())
+    assert (drive.motor_radius, drive.load_radius, spring_force(drive)) == (1.0, 1.0, 0)
+    for name in ("spring", "joint_friction", "motor_radius", "load_radius", "is_elastic"):
+        assert hasattr(SeriesElasticDrive(gear_ratio=100.0), name)
+        assert f"{name}=" not in repr(drive)
+        with pytest.raises(FrozenInstanceError):
+            setattr(drive, name, None)
+        with pytest.raises(TypeError, match=name):
+            StiffDrive(**{name: ()})  # type: ignore[arg-type]
 
 
 def test_stiff_prismatic_drive_has_its_ratio_in_radians_a_metre(tmp_path: Path) -> None:

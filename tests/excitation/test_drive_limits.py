@@ -64,7 +64,7 @@ def test_loads_are_those_of_the_simulated_leg(elastic_leg: Robot) -> None:
         size = np.linalg.norm(simulated[inside, elastic], axis=0)
         assert np.all(np.linalg.norm(off, axis=0) < 0.01 * size)
     springs = [drives[joint] for joint in elastic_leg.elastic_joints]
-    radii = np.array([drive.load_radius for drive in springs])  # type: ignore[union-attr]
+    radii = np.array([drive.load_radius for drive in springs])
     sagging = motion.motor_position[:, elastic] / ratio - motion.joint_position[:, elastic]
     foreseen = loads[3, inside, elastic]
     off = foreseen - (radii * sagging)[inside]

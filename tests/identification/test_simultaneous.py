@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -18,7 +18,6 @@ from seaid.estimation.least_squares import ordinary, weighted
 from seaid.excitation.trajectory import Trajectory
 from seaid.identification.identification import identify
 from seaid.identification.simultaneous import (
-    encoder_offset_sensitivity,
     settled,
     simultaneous_regression,
     split_estimate,
@@ -27,7 +26,7 @@ from seaid.identification.simultaneous import (
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.log.reading import Log
 from seaid.regressor.base import base_parameters
-from seaid.regressor.load import LoadModel, load_model, offset_sensitivity
+from seaid.regressor.load import LoadModel, load_model, load_regression, offset_sensitivity
 from seaid.regressor.regression import Regression, stacked
 from seaid.regressor.rigid_body import joint_torques
 from seaid.robot.robot import Payload, Robot, load_robot
@@ -384,8 +383,10 @@ def test_shifted_zero_does_what_it_does_on_the_load_side() -> None:
     theta = truth_of(
         arm(), model, simultaneous_regression(arm(), motion, model, tuple(springs)).names
     )
-    both = encoder_offset_sensitivity(arm(), motion, model, tuple(springs), theta)
-    load = offset_sensitivity(arm(), motion, model, springs, theta[-len(model.names) :])
+    at_once = partial(simultaneous_regression, arm(), model=model, springs=tuple(springs))
+    both = offset_sensitivity(arm(), motion, at_once, theta)
+    of_load = partial(load_regression, arm(), model=model, springs=springs)
+    load = offset_sensitivity(arm(), motion, of_load, theta[-len(model.names) :])
     count = len(load.y)
     assert both.propagated[:count] == pytest.approx(load.propagated, abs=1e-5)
     assert np.max(np.abs(load.propagated)) > 1.0

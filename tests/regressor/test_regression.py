@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -109,7 +110,8 @@ def test_zero_sensitivity_is_what_a_shifted_encoder_does(motion: Motion, model: 
             [true_value(LEG, joint, name) for joint, name, _ in model.drives],
         ]
     )
-    found = offset_sensitivity(LEG, motion, model, springs, theta)
+    regress = partial(load_regression, LEG, model=model, springs=springs)
+    found = offset_sensitivity(LEG, motion, regress, theta)
     assert found.propagated.shape == (len(found.y), LEG.n)
     rows = np.searchsorted(motion.time, found.time), found.joint.astype(int)
     q, v, a = motion.joint_states

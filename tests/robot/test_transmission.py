@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -268,7 +268,7 @@ def true_motion(case: Case, seed: int = 0, duration: float = 8.0) -> Motion:
                 "coulomb_friction_Nm",
             )
         )
-        lever = getattr(drive, "motor_radius", 1.0) / getattr(drive, "load_radius", 1.0)
+        lever = drive.motor_radius / drive.load_radius
         torque[:, i] = inertia * acceleration[:, i] + viscous * speed[:, i]
         torque[:, i] += coulomb * np.sign(speed[:, i]) + lever * tau_phi[:, i] / drive.ratio
     return Motion(
@@ -661,7 +661,9 @@ def truth_of(case: Case) -> tuple[LoadModel, dict[str, Array], Array]:
 def test_a_shifted_zero_does_to_the_torques_what_their_slope_says(name: str) -> None:
     case, motion = CASES[name](), true_motion(CASES[name]())
     model, springs, theta = truth_of(case)
-    rows = offset_sensitivity(case.robot.without_nominal(), motion, model, springs, theta)
+    known = case.robot.without_nominal()
+    regress = partial(load_regression, known, model=model, springs=springs)
+    rows = offset_sensitivity(known, motion, regress, theta)
     data = case.robot.model.createData()
     for at in (100, 2000, 3000):
         q, v, a = (state[at] for state in motion.joint_states)
@@ -749,8 +751,8 @@ def test_the_complete_model_is_zero_along_a_motion() -> None:
         for joint, drive in case.robot.drives.items():
             numbers |= {
                 f"N_{joint}": drive.ratio,
-                f"r_M_{joint}": getattr(drive, "motor_radius", 1.0),
-                f"r_L_{joint}": getattr(drive, "load_radius", 1.0),
+                f"r_M_{joint}": drive.motor_radius,
+                f"r_L_{joint}": drive.load_radius,
                 f"I_M_{joint}": drive.motor_inertia_kg_m2,
                 f"F_v_{joint}": drive.viscous_friction_Nms_per_rad,
                 f"F_C_{joint}": drive.coulomb_friction_Nm,

@@ -44,7 +44,7 @@ def log_of(robot: Robot) -> Log:
     joint = 0.3 + 0.2 * np.sin((1.0 + np.arange(robot.n)) * t)
     deflection = 0.01 * np.arange(-1, robot.n - 1) * np.cos(np.pi * t)
     drives = [robot.drives[name] for name in robot.joint_names]
-    radii = [getattr(one, "load_radius", 1.0) / getattr(one, "motor_radius", 1.0) for one in drives]
+    radii = [one.load_radius / one.motor_radius for one in drives]
     motor = (joint + deflection) * [one.ratio for one in drives] * np.array(radii)
     return Log(t[:, 0], robot.joint_names, motor, joint, np.full(joint.shape, np.nan))
 

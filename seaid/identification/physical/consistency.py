@@ -229,7 +229,7 @@ def feasible_parameters(
         units=known.units,
         values=found.values,
         estimate=known.values,
-        distance=(found.values - known.values) / _errors(program),
+        distance=(found.values - known.values) / np.linalg.norm(program.root, axis=1),
         chi_square=found.chi_square,
         nearest_chi_square=bound.chi_square,
         weight=found.weight,
@@ -308,10 +308,6 @@ def _robot(robot: Robot, model: LoadModel, known: Estimate, found: FeasiblePoint
 def _rounded(name: str, value: float) -> float:
     """Return the value of a drive's parameter, or zero if rounding made it negative."""
     return max(value, 0.0) if name in NON_NEGATIVE else value
-
-
-def _errors(program: Program) -> Array:
-    return np.asarray(np.linalg.norm(program.root, axis=1))
 
 
 def _active_bounds(robot: Robot, bound: FeasiblePoint, words: list[str]) -> tuple[str, ...]:

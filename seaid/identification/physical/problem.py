@@ -277,10 +277,7 @@ def body_program(
 
 
 def _columns(model: LoadModel, known: Estimate, m: int) -> tuple[Array, tuple[int, ...], list[int]]:
-    """Return the columns of all unknowns in the estimate, its pivots, and the rows of drives alone.
-
-    `m` unknowns are standard parameters.
-    """
+    """Return the columns of all unknowns in the estimate, its pivots, and the rows of drives."""
     start = m + len(model.absorbed)
     base = [known.names.index(name) for name in model.expressions]
     rows = [known.names.index(name) for name in model.names]

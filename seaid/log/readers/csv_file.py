@@ -142,10 +142,7 @@ def _header(path: Path, header: str) -> _Header:
 
 
 def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -> Block:
-    """Return the wanted columns of lines of samples from line `first` on; {} if all are blank.
-
-    Lines of numbers are parsed by NumPy, others cell by cell.
-    """
+    """Return the wanted columns of lines from line `first` on; {} if all are blank."""
     if not any(line.strip() for line in lines):
         return {}
     places, delimiter = header.places_of(wanted), header.delimiter

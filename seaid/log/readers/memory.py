@@ -62,10 +62,7 @@ MOST_BYTES, MOST_GROWTH = 1e9, 20.0
 
 
 def check_memory(path: Path, size: float, pieces: bool = False) -> None:
-    """Raise LogError if `size` bytes of samples read at once are too many.
-
-    The advice in the message differs for a file that is read in `pieces`.
-    """
+    """Raise LogError, with advice, if `size` bytes of samples read at once are too many."""
     own, free = size_of(path), max(free_memory(), 0.0)
     allowed = max(MOST_BYTES, MOST_GROWTH * own)
     if size <= min(MEMORY_SHARE * free, allowed):

@@ -18,10 +18,7 @@ _KIND = "a Parquet file"
 
 
 def open_parquet(path: Path) -> Table:
-    """Return the columns of a Parquet file; nulls are NaN, timestamps are seconds since the first.
-
-    Raises LogError for an invalid file, and if pyarrow is not installed.
-    """
+    """Return a Parquet file's columns; nulls are NaN, timestamps count [s] from the first."""
     parquet = optional("pyarrow.parquet", "parquet", path)
     with damaged(path, _KIND), parquet.ParquetFile(path) as file:
         check_columns(path, len(file.schema_arrow))

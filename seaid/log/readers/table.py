@@ -121,10 +121,7 @@ def check_lengths(path: Path, lengths: Mapping[str, int]) -> None:
 
 
 def with_parts(name: str, shape: Sequence[int] | None) -> list[str]:
-    """Return the name of an array, and for one of two dimensions "name[0]", "name[1]", ...
-
-    An array with more columns than a log may have has no parts.
-    """
+    """Return an array's name; of two dimensions "name[0]", "name[1]", ..., up to a limit."""
     many = shape is not None and len(shape) == 2 and shape[1] <= MOST_COLUMNS
     return [name, *(f"{name}[{index}]" for index in range(shape[1] if shape and many else 0))]
 

@@ -85,10 +85,7 @@ def unwrapped(name: str, time: Array, values: Array, period: float) -> tuple[Arr
 
 
 def _predicted(name: str, time: Array, nearest: Array, period: float) -> Array:
-    """Return steps shifted by whole periods to be nearest to the speed of the previous step.
-
-    Over a gap they are nearest to the mean of the speeds before and after.
-    """
+    """Return steps shifted by whole periods to be nearest to the speed around them."""
     durations, found = np.diff(time).tolist(), nearest.tolist()
     long = _GAP * float(np.median(durations))
     rate = found[0] / durations[0]

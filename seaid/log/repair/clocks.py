@@ -154,10 +154,7 @@ def _next_break(stamps: Array, place: int, longest_gap_s: float) -> int:
 
 
 def _late_run(stamps: Array, place: int, step: float) -> int:
-    """Return the number of late samples from `place` on, 0 if the clock was set back.
-
-    Late samples are few, and their stamps lie in a gap between earlier stamps.
-    """
+    """Return the number of late samples from `place` on, 0 if the clock was set back."""
     ahead = stamps[place : place + _LATE_RUN + 1] >= stamps[place - 1]
     run = int(np.argmax(ahead)) if np.any(ahead) else len(ahead)
     if run > _LATE_RUN:

@@ -43,7 +43,7 @@ def repaired(
     if len(clocks) == 1 and limits.rate_hz is None and not _changed(channels, usable):
         time, values_of = channels[0].time, {one.name: one.values for one in channels}
         return time, values_of, tuple(found)
-    time, sampled = _on_grid(usable, limits, found)
+    time, sampled = _on_grid(usable, limits)
     nothing = np.full(len(time), np.nan)
     return time, {one.name: sampled.get(one.name, nothing) for one in channels}, tuple(found)
 
@@ -79,7 +79,7 @@ def _changed(channels: Sequence[Channel], usable: dict[str, tuple[Array, Array]]
 
 
 def _on_grid(
-    usable: dict[str, tuple[Array, Array]], limits: Repairs, found: list[Repair]
+    usable: dict[str, tuple[Array, Array]], limits: Repairs
 ) -> tuple[Array, dict[str, Array]]:
     """Return the channels on a uniform grid over their common time, without their holes."""
     late = max(usable, key=lambda name: usable[name][0][0])

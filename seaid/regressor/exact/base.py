@@ -109,12 +109,7 @@ def _checked(robot: Robot, base: ExactBaseParameters) -> ExactBaseParameters:
 
 
 def _by_polynomials(
-    robot: Robot,
-    tree: ExactTree,
-    route: Route,
-    known: list[int],
-    max_terms: int,
-    progress: bool,
+    robot: Robot, tree: ExactTree, route: Route, known: list[int], max_terms: int, progress: bool
 ) -> ExactBaseParameters:
     """Reduce the functions of the energy, or those of the torques of the joints `known`."""
     table = lagrangian_table(tree, max_terms, progress=progress)

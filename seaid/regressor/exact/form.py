@@ -15,7 +15,6 @@ from seaid.drives import (
     IDEAL_DRIVE,
     Drive,
     N,
-    SeriesElasticDrive,
     i_M,
     joint_equation,
     motor_equation,
@@ -203,7 +202,7 @@ def complete_model(robot: Robot) -> CompleteModel:
             equations.append(load - torque)
             continue
         side = motor_equation(drive).expression
-        if isinstance(drive, SeriesElasticDrive):
+        if drive.is_elastic:
             spring = r_L * spring_force(drive)
             coordinates.append(motor)
             equations.append(_of_joint(side, joint, position, motor, torque))

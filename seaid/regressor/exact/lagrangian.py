@@ -57,10 +57,7 @@ class _State:
 def lagrangian_table(
     tree: ExactTree, max_terms: int, *, progress: bool = False
 ) -> dict[Monomial, SparseRow]:
-    """Return {function of the motion: {parameter: coefficient}} of L, without constants.
-
-    Raises SymbolicError before it has more than `max_terms` terms.
-    """
+    """Return {function of the motion: {parameter: coefficient}} of L, up to `max_terms`."""
     n = len(tree.joints)
     names = [f"{letter}{i}" for i in range(n) for letter in ("c", "s", "v")]
     ring = fmpq_mpoly_ctx.get(names, Ordering.lex)

@@ -50,10 +50,7 @@ class _Motion:
 
 
 def regressor_program(tree: ExactTree) -> tuple[Program, Entries]:
-    """Return the program and the nonzero elements, with the joints in the robot's order.
-
-    The inputs are the positions q0, q1 ..., velocities v0 ... and accelerations a0 ... .
-    """
+    """Return the program (inputs q0 .., v0 .., a0 ..) and the nonzero elements by joint."""
     program, entries = Program(), Entries()
     gravity = [constant(-x) for x in tree.gravity.entries()]
     base = _Motion(gravity, _NOTHING, _NOTHING, {})

@@ -108,7 +108,8 @@ def _placed(above: Spans, joint: ExactJoint) -> Spans:
     if len(velocity) < 6:
         velocity = [(X * _column(v)).entries() for v in velocity]
     if len(square) < 21:
-        square = [_packed(X * _symmetric(w) * X.transpose()) for w in square]
+        full = [X * _symmetric(w) * X.transpose() for w in square]
+        square = [[matrix[i, j] for i, j in PAIRS] for matrix in full]
     if len(gravity) < 3:
         gravity = [(turned * _column(z)).entries() for z in gravity]
     return Spans(velocity, square, gravity)
@@ -183,7 +184,3 @@ def _symmetric(entries: Sequence[fmpq]) -> fmpq_mat:
     for (i, j), value in zip(PAIRS, entries, strict=True):
         matrix[i, j] = matrix[j, i] = value
     return matrix
-
-
-def _packed(matrix: fmpq_mat) -> Vector:
-    return [matrix[i, j] for i, j in PAIRS]

@@ -307,10 +307,7 @@ def echelon(H: Residues) -> tuple[list[int], Residues]:
 
 
 def short_fraction(value: int) -> Fraction | None:
-    """Return the rational below 1e9 in both parts with this residue, None if there is none.
-
-    By rational reconstruction: Euclid's algorithm on PRIME and the residue (Wang 1981).
-    """
+    """Return the rational below 1e9 in both parts with this residue (Wang 1981), or None."""
     most = isqrt(PRIME // 2)
     before, here, factor_before, factor = PRIME, value % PRIME, 0, 1
     while here > most:

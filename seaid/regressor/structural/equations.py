@@ -27,7 +27,6 @@ from seaid.drives import (
     K_u,
     MotorInput,
     N,
-    SeriesElasticDrive,
     flat_names,
     joint_equation,
     known_values,
@@ -52,16 +51,13 @@ class KnownPositions:
 
 
 def known_positions(robot: Robot, sensors: Mapping[str, frozenset[str]]) -> KnownPositions:
-    """Return which positions the encoders determine, directly or through the transmission.
-
-    A position is determined if it is in the row space of the encoders' and stiff drives' equations.
-    """
+    """Return which positions are in the row space of the encoders' and stiff drives' equations."""
     n = robot.n
     drives = [robot.drives[joint] for joint in robot.joint_names]
     motors, joints = np.split(np.eye(2 * n, dtype=int) * fmpq(1), 2)
     driven = np.array(exact_transmission(robot).tolist()) @ joints
     ratio, in_, out = (
-        np.array([[exact_number(getattr(drive, name, 1.0))] for drive in drives])
+        np.array([[exact_number(getattr(drive, name))] for drive in drives])
         for name in ("ratio", "motor_radius", "load_radius")
     )
     stretches = in_ / ratio * motors - out * driven
@@ -141,7 +137,7 @@ def drive_terms(drive: Drive, sensors: frozenset[str]) -> DriveTerms:
     driver = sensed[0]
     seen, scale, source = _driven_by(drive, INPUTS[driver]), _SCALES[driver], MOTOR_SIGNALS[driver]
     share, behind, spring = 1 / N, tau_L / N, None
-    if isinstance(seen, SeriesElasticDrive):
+    if seen.is_elastic:
         force = spring_force(seen)
         share, behind, spring = r_M / (N * r_L), r_M / N * force, _by_stretch(_plain(force))
     motor = _plain(motor_equation(seen).expression - behind) + scale * plain(source)
@@ -231,10 +227,7 @@ def equations_of(
     sensors: Mapping[str, frozenset[str]],
     depends: Sequence[frozenset[int]],
 ) -> list[Equation]:
-    """Return all equations, with the reasons for which some cannot be used.
-
-    `depends` has, for each joint, the joints on whose motion its rigid-body torque depends.
-    """
+    """Return all equations; `depends` has the joints on whose motion each torque depends."""
     seen = known_positions(robot, sensors)
     found: list[Equation] = []
     for i, (joint, drive) in enumerate(zip(robot.joint_names, terms, strict=True)):

@@ -16,7 +16,7 @@ import numpy as np
 
 from seaid._arrays import FrozenMapping, seed_of
 from seaid._display import Result, counted
-from seaid.drives import Column, SeriesElasticDrive
+from seaid.drives import Column
 from seaid.errors import RobotError, checked, unknown_name
 from seaid.regressor.base import BaseParameters
 from seaid.robot import Robot
@@ -184,8 +184,7 @@ def _sensed(
 
 def _full_set(robot: Robot, joint: str) -> tuple[str, ...]:
     drive = robot.drives[joint]
-    elastic = isinstance(drive, SeriesElasticDrive)
-    positions = ("motor_position", "joint_position") if elastic else ("joint_position",)
+    positions = ("motor_position", "joint_position") if drive.is_elastic else ("joint_position",)
     return (*positions, f"motor_{drive.motor_input}")
 
 

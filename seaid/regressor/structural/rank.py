@@ -239,10 +239,7 @@ Decision = tuple[BaseParameters, tuple[tuple[int, ...], ...], int, bool]
 
 
 def decide(
-    system: System,
-    payloads: Sequence[Array],
-    exact: ResidueNumbers,
-    numeric: RealNumbers,
+    system: System, payloads: Sequence[Array], exact: ResidueNumbers, numeric: RealNumbers
 ) -> Decision:
     """Return the identifiable combinations, for logs with each of the known `payloads` (10n,)."""
     columns, rows = _free(system, exact)
