@@ -97,7 +97,7 @@ def head(
         singular[0] / singular[-1]
         for singular in (plan.start_singular_values, plan.singular_values)
     )
-    rows = robot.rows(arguments.torque_joints)
+    rows = robot.selected(arguments.torque_joints)
     lines = [
         f"{robot.name}: {len(plan.names)} parameters{previous_logs}",
         f"known torques: {', '.join(rows)}",
@@ -140,7 +140,7 @@ def parameter_table(
 
 def nominal_of(robot: seaid.Robot, rows: list[str] | None, plan: seaid.Excitation) -> Array:
     """Return the nominal values of the parameters (p,), NaN for those without one."""
-    model = load_model(robot, plan.base, robot.rows(rows))
+    model = load_model(robot, plan.base, robot.selected(rows))
     drives = {
         (joint, name): value
         for joint, drive in robot.drives.items()

@@ -105,7 +105,9 @@ def bound() -> Array:
     torque = np.array(noise.torque_std_Nm)
     drives = [truth.index(joint) for joint in layout.drives]
     others = [
-        truth.index(joint) for joint in layout.found.model.rows if joint not in layout.simulated
+        truth.index(joint)
+        for joint in layout.found.model.torque_joints
+        if joint not in layout.simulated
     ]
     ratios = [truth.drives[truth.joint_names[index]].ratio for index in others]
     encoder = np.full(len(layout.simulated), noise.joint_resolution_rad / np.sqrt(12))

@@ -157,7 +157,7 @@ def pivoted_base(robot: Robot, torque_joints: str | Sequence[str] | None = None)
     `torque_joints` alone. Raises ExcitationError if nothing is identifiable.
     """
     leftmost = base_parameters(robot, torque_joints=torque_joints)
-    known = [robot.index(joint) for joint in robot.rows(torque_joints)]
+    known = [robot.index(joint) for joint in robot.selected(torque_joints)]
     draws = [_random_rows(robot, known, draw) for draw in range(_DRAWS)]
     columns = _best_pivots(draws, len(leftmost.columns))
     grouping = _safely_grouped(np.linalg.solve, leftmost.grouping[:, columns], leftmost.grouping)

@@ -112,7 +112,7 @@ def load_target(
     Its robot has geometry alone, without parameters and drives. Raises ExcitationError if
     `torque_joints` names some but not all of the joints that drives move together.
     """
-    group = incomplete_group(robot.joint_names, robot.transmission, robot.rows(torque_joints))
+    group = incomplete_group(robot.joint_names, robot.transmission, robot.selected(torque_joints))
     if group:
         raise ExcitationError(
             f"the drives of {', '.join(group)} move these joints together: torque_joints= must "
@@ -121,7 +121,7 @@ def load_target(
         )
     bare = replace(robot.with_values(np.zeros(10 * robot.n), robot.drives), drives={})
     p = len(base.columns)
-    known = tuple(map(robot.index, robot.rows(torque_joints)))
+    known = tuple(map(robot.index, robot.selected(torque_joints)))
     return Target(
         robot=bare,
         rows=known,
@@ -148,7 +148,7 @@ def drive_target(
     deflection follow from the nominal model; raises ExcitationError if an elastic drive or a body
     lacks nominal values, or a column linearised about a nominal value that is missing.
     """
-    known, drives = robot.rows(torque_joints), transmission(robot)
+    known, drives = robot.selected(torque_joints), transmission(robot)
     parts = _drive_blocks(robot, drives, known, top_speed)
     plain, model = load_target(robot, torque_joints, base), load_model(robot, base, known)
     in_load_model = {(joint, name) for joint, name, _ in model.drives}

@@ -48,7 +48,7 @@ def content_of(found: Identification, validation: Validation | None = None) -> d
         "base_columns": found.base.columns,
         "grouping": found.base.grouping,
         "validation": {} if validation is None else validation.to_dict(),
-        "torques_used": found.model.rows,
+        "torques_used": found.model.torque_joints,
         "cutoff_hz": found.cutoff_hz,
         "flags": found.flags,
         "bodies": {link: dict(zip(PARAMETERS, ten, strict=True)) for link, ten in bodies},

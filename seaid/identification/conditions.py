@@ -337,7 +337,7 @@ def identify_conditions(
     robots, datasets = _read(conditions, cutoff_hz, progress)
     first = robots[next(iter(robots))]
     _check_specific(first, condition_specific)
-    used = _used(robots, datasets) if torque_joints is None else first.rows(torque_joints)
+    used = _used(robots, datasets) if torque_joints is None else first.selected(torque_joints)
     given = robots
     robots, datasets = _linearised(robots, datasets, used)
     models = {

@@ -191,7 +191,7 @@ def identify(
             'method="two-step"',
         )
     check_offset_std(encoder_offset_std)
-    robot.rows(torque_joints)  # refuses unknown joints before a log is read
+    robot.selected(torque_joints)  # refuses unknown joints before a log is read
     solver = estimator_named("wls" if estimator == "iv" else estimator)
     sources = sources_of(logs)
     datasets = datasets_of(robot, sources, cutoff_hz, executor, progress)
@@ -201,7 +201,9 @@ def identify(
         check_excitation(robot, in_memory)
     check_channels(logs_in_memory)
     used = (
-        joints_with_torque(robot, datasets) if torque_joints is None else robot.rows(torque_joints)
+        joints_with_torque(robot, datasets)
+        if torque_joints is None
+        else robot.selected(torque_joints)
     )
     given = robot
     if not is_linear(robot, used):

@@ -84,7 +84,7 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
     )
     _, payload, H, _ = load_columns(robot, reference, fitted.model, fitted.springs)
     torque = payload + H @ fitted.load_side
-    for row, joint in enumerate(fitted.model.rows):
+    for row, joint in enumerate(fitted.model.torque_joints):
         drive, index = robot.drives[joint], robot.index(joint)
         if joint in fitted.springs:
             spring = linear_spring(robot, joint, fitted.springs[joint])
@@ -130,7 +130,7 @@ def load_with_instruments(
     rows = load_regression(robot, motion, model, springs)
     made = make(robot, motion, fitted)
     Z = in_band(made, load_columns(robot, made, model, springs)[2])
-    row_of = {robot.index(joint): row for row, joint in enumerate(model.rows)}
+    row_of = {robot.index(joint): row for row, joint in enumerate(model.torque_joints)}
     which = [row_of[int(index)] for index in rows.joint]
     return with_instruments(rows, Z[np.searchsorted(motion.time, rows.time), which])
 
@@ -249,7 +249,7 @@ def _settled(
 def _fitted(robot: Robot, model: LoadModel, sides: RobotEstimate) -> FittedModel:
     springs = {
         joint: spring_of(robot, sides.drives[joint], joint).values
-        for joint in model.rows
+        for joint in model.torque_joints
         if joint in robot.elastic_joints
     }
     check_instruments(robot, springs)

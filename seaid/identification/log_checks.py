@@ -67,7 +67,7 @@ def _own_signs(found: Identification, joint: str) -> Iterator[tuple[str, int]]:
 
 def _shared_signs(found: Identification, joint: str) -> Iterator[tuple[str, int]]:
     """Yield the same for inertia and gravity of the load on a joint."""
-    if joint not in found.model.rows:
+    if joint not in found.model.torque_joints:
         return
     yield "inertia", _sign(found.load, _inertia(found, joint))
     gravity = _gravity(found, joint)

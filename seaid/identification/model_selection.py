@@ -138,12 +138,14 @@ def compare_terms(
     >>> selection = seaid.compare_terms(robot, log, terms={"friction": ["stribeck"]})
     >>> result = seaid.identify(selection.robot, log)
     """
-    asked, compared = _asked(terms), robot.rows(joints)
-    robot.rows(torque_joints)  # refuses unknown joints before a log is read
+    asked, compared = _asked(terms), robot.selected(joints)
+    robot.selected(torque_joints)  # refuses unknown joints before a log is read
     datasets = datasets_of(robot, sources_of(logs), cutoff_hz, None, progress)
     motions = [first_motion(dataset) for dataset in datasets]
     used = (
-        joints_with_torque(robot, datasets) if torque_joints is None else robot.rows(torque_joints)
+        joints_with_torque(robot, datasets)
+        if torque_joints is None
+        else robot.selected(torque_joints)
     )
     comparisons: list[TermComparison] = []
     for joint in track(compared, "terms", progress):

@@ -45,7 +45,7 @@ from seaid.regressor import (
     actuator_regression,
     actuator_rows,
     base_parameters,
-    fed_signals,
+    input_signals,
     load_model,
     motor_regressor,
     stacked,
@@ -427,7 +427,7 @@ def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadF
     of_row = weights[np.searchsorted(fit.qr_factor.equations, rows.joint)]
     rest = [place for place, name in enumerate(rows.names) if name not in own]
     H = of_row[:, None] * rows.H[:, rest]
-    by_motion = [fed_signals(robot, motion, index) for motion in motions]
+    by_motion = [input_signals(robot, motion, index) for motion in motions]
     weight = float(weights[fit.qr_factor.equations.index(index)])
     return _Search(
         regressor=regressor,

@@ -121,7 +121,7 @@ def layout_of(found: Identification, encoder_offset_std: float) -> Layout:
     precision[zeros] = 1 / encoder_offset_std if encoder_offset_std else 0.0
     return Layout(
         found=found,
-        simulated=tuple(joint for joint in found.model.rows if joint in found.springs),
+        simulated=tuple(joint for joint in found.model.torque_joints if joint in found.springs),
         names=tuple(names),
         drives=FrozenMapping(drives),
         load=load,
@@ -138,7 +138,7 @@ def run_of(layout: Layout, log: Log) -> Run:
     motion = reconstruct_motion(known, log, band)
     motion = finer_side(known, motion)
     block = decimation(motion.rate_hz, motion.cutoff_hz)
-    transient = round(motion.trim_s * motion.rate_hz)
+    transient = round(motion.transient_s * motion.rate_hz)
     length = len(motion.time) - 2 * transient
     windows = max(1, round(length / motion.rate_hz / WINDOW_S))
     whole = windows * (length // windows // block) * block
@@ -176,7 +176,7 @@ def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Response]
     known, motion = layout.found.known, run.motion
     error, by_x, jacobians = _load_error(layout, run, x)
     joints = [known.index(joint) for joint in layout.simulated]
-    mine = [layout.found.model.rows.index(joint) for joint in layout.simulated]
+    mine = [layout.found.model.torque_joints.index(joint) for joint in layout.simulated]
     others = [row for row in range(error.shape[1]) if row not in mine]
     inside = jacobians.part(joints, joints)
     # the decrease of the springs' load torque with the joint position, for k = 1
@@ -193,7 +193,7 @@ def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Response]
         zeros = [1 + layout.zeros.start + joint for joint in joints]
         encoder[:, :, 0] -= x[layout.zeros][joints]
         encoder[:, range(len(joints)), zeros] -= 1.0
-    rows = [known.index(layout.found.model.rows[row]) for row in others]
+    rows = [known.index(layout.found.model.torque_joints[row]) for row in others]
     torque = np.concatenate([error[:, others, None], by_x[:, others]], axis=2)
     torque = np.pad(torque, ((0, 0), (0, 0), (0, free)))
     torque -= jacobians.part(rows, joints).change(response)
@@ -201,7 +201,7 @@ def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Response]
     columns = np.concatenate([encoder, drive, torque], axis=1)
     still = [np.zeros(len(motion.time), dtype=bool) for _ in joints]
     still += [_turning(known, motion, joint) for joint in layout.drives]
-    still += [_turning(known, motion, layout.found.model.rows[row]) for row in others]
+    still += [_turning(known, motion, layout.found.model.torque_joints[row]) for row in others]
     return _blocks(run, columns, np.column_stack(still), free), response
 
 
@@ -213,11 +213,11 @@ def _load_error(layout: Layout, run: Run, x: Array) -> tuple[Array, Array, Torqu
     jacobians = torque_jacobians(robot_at(layout, x), *motion.joint_states)
     by_x = np.zeros((*torque.shape, len(x)))
     by_x[:, :, layout.load] = -H
-    elastic = [joint for joint in found.model.rows if joint in found.springs]
+    elastic = [joint for joint in found.model.torque_joints if joint in found.springs]
     columns = [column for joint in elastic for column in layout.spring(joint)]
     by_x[:, :, columns] = propagated
     if layout.precision.any():
-        rows = [found.known.index(joint) for joint in found.model.rows]
+        rows = [found.known.index(joint) for joint in found.model.torque_joints]
         by_x[:, :, layout.zeros] = jacobians.position[:, rows]
         simulated = [layout.zeros.start + found.known.index(joint) for joint in layout.simulated]
         by_x[:, :, simulated] = 0.0

@@ -144,17 +144,17 @@ def driven_motion(
 ) -> Motion:
     """Return the motion with its joints simulated from the motors by the fitted model (8).
 
-    `springs` {joint of `model.rows`: its spring's values} are simulated, `load_side` (p,) has the
+    `springs` {joint of the model: its spring's values} are simulated, `load_side` (p,) has the
     values of the columns of `model`; stiff joints follow the encoder with less noise, and the motor
     side stays as measured. The initial state of each window is a least-squares fit to the joint
     encoders below the cutoff. Raises IdentificationError if the simulation diverges, with a
     deviation larger than the range of the motion.
     """
-    names = [joint for joint in model.rows if joint in springs]
+    names = [joint for joint in model.torque_joints if joint in springs]
     if not names:
         return finer_side(robot, motion)
     joints = [robot.index(joint) for joint in names]
-    rows = [model.rows.index(joint) for joint in names]
+    rows = [model.torque_joints.index(joint) for joint in names]
     fitted = _fitted_robot(robot, model, load_side)
     lever = np.array([robot.drives[joint].load_radius ** 2 for joint in names])
     linear = [linear_spring(robot, joint, springs[joint]) for joint in names]

@@ -61,7 +61,7 @@ def simultaneous_regression(
     """Return both sides over time: the columns of the elastic drives, then those of the load.
 
     Columns: '<parameter> of <joint>' of every elastic joint in the robot's order, then those of
-    `model`. `springs` names the joints of `model.rows` whose torque on the load is that of the
+    `model`. `springs` names the joints of the model whose torque on the load is that of the
     spring; the others take it from the log.
 
     `joint` is the index of the equation: i is (8) of joint i; n + i its motor equation (7), or (4b)
@@ -69,7 +69,7 @@ def simultaneous_regression(
     The rows are solved by `settled`, since plain least squares is biased. Raises LogError if a
     torque is missing.
     """
-    zero = without_torque(robot, [joint for joint in model.rows if joint in springs])
+    zero = without_torque(robot, [joint for joint in model.torque_joints if joint in springs])
     load = load_regression(robot, motion, model, zero)
     actuators = {joint: actuator_regression(robot, motion, joint) for joint in robot.elastic_joints}
     names = [Column(name, joint) for joint, one in actuators.items() for name in one.names]

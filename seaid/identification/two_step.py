@@ -258,7 +258,7 @@ def spring_torque_joints(
     motions = [first_motion(dataset) for dataset in datasets]
     return tuple(
         joint
-        for joint in model.rows
+        for joint in model.torque_joints
         if joint in robot.elastic_joints
         and not _all_measured(robot, motions, joint, "joint_torque")
     )

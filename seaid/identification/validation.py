@@ -136,7 +136,7 @@ def compared(identification: Identification, motion: Motion) -> Validation:
 def _compared(identification: Identification, motions: Sequence[Motion]) -> Validation:
     """Compare the torques of the motions of one log, several if it has gaps in time."""
     robot = identification.robot
-    if under_load(identification.known, identification.model.rows):
+    if under_load(identification.known, identification.model.torque_joints):
         theta = identification.load_side.values
         motions = [
             with_gear_torque(
@@ -221,7 +221,7 @@ def _load(identification: Identification, motion: Motion) -> tuple[Array, Array]
     given = H[:, :, constants] @ theta[constants]
     measured = np.full_like(motion.joint_position, np.nan)
     computed = measured.copy()
-    used = [identification.robot.index(joint) for joint in identification.model.rows]
+    used = [identification.robot.index(joint) for joint in identification.model.torque_joints]
     measured[:, used] = torque - given
     computed[:, used] = payload + H @ theta - given
     return measured, computed
@@ -248,7 +248,7 @@ def _traces(
 ) -> _Traces:
     """Return the torques of a motion for the comparison, without filter transients."""
     samples = np.arange(len(measured))
-    transient = round(motion.trim_s * motion.rate_hz)
+    transient = round(motion.transient_s * motion.rate_hz)
     inside = (samples >= transient) & (samples < len(samples) - transient)
     smooth_measured, smooth_computed = _smooth(motion, measured), _smooth(motion, computed)
     smooth_measured[~inside] = smooth_computed[~inside] = np.nan

@@ -43,7 +43,7 @@ class Processing:
         Cutoff of the low pass of the positions [Hz].
     cutoff_selection : CutoffSelection
         Cutoff of regressor and torque, with the reason.
-    trim_s : float
+    transient_s : float
         Filter transient that is excluded at both ends [s].
     repairs : tuple of Repair
         Repairs made when the log was read.
@@ -54,7 +54,7 @@ class Processing:
     resampled: bool
     position_low_pass_hz: float
     cutoff_selection: CutoffSelection
-    trim_s: float
+    transient_s: float
     repairs: tuple[Repair, ...] = ()
 
     @property
@@ -74,7 +74,7 @@ class Processing:
         )
         return (
             f"{grid}, {low_pass}; regressor and torque below {self.cutoff_selection}; "
-            f"{self.trim_s:.2g} s excluded at both ends{repaired}"
+            f"{self.transient_s:.2g} s excluded at both ends{repaired}"
         )
 
 
@@ -107,7 +107,7 @@ class Motion(Display):
         joints without the sensor.
     cutoff_hz : float
         Cutoff of the low pass of regressor and torque in a regression; inf: no filter.
-    trim_s : float
+    transient_s : float
         Filter transient that a regression excludes at both ends [s].
     fastest : array (2, n) or None
         Largest speeds of motors and joints in the whole log, if this motion is a part of it.
@@ -130,7 +130,7 @@ class Motion(Display):
     motor_torque: Array
     joint_torque: Array
     cutoff_hz: float
-    trim_s: float = 0.0
+    transient_s: float = 0.0
     fastest: Array | None = None
     motor_current: Array | None = None
     motor_voltage: Array | None = None
@@ -277,14 +277,14 @@ def _motion(
         motor_current=signals.get("motor_current"),
         motor_voltage=signals.get("motor_voltage"),
         cutoff_hz=float(cutoff_hz),
-        trim_s=1.0 / cutoff_hz,
+        transient_s=1.0 / cutoff_hz,
         processing=Processing(
             logged_rate_hz=_rate_hz(log.time),
             rate_hz=rate_hz,
             resampled=time is not log.time,
             position_low_pass_hz=float(POSITION_BAND * cutoff_hz),
             cutoff_selection=cutoff,
-            trim_s=float(1.0 / cutoff_hz),
+            transient_s=float(1.0 / cutoff_hz),
             repairs=log.report,
         ),
     )

@@ -46,7 +46,7 @@ def in_band_at(motion: Motion, columns: Array, samples: IndexArray) -> Array:
 def row_samples(motion: Motion) -> IndexArray:
     """Return the samples that become rows: decimated, without the filter transients."""
     step = decimation(motion.rate_hz, motion.cutoff_hz)
-    transient = round(motion.trim_s * motion.rate_hz)
+    transient = round(motion.transient_s * motion.rate_hz)
     return np.arange(transient, len(motion.time) - transient, step)
 
 

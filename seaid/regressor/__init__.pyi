@@ -5,7 +5,7 @@ from .base import base_parameters as base_parameters
 from .base import cross_check as cross_check
 from .base import random_states as random_states
 from .drive_signals import INPUTS as INPUTS
-from .drive_signals import fed_signals as fed_signals
+from .drive_signals import input_signals as input_signals
 from .drive_signals import is_linear as is_linear
 from .drive_signals import joint_regressor as joint_regressor
 from .drive_signals import motor_regressor as motor_regressor

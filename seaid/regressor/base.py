@@ -118,7 +118,7 @@ def base_parameters(
     >>> base = seaid.base_parameters(robot)
     >>> len(base.columns), base.expressions[0]
     """
-    torques = robot.rows(torque_joints)
+    torques = robot.selected(torque_joints)
     known = [robot.index(joint) for joint in torques]
     if not known:
         raise ExcitationError(

@@ -100,7 +100,7 @@ def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
     }
 
 
-def fed_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
+def input_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
     """Return `signals`, with joint torque / N where a stiff gear's motor torque was not logged."""
     found, drive = signals(robot, motion, index), robot.drives[robot.joint_names[index]]
     if np.all(np.isnan(found["tau_M"])) and drive.motor_input == "torque":

@@ -22,7 +22,7 @@ from seaid.log import in_band_at, joint_standstill, row_samples, standstill, sti
 from seaid.regressor.base import grouped_text, left_to_right, negligible, random_states
 from seaid.regressor.drive_signals import (
     INPUTS,
-    fed_signals,
+    input_signals,
     joint_regressor,
     motor_regressor,
     sensed_torque,
@@ -100,7 +100,7 @@ class LoadModel:
     ----------
     base : BaseParameters
         The p base parameters of the bodies.
-    rows : tuple of str
+    torque_joints : tuple of str
         Joints whose equations are used: the torques on the coordinates of their drives.
     drives : tuple of (joint, parameter, unit)
         The p_d drive parameters that are identifiable next to the base parameters.
@@ -114,7 +114,7 @@ class LoadModel:
     """
 
     base: BaseParameters
-    rows: tuple[str, ...]
+    torque_joints: tuple[str, ...]
     drives: tuple[tuple[str, str, str], ...]
     expressions: tuple[str, ...]
     absorbed: tuple[tuple[str, str, str], ...]
@@ -132,13 +132,13 @@ class LoadModel:
         return base + tuple(unit for _, _, unit in self.drives)
 
 
-def load_model(robot: Robot, base: BaseParameters, rows: Sequence[str]) -> LoadModel:
-    """Return the identifiable columns of the load side, for the joints `rows`."""
-    known = [robot.index(joint) for joint in rows]
+def load_model(robot: Robot, base: BaseParameters, torque_joints: Sequence[str]) -> LoadModel:
+    """Return the identifiable columns of the load side, for the torques of some joints."""
+    known = [robot.index(joint) for joint in torque_joints]
     q, v, a = random_states(robot, seed=1, torques=len(known))
     Y = base.reduce(regressor_at_drives(robot, q, v, a))[:, known]
     columns, drives = drive_parameters(
-        robot, rows, lambda index: stiff_signals(robot, index, q, v, a)
+        robot, torque_joints, lambda index: stiff_signals(robot, index, q, v, a)
     )
     H = np.concatenate([Y, columns], axis=2).reshape(len(q) * len(known), -1)
     p = len(base.columns)
@@ -157,7 +157,7 @@ def load_model(robot: Robot, base: BaseParameters, rows: Sequence[str]) -> LoadM
         expressions.append(grouped_text(wanted, names))
     return LoadModel(
         base=base,
-        rows=tuple(rows),
+        torque_joints=tuple(torque_joints),
         drives=tuple(drives[column - p] for column in found if column >= p),
         expressions=tuple(expressions),
         absorbed=tuple(drives[column - p] for column in absorbed),
@@ -192,15 +192,15 @@ def load_columns(
 ) -> tuple[Array, Array, Array, Array]:
     """Return torque and payload (T, rows), H and `propagated`: torque = payload + H @ theta."""
     Y = regressor_at_drives(robot, *motion.joint_states)
-    known = [robot.index(joint) for joint in model.rows]
+    known = [robot.index(joint) for joint in model.torque_joints]
     signals_of = partial(load_signals, robot, motion)
-    columns, drives = drive_parameters(robot, model.rows, signals_of)
+    columns, drives = drive_parameters(robot, model.torque_joints, signals_of)
     wanted = [drives.index(drive) for drive in model.drives]
     flat = Y.swapaxes(1, 2).reshape(len(Y), -1)  # a view: the memory layout of the regressor
     places = np.add.outer(known, robot.n * np.array(model.base.columns, dtype=np.intp))
     base = np.take(flat, places.ravel(), axis=1).reshape(len(Y), *places.shape)
     H = np.concatenate([base, columns[:, :, wanted]], axis=2) if wanted else base
-    torque, propagated = _load_targets(robot, motion, model.rows, springs)
+    torque, propagated = _load_targets(robot, motion, model.torque_joints, springs)
     payload = np.zeros_like(torque)
     if np.any(robot.known_parameters):
         payload = (Y @ robot.known_parameters)[:, known]
@@ -228,17 +228,19 @@ def _load_rows(
     y, H, propagated = (
         in_band_at(motion, part, rows) for part in (torque - payload, H, propagated)
     )
-    usable = np.array([~unknown_friction(robot, motion, joint)[rows] for joint in model.rows])
+    usable = np.array(
+        [~unknown_friction(robot, motion, joint)[rows] for joint in model.torque_joints]
+    )
     which, kept = np.nonzero(usable)
     return Regression(
         names=model.names,
         units=model.units,
         H=H[kept, which],
         y=y[kept, which],
-        joint=np.array([robot.index(joint) for joint in model.rows])[which],
+        joint=np.array([robot.index(joint) for joint in model.torque_joints])[which],
         time=motion.time[rows[kept]],
         run=np.zeros(len(kept)),
-        excluded=len(rows) * len(model.rows) - len(kept),
+        excluded=len(rows) * len(model.torque_joints) - len(kept),
         propagated=propagated[kept, which],
         joint_names=robot.joint_names,
     )
@@ -257,7 +259,7 @@ def with_gear_torque(
     ]
     behind = [place for place in range(H.shape[2]) if place not in drives]
     torque = np.full_like(motion.joint_position, np.nan)
-    torque[:, [robot.index(joint) for joint in model.rows]] = (
+    torque[:, [robot.index(joint) for joint in model.torque_joints]] = (
         payload + H[:, :, behind] @ theta[behind]
     )
     return replace(motion, gear_torque=torque)
@@ -299,7 +301,7 @@ def _load_targets(
             propagated[:, row, start : start + R.shape[1]] = R
             start += R.shape[1]
         else:
-            by_name = fed_signals(robot, motion, index)
+            by_name = input_signals(robot, motion, index)
             targets[:, row] = drive.ratio * motor_regressor(robot, joint).evaluate(by_name)[0]
             targets[np.isnan(by_name[INPUTS[drive.motor_input]]), row] = np.nan
     missing = [joint for row, joint in enumerate(rows) if np.any(np.isnan(targets[:, row]))]

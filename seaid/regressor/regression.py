@@ -141,7 +141,7 @@ def actuator_rows(
     The spring equation (4b) has no derivatives, so that its rows reach the ends of the log.
     """
     if "tau_M" not in regressor.signals and not regressor.signals & {"i_M", "u_M"}:
-        return row_samples(replace(motion, trim_s=0.0)), 0
+        return row_samples(replace(motion, transient_s=0.0)), 0
     rows = row_samples(motion)
     drive = robot.drives[joint]
     if not is_dry(drive):

@@ -90,7 +90,7 @@ def _processed(processing: Processing) -> Iterator[tuple[str, str]]:
     low = processing.position_low_pass_hz
     filtered = low < 0.4 * processing.rate_hz
     yield "Position filter", f"below {low:.3g} Hz, zero phase" if filtered else "none"
-    yield "Filter transient", f"{processing.trim_s:.2g} s excluded at each end"
+    yield "Filter transient", f"{processing.transient_s:.2g} s excluded at each end"
 
 
 def _positions(robot: Robot, motion: Motion) -> str:
@@ -119,7 +119,7 @@ def settings_facts(found: Identification) -> list[tuple[str, str]]:
     """Return the settings of the identification and the known bodies."""
     robot = found.known
     facts = [
-        ("Torques used on the load side", _of(found.model.rows, robot)),
+        ("Torques used on the load side", _of(found.model.torque_joints, robot)),
         ("Cutoff", f"{found.cutoff_hz:.4g} Hz"),
         ("Known loads", "; ".join(_payloads(robot)) or "none"),
         ("Known bodies", ", ".join(robot.known_bodies) or "none"),

@@ -69,7 +69,7 @@ def singular_values(found: Identification) -> SingularValues | None:
 
 
 def _with_gear_torque(found: Identification, motion: Motion) -> Motion:
-    if not under_load(found.known, found.model.rows):
+    if not under_load(found.known, found.model.torque_joints):
         return motion
     theta = found.load_side.values
     return with_gear_torque(found.known, motion, found.model, found.springs, theta)

@@ -155,7 +155,7 @@ def _autocorrelated(found: Identification) -> Iterator[str]:
 def _excluded(found: Identification) -> Iterator[str]:
     instants = sum(len(row_samples(motion)) for motion in found.motions)
     for side, count in found.excluded.items():
-        rows = instants * (len(found.model.rows) if side == "load" else 1)
+        rows = instants * (len(found.model.torque_joints) if side == "load" else 1)
         if rows and count > _LARGE_EXCLUDED_SHARE * rows:
             where = "The load side" if side == "load" else f"The actuator side of {side}"
             yield (

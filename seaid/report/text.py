@@ -199,7 +199,7 @@ def identification_table(found: Identification) -> Text:
     """Return the summary of an identification: drives, base parameters, checks and flags."""
     parts = [
         f"{found.robot.name}: {len(found.load.values)} base parameters from the torques at "
-        f"{', '.join(found.model.rows)}; cutoff {found.cutoff_hz:.3g} Hz",
+        f"{', '.join(found.model.torque_joints)}; cutoff {found.cutoff_hz:.3g} Hz",
         *_processing_text(found),
         drive_table("Drives", found),
         load_table("Base parameters", found),

@@ -110,7 +110,7 @@ class Robot(Display):
             raise RobotError(f"{self.name}: " + unknown_name("joint", joint, self.joint_names))
         return self.joint_names.index(joint)
 
-    def rows(self, names: str | Sequence[str] | None) -> tuple[str, ...]:
+    def selected(self, names: str | Sequence[str] | None) -> tuple[str, ...]:
         """Return the joints that `torque_joints=` selects, each once; None selects all.
 
         Raises RobotError with the nearest name for an unknown joint.

@@ -118,12 +118,12 @@ def test_torques_of_the_elastic_joints_alone_tell_21() -> None:
     part = identify(KNOWN, log(), torque_joints=ELASTIC)
     assert len(part.load.values) == 21
     assert tuple(part.drives) == ELASTIC
-    assert part.model.rows == ELASTIC
+    assert part.model.torque_joints == ELASTIC
 
 
 def test_stiff_joint_without_torque_is_not_used() -> None:
     part = identify(KNOWN, changed("motor_torque", "hip_yaw", np.nan))
-    assert part.model.rows == KNOWN.joint_names[1:]
+    assert part.model.torque_joints == KNOWN.joint_names[1:]
     assert "hip_yaw" not in part.drives
 
 

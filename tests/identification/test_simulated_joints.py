@@ -53,7 +53,7 @@ def driven(motion: Motion) -> Motion:
 
 def inside(motion: Motion, values: Array) -> Array:
     """Return the samples that are not left away at the ends."""
-    trim = round(motion.trim_s * motion.rate_hz)
+    trim = round(motion.transient_s * motion.rate_hz)
     return values[trim:-trim]
 
 
@@ -72,7 +72,7 @@ def test_joints_obey_the_fitted_model_in_every_window() -> None:
     made = driven(motion)
     torque, payload, H, _ = load_columns(robot, made, model, sides.springs)
     residual = torque - payload - H @ sides.load_side.values
-    rows = [model.rows.index(joint) for joint in SPRINGS]
+    rows = [model.torque_joints.index(joint) for joint in SPRINGS]
     assert np.all(np.std(residual[:, rows], axis=0) < 1e-4 * np.std(torque[:, rows], axis=0))
 
 

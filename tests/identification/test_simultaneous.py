@@ -170,7 +170,7 @@ def case(request: pytest.FixtureRequest) -> tuple[Robot, LoadModel, Regression, 
         robot().without_nominal(),
         motion(),
         model,
-        [j for j in model.rows if j in robot().elastic_joints],
+        [j for j in model.torque_joints if j in robot().elastic_joints],
     )
     return robot(), model, both, truth_of(robot(), model, both.names)
 
@@ -192,7 +192,7 @@ def test_truth_solves_both_sides(case: Case) -> None:
 
 def test_rows_tell_their_equation_and_columns_are_named_once(case: Case) -> None:
     robot, model, rows, _ = case
-    load = {robot.index(joint) for joint in model.rows}
+    load = {robot.index(joint) for joint in model.torque_joints}
     motors = {robot.n + robot.index(joint) for joint in robot.elastic_joints}
     assert set(rows.joint) == load | motors
     assert len(set(rows.names)) == len(rows.names) == len(rows.units)

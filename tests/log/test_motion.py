@@ -63,7 +63,7 @@ def test_torques_stay_as_measured() -> None:
     motion = reconstruct_motion(arm(), noisy)
     assert np.array_equal(motion.motor_torque, noisy.motor_torque)
     assert np.all(np.isnan(motion.joint_torque))
-    assert motion.trim_s == pytest.approx(1 / motion.cutoff_hz)
+    assert motion.transient_s == pytest.approx(1 / motion.cutoff_hz)
     assert motion.rate_hz == pytest.approx(1000.0)
 
 

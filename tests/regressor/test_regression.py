@@ -126,7 +126,7 @@ def test_zero_sensitivity_is_what_a_shifted_encoder_does(motion: Motion, model: 
 
 def test_both_sides_of_a_row_pass_the_same_filter(motion: Motion) -> None:
     joint, index = "knee_pitch", LEG.index("knee_pitch")
-    banded = replace(motion, cutoff_hz=10.0, trim_s=0.1)
+    banded = replace(motion, cutoff_hz=10.0, transient_s=0.1)
     regressor, zeta, R = actuator_columns(LEG, banded, joint)
     truth = [*(true_value(LEG, joint, name) for name in regressor.names[:3]), 0.0]
     torque = motion.motor_torque.copy()
@@ -145,7 +145,7 @@ def test_in_band_filters_every_column_alike(motion: Motion) -> None:
 
 
 def test_rows_are_decimated_and_the_ends_left_away() -> None:
-    banded = replace(arm_motion(), cutoff_hz=5.0, trim_s=0.2)
+    banded = replace(arm_motion(), cutoff_hz=5.0, transient_s=0.2)
     rows = actuator_regression(arm(), banded, "shoulder")
     assert np.min(rows.time) >= 0.2
     assert np.max(rows.time) <= 5.8
@@ -242,7 +242,7 @@ def test_a_long_motion_is_evaluated_piece_by_piece(
     shoulder = arm().drives["shoulder"]
     assert isinstance(shoulder, SeriesElasticDrive)
     robot = arm().with_drives({"shoulder": replace(shoulder, joint_friction=("coulomb",))})
-    long = replace(arm_motion(), cutoff_hz=8.0, trim_s=0.125)
+    long = replace(arm_motion(), cutoff_hz=8.0, transient_s=0.125)
     columns = load_model(robot, base_parameters(robot), robot.joint_names)
     springs = {
         joint: np.array([true_value(robot, joint, "stiffness"), 0.0])

@@ -408,6 +408,6 @@ def test_drives_that_are_no_mapping_of_drives_are_refused(tulip_urdf: Path, give
 
 def test_rows_names_each_joint_once_and_takes_a_plain_name(tulip_leg: Robot) -> None:
     """A torque counted twice would make the standard errors too small."""
-    assert tulip_leg.rows(["knee_pitch", "hip_yaw", "knee_pitch"]) == ("knee_pitch", "hip_yaw")
-    assert tulip_leg.rows("knee_pitch") == ("knee_pitch",)
-    assert tulip_leg.rows(None) == tulip_leg.joint_names
+    assert tulip_leg.selected(["knee_pitch", "hip_yaw", "knee_pitch"]) == ("knee_pitch", "hip_yaw")
+    assert tulip_leg.selected("knee_pitch") == ("knee_pitch",)
+    assert tulip_leg.selected(None) == tulip_leg.joint_names

@@ -568,7 +568,7 @@ def test_one_motor_of_a_differential_tells_its_own_equation() -> None:
     case = stiff_differential()
     log = without(log_of(true_motion(case)), "motor_torque", 2)
     found = identify(case.robot.without_nominal(), log, cutoff_hz=12.0)
-    assert found.model.rows == ("elbow", "wrist_pitch")
+    assert found.model.torque_joints == ("elbow", "wrist_pitch")
     assert "wrist_roll" not in found.drives
     assert max(map(abs, drive_errors(found, case.robot, *DRIVE).values())) < 0.02
     true = true_load(case, found)
@@ -593,7 +593,7 @@ def test_sensors_at_all_joints_of_a_group_stand_for_its_motors(name: str) -> Non
     log = replace(log_of(motion), joint_torque=sensed(case, motion))
     log = without(log, "motor_torque", 0, 1, 2)
     found = identify(case.robot.without_nominal(), log, cutoff_hz=12.0)
-    assert found.model.rows == case.robot.joint_names
+    assert found.model.torque_joints == case.robot.joint_names
     true = true_load(case, found)
     assert np.max(np.abs(found.load.values - true)) < 0.01 * np.max(np.abs(true))
     terms = [term for term in ("stiffness",) if case.robot.elastic_joints]
@@ -605,7 +605,7 @@ def test_a_sensor_at_one_joint_of_a_group_is_not_enough() -> None:
     log = replace(log_of(motion), joint_torque=sensed(case, motion))
     log = without(without(log, "motor_torque", 0, 1, 2), "joint_torque", 2)
     found = identify(case.robot.without_nominal(), log, cutoff_hz=12.0)
-    assert found.model.rows == ("elbow",)
+    assert found.model.torque_joints == ("elbow",)
     with pytest.raises(LogError, match="no torque in the log at wrist_pitch; name the others"):
         identify(
             case.robot.without_nominal(),
