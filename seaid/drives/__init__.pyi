@@ -10,7 +10,6 @@ from .equations import motor_equation as motor_equation
 from .equations import spring_equation as spring_equation
 from .equations import spring_force as spring_force
 from .functions import SMOOTH_SIGNALS as SMOOTH_SIGNALS
-from .functions import DriveCurve as DriveCurve
 from .functions import DriveFunctions as DriveFunctions
 from .functions import NonlinearSpring as NonlinearSpring
 from .functions import SmoothColumns as SmoothColumns

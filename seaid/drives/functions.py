@@ -2,7 +2,7 @@
 
 - `drive_functions`, `spring_curve`: the terms of a drive with its values, at a state;
 - `smooth_columns`: columns of the regressor (10) with derivatives by the signals;
-- `friction_curve`, `joint_curve`: friction and joint terms with derivatives, along a plan;
+- `friction_curve`, `joint_curve`: the torques of friction and joint terms in the same way;
 - `nonlinear_spring`: deflection of a nonlinear spring as a function of its force.
 
 A "slope" is a derivative. "Joint terms" are parallel spring and joint friction, which act between
@@ -198,7 +198,7 @@ _NAMES = {str(symbol): name for symbol, name in PARAMETER_NAMES.items()}
 
 @dataclass(frozen=True)
 class SmoothColumns:
-    """The columns of a drive's regressor as expressions of `SMOOTH_SIGNALS` and `known` values.
+    """Columns of a drive's regressor, or a torque, as expressions of `signals` and `known` values.
 
     Plain data, so that it can be sent to other processes.
     """
@@ -207,6 +207,7 @@ class SmoothColumns:
     units: tuple[str, ...]
     row: tuple[sp.Expr, ...]
     known: FrozenMapping[float]
+    signals: tuple[str, ...] = SMOOTH_SIGNALS
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -215,19 +216,25 @@ class SmoothColumns:
         return tuple(name for key, name in _NAMES.items() if key in symbols - set(self.known))
 
     def evaluate(self, signals: Mapping[str, Array], sign_width: float) -> tuple[Array, Array]:
-        """Return the columns (T, p) and their slopes (T, p, 7) by `SMOOTH_SIGNALS`, each (T,).
+        """Return the columns (T, p) and their slopes (T, p, s) by the s `signals`, each (T,).
 
         As `DriveRegressor.evaluate`, with tanh(speed / sign_width) in place of sign(speed), so that
         friction has a slope. Signals that occur in no column are optional.
         """
-        function, names = _compiled_slopes(self.row)
+        function, names = _compiled_slopes(self.row, self.signals)
         known = {**self.known, str(_WIDTH): sign_width}
         arguments = [known[name] if name in known else signals[name] for name in names]
         p, length = len(self.row), len(next(iter(signals.values())))
-        table = np.empty((p * (1 + len(SMOOTH_SIGNALS)), length))
+        table = np.empty((p * (1 + len(self.signals)), length))
         for line, entry in zip(table, function(*arguments), strict=True):
             line[:] = entry
-        return table[:p].T, table[p:].reshape(p, len(SMOOTH_SIGNALS), length).transpose(2, 0, 1)
+        return table[:p].T, table[p:].reshape(p, len(self.signals), length).transpose(2, 0, 1)
+
+    def torque(self, *values: Array, sign_width: float) -> tuple[Array, Array]:
+        """Return the only column (T,) and its slopes (s, T) at values (T,) of the signals."""
+        given = dict(zip(self.signals, values, strict=True))
+        columns, slopes = self.evaluate(given, sign_width)
+        return columns[:, 0], slopes[:, 0].T
 
 
 def smooth_columns(regressor: DriveRegressor) -> SmoothColumns:
@@ -282,9 +289,9 @@ def _smooth_sign(x: sp.Expr) -> sp.Expr:
 
 
 @cache
-def _compiled_slopes(row: tuple[sp.Expr, ...]):  # type: ignore[no-untyped-def]
+def _compiled_slopes(row: tuple[sp.Expr, ...], signals: tuple[str, ...]):  # type: ignore[no-untyped-def]
     smooth = [_smoothed(entry) for entry in row]
-    slopes = [_slope_of(entry, signal) for entry in smooth for signal in SMOOTH_SIGNALS]
+    slopes = [_slope_of(entry, signal) for entry in smooth for signal in signals]
     entries = [*smooth, *slopes]
     names = sorted({str(symbol) for entry in entries for symbol in entry.free_symbols})
     arguments = [_real_symbol(name) for name in names]
@@ -360,33 +367,12 @@ def nonlinear_spring(joint: str, drive: Drive) -> NonlinearSpring:
     )
 
 
-@dataclass(frozen=True)
-class DriveCurve:
-    """A torque as an expression of two `signals` and of `values` {parameter: value}.
-
-    Plain data, so that it can be sent to other processes.
-    """
-
-    expression: sp.Expr
-    signals: tuple[str, str]
-    values: FrozenMapping[float]
-
-    def evaluate(self, one: Array, other: Array, width: float) -> tuple[Array, Array, Array]:
-        """Return torque and slopes by both signals (T,), with sign(w) as tanh(w / width)."""
-        function, names = _compiled(self.expression, self.signals)
-        given = [self.values[name] for name in names]
-        found = np.empty((3, *np.shape(one)))
-        for line, entry in zip(found, function(one, other, width, *given), strict=True):
-            line[...] = entry
-        return found[0], found[1], found[2]
-
-
-def friction_curve(joint: str, drive: Drive) -> DriveCurve:
+def friction_curve(joint: str, drive: Drive) -> SmoothColumns:
     """Return the friction [N m] by motor speed and torque on the load, without extra terms."""
     return _curve(joint, drive, *_friction(drive))
 
 
-def joint_curve(joint: str, drive: Drive) -> DriveCurve:
+def joint_curve(joint: str, drive: Drive) -> SmoothColumns:
     """Return the torque [N m or N] of the joint terms by joint position and speed."""
     torque = joint_equation(drive).expression + tau_L
     return _curve(joint, drive, torque, ("theta_L", "theta_L_dot"))
@@ -419,20 +405,12 @@ def _friction(drive: Drive) -> tuple[sp.Expr, tuple[str, str]]:
     return friction.subs(N, sp.Float(lever)), ("theta_M_dot", "tau_G")
 
 
-def _curve(joint: str, drive: Drive, expression: sp.Expr, signals: tuple[str, str]) -> DriveCurve:
-    flat = flat_names(expression)
-    for name in _compiled(flat, signals)[1]:
-        if name not in drive.values:
-            raise missing_value(joint, name)
+def _curve(
+    joint: str, drive: Drive, expression: sp.Expr, signals: tuple[str, str]
+) -> SmoothColumns:
+    known = FrozenMapping({str(SYMBOLS[name]): value for name, value in drive.values.items()})
+    curve = SmoothColumns(("torque",), ("N m",), (flat_names(expression),), known, signals)
+    for name in curve.missing:
+        raise missing_value(joint, name)
     check_divisors(drive, drive.values)
-    return DriveCurve(flat, signals, FrozenMapping(drive.values))
-
-
-@cache
-def _compiled(expression: sp.Expr, signals: tuple[str, str]):  # type: ignore[no-untyped-def]
-    smooth = _smoothed(expression)
-    used = sorted({str(symbol) for symbol in smooth.free_symbols} & set(_NAMES))
-    entries = [smooth, *(_slope_of(smooth, signal) for signal in signals)]
-    arguments = [_real_symbol(name) for name in (*signals, str(_WIDTH), *used)]
-    function = sp.lambdify(arguments, entries, modules="numpy", cse=True)
-    return function, [_NAMES[name] for name in used]
+    return curve

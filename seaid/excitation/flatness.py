@@ -16,8 +16,8 @@ from seaid._arrays import Array
 from seaid.drives import (
     PARAMETERS_OF,
     Drive,
-    DriveCurve,
     NonlinearSpring,
+    SmoothColumns,
     joint_curve,
     joint_term_parameters,
     missing_value,
@@ -31,7 +31,7 @@ from seaid.robot import Robot, at_drives, group_of, torques_at_joints
 SIGN_WIDTH = 0.02
 """Coulomb friction changes sign over this share of the top speed, so that it is differentiable."""
 
-ParallelElements = tuple[tuple[int, DriveCurve, float], ...]
+ParallelElements = tuple[tuple[int, SmoothColumns, float], ...]
 """Elements parallel to the drives: joint, torque curve, and the speed width of dry friction."""
 
 
@@ -129,7 +129,8 @@ def load_torques(robot: Robot, parallel: ParallelElements, states: States) -> Ar
     """Return the torques of the drives at the joints (T, n): (8) with the parallel elements."""
     torque = joint_torques(robot, *states)
     for index, curve, width in parallel:
-        torque[:, index] += curve.evaluate(states[0][:, index], states[1][:, index], width)[0]
+        q, v = states[0][:, index], states[1][:, index]
+        torque[:, index] += curve.torque(q, v, sign_width=width)[0]
     return torque
 
 
@@ -137,7 +138,8 @@ def load_derivatives(robot: Robot, parallel: ParallelElements, states: States) -
     """Return d tau_i / d (q, v, a)_j of `load_torques`, (3, T, n, n)."""
     tables = torque_derivatives(robot, states)
     for index, curve, width in parallel:
-        _, by_q, by_v = curve.evaluate(states[0][:, index], states[1][:, index], width)
+        q, v = states[0][:, index], states[1][:, index]
+        _, (by_q, by_v) = curve.torque(q, v, sign_width=width)
         tables[0, :, index, index] += by_q
         tables[1, :, index, index] += by_v
     return tables

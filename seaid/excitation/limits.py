@@ -14,7 +14,7 @@ import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, frozen
 from seaid._display import Display
-from seaid.drives import DriveCurve, friction_curve, joint_term_parameters
+from seaid.drives import SmoothColumns, friction_curve, joint_term_parameters
 from seaid.errors import ExcitationError, unknown_name
 from seaid.excitation.basis import Basis
 from seaid.excitation.criteria import States
@@ -267,7 +267,7 @@ class DriveLimits:
     largest: Array
     drives: Transmission
     motor_inertia: Array
-    friction: tuple[tuple[int, DriveCurve], ...]
+    friction: tuple[tuple[int, SmoothColumns], ...]
     parallel: ParallelElements
     sign_width: Array
 
@@ -342,7 +342,8 @@ def drive_loads(limits: DriveLimits, time: Array, states: States) -> Array:
     motor = limits.motor_inertia * acceleration + drive_torque / limits.drives.ratio
     for index, curve in limits.friction:
         width = float(limits.sign_width[index])
-        motor[:, index] += curve.evaluate(speed[:, index], drive_torque[:, index], width)[0]
+        own = speed[:, index], drive_torque[:, index]
+        motor[:, index] += curve.torque(*own, sign_width=width)[0]
     return np.stack([torque, motor, speed, limits.drives.spring_deflection(drive_torque)[0]])
 
 
@@ -406,7 +407,7 @@ def _slopes(
     for index, curve in limits.friction:
         if index == joint:
             width = float(limits.sign_width[joint])
-            _, by_speed, by_torque = curve.evaluate(speed[motor], torque[motor], width)
+            _, (by_speed, by_torque) = curve.torque(speed[motor], torque[motor], sign_width=width)
             slopes[1, motor] += by_speed
             slopes[2, motor] += by_torque
     slopes[1, fast] = 1.0
