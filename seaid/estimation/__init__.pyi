@@ -15,7 +15,7 @@ from .feasible import regularised as regularised
 from .feasible import with_selected_weight as with_selected_weight
 from .fitting import Estimator as Estimator
 from .fitting import EstimatorName as EstimatorName
-from .fitting import Fit as Fit
+from .fitting import FittedRows as FittedRows
 from .fitting import LinearEstimator as LinearEstimator
 from .fitting import Rows as Rows
 from .fitting import estimator_named as estimator_named

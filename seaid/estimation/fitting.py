@@ -194,7 +194,7 @@ Rows = Union["Regression", StoredRows]
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class FittedRows:
     """An estimate with its QR factor, and the rows as it weights them if they are in memory.
 
     `settled` are the converged weights (E,) of the equations, if the estimate has used them.
@@ -229,7 +229,7 @@ def fit(
     propagated: Array | None = None,
     change: Change | None = None,
     check: Callable[[QRFactor], None] = lambda _: None,
-) -> Fit:
+) -> FittedRows:
     """Fit rows after `change`, with the covariance (s, s) of the propagated parameters.
 
     `check` may refuse the QR factor of the rows. Stored rows need an estimator that weights
@@ -243,7 +243,7 @@ def fit(
         check(qr_factor_of(in_memory))
         estimate = estimator.solve(in_memory, propagated)
         weighted = estimator.effective_rows(in_memory, estimate)
-        return Fit(estimate, qr_factor_of(weighted), weighted, propagated)
+        return FittedRows(estimate, qr_factor_of(weighted), weighted, propagated)
     weigh = estimator.weigh
 
     def checked(qr_factor: QRFactor) -> Array:
@@ -258,4 +258,4 @@ def fit(
         weights = checked(qr_factor)
         estimate = estimate_of_rows(in_memory, qr_factor, weights, propagated)
     settled = weights if weigh is settled_weights else None
-    return Fit(estimate, qr_factor, in_memory, propagated, settled)
+    return FittedRows(estimate, qr_factor, in_memory, propagated, settled)

@@ -21,7 +21,7 @@ from seaid.errors import IdentificationError, checked, listed, shown, unknown_na
 from seaid.estimation import (
     Estimate,
     Estimator,
-    Fit,
+    FittedRows,
     LinearEstimator,
     TermTest,
     estimator_named,
@@ -126,7 +126,7 @@ class ConditionFit:
 
     rows: Mapping[str, Regression]
     shared: SharedRows
-    fit: Fit
+    fit: FittedRows
 
     def of(self, condition: str) -> Estimate:
         """Return the estimate of a condition."""

@@ -26,7 +26,7 @@ import numpy as np
 from seaid._arrays import Array, IndexArray
 from seaid.drives import Column
 from seaid.errors import IdentificationError
-from seaid.estimation import Estimate, Estimator, Fit, qr_factor_of
+from seaid.estimation import Estimate, Estimator, FittedRows, qr_factor_of
 from seaid.identification.datasets import Dataset, rows_in_memory
 from seaid.identification.drive_estimates import spring_of, with_flags
 from seaid.identification.method_limits import check_simultaneous
@@ -232,7 +232,7 @@ def estimate_simultaneous(
         whole, _ = settled(robot, rows, theta, lambda found: estimator.solve(found, zeros))
     drives, load, load_side = split_estimate(robot, model, whole)
     solved = estimator.effective_rows(whitened(robot, rows, whole.values), whole)
-    both = Fit(whole, qr_factor_of(solved), solved, zeros)
+    both = FittedRows(whole, qr_factor_of(solved), solved, zeros)
     optional = [
         name
         for name in whole.names

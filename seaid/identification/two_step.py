@@ -20,7 +20,7 @@ from seaid.estimation import (
     RANK_TOLERANCE,
     Estimate,
     Estimator,
-    Fit,
+    FittedRows,
     ModelChecks,
     QRFactor,
     Rows,
@@ -114,7 +114,7 @@ class RobotEstimate:
     springs: Mapping[str, Array]
     excluded: Mapping[str, int]
     checks: Mapping[str, ModelChecks]
-    fit: Fit
+    fit: FittedRows
     whole: Estimate | None = None
 
 
@@ -198,7 +198,7 @@ def without_torque(robot: Robot, springs: Collection[str]) -> dict[str, Array]:
 
 def fit_actuator(
     robot: Robot, datasets: Sequence[Dataset], joint: str, rows: Rows, estimator: Estimator
-) -> Fit:
+) -> FittedRows:
     """Fit (10) of an elastic joint, by errors in variables if the spring torque was measured."""
     found = fit(rows, estimator, check=check_scale)
     plain = found.estimate.names == ("stiffness", "spring_offset")
@@ -213,7 +213,7 @@ def fit_actuator(
 
 def fit_load(
     rows: Rows, springs: Mapping[str, Estimate], estimator: Estimator, offsets: Array | None = None
-) -> Fit:
+) -> FittedRows:
     """Fit (8) from rows without spring torque; `offsets` (n, n): covariance of encoders."""
     covariances = [spring.covariance for spring in springs.values()]
     covariances += [] if offsets is None else [offsets]
