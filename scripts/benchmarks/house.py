@@ -20,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from scripts.benchmarks.hops import hops
 from seaid.report.text import table
+from tests.test_language import INSTEAD, dialect
 
 Graph = dict[str, set[str]]
 
@@ -91,6 +92,20 @@ def longest_chain(graph: Graph) -> int:
     return max(map(depth, graph))
 
 
+def in_cycles(graph: Graph) -> int:
+    """Return the number of modules that import themselves by way of others."""
+
+    def reached(name: str) -> set[str]:
+        found: set[str] = set()
+        ahead = set(graph[name])
+        while ahead:
+            found |= ahead
+            ahead = set().union(*(graph[one] for one in ahead)) - found
+        return found
+
+    return sum(name in reached(name) for name in graph)
+
+
 def lines_of(paths: Iterable[Path]) -> tuple[int, int, int]:
     """Return the lines of files: all, those of docstrings, those of comments."""
     everything = documented = comments = 0
@@ -137,13 +152,14 @@ def column(name: str, folder: Path) -> list[str]:
         f"{comments}",
         f"{sum(one == 1 for one in importers)}",
         f"{longest_chain(graph)}",
+        f"{in_cycles(graph)}",
         *over,
     ]
 
 
 ROWS = (
     *("modules", "lines", "lines without docstrings", "docstrings", "lines of comments"),
-    *("modules with one importer", "longest chain of imports"),
+    *("modules with one importer", "longest chain of imports", "modules in cycles of imports"),
     *("functions of complexity over 10", "over 15"),
 )
 
@@ -160,7 +176,11 @@ def main() -> None:
     rows = [[row, *(one[place] for one in columns.values())] for place, row in enumerate(ROWS)]
     print(table("The house", ["", *columns], rows))
     entered, changes = hops()
-    print(f"\nidentify on the TULip leg enters {len(entered)} files, {changes:,} changes of file")
+    words = len(dialect())
+    print(
+        f"\n{words} lines of seaid have one of {len(INSTEAD)} patterns of words that were replaced"
+    )
+    print(f"identify on the TULip leg enters {len(entered)} files, {changes:,} changes of file")
 
 
 if __name__ == "__main__":
