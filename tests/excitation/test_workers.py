@@ -113,6 +113,8 @@ def test_ctrl_c_ends_the_search_of_a_plain_script(tmp_path: Path) -> None:
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        # a shell's background job ignores the signal, and so would the script
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         cwd=Path(__file__).parents[2],
     )
     assert process.stdout is not None
