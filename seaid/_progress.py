@@ -1,11 +1,14 @@
-"""Progress bars on stderr for computations that take more than a second."""
+"""What people see: progress bars on stderr, and objects in one line or as a table."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TypeVar
+from dataclasses import MISSING, fields
+from typing import Any, ClassVar, TypeVar
+
+from seaid.errors import in_one_line, listed, shortened
 
 Item = TypeVar("Item")
 
@@ -48,3 +51,76 @@ def best_so_far(description: str, meaning: str, total: int, enabled: bool) -> It
 
         yield report
         bar.update(task, completed=total)
+
+
+_LONGEST_VALUE, _LONGEST_LINE, _MOST_ELEMENTS = 80, 300, 3
+
+
+class Display:
+    """Data with a `repr` of one line, which notebooks show by a table of `seaid.report`."""
+
+    table_name: ClassVar[str] = "fields_table"
+    """The function of `seaid.report` that makes the table."""
+
+    def _in_short(self) -> str:
+        """Return what the repr has in brackets: here the fields that differ from their defaults."""
+        return ", ".join(f"{name}={text}" for name, text in field_texts(self))
+
+    def __repr__(self) -> str:
+        text = shortened(self._in_short(), _LONGEST_LINE)
+        return f"{type(self).__name__}({text})"
+
+    def _repr_html_(self) -> str:
+        from seaid import report
+
+        return str(getattr(report, self.table_name)(self).html)
+
+
+class Result(Display):
+    """A result that `summary()` and `print` show by its table."""
+
+    def summary(self) -> str:
+        """Return the result as text that a human reads."""
+        from seaid import report
+
+        return str(getattr(report, self.table_name)(self))
+
+    def __str__(self) -> str:
+        return self.summary()
+
+
+def field_texts(data: Any) -> Iterator[tuple[str, str]]:
+    """Yield each field that differs from its default, and its value as text."""
+    for field in fields(data):
+        value = getattr(data, field.name)
+        is_default = field.default is not MISSING and not hasattr(value, "shape")
+        if field.repr and not (is_default and value == field.default):
+            yield field.name, value_text(value)
+
+
+def value_text(value: Any) -> str:
+    """Return a value in one short line, an array of more than three elements by its shape."""
+    if hasattr(value, "shape") and math.prod(value.shape) > _MOST_ELEMENTS:
+        return f"array {value.shape}"
+    if hasattr(value, "shape"):
+        return shortened(str(value.tolist()), _LONGEST_VALUE)
+    if isinstance(value, Mapping | list | tuple) and len(repr(value)) > _LONGEST_VALUE:
+        return f"{len(value)} entries"
+    return shortened(in_one_line(repr(value)), _LONGEST_VALUE)
+
+
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun: "1 joint", "1,200 samples"."""
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
+MOST_NAMES = 6
+"""Names of joints and the like in a line."""
+
+
+def sampled_text(time: Any, joint_names: Sequence[str]) -> str:
+    """Return the number of samples, duration, rate and joints of a log or motion."""
+    duration = float(time[-1] - time[0])
+    rate = f" at {(len(time) - 1) / duration:.4g} Hz" if duration > 0 else ""
+    samples = f"{counted(len(time), 'sample')}, {duration:.2f} s{rate}"
+    return f"{samples}, joints {listed(joint_names, MOST_NAMES)}"

@@ -44,12 +44,12 @@ FLOORS = (
 )
 """The packages along the way of the data: each imports only from those before it."""
 
-ROOTS = {f"seaid.{name}" for name in ("errors", "_arrays", "_display", "_files", "_progress")}
+ROOTS = {f"seaid.{name}" for name in ("errors", "_arrays", "_files", "_progress")}
 """What stands at the root: used by all packages, and importing nothing but each other."""
 
 UPWARDS = {
     # results print themselves by the tables and figures of the report
-    ("seaid._display", "seaid.report"),
+    ("seaid._progress", "seaid.report"),
     ("seaid.identification.cutoff_sweep", "seaid.report"),
     # Identification.to_dict is the content of parameters.json
     ("seaid.identification.identification", "seaid.export"),

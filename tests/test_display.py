@@ -14,7 +14,7 @@ import pytest
 
 import seaid
 from seaid._arrays import Array
-from seaid._display import Display, Result, counted, value_text
+from seaid._progress import Display, Result, counted, value_text
 from seaid.report import base_table, fields_table, table
 from seaid.report.text import Text, joined
 from seaid.simulation.simulation import measure

@@ -17,7 +17,7 @@ import pytest
 import seaid
 import seaid.regressor
 import seaid.symbolic
-from seaid._display import Display, Result
+from seaid._progress import Display, Result
 
 IMPORT_SECONDS = 1.0
 FUNCTIONS = {

@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self, get_args
 
 from seaid._arrays import FrozenMapping, number
-from seaid._display import Display
+from seaid._progress import Display
 from seaid.drives.terms import (
     COULOMB,
     DRY,

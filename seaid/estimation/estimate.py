@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from seaid._arrays import Array, frozen
-from seaid._display import MOST_NAMES, Result, counted
+from seaid._progress import MOST_NAMES, Result, counted
 from seaid.errors import SeaidError, UnknownNameError, listed, shortened, unknown_name
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, finite, safely
-from seaid._display import Display
+from seaid._progress import Display
 from seaid.errors import ExcitationError
 from seaid.excitation.basis import Basis
 from seaid.excitation.limits import KINDS, JointLimits, grouped, hull_rows, per_joint

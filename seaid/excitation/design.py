@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from seaid._arrays import Array, safely, seed_of
-from seaid._display import Result, counted
+from seaid._progress import Result, counted
 from seaid.errors import ExcitationError, SeaidWarning, checked
 from seaid.excitation.basis import BasisName, make_basis
 from seaid.excitation.boundary import IN_MOTION, EndState, motion_space

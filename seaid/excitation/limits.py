@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, IndexArray, frozen
-from seaid._display import Display
+from seaid._progress import Display
 from seaid.drives import SmoothColumns, friction_curve, joint_term_parameters
 from seaid.errors import ExcitationError, unknown_name
 from seaid.excitation.basis import Basis

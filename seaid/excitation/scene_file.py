@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, finite
-from seaid._display import Display
+from seaid._progress import Display
 from seaid.errors import (
     ExcitationError,
     RobotError,

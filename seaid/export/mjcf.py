@@ -11,8 +11,8 @@ import numpy as np
 import scipy.linalg
 
 from seaid._arrays import safely
-from seaid._display import Display
 from seaid._files import write_whole
+from seaid._progress import Display
 from seaid.errors import RobotError, checked
 from seaid.export.mjcf_bodies import TINY, add_bodies
 from seaid.export.mjcf_drives import add_drives

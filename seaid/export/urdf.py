@@ -16,8 +16,8 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array
-from seaid._display import Display
 from seaid._files import real_path, whole_file
+from seaid._progress import Display
 from seaid.drives import IDEAL_DRIVE, Drive, write_drives
 from seaid.errors import RobotError, checked, unknown_name
 from seaid.identification import Identification

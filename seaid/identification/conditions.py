@@ -15,7 +15,7 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array, FrozenMapping
-from seaid._display import MOST_NAMES, Result, counted
+from seaid._progress import MOST_NAMES, Result, counted
 from seaid.drives import PARAMETERS, Column
 from seaid.errors import IdentificationError, checked, listed, shown, unknown_name
 from seaid.estimation import (

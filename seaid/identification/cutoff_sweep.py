@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, frozen
-from seaid._display import Result, counted
-from seaid._progress import track
+from seaid._progress import Result, counted, track
 from seaid.errors import IdentificationError, SeaidError, checked
 from seaid.identification.datasets import Source
 from seaid.identification.identification import Identification, identify

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, IndexArray
-from seaid._display import Display
+from seaid._progress import Display
 from seaid.errors import LogError, checked, unknown_name
 from seaid.estimation import newey_west, scaled_svd
 from seaid.log import (

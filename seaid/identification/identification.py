@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
-from seaid._display import Result, counted
 from seaid._files import write_json
+from seaid._progress import Result, counted
 from seaid.errors import IdentificationError, checked
 from seaid.estimation import Estimate, EstimatorName, ModelChecks, estimator_named
 from seaid.identification.datasets import Dataset, Source, datasets_of, processing_of, sources_of

@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
-from seaid._display import MOST_NAMES, Result, counted
-from seaid._progress import track
+from seaid._progress import MOST_NAMES, Result, counted, track
 from seaid.drives import COULOMB, PARAMETERS_OF, Drive, term_fields
 from seaid.errors import IdentificationError, RobotError, SeaidError, checked, listed, unknown_name
 from seaid.estimation import (

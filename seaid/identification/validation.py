@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, BoolArray
-from seaid._display import Display, Result, sampled_text
-from seaid._progress import track
+from seaid._progress import Display, Result, sampled_text, track
 from seaid.errors import IdentificationError, checked
 from seaid.identification.identification import Identification, identify
 from seaid.log import Log, Motion, in_band, reconstruct_motions, standstill

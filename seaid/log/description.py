@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from seaid._arrays import FrozenMapping
-from seaid._display import MOST_NAMES, Display, counted
 from seaid._files import MOST_TOML_BYTES, read_toml
+from seaid._progress import MOST_NAMES, Display, counted
 from seaid.errors import LogError, listed, shortened, shown, unknown_name
 from seaid.log.log import SENSORS, UNIT_FACTORS
 from seaid.log.repair.data import Repairs

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from seaid._arrays import Array
-from seaid._display import Display
+from seaid._progress import Display
 from seaid.errors import LogError, checked
 
 _RESOLVED = 0.05

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid._display import Display, counted
+from seaid._progress import Display, counted
 from seaid.errors import LogError, checked, in_one_line, listed, shortened
 from seaid.log.description import Clock, LogDescription, Source
 from seaid.log.readers.opening import open_table

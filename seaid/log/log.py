@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 import numpy as np
 
 from seaid._arrays import Array, frozen
-from seaid._display import Display, sampled_text
 from seaid._files import write_csv, write_whole
+from seaid._progress import Display, sampled_text
 from seaid.errors import LogError, checked, listed, shown, unknown_name
 from seaid.log.readers.hdf5_file import write_hdf5
 from seaid.log.readers.parquet_file import write_parquet

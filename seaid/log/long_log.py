@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid._display import Display, counted
+from seaid._progress import Display, counted
 from seaid.errors import LogError, checked, shown
 from seaid.log.filtering import decimation, filter_overlap
 from seaid.log.log import MINIMUM_SAMPLES, WRITTEN, Column, Log, holes, log_of, wanted_columns

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array, BoolArray, frozen, safely, seed_of
-from seaid._display import Result, counted
+from seaid._progress import Result, counted
 from seaid.errors import ExcitationError, RobotError, SeaidError, checked
 from seaid.regressor.rigid_body import regressor_at_drives
 

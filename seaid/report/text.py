@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from seaid._display import counted, field_texts
+from seaid._progress import counted, field_texts
 from seaid.drives import Column
 from seaid.log import has_holes
 

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, finite, number, safely
-from seaid._display import Display
+from seaid._progress import Display
 from seaid.errors import RobotError, unknown_name
 from seaid.robot.inertia import (
     LARGEST_KG,

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, BoolArray, FrozenMapping, finite, frozen
-from seaid._display import Display, counted
+from seaid._progress import Display, counted
 from seaid.drives import IDEAL_DRIVE, Drive, drives_from_mapping, read_drives
 from seaid.errors import RobotError, SeaidWarning, checked, unknown_name
 from seaid.robot.inertia import parameter_names, to_pinocchio

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from seaid._arrays import Array, check_rate, frozen, seed_of
-from seaid._display import Display
-from seaid._progress import track
+from seaid._progress import Display, track
 from seaid.errors import SeaidError, checked
 from seaid.excitation import Trajectory
 from seaid.log import Log, Motion

@@ -16,7 +16,7 @@ from typing import Literal
 import sympy as sp
 from flint import fmpq, fmpq_mat, fmpq_mpoly
 
-from seaid._display import Display
+from seaid._progress import Display
 from seaid.errors import SymbolicError
 from seaid.symbolic.entries import Entry, Row, grouped_by_motion
 from seaid.symbolic.independence import independent_functions

@@ -15,8 +15,7 @@ from typing import Any
 import sympy as sp
 from flint import fmpq, fmpq_mpoly
 
-from seaid._display import Display
-from seaid._progress import track
+from seaid._progress import Display, track
 from seaid.errors import SymbolicError
 from seaid.symbolic.entries import (
     Entry,

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from seaid._arrays import Array
-from seaid._display import Display, counted
+from seaid._progress import Display, counted
 from seaid.errors import SeaidError, checked, reason_of, unknown_name
 from seaid.excitation import Excitation, Trajectory
 from seaid.log import Log, Motion

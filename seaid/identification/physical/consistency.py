@@ -16,7 +16,7 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array, finite
-from seaid._display import Result, counted
+from seaid._progress import Result, counted
 from seaid.drives import Column
 from seaid.errors import IdentificationError
 from seaid.estimation import (

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from seaid._arrays import Array, frozen
-from seaid._display import Display
+from seaid._progress import Display
 from seaid.errors import LogError, shown
 
 

@@ -15,7 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from seaid._arrays import FrozenMapping, seed_of
-from seaid._display import Result, counted
+from seaid._progress import Result, counted
 from seaid.drives import Column
 from seaid.errors import RobotError, checked, unknown_name
 from seaid.regressor.base import BaseParameters
