@@ -45,8 +45,8 @@ from .symbols import u_M as u_M
 from .terms import COULOMB as COULOMB
 from .terms import PARAMETERS as PARAMETERS
 from .terms import PARAMETERS_OF as PARAMETERS_OF
-from .terms import Column as Column
 from .terms import FrictionTerm as FrictionTerm
+from .terms import JointParameter as JointParameter
 from .terms import MotorInput as MotorInput
 from .terms import SpringTerm as SpringTerm
 from .terms import key_of as key_of

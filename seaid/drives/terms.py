@@ -140,14 +140,23 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
 MotorInput = Literal["torque", "current", "voltage"]
 """Values of `motor_input=`, with their parameters in `PARAMETERS_OF`."""
 
+COULOMB = ("coulomb", "smooth_coulomb", "shifted_coulomb")
+"""Friction terms of which a drive has at most one."""
 
-class Column(str):
+DRY = ("coulomb", "load", "stribeck")
+"""Friction terms that can hold a motor at rest, unless the drive's Coulomb friction is smooth."""
+
+NONLINEAR_SPRING = ("cubic", "fifth", "dead_zone")
+"""Spring terms whose force depends on where the deflection is zero."""
+
+
+class JointParameter(str):
     """The name of a column that is the parameter of a joint: "stiffness of knee"."""
 
     parameter: str
     joint: str
 
-    def __new__(cls, parameter: str, joint: str) -> Column:
+    def __new__(cls, parameter: str, joint: str) -> JointParameter:
         """Return the name with its two parts."""
         name = super().__new__(cls, f"{parameter} of {joint}")
         name.parameter, name.joint = parameter, joint
@@ -159,21 +168,11 @@ class Column(str):
 
 def parameter_of(name: str) -> str:
     """Return the parameter that a name of a column begins with: of any joint, or of no joint."""
-    return name.parameter if isinstance(name, Column) else name
+    return name.parameter if isinstance(name, JointParameter) else name
 
 
 def readable(name: str) -> str:
     """Return the name of a column for text: "viscous friction of knee", bodies unchanged."""
-    if not isinstance(name, Column):
+    if not isinstance(name, JointParameter):
         return name
     return f"{name.parameter.replace('_', ' ')} of {name.joint}"
-
-
-COULOMB = ("coulomb", "smooth_coulomb", "shifted_coulomb")
-"""Friction terms of which a drive has at most one."""
-
-DRY = ("coulomb", "load", "stribeck")
-"""Friction terms that can hold a motor at rest, unless the drive's Coulomb friction is smooth."""
-
-NONLINEAR_SPRING = ("cubic", "fifth", "dead_zone")
-"""Spring terms whose force depends on where the deflection is zero."""

@@ -16,7 +16,7 @@ from scipy import linalg
 
 from seaid._arrays import Array, FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted
-from seaid.drives import PARAMETERS, Column
+from seaid.drives import PARAMETERS, JointParameter
 from seaid.errors import IdentificationError, checked, listed, shown, unknown_name
 from seaid.estimation import (
     Estimate,
@@ -167,7 +167,7 @@ class ConditionFits:
     def differences(self) -> dict[str, TermTest]:
         """Return {specific parameter (of a joint): test of whether the conditions differ in it}."""
         return {
-            Column(name, joint): test
+            JointParameter(name, joint): test
             for joint, side in self.actuators.items()
             for name, test in side.differences().items()
         } | self.load.differences()

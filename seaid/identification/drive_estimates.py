@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import linalg
 
-from seaid.drives import PARAMETERS, Drive
+from seaid.drives import PARAMETERS, Drive, JointParameter, readable
 from seaid.estimation import Estimate, QRFactor, triangle
 from seaid.regressor import spring_regressor
 from seaid.robot import Robot
@@ -81,7 +81,7 @@ def with_flags(estimate: Estimate, joint: str, qr_factor: QRFactor | None) -> Es
     ):
         if name in _ZEROS:
             continue
-        text = name.replace("_", " ") + f" of {joint}"
+        text = readable(JointParameter(name, joint))
         reasons = []
         if error > POORLY_IDENTIFIED * abs(value):
             reasons.append(f"standard error {error / abs(value):.0%}" if value else "value zero")

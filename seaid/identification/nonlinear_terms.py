@@ -16,7 +16,16 @@ from itertools import product
 import numpy as np
 
 from seaid._arrays import Array, IndexArray
-from seaid.drives import COULOMB, PARAMETERS, PARAMETERS_OF, Drive, DriveRegressor, unit_of
+from seaid.drives import (
+    COULOMB,
+    PARAMETERS,
+    PARAMETERS_OF,
+    Drive,
+    DriveRegressor,
+    JointParameter,
+    readable,
+    unit_of,
+)
 from seaid.errors import IdentificationError
 from seaid.estimation import (
     Estimate,
@@ -109,8 +118,8 @@ def with_fixed_flags(
     for joint, estimate in drives.items():
         drive, before = robot.drives[joint], given.drives[joint].known
         flags = tuple(
-            f"{name.replace('_', ' ')} of {joint} is not identifiable from this motion: fixed at "
-            f"{drive.values[name]:.3g} {unit_of(drive, name)}; remove its term, or excite it"
+            f"{readable(JointParameter(name, joint))} is not identifiable from this motion: fixed "
+            f"at {drive.values[name]:.3g} {unit_of(drive, name)}; remove its term, or excite it"
             for name in drive.known
             if name not in before
         )

@@ -24,7 +24,7 @@ from functools import partial
 import numpy as np
 
 from seaid._arrays import Array, IndexArray
-from seaid.drives import Column
+from seaid.drives import JointParameter
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Estimator, FittedRows, qr_factor_of
 from seaid.identification.datasets import Dataset, rows_in_memory
@@ -72,7 +72,7 @@ def simultaneous_regression(
     zero = without_torque(robot, [joint for joint in model.torque_joints if joint in springs])
     load = load_regression(robot, motion, model, zero)
     actuators = {joint: actuator_regression(robot, motion, joint) for joint in robot.elastic_joints}
-    names = [Column(name, joint) for joint, one in actuators.items() for name in one.names]
+    names = [JointParameter(name, joint) for joint, one in actuators.items() for name in one.names]
     load = replace(
         load,
         names=(*names, *load.names),
@@ -192,7 +192,7 @@ def split_estimate(
     load_side = estimate.part(range(count, len(estimate.names)), model.names)
     columns: dict[str, dict[str, int]] = {joint: {} for joint in robot.joint_names}
     for index, name in enumerate(estimate.names):
-        if isinstance(name, Column):
+        if isinstance(name, JointParameter):
             columns[name.joint][name.parameter] = index
     drives = {
         joint: with_flags(estimate.part(list(own.values()), tuple(own)), joint, None)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array
-from seaid.drives import Column, parameter_of
+from seaid.drives import JointParameter, parameter_of
 from seaid.errors import IdentificationError
 from seaid.estimation import (
     RANK_TOLERANCE,
@@ -79,7 +79,7 @@ def check_scale(qr_factor: QRFactor) -> None:
             column = qr_factor.names[place]
             name, remedy = parameter_of(column), _SPRING
             joint = qr_factor.joint_names[qr_factor.equations[0]]
-            if isinstance(column, Column):
+            if isinstance(column, JointParameter):
                 joint, remedy = column.joint, _LOAD_SIDE
             raise IdentificationError(
                 f"the {name.replace('_', ' ')} of {joint} is unidentifiable: only the "

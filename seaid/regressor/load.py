@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, frozen
-from seaid.drives import Column, is_dry
+from seaid.drives import JointParameter, is_dry
 from seaid.errors import IdentificationError, LogError
 from seaid.log import in_band_at, joint_standstill, row_samples, standstill, still_share
 from seaid.regressor.base import grouped_text, left_to_right, negligible, random_states
@@ -123,7 +123,9 @@ class LoadModel:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all columns: expressions, then '<parameter> of <joint>'."""
-        return self.expressions + tuple(Column(name, joint) for joint, name, _ in self.drives)
+        return self.expressions + tuple(
+            JointParameter(name, joint) for joint, name, _ in self.drives
+        )
 
     @property
     def units(self) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seaid.drives import IDEAL_DRIVE, drive_table
+from seaid.drives import IDEAL_DRIVE, JointParameter, drive_table, readable
 from seaid.log import has_holes, row_samples
 from seaid.report.html_tables import seconds, short
 from seaid.robot import at_drives
@@ -129,7 +129,7 @@ def settings_facts(found: Identification) -> list[tuple[str, str]]:
         method = "simultaneous" if "both" in found.checks else "two-step: springs, then the load"
         facts.insert(2, ("Method", method))
     if found.model.absorbed:
-        names = [f"{name.replace('_', ' ')} of {joint}" for joint, name, _ in found.model.absorbed]
+        names = [readable(JointParameter(name, joint)) for joint, name, _ in found.model.absorbed]
         facts.append(("Identified in combination with base parameters", ", ".join(names)))
     return facts
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import Column, readable
+from seaid.drives import JointParameter, readable
 from seaid.estimation import (
     POORLY_DETERMINED,
     directions,
@@ -137,7 +137,7 @@ def _estimates(found: Identification) -> tuple[list[str], list[int], list[Array]
         drive = found.drives[joint]
         own = [i for i, name in enumerate(drive.names) if f"{name} of {joint}" not in load.names]
         if own:
-            named = [readable(Column(drive.names[i], joint)) for i in own]
+            named = [readable(JointParameter(drive.names[i], joint)) for i in own]
             add(drive.correlation[np.ix_(own, own)], named)
     if load.names:
         bodies = [first_term(name) for name in found.model.expressions]

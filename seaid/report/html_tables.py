@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import Column, readable
+from seaid.drives import JointParameter, readable
 from seaid.identification import POORLY_IDENTIFIED
 from seaid.report.html_traces import SIDES
 
@@ -256,7 +256,7 @@ def term_rows(found: Identification) -> list[CheckRow]:
 def term_name(side: str, term: TermTest) -> str:
     """Return the name of a tested term with its joint."""
     name = term.terms[0]
-    return readable(name if side in ("load", "both") else Column(name, side))
+    return readable(name if side in ("load", "both") else JointParameter(name, side))
 
 
 def residual_rows(found: Identification) -> list[CheckRow]:

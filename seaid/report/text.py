@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from seaid._progress import counted, field_texts
-from seaid.drives import Column
+from seaid.drives import JointParameter
 from seaid.log import has_holes
 
 if TYPE_CHECKING:
@@ -379,7 +379,7 @@ def conditions_table(together: Conditions) -> Text:
 
 def _text(found: Identification, name: str) -> str:
     estimate, key = found.load_side, name
-    if name not in estimate.names and isinstance(name, Column):
+    if name not in estimate.names and isinstance(name, JointParameter):
         estimate, key = found.drives[name.joint], name.parameter
     return f"{number(estimate.value(key))} +- {estimate.standard_error(key):.2g}"
 

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array, FrozenMapping
-from seaid.drives import Column
+from seaid.drives import JointParameter
 from seaid.errors import SeaidError
 from seaid.estimation.diagnostics import ModelChecks, TermTest, Whiteness
 from seaid.identification.identification import Identification
@@ -300,7 +300,7 @@ def _bodies() -> Array:
 
 
 def test_checks_that_fail_are_flagged() -> None:
-    term = TermTest((Column("viscous_friction", "wrist"),), 1.0, 0.1, 0.7, -4.0, 100.0)
+    term = TermTest((JointParameter("viscous_friction", "wrist"),), 1.0, 0.1, 0.7, -4.0, 100.0)
     white = {"wrist": Whiteness(0.95, 0.1, 0.0), "rail": Whiteness(0.5, 1.0, 0.0)}
     bad = ModelChecks(900.0, ("the data tell 1e-03 of the combination a - b",), (term,), white)
     found = replace(

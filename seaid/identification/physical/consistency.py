@@ -17,7 +17,7 @@ from scipy import linalg
 
 from seaid._arrays import Array, finite
 from seaid._progress import Result, counted
-from seaid.drives import Column
+from seaid.drives import JointParameter
 from seaid.errors import IdentificationError
 from seaid.estimation import (
     WEIGHTS,
@@ -250,7 +250,7 @@ def _together(model: LoadModel, load_side: Estimate, drives: Mapping[str, Estima
         )
     parts = [load_side, *drives.values()]
     names = [*load_side.names]
-    names += [Column(name, joint) for joint, one in drives.items() for name in one.names]
+    names += [JointParameter(name, joint) for joint, one in drives.items() for name in one.names]
     if len(set(names)) < len(names):
         twice = sorted({name for name in names if names.count(name) > 1})
         raise IdentificationError(f"estimated twice, in load_side and in drives: {twice}")
@@ -293,13 +293,13 @@ def _robot(robot: Robot, model: LoadModel, known: Estimate, found: FeasiblePoint
     """Return the robot with consistent bodies and the identified drives."""
     m, names = 10 * robot.n, dict(zip(known.names, found.values, strict=True))
     for (joint, name, _), value in zip(model.absorbed, found.unknowns[m:], strict=False):
-        names[Column(name, joint)] = value
+        names[JointParameter(name, joint)] = value
     drives = dict(robot.drives)
     for joint, drive in drives.items():
         own = {
             name.parameter: _rounded(name.parameter, value)
             for name, value in names.items()
-            if isinstance(name, Column) and name.joint == joint
+            if isinstance(name, JointParameter) and name.joint == joint
         }
         drives[joint] = with_values(drive, own)
     return robot.with_values(_bodies(robot, found), drives)

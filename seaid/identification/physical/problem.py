@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, frozen, safely
-from seaid.drives import Column, parameter_of, readable
+from seaid.drives import JointParameter, parameter_of, readable
 from seaid.errors import IdentificationError, RobotError, unknown_name
 from seaid.estimation import Estimate, Program, covariance_root
 from seaid.regressor import LoadModel
@@ -256,7 +256,7 @@ def body_program(
     columns, pivots, own = _columns(model, known, m)
     root = covariance_root(known.covariance, known.values)
     largest = np.max(np.abs(model.absorption), axis=0, initial=0.0)
-    names: list[str] = [Column(name, joint) for joint, name, _ in model.absorbed]
+    names: list[str] = [JointParameter(name, joint) for joint, name, _ in model.absorbed]
     names += [known.names[row] for row in own]
     sizes = np.append(np.max(bodies[:, 4:]) / largest, np.linalg.norm(root, axis=1)[own])
     values = np.append(np.zeros(absorbed), known.values[own])

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from seaid.drives import (
     PARAMETER_NAMES,
     SIGNALS,
-    Column,
     Drive,
+    JointParameter,
     K_t,
     K_u,
     MotorInput,
@@ -356,7 +356,7 @@ def system_of(
     terms = tuple(drive_terms(robot.drives[joint], sensors[joint]) for joint in joints)
     equations = equations_of(robot, terms, sensors, depends)
     drives = zip(joints, terms, strict=True)
-    names = [Column(name, joint) for joint, drive in drives for name in drive.names]
+    names = [JointParameter(name, joint) for joint, drive in drives for name in drive.names]
     names_of_all = (*robot.parameter_names, *names)
     return System(robot, terms, tuple(equations), eliminations(equations), names_of_all)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from seaid._arrays import FrozenMapping, seed_of
 from seaid._progress import Result, counted
-from seaid.drives import Column
+from seaid.drives import JointParameter
 from seaid.errors import RobotError, checked, unknown_name
 from seaid.regressor.base import BaseParameters
 from seaid.robot import Robot
@@ -89,7 +89,7 @@ class Identifiability(Result):
     @property
     def body_count(self) -> int:
         """Number of combinations whose first parameter is a body's: the base parameters."""
-        return sum(not isinstance(name, Column) for name in self.base.names)
+        return sum(not isinstance(name, JointParameter) for name in self.base.names)
 
 
 @checked(RobotError)
