@@ -235,27 +235,25 @@ def fit(
     `check` may refuse the QR factor of the rows. Stored rows need an estimator that weights
     equations. Raises as `ordinary` does.
     """
-    in_memory = None if isinstance(rows, StoredRows) else rows
-    if in_memory is not None and change is not None:
-        in_memory = change(in_memory)
-    if estimator.weigh is None:
-        assert in_memory is not None
-        check(qr_factor_of(in_memory))
-        estimate = estimator.solve(in_memory, propagated)
-        weighted = estimator.effective_rows(in_memory, estimate)
-        return FittedRows(estimate, qr_factor_of(weighted), weighted, propagated)
     weigh = estimator.weigh
 
     def checked(qr_factor: QRFactor) -> Array:
         check(qr_factor)
-        return weigh(qr_factor)
+        return equal_weights(qr_factor) if weigh is None else weigh(qr_factor)
 
+    in_memory = None
     if isinstance(rows, StoredRows):
+        assert weigh is not None
         estimate, qr_factor, weights = stored_estimate(rows, checked, propagated, change)
     else:
-        assert in_memory is not None
+        in_memory = rows if change is None else change(rows)
         qr_factor = qr_factor_of(in_memory)
         weights = checked(qr_factor)
-        estimate = estimate_of_rows(in_memory, qr_factor, weights, propagated)
+        if weigh is None:
+            estimate = estimator.solve(in_memory, propagated)
+            in_memory = estimator.effective_rows(in_memory, estimate)
+            qr_factor = qr_factor_of(in_memory)
+        else:
+            estimate = estimate_of_rows(in_memory, qr_factor, weights, propagated)
     settled = weights if weigh is settled_weights else None
     return FittedRows(estimate, qr_factor, in_memory, propagated, settled)

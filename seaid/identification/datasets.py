@@ -99,7 +99,7 @@ def processing_of(datasets: Sequence[Dataset]) -> tuple[Processing, ...]:
 
 def first_motion(dataset: Dataset) -> Motion:
     """Return the motion, or that of the first piece of a long log, which has the same sensors."""
-    return dataset if isinstance(dataset, Motion) else next(dataset.motions())[0]
+    return dataset if isinstance(dataset, Motion) else dataset.first_motion
 
 
 @contextmanager

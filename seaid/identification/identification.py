@@ -191,7 +191,7 @@ def identify(
             'method="two-step"',
         )
     check_offset_std(encoder_offset_std)
-    robot.selected(torque_joints)  # refuses unknown joints before a log is read
+    selected = robot.selected(torque_joints)  # refuses unknown joints before a log is read
     solver = estimator_named("wls" if estimator == "iv" else estimator)
     sources = sources_of(logs)
     datasets = datasets_of(robot, sources, cutoff_hz, executor, progress)
@@ -200,11 +200,7 @@ def identify(
     if len(logs_in_memory) == len(sources):
         check_excitation(robot, in_memory)
     check_channels(logs_in_memory)
-    used = (
-        joints_with_torque(robot, datasets)
-        if torque_joints is None
-        else robot.selected(torque_joints)
-    )
+    used = joints_with_torque(robot, datasets) if torque_joints is None else selected
     given = robot
     if not is_linear(robot, used):
         robot, datasets = linearised_robot(robot, datasets, used)

@@ -138,14 +138,10 @@ def compare_terms(
     >>> result = seaid.identify(selection.robot, log)
     """
     asked, compared = _asked(terms), robot.selected(joints)
-    robot.selected(torque_joints)  # refuses unknown joints before a log is read
+    selected = robot.selected(torque_joints)  # refuses unknown joints before a log is read
     datasets = datasets_of(robot, sources_of(logs), cutoff_hz, None, progress)
     motions = [first_motion(dataset) for dataset in datasets]
-    used = (
-        joints_with_torque(robot, datasets)
-        if torque_joints is None
-        else robot.selected(torque_joints)
-    )
+    used = joints_with_torque(robot, datasets) if torque_joints is None else selected
     comparisons: list[TermComparison] = []
     for joint in track(compared, "terms", progress):
         robot = _extended(_JointModel(robot, motions, used, joint), asked, comparisons)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -73,6 +74,11 @@ class LongLog(Display):
     def _in_short(self) -> str:
         pieces = f"pieces of {counted(self.chunk_samples, 'sample')}"
         return f"'{self.path}' in {pieces}, '{self.robot.name}', cutoff {self.cutoff_hz:.3g} Hz"
+
+    @cached_property
+    def first_motion(self) -> Motion:
+        """The motion of the first piece, which has the sensors of all of them."""
+        return next(self.motions())[0]
 
     def parts(self) -> Iterator[LogPart]:
         """Yield the parts of the log, which overlap."""
