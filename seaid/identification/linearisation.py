@@ -16,10 +16,10 @@ from seaid.drives import Drive
 from seaid.errors import IdentificationError
 from seaid.identification.datasets import Dataset, first_motion
 from seaid.identification.nonlinear_terms import (
-    fit_load,
     linearised,
     linearised_load,
     nonlinear_joints,
+    starting_load_fit,
 )
 from seaid.log import Motion
 from seaid.regressor import under_load, with_gear_torque
@@ -77,7 +77,7 @@ def _without_load(drive: Drive) -> Drive:
 
 
 def _known(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> list[Motion]:
-    fit = fit_load(robot, motions, used)
+    fit = starting_load_fit(robot, motions, used)
     theta = fit.estimate.values
     return [with_gear_torque(robot, one, fit.model, fit.springs, theta) for one in motions]
 

@@ -22,14 +22,13 @@ from seaid.estimation import (
     ModelComparison,
     common_rows,
     compare_models,
+    estimator_named,
+    fit,
     independent_rows,
-    qr_factor_of,
-    settled_weights,
-    weighted,
 )
 from seaid.identification.datasets import Source, datasets_of, first_motion, sources_of
 from seaid.identification.linearisation import with_gear_torques
-from seaid.identification.nonlinear_terms import fit_load, linearised
+from seaid.identification.nonlinear_terms import linearised, starting_load_fit
 from seaid.identification.two_step import joints_with_torque
 from seaid.log import Motion
 from seaid.regressor import Regression, actuator_regression, stacked
@@ -237,7 +236,7 @@ class _JointModel:
         linear, motions = with_gear_torques(
             linearised(robot, self.motions), self.motions, self.used
         )
-        return fit_load(linear, motions, self.used).rows
+        return starting_load_fit(linear, motions, self.used).rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,9 +249,8 @@ class _Base:
 
 
 def _base(rows: Regression) -> _Base:
-    qr_factor, estimate = qr_factor_of(rows), weighted(rows)
-    weights = settled_weights(qr_factor)
-    return _Base(rows, weights, independent_rows(qr_factor, estimate))
+    found = fit(rows, estimator_named("wls"))
+    return _Base(rows, found.weights, independent_rows(found.qr_factor, found.estimate))
 
 
 def _comparisons(

@@ -362,7 +362,7 @@ def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]
             grid = [] if sweep else _grid(robot, joint, given[joint], scales[joint])
             robot = _searched(robot, motions, used, joint, scales[joint], grid)
     for joint in nonlinear:
-        search = _load_search(robot, motions, joint, fit_load(robot, motions, used))
+        search = _load_search(robot, motions, joint, starting_load_fit(robot, motions, used))
         robot = robot.with_drives({joint: search.with_fixed(robot.drives[joint])})
     return robot
 
@@ -372,7 +372,7 @@ def _grid(robot: Robot, joint: str, given: Drive, scale: Scale) -> list[Array]:
     return [np.array(one) for one in product(*(starts_of(n, given, {}, scale) for n in names))]
 
 
-def fit_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> LoadFit:
+def starting_load_fit(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> LoadFit:
     """Fit the load side by weighted least squares, the springs by ordinary ones before it."""
     model = load_model(robot, base_parameters(robot, torque_joints=used), used)
     joints = spring_torque_joints(robot, motions, model)
@@ -421,7 +421,7 @@ def _searched(
     starts: Sequence[Array],
 ) -> Robot:
     """Return the robot with improved nonlinear parameters of one joint, all others fixed."""
-    search = _load_search(robot, motions, joint, fit_load(robot, motions, used))
+    search = _load_search(robot, motions, joint, starting_load_fit(robot, motions, used))
     drive = robot.drives[joint]
     starts = [np.array([drive.values[name] for name in search.nonlinear]), *starts]
     return robot.with_drives({joint: with_values(drive, search.best(starts, scale))})
