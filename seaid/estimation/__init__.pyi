@@ -30,7 +30,6 @@ from .least_squares import estimate_of as estimate_of
 from .least_squares import ordinary as ordinary
 from .least_squares import settled_weights as settled_weights
 from .least_squares import solve as solve
-from .least_squares import weighted as weighted
 from .qr_factor import QRFactor as QRFactor
 from .qr_factor import qr_factor_of as qr_factor_of
 from .qr_factor import triangle as triangle
