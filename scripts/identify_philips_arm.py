@@ -62,7 +62,7 @@ def main(output: Path, drives: str, seed: int) -> None:
     print(drive_table("Drives of the Philips arm", found, truth))
     print(load_table("Base parameters", found, truth))
     print(validation_table(result))
-    for flag in found.flags:
+    for flag in found.warnings:
         print(f"! {flag}")
     print(
         f"{len(found.load.values)} base parameters with axis 1 horizontal, "

@@ -159,7 +159,7 @@ def main(output: Path, seed: int, anew: bool) -> None:
 
 def print_flags(found: seaid.Identification) -> None:
     """Print the warnings of an identification."""
-    for flag in found.flags:
+    for flag in found.warnings:
         print(f"! {flag}")
 
 

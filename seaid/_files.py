@@ -20,6 +20,7 @@ import tempfile
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -115,7 +116,9 @@ def write_json(path: str | Path, content: Any) -> None:
 
 
 def plain(value: Any) -> Any:
-    """Return data of JSON types: arrays as lists, paths as texts, non-finite numbers as None."""
+    """Return data of JSON types: paths as texts, non-finite numbers as None."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return plain(asdict(value))
     if isinstance(value, Mapping):
         return {str(key): plain(one) for key, one in value.items()}
     if isinstance(value, np.ndarray | np.generic):

@@ -1,6 +1,7 @@
-"""The errors and the warning of seaid, and the functions that put user input into messages.
+"""The errors and warnings of seaid, and the functions that put user input into messages.
 
-Every message states the problem, the place, the value found, the values allowed and the remedy.
+Every message states the problem, the place, the value found, the values allowed and the remedy. A
+`Finding` is a warning that belongs to a result: it has a code, the evidence and a remedy.
 `checked` compares the arguments of a public function with its annotations.
 """
 
@@ -11,7 +12,7 @@ import inspect
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, wraps
 from itertools import islice
 from types import NoneType, UnionType
@@ -82,6 +83,108 @@ class UnknownNameError(SeaidError, KeyError):
 
 class SeaidWarning(UserWarning):
     """Something was changed or excluded; the result is still valid."""
+
+
+Severity = Literal["wrong", "doubtful", "note"]
+"""What a finding says of a result: do not use it; use it with care; for information."""
+
+SEVERITIES: tuple[Severity, ...] = get_args(Severity)
+"""From the worst to the mildest."""
+
+Certainty = Literal["certain", "likely", "possible"]
+"""How sure a finding is of its cause: nothing else explains the evidence; best of several; one of
+several that the data cannot tell apart."""
+
+CODES = {
+    "unit": "a channel in another unit than its column says",
+    "time-unit": "the time in another unit than seconds",
+    "sign": "a channel, or a whole joint, with the opposite sign",
+    "swapped-joints": "the channels of two joints exchanged",
+    "gear-ratio": "a gear ratio that the two encoders contradict",
+    "missing-drives": "motor channels in the log without drives for them",
+    "payload": "a payload that is absent, or differs from the one given",
+    "gravity": "another direction of gravity than the one given",
+    "geometry": "a length of the robot file that the motion contradicts",
+    "delay": "a channel that is late or early",
+    "rotor-inertia": "a rotor inertia that the motion contradicts",
+    "torque-scale": "a factor on the torques of a joint, such as a wrong torque constant",
+    "torque-offset": "a constant error of a torque",
+    "encoder-offsets-differ": "encoder offsets that differ between the logs",
+    "weak-spring": "a spring that the motion hardly loads, or whose deflection is mostly noise",
+    "nonlinear-spring": "a spring that is not linear",
+    "gear-compliance": "a stiffness that includes the gear between the encoders",
+    "transmission-error": "an error of the gear that is periodic in its angles",
+    "missing-term": "a term of friction that the data support and the drive lacks",
+    "needless-term": "a term of a drive that is not distinguishable from zero",
+    "drift": "a slow change of a sensor or of the friction",
+    "no-fit": "a joint whose torque the model does not explain",
+    "poorly-identified": "a parameter with a large standard error",
+    "unidentifiable": "a parameter that this motion cannot identify",
+    "negative-parameter": "a parameter with the wrong sign",
+    "inconsistent-inertia": "base parameters that no physically consistent bodies have",
+    "weak-instruments": "instruments that are hardly correlated with their columns",
+    "few-rows": "too few independent rows for reliable intervals",
+    "homogeneous": "an equation without a known torque, which a zero solution fits",
+    "estimator-disagrees": "an estimate that another estimator contradicts",
+    "blocks-disagree": "estimates from parts of the data that differ by more than their errors",
+    "cutoff-sensitive": "an estimate that depends on the cutoff",
+    "worse-than-start": "a search that ended with a worse prediction than its start",
+    "contact": "bursts of torque that the model cannot explain: contact, or hands",
+    "standstill": "a joint that hardly moves, or samples at rest that were excluded",
+    "saturation": "a channel at its limit",
+    "holes": "samples excluded because of gaps in time",
+    "unused-channel": "a logged channel that nothing uses",
+}
+"""{code of a finding: what it stands for}."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A warning about an experiment, its log or its result.
+
+    Attributes
+    ----------
+    code : str
+        One of `CODES`.
+    message : str
+        What was found, in a sentence with the joint, the numbers and the likely cause.
+    joint : str
+        The joint concerned; "" for the whole robot or log.
+    severity : {"wrong", "doubtful", "note"}
+        "wrong": do not use the result; "doubtful": use it with care; "note": for information.
+    evidence : mapping {str: float}
+        The numbers on which the finding rests.
+    remedy : str
+        The one change that repairs it. A change of a file is TOML behind a first line that names
+        the file: "in the description of the log:" or "in the drives file:".
+    certainty : {"certain", "likely", "possible"}
+        How sure the cause is.
+
+    Examples
+    --------
+    >>> for finding in seaid.identify(robot, log).warnings:
+    ...     print(finding.code, finding.joint, finding.severity, finding.message, finding.remedy)
+    """
+
+    code: str
+    message: str
+    joint: str = ""
+    severity: Severity = "doubtful"
+    evidence: Mapping[str, float] = field(default_factory=dict, hash=False)
+    remedy: str = ""
+    certainty: Certainty = "likely"
+
+    def __post_init__(self) -> None:
+        if self.code not in CODES:
+            raise SeaidError(unknown_name("code of a finding", self.code, CODES))
+
+    def __str__(self) -> str:
+        return self.message
+
+
+def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return findings from the worst to the mildest, without repetitions, else in their order."""
+    return tuple(sorted(dict.fromkeys(findings), key=lambda one: SEVERITIES.index(one.severity)))
 
 
 def visible(text: str) -> str:

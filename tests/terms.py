@@ -22,7 +22,7 @@ from seaid.drives.symbols import SYMBOLS, known_values
 from seaid.estimation.fitting import estimator_named
 from seaid.identification.identification import Identification, identification_of
 from seaid.identification.linearisation import linearised_robot
-from seaid.identification.nonlinear_terms import with_fixed_flags
+from seaid.identification.nonlinear_terms import with_fixed_warnings
 from seaid.identification.two_step import estimate_two_step, joints_with_torque
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
@@ -149,7 +149,7 @@ def identified(robot: Robot, motion: Motion, rows: list[str] | None = None) -> I
     known, datasets = linearised_robot(known, [motion], used)
     model = load_model(known, base_parameters(known, torque_joints=used), used)
     sides = estimate_two_step(known, datasets, model, estimator_named("wls"), 0.0, None, False)
-    drives = with_fixed_flags(sides.drives, robot, known)
+    drives = with_fixed_warnings(sides.drives, robot, known)
     sides = replace(sides, drives=drives)
     return identification_of(known, model, sides, datasets)
 

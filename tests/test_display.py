@@ -49,10 +49,10 @@ def test_a_log_and_its_motion_in_one_line(log: seaid.Log) -> None:
 
 
 def test_results_in_one_line(log: seaid.Log, found: seaid.Identification) -> None:
-    cutoff, flags = f"{found.cutoff_hz:.3g} Hz", len(found.flags)
-    noun = "flag" if flags == 1 else "flags"
+    cutoff, warnings = f"{found.cutoff_hz:.3g} Hz", len(found.warnings)
+    noun = "warning" if warnings == 1 else "warnings"
     count = len(found.load.names)
-    line = f"'mixed_arm': 4 drives, {count} base parameters, cutoff {cutoff}, {flags} {noun}"
+    line = f"'mixed_arm': 4 drives, {count} base parameters, cutoff {cutoff}, {warnings} {noun}"
     assert repr(found) == f"Identification({line})"
     spring = found.drives["shoulder"]
     assert repr(spring).startswith("Estimate(4 parameters: viscous_friction ")

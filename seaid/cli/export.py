@@ -10,6 +10,7 @@ from typer import Option
 
 from seaid.cli.messages import option_of
 from seaid.cli.options import FEASIBLE, FROM, IdentifyOptions, ResultOptions, checked_suffix
+from seaid.errors import Finding
 
 if TYPE_CHECKING:
     from seaid.robot import Robot
@@ -48,7 +49,7 @@ def export(
     toml = output.with_suffix(".toml") if output.suffix.lower() == ".urdf" else None
     result.check(output, toml, read=(*given.files, parameters, *(from_logs or ())))
     robot = given.robot(given.known_body or ())
-    flags: tuple[str, ...] = ()
+    warnings: tuple[Finding, ...] = ()
     if parameters is not None:
         from seaid.export import read_parameters
 
@@ -56,13 +57,13 @@ def export(
     else:
         logs = given.logs(from_logs or [], robot)
         found = given.identify(robot, logs, feasible=feasible)
-        robot, flags = found.robot, found.flags
+        robot, warnings = found.robot, found.warnings
     tables, notes = _WRITERS[output.suffix.lower()](robot, output, allow_inconsistent)
     for note in notes:
         typer.echo(f"note: {note.replace('payloads=', option_of('payloads='))}", err=True)
-    content = {"robot": output, "drives": tables, "notes": notes, "flags": flags}
+    content = {"robot": output, "drives": tables, "notes": notes, "warnings": warnings}
     text = [f"{robot.name}: {robot.n} bodies and their drives written"]
-    text += [f"! {flag}" for flag in flags]
+    text += [f"! {warning}" for warning in warnings]
     result.show("\n".join(text), content, output, tables)
 
 

@@ -86,8 +86,8 @@ def validate(
     validation = validated(found, unseen)
     if output is not None:
         found.save(output, validation)
-    text = [validation.summary(), *(f"! {flag}" for flag in found.flags)]
-    result.show("\n".join(text), {**validation.to_dict(), "flags": found.flags}, output)
+    text = [validation.summary(), *(f"! {warning}" for warning in found.warnings)]
+    result.show("\n".join(text), {**validation.to_dict(), "warnings": found.warnings}, output)
 
 
 def terms(

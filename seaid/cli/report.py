@@ -59,8 +59,8 @@ def report(
     write_report(found, results, output, facts={**facts, **options})
     content = {"report": output, "validations": [one.to_dict() for one in results]}
     text = [f"{robot.name}: {len(found.load.values)} base parameters and its drives reported"]
-    text += [f"! {flag}" for flag in found.flags]
-    result.show("\n".join(text), {**content, "flags": found.flags}, output)
+    text += [f"! {warning}" for warning in found.warnings]
+    result.show("\n".join(text), {**content, "warnings": found.warnings}, output)
 
 
 def _facts(given: IdentifyOptions, from_logs: list[Path], unseen: list[Path]) -> dict[str, str]:

@@ -11,7 +11,7 @@ from scipy.special import ndtri
 
 from seaid._arrays import Array, frozen
 from seaid._progress import MOST_NAMES, Result, counted
-from seaid.errors import SeaidError, UnknownNameError, listed, shortened, unknown_name
+from seaid.errors import Finding, SeaidError, UnknownNameError, listed, shortened, unknown_name
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -33,7 +33,7 @@ class Estimate(Result):
         Standard deviation of the residual below the cutoff, in the unit of the rows.
     condition_number : float
         Condition number of the regressor with columns scaled to unit norm.
-    flags : tuple of str
+    warnings : tuple of Finding
         Warnings about poorly determined or implausible values.
     white_standard_errors : ndarray (p,) or None
         Standard errors under the assumption of white noise, for comparison.
@@ -53,7 +53,7 @@ class Estimate(Result):
     units: tuple[str, ...]
     residual_std: float
     condition_number: float
-    flags: tuple[str, ...] = ()
+    warnings: tuple[Finding, ...] = ()
     white_standard_errors: Array | None = None
 
     def _in_short(self) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array, finite, safely
-from seaid.errors import IdentificationError
+from seaid.errors import Finding, IdentificationError
 from seaid.estimation.covariance import long_run_of
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import estimate_of, score_factors, settled_weights, solve
@@ -52,13 +52,17 @@ def instrumental(rows: Regression, instruments: Array, propagated: Array | None 
     # Shea's (1997) partial R^2: variance by least squares over variance by instruments, without
     # the factor of the residual (Godfrey 1999)
     partial = np.diag(solve(qr_factor, weights).inverse) / np.diag(solution.inverse)
-    flags = tuple(
-        f"the instruments of {name} are weak (partial R^2 {share:.1%}): its value may be as biased "
-        "as that of least squares"
+    warnings = tuple(
+        Finding(
+            "weak-instruments",
+            f"the instruments of {name} are weak (partial R^2 {share:.1%}): its value may be as "
+            "biased as that of least squares",
+            evidence={"partial R^2": float(share)},
+        )
         for name, share in zip(rows.names, partial, strict=True)
         if share < WEAK
     )
-    return replace(estimate_of(of_linear, weights, scores, propagated), flags=flags)
+    return replace(estimate_of(of_linear, weights, scores, propagated), warnings=warnings)
 
 
 def _checked(rows: Regression, instruments: Array) -> Array:

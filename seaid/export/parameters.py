@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from seaid.identification import FeasibleParameters, Identification, Validation
 
 
-_FORMAT = "seaid parameters 2"
+_FORMAT = "seaid parameters 3"
 _KEYS = (
     *("format", "robot", "joints", "drives", "load", "base_columns", "grouping", "validation"),
-    *("torques_used", "cutoff_hz", "flags", "bodies", "drive_tables", "feasible", "checks"),
+    *("torques_used", "cutoff_hz", "warnings", "bodies", "drive_tables", "feasible", "checks"),
     *("excluded", "processing", "seaid"),
 )
 _MOST = 1e12
@@ -50,7 +50,7 @@ def content_of(found: Identification, validation: Validation | None = None) -> d
         "validation": {} if validation is None else validation.to_dict(),
         "torques_used": found.model.torque_joints,
         "cutoff_hz": found.cutoff_hz,
-        "flags": found.flags,
+        "warnings": found.warnings,
         "bodies": {link: dict(zip(PARAMETERS, ten, strict=True)) for link, ten in bodies},
         "drive_tables": {joint: drive_table(drive) for joint, drive in robot.drives.items()},
         "feasible": None if found.feasible is None else _feasible(found.feasible),
@@ -178,7 +178,7 @@ def _feasible(found: FeasibleParameters) -> dict[str, Any]:
         ],
         "active_bounds": found.active_bounds,
         "notes": found.notes,
-        "flags": found.flags,
+        "warnings": found.warnings,
     }
 
 

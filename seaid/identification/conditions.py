@@ -32,10 +32,10 @@ from seaid.estimation import (
     term_test,
 )
 from seaid.identification.datasets import Dataset, Source, datasets_of, rows_in_memory, sources_of
-from seaid.identification.drive_estimates import merged_estimates, spring_of, with_flags
+from seaid.identification.drive_estimates import merged_estimates, spring_of, with_warnings
 from seaid.identification.identification import Identification, identification_of
 from seaid.identification.linearisation import linearised_robot
-from seaid.identification.nonlinear_terms import with_fixed_flags
+from seaid.identification.nonlinear_terms import with_fixed_warnings
 from seaid.identification.two_step import (
     LOAD,
     RobotEstimate,
@@ -176,7 +176,7 @@ class ConditionFits:
         """Return one condition's part of all fits, as `identify` would."""
         robot, model = self.robots[condition], self.models[condition]
         drives = {
-            joint: with_flags(side.of(condition), joint, qr_factor_of(side.rows[condition]))
+            joint: with_warnings(side.of(condition), joint, qr_factor_of(side.rows[condition]))
             for joint, side in self.actuators.items()
         }
         load_side = self.load.of(condition)
@@ -351,7 +351,7 @@ def identify_conditions(
     found = {}
     for name, robot in robots.items():
         part = sides.of(name)
-        drives = with_fixed_flags(part.drives, given[name], robot)
+        drives = with_fixed_warnings(part.drives, given[name], robot)
         part = replace(part, drives=drives)
         found[name] = identification_of(robot, models[name], part, datasets[name])
     return Conditions(

@@ -1,4 +1,4 @@
-"""Estimates of drives: the spring's part, the drive with the estimated values, and flags."""
+"""Estimates of drives: the spring's part, the drive with the estimated values, and warnings."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ import numpy as np
 from scipy import linalg
 
 from seaid.drives import PARAMETERS, Drive, JointParameter, readable
+from seaid.errors import Finding
 from seaid.estimation import Estimate, QRFactor, triangle
 from seaid.regressor import spring_regressor
 from seaid.robot import Robot
 
 POORLY_IDENTIFIED = 0.1
-"""Relative standard error above which a parameter is flagged."""
+"""Relative standard error above which a parameter has a warning."""
 
 
 def spring_of(robot: Robot, estimate: Estimate, joint: str) -> Estimate:
@@ -42,7 +43,7 @@ def _with(drive: Estimate, other: Estimate) -> Estimate:
         values=np.concatenate([drive.values, other.values]),
         covariance=linalg.block_diag(drive.covariance, other.covariance),
         units=drive.units + other.units,
-        flags=drive.flags + other.flags,
+        warnings=drive.warnings + other.warnings,
         white_standard_errors=np.concatenate(known) if len(known) == len(white) else None,
     )
 
@@ -73,28 +74,40 @@ def with_values(drive: Drive, values: Mapping[str, float]) -> Drive:
     )
 
 
-def with_flags(estimate: Estimate, joint: str, qr_factor: QRFactor | None) -> Estimate:
-    """Return a drive's estimate with flags; `qr_factor` of (10), None without a spring."""
-    flags = []
+def with_warnings(estimate: Estimate, joint: str, qr_factor: QRFactor | None) -> Estimate:
+    """Return a drive's estimate with warnings; `qr_factor` of (10), None without a spring."""
+    warnings = []
     for name, value, error in zip(
         estimate.names, estimate.values, estimate.standard_errors, strict=True
     ):
         if name in _ZEROS:
             continue
         text = readable(JointParameter(name, joint))
-        reasons = []
+        reasons, is_weak = [], False
         if error > POORLY_IDENTIFIED * abs(value):
             reasons.append(f"standard error {error / abs(value):.0%}" if value else "value zero")
         if name == "stiffness" and qr_factor is not None and _has_linear_spring(estimate):
-            reasons += _weak_spring(estimate, qr_factor)
+            weak = _weak_spring(estimate, qr_factor)
+            reasons, is_weak = reasons + weak, bool(weak)
+        evidence = {"value": float(value), "standard error": float(error)}
         if reasons:
-            flags.append(f"{text} is poorly identified: {'; '.join(reasons)}")
+            warnings.append(
+                Finding(
+                    "weak-spring" if is_weak else "poorly-identified",
+                    f"{text} is poorly identified: {'; '.join(reasons)}",
+                    joint,
+                    "doubtful" if is_weak else "note",
+                    evidence,
+                )
+            )
         if value < 0 and name in PARAMETERS and PARAMETERS[name].is_positive:
             if PARAMETERS[name].starts:  # found by a search: not due to a wrong sign in the log
-                flags.append(f"{text} is not distinguishable from zero: remove its term")
+                message = f"{text} is not distinguishable from zero: remove its term"
+                warnings.append(Finding("needless-term", message, joint, "note", evidence))
             else:
-                flags.append(f"{text} is negative, {value:.3g}: check signs and offsets of the log")
-    return replace(estimate, flags=tuple(flags))
+                message = f"{text} is negative, {value:.3g}: check signs and offsets of the log"
+                warnings.append(Finding("negative-parameter", message, joint, evidence=evidence))
+    return replace(estimate, warnings=tuple(warnings))
 
 
 def _has_linear_spring(estimate: Estimate) -> bool:

@@ -14,14 +14,14 @@ import numpy as np
 from seaid._arrays import Array, FrozenMapping
 from seaid._files import write_json
 from seaid._progress import Result, counted
-from seaid.errors import IdentificationError, checked
+from seaid.errors import Finding, IdentificationError, by_severity, checked
 from seaid.estimation import Estimate, EstimatorName, ModelChecks, estimator_named
 from seaid.identification.datasets import Dataset, Source, datasets_of, processing_of, sources_of
 from seaid.identification.drive_estimates import with_estimate
 from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.linearisation import linearised_robot
-from seaid.identification.log_checks import check_channels, check_excitation, sign_flags
-from seaid.identification.nonlinear_terms import with_fixed_flags
+from seaid.identification.log_checks import check_channels, check_excitation, sign_warnings
+from seaid.identification.nonlinear_terms import with_fixed_warnings
 from seaid.identification.physical.consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.simultaneous import estimate_simultaneous
 from seaid.identification.two_step import RobotEstimate, estimate_two_step, joints_with_torque
@@ -92,18 +92,18 @@ class Identification(Result):
     motions: tuple[Motion, ...] = ()
 
     def _in_short(self) -> str:
-        drives, flags = counted(len(self.drives), "drive"), counted(len(self.flags), "flag")
+        drives = counted(len(self.drives), "drive")
+        warnings = counted(len(self.warnings), "warning")
         sizes = f"{drives}, {counted(len(self.load.names), 'base parameter')}"
-        return f"'{self.robot.name}': {sizes}, cutoff {self.cutoff_hz:.3g} Hz, {flags}"
+        return f"'{self.robot.name}': {sizes}, cutoff {self.cutoff_hz:.3g} Hz, {warnings}"
 
     @cached_property
-    def flags(self) -> tuple[str, ...]:
-        """Warnings about implausible or poorly determined values, and about the data."""
-        estimates = (*self.drives.values(), self.load)
-        flags = tuple(flag for one in estimates for flag in one.flags) + sign_flags(self)
-        if self.feasible is not None:
-            flags += self.feasible.flags
-        return flags + tuple(flag for one in self.processing for flag in one.flags)
+    def warnings(self) -> tuple[Finding, ...]:
+        """Findings about the experiment, the data and the values, the worst first."""
+        feasible = () if self.feasible is None else (self.feasible,)
+        parts = (*self.drives.values(), self.load, *feasible, *self.processing)
+        own = [warning for one in parts for warning in one.warnings]
+        return by_severity([*sign_warnings(self), *own])
 
     def to_dict(self, validation: Validation | None = None) -> dict[str, Any]:
         """Return the content of `parameters.json` as plain data, null for missing values."""
@@ -215,7 +215,7 @@ def identify(
             robot, datasets, model, found, solver, encoder_offset_std, executor
         )
     if robot is not given:
-        found = replace(found, drives=with_fixed_flags(found.drives, given, robot))
+        found = replace(found, drives=with_fixed_warnings(found.drives, given, robot))
     consistent = _feasible(robot, model, found) if feasible else None
     return identification_of(robot, model, found, datasets, consistent)
 

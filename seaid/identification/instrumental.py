@@ -27,7 +27,7 @@ from functools import partial
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.errors import IdentificationError
+from seaid.errors import Finding, IdentificationError, Severity
 from seaid.estimation import Estimate, Estimator, instrumental
 from seaid.identification.datasets import Dataset
 from seaid.identification.drive_estimates import spring_of
@@ -187,20 +187,23 @@ def estimate_instrumental(
     except IdentificationError as problem:
         return _flagged(
             found,
+            "doubtful",
             "the instruments of the load side come from the smoothed joint encoders, whose noise "
             f"may bias the base parameters: {problem}",
         )
     if max(_moved(start, found).values()) < _NOTHING:
         return _flagged(
             found,
+            "note",
             "instrumental variables have no effect: the instruments of stiff drives come from the "
             "same motor encoder as the motion",
         )
     return found
 
 
-def _flagged(found: RobotEstimate, flag: str) -> RobotEstimate:
-    return replace(found, load=replace(found.load, flags=(*found.load.flags, flag)))
+def _flagged(found: RobotEstimate, severity: Severity, message: str) -> RobotEstimate:
+    warning = Finding("weak-instruments", message, severity=severity)
+    return replace(found, load=replace(found.load, warnings=(*found.load.warnings, warning)))
 
 
 def _settled(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array, is_constant
-from seaid.errors import ExcitationError, LogError
+from seaid.errors import ExcitationError, Finding, LogError
 from seaid.log import Log
 from seaid.regressor import random_states, regressor_at_drives
 from seaid.robot import Robot, at_joints
@@ -28,15 +28,15 @@ _OWN = {
 }
 
 
-def sign_flags(found: Identification) -> tuple[str, ...]:
-    """Return a flag for every joint whose torque seems to have the wrong sign.
+def sign_warnings(found: Identification) -> tuple[Finding, ...]:
+    """Return a warning for every joint whose torque seems to have the wrong sign.
 
     Friction and stiffness are positive, and so is the inertia of a joint; gravity has the direction
-    that the masses of the file give, if any. A torque is flagged if at least two of these are
+    that the masses of the file give, if any. A torque has a warning if at least two of these are
     significantly negative and none is positive; inertia and gravity, which depend on the torques of
     other joints too, do not outweigh friction and stiffness.
     """
-    flags = []
+    warnings = []
     for joint in found.known.joint_names:
         own = dict(_own_signs(found, joint))
         if 1 in own.values():  # contradicts the others
@@ -48,11 +48,12 @@ def sign_flags(found: Identification) -> tuple[str, ...]:
         if len(minus) >= _FEWEST and not contradicted:
             what = " and ".join([", ".join(minus[:-1]), minus[-1]])
             number = "both" if len(minus) == _FEWEST else "all"
-            flags.append(
+            message = (
                 f"the torque of {joint} looks flipped: the estimates of {what} are {number} "
                 "negative; compare the sign of its torque column with that of its position"
             )
-    return tuple(flags)
+            warnings.append(Finding("sign", message, joint, "wrong"))
+    return tuple(warnings)
 
 
 def _own_signs(found: Identification, joint: str) -> Iterator[tuple[str, int]]:

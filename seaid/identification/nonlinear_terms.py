@@ -26,7 +26,7 @@ from seaid.drives import (
     readable,
     unit_of,
 )
-from seaid.errors import IdentificationError
+from seaid.errors import Finding, IdentificationError
 from seaid.estimation import (
     Estimate,
     QRFactor,
@@ -110,20 +110,26 @@ def _unidentifiable(names: Sequence[str], H: Array, candidates: Sequence[str]) -
     return names[place] if is_lost else None
 
 
-def with_fixed_flags(
+def with_fixed_warnings(
     drives: Mapping[str, Estimate], given: Robot, robot: Robot
 ) -> dict[str, Estimate]:
-    """Return estimates of drives with a flag for every parameter that a search fixed."""
+    """Return estimates of drives with a warning for every parameter that a search fixed."""
     flagged = dict(drives)
     for joint, estimate in drives.items():
         drive, before = robot.drives[joint], given.drives[joint].known
-        flags = tuple(
-            f"{readable(JointParameter(name, joint))} is not identifiable from this motion: fixed "
-            f"at {drive.values[name]:.3g} {unit_of(drive, name)}; remove its term, or excite it"
+        warnings = tuple(
+            Finding(
+                "unidentifiable",
+                f"{readable(JointParameter(name, joint))} is not identifiable from this motion: "
+                f"fixed at {drive.values[name]:.3g} {unit_of(drive, name)}; remove its term, or "
+                "excite it",
+                joint,
+                "note",
+            )
             for name in drive.known
             if name not in before
         )
-        flagged[joint] = replace(estimate, flags=flags + estimate.flags)
+        flagged[joint] = replace(estimate, warnings=warnings + estimate.warnings)
     return flagged
 
 

@@ -19,9 +19,9 @@ from scipy.ndimage import maximum_filter1d
 from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid._progress import track
 from seaid.drives import is_dry
-from seaid.errors import IdentificationError, checked
+from seaid.errors import Finding, IdentificationError, checked
 from seaid.estimation import Estimate, Residuals, Step, gauss_newton_step
-from seaid.identification.drive_estimates import merged_estimates, with_estimate, with_flags
+from seaid.identification.drive_estimates import merged_estimates, with_estimate, with_warnings
 from seaid.identification.method_limits import check_refinable
 from seaid.identification.simulated_joints import (
     Response,
@@ -496,12 +496,17 @@ def _estimates(layout: Layout, here: Point, worse: bool) -> tuple[dict[str, Esti
 
     def part(old: Estimate, columns: slice, std: float) -> Estimate:
         new = whole.part(range(columns.start, columns.stop), old.names)
-        flags = ("the refinement ended with a lower likelihood than its start",) if worse else ()
-        return replace(new, units=old.units, residual_std=std, flags=flags)
+        warning = Finding(
+            "worse-than-start",
+            "the refinement ended with a lower likelihood than its start",
+            severity="wrong",
+        )
+        warnings = (warning,) if worse else ()
+        return replace(new, units=old.units, residual_std=std, warnings=warnings)
 
     first = len(layout.simulated)
     drives = {
-        joint: with_flags(part(found.drives[joint], columns, float(std)), joint, None)
+        joint: with_warnings(part(found.drives[joint], columns, float(std)), joint, None)
         for (joint, columns), std in zip(layout.drives.items(), step.stds[first:], strict=False)
     }
     rest = step.stds[first + len(layout.drives) :]

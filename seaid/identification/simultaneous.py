@@ -28,7 +28,7 @@ from seaid.drives import JointParameter
 from seaid.errors import IdentificationError
 from seaid.estimation import Estimate, Estimator, FittedRows, qr_factor_of
 from seaid.identification.datasets import Dataset, rows_in_memory
-from seaid.identification.drive_estimates import spring_of, with_flags
+from seaid.identification.drive_estimates import spring_of, with_warnings
 from seaid.identification.method_limits import check_simultaneous
 from seaid.identification.two_step import RobotEstimate, without_torque
 from seaid.log import Motion
@@ -195,7 +195,7 @@ def split_estimate(
         if isinstance(name, JointParameter):
             columns[name.joint][name.parameter] = index
     drives = {
-        joint: with_flags(estimate.part(list(own.values()), tuple(own)), joint, None)
+        joint: with_warnings(estimate.part(list(own.values()), tuple(own)), joint, None)
         for joint, own in columns.items()
         if own
     }

@@ -28,7 +28,7 @@ from seaid.estimation import (
     scaled_svd,
 )
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
-from seaid.identification.drive_estimates import merged_estimates, spring_of, with_flags
+from seaid.identification.drive_estimates import merged_estimates, spring_of, with_warnings
 from seaid.identification.errors_in_variables import (
     errors_in_variables,
     has_only_spring_torque,
@@ -142,7 +142,7 @@ def estimate_two_step(
             for joint in robot.elastic_joints
         }
         drives = {
-            joint: with_flags(side.estimate, joint, side.qr_factor)
+            joint: with_warnings(side.estimate, joint, side.qr_factor)
             for joint, side in actuators.items()
         }
         springs = {joint: spring_of(robot, drives[joint], joint) for joint in joints}
@@ -279,5 +279,5 @@ def split_load_side(model: LoadModel, load_side: Estimate) -> tuple[Estimate, di
     for joint in dict.fromkeys(joint for joint, _, _ in model.drives):
         mine = [i for i, (owner, _, _) in enumerate(model.drives) if owner == joint]
         part = load_side.part([p + i for i in mine], [model.drives[i][1] for i in mine])
-        drives[joint] = with_flags(part, joint, None)
+        drives[joint] = with_warnings(part, joint, None)
     return base, drives

@@ -11,7 +11,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._progress import Display, sampled_text
-from seaid.errors import LogError, checked
+from seaid.errors import Finding, LogError, checked
 from seaid.log.filtering import CutoffSelection, low_pass, select_cutoff, spline_derivatives
 from seaid.log.log import HOLES, check_whole, holes, stretches
 from seaid.log.repair.clocks import irregular_steps, longest_bridge, typical_step
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 def has_holes(processing: Sequence[Processing]) -> bool:
     """Return whether a log has holes in time, so that its stretches were processed separately."""
-    return any(one.flags for one in processing)
+    return any(one.warnings for one in processing)
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,13 @@ class Processing:
     repairs: tuple[Repair, ...] = ()
 
     @property
-    def flags(self) -> tuple[str, ...]:
-        """The holes in the log's time, as sentences."""
-        return tuple(str(repair) for repair in self.repairs if repair.kind == HOLES)
+    def warnings(self) -> tuple[Finding, ...]:
+        """The holes in the log's time."""
+        return tuple(
+            Finding("holes", str(repair), severity="note", certainty="certain")
+            for repair in self.repairs
+            if repair.kind == HOLES
+        )
 
     def __str__(self) -> str:
         grid = f"{self.rate_hz:.4g} Hz"

@@ -78,7 +78,7 @@ def _prediction(rows: Sequence[ErrorRow]) -> str:
 def warnings_of(found: Identification, runs: Sequence[Run]) -> list[Warnings]:
     """Return the warnings by subject, without empty subjects."""
     every = (
-        Warnings("Flags of the identification", tuple(map(_sentence, found.flags))),
+        Warnings("Identification", tuple(_sentence(str(one)) for one in found.warnings)),
         Warnings("Validation", tuple(_of_validation(found, runs))),
         Warnings("Bodies", tuple(_of_bodies(found))),
         Warnings("Poorly determined combinations", tuple(_poorly_determined(found))),

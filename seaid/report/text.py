@@ -127,8 +127,8 @@ def estimate_table(estimate: Estimate) -> Text:
         for name, value, error, unit in _entries(estimate)
     ]
     header = ["parameter", "estimated", "std. error", "rel.", "unit"]
-    flags = (f"! {flag}" for flag in estimate.flags)
-    return joined([table(counted(len(rows), "parameter"), header, rows), *flags])
+    warnings = (f"! {warning}" for warning in estimate.warnings)
+    return joined([table(counted(len(rows), "parameter"), header, rows), *warnings])
 
 
 def base_table(base: BaseParameters) -> Text:
@@ -196,7 +196,7 @@ def load_table(title: str, found: Identification, truth: Robot | None = None) ->
 
 
 def identification_table(found: Identification) -> Text:
-    """Return the summary of an identification: drives, base parameters, checks and flags."""
+    """Return the summary of an identification: drives, base parameters, checks and warnings."""
     parts = [
         f"{found.robot.name}: {len(found.load.values)} base parameters from the torques at "
         f"{', '.join(found.model.torque_joints)}; cutoff {found.cutoff_hz:.3g} Hz",
@@ -205,7 +205,7 @@ def identification_table(found: Identification) -> Text:
         load_table("Base parameters", found),
         checks_table(found),
         *(_feasible_text(found.feasible) if found.feasible is not None else []),
-        *(f"! {flag}" for flag in found.flags),
+        *(f"! {warning}" for warning in found.warnings),
     ]
     return joined(parts)
 

@@ -233,10 +233,11 @@ def test_payload_that_is_not_on_the_robot_is_named(payload: Payload, known: str)
     result = identify(robot, log_of_a_leg_without_payload(), feasible=True)
     assert result.feasible is not None
     assert_possible(result.feasible)
-    (flag,) = result.feasible.flags
-    assert flag.startswith("no physically consistent robot comes near the estimate: chi-square is")
-    assert f"without the payload of 2 kg on {payload.link}: check that it is on the" in flag
-    assert flag in result.flags
+    (flag,) = result.feasible.warnings
+    text = str(flag)
+    assert text.startswith("no physically consistent robot comes near the estimate: chi-square is")
+    assert f"without the payload of 2 kg on {payload.link}: check that it is on the" in text
+    assert flag in result.warnings
     assert f"! {flag}" in result.summary()
     assert result.feasible.nearest_chi_square > 1000
 
@@ -246,25 +247,25 @@ def test_one_of_two_payloads_that_is_not_on_the_robot_is_named() -> None:
     log = measure(leg(here), leg_motion(here), LEG_SENSORS, seed=0)
     right = identify(leg(here), log, feasible=True).feasible
     assert right is not None
-    assert right.flags == ()
+    assert right.warnings == ()
     wrong = identify(leg(here, elsewhere), log, feasible=True).feasible
     assert wrong is not None
-    assert "without the payload of 3 kg on thigh" in wrong.flags[0]
+    assert "without the payload of 3 kg on thigh" in str(wrong.warnings[0])
 
 
 def test_bounds_that_the_data_contradict_are_named() -> None:
     result = found(leg(), estimated(leg(), 1e-3), mass_bounds={"foot": (8.0, 9.0)})
-    assert "without mass_bounds= and com_boxes=: check" in result.flags[0]
+    assert "without mass_bounds= and com_boxes=: check" in str(result.warnings[0])
 
 
 def test_known_bodies_that_the_data_contradict_are_named() -> None:
     estimate = estimated(leg(), 1e-4)
     result = found(leg(), replace(estimate, values=-estimate.values))
-    assert "missing payloads, encoder offsets, and lengths" in result.flags[0]
+    assert "missing payloads, encoder offsets, and lengths" in str(result.warnings[0])
     known = load_robot(MODELS / "tulip_leg.urdf", known_bodies=("thigh", "foot"))
     estimate = estimated(known, 1e-4)
     result = found(known, replace(estimate, values=-estimate.values))
-    assert "check known bodies (thigh, foot), " in result.flags[0]
+    assert "check known bodies (thigh, foot), " in str(result.warnings[0])
 
 
 # Bounds

@@ -124,7 +124,7 @@ def test_perfect_sensors_give_nearly_the_truth(experiment: Experiment) -> None:
     assert max(map(abs, errors.values())) < 0.005
     assert all(abs(error) < 0.03 for error in sticking.values())
     assert load_error(found, truth) < 0.005
-    assert not found.flags
+    assert not found.warnings
 
 
 # Real sensors: inside the intervals.
@@ -329,12 +329,14 @@ def ankle(with_mass: bool) -> tuple[Robot, Log]:
 def test_spring_of_a_free_foot_is_flagged() -> None:
     robot, log = ankle(with_mass=False)
     found = identify(robot.without_nominal(), log)
-    assert any("stiffness of ankle_pitch is poorly identified" in flag for flag in found.flags)
+    assert any(
+        "stiffness of ankle_pitch is poorly identified" in one for one in map(str, found.warnings)
+    )
     assert "stiffness of ankle_pitch is poorly identified" in found.summary()
 
 
 def test_test_mass_makes_the_spring_of_the_foot_known() -> None:
     robot, log = ankle(with_mass=True)
     found = identify(robot.without_nominal(), log)
-    assert not any("stiffness" in flag for flag in found.flags)
+    assert not any("stiffness" in one for one in map(str, found.warnings))
     assert found.drives["ankle_pitch"].value("stiffness") == pytest.approx(51394, rel=0.03)

@@ -145,7 +145,7 @@ def base_errors(estimator: EstimatorName, seed: int) -> Array:
     off = rng.normal(size=log.joint_position.shape) * [0.0, 5e-4, 5e-3]
     log = replace(log, joint_position=log.joint_position + off)
     found = identify(TRUTH.without_nominal(), log, estimator=estimator, cutoff_hz=12.0)
-    assert not found.load.flags
+    assert not found.load.warnings
     return np.asarray(found.load.values - found.base.project(TRUTH.parameters))
 
 
@@ -168,7 +168,7 @@ def test_where_the_model_diverges_the_smoothed_motion_stays_and_a_flag_says_so(
 
     monkeypatch.setattr("seaid.identification.instrumental.motor_driven_motion", diverges)
     found = estimate_instrumental(robot, [motion], model, sides, 0.0, None)
-    assert found.load.flags[-1].startswith(
+    assert str(found.load.warnings[-1]).startswith(
         "the instruments of the load side come from the smoothed"
     )
-    assert found.load.flags[-1].endswith("the fitted model diverges")
+    assert str(found.load.warnings[-1]).endswith("the fitted model diverges")

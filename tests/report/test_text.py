@@ -96,8 +96,8 @@ def test_flags_are_in_the_summary() -> None:
         measure(arm(), arm_motion(), ARM_SENSORS, seed=1).between(1.0, 2.6),
         cutoff_hz=10.0,
     )
-    assert narrow.flags
-    for flag in narrow.flags:
+    assert narrow.warnings
+    for flag in narrow.warnings:
         assert f"! {flag}" in narrow.summary().splitlines()
 
 

@@ -18,7 +18,7 @@ from scipy import linalg
 from seaid._arrays import Array, finite
 from seaid._progress import Result, counted
 from seaid.drives import JointParameter
-from seaid.errors import IdentificationError
+from seaid.errors import Finding, IdentificationError
 from seaid.estimation import (
     WEIGHTS,
     Estimate,
@@ -49,7 +49,7 @@ _EXPLAINED = 0.9
 """Part of chi-square that an assumption must explain to be named."""
 
 
-def contradiction(robot: Robot, program: Program, least: float, bounds: int) -> str | None:
+def contradiction(robot: Robot, program: Program, least: float, bounds: int) -> Finding | None:
     """Return the assumption that the data contradict, None if chi-square `least` is plausible.
 
     `least` is the least chi-square of a program whose first `bounds` limits are those of the user.
@@ -69,11 +69,13 @@ def contradiction(robot: Robot, program: Program, least: float, bounds: int) -> 
     ]
     smallest, words = min(found, default=(least, ""))
     if smallest < (1 - _EXPLAINED) * least:
-        return f"{text}, and {smallest:.3g} without {words}"
+        return Finding("inconsistent-inertia", f"{text}, and {smallest:.3g} without {words}")
     known = f"known bodies ({', '.join(robot.known_bodies)}), " if robot.known_bodies else ""
-    return (
+    return Finding(
+        "inconsistent-inertia",
         f"{text}; check {known}missing payloads, encoder offsets, and lengths and axes in the "
-        "robot file"
+        "robot file",
+        certainty="possible",
     )
 
 
@@ -131,7 +133,7 @@ class FeasibleParameters(Result):
         The constraints that are active.
     notes : tuple of str
         Replacements for missing or inconsistent values of the prior.
-    flags : tuple of str
+    warnings : tuple of Finding
         Assumptions that the data contradict: a payload, or bounds.
     """
 
@@ -150,7 +152,7 @@ class FeasibleParameters(Result):
     freedom: float
     active_bounds: tuple[str, ...]
     notes: tuple[str, ...]
-    flags: tuple[str, ...] = ()
+    warnings: tuple[Finding, ...] = ()
 
     def _in_short(self) -> str:
         distance = f"chi-square {self.chi_square:.3g} over {counted(len(self.values), 'value')}"
@@ -220,7 +222,7 @@ def feasible_parameters(
             raise IdentificationError(f"'{body}' is a known body: it has no bounds")
     program, words = body_program(robot, model, known, bodies, limits, start)
     bound = nearest(program)
-    flag = contradiction(robot, program, bound.chi_square, len(limits))
+    contradicted = contradiction(robot, program, bound.chi_square, len(limits))
     found = _weighted(program, weight, bound.chi_square)
     return FeasibleParameters(
         robot=_robot(robot, model, known, found),
@@ -236,7 +238,7 @@ def feasible_parameters(
         freedom=found.freedom,
         active_bounds=_active_bounds(robot, bound, words),
         notes=notes,
-        flags=() if flag is None else (flag,),
+        warnings=() if contradicted is None else (contradicted,),
     )
 
 
