@@ -20,7 +20,7 @@ from seaid.log import (
     Repair,
     column_names,
     in_band,
-    interpolated,
+    on_time,
     reconstruct_motions,
     row_samples,
     standstill,
@@ -183,32 +183,27 @@ def correct_delays(log: Log, delays: Sequence[Delay]) -> Log:
     --------
     >>> seaid.correct_delays(log, seaid.estimate_delays(robot, log)).report
     """
-    fields = log.sensors()
-    shifts = [delay for delay in delays if delay.is_significant]
+    fields, columns = log.sensors(), log.columns()
     for delay in delays:
         if delay.joint not in log.joint_names:
             raise LogError(unknown_name("joint of the log", delay.joint, log.joint_names))
-        if delay.channel not in fields:
+        if delay.channel not in fields or _column(log, delay) not in columns:
             raise LogError(unknown_name("channel", delay.channel, fields))
-    late = max([0.0, *(delay.delay_s for delay in shifts)])
-    early = min([0.0, *(delay.delay_s for delay in shifts)])
-    kept = (log.time >= log.time[0] - early) & (log.time <= log.time[-1] - late)
+    shifts = {_column(log, delay): delay for delay in delays if delay.is_significant}
+    delays_s = {name: delay.delay_s for name, delay in shifts.items()}
+    kept, moved = on_time(log.time, columns, delays_s)
     found: dict[str, Any] = {field: values[kept].copy() for field, values in fields.items()}
-    for delay in shifts:
-        index = log.joint_names.index(delay.joint)
-        column = fields[delay.channel][:, index]
-        smooth = delay.channel.endswith("position")
-        wanted = log.time[kept] + delay.delay_s
-        found[delay.channel][:, index] = interpolated(log.time, column, wanted, smooth=smooth)
-    report = tuple(_as_repair(log, delay) for delay in shifts)
-    return replace(log, time=log.time[kept], report=log.report + report, **found)
+    for name, delay in shifts.items():
+        found[delay.channel][:, log.joint_names.index(delay.joint)] = moved[name]
+    start = float(log.time[0])
+    report = (Repair(name, "delay", 1, start, f"{one}; corrected") for name, one in shifts.items())
+    return replace(log, time=log.time[kept], report=(*log.report, *report), **found)
 
 
-def _as_repair(log: Log, delay: Delay) -> Repair:
-    index = log.joint_names.index(delay.joint)
-    fields = column_names(delay.joint, log.is_prismatic[index]).items()
-    name = next(name for name, field in fields if field == delay.channel)
-    return Repair(name, "delay", 1, float(log.time[0]), f"{delay}; corrected")
+def _column(log: Log, delay: Delay) -> str:
+    """Return the name of the delayed column in a file."""
+    names = column_names(delay.joint, log.is_prismatic[log.joint_names.index(delay.joint)])
+    return next(name for name, field in names.items() if field == delay.channel)
 
 
 def _of_positions(robot: Robot, motion: Motion) -> Iterator[_Relation]:

@@ -31,7 +31,7 @@ from .readers.child_process import run_in_child as run_in_child
 from .reading import read_log as read_log
 from .repair.data import Repair as Repair
 from .repair.data import Repairs as Repairs
-from .repair.resampling import interpolated as interpolated
+from .repair.resampling import on_time as on_time
 from .sampling import PIECE_SAMPLES as PIECE_SAMPLES
 from .sampling import REST_RAD_S as REST_RAD_S
 from .sampling import STANDSTILL as STANDSTILL

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.errors import LogError, unknown_name
+from seaid.errors import LogError, listed, unknown_name
 from seaid.log.description import Clock, LogDescription, Servo, Source
 from seaid.log.log import UNIT_FACTORS, column_names
 from seaid.log.readers.table import Block, Table
@@ -26,6 +27,11 @@ def channels_of(
     Raises LogError naming joint and quantity.
     """
     described = list(_described_quantities(path, table, description, robot))
+    if not described:
+        raise LogError(
+            f"'{path}' has no column with a name of seaid's for a joint of this robot, and the "
+            f"description names none, found: {listed(table.names)}"
+        )
     wanted: dict[str, None] = {}
     for one in described:
         for name in (description.where, *one.source.columns(), one.clock.column):
@@ -52,13 +58,34 @@ class _Described(NamedTuple):
 def _described_quantities(
     path: Path, table: Table, description: LogDescription, robot: Robot
 ) -> Iterator[_Described]:
-    for joint, sources in description.joints.items():
+    for joint in description.joints:
         if joint not in robot.joint_names:
             raise LogError("description: " + unknown_name("joint", joint, robot.joint_names))
-        for quantity, source in sources.items():
+    for joint in dict.fromkeys([*description.joints, *robot.joint_names]):
+        sources = dict(description.joints.get(joint, {}))
+        for quantity, source in (sources | _own_sources(table, robot, joint, sources)).items():
             where = f"'{path}': [joints.{joint}] {quantity}"
             clock = _clock_of(where, table, description, source)
             yield _Described(where, joint, quantity, source, clock)
+
+
+def _own_sources(
+    table: Table, robot: Robot, joint: str, described: Mapping[str, Source]
+) -> dict[str, Source]:
+    """Return the columns with seaid's names for the quantities that are not described.
+
+    A described deflection replaces one position: the motor's, if the file has both.
+    """
+    names = column_names(joint, robot.is_prismatic[robot.index(joint)])
+    own = {field: Source(name) for name, field in names.items() if name in table.names}
+    positions = [
+        field
+        for sources in (described, own)
+        for field in ("joint_position", "motor_position")
+        if field in sources
+    ]
+    needless = set(positions[1:]) if "deflection" in described else set()
+    return {field: one for field, one in own.items() if field not in {*described, *needless}}
 
 
 def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
@@ -101,6 +128,7 @@ def _check_own_drive(robot: Robot, joint: str, consequence: str) -> None:
 
 def _clock_of(where: str, table: Table, description: LogDescription, source: Source) -> Clock:
     own = next((table.clocks[one] for one in source.columns() if one in table.clocks), None)
+    own = own or ("time_s" if "time_s" in table.names else None)
     clock = source.time or description.time or (Clock(column=own) if own else None)
     if clock is None:
         for name in source.columns():
@@ -128,7 +156,7 @@ def _channel(data: Block, robot: Robot, one: _Described) -> Channel:
         else:
             time = data[clock.column] * UNIT_FACTORS["s"][clock.unit]
         period = None if source.wraps is None else abs(factor) * source.wraps
-        return Channel(name, time, factor * values + source.offset, period)
+        return Channel(name, time, factor * values + source.offset, period, source.delay_s)
     except (LogError, ValueError) as problem:
         text = str(problem)
         raise LogError(text if text.startswith(where) else f"{where}: {text}") from None
@@ -207,4 +235,4 @@ def _selected(where: str, channel: Channel, kept: Array | None, sparse: bool) ->
             raise LogError(f"{where}: the column of 'where' is zero at all samples")
     if sparse and not np.all(np.isnan(channel.values)):
         use &= ~np.isnan(channel.values)
-    return Channel(channel.name, channel.time[use], channel.values[use], channel.period)
+    return replace(channel, time=channel.time[use], values=channel.values[use])

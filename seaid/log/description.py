@@ -81,6 +81,8 @@ class Source:
         A column or number to multiply with, as the supply voltage of a duty cycle.
     side : str or None
         "motor" or "joint", if the column holds the value at the other side of the gear.
+    delay_s : float
+        Delay of the column [s]: its samples show the state `delay_s` before their time.
     time : Clock or None
         Clock of the column, if it has its own.
     servo : Servo or None
@@ -98,6 +100,7 @@ class Source:
     torque_constant_Nm_per_A: float | None = None
     times: str | float | None = None
     side: Side | None = None
+    delay_s: float = 0.0
     time: Clock | None = None
     servo: Servo | None = None
 
@@ -111,15 +114,21 @@ class Source:
 class LogDescription(Display):
     """The meaning of the columns of a log, for `read_log`.
 
+    Quantities, joints and a time that are not described are read from seaid's own columns, if the
+    file has them.
+
     Attributes
     ----------
     joints : mapping
         {joint: {quantity: Source}}, with the quantities motor_position, joint_position,
         motor_torque, joint_torque, motor_current, motor_voltage and deflection.
     time : Clock or None
-        Clock of all sources without their own; None: that of the file (ROS bags and HEBI logs).
+        Clock of all sources without their own; None: that of the file (ROS bags and HEBI logs), or
+        its column "time_s".
     where : str or None
         A column; samples at which it is zero are excluded.
+    exclude_s : tuple of (float, float)
+        Intervals [start, end) of the log's time [s] that are excluded.
     repair : Repairs
         Limits of the repair.
 
@@ -131,9 +140,10 @@ class LogDescription(Display):
     >>> print(description.to_toml())
     """
 
-    joints: Mapping[str, Mapping[str, Source]]
+    joints: Mapping[str, Mapping[str, Source]] = field(default_factory=dict)
     time: Clock | None = None
     where: str | None = None
+    exclude_s: tuple[tuple[float, float], ...] = ()
     repair: Repairs = field(default_factory=Repairs)
 
     def _in_short(self) -> str:
@@ -159,6 +169,8 @@ class LogDescription(Display):
             found["time"] = _short(_plain(self.time))
         if self.where is not None:
             found["where"] = self.where
+        if self.exclude_s:
+            found["exclude_s"] = [list(one) for one in self.exclude_s]
         found["joints"] = {
             joint: {name: _short(_plain(source)) for name, source in sources.items()}
             for joint, sources in self.joints.items()
@@ -170,7 +182,8 @@ class LogDescription(Display):
     def to_toml(self) -> str:
         """Return the description as the text of a TOML file."""
         content = self.to_dict()
-        lines = [f"{key} = {_toml(content[key])}" for key in ("time", "where") if key in content]
+        keys = [key for key in ("time", "where", "exclude_s") if key in content]
+        lines = [f"{key} = {_toml(content[key])}" for key in keys]
         tables = {f"joints.{_key(joint)}": one for joint, one in content["joints"].items()}
         if "repair" in content:
             tables["repair"] = content["repair"]
@@ -206,6 +219,8 @@ def _toml(value: Any) -> str:
         return "{ " + ", ".join(f"{key} = {_toml(one)}" for key, one in value.items()) + " }"
     if isinstance(value, str):
         return _text(value)
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
     return repr(float(value) if isinstance(value, float) else value)  # repr of float64 is no TOML
 
 
@@ -248,8 +263,9 @@ def _described_next_to(path: Path) -> LogDescription | None:
         if _names_joints(sibling):
             raise
         return None
-    joints = content.get("joints")
-    if not isinstance(joints, Mapping) or "type" in joints:
+    joints = content.get("joints", {})
+    is_other = not isinstance(joints, Mapping) or "type" in joints
+    if is_other or not (joints or (content and set(content) <= _TOP_LEVEL)):
         return None
     return _described(f"'{sibling}'", content)
 
@@ -263,12 +279,16 @@ def _names_joints(path: Path) -> bool:
         return True
 
 
+_TOP_LEVEL = {one.name for one in fields(LogDescription)}
+
+
 def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
     _check_keys(where, content, [one.name for one in fields(LogDescription)])
-    joints = content.get("joints")
-    if not isinstance(joints, Mapping) or not joints:
+    joints = content.get("joints", {})
+    if not isinstance(joints, Mapping):
         raise LogError(
-            f"{where}: needs tables [joints.<joint>], one per joint, found {shown(joints)}"
+            f"{where}: 'joints' must be tables [joints.<joint>], one per joint, found "
+            f"{shown(joints)}"
         )
     column = content.get("where")
     if not isinstance(column, str | None):
@@ -284,8 +304,21 @@ def _described(where: str, content: Mapping[str, Any]) -> LogDescription:
         },
         time=_clock(f"{where} time", content.get("time")),
         where=column,
+        exclude_s=_intervals(f"{where} exclude_s", content.get("exclude_s", ())),
         repair=repair,
     )
+
+
+def _intervals(where: str, value: Any) -> tuple[tuple[float, float], ...]:
+    """Return intervals of time, after checking that each has a start before its end."""
+    found = value if isinstance(value, list | tuple) else [value]
+    for one in found:
+        is_pair = isinstance(one, list | tuple) and len(one) == 2 and all(map(_is_finite, one))
+        if not is_pair or not one[0] < one[1]:
+            raise LogError(
+                f"{where} must be a list of intervals [start, end] in seconds, found {shown(one)}"
+            )
+    return tuple((float(start), float(end)) for start, end in found)
 
 
 def _joint(where: str, table: Any) -> dict[str, Source]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from seaid._arrays import Array
+from seaid._arrays import Array, is_constant
 from seaid.errors import LogError, SeaidWarning, checked
 from seaid.log.custom_columns import both_sides, channels_of
 from seaid.log.description import Described, LogDescription, description_for
@@ -25,8 +25,9 @@ from seaid.log.log import (
 )
 from seaid.log.readers.opening import open_table
 from seaid.log.readers.table import Table, check_lengths
-from seaid.log.repair.data import Channel, Repairs
+from seaid.log.repair.data import Channel, Repair, Repairs
 from seaid.log.repair.repair import repaired
+from seaid.log.repair.resampling import on_time
 from seaid.robot import Robot
 
 __all__ = ["WRITTEN", "Log", "read_log", "write_log"]
@@ -59,7 +60,8 @@ def read_log(
         "deg", "mNm" or "ms", or (name, factor to SI).
     description : LogDescription, mapping, str or Path, optional
         The meaning of custom columns, see docs/logs.md; default: the TOML file with the name of
-        the log in the same folder (run.toml for run.csv), if it exists.
+        the log in the same folder (run.toml for run.csv), if it exists. What it does not describe
+        is read from seaid's own columns.
     repair : Repairs, optional
         Limits of the repair of faults; default: those of the description, without one no repair.
 
@@ -128,6 +130,9 @@ def _repaired(
     try:
         time, picked, report = repaired(channels, limits)
         if described is not None:
+            delays_s = {one.name: one.delay_s for one in channels if one.delay_s}
+            time, picked, more = _as_described(time, picked, delays_s, described.exclude_s)
+            report += more
             picked = both_sides(picked, robot)
             _check_alive(picked, robot)
         return replace(sorted_log({"time_s": time, **picked}, robot, file_names), report=report)
@@ -135,12 +140,37 @@ def _repaired(
         raise LogError(f"'{path}': {problem}") from None
 
 
+def _as_described(
+    time: Array,
+    picked: dict[str, Array],
+    delays_s: Mapping[str, float],
+    intervals: Sequence[tuple[float, float]],
+) -> tuple[Array, dict[str, Array], tuple[Repair, ...]]:
+    """Return time, samples and repairs without the described delays and excluded intervals."""
+    covered, moved = on_time(time, picked, delays_s)
+    picked = {name: values[covered] for name, values in picked.items()} | moved
+    report = [
+        Repair(name, "delay", 1, float(time[0]), f"{1e3 * delay:.6g} ms, as described; corrected")
+        for name, delay in delays_s.items()
+    ]
+    time = time[covered]
+    bad = np.zeros(len(time), dtype=bool)
+    for start_s, end_s in intervals:
+        bad |= (time >= start_s) & (time < end_s)
+    if np.all(bad):
+        raise LogError("the delays and exclude_s of the description leave no sample of the log")
+    if np.any(bad):
+        first, action = float(time[np.argmax(bad)]), f"{np.mean(bad):.1%} of the samples"
+        report.append(Repair("time_s", "excluded intervals", len(intervals), first, action))
+    return time[~bad], {name: values[~bad] for name, values in picked.items()}, tuple(report)
+
+
 def _check_alive(picked: Mapping[str, Array], robot: Robot) -> None:
     """Raise LogError for a constant position of a joint whose other position moves."""
     for index, joint in enumerate(robot.joint_names):
         names = [name for name in column_names(joint, robot.is_prismatic[index]) if name in picked]
         positions = [name for name in names if "_position_" in name]
-        still = [name for name in positions if np.ptp(picked[name]) == 0]
+        still = [name for name in positions if is_constant(picked[name])]
         if len(positions) == 2 and len(still) == 1:
             value = picked[still[0]][0]
             raise LogError(

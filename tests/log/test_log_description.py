@@ -1,6 +1,7 @@
 """Log descriptions: foreign columns, units, sides, clocks become our channels; mistakes named."""
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,13 +9,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
 
 from seaid._arrays import Array
 from seaid.errors import LogError, SeaidWarning
 from seaid.log.description import LogDescription, description_for
+from seaid.log.log import holes
 from seaid.log.reading import Log, read_log, write_log
 from seaid.log.repair.data import Repairs
 from seaid.robot.robot import Robot, load_robot
+from seaid.simulation.simulation import Noise, measure
+from tests.experiments import LEG_SENSORS, leg, leg_motion, perfect_log
 from tests.measured import LOGS
 from tests.one_joint import BODY
 
@@ -152,6 +157,114 @@ def test_voltage_of_a_position_servo_is_computed_and_clipped(tmp_path: Path) -> 
     np.testing.assert_allclose(log.sensors()["motor_voltage"][:, 0], expected, rtol=1e-12)
 
 
+# Partial descriptions of files with seaid's own names
+
+
+def own_file(folder: Path, robot: Robot, log: Log) -> Path:
+    """Write a log with seaid's own names."""
+    write_log(log, folder / "own.npz")
+    return folder / "own.npz"
+
+
+def same(log: Log, other: Log) -> bool:
+    columns = {"time_s": other.time, **other.columns()}
+    return all(
+        np.array_equal(values, columns[name])
+        for name, values in {"time_s": log.time, **log.columns()}.items()
+    )
+
+
+@pytest.mark.parametrize("sensors", [LEG_SENSORS, Noise()])
+def test_a_clean_log_is_not_changed_by_a_description_of_nothing(
+    tmp_path: Path, sensors: Noise
+) -> None:
+    plain = measure(leg(), leg_motion(), sensors, seed=1)
+    path = own_file(tmp_path, leg(), plain)
+    for description in (
+        {},
+        {"time": "time_s"},
+        {"joints": {"knee_pitch": {"motor_torque": "knee_pitch.motor_torque_Nm"}}},
+    ):
+        assert same(read_log(path, leg(), description=description), plain)
+
+
+def test_what_is_not_described_is_read_from_the_own_columns(tmp_path: Path) -> None:
+    plain = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
+    path = own_file(tmp_path, leg(), plain)
+    (tmp_path / "own.toml").write_text(
+        """
+[joints.hip_pitch]
+motor_torque = "knee_pitch.motor_torque_Nm"
+joint_position = { column = "hip_pitch.joint_position_rad", sign = -1 }
+
+[joints.knee_pitch]
+motor_torque = { column = "hip_pitch.motor_torque_Nm", scale = 1.2, unit = "mNm" }
+"""
+    )
+    log = read_log(path, leg())
+    hip, knee = (leg().index(name) for name in ("hip_pitch", "knee_pitch"))
+    expected = {name: values.copy() for name, values in plain.sensors().items()}
+    expected["motor_torque"][:, hip] = plain.motor_torque[:, knee]
+    expected["motor_torque"][:, knee] = plain.motor_torque[:, hip] * 1.2e-3
+    expected["joint_position"][:, hip] *= -1
+    assert np.array_equal(log.time, plain.time)
+    for name, values in expected.items():
+        np.testing.assert_allclose(log.sensors()[name], values, rtol=1e-12)
+
+
+def test_time_of_an_own_file_gets_another_unit(tmp_path: Path) -> None:
+    plain = measure(leg(), leg_motion(), LEG_SENSORS, seed=1)
+    path = own_file(tmp_path, leg(), replace(plain, time=1e3 * plain.time))
+    path.with_suffix(".toml").write_text('time = { column = "time_s", unit = "ms" }')
+    log = read_log(path, leg())
+    np.testing.assert_allclose(log.time, plain.time, atol=1e-12)
+    np.testing.assert_array_equal(log.motor_position, plain.motor_position)
+
+
+def test_described_delay_is_corrected_and_other_channels_stay(tmp_path: Path) -> None:
+    plain = perfect_log(leg(), leg_motion())
+    knee, delay_s = leg().index("knee_pitch"), 0.0123
+    late = plain.motor_torque.copy()
+    late[:, knee] = CubicSpline(plain.time, late[:, knee])(plain.time - delay_s)
+    path = own_file(tmp_path, leg(), replace(plain, motor_torque=late))
+    source = {"column": "knee_pitch.motor_torque_Nm", "delay_s": delay_s}
+    log = read_log(path, leg(), description={"joints": {"knee_pitch": {"motor_torque": source}}})
+    kept = plain.time <= plain.time[-1] - delay_s
+    np.testing.assert_array_equal(log.time, plain.time[kept])
+    np.testing.assert_array_equal(log.motor_position, plain.motor_position[kept])
+    error = np.abs(log.motor_torque[:, knee] - plain.motor_torque[kept, knee])[20:]
+    assert np.sqrt(np.mean(error**2)) < 2e-3 * np.std(plain.motor_torque[:, knee])
+    assert [(one.channel, one.kind) for one in log.report] == [(source["column"], "delay")]
+
+
+def test_excluded_intervals_are_holes(tmp_path: Path) -> None:
+    plain = perfect_log(leg(), leg_motion())
+    path = own_file(tmp_path, leg(), plain)
+    log = read_log(path, leg(), description={"exclude_s": [[1.5, 2.0], [5.5, 99]]})
+    kept = (plain.time < 1.5) | ((plain.time >= 2.0) & (plain.time < 5.5))
+    assert same(log, replace(plain, **{name: x[kept] for name, x in rows_of(plain).items()}))
+    assert [one.kind for one in log.report] == ["excluded intervals"]
+    assert [one.length_s for one in holes(log.time)] == pytest.approx([0.5], abs=0.01)
+
+
+def rows_of(log: Log) -> dict[str, Any]:
+    return {"time": log.time, **log.sensors()}
+
+
+@pytest.mark.parametrize(
+    ("described", "kept"), [({}, "joint_position"), ({"motor_position": "b"}, "motor_position")]
+)
+def test_described_deflection_replaces_one_own_position(
+    tmp_path: Path, described: Table, kept: str
+) -> None:
+    robot = robot_of(tmp_path, ROTARY)
+    names = {"arm.motor_position_rad": wave(0.7), "arm.joint_position_rad": wave(0.7)}
+    path = log_file(tmp_path, **names, **{"arm.motor_torque_Nm": wave(0.9), "time_s": TIME})
+    arm = described | {"deflection": "a"}
+    log = read_log(path, robot, description={"joints": {"arm": arm}})
+    np.testing.assert_allclose(log.sensors()[kept][:, 0], wave(0.7))
+
+
 # Clocks and repair
 
 
@@ -254,6 +367,7 @@ sources = st.fixed_dictionaries(
         "offset": st.floats(-3, 3),
         "unit": st.sampled_from(["deg", "turn"]),
         "wraps": st.floats(1, 1e4),
+        "delay_s": st.floats(-1, 1),
         "time": st.one_of(names, st.fixed_dictionaries({"rate_hz": st.floats(1, 1e4)})),
     },
 )
@@ -268,6 +382,7 @@ def test_description_survives_its_toml(
         "time": time,
         "joints": {joint: {"joint_position": source} for joint, source in joints.items()},
         "repair": {"most_missing": 0.5},
+        "exclude_s": [[1.0, 2.5], [3.0, 4.0]],
     }
     given = description_for(Path("log.csv"), content)
     assert given is not None
@@ -349,7 +464,12 @@ def test_mistake_in_a_joint_is_named(tmp_path: Path, change: Table, words: str) 
     ("change", "words"),
     [
         ({"tim": "t"}, "description=: no key is named 'tim'; did you mean 'time'?"),
-        ({"joints": {}}, "needs tables [joints.<joint>], one per joint, found {}"),
+        ({"joints": {}}, "no column with a name of seaid's for a joint of this robot, and the de"),
+        ({"joints": 3}, "'joints' must be tables [joints.<joint>], one per joint, found 3"),
+        ({"exclude_s": [1, 2]}, "must be a list of intervals [start, end] in seconds, found 1"),
+        ({"exclude_s": [[2, 1]]}, "must be a list of intervals [start, end] in seconds, found [2"),
+        ({"exclude_s": [[0, "x"]]}, "must be a list of intervals [start, end] in seconds, found"),
+        ({"exclude_s": [[0, 9]]}, "the delays and exclude_s of the description leave no"),
         ({"joints": {"arm": {}}}, "[joints.arm]: names no quantity; allowed: motor_position"),
         (
             {"joints": {"arn": {"joint_position": "a"}}},

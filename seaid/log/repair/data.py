@@ -88,6 +88,7 @@ Fault = Literal[
     "gaps",
     "holes in time",
     "delay",
+    "excluded intervals",
 ]
 """Kinds of the faults of a log."""
 
@@ -138,14 +139,16 @@ class Channel:
     """Samples `values` (T,) of a sensor at `time` (T,) [s] as logged, unsorted and not repaired.
 
     `name` is a column name of seaid with the unit, as "elbow.motor_position_rad". `period` is that
-    of an encoder that wraps around, in the same unit, or None. Both arrays may contain NaN. Raises
-    LogError for arrays of different lengths, and for a period that is not positive.
+    of an encoder that wraps around, in the same unit, or None. The samples show the state `delay_s`
+    before their time. Both arrays may contain NaN. Raises LogError for arrays of different lengths,
+    and for a period that is not positive.
     """
 
     name: str
     time: Array
     values: Array
     period: float | None = None
+    delay_s: float = 0.0
 
     def __post_init__(self) -> None:
         time = frozen(f"time of '{self.name}'", self.time, (None,), LogError)

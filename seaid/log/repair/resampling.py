@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
 from seaid._arrays import Array, BoolArray
 from seaid.log.filtering import low_pass
 from seaid.log.repair.clocks import longest_bridge, longest_step, typical_step
+from seaid.log.repair.data import is_position
 
 _CLOSE = 0.3
 """Samples closer than this part of the typical step are merged."""
@@ -41,6 +43,21 @@ def interpolated(time: Array, values: Array, wanted: Array, *, smooth: bool) -> 
     straight = in_gap(time, wanted - origin, longest)
     found[straight] = np.interp(wanted[straight] - origin, time, values)
     return np.asarray(found)
+
+
+def on_time(
+    time: Array, channels: Mapping[str, Array], delays_s: Mapping[str, float]
+) -> tuple[BoolArray, dict[str, Array]]:
+    """Return the mask (T,) of the times that late channels cover too, and their values then.
+
+    The samples of a late channel show the state so many seconds before their time.
+    """
+    late, early = max([0.0, *delays_s.values()]), min([0.0, *delays_s.values()])
+    kept = (time >= time[0] - early) & (time <= time[-1] - late)
+    return kept, {
+        name: interpolated(time, channels[name], time[kept] + delay, smooth=is_position(name))
+        for name, delay in delays_s.items()
+    }
 
 
 def in_gap(time: Array, wanted: Array, longest_s: float) -> BoolArray:
