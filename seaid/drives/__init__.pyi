@@ -43,6 +43,7 @@ from .symbols import theta_L as theta_L
 from .symbols import theta_M as theta_M
 from .symbols import u_M as u_M
 from .terms import COULOMB as COULOMB
+from .terms import LEVEL_OF as LEVEL_OF
 from .terms import PARAMETERS as PARAMETERS
 from .terms import PARAMETERS_OF as PARAMETERS_OF
 from .terms import FrictionTerm as FrictionTerm

@@ -34,7 +34,8 @@ class DriveRegressor:
 
     `zeta` and `row` (p,) are expressions of the signals, with the known values (ratio, radii, rotor
     inertia) as symbols. `non_linear` names the parameters that must be given for the equation to
-    be linear in the others; their columns are derivatives at the drive's values.
+    be linear in the others; their columns are derivatives at the drive's values. `joint` is the
+    drive's, for messages.
     """
 
     names: tuple[str, ...]
@@ -43,6 +44,7 @@ class DriveRegressor:
     row: tuple[sp.Expr, ...]
     drive: Drive
     non_linear: tuple[str, ...] = ()
+    joint: str = ""
 
     @cached_property
     def signals(self) -> set[str]:
@@ -82,7 +84,7 @@ class DriveRegressor:
         return _evaluate(self, signals, values, self.linear)
 
 
-def drive_regressor(equation: DriveEquation, drive: Drive) -> DriveRegressor:
+def drive_regressor(equation: DriveEquation, drive: Drive, joint: str = "") -> DriveRegressor:
     """Derive the regressor of a drive's equation by Algorithm 1; if nonlinear, by derivatives."""
     nonlinear = () if _hides_a_parameter(equation) else non_linear(equation)
     if nonlinear and PARAMETER_NAMES.keys() >= set(nonlinear):
@@ -100,6 +102,7 @@ def drive_regressor(equation: DriveEquation, drive: Drive) -> DriveRegressor:
         row=row,
         drive=drive,
         non_linear=tuple(PARAMETER_NAMES[symbol] for symbol in nonlinear),
+        joint=joint,
     )
 
 
@@ -174,8 +177,9 @@ def _evaluate(
     missing = [name for name in names if name not in given]
     if missing:
         named = {str(symbol): name for symbol, name in PARAMETER_NAMES.items()}
+        drive = f"the drive of '{regressor.joint}'" if regressor.joint else "the drive"
         raise RobotError(
-            "the drive's equation is nonlinear in its parameters: "
+            f"the equation of {drive} is nonlinear in its parameters: "
             f"{named.get(missing[0], missing[0])} needs an initial value"
         )
     table = np.empty((1 + len(wanted), len(next(iter(signals.values())))))

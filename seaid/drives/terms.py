@@ -137,6 +137,13 @@ PARAMETERS_OF: dict[str, dict[str, tuple[str, ...]]] = {
 }
 """{field of a drive: {term: its parameters}}."""
 
+LEVEL_OF = {
+    term: names[0]
+    for term, names in PARAMETERS_OF["friction"].items()
+    if any(PARAMETERS[name].starts for name in names)
+}
+"""{nonlinear friction term: the parameter that multiplies the slopes of its other parameters}."""
+
 MotorInput = Literal["torque", "current", "voltage"]
 """Values of `motor_input=`, with their parameters in `PARAMETERS_OF`."""
 

@@ -78,8 +78,7 @@ def _without_load(drive: Drive) -> Drive:
 
 def _known(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> list[Motion]:
     fit = starting_load_fit(robot, motions, used)
-    theta = fit.estimate.values
-    return [with_gear_torque(robot, one, fit.model, fit.springs, theta) for one in motions]
+    return [with_gear_torque(robot, one, fit.model, fit.springs, fit.values) for one in motions]
 
 
 def _change(before: Sequence[Motion], after: Sequence[Motion]) -> float:

@@ -15,11 +15,11 @@ from itertools import product
 
 import numpy as np
 
-from seaid._arrays import Array, IndexArray
+from seaid._arrays import Array, BoolArray, IndexArray
 from seaid.drives import (
     COULOMB,
+    LEVEL_OF,
     PARAMETERS,
-    PARAMETERS_OF,
     Drive,
     DriveRegressor,
     JointParameter,
@@ -28,15 +28,14 @@ from seaid.drives import (
 )
 from seaid.errors import Finding, IdentificationError
 from seaid.estimation import (
+    RANK_TOLERANCE,
     Estimate,
     QRFactor,
     equal_weights,
-    estimate_of,
     ordinary,
     qr_factor_of,
     scaled_svd,
     separable_least_squares,
-    solve,
 )
 from seaid.identification.datasets import rows_in_memory
 from seaid.identification.drive_estimates import spring_of, with_values
@@ -68,12 +67,8 @@ rank falls only near the best values, where the search ends."""
 
 _PART = 0.1
 
-_LEVEL_OF = {
-    term: names[0]
-    for term, names in PARAMETERS_OF["friction"].items()
-    if any(PARAMETERS[name].starts for name in names)
-}
-"""{nonlinear friction term: the parameter that multiplies the slopes of its other parameters}."""
+_SEEN = 1e-3
+"""Largest entry of the column of a friction level, of 1, below which no row determines it."""
 
 
 def fix_unidentifiable(
@@ -85,7 +80,7 @@ def fix_unidentifiable(
     Stribeck speed without Stribeck friction: the equations are singular in them.
     """
     fixed: list[str] = []
-    levels = [level for term, level in _LEVEL_OF.items() if term not in COULOMB]
+    levels = [level for term, level in LEVEL_OF.items() if term not in COULOMB]
     while True:
         kept = [place for place, name in enumerate(names) if name not in fixed]
         name = _unidentifiable([names[place] for place in kept], H[:, kept], [*nonlinear, *levels])
@@ -113,10 +108,18 @@ def _unidentifiable(names: Sequence[str], H: Array, candidates: Sequence[str]) -
 def with_fixed_warnings(
     drives: Mapping[str, Estimate], given: Robot, robot: Robot
 ) -> dict[str, Estimate]:
-    """Return estimates of drives with a warning for every parameter that a search fixed."""
+    """Return estimates of drives with a warning for every parameter that a search fixed.
+
+    A positive parameter of a search whose linearised value is negative, within its standard error
+    of zero, has the value at which the search ended: the best one that is allowed.
+    """
     flagged = dict(drives)
     for joint, estimate in drives.items():
         drive, before = robot.drives[joint], given.drives[joint].known
+        values = [
+            drive.values[name] if _is_searched(name) and value < 0 else value
+            for name, value in zip(estimate.names, estimate.values.tolist(), strict=True)
+        ]
         warnings = tuple(
             Finding(
                 "unidentifiable",
@@ -129,8 +132,15 @@ def with_fixed_warnings(
             for name in drive.known
             if name not in before
         )
-        flagged[joint] = replace(estimate, warnings=warnings + estimate.warnings)
+        flagged[joint] = replace(
+            estimate, values=np.array(values), warnings=warnings + estimate.warnings
+        )
     return flagged
+
+
+def _is_searched(name: str) -> bool:
+    """Whether a parameter is positive and found by a search."""
+    return name in PARAMETERS and PARAMETERS[name].is_positive and bool(PARAMETERS[name].starts)
 
 
 _LEAST, _MOST = 1e-4, 2.0
@@ -158,7 +168,12 @@ def _linearised_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Dr
     search = _actuator_search(robot, motions, joint)
     grid = product(*(starts_of(name, drive, start, scale) for name in search.nonlinear))
     found = search.best([np.array(one) for one in grid], scale)
-    return search.with_fixed(with_values(drive, found))
+    return search.with_fixed(_at_values(drive, found))
+
+
+def _at_values(drive: Drive, values: Mapping[str, float]) -> Drive:
+    """Return the drive with the values of a search; a rotor inertia with a value would be known."""
+    return with_values(drive, {name: x for name, x in values.items() if name != "motor_inertia"})
 
 
 @dataclass(frozen=True)
@@ -218,7 +233,19 @@ class _Search:
         changes = [zeta - old for (zeta, _), old in zip(pairs, self.zeta, strict=True)]
         y = self.y.copy()
         y[self.mine] += self._banded(changes)
-        return self._alone(y), self._alone(self._placed([H[:, places] for _, H in pairs]))
+        columns = self._placed([H[:, places] for _, H in pairs])
+        columns[:, self._vanishing(columns)] = 0.0
+        return self._alone(y), self._alone(columns)
+
+    def _vanishing(self, columns: Array) -> BoolArray:
+        """Return the levels of friction whose columns vanish: at no row is the motor slow enough.
+
+        The largest entry of the column of a level is the factor of the rows. A column that is far
+        smaller has any value that rounding gives it.
+        """
+        is_level = np.array([name in LEVEL_OF.values() for name in self.linear], dtype=bool)
+        largest = np.max(np.abs(columns), axis=0, initial=0.0)
+        return np.asarray(is_level & (largest < _SEEN * abs(self.factor)))
 
     def slopes(self, nonlinear: Array, linear: Array) -> Array:
         """Return the columns of the nonlinear parameters in the same way."""
@@ -286,7 +313,7 @@ def _linear_start(robot: Robot, motions: Sequence[Motion], joint: str) -> dict[s
     known = tuple(name for name in drive.known if name in ("stiffness", "viscous_friction"))
     plain = replace(
         drive,
-        friction=tuple(term for term in friction if term not in ("load", *_LEVEL_OF)),
+        friction=tuple(term for term in friction if term not in ("load", *LEVEL_OF)),
         spring=("linear",),  # type: ignore[arg-type]
         known=known,
         nominal={},
@@ -338,11 +365,11 @@ _FEW = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class LoadFit:
-    """A fit of the load side: its columns, the springs' values, the estimate and its rows."""
+    """A fit of the load side: its columns, the springs' values, its `values` (p,) and its rows."""
 
     model: LoadModel
     springs: Mapping[str, Array]
-    estimate: Estimate
+    values: Array
     rows: Regression
     qr_factor: QRFactor
 
@@ -379,21 +406,32 @@ def _grid(robot: Robot, joint: str, given: Drive, scale: Scale) -> list[Array]:
 
 
 def starting_load_fit(robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> LoadFit:
-    """Fit the load side by weighted least squares, the springs by ordinary ones before it."""
+    """Fit the load side by weighted least squares, the springs by ordinary ones before it.
+
+    Between two steps of a search a nonlinear parameter may have no column, such as the width of
+    Coulomb friction that is zero: unidentifiable combinations are zero here, and `identify` decides
+    about them at the end of the search.
+    """
     model = load_model(robot, base_parameters(robot, torque_joints=used), used)
     joints = spring_torque_joints(robot, motions, model)
     rows = rows_in_memory(motions, two_step_equations(robot, model, joints))
     springs = {joint: spring_of(robot, ordinary(rows[joint]), joint) for joint in joints}
     load = with_spring_torque(springs.values(), rows[LOAD])
     qr_factor = qr_factor_of(load)
-    estimate = estimate_of(qr_factor, _weights(qr_factor))
+    theta = _least_norm(qr_factor, _weights(qr_factor))
     values = {joint: spring.values for joint, spring in springs.items()}
-    return LoadFit(model, values, estimate, load, qr_factor)
+    return LoadFit(model, values, theta, load, qr_factor)
+
+
+def _least_norm(qr_factor: QRFactor, weights: Array) -> Array:
+    """Return the least-squares solution (p,) with zero for unidentifiable combinations."""
+    R, p = qr_factor.weighted_factor(weights), len(qr_factor.names)
+    return scaled_svd(R[:p, :p], "the load side").solve(R[:p, p], RANK_TOLERANCE)
 
 
 def _weights(qr_factor: QRFactor) -> Array:
     """Return limited weights (E,) of the equations by the residuals of one ordinary fit."""
-    theta = solve(qr_factor, equal_weights(qr_factor)).values
+    theta = _least_norm(qr_factor, equal_weights(qr_factor))
     std = qr_factor.residual_norms(theta) / np.sqrt(np.maximum(qr_factor.counts, 1))
     largest = float(np.max(std))
     return largest / np.maximum(std, _FEW * largest) if largest else equal_weights(qr_factor)
@@ -410,9 +448,9 @@ def _started(robot: Robot, scales: Mapping[str, Scale]) -> Robot:
     for joint, scale in scales.items():
         drive, regressor = drives[joint], motor_regressor(robot, joint)
         values = {
-            name: 1.0 if name in _LEVEL_OF.values() else starts_of(name, drive, {}, scale)[0]
+            name: 1.0 if name in LEVEL_OF.values() else starts_of(name, drive, {}, scale)[0]
             for name in regressor.names
-            if name in PARAMETERS and name not in drive.values
+            if name in PARAMETERS and name not in (*drive.values, "motor_inertia")
         }
         drives[joint] = drive.with_values(values)
     return robot.with_drives(drives)
@@ -430,7 +468,7 @@ def _searched(
     search = _load_search(robot, motions, joint, starting_load_fit(robot, motions, used))
     drive = robot.drives[joint]
     starts = [np.array([drive.values[name] for name in search.nonlinear]), *starts]
-    return robot.with_drives({joint: with_values(drive, search.best(starts, scale))})
+    return robot.with_drives({joint: _at_values(drive, search.best(starts, scale))})
 
 
 def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadFit) -> _Search:

@@ -28,7 +28,7 @@ _STILL = 1e-5
 
 def motor_regressor(robot: Robot, joint: str) -> DriveRegressor:
     """Return the regressor derived from the motor equation (7) of a joint."""
-    return _motor_regressor(robot.drives[joint])
+    return _motor_regressor(robot.drives[joint], joint)
 
 
 def spring_regressor(robot: Robot, joint: str) -> DriveRegressor:
@@ -36,12 +36,12 @@ def spring_regressor(robot: Robot, joint: str) -> DriveRegressor:
     drive = robot.drives[joint]
     if not drive.is_elastic:
         raise LogError(f"joint '{joint}' has no spring")
-    return _spring_regressor(drive)
+    return _spring_regressor(drive, joint)
 
 
 def joint_regressor(robot: Robot, joint: str) -> DriveRegressor:
     """Return the regressor of the joint terms: parallel spring and joint friction."""
-    return _joint_regressor(robot.drives[joint])
+    return _joint_regressor(robot.drives[joint], joint)
 
 
 def under_load(robot: Robot, used: Sequence[str]) -> tuple[str, ...]:
@@ -62,18 +62,18 @@ def is_linear(robot: Robot, used: Sequence[str]) -> bool:
 
 
 @cache
-def _joint_regressor(drive: Drive) -> DriveRegressor:
-    return drive_regressor(joint_equation(drive), drive)
+def _joint_regressor(drive: Drive, joint: str) -> DriveRegressor:
+    return drive_regressor(joint_equation(drive), drive, joint)
 
 
 @cache
-def _motor_regressor(drive: Drive) -> DriveRegressor:
-    return drive_regressor(motor_equation(drive), drive)
+def _motor_regressor(drive: Drive, joint: str) -> DriveRegressor:
+    return drive_regressor(motor_equation(drive), drive, joint)
 
 
 @cache
-def _spring_regressor(drive: Drive) -> DriveRegressor:
-    return drive_regressor(spring_equation(drive), drive)
+def _spring_regressor(drive: Drive, joint: str) -> DriveRegressor:
+    return drive_regressor(spring_equation(drive), drive, joint)
 
 
 def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array, BoolArray, frozen
-from seaid.drives import JointParameter, is_dry
+from seaid.drives import LEVEL_OF, JointParameter, is_dry
 from seaid.errors import IdentificationError, LogError
 from seaid.log import in_band_at, joint_standstill, row_samples, standstill, still_share
 from seaid.regressor.base import grouped_text, left_to_right, negligible, random_states
@@ -168,9 +168,15 @@ def load_model(robot: Robot, base: BaseParameters, torque_joints: Sequence[str])
 
 
 def _nonlinear_parameters(robot: Robot, joint: str) -> tuple[str, ...]:
-    """Return the parameters in which the equation of a stiff drive is nonlinear."""
+    """Return the parameters in which the equation of a stiff drive is nonlinear, and their levels.
+
+    The column of a level differs from those of the others at low speeds only, too.
+    """
     drive = robot.drives[joint]
-    return () if drive.is_elastic else motor_regressor(robot, joint).non_linear
+    if drive.is_elastic:
+        return ()
+    levels = (LEVEL_OF[term] for term in drive.friction if term in LEVEL_OF)
+    return (*motor_regressor(robot, joint).non_linear, *levels)
 
 
 def _identifiable(H: Array, nonlinear: Sequence[int]) -> tuple[list[int], Array]:

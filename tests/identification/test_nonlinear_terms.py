@@ -13,13 +13,17 @@ import pytest
 
 from seaid._arrays import Array
 from seaid.drives.drives import Drive
-from seaid.errors import IdentificationError, LogError
+from seaid.drives.terms import PARAMETERS
+from seaid.errors import IdentificationError, LogError, RobotError, SeaidError
 from seaid.identification.conditions import identify_conditions
 from seaid.identification.identification import Identification, identify
 from seaid.identification.output_error import refine
 from seaid.identification.validation import validate
+from seaid.log.long_log import open_long_log
 from seaid.log.motion import Motion
-from seaid.log.reading import Log
+from seaid.log.reading import Log, write_log
+from seaid.regressor.drive_signals import motor_regressor, signals
+from seaid.regressor.rigid_body import joint_torques
 from seaid.robot.robot import Payload, Robot
 from tests.standard_errors import check_scores
 from tests.terms import (
@@ -474,3 +478,72 @@ def test_conditions_share_what_bends() -> None:
     found = together(drive, drive)
     for estimate in found.drives.values():
         assert estimate.value("coulomb_width") == pytest.approx(10.0, rel=0.05)
+
+
+@pytest.mark.parametrize("joint", ["one", "two"])
+def test_an_unknown_rotor_inertia_stays_a_parameter_beside_a_search(joint: str) -> None:
+    one = with_terms(STIFF, *FRICTION["smooth"])
+    two = with_terms(ELASTIC, *FRICTION["stribeck"])
+    truth = robot(one, two)
+    unknown = robot(replace(one, motor_inertia_kg_m2=None), replace(two, motor_inertia_kg_m2=None))
+    found = identified(unknown, exact_motion(truth))
+    assert found.known.drives[joint].motor_inertia_kg_m2 is None
+    assert found.drives["two"].value("motor_inertia") == pytest.approx(1e-5, rel=1e-6)
+    assert found.drives["two"].standard_error("motor_inertia") > 0
+    assert any("1600 motor_inertia_one" in name for name in found.load.names)
+    wanted = found.base.project(truth.parameters)
+    wanted[2] += 1600 * 2e-5
+    np.testing.assert_allclose(found.load.values, wanted, rtol=1e-6, atol=1e-8)
+
+
+@cache
+def behind_the_friction() -> Log:
+    """Return a log whose torque sensors are behind the friction, so that they see none of it."""
+    frictionless = robot(replace(STIFF, friction=()), replace(STIFF, friction=()))
+    motion = exact_motion(frictionless)
+    torque = joint_torques(frictionless, *motion.joint_states)
+    noise = 0.05 * np.random.default_rng(0).normal(size=torque.shape)
+    log = noisy_log(motion, 0.003, 2e-5)
+    return replace(log, motor_torque=np.full_like(torque, np.nan), joint_torque=torque + noise)
+
+
+@pytest.mark.parametrize(
+    ("terms", "names"),
+    [
+        (("viscous", "smooth_coulomb"), ("coulomb_width",)),
+        (("viscous", "shifted_coulomb"), ("coulomb_width", "coulomb_shift")),
+        (("viscous", "coulomb", "stribeck"), ("stribeck_speed",)),
+    ],
+)
+def test_friction_that_a_torque_sensor_does_not_see_is_no_crash(
+    terms: Any, names: tuple[str, ...]
+) -> None:
+    drive = replace(STIFF, friction=terms, nominal={}).without_nominal()
+    found = identify(robot(drive, replace(drive, gear_ratio=50.0)), behind_the_friction())
+    for joint, estimate in found.drives.items():
+        told = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
+        assert all(told.get(name, 1.0) > 0 for name in names if PARAMETERS[name].is_positive), told
+        of_joint = [str(one) for one in found.warnings if one.joint == joint]
+        assert any(names[0].partition("_")[0] in one for one in of_joint)
+    wanted = found.base.project(robot(STIFF, STIFF).parameters)
+    errors = (found.load.values - wanted)[[0, 1, 3, 4]] / found.load.standard_errors[[0, 1, 3, 4]]
+    assert np.max(np.abs(errors)) < 3.3
+
+
+def test_a_nonlinear_drive_without_values_names_its_joint() -> None:
+    known = robot(with_terms(STIFF, *FRICTION["smooth"])).without_nominal()
+    by_name = signals(known, plain_motion(), 0)
+    with pytest.raises(RobotError, match=r"drive of 'one' is .* coulomb_friction needs an initial"):
+        motor_regressor(known, "one").evaluate(by_name)
+
+
+def test_a_motor_driven_by_current_that_stands_still_has_no_rows(tmp_path: Path) -> None:
+    drive = with_terms(ELASTIC, {"motor_input": "current"}, {"torque_constant": 0.05})
+    known = robot(STIFF, drive).without_nominal()
+    log = noisy_log(exact_motion(robot(STIFF, drive)), 0.003, 2e-5)
+    position = log.motor_position.copy()
+    position[:, 1] = 0.1
+    path = tmp_path / "still.npz"
+    write_log(replace(log, motor_position=position), path)
+    with pytest.raises(SeaidError, match=r"0 rows \(.* near standstill\) cannot|does not excite"):
+        identify(known, open_long_log(path, known, cutoff_hz=10.0))
