@@ -129,6 +129,7 @@ CODES = {
     "blocks-disagree": "estimates from parts of the data that differ by more than their errors",
     "cutoff-sensitive": "an estimate that depends on the cutoff",
     "worse-than-start": "a search that ended with a worse prediction than its start",
+    "nothing-to-simulate": "a log without springs, which `refine` cannot improve",
     "contact": "bursts of torque that the model cannot explain: contact, or hands",
     "standstill": "a joint that hardly moves, or samples at rest that were excluded",
     "saturation": "a channel at its limit",

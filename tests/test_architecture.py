@@ -118,7 +118,7 @@ ONE_IMPORTER = {
         *("regressor.exact.lagrangian", "regressor.exact.recursion", "symbolic.independence"),
     ),
     "functions that users call": (
-        *("identification.validation", "identification.physical.consistency", "log.long_log"),
+        *("identification.physical.consistency", "log.long_log"),
         *("regressor.exact.base", "report.figures", "report.text", "symbolic.expression_text"),
     ),
     "one part of the page or window each": (

@@ -31,6 +31,7 @@ from seaid.identification.simulated_joints import (
     torque_jacobians,
 )
 from seaid.identification.two_step import split_load_side
+from seaid.identification.validation import compared
 from seaid.log import (
     POSITION_BAND,
     REST_RAD_S,
@@ -39,10 +40,12 @@ from seaid.log import (
     Log,
     Motion,
     decimation,
+    in_band,
     reconstruct_motion,
+    reconstruct_motions,
     stretches,
 )
-from seaid.regressor import actuator_columns, check_offset_std, load_columns
+from seaid.regressor import actuator_columns, check_offset_std, load_columns, unknown_friction
 from seaid.robot import Robot, coupled_names
 
 if TYPE_CHECKING:
@@ -158,6 +161,11 @@ def _selected(motion: Motion, samples: slice) -> Motion:
     )
 
 
+def _zeros(layout: Layout, x: Array) -> Array:
+    """Return the encoder offsets (n,), zero if they are not estimated."""
+    return x[layout.zeros] if layout.precision.any() else np.zeros(layout.found.known.n)
+
+
 def robot_at(layout: Layout, x: Array) -> Robot:
     """Return the identified robot with the base parameters of x."""
     base, robot = layout.found.base, layout.found.robot
@@ -193,16 +201,43 @@ def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Response]
         zeros = [1 + layout.zeros.start + joint for joint in joints]
         encoder[:, :, 0] -= x[layout.zeros][joints]
         encoder[:, range(len(joints)), zeros] -= 1.0
-    rows = [known.index(layout.found.model.torque_joints[row]) for row in others]
+    names = [layout.found.model.torque_joints[row] for row in others]
     torque = np.concatenate([error[:, others, None], by_x[:, others]], axis=2)
     torque = np.pad(torque, ((0, 0), (0, 0), (0, free)))
-    torque -= jacobians.part(rows, joints).change(response)
+    torque -= jacobians.part([known.index(joint) for joint in names], joints).change(response)
     drive = _drive_error(layout, run, x, response)
     columns = np.concatenate([encoder, drive, torque], axis=1)
     still = [np.zeros(len(motion.time), dtype=bool) for _ in joints]
-    still += [_turning(known, motion, joint) for joint in layout.drives]
-    still += [_turning(known, motion, layout.found.model.torque_joints[row]) for row in others]
+    slow = replace(motion, cutoff_hz=layout.found.cutoff_hz)
+    still += [
+        _turning(known, motion if joint in layout.simulated else slow, joint)
+        for joint in layout.drives
+    ]
+    still += [unknown_friction(known, slow, joint) for joint in names]
+    channels = (*layout.simulated, *layout.drives, *names)
+    places = [place for place, joint in enumerate(channels) if joint not in layout.simulated]
+    columns[:, places], unused = _in_band(run, slow, columns[:, places], free)
+    for place in places:
+        still[place] = still[place] | unused
     return _blocks(run, columns, np.column_stack(still), free), response
+
+
+def _in_band(run: Run, slow: Motion, columns: Array, free: int) -> tuple[Array, BoolArray]:
+    """Return residuals and derivatives (T, C, 1 + p + s) below the cutoff of the identification.
+
+    Also the mask (T,) of the samples that are no rows. What is not simulated has the noise of the
+    encoders in its columns, and parallel filtering removes it as in `identify`. The last `free`
+    columns, which begin anew in each window, are filtered within it.
+    """
+    T, last = len(columns), columns.shape[2] - free
+    found = in_band(slow, columns)
+    for window in np.split(np.arange(T), run.windows):
+        found[window, :, last:] = in_band(slow, columns[window, :, last:])
+    stride = max(1, decimation(slow.rate_hz, slow.cutoff_hz) // run.block)
+    used = np.arange(T) // run.block % stride == stride // 2
+    transient = round(slow.rate_hz / slow.cutoff_hz)
+    used[:transient] = used[T - transient :] = False
+    return found, ~used
 
 
 def _load_error(layout: Layout, run: Run, x: Array) -> tuple[Array, Array, TorqueJacobians]:
@@ -305,6 +340,7 @@ def refine(
     joints behind springs are simulated from the measured motor angles; their encoders and all
     measured torques are outputs with white noise of estimated variance. Rows in which a motor with
     dry friction stands still or turns back are excluded. The covariance includes autocorrelation.
+    The torques of joints that are not simulated are compared below the cutoff, as in `identify`.
     `residual_std` is that of averages over blocks of samples: of a drive's torque (or spring
     force), and on the load side of the torques of stiff joints, or else of the joint encoders.
 
@@ -324,7 +360,8 @@ def refine(
     Returns
     -------
     Identification
-        The refined parameters.
+        The refined parameters. Those of the start, with a warning that says why, if they predict
+        the logs better, or if no joint can be simulated.
 
     Raises
     ------
@@ -346,6 +383,8 @@ def refine(
     _check_start(identification)
     layout = layout_of(identification, encoder_offset_std)
     shortest_s = SHORTEST_STRETCH / identification.cutoff_hz
+    if not (layout.simulated or encoder_offset_std):
+        return _with_finding(identification, _NOTHING_SIMULATED)
     runs = [run_of(layout, part) for log in logs for part in stretches(log, shortest_s)]
     start = here = _simulated(layout, _point(layout, runs, layout.start))
     for _ in track(range(iterations), "refining", progress):
@@ -358,7 +397,85 @@ def refine(
             f"{_size(here.step):.2g} standard errors; do the logs and the identification belong "
             "together?"
         )
-    return _refined(layout, here, worse=here.step.merit > start.step.merit + _ALIKE)
+    refined = _refined(layout, here)
+    reason, evidence = _worse(identification, refined, logs, _zeros(layout, here.x))
+    if here.step.merit > start.step.merit + _ALIKE:
+        reason = "its likelihood is lower than that of the start"
+    if reason:
+        return _unchanged(identification, reason, evidence)
+    return refined
+
+
+_WORSE, _WORSE_SHARE = 1.5, 0.02
+"""A joint is predicted worse if the rms error of its torque grows by this factor, and by this share
+of the torque. Without model errors the factor is at most 1.2 (`scripts/benchmarks/output_error.py`,
+cutoffs of 2 to 12 Hz): the likelihood weights other channels than the regression does.
+"""
+
+_NOTHING_SIMULATED = Finding(
+    "nothing-to-simulate",
+    "refine returns the values of its start: no joint has a spring whose torque is unknown, so there "
+    "is no motion to simulate, and the torques alone determine no more than identify has found",
+    severity="note",
+    remedy="use the result of identify, with estimator='iv' against the noise of the encoders, or "
+    "estimate encoder offsets with encoder_offset_std=",
+    certainty="certain",
+)
+
+
+def _worse(
+    before: Identification, after: Identification, logs: list[Log], zeros: Array
+) -> tuple[str, dict[str, float]]:
+    """Return which torque the refined values predict worse than the start, and the numbers."""
+    motions = [
+        one for log in logs for one in reconstruct_motions(before.known, log, before.cutoff_hz)
+    ]
+    old, size = _torque_errors(before, motions)
+    shifted = [replace(one, joint_position=one.joint_position - zeros) for one in motions]
+    new, _ = _torque_errors(after, shifted)
+    with np.errstate(invalid="ignore"):
+        is_worse = (new > _WORSE * old) & (new - old > _WORSE_SHARE * size)
+        worst = int(np.argmax(np.where(is_worse, new / old, 0.0)))
+    if not is_worse[worst]:
+        return "", {}
+    side, joint = divmod(worst, before.known.n)
+    shares = {"error before": old[worst] / size[worst], "error after": new[worst] / size[worst]}
+    return (
+        f"the error of the {('motor', 'load')[side]} torque of {before.known.joint_names[joint]} "
+        f"would grow from {shares['error before']:.1%} to {shares['error after']:.1%}"
+    ), {name: float(share) for name, share in shares.items()}
+
+
+def _torque_errors(found: Identification, motions: list[Motion]) -> tuple[Array, Array]:
+    """Return the rms errors (2 n,) of motor and load torques below the cutoff, and their rms."""
+    squares = np.zeros((2, 2, found.known.n))
+    for one in motions:
+        fits = compared(found, one)
+        for side, fit in enumerate((fits.actuator, fits.load)):
+            size = fit.rms_error / fit.relative_error
+            squares[:, side] += len(one.time) * np.square([fit.rms_error, size])
+    error, size = np.sqrt(squares / sum(len(one.time) for one in motions)).reshape(2, -1)
+    return error, size
+
+
+def _unchanged(found: Identification, reason: str, evidence: dict[str, float]) -> Identification:
+    """Return the start with the reason why it is not replaced."""
+    return _with_finding(
+        found,
+        Finding(
+            "worse-than-start",
+            f"refine returns the values of its start, because {reason}: the model lacks an effect "
+            "that the simulation of the joints accumulates, or the log is another one",
+            evidence=evidence,
+            remedy="use the result of identify; look for missing terms of the drives with "
+            "compare_terms",
+        ),
+    )
+
+
+def _with_finding(found: Identification, finding: Finding) -> Identification:
+    load = replace(found.load, warnings=(*found.load.warnings, finding))
+    return replace(found, load=load)
 
 
 def _check_start(found: Identification) -> None:
@@ -460,13 +577,13 @@ def _moved(
     return replace(run, motion=moved)
 
 
-def _refined(layout: Layout, here: Point, worse: bool) -> Identification:
+def _refined(layout: Layout, here: Point) -> Identification:
     """Return the identification with the values of a point."""
     found, x = layout.found, here.x
-    actuators, load_side = _estimates(layout, here, worse)
+    actuators, load_side = _estimates(layout, here)
     load, load_drives = split_load_side(found.model, load_side)
     refined = merged_estimates(actuators, load_drives)
-    drives = {joint: refined[joint] for joint in found.drives}
+    drives = {joint: _with_old(refined[joint], old) for joint, old in found.drives.items()}
     robot = robot_at(layout, x)
     known = {
         joint: with_estimate(found.known.drives[joint], drives[joint]) if joint in drives else drive
@@ -482,7 +599,14 @@ def _refined(layout: Layout, here: Point, worse: bool) -> Identification:
     )
 
 
-def _estimates(layout: Layout, here: Point, worse: bool) -> tuple[dict[str, Estimate], Estimate]:
+def _with_old(new: Estimate, old: Estimate) -> Estimate:
+    """Return a refined estimate with those warnings of the start that are about the motion."""
+    again = {"poorly-identified", "needless-term", "negative-parameter"}  # of `with_warnings`
+    kept = [one for one in old.warnings if one.code not in again]
+    return replace(new, warnings=(*new.warnings, *kept))
+
+
+def _estimates(layout: Layout, here: Point) -> tuple[dict[str, Estimate], Estimate]:
     """Return the estimates of elastic drives by joint, and of the load side, at a point."""
     found, step = layout.found, here.step
     whole = Estimate(
@@ -496,13 +620,7 @@ def _estimates(layout: Layout, here: Point, worse: bool) -> tuple[dict[str, Esti
 
     def part(old: Estimate, columns: slice, std: float) -> Estimate:
         new = whole.part(range(columns.start, columns.stop), old.names)
-        warning = Finding(
-            "worse-than-start",
-            "the refinement ended with a lower likelihood than its start",
-            severity="wrong",
-        )
-        warnings = (warning,) if worse else ()
-        return replace(new, units=old.units, residual_std=std, warnings=warnings)
+        return replace(new, units=old.units, residual_std=std, warnings=old.warnings)
 
     first = len(layout.simulated)
     drives = {
