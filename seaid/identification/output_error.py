@@ -415,7 +415,7 @@ cutoffs of 2 to 12 Hz): the likelihood weights other channels than the regressio
 _NOTHING_SIMULATED = Finding(
     "nothing-to-simulate",
     "refine returns the values of its start: no joint has a spring whose torque is unknown, so "
-    "there is no motion to simulate, and the torques alone determine no more than identify has found",
+    "there is no motion to simulate, and the torques alone determine no more than identify found",
     severity="note",
     remedy="use the result of identify, with estimator='iv' against the noise of the encoders, or "
     "estimate encoder offsets with encoder_offset_std=",
