@@ -20,7 +20,12 @@ from seaid.identification.datasets import Dataset, Source, datasets_of, processi
 from seaid.identification.drive_estimates import with_estimate
 from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.linearisation import linearised_robot
-from seaid.identification.log_checks import check_channels, check_excitation, sign_warnings
+from seaid.identification.log_checks import (
+    check_channels,
+    check_excitation,
+    sign_warnings,
+    unused_findings,
+)
 from seaid.identification.nonlinear_terms import with_fixed_warnings
 from seaid.identification.physical.consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.simultaneous import estimate_simultaneous
@@ -103,7 +108,7 @@ class Identification(Result):
         feasible = () if self.feasible is None else (self.feasible,)
         parts = (*self.drives.values(), self.load, *feasible, *self.processing)
         own = [warning for one in parts for warning in one.warnings]
-        return by_severity([*sign_warnings(self), *own])
+        return by_severity([*sign_warnings(self), *own, *unused_findings(self)])
 
     def to_dict(self, validation: Validation | None = None) -> dict[str, Any]:
         """Return the content of `parameters.json` as plain data, null for missing values."""

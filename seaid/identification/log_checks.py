@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seaid._arrays import Array, is_constant
-from seaid.errors import ExcitationError, Finding, LogError
+from seaid.errors import ExcitationError, Finding, LogError, listed
+from seaid.identification.two_step import INPUT_FIELDS
 from seaid.log import Log
-from seaid.regressor import random_states, regressor_at_drives
+from seaid.regressor import motor_regressor, random_states, regressor_at_drives
 from seaid.robot import Robot, at_joints
 
 if TYPE_CHECKING:
@@ -110,6 +112,55 @@ def _gravity(found: Identification, joint: str) -> Array | None:
     expected = rows @ found.base.project(robot.parameters)
     size = float(expected @ expected)
     return np.asarray(expected @ rows / size) if size > 0 else None
+
+
+_CHANNELS = (*INPUT_FIELDS.values(), "joint_torque")
+
+
+def unused_findings(found: Identification) -> tuple[Finding, ...]:
+    """Return notes on parameters of drives that no equation has, and on channels without use."""
+    return tuple(chain(_missing_parameters(found), _unused_channels(found)))
+
+
+def _missing_parameters(found: Identification) -> Iterator[Finding]:
+    """Yield a note for every elastic joint whose motor equation (7) the log does not have."""
+    for joint in found.known.elastic_joints:
+        drive, own = found.known.drives[joint], found.drives[joint].names
+        names = motor_regressor(found.known, joint).names
+        missing = [name.replace("_", " ") for name in names if name not in own]
+        if missing:
+            message = (
+                f"the log has the joint torque of {joint} and not its motor {drive.motor_input}, "
+                f"which alone would identify {listed(missing)}"
+            )
+            yield Finding("unidentifiable", message, joint, "note", certainty="certain")
+
+
+def _unused_channels(found: Identification) -> Iterator[Finding]:
+    """Yield a note for every kind of torque channel that is in the log and in no equation."""
+    robot = found.known
+    joints = [one for one in robot.joint_names if one in found.model.torque_joints]
+    own = {joint: INPUT_FIELDS[robot.drives[joint].motor_input] for joint in joints}
+    for channel in _CHANNELS:
+        unused = [
+            joint
+            for joint in joints
+            if channel != own[joint] and _is_logged(found, channel, joint)
+            if channel != "joint_torque" or not robot.drives[joint].is_elastic
+            if channel != "joint_torque" or _is_logged(found, own[joint], joint)
+        ]
+        if unused:
+            name = channel.replace("_", " ")
+            message = f"the {name} of {listed(unused)} is in the log and in no equation"
+            joint = unused[0] if len(unused) == 1 else ""
+            yield Finding("unused-channel", message, joint, "note", certainty="certain")
+
+
+def _is_logged(found: Identification, channel: str, joint: str) -> bool:
+    """Whether a log in memory has a channel of a joint."""
+    index = found.known.index(joint)
+    values = [getattr(motion, channel) for motion in found.motions]
+    return any(one is not None and bool(np.any(np.isfinite(one[:, index]))) for one in values)
 
 
 _LEAST_RANGE = 20.0
