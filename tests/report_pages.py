@@ -90,7 +90,7 @@ def made_up(
         whiteness={joint: Whiteness(0.5, 1.0, 0.1) for joint in joints},
     )
     found = Identification(
-        drives=FrozenMapping(
+        drive_side=FrozenMapping(
             {
                 joint: estimate(("viscous_friction", "coulomb_friction"), ("N m s/rad", "N m"), k)
                 for k, joint in enumerate(joints)

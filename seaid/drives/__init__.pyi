@@ -51,8 +51,10 @@ from .terms import JointParameter as JointParameter
 from .terms import MotorInput as MotorInput
 from .terms import SpringTerm as SpringTerm
 from .terms import key_of as key_of
+from .terms import of_spring as of_spring
 from .terms import parameter_of as parameter_of
 from .terms import readable as readable
+from .terms import spring_slopes as spring_slopes
 from .toml import drive_table as drive_table
 from .toml import drives_from_mapping as drives_from_mapping
 from .toml import read_drives as read_drives

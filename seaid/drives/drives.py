@@ -25,7 +25,9 @@ from seaid.drives.terms import (
     MotorInput,
     ParallelSpringTerm,
     SpringTerm,
+    between_encoders,
     key_of,
+    of_spring,
 )
 from seaid.errors import RobotError, shortened, shown, unknown_name
 
@@ -224,6 +226,11 @@ class _Parameters(Display):
         return False
 
     @property
+    def gear_compliance(self) -> float:
+        """Deflection between the encoders by the gear, per force of the spring; 0 if rigid."""
+        return 0.0
+
+    @property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of all parameters of the drive's terms, known ones too, in the order of columns."""
         names = {"motor_inertia"}
@@ -236,8 +243,8 @@ class _Parameters(Display):
         return tuple(name for name in PARAMETERS if name in names)
 
     @property
-    def values(self) -> Mapping[str, float]:
-        """{parameter: known or nominal value} of all parameters that have one."""
+    def own_values(self) -> Mapping[str, float]:
+        """{parameter: known or nominal value} of all parameters that have one, as in the TOML."""
         values: dict[str, float] = {}
         for name in PARAMETERS:
             field = _field_of(self, name)
@@ -246,10 +253,17 @@ class _Parameters(Display):
                 values[name] = float(value)
         return FrozenMapping(values)
 
+    @property
+    def values(self) -> Mapping[str, float]:
+        """`own_values` as the equations have them: the stiffness is that between the encoders."""
+        return FrozenMapping(between_encoders(self.own_values, self.gear_compliance))
+
     def with_values(self, values: Mapping[str, float]) -> Self:
-        """Return the drive with new values {parameter: value}, stored in fields or `nominal`."""
+        """Return the drive with new `values` {parameter: value}, stored in fields or `nominal`."""
         changes: dict[str, Any] = {}
         nominal = dict(self.nominal)
+        if self.gear_compliance:
+            values = of_spring({**self.values, **values}, self.gear_compliance)
         for name, value in values.items():
             field = _field_of(self, name)
             if field is None:
@@ -355,7 +369,10 @@ class SeriesElasticDrive(_Parameters):
         r_M and r_L of (3) and (4). Both: a linear spring. None: a rotary spring behind the gear,
         the same equations with both radii 1. r_M alone: a linear spring at a prismatic joint.
     stiffness_N_per_m, stiffness_Nm_per_rad : float, optional
-        Nominal stiffness k, of a linear or of a rotary spring.
+        Nominal stiffness k, of a linear or of a rotary spring: of the spring alone if
+        `gear_stiffness_Nm_per_rad` is given, else between the two encoders.
+    gear_stiffness_Nm_per_rad : float, optional
+        Torsional stiffness of the gear at its output, a known value; None: not known, or rigid.
     spring : tuple of str
         Terms of the spring force, see `seaid.drives.terms`.
     joint_friction : tuple of str
@@ -379,6 +396,7 @@ class SeriesElasticDrive(_Parameters):
     load_pulley_radius_m: float | None = None
     stiffness_N_per_m: float | None = None
     stiffness_Nm_per_rad: float | None = None
+    gear_stiffness_Nm_per_rad: float | None = None
     viscous_friction_Nms_per_rad: float | None = None
     coulomb_friction_Nm: float | None = None
     spring: tuple[SpringTerm, ...] = ("linear",)
@@ -420,6 +438,12 @@ class SeriesElasticDrive(_Parameters):
     def stiffness(self) -> float | None:
         """Nominal k [N/m] of a linear spring, [N m/rad] of a rotary one."""
         return self.stiffness_N_per_m if self.is_linear_spring else self.stiffness_Nm_per_rad
+
+    @property
+    def gear_compliance(self) -> float:
+        """Deflection between the encoders by the gear, per force of the spring; 0 if rigid."""
+        stiffness = self.gear_stiffness_Nm_per_rad
+        return 0.0 if stiffness is None else self.motor_radius**2 / stiffness
 
     @property
     def spring_units(self) -> tuple[str, str]:

@@ -26,8 +26,11 @@ The constants are unknown parameters.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
+
+from seaid.errors import RobotError
 
 
 @dataclass(frozen=True)
@@ -183,3 +186,48 @@ def readable(name: str) -> str:
     if not isinstance(name, JointParameter):
         return name
     return f"{name.parameter.replace('_', ' ')} of {name.joint}"
+
+
+_SERIES_POWERS = {"stiffness": 1, "cubic_stiffness": 4, "fifth_stiffness": 6, "spring_damping": 2}
+"""{parameter: p}: between the encoders it is that of the spring over (1 + c k)^p.
+
+A motor encoder sees the wind-up c F of the gear, with compliance c, under the spring force F as
+deflection: d = d_s + c F. As a function of d the force has the same terms with smaller
+coefficients: exact for a linear spring, else up to c F_n F_n' with the nonlinear part F_n of F.
+
+With d_s = d / (1 + c k) + ..., F = k d_s + k_3 d_s^3 = (d - d_s) / c: the term in d^3 is
+k_3 (d / (1 + c k))^3 - c k k_3 d^3 / (1 + c k)^4 = k_3 d^3 / (1 + c k)^4, and so on.
+"""
+
+
+def between_encoders(values: Mapping[str, float], compliance: float) -> dict[str, float]:
+    """Return parameters {name: value} of the spring as those between the encoders."""
+    softer = 1.0 + compliance * values.get("stiffness", 0.0)
+    return {name: value / softer ** _SERIES_POWERS.get(name, 0) for name, value in values.items()}
+
+
+def of_spring(values: Mapping[str, float], compliance: float) -> dict[str, float]:
+    """Return parameters {name: value} between the encoders as those of the spring alone.
+
+    Raises RobotError if the gear is softer than gear and spring together.
+    """
+    share = compliance * values.get("stiffness", 0.0)  # of the gear in the deflection
+    if share >= 1:
+        raise RobotError(
+            f"the stiffness between the encoders is {share:.3g} times that of the gear alone, of "
+            "which it is a part: check gear_stiffness_Nm_per_rad"
+        )
+    return {name: value / (1.0 - share) ** _SERIES_POWERS.get(name, 0) for name, value in values.items()}
+
+
+def spring_slopes(values: Mapping[str, float], compliance: float) -> dict[str, dict[str, float]]:
+    """Return {name: {other: slope}}, the derivatives of `of_spring`."""
+    share = compliance * values.get("stiffness", 0.0)
+    slopes = {}
+    for name, value in values.items():
+        power = _SERIES_POWERS.get(name, 0)
+        slopes[name] = {name: (1.0 - share) ** -power}
+        if power and "stiffness" in values:
+            by_stiffness = power * compliance * value * (1.0 - share) ** (-power - 1)
+            slopes[name]["stiffness"] = slopes[name].get("stiffness", 0.0) + by_stiffness
+    return slopes

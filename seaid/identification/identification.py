@@ -18,6 +18,7 @@ from seaid.errors import Finding, IdentificationError, by_severity, checked
 from seaid.estimation import Estimate, EstimatorName, ModelChecks, estimator_named
 from seaid.identification.datasets import Dataset, Source, datasets_of, processing_of, sources_of
 from seaid.identification.drive_estimates import with_estimate
+from seaid.identification.gear import gear_findings, own_estimates
 from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.linearisation import linearised_robot
 from seaid.identification.log_checks import (
@@ -54,8 +55,8 @@ class Identification(Result):
 
     Attributes
     ----------
-    drives : mapping {joint: Estimate}
-        The parameters of each drive.
+    drive_side : mapping {joint: Estimate}
+        The parameters of each drive as in its equations: a stiffness is that between the encoders.
     load : Estimate
         The base parameters, whose definitions are in `base`.
     robot : Robot
@@ -81,7 +82,7 @@ class Identification(Result):
 
     table_name = "identification_table"
 
-    drives: Mapping[str, Estimate]
+    drive_side: Mapping[str, Estimate]
     load: Estimate
     base: BaseParameters
     robot: Robot
@@ -103,12 +104,19 @@ class Identification(Result):
         return f"'{self.robot.name}': {sizes}, cutoff {self.cutoff_hz:.3g} Hz, {warnings}"
 
     @cached_property
+    def drives(self) -> Mapping[str, Estimate]:
+        """The parameters of each drive, with the spring's own stiffness if the gear's is known."""
+        return own_estimates(self.known.drives, self.drive_side)
+
+    @cached_property
     def warnings(self) -> tuple[Finding, ...]:
         """Findings about the experiment, the data and the values, the worst first."""
         feasible = () if self.feasible is None else (self.feasible,)
         parts = (*self.drives.values(), self.load, *feasible, *self.processing)
         own = [warning for one in parts for warning in one.warnings]
-        return by_severity([*sign_warnings(self), *own, *unused_findings(self)])
+        return by_severity(
+            [*sign_warnings(self), *own, *unused_findings(self), *gear_findings(self)]
+        )
 
     def to_dict(self, validation: Validation | None = None) -> dict[str, Any]:
         """Return the content of `parameters.json` as plain data, null for missing values."""
@@ -234,7 +242,7 @@ def identification_of(
 ) -> Identification:
     """Return the estimates of both sides as an Identification of the robot."""
     return Identification(
-        drives=FrozenMapping(found.drives, "joint"),
+        drive_side=FrozenMapping(found.drives),
         load=found.load,
         base=model.base,
         robot=_identified_robot(robot, model.base, found) if feasible is None else feasible.robot,

@@ -81,13 +81,13 @@ class Layout:
         """The values (p,) of the identification, with zero encoder offsets."""
         values = np.zeros(len(self.names))
         for joint, columns in self.drives.items():
-            values[columns] = self.found.drives[joint].values
+            values[columns] = self.found.drive_side[joint].values
         values[self.load] = self.found.load_side.values
         return values
 
     def spring(self, joint: str) -> list[int]:
         """Return the columns of stiffness and spring offset of a joint."""
-        names = self.found.drives[joint].names
+        names = self.found.drive_side[joint].names
         first = self.drives[joint].start
         return [first + names.index(name) for name in ("stiffness", "spring_offset")]
 
@@ -111,7 +111,7 @@ def layout_of(found: Identification, encoder_offset_std: float) -> Layout:
     names: list[str] = []
     drives: dict[str, slice] = {}
     for joint in robot.elastic_joints:
-        mine = found.drives[joint].names
+        mine = found.drive_side[joint].names
         drives[joint] = slice(len(names), len(names) + len(mine))
         names += [f"{name} of {joint}" for name in mine]
     load = slice(len(names), len(names) + len(found.model.names))
@@ -266,10 +266,10 @@ def _drive_error(layout: Layout, run: Run, x: Array, response: Response) -> Arra
     nudged = replace(motion, joint_position=motion.joint_position + 1e-6)
     for row, (joint, columns) in enumerate(layout.drives.items()):
         regressor, zeta, R = actuator_columns(known, motion, joint)
-        if regressor.names != layout.found.drives[joint].names:
+        if regressor.names != layout.found.drive_side[joint].names:
             raise IdentificationError(
                 f"the log determines {', '.join(regressor.names)} of {joint}, the identification "
-                f"has {', '.join(layout.found.drives[joint].names)}: same torque sensors needed"
+                f"has {', '.join(layout.found.drive_side[joint].names)}: same torque sensors needed"
             )
         found[:, row, 0] = zeta - R @ x[columns]
         found[:, row, 1 + columns.start : 1 + columns.stop] = -R
@@ -489,7 +489,7 @@ def _check_start(found: Identification) -> None:
         )
     check_refinable(found.known)
     for joint in found.springs:
-        stiffness = found.drives[joint].value("stiffness")
+        stiffness = found.drive_side[joint].value("stiffness")
         if not (np.isfinite(stiffness) and stiffness > 0):
             raise IdentificationError(
                 f"the refinement cannot start: the estimated stiffness of {joint} is "
@@ -583,7 +583,7 @@ def _refined(layout: Layout, here: Point) -> Identification:
     actuators, load_side = _estimates(layout, here)
     load, load_drives = split_load_side(found.model, load_side)
     refined = merged_estimates(actuators, load_drives)
-    drives = {joint: _with_old(refined[joint], old) for joint, old in found.drives.items()}
+    drives = {joint: _with_old(refined[joint], old) for joint, old in found.drive_side.items()}
     robot = robot_at(layout, x)
     known = {
         joint: with_estimate(found.known.drives[joint], drives[joint]) if joint in drives else drive
@@ -591,7 +591,7 @@ def _refined(layout: Layout, here: Point) -> Identification:
     }
     return replace(
         found,
-        drives=FrozenMapping(drives),
+        drive_side=FrozenMapping(drives),
         load=load,
         load_side=load_side,
         robot=robot.with_values(robot.parameters, known),
@@ -624,7 +624,7 @@ def _estimates(layout: Layout, here: Point) -> tuple[dict[str, Estimate], Estima
 
     first = len(layout.simulated)
     drives = {
-        joint: with_warnings(part(found.drives[joint], columns, float(std)), joint, None)
+        joint: with_warnings(part(found.drive_side[joint], columns, float(std)), joint, None)
         for (joint, columns), std in zip(layout.drives.items(), step.stds[first:], strict=False)
     }
     rest = step.stds[first + len(layout.drives) :]

@@ -172,7 +172,7 @@ def _actuator(identification: Identification, motion: Motion) -> tuple[Array, Ar
     measured = np.full_like(motion.motor_torque, np.nan)
     computed = measured.copy()
     for joint in identification.robot.elastic_joints:
-        index, estimate = identification.robot.index(joint), identification.drives[joint]
+        index, estimate = identification.robot.index(joint), identification.drive_side[joint]
         regressor, zeta, R = actuator_columns(identification.known, motion, joint)
         if not set(regressor.names) <= set(estimate.names):
             continue
@@ -190,7 +190,7 @@ def _actuator(identification: Identification, motion: Motion) -> tuple[Array, Ar
 
 def _input_torque(identification: Identification, motion: Motion, joint: str) -> Array:
     """Return the motor torque (T,) from the logged input and the identified motor constant."""
-    drive, estimate = identification.known.drives[joint], identification.drives[joint]
+    drive, estimate = identification.known.drives[joint], identification.drive_side[joint]
     values = {**drive.values, **dict(zip(estimate.names, estimate.values, strict=True))}
     factor = {
         "torque": 1.0,

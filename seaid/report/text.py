@@ -169,7 +169,7 @@ def drive_table(title: str, found: Identification, truth: Robot | None = None) -
     header = ["joint", "parameter", "estimated", "std. error", "rel."]
     rows = []
     for joint, estimate in found.drives.items():
-        true = {} if truth is None else truth.drives[joint].values
+        true = {} if truth is None else truth.drives[joint].own_values
         for name, value, error, unit in _entries(estimate):
             exact = true.get(name, np.nan)
             compared = [] if truth is None else [number(exact), percent(value / exact - 1)]

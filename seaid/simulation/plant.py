@@ -209,8 +209,13 @@ def _numbers(joint: str, drive: Drive) -> tuple[float, ...]:
         _nominal(joint, drive, "coulomb_friction_Nm") if "coulomb" in terms else 0.0,
         drive.motor_radius,
         drive.load_radius,
-        _nominal(joint, drive, "stiffness") if has_stiffness else 0.0,
+        _stiffness(joint, drive) if has_stiffness else 0.0,
     )
+
+
+def _stiffness(joint: str, drive: Drive) -> float:
+    _nominal(joint, drive, "stiffness")
+    return drive.values["stiffness"]  # between the encoders
 
 
 def _motor_inertia(joint: str, drive: Drive) -> float:

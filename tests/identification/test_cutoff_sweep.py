@@ -34,7 +34,7 @@ def scanned(steps: int = 2**17) -> CutoffSensitivity:
 
 def test_a_band_that_tells_other_parameters_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     plain = identify(KNOWN, log())
-    fewer = replace(plain, drives=dict(list(plain.drives.items())[1:]))
+    fewer = replace(plain, drive_side=dict(list(plain.drives.items())[1:]))
 
     def identified(*_: object, cutoff_hz: float | None = None) -> Identification:
         return plain if cutoff_hz is None else fewer

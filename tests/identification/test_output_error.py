@@ -96,7 +96,7 @@ def perturbed(one: Identification, size: float, seed: int = 0) -> Identification
         return replace(estimate, values=estimate.values * factor)
 
     drives = {joint: wrong(estimate) for joint, estimate in one.drives.items()}
-    return replace(one, drives=FrozenMapping(drives), load_side=wrong(one.load_side))
+    return replace(one, drive_side=FrozenMapping(drives), load_side=wrong(one.load_side))
 
 
 def assert_same(one: Identification, other: Identification, rel: float) -> None:
@@ -211,7 +211,7 @@ def test_warnings_about_the_motion_stay() -> None:
     weak = Finding("weak-spring", "hardly loaded", "shoulder")
     drives = dict(found().drives)
     drives["shoulder"] = replace(drives["shoulder"], warnings=(weak,))
-    one = refine(replace(found(), drives=FrozenMapping(drives)), log())
+    one = refine(replace(found(), drive_side=FrozenMapping(drives)), log())
     assert one.drives["shoulder"].warnings == (weak,)
 
 
@@ -346,7 +346,7 @@ def test_stiffness_below_zero_is_no_start() -> None:
     values = np.where(np.array(shoulder.names) == "stiffness", -1.0, shoulder.values)
     drives = {**found().drives, "shoulder": replace(shoulder, values=values)}
     with pytest.raises(IdentificationError, match="stiffness of shoulder is -1"):
-        refine(replace(found(), drives=FrozenMapping(drives)), log())
+        refine(replace(found(), drive_side=FrozenMapping(drives)), log())
 
 
 def test_values_that_are_no_numbers_are_no_start() -> None:
