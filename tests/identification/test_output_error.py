@@ -123,7 +123,7 @@ def test_perfect_sensors_lead_to_the_truth(truth: Robot) -> None:
     errors = drive_errors(one, truth, *DRIVE)
     assert max(map(abs, errors.values())) < 2e-3
     assert base_error(one, truth) < 2e-4
-    assert not one.warnings
+    assert {flag.code for flag in one.warnings} <= {"gear-compliance"}
 
 
 def test_springs_are_nearer_than_the_linear_regression() -> None:
