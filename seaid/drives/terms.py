@@ -217,7 +217,9 @@ def of_spring(values: Mapping[str, float], compliance: float) -> dict[str, float
             f"the stiffness between the encoders is {share:.3g} times that of the gear alone, of "
             "which it is a part: check gear_stiffness_Nm_per_rad"
         )
-    return {name: value / (1.0 - share) ** _SERIES_POWERS.get(name, 0) for name, value in values.items()}
+    return {
+        name: value / (1.0 - share) ** _SERIES_POWERS.get(name, 0) for name, value in values.items()
+    }
 
 
 def spring_slopes(values: Mapping[str, float], compliance: float) -> dict[str, dict[str, float]]:
