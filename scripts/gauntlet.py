@@ -1,0 +1,599 @@
+"""The gauntlet: which mistakes of a set-up does `seaid.identify` name, and does its remedy repair?
+
+Every mistake of `scripts/gauntlet_mistakes.py`, in a severe and a mild form, is made at every robot
+of `scripts/gauntlet_robots.py`, and the files are given to `load_robot`, `read_log` and `identify`
+as a user gives them. Right set-ups show the false alarms. One letter per case:
+
+    R  flagged with the right code, and the remedy as printed repairs the result
+    N  flagged (or refused) with the right code, but not repaired, or nothing can repair it
+    n  named in a note, and the result is right: the mistake is harmless now
+    D  flagged with other codes only
+    t  not flagged, and the result is right
+    -  not flagged, and the result is wrong
+    !  an exception that is no error of seaid
+
+A result is right if its predictions of an unseen motion are: at each joint the torque of the bodies
+(without payloads, against the true one) and the motor torque of the drive, with an error of at most
+1.5 times that of the right set-up plus 3 % of the torque. A remedy repairs if the result is right
+and no finding of severity "wrong" with a right code is left.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import sys
+import tempfile
+import time
+import tomllib
+import warnings
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+import pinocchio as pin
+
+import seaid
+from seaid._arrays import Array
+from seaid._files import result_folder, write_json
+from seaid._progress import track
+from seaid.errors import SeaidWarning
+from seaid.report.text import table
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from scripts.gauntlet_mistakes import HELD_OUT, Case, Mistake, Setup, mistakes
+from scripts.gauntlet_robots import Sensors, columns, load, subjects, true_motion, true_robot
+
+WORSE, FLOOR = 1.5, 0.03
+"""A result is right up to this multiple of the error of the right set-up plus this share."""
+
+ROUNDS = 3
+"""Remedies that a user applies one after the other."""
+
+BAD = ("wrong", "doubtful")
+
+
+@dataclass(frozen=True)
+class Said:
+    """A finding, a warning of a reader, or a refusal, as far as the judgement needs it."""
+
+    code: str
+    severity: str
+    joint: str
+    message: str
+    remedy: str = ""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a user sees of one identification: findings, and the errors of its predictions."""
+
+    said: tuple[Said, ...]
+    errors: Array | None = None
+    crash: str = ""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The judgement of one mistake at one robot."""
+
+    mistake: str
+    form: str
+    robot: str
+    seed: int
+    letter: str
+    worst_error: float
+    repaired_error: float | None = None
+    said: tuple[Said, ...] = ()
+    after: tuple[Said, ...] = ()
+    crash: str = ""
+    codes: tuple[str, ...] = field(default=())
+    repairable: bool = True
+    harmless: bool = False
+
+
+def run(case: Case, setup: Setup) -> Run:
+    """Load, read and identify as a user does, and predict an unseen motion of the true robot."""
+    said: list[Said] = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            robot, found = _identified(setup)
+        except seaid.SeaidError as problem:
+            said.append(Said("", "refused", "", str(problem), str(problem)))
+            robot = found = None
+        except Exception as problem:  # the gauntlet reports what no user should see
+            return Run((), crash=f"{type(problem).__name__}: {problem}")
+    said += [
+        Said("", "doubtful", "", str(one.message), str(one.message))
+        for one in caught
+        if issubclass(one.category, SeaidWarning)
+    ]
+    if found is None:
+        return Run(tuple(said))
+    said += [
+        Said(one.code, one.severity, one.joint, one.message, one.remedy) for one in found.warnings
+    ]
+    return Run(tuple(said), _errors(case, setup, found))
+
+
+def _identified(setup: Setup) -> tuple[seaid.Robot, seaid.Identification]:
+    """Return robot and identification of what a user hands over. Raises SeaidError."""
+    robot = load(setup.urdf, setup.drives, setup.payloads, gravity=setup.gravity)
+    logs = []
+    with tempfile.TemporaryDirectory() as folder:
+        for number, (log, description) in enumerate(
+            zip(setup.logs, setup.descriptions, strict=True), 1
+        ):
+            path = Path(folder) / f"log_{number}.npz"
+            np.savez(path, **log)  # type: ignore[arg-type]
+            limits = seaid.Repairs() if setup.repair else None
+            logs.append(
+                seaid.read_log(path, robot, description=description or None, repair=limits)
+            )
+    return robot, seaid.identify(robot, logs, **setup.options)
+
+
+def _errors(case: Case, setup: Setup, found: seaid.Identification) -> Array:
+    """Return relative errors (2 n,) of the torques of bodies, and of drives, on an unseen motion.
+
+    A spring's drive is judged by its motor torque (7), a stiff one by (8) with its friction. The
+    size of a torque is at least 5 % of the largest one of the robot at joints of its kind.
+    """
+    name = case.subject.name
+    truth, motion = true_robot(name, "plain"), true_motion(name, "plain", HELD_OUT)
+    measured = _held_out_log(name)
+    bodies = _body_torques(truth, motion)
+    difference = _body_torques(found.robot, motion) - bodies
+    errors = _norms(difference) / _sizes(_norms(bodies), truth.is_prismatic)
+    try:
+        validation = seaid.validate(found, measured)
+        elastic = np.isin(truth.joint_names, truth.elastic_joints)
+        drives = np.where(
+            elastic, validation.actuator.relative_error, validation.load.relative_error
+        )
+    except Exception:  # a model that predicts nothing
+        drives = np.full(truth.n, np.inf)
+    found_errors = np.concatenate([errors, drives])
+    return np.where(np.isfinite(found_errors), found_errors, np.inf)
+
+
+@cache
+def _held_out_log(name: str) -> seaid.Log:
+    truth = true_robot(name, "plain")
+    return _log(columns(name, "plain", HELD_OUT, Sensors(noise=0.0)), truth)
+
+
+def _log(log: Mapping[str, Array], robot: seaid.Robot) -> seaid.Log:
+    with tempfile.TemporaryDirectory() as folder:
+        np.savez(Path(folder) / "log.npz", **log)  # type: ignore[arg-type]
+        return seaid.read_log(Path(folder) / "log.npz", robot)
+
+
+def _body_torques(robot: seaid.Robot, motion: Any) -> Array:
+    """Return the torques (T, n) of the bodies without payloads, every fifth instant."""
+    model = robot.with_values(robot.parameters - robot.payload_parameters, robot.drives).model
+    data = model.createData()
+    states = (motion.joint_position, motion.joint_velocity, motion.joint_acceleration)
+    return np.array([pin.rnea(model, data, *one) for one in zip(*(x[::5] for x in states))])
+
+
+def _norms(torques: Array) -> Array:
+    return np.asarray(np.linalg.norm(torques, axis=0))
+
+
+def _sizes(norms: Array, kinds: Iterable[bool]) -> Array:
+    """Return the norms, at least 5 % of the largest one of their kind."""
+    kind = np.array(list(kinds))
+    return np.asarray([max(x, 0.05 * np.max(norms[kind == k])) for x, k in zip(norms, kind)])
+
+
+@cache
+def right_errors(name: str, seed: int, logs: int) -> Array:
+    """Return the errors of the right set-up, in which nothing is to be repaired."""
+    case = Case(subjects()[name], seed)
+    found = run(case, case.setup("plain", logs)).errors
+    if found is None:
+        raise SystemExit(f"the right set-up of {name} is refused")
+    return found
+
+
+def is_right(case: Case, logs: int, errors: Array | None) -> bool:
+    """Return whether predictions are about as good as those of the right set-up."""
+    if errors is None:
+        return False
+    return bool(np.all(errors <= WORSE * right_errors(case.subject.name, case.seed, logs) + FLOOR))
+
+
+def names_it(mistake: Mistake, one: Said) -> bool:
+    """Return whether a finding has a right code, or a text without code the right words."""
+    if one.code:
+        return one.code in mistake.codes
+    words = mistake.words or tuple(code.split("-")[0] for code in mistake.codes)
+    return any(re.search(rf"\b{re.escape(word)}", one.message, re.IGNORECASE) for word in words)
+
+
+def judge(case: Case, mistake: Mistake) -> Outcome | None:
+    """Make a mistake, identify, apply the remedies; None if the robot cannot have the mistake."""
+    right = case.setup(mistake.truth, mistake.logs)
+    setup = mistake.change(case, right)
+    if setup is None:
+        return None
+    first = run(case, setup)
+    outcome = Outcome(
+        mistake=mistake.name,
+        form=mistake.form,
+        robot=case.subject.name,
+        seed=case.seed,
+        letter="!",
+        worst_error=_worst(first.errors),
+        said=first.said,
+        crash=first.crash,
+        codes=tuple(sorted(mistake.codes)),
+        repairable=mistake.repairable,
+        harmless=mistake.harmless,
+    )
+    if first.crash:
+        return outcome
+    flagged = [one for one in first.said if one.severity != "note"]
+    named = any(names_it(mistake, one) for one in flagged)
+    fine = is_right(case, mistake.logs, first.errors)
+    if not flagged:
+        noted = any(names_it(mistake, one) for one in first.said)
+        return replace(outcome, letter="n" if noted and fine else "t" if fine else "-")
+    if not named:
+        return replace(outcome, letter="D")
+    last = _repaired(case, mistake, right, setup, first)
+    left = [one for one in last.said if one.severity == "wrong" and names_it(mistake, one)]
+    repaired = last is not first and is_right(case, mistake.logs, last.errors) and not left
+    return replace(
+        outcome,
+        letter="R" if repaired else "N",
+        repaired_error=None if last is first else _worst(last.errors),
+        after=() if last is first else last.said,
+        crash=last.crash,
+    )
+
+
+def _worst(errors: Array | None) -> float:
+    return float("inf") if errors is None else float(np.max(errors))
+
+
+def _repaired(case: Case, mistake: Mistake, right: Setup, setup: Setup, first: Run) -> Run:
+    """Return the run after the remedies of rightly named findings, applied until none is new."""
+    last = first
+    for _ in range(ROUNDS):
+        remedies = [one.remedy for one in last.said if one.severity != "note"
+                    and names_it(mistake, one)]  # fmt: skip
+        try:
+            changed = setup
+            for remedy in dict.fromkeys(remedies):
+                changed = with_remedy(changed, right, remedy)
+        except (tomllib.TOMLDecodeError, ValueError) as problem:
+            return Run(last.said, last.errors, f"the remedy cannot be applied: {problem}")
+        if changed == setup or _same(changed, setup):
+            break
+        setup, last = changed, run(case, changed)
+        if last.crash or is_right(case, mistake.logs, last.errors):
+            break
+    return last
+
+
+def _same(one: Setup, other: Setup) -> bool:
+    return all(
+        getattr(one, name) == getattr(other, name)
+        for name in ("drives", "payloads", "descriptions", "gravity", "repair", "options")
+    )
+
+
+_SECTION = re.compile(r"^in the (description of .*|drives file):$", re.IGNORECASE)
+_OPTION = re.compile(r"(without |remove |exclude )?--([a-z-]+)(?:[ =]([^\s`'\",;()][^\s`'\";()]*))?")
+
+
+def with_remedy(setup: Setup, right: Setup, remedy: str) -> Setup:
+    """Return the set-up with the change that a remedy prints.
+
+    TOML behind "in the description of the log:" ("of log 2:", "of the second log:" for one of
+    several) is merged into the description, behind "in the drives file:" into the drives. Other
+    lines are searched for options of the command line: --payload, --gravity, --drives, --repair.
+    """
+    section, text, plain = "", list[str](), list[str]()
+    parts: list[tuple[str, list[str]]] = []
+    for line in remedy.splitlines():
+        header = _SECTION.match(line.strip())
+        if header:
+            section, text = header[1].lower(), []
+            parts.append((section, text))
+        elif section:
+            text.append(line)
+        else:
+            plain.append(line)
+    for section, lines in parts:
+        change = tomllib.loads("\n".join(lines))
+        if section == "drives file":
+            setup = replace(setup, drives=merged(setup.drives or {}, change))
+        else:
+            which = _which_log(section, len(setup.logs))
+            tables = [
+                merged(one, change) if number in which else one
+                for number, one in enumerate(setup.descriptions)
+            ]
+            setup = replace(setup, descriptions=tuple(tables))
+    for option in _OPTION.finditer("\n".join(plain)):
+        setup = _with_option(setup, right, bool(option[1]), option[2], option[3])
+    return replace(setup, repair=setup.repair or "repair=seaid.Repairs()" in remedy)
+
+
+def _which_log(section: str, count: int) -> set[int]:
+    """Return the logs that a header names, counted from 0: all if it names none."""
+    words = {"first": 0, "second": 1, "third": 2}
+    found = {place for word, place in words.items() if word in section}
+    found |= {int(number) - 1 for number in re.findall(r"log[ _](\d+)", section)}
+    return found or set(range(count))
+
+
+def _with_option(
+    setup: Setup, right: Setup, without: bool, name: str, value: str | None
+) -> Setup:
+    """Return the set-up with an option of the command line."""
+    if name == "payload" and value:
+        link = value.split(":")[0]
+        others = tuple(one for one in setup.payloads if one.split(":")[0] != link)
+        if without:
+            return replace(setup, payloads=others)
+        keep = () if ":" not in value else (value,)
+        return replace(setup, payloads=keep or setup.payloads)
+    if name == "gravity" and value:
+        return replace(setup, gravity=tuple(float(one) for one in value.split(",")))
+    if name == "drives":
+        return replace(setup, drives=right.drives)
+    if name == "repair":
+        return replace(setup, repair=True)
+    key = name.replace("-", "_")
+    if key in ("method", "estimator") and value:
+        return replace(setup, options={**setup.options, key: value})
+    if key in ("cutoff_hz", "encoder_offset_std") and value:
+        return replace(setup, options={**setup.options, key: float(value)})
+    if key == "torque_joints" and value:
+        return replace(setup, options={**setup.options, key: value.split(",")})
+    return setup
+
+
+def merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a mapping with another one merged into it at every depth."""
+    found = dict(old)
+    for key, value in new.items():
+        both = isinstance(value, Mapping) and isinstance(found.get(key), Mapping)
+        found[key] = merged(found[key], value) if both else value
+    return found
+
+
+@dataclass(frozen=True)
+class Right:
+    """A right set-up and what was said of it."""
+
+    number: int
+    robot: str
+    text: str
+    said: tuple[Said, ...]
+    worst_error: float
+    crash: str = ""
+
+
+MOTIONS = 8
+"""True motions per robot for right set-ups; their sensors, noise and nominal values differ."""
+
+
+def right_setup(number: int) -> Right:
+    """Identify from a right set-up with sensors, noise, motions and nominal values of its own."""
+    rng = np.random.default_rng((number, 17))
+    names = list(subjects())
+    name = names[number * len(names) // RIGHT_BLOCK % len(names)]
+    sensors = Sensors(
+        motor_counts=float(rng.choice([1000, 2000, 4096, 10000])),
+        joint_counts=float(2 ** rng.integers(13, 19)),
+        noise=float(rng.choice([0.002, 0.005, 0.01, 0.02, 0.04])),
+        seed=number + 1,
+    )
+    case, logs = Case(subjects()[name], number + 1), int(rng.integers(1, 3))
+    setup = case.setup("plain", 0)
+    motions = rng.choice(MOTIONS, logs, replace=False)
+    every = int(rng.choice([1, 2, 4]))
+    setup = replace(
+        setup,
+        logs=tuple(
+            {key: x[::every] for key, x in columns(name, "plain", int(one), sensors).items()}
+            for one in motions
+        ),
+        descriptions=({},) * logs,
+    )
+    found = run(case, setup)
+    text = f"{sensors}, motions {motions.tolist()}, {1000 / every:g} Hz"
+    return Right(number, name, text, found.said, _worst(found.errors), found.crash)
+
+
+RIGHT_BLOCK = 40
+"""Right set-ups of one block have the robots one after the other: a process simulates few."""
+
+
+def _judged(task: tuple[str, int, int]) -> Outcome | None:
+    name, seed, number = task
+    return judge(Case(subjects()[name], seed), mistakes()[number])
+
+
+def matrix(outcomes: Sequence[Outcome], robots: Sequence[str]) -> list[list[str]]:
+    """Return the rows mistake x robot, one letter per seed."""
+    rows: dict[tuple[str, str], dict[str, str]] = {}
+    for one in outcomes:
+        row = rows.setdefault((one.mistake, one.form), {})
+        row[one.robot] = row.get(one.robot, "") + one.letter
+    return [
+        [name, form, *(row.get(robot, ".") for robot in robots)]
+        for (name, form), row in rows.items()
+    ]
+
+
+NAMED, DETECTED = "RNn", "RNnD"
+
+
+def summary(outcomes: Sequence[Outcome]) -> list[list[str]]:
+    """Return the figures: of all cases, and of those in which the result would be wrong."""
+    judged = [one for one in outcomes if not one.harmless]
+    severe = [one for one in judged if one.form == "severe"]
+    mild = [one for one in judged if one.form == "mild"]
+    fixable = [one for one in severe if one.repairable]
+    calm = [one for one in outcomes if one.harmless]
+    return [
+        ["severe: flagged with the right code", *_share(severe, NAMED), "95 %"],
+        ["severe: the remedy repairs", *_share(fixable, "Rn"), "85 %"],
+        ["severe: flagged with any code", *_share(severe, DETECTED), "-"],
+        ["mild: flagged with any code", *_share(mild, DETECTED), "70 %"],
+        ["mild: flagged with the right code", *_share(mild, NAMED), "-"],
+        ["nonsense that harms nothing: nothing else is flagged", *_share(calm, "tnNR"), "-"],
+    ]
+
+
+def _share(outcomes: Sequence[Outcome], letters: str) -> tuple[str, str]:
+    """Return the share of all cases, and of those that are not right without a word."""
+    harmful = [one for one in outcomes if one.letter != "t" or one.harmless]
+
+    def share(cases: Sequence[Outcome]) -> str:
+        good = sum(one.letter in letters for one in cases)
+        return f"{good} of {len(cases)}, {good / max(len(cases), 1):.0%}"
+
+    return share(outcomes), share(harmful)
+
+
+def problems(outcomes: Sequence[Outcome]) -> list[str]:
+    """Return a line for every case that is not as it should be, with what was said instead."""
+    lines = []
+    for one in outcomes:
+        good = "tnNR" if one.harmless else "Rtn" if one.repairable else "RNtn"
+        if one.letter in good:
+            continue
+        said = Counter(f"{x.code or 'text'}/{x.severity}" for x in one.said if x.severity != "note")
+        left = Counter(f"{x.code or 'text'}/{x.severity}" for x in one.after if x.severity in BAD)
+        repaired = "" if one.repaired_error is None else f" -> {one.repaired_error:.2g}"
+        after = f"; after the remedy: {_counts(left)}" if one.after else ""
+        crash = f"; {one.crash}" if one.crash else ""
+        lines.append(
+            f"{one.letter} {one.mistake} ({one.form}), {one.robot} {one.seed}: error "
+            f"{one.worst_error:.2g}{repaired}; said: {_counts(said)}{after}{crash}"
+        )
+    return lines
+
+
+def _counts(found: Counter[str]) -> str:
+    return ", ".join(f"{n} {name}" if n > 1 else name for name, n in found.items()) or "nothing"
+
+
+def alarms(found: Sequence[Right]) -> tuple[list[list[str]], str]:
+    """Return false alarms by code, and the share of right set-ups that have any."""
+    counts: Counter[tuple[str, str, str]] = Counter()
+    flagged = 0
+    for one in found:
+        bad = {(x.code or x.severity, x.severity, one.robot) for x in one.said
+               if x.severity != "note"}  # fmt: skip
+        bad |= {("crash", "!", one.robot)} if one.crash else set()
+        flagged += bool(bad)
+        counts.update(bad)
+    rows = [[code, severity, robot, str(n)]
+            for (code, severity, robot), n in counts.most_common()]  # fmt: skip
+    wrong = sum(any(x.severity in ("wrong", "refused") for x in one.said) for one in found)
+    share = flagged / max(len(found), 1)
+    return rows, (
+        f"{flagged} of {len(found)} right set-ups have a finding of severity wrong or doubtful "
+        f"({share:.1%}; wanted at most 2 %), {wrong} one of severity wrong"
+    )
+
+
+def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table in Markdown."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def main(arguments: argparse.Namespace) -> None:
+    """Run the matrix and the right set-ups, and write text, Markdown and JSON."""
+    output, begin = result_folder(arguments.output), time.perf_counter()
+    names = arguments.robot or (["leg"] if arguments.quick else list(subjects()))
+    numbers = [
+        number
+        for number, one in enumerate(mistakes())
+        if not arguments.only or any(text in one.title for text in arguments.only)
+    ]
+    tasks = [(name, seed, number) for name in names for seed in range(arguments.seeds)
+             for number in numbers]  # fmt: skip
+    text, tables = [], []
+    content: dict[str, Any] = {}
+    with ProcessPoolExecutor(arguments.workers) as pool:
+        size = max(1, min(25, len(tasks) // (2 * arguments.workers)))
+        answers = pool.map(_judged, tasks if not arguments.only_right else [], chunksize=size)
+        outcomes = [one for one in _progress(answers, len(tasks), "mistakes") if one]
+        size = max(1, min(RIGHT_BLOCK // 4, arguments.right // arguments.workers))
+        rights = pool.map(right_setup, range(arguments.right), chunksize=size)
+        right = list(_progress(rights, arguments.right, "right set-ups"))
+    if outcomes:
+        for title, header, rows in (
+            ("Mistakes", ["mistake", "form", *names], matrix(outcomes, names)),
+            ("Summary", ["figure", "of all", "of those that do harm", "wanted"], summary(outcomes)),
+        ):
+            text.append(str(table(title, header, rows)))
+            tables.append(markdown(header, rows))
+        text += ["What is not as it should be:", *problems(outcomes), ""]
+        content["outcomes"] = [asdict(one) for one in outcomes]
+    if right:
+        rows, sentence = alarms(right)
+        header = ["code", "severity", "robot", "set-ups"]
+        text += [str(table("False alarms", header, rows)), sentence]
+        tables.append(sentence + "\n\n" + (markdown(header, rows) if rows else ""))
+        content["right"] = [asdict(one) for one in right]
+    text.append(f"{time.perf_counter() - begin:.0f} s. Results: {output}/")
+    print("\n".join(text))
+    if arguments.messages:
+        print("\n".join(_messages(outcomes)))
+    (output / "gauntlet.md").write_text("\n".join(tables), "utf-8")
+    write_json(output / "gauntlet.json", content)
+
+
+def _progress(answers: Iterable[Any], count: int, what: str) -> list[Any]:
+    iterator = iter(answers)
+    return [one for _, one in zip(track(range(count), what, sys.stderr.isatty()), iterator)]
+
+
+def _messages(outcomes: Sequence[Outcome]) -> list[str]:
+    """Return all that was said, with the remedies."""
+    lines = []
+    for one in outcomes:
+        lines.append(f"\n{one.letter} {one.mistake} ({one.form}), {one.robot} {one.seed}")
+        for kind, said in (("", one.said), ("after the remedy: ", one.after)):
+            for x in said:
+                lines.append(f"  {kind}{x.severity} {x.code} {x.joint}: {x.message}")
+                lines += [f"      {line}" for line in x.remedy.splitlines() if x.code]
+    return lines
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", action="append", help="mistakes with this text in their title")
+    parser.add_argument("--robot", action="append", choices=list(subjects()), help="may be repeated")
+    parser.add_argument("--quick", action="store_true", help="only the leg")
+    parser.add_argument("--seeds", type=int, default=1, help="experiments per mistake and robot")
+    parser.add_argument("--right", type=int, default=0, metavar="N", help="right set-ups")
+    parser.add_argument("--only-right", action="store_true", help="no mistakes")
+    parser.add_argument("--messages", action="store_true", help="print all findings and remedies")
+    parser.add_argument("--workers", type=int, default=2, help="processes")
+    parser.add_argument("--output", type=Path, default=Path("out/gauntlet"), help="result folder")
+    main(parser.parse_args())
