@@ -1,4 +1,4 @@
-"""The gauntlet: which mistakes of a set-up does `seaid.identify` name, and does its remedy repair?
+"""The gauntlet: which mistakes of a set-up `seaid.identify` names, and which its remedies repair.
 
 Every mistake of `scripts/gauntlet_mistakes.py`, in a severe and a mild form, is made at every robot
 of `scripts/gauntlet_robots.py`, and the files are given to `load_robot`, `read_log` and `identify`
@@ -21,7 +21,6 @@ and no finding of severity "wrong" with a right code is left.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import re
 import sys
@@ -34,6 +33,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -105,13 +105,13 @@ class Outcome:
 def run(case: Case, setup: Setup) -> Run:
     """Load, read and identify as a user does, and predict an unseen motion of the true robot."""
     said: list[Said] = []
+    found: seaid.Identification | None = None
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            robot, found = _identified(setup)
+            found = _identified(setup)
         except seaid.SeaidError as problem:
             said.append(Said("", "refused", "", str(problem), str(problem)))
-            robot = found = None
         except Exception as problem:  # the gauntlet reports what no user should see
             return Run((), crash=f"{type(problem).__name__}: {problem}")
     said += [
@@ -127,8 +127,8 @@ def run(case: Case, setup: Setup) -> Run:
     return Run(tuple(said), _errors(case, setup, found))
 
 
-def _identified(setup: Setup) -> tuple[seaid.Robot, seaid.Identification]:
-    """Return robot and identification of what a user hands over. Raises SeaidError."""
+def _identified(setup: Setup) -> seaid.Identification:
+    """Return the identification of what a user hands over. Raises SeaidError."""
     robot = load(setup.urdf, setup.drives, setup.payloads, gravity=setup.gravity)
     logs = []
     with tempfile.TemporaryDirectory() as folder:
@@ -138,10 +138,8 @@ def _identified(setup: Setup) -> tuple[seaid.Robot, seaid.Identification]:
             path = Path(folder) / f"log_{number}.npz"
             np.savez(path, **log)  # type: ignore[arg-type]
             limits = seaid.Repairs() if setup.repair else None
-            logs.append(
-                seaid.read_log(path, robot, description=description or None, repair=limits)
-            )
-    return robot, seaid.identify(robot, logs, **setup.options)
+            logs.append(seaid.read_log(path, robot, description=description or None, repair=limits))
+    return seaid.identify(robot, logs, **setup.options)
 
 
 def _errors(case: Case, setup: Setup, found: seaid.Identification) -> Array:
@@ -152,7 +150,7 @@ def _errors(case: Case, setup: Setup, found: seaid.Identification) -> Array:
     """
     name = case.subject.name
     truth, motion = true_robot(name, "plain"), true_motion(name, "plain", HELD_OUT)
-    measured = _held_out_log(name)
+    measured = _held_out_log(name, case.seed)
     bodies = _body_torques(truth, motion)
     difference = _body_torques(found.robot, motion) - bodies
     errors = _norms(difference) / _sizes(_norms(bodies), truth.is_prismatic)
@@ -169,9 +167,10 @@ def _errors(case: Case, setup: Setup, found: seaid.Identification) -> Array:
 
 
 @cache
-def _held_out_log(name: str) -> seaid.Log:
+def _held_out_log(name: str, seed: int) -> seaid.Log:
+    """Return the unseen log, with the encoder offsets of the experiment and without noise."""
     truth = true_robot(name, "plain")
-    return _log(columns(name, "plain", HELD_OUT, Sensors(noise=0.0)), truth)
+    return _log(columns(name, "plain", HELD_OUT, Sensors(noise=0.0, seed=seed)), truth)
 
 
 def _log(log: Mapping[str, Array], robot: seaid.Robot) -> seaid.Log:
@@ -182,10 +181,13 @@ def _log(log: Mapping[str, Array], robot: seaid.Robot) -> seaid.Log:
 
 def _body_torques(robot: seaid.Robot, motion: Any) -> Array:
     """Return the torques (T, n) of the bodies without payloads, every fifth instant."""
-    model = robot.with_values(robot.parameters - robot.payload_parameters, robot.drives).model
-    data = model.createData()
+    model, data = robot.model, robot.model.createData()
     states = (motion.joint_position, motion.joint_velocity, motion.joint_acceleration)
-    return np.array([pin.rnea(model, data, *one) for one in zip(*(x[::5] for x in states))])
+    rows = [
+        pin.computeJointTorqueRegressor(model, data, *one) @ robot.parameters
+        for one in zip(*(x[::5] for x in states), strict=True)
+    ]
+    return np.array(rows)
 
 
 def _norms(torques: Array) -> Array:
@@ -195,7 +197,8 @@ def _norms(torques: Array) -> Array:
 def _sizes(norms: Array, kinds: Iterable[bool]) -> Array:
     """Return the norms, at least 5 % of the largest one of their kind."""
     kind = np.array(list(kinds))
-    return np.asarray([max(x, 0.05 * np.max(norms[kind == k])) for x, k in zip(norms, kind)])
+    largest = [np.max(norms[kind == one]) for one in kind]
+    return np.maximum(norms, 0.05 * np.array(largest))
 
 
 @cache
@@ -297,7 +300,9 @@ def _same(one: Setup, other: Setup) -> bool:
 
 
 _SECTION = re.compile(r"^in the (description of .*|drives file):$", re.IGNORECASE)
-_OPTION = re.compile(r"(without |remove |exclude )?--([a-z-]+)(?:[ =]([^\s`'\",;()][^\s`'\";()]*))?")
+_OPTION = re.compile(
+    r"(without |remove |exclude )?--([a-z-]+)(?:[ =]([^\s`'\",;()][^\s`'\";()]*))?"
+)
 
 
 def with_remedy(setup: Setup, right: Setup, remedy: str) -> Setup:
@@ -342,9 +347,7 @@ def _which_log(section: str, count: int) -> set[int]:
     return found or set(range(count))
 
 
-def _with_option(
-    setup: Setup, right: Setup, without: bool, name: str, value: str | None
-) -> Setup:
+def _with_option(setup: Setup, right: Setup, without: bool, name: str, value: str | None) -> Setup:
     """Return the set-up with an option of the command line."""
     if name == "payload" and value:
         link = value.split(":")[0]
@@ -484,7 +487,7 @@ def problems(outcomes: Sequence[Outcome]) -> list[str]:
         said = Counter(f"{x.code or 'text'}/{x.severity}" for x in one.said if x.severity != "note")
         left = Counter(f"{x.code or 'text'}/{x.severity}" for x in one.after if x.severity in BAD)
         repaired = "" if one.repaired_error is None else f" -> {one.repaired_error:.2g}"
-        after = f"; after the remedy: {_counts(left)}" if one.after else ""
+        after = f"; after the remedy: {_counts(left)}" if one.repaired_error else ""
         crash = f"; {one.crash}" if one.crash else ""
         lines.append(
             f"{one.letter} {one.mistake} ({one.form}), {one.robot} {one.seed}: error "
@@ -532,17 +535,17 @@ def main(arguments: argparse.Namespace) -> None:
         for number, one in enumerate(mistakes())
         if not arguments.only or any(text in one.title for text in arguments.only)
     ]
-    tasks = [(name, seed, number) for name in names for seed in range(arguments.seeds)
-             for number in numbers]  # fmt: skip
+    seeds = [] if arguments.only_right else range(arguments.seeds)
+    tasks = [(name, seed, number) for name in names for seed in seeds for number in numbers]
     text, tables = [], []
     content: dict[str, Any] = {}
     with ProcessPoolExecutor(arguments.workers) as pool:
         size = max(1, min(25, len(tasks) // (2 * arguments.workers)))
-        answers = pool.map(_judged, tasks if not arguments.only_right else [], chunksize=size)
-        outcomes = [one for one in _progress(answers, len(tasks), "mistakes") if one]
+        answers = pool.map(_judged, tasks, chunksize=size)
+        outcomes = _progress(answers, len(tasks), "mistakes")
         size = max(1, min(RIGHT_BLOCK // 4, arguments.right // arguments.workers))
         rights = pool.map(right_setup, range(arguments.right), chunksize=size)
-        right = list(_progress(rights, arguments.right, "right set-ups"))
+        right = _progress(rights, arguments.right, "right set-ups")
     if outcomes:
         for title, header, rows in (
             ("Mistakes", ["mistake", "form", *names], matrix(outcomes, names)),
@@ -567,8 +570,13 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def _progress(answers: Iterable[Any], count: int, what: str) -> list[Any]:
-    iterator = iter(answers)
-    return [one for _, one in zip(track(range(count), what, sys.stderr.isatty()), iterator)]
+    """Return the answers, with a progress bar."""
+    shown = track(list(zip(range(count), repeat(iter(answers)), strict=False)), what, _is_seen())
+    return [answer for _, answers in shown if (answer := next(answers)) is not None]
+
+
+def _is_seen() -> bool:
+    return sys.stderr.isatty()
 
 
 def _messages(outcomes: Sequence[Outcome]) -> list[str]:
@@ -588,7 +596,9 @@ if __name__ == "__main__":
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--only", action="append", help="mistakes with this text in their title")
-    parser.add_argument("--robot", action="append", choices=list(subjects()), help="may be repeated")
+    parser.add_argument(
+        "--robot", action="append", choices=list(subjects()), help="may be repeated"
+    )
     parser.add_argument("--quick", action="store_true", help="only the leg")
     parser.add_argument("--seeds", type=int, default=1, help="experiments per mistake and robot")
     parser.add_argument("--right", type=int, default=0, metavar="N", help="right set-ups")

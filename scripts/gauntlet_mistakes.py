@@ -128,8 +128,8 @@ def scaled(channel: str, factor: float, every: bool, turning: bool = True) -> Ch
 
     def change(case: Case, setup: Setup) -> Setup | None:
         joints = list(case.subject.drives) if every else [case.subject.joint]
-        found = [one for one in _named(setup.logs[0], joints, channel)]
-        found = [one for one in found if not (turning and one.endswith("_m"))]
+        named = _named(setup.logs[0], joints, channel)
+        found = [one for one in named if not (turning and one.endswith("_m"))]
         return _logs(setup, lambda log: log | {one: factor * log[one] for one in found})
 
     return change
@@ -329,7 +329,9 @@ def _pushed(robot: Any, log: Columns, external: Array) -> Columns:
 
 def _peak_deflection(name: str, joint: str) -> float:
     """Return the peak deflection of a spring in a true motion."""
-    return float(np.ptp(deflection(true_robot(name, "plain"), true_motion(name, "plain", 0), joint)))
+    return float(
+        np.ptp(deflection(true_robot(name, "plain"), true_motion(name, "plain", 0), joint))
+    )
 
 
 def moved_encoders(share: float) -> Change:
@@ -518,20 +520,18 @@ def _units() -> list[Mistake]:
 
 def _channels() -> list[Mistake]:
     """Return exchanged and reversed channels."""
-    found, swap, sign = [], {"swapped-joints"}, {"sign"}
+    found: list[Mistake] = []
     words = ("exchanged", "swapped", "swap", "sign", "opposite")
-    for name, channels in (
-        ("all channels", _ALL), ("joint encoders", _ALL[1:2]), ("torques", _ALL[2:]),
-    ):  # fmt: skip
-        found += _pair(f"joints exchanged: {name}", swap, words,
-                       swapped(channels, False), swapped(channels, True))  # fmt: skip
-    for name, channels in (
-        ("motor encoder", _ALL[:1]), ("joint encoder", _ALL[1:2]), ("torque", _ALL[2:]),
-        ("whole joint", _ALL), ("motor (gear)", (_ALL[0], _ALL[2])),
-    ):  # fmt: skip
-        codes = {*sign, "gear-ratio"} if "gear" in name else sign
-        found += _pair(f"sign reversed: {name}", codes, words,
-                       flipped(channels, False), flipped(channels, True))  # fmt: skip
+    exchanged = {"all channels": _ALL, "joint encoders": _ALL[1:2], "torques": _ALL[2:]}
+    for name, channels in exchanged.items():
+        forms = [swapped(channels, minor) for minor in (False, True)]
+        found += _pair(f"joints exchanged: {name}", {"swapped-joints"}, words, *forms)
+    reversed_ones = {"motor encoder": _ALL[:1], "joint encoder": _ALL[1:2], "torque": _ALL[2:]}
+    reversed_ones |= {"whole joint": _ALL, "motor (gear)": (_ALL[0], _ALL[2])}
+    for name, channels in reversed_ones.items():
+        codes = {"sign", "gear-ratio"} if "gear" in name else {"sign"}
+        forms = [flipped(channels, minor) for minor in (False, True)]
+        found += _pair(f"sign reversed: {name}", codes, words, *forms)
     return found
 
 

@@ -12,7 +12,7 @@ import tempfile
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -142,12 +142,8 @@ def subjects() -> dict[str, Subject]:
     leg = files("models/tulip_leg.urdf", "models/tulip_leg.toml")
     arm = files("tests/data/mixed_arm.urdf", "tests/data/mixed_arm.toml")
     hips, pitches, wrists = ("hip_yaw", "hip_roll"), ("hip_pitch", "knee_pitch"), ("elbow", "wrist")
-    both, last, heavy, axes = (
-        ("rail", "telescope"),
-        ("shoulder", "wrist"),
-        ("yaw", "shoulder"),
-        ("first", "second"),
-    )
+    both, last = ("rail", "telescope"), ("shoulder", "wrist")
+    heavy, axes = ("yaw", "shoulder"), ("first", "second")
     found = [
         Subject("leg", *leg, "foot:2:0.15,0,0", "thigh:2:0,0,-0.2", "knee_pitch", "hip_roll",
                 pitches, hips, "knee_pitch"),
@@ -172,8 +168,10 @@ def load(
         return seaid.load_robot(path, drives, payloads=given, **options)
 
 
-TRUTHS = ("plain", "bare", "light", "cubic20", "cubic5", "dead20", "dead5")
-TRUTHS += ("stribeck100", "stribeck30", "still", "slow")
+TRUTHS = (
+    *("plain", "bare", "light", "cubic20", "cubic5", "dead20", "dead5"),
+    *("stribeck100", "stribeck30", "still", "slow"),
+)
 """True robots and motions: with the payload, without it, with a quarter of it, and the share [%] of
 what a linear model lacks; motions of 0.2 and 5 % of the joint ranges."""
 
@@ -320,17 +318,12 @@ def _mujoco_model(robot: seaid.Robot) -> Any:
         values = {"viscous_friction": 0.0, "coulomb_friction": 0.0}
         terms = {"spring": ("linear",)} if drive.is_elastic else {}
         kept = {name: one for name, one in drive.values.items() if name == "stiffness"}
-        bare[joint] = _replaced(drive, terms).with_values(values | kept)
+        plain: Any = replace(drive, friction=("viscous", "coulomb"), nominal={}, **terms)
+        bare[joint] = plain.with_values(values | kept)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "robot.xml"
         seaid.write_mjcf(robot.with_drives(bare), path)
         return mujoco.MjModel.from_xml_path(str(path))
-
-
-def _replaced(drive: Any, terms: Mapping[str, Any]) -> Any:
-    from dataclasses import replace
-
-    return replace(drive, friction=("viscous", "coulomb"), nominal={}, **terms)
 
 
 class _Forces:
@@ -358,9 +351,8 @@ class _Forces:
 
     def motor_angle(self, coordinates: Array) -> Array:
         """Return the motor angles, or speeds (n,), of MuJoCo's coordinates."""
-        return np.where(
-            self.elastic, coordinates[self.motor], self.ratio * coordinates[self.joint]
-        )
+        turned = self.ratio * coordinates[self.joint]
+        return np.asarray(np.where(self.elastic, coordinates[self.motor], turned))
 
     def applied(self, position: Array, velocity: Array) -> Array:
         """Return the generalised forces."""
@@ -402,7 +394,8 @@ def columns(name: str, truth: str, motion: int, sensors: Sensors) -> Columns:
         torque_std_Nm=tuple((sensors.noise * np.std(plain, axis=0)).tolist()),
     )
     log = measure(robot, true, noise, 1000 * sensors.seed + motion)
-    return {"time_s": np.array(log.time), **{name: np.array(x) for name, x in log.columns().items()}}
+    channels = {name: np.array(samples) for name, samples in log.columns().items()}
+    return {"time_s": np.array(log.time), **channels}
 
 
 def nominal_urdf(urdf: str, rng: np.random.Generator, spread: float = 0.15) -> str:
