@@ -284,7 +284,7 @@ def _repaired(case: Case, mistake: Mistake, right: Setup, setup: Setup, first: R
                 changed = with_remedy(changed, right, remedy)
         except (tomllib.TOMLDecodeError, ValueError) as problem:
             return Run(last.said, last.errors, f"the remedy cannot be applied: {problem}")
-        if changed == setup or _same(changed, setup):
+        if same(changed, setup):
             break
         setup, last = changed, run(case, changed)
         if last.crash or is_right(case, mistake.logs, last.errors):
@@ -292,7 +292,8 @@ def _repaired(case: Case, mistake: Mistake, right: Setup, setup: Setup, first: R
     return last
 
 
-def _same(one: Setup, other: Setup) -> bool:
+def same(one: Setup, other: Setup) -> bool:
+    """Return whether two set-ups have the same settings."""
     return all(
         getattr(one, name) == getattr(other, name)
         for name in ("drives", "payloads", "descriptions", "gravity", "repair", "options")

@@ -170,7 +170,7 @@ def swapped(channels: tuple[str, ...], minor: bool) -> Change:
     return change
 
 
-_ALL = ("motor_position", "joint_position", "motor_torque")
+_ALL: tuple[str, ...] = ("motor_position", "joint_position", "motor_torque")
 
 
 def flipped(channels: tuple[str, ...], minor: bool) -> Change:

@@ -316,10 +316,10 @@ def _mujoco_model(robot: seaid.Robot) -> Any:
     bare = {}
     for joint, drive in robot.drives.items():
         values = {"viscous_friction": 0.0, "coulomb_friction": 0.0}
-        terms = {"spring": ("linear",)} if drive.is_elastic else {}
+        terms: dict[str, Any] = {"friction": ("viscous", "coulomb"), "nominal": {}}
+        terms |= {"spring": ("linear",)} if drive.is_elastic else {}
         kept = {name: one for name, one in drive.values.items() if name == "stiffness"}
-        plain: Any = replace(drive, friction=("viscous", "coulomb"), nominal={}, **terms)
-        bare[joint] = plain.with_values(values | kept)
+        bare[joint] = replace(drive, **terms).with_values(values | kept)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "robot.xml"
         seaid.write_mjcf(robot.with_drives(bare), path)
