@@ -114,7 +114,7 @@ ONE_IMPORTER = {
     "a method with a source of its own, read and tested alone": (
         *("estimation.feasible", "estimation.gauss_newton", "estimation.robust"),
         *("estimation.variable_projection", "identification.errors_in_variables"),
-        *("identification.gear", "identification.instrumental", "identification.simultaneous"),
+        *("identification.instrumental", "identification.simultaneous"),
         *("regressor.exact.lagrangian", "regressor.exact.recursion", "symbolic.independence"),
     ),
     "functions that users call": (

@@ -50,6 +50,7 @@ from .terms import FrictionTerm as FrictionTerm
 from .terms import JointParameter as JointParameter
 from .terms import MotorInput as MotorInput
 from .terms import SpringTerm as SpringTerm
+from .terms import between_encoders as between_encoders
 from .terms import key_of as key_of
 from .terms import of_spring as of_spring
 from .terms import parameter_of as parameter_of

@@ -33,6 +33,7 @@ from seaid.estimation import (
 )
 from seaid.identification.datasets import Dataset, Source, datasets_of, rows_in_memory, sources_of
 from seaid.identification.drive_estimates import merged_estimates, spring_of, with_warnings
+from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.identification import Identification, identification_of
 from seaid.identification.linearisation import linearised_robot
 from seaid.identification.nonlinear_terms import with_fixed_warnings
@@ -338,6 +339,9 @@ def identify_conditions(
     first = robots[next(iter(robots))]
     _check_specific(first, condition_specific)
     used = _used(robots, datasets) if torque_joints is None else first.selected(torque_joints)
+    springs = deflection_joints(first, [one for found in datasets.values() for one in found])
+    declared = robots
+    robots = {name: with_rigid_gears(robot, springs) for name, robot in robots.items()}
     given = robots
     robots, datasets = _linearised(robots, datasets, used)
     models = {
@@ -353,7 +357,9 @@ def identify_conditions(
         part = sides.of(name)
         drives = with_fixed_warnings(part.drives, given[name], robot)
         part = replace(part, drives=drives)
-        found[name] = identification_of(robot, models[name], part, datasets[name])
+        found[name] = identification_of(
+            robot, models[name], part, datasets[name], declared=declared[name]
+        )
     return Conditions(
         FrozenMapping(found), tuple(condition_specific), FrozenMapping(sides.differences())
     )

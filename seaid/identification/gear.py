@@ -1,30 +1,139 @@
-"""The gear between the encoders: the spring alone, and what the stiffness of a result includes."""
+"""The gear between the encoders, in series with the spring.
+
+Two encoders see the deflection of both. The spring alone follows from a known stiffness of the
+gear, or from a sensor of its own deflection, which determines the gear too.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seaid._arrays import FrozenMapping
-from seaid.drives import of_spring, spring_slopes
-from seaid.errors import Finding, listed
+from seaid._arrays import Array, FrozenMapping
+from seaid.drives import SeriesElasticDrive, between_encoders, of_spring, spring_slopes
+from seaid.errors import Finding, IdentificationError, listed
+from seaid.estimation import fit
+from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
+from seaid.identification.drive_estimates import merged_estimates, spring_of
+from seaid.regressor import gear_regression, has_deflection, spring_regressor
 
 if TYPE_CHECKING:
     from seaid.drives import Drive
-    from seaid.estimation import Estimate
+    from seaid.estimation import Estimate, Estimator
     from seaid.identification.identification import Identification
+    from seaid.log import Motion
+    from seaid.robot import Robot
+
+_SIGNIFICANT = 4.0
+"""A gear whose compliance is below so many standard errors counts as rigid: errors of the gear that
+are periodic in its angles are not in the standard error. Not tuned on a log."""
+
+
+def deflection_joints(robot: Robot, datasets: Sequence[Dataset]) -> tuple[str, ...]:
+    """Return the elastic joints whose deflection was measured.
+
+    Raises IdentificationError for one that only some logs have.
+    """
+    motions = [first_motion(dataset) for dataset in datasets]
+    found = []
+    for joint in robot.elastic_joints:
+        there = [has_deflection(motion, robot.index(joint)) for motion in motions]
+        if any(there) and not all(there):
+            raise IdentificationError(
+                f"the deflection of {joint} is in {sum(there)} of {len(there)} logs: identify them "
+                "apart, or exclude its column, because two encoders see the gear as well"
+            )
+        if all(there):
+            found.append(joint)
+    return tuple(found)
+
+
+def with_rigid_gears(robot: Robot, joints: Sequence[str]) -> Robot:
+    """Return the robot with rigid gears at some joints, whose deflection is that of the spring."""
+    stiff = {joint: _with_gear(robot.drives[joint], None) for joint in joints}
+    return robot.with_drives(stiff) if stiff else robot
+
+
+def _with_gear(drive: Drive, stiffness: float | None) -> Drive:
+    """Return a drive with another stiffness of its gear, and the same spring."""
+    assert isinstance(drive, SeriesElasticDrive)
+    return replace(drive, gear_stiffness_Nm_per_rad=stiffness)
+
+
+def gear_estimates(
+    robot: Robot,
+    datasets: Sequence[Dataset],
+    drives: Mapping[str, Estimate],
+    estimator: Estimator,
+) -> dict[str, Estimate]:
+    """Return stiffness, hysteresis and offset {joint: Estimate} of gears, see `gear_regression`.
+
+    The stiffness is absent, and a note says so, if the gear is rigid within the errors.
+    """
+    joints = deflection_joints(robot, datasets)
+    springs = {joint: spring_of(robot, drives[joint], joint) for joint in joints}
+    equations = {
+        joint: partial(gear_regression, robot, joint=joint, spring=spring.values)
+        for joint, spring in springs.items()
+    }
+    with rows_of_equations(datasets, equations, estimator.weigh is not None, None, False) as rows:
+        return {
+            joint: _gear(robot, joint, fit(rows[joint], estimator).estimate, springs[joint])
+            for joint in joints
+        }
+
+
+def _gear(robot: Robot, joint: str, found: Estimate, spring: Estimate) -> Estimate:
+    """Return k_G = r_M^2 / c with the relative error of c, and of a force by the stiffness k."""
+    drive = robot.drives[joint]
+    compliance, error = float(found.values[0]), float(found.standard_errors[0])
+    others = found.part([1, 2], found.names[1:])
+    if compliance <= _SIGNIFICANT * error:
+        least = drive.motor_radius**2 / max(compliance + _SIGNIFICANT * error, 1e-300)
+        message = (
+            f"the gear of {joint} is rigid within the errors: its stiffness is above {least:.3g} "
+            "N m/rad"
+        )
+        note = Finding("gear-compliance", message, joint, "note")
+        return replace(others, warnings=(note,))
+    stiffness = drive.motor_radius**2 / compliance
+    scale = np.array([-stiffness / compliance, 1.0, 1.0])  # d k_G / d c
+    covariance = found.covariance * np.outer(scale, scale)
+    if "stiffness" in spring.names and spring.value("stiffness"):
+        share = spring.standard_error("stiffness") / spring.value("stiffness")
+        covariance[0, 0] += (share * stiffness) ** 2
+    white = found.white_standard_errors
+    return replace(
+        found,
+        names=("gear_stiffness", *found.names[1:]),
+        values=np.array([stiffness, *found.values[1:]]),
+        covariance=covariance,
+        units=("N m/rad", *found.units[1:]),
+        white_standard_errors=None if white is None else np.abs(scale) * white,
+    )
+
+
+def with_gears(robot: Robot, given: Robot, gears: Mapping[str, Estimate]) -> Robot:
+    """Return the robot with gears as given, or else as identified, and the same springs."""
+    found = {}
+    for joint, gear in gears.items():
+        stiffness = getattr(given.drives[joint], "gear_stiffness_Nm_per_rad", None)
+        if stiffness is None and "gear_stiffness" in gear.names:
+            stiffness = gear.value("gear_stiffness")
+        found[joint] = _with_gear(robot.drives[joint], stiffness)
+    return robot.with_drives(found) if found else robot
 
 
 def own_estimates(
-    drives: Mapping[str, Drive], estimates: Mapping[str, Estimate]
+    drives: Mapping[str, Drive], estimates: Mapping[str, Estimate], gears: Mapping[str, Estimate]
 ) -> FrozenMapping[Estimate]:
     """Return estimates {joint: Estimate} between the encoders as those of the springs alone."""
-    return FrozenMapping(
-        {joint: _own_estimate(drives[joint], one) for joint, one in estimates.items()}, "joint"
-    )
+    own = {joint: _own_estimate(drives[joint], one) for joint, one in estimates.items()}
+    return FrozenMapping(own | merged_estimates({j: own[j] for j in gears}, gears), "joint")
 
 
 def _own_estimate(drive: Drive, estimate: Estimate) -> Estimate:
@@ -45,14 +154,53 @@ def _own_estimate(drive: Drive, estimate: Estimate) -> Estimate:
     )
 
 
+def for_sensors(found: Identification, motion: Motion) -> tuple[Identification, Motion]:
+    """Return identification and motion such that both have the deflection of a spring, or neither.
+
+    Without it, drives and springs are those between the encoders.
+    """
+    known = found.known
+    there = {joint for joint in known.elastic_joints if has_deflection(motion, known.index(joint))}
+    if there - set(found.gears):
+        assert motion.deflection is not None
+        used = [joint in found.gears for joint in known.joint_names]
+        motion = replace(motion, deflection=np.where(used, motion.deflection, np.nan))
+    blind = [joint for joint in found.gears if joint not in there]
+    drives, springs = dict(found.drive_side), dict(found.springs)
+    for joint in blind:
+        drives[joint] = replace(
+            drives[joint], values=_between(found, joint, drives[joint].names, drives[joint].values)
+        )
+        if joint in springs:
+            names = spring_regressor(known, joint).names
+            springs[joint] = _between(found, joint, names, springs[joint])
+    if blind:
+        found = replace(found, drive_side=FrozenMapping(drives), springs=FrozenMapping(springs))
+    return found, motion
+
+
+def _between(found: Identification, joint: str, names: Sequence[str], values: Array) -> Array:
+    """Return parameters of a drive between the encoders: F = k (d - c F - o) + f_0."""
+    own, offset = dict(zip(names, values, strict=True)), found.gears[joint].value("gear_offset")
+    softer = between_encoders(own, found.robot.drives[joint].gear_compliance)
+    if "deflection_zero" in own:
+        softer["deflection_zero"] += offset
+    elif "spring_offset" in own:
+        k = own.get("stiffness", found.known.drives[joint].values.get("stiffness", 0.0))
+        share = 1.0 / (1.0 + found.robot.drives[joint].gear_compliance * k)
+        softer["spring_offset"] = share * (own["spring_offset"] - k * offset)
+    return np.array([softer[name] for name in names])
+
+
 def gear_findings(found: Identification) -> tuple[Finding, ...]:
     """Return a note on the joints whose stiffness includes that of the gear."""
     joints = [
         joint
-        for joint in found.known.elastic_joints
-        if joint in found.drives
-        and includes_gear(found.known.drives[joint])
-        and "stiffness" in found.drives[joint].names
+        for joint, estimate in found.drive_side.items()
+        if joint not in found.gears
+        and "stiffness" in estimate.names
+        and found.known.drives[joint].ratio != 1
+        and not found.known.drives[joint].gear_compliance
     ]
     if not joints:
         return ()
@@ -62,8 +210,3 @@ def gear_findings(found: Identification) -> tuple[Finding, ...]:
         "of the spring alone"
     )
     return (Finding("gear-compliance", message, joints[0] if len(joints) == 1 else "", "note"),)
-
-
-def includes_gear(drive: Drive) -> bool:
-    """Return whether a drive has a gear whose compliance is not known."""
-    return drive.ratio != 1 and not drive.gear_compliance

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -18,7 +18,14 @@ from seaid.errors import Finding, IdentificationError, by_severity, checked
 from seaid.estimation import Estimate, EstimatorName, ModelChecks, estimator_named
 from seaid.identification.datasets import Dataset, Source, datasets_of, processing_of, sources_of
 from seaid.identification.drive_estimates import with_estimate
-from seaid.identification.gear import gear_findings, own_estimates
+from seaid.identification.gear import (
+    deflection_joints,
+    gear_estimates,
+    gear_findings,
+    own_estimates,
+    with_gears,
+    with_rigid_gears,
+)
 from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.linearisation import linearised_robot
 from seaid.identification.log_checks import (
@@ -76,6 +83,9 @@ class Identification(Result):
         load side ("both" if both sides were estimated at once).
     feasible : FeasibleParameters or None
         How the physically consistent parameters were computed.
+    gears : mapping {joint: Estimate}
+        Stiffness, hysteresis and encoder offset of the gears, where the deflection of the spring
+        was measured.
     processing, motions : tuple
         Processing of each log; motions of the logs in memory, for `compared`.
     """
@@ -94,6 +104,7 @@ class Identification(Result):
     excluded: Mapping[str, int]
     checks: Mapping[str, ModelChecks]
     feasible: FeasibleParameters | None = None
+    gears: Mapping[str, Estimate] = field(default_factory=dict)
     processing: tuple[Processing, ...] = ()
     motions: tuple[Motion, ...] = ()
 
@@ -106,7 +117,7 @@ class Identification(Result):
     @cached_property
     def drives(self) -> Mapping[str, Estimate]:
         """The parameters of each drive, with the spring's own stiffness if the gear's is known."""
-        return own_estimates(self.known.drives, self.drive_side)
+        return own_estimates(self.known.drives, self.drive_side, self.gears)
 
     @cached_property
     def warnings(self) -> tuple[Finding, ...]:
@@ -214,6 +225,7 @@ def identify(
         check_excitation(robot, in_memory)
     check_channels(logs_in_memory)
     used = joints_with_torque(robot, datasets) if torque_joints is None else selected
+    declared, robot = robot, with_rigid_gears(robot, deflection_joints(robot, datasets))
     given = robot
     if not is_linear(robot, used):
         robot, datasets = linearised_robot(robot, datasets, used)
@@ -230,7 +242,7 @@ def identify(
     if robot is not given:
         found = replace(found, drives=with_fixed_warnings(found.drives, given, robot))
     consistent = _feasible(robot, model, found) if feasible else None
-    return identification_of(robot, model, found, datasets, consistent)
+    return identification_of(robot, model, found, datasets, consistent, declared)
 
 
 def identification_of(
@@ -239,13 +251,19 @@ def identification_of(
     found: RobotEstimate,
     datasets: Sequence[Dataset],
     feasible: FeasibleParameters | None = None,
+    declared: Robot | None = None,
 ) -> Identification:
-    """Return the estimates of both sides as an Identification of the robot."""
+    """Return the estimates of both sides as an Identification of the robot.
+
+    `declared` has the gears as given where the deflection of the spring was measured.
+    """
+    gears = gear_estimates(robot, datasets, found.drives, estimator_named("wls"))
+    identified = _identified_robot(robot, model.base, found) if feasible is None else feasible.robot
     return Identification(
         drive_side=FrozenMapping(found.drives),
         load=found.load,
         base=model.base,
-        robot=_identified_robot(robot, model.base, found) if feasible is None else feasible.robot,
+        robot=with_gears(identified, declared or robot, gears),
         known=robot,
         model=model,
         load_side=found.load_side,
@@ -254,6 +272,7 @@ def identification_of(
         excluded=FrozenMapping(found.excluded),
         checks=FrozenMapping(found.checks),
         feasible=feasible,
+        gears=FrozenMapping(gears),
         processing=processing_of(datasets),
         motions=tuple(dataset for dataset in datasets if isinstance(dataset, Motion)),
     )

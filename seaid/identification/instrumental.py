@@ -80,7 +80,8 @@ def instrument_motion(robot: Robot, motion: Motion, fitted: FittedModel) -> Moti
         if joint not in robot.elastic_joints:
             angle[:, index] = robot.drives[joint].ratio * turned[:, index]
     reference = _with_motors(
-        replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a), angle
+        replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a, deflection=None),
+        angle,
     )
     _, payload, H, _ = load_columns(robot, reference, fitted.model, fitted.springs)
     torque = payload + H @ fitted.load_side

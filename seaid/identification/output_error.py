@@ -488,6 +488,11 @@ def _check_start(found: Identification) -> None:
             "method='simultaneous'",
         )
     check_refinable(found.known)
+    if found.gears:
+        raise IdentificationError(
+            f"the deflection of {', '.join(found.gears)} was measured, and the refinement knows "
+            "that between the encoders only: use the result of identify, or exclude that channel"
+        )
     for joint in found.springs:
         stiffness = found.drive_side[joint].value("stiffness")
         if not (np.isfinite(stiffness) and stiffness > 0):

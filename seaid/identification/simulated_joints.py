@@ -284,4 +284,6 @@ def _with_joints(
     q, v, a = (state.copy() for state in motion.joint_states)
     for whole, part in zip((q, v, a), states, strict=True):
         whole[:, joints] = part
-    return replace(motion, joint_position=q, joint_velocity=v, joint_acceleration=a)
+    return replace(
+        motion, joint_position=q, joint_velocity=v, joint_acceleration=a, deflection=None
+    )

@@ -12,6 +12,7 @@ import numpy as np
 from seaid._arrays import Array, BoolArray
 from seaid._progress import Display, Result, sampled_text, track
 from seaid.errors import IdentificationError, checked
+from seaid.identification.gear import for_sensors
 from seaid.identification.identification import Identification, identify
 from seaid.log import Log, Motion, in_band, reconstruct_motions, standstill
 from seaid.regressor import (
@@ -134,6 +135,8 @@ def compared(identification: Identification, motion: Motion) -> Validation:
 
 def _compared(identification: Identification, motions: Sequence[Motion]) -> Validation:
     """Compare the torques of the motions of one log, several if it has gaps in time."""
+    identification, _ = for_sensors(identification, motions[0])
+    motions = [for_sensors(identification, motion)[1] for motion in motions]
     robot = identification.robot
     if under_load(identification.known, identification.model.torque_joints):
         theta = identification.load_side.values

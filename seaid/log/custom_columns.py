@@ -72,27 +72,20 @@ def _described_quantities(
 def _own_sources(
     table: Table, robot: Robot, joint: str, described: Mapping[str, Source]
 ) -> dict[str, Source]:
-    """Return the columns with seaid's names for the quantities that are not described.
-
-    A described deflection replaces one position: the motor's, if the file has both.
-    """
+    """Return the columns with seaid's names for the quantities that are not described."""
     names = column_names(joint, robot.is_prismatic[robot.index(joint)])
     own = {field: Source(name) for name, field in names.items() if name in table.names}
-    positions = [
-        field
-        for sources in (described, own)
-        for field in ("joint_position", "motor_position")
-        if field in sources
-    ]
-    needless = set(positions[1:]) if "deflection" in described else set()
-    return {field: one for field, one in own.items() if field not in {*described, *needless}}
+    if "deflection" in own:  # as a motion of the joint; a described one is that of the spring
+        own["deflection"] = replace(own["deflection"], scale=robot.drives[joint].load_radius)
+    return {field: one for field, one in own.items() if field not in described}
 
 
 def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
-    """Return the samples with deflections converted to the position of the other side.
+    """Return the samples with deflections converted to the position of a side without encoder.
 
-    The deflection of (7) and (8) is d = r_M/N theta_M - r_L theta_L, at the same instants. Raises
-    LogError for a deflection of a rigid drive, or without one of the positions.
+    The deflection of (7) and (8) is d = r_M/N theta_M - r_L theta_L, at the same instants. With
+    both positions it stays, as a motion of the joint. Raises LogError for a deflection of a rigid
+    drive, or without a position.
     """
     found = dict(picked)
     for index, joint in enumerate(robot.joint_names):
@@ -103,9 +96,14 @@ def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
         if not drive.is_elastic:
             raise LogError(f"joint '{joint}' has a stiff drive, which has no deflection")
         _check_own_drive(robot, joint, "a deflection does not determine its position")
-        motor, load = list(column_names(joint, robot.is_prismatic[index]))[:2]
+        names = {
+            field: own for own, field in column_names(joint, robot.is_prismatic[index]).items()
+        }
+        motor, load = names["motor_position"], names["joint_position"]
         behind_gear = drive.motor_radius / drive.ratio
-        if load in found:
+        if {motor, load} <= set(found):
+            found[names["deflection"]] = deflection / drive.load_radius
+        elif load in found:
             found[motor] = (deflection + drive.load_radius * found[load]) / behind_gear
         elif motor in found:
             found[load] = (behind_gear * found[motor] - deflection) / drive.load_radius

@@ -18,7 +18,7 @@ from seaid.errors import LogError, listed, shortened, shown, unknown_name
 from seaid.log.log import SENSORS, UNIT_FACTORS
 from seaid.log.repair.data import Repairs
 
-QUANTITIES = (*SENSORS, "deflection")
+QUANTITIES = SENSORS
 """Quantities of a joint. Deflection: motor side of the spring minus joint side."""
 
 
@@ -331,11 +331,6 @@ def _joint(where: str, table: Any) -> dict[str, Source]:
     }
     if not found:
         raise LogError(f"{where}: names no quantity; allowed: {', '.join(QUANTITIES)}")
-    if {"deflection", "motor_position", "joint_position"} <= set(found):
-        raise LogError(
-            f"{where}: deflection and both positions are redundant, because each follows from the "
-            "other two; remove one of them"
-        )
     return found
 
 

@@ -47,6 +47,7 @@ LogField = Literal[
     "joint_torque",
     "motor_current",
     "motor_voltage",
+    "deflection",
 ]
 """Fields of a `Log` with samples of sensors, each (T, n)."""
 
@@ -63,6 +64,7 @@ def column_names(joint: str, is_prismatic: bool) -> dict[str, str]:
         f"{joint}.{torque}": "joint_torque",
         f"{joint}.motor_current_A": "motor_current",
         f"{joint}.motor_voltage_V": "motor_voltage",
+        f"{joint}.deflection_{position}": "deflection",
     }
 
 
@@ -148,6 +150,9 @@ class Log(Display):
         Motor torque [N m]; torque behind the spring [N m], of a prismatic joint force [N].
     motor_current, motor_voltage : array (T, n) or None
         Current [A] or voltage [V] of motors whose torque constant is unknown.
+    deflection : array (T, n) or None
+        Deflection of the spring by a sensor of its own, motor side less joint side, as a motion of
+        the joint [rad, or m]: that of a spring between pulleys over the load pulley's radius.
     is_prismatic : tuple of bool
         One entry per joint; default: all revolute.
     report : tuple of Repair
@@ -176,6 +181,7 @@ class Log(Display):
     is_prismatic: tuple[bool, ...] = ()
     motor_current: Array | None = None
     motor_voltage: Array | None = None
+    deflection: Array | None = None
     report: tuple[Repair, ...] = ()
 
     def _in_short(self) -> str:
@@ -317,7 +323,8 @@ def _check_sensors(
     """Raise LogError if {column: field} of a joint are too few for its drive."""
     elastic = robot.drives[joint].is_elastic
     positions = sum(field.endswith("position") for field in found.values())
-    if positions < (2 if elastic else 1) or positions == len(found):
+    others = set(found.values()) - {"motor_position", "joint_position", "deflection"}
+    if positions < (2 if elastic else 1) or not others:
         names = column_names(joint, robot.is_prismatic[robot.index(joint)])
         missing = [name for name in names if name not in found]
         raise LogError(

@@ -117,6 +117,9 @@ class Motion(Display):
         Largest speeds of motors and joints in the whole log, if this motion is a part of it.
     motor_current, motor_voltage : array (T, n) or None
         Measured current [A] and voltage [V]; None: no such sensor.
+    deflection, deflection_rate : array (T, n) or None
+        Measured deflection of the springs and its derivative [rad, rad/s], of prismatic joints [m,
+        m/s], NaN for joints without the sensor.
     gear_torque : array (T, n) or None
         Estimated torque of rigid drives on their load [N m or N], if their friction depends on it.
     processing : Processing or None
@@ -138,6 +141,8 @@ class Motion(Display):
     fastest: Array | None = None
     motor_current: Array | None = None
     motor_voltage: Array | None = None
+    deflection: Array | None = None
+    deflection_rate: Array | None = None
     gear_torque: Array | None = None
     processing: Processing | None = None
 
@@ -266,7 +271,9 @@ def _motion(
     position, velocity, acceleration = (
         _both_sides(robot, signal) for signal in spline_derivatives(time, measured)
     )
-    n = robot.n
+    n, springs = robot.n, signals.get("deflection")
+    if springs is not None:
+        springs = low_pass(springs, rate_hz, POSITION_BAND * cutoff_hz)
     return Motion(
         time=time,
         joint_names=robot.joint_names,
@@ -280,6 +287,8 @@ def _motion(
         joint_torque=signals.get("joint_torque", np.full_like(joint, np.nan)),
         motor_current=signals.get("motor_current"),
         motor_voltage=signals.get("motor_voltage"),
+        deflection=springs,
+        deflection_rate=None if springs is None else spline_derivatives(time, springs)[1],
         cutoff_hz=float(cutoff_hz),
         transient_s=1.0 / cutoff_hz,
         processing=Processing(
@@ -326,7 +335,7 @@ def _uniform(log: Log, columns: list[int]) -> tuple[Array, dict[str, Array]]:
     for field, values in signals.items():
         for place in np.flatnonzero(np.isfinite(values[0])):
             found[field][:, place] = interpolated(
-                log.time, values[:, place], time, smooth=field.endswith("position")
+                log.time, values[:, place], time, smooth=field.endswith(("position", "deflection"))
             )
     return time, found
 

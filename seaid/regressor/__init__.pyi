@@ -5,6 +5,7 @@ from .base import base_parameters as base_parameters
 from .base import cross_check as cross_check
 from .base import random_states as random_states
 from .drive_signals import INPUTS as INPUTS
+from .drive_signals import has_deflection as has_deflection
 from .drive_signals import input_signals as input_signals
 from .drive_signals import is_linear as is_linear
 from .drive_signals import joint_regressor as joint_regressor
@@ -27,6 +28,7 @@ from .regression import actuator_columns as actuator_columns
 from .regression import actuator_equation as actuator_equation
 from .regression import actuator_regression as actuator_regression
 from .regression import actuator_rows as actuator_rows
+from .regression import gear_regression as gear_regression
 from .regression import regressions_of_parts as regressions_of_parts
 from .regression import stacked as stacked
 from .rigid_body import joint_torques as joint_torques

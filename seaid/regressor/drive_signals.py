@@ -79,12 +79,21 @@ def _spring_regressor(drive: Drive, joint: str) -> DriveRegressor:
 def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
     """Return the signals {name: (T,)} of a drive's equations, with a load torque of zero.
 
-    theta_L is the drive's coordinate phi = C q. Speeds that are nothing but rounding are set to
-    zero, because their sign, and with it friction, would depend on the processor.
+    theta_L is the drive's coordinate phi = C q, or r_M/(N r_L) theta_M less the deflection if this
+    was measured. Speeds that are nothing but rounding are set to zero, because their sign, and with
+    it friction, would depend on the processor.
     """
     position, velocity, acceleration = (
         at_drives(robot.transmission, state)[:, index] for state in motion.joint_states
     )
+    drive = robot.drives[robot.joint_names[index]]
+    if drive.is_elastic and has_deflection(motion, index):
+        assert motion.deflection is not None
+        assert motion.deflection_rate is not None
+        # r_L theta_L = r_M/N theta_M - d: what the spring sees, with the gear's wind-up
+        lever = drive.motor_radius / (drive.ratio * drive.load_radius)
+        position = lever * motion.motor_position[:, index] - motion.deflection[:, index]
+        velocity = lever * motion.motor_velocity[:, index] - motion.deflection_rate[:, index]
     return {
         "theta_M": motion.motor_position[:, index],
         "theta_M_dot": _moving(motion.motor_velocity[:, index]),
@@ -98,6 +107,11 @@ def signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:
         "u_M": _channel(motion.motor_voltage, motion, index),
         "tau_G": _channel(motion.gear_torque, motion, index),
     }
+
+
+def has_deflection(motion: Motion, index: int) -> bool:
+    """Whether the deflection of a joint's spring was measured by a sensor of its own."""
+    return motion.deflection is not None and bool(np.isfinite(motion.deflection[0, index]))
 
 
 def input_signals(robot: Robot, motion: Motion, index: int) -> dict[str, Array]:

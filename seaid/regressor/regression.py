@@ -30,6 +30,7 @@ from seaid.regressor.drive_signals import (
     signals,
     spring_regressor,
 )
+from seaid.robot import at_drives
 
 if TYPE_CHECKING:
     from seaid.drives import DriveRegressor
@@ -129,6 +130,43 @@ def actuator_regression(robot: Robot, motion: Motion, joint: str) -> Regression:
         run=np.zeros(len(kept)),
         excluded=excluded,
         propagated=np.empty((len(kept), 0)),
+        joint_names=robot.joint_names,
+    )
+
+
+GEAR = ("gear_compliance", "gear_hysteresis", "gear_offset")
+
+
+def gear_regression(robot: Robot, motion: Motion, joint: str, spring: Array) -> Regression:
+    """Return the deflection between the encoders less that of the spring, which was measured.
+
+    It is c F + h sign(w) + constant: wind-up of the gear under the spring force F, by the torque
+    sensor or else by (4b) with the parameters `spring`, and hysteresis of half width h. At
+    standstill, where the gear may be anywhere inside its hysteresis, sign(w) counts as zero.
+    """
+    index, drive = robot.index(joint), robot.drives[joint]
+    measured = signals(robot, motion, index)
+    between = at_drives(robot.transmission, motion.joint_position)[:, index]
+    y = drive.load_radius * (measured["theta_L"] - between)
+    zeta, R = spring_regressor(robot, joint).evaluate(measured)
+    force, sensed = R @ spring - zeta, sensed_torque(robot, motion, index)
+    if np.all(np.isfinite(sensed)):
+        force = sensed / drive.load_radius
+    moving = ~standstill(motion, index, share=np.inf)
+    direction = np.where(moving, np.sign(measured["theta_M_dot"]), 0.0)
+    H = np.column_stack([force, direction, np.ones_like(y)])
+    rows = row_samples(motion)
+    unit, length = drive.spring_units
+    return Regression(
+        names=GEAR,
+        units=(f"{length}/({unit})", length, length),
+        H=in_band_at(motion, H, rows),
+        y=in_band_at(motion, y, rows),
+        joint=np.full(len(rows), index),
+        time=motion.time[rows],
+        run=np.zeros(len(rows)),
+        excluded=0,
+        propagated=np.empty((len(rows), 0)),
         joint_names=robot.joint_names,
     )
 

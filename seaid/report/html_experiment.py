@@ -30,6 +30,7 @@ _SENSORS = {
     "joint_torque": "torque at the joint",
     "motor_current": "motor current",
     "motor_voltage": "motor voltage",
+    "deflection": "deflection of the spring",
 }
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from seaid.drives import SeriesElasticDrive, drive_table, drives_from_mapping
-from seaid.errors import RobotError
+from seaid.errors import IdentificationError, RobotError
+from seaid.identification.conditions import identify_conditions
 from seaid.identification.identification import Identification, identify
 from seaid.identification.output_error import refine
 from seaid.identification.validation import validate
@@ -155,3 +156,114 @@ def with_soft_gear() -> Robot:
 def test_gear_stiffness_that_is_none(value: float) -> None:
     with pytest.raises(RobotError, match="gear_stiffness_Nm_per_rad must be"):
         SeriesElasticDrive(gear_ratio=100.0, gear_stiffness_Nm_per_rad=value)
+
+
+# A sensor of the deflection of the spring, next to both encoders.
+
+
+@cache
+def log_with_deflection(joint: str = "shoulder", gear: float = GEAR) -> Log:
+    """Return a log whose deflection between the encoders is partly that of the gear."""
+    drive, index = with_gear(arm(), gear, joint).drives[joint], arm().index(joint)
+    motion = arm_motion()
+    between = drive.motor_radius / drive.ratio * motion.motor_position[:, index]
+    between = between - drive.load_radius * motion.joint_position[:, index]
+    own = between * drive.values["stiffness"] / drive.own_values["stiffness"]
+    deflection = np.full_like(motion.joint_position, np.nan)
+    noise = np.random.default_rng(0).normal(size=len(own))
+    deflection[:, index] = (own + 2e-5 * np.ptp(own) * noise) / drive.load_radius
+    return replace(log(), deflection=deflection)
+
+
+@pytest.mark.parametrize(("joint", "gear"), [("shoulder", 4000.0), ("telescope", 20.0)])
+def test_deflection_separates_spring_and_gear(joint: str, gear: float) -> None:
+    truth = with_gear(arm(), gear, joint).drives[joint]
+    one = identify(arm().without_nominal(), log_with_deflection(joint, gear))
+    drive = one.drives[joint]
+    for name, true in (("stiffness", truth.own_values["stiffness"]), ("gear_stiffness", gear)):
+        assert drive.value(name) == pytest.approx(true, rel=0.02)
+        assert abs(drive.value(name) - true) < 3 * drive.standard_error(name)
+    assert abs(drive.value("gear_hysteresis")) < 3 * drive.standard_error("gear_hysteresis")
+    identified = one.robot.drives[joint]
+    assert identified.gear_stiffness_Nm_per_rad == drive.value("gear_stiffness")
+    between = found(False).drives[joint].value("stiffness")
+    assert identified.values["stiffness"] == pytest.approx(between, rel=1e-3)
+
+
+@cache
+def found_with_deflection() -> Identification:
+    return identify(arm().without_nominal(), log_with_deflection())
+
+
+def test_identified_robot_says_so_in_its_files() -> None:
+    table = drive_table(found_with_deflection().robot.drives["shoulder"])
+    assert table["gear_stiffness_Nm_per_rad"] == pytest.approx(GEAR, rel=0.02)
+    assert "gear_stiffness" in found_with_deflection().to_dict()["drives"]["shoulder"]
+    assert "gear_stiffness" in found_with_deflection().summary()
+
+
+def test_given_gear_stays_as_given() -> None:
+    known = with_gear(arm(), 3000.0).without_nominal()
+    one = identify(known, log_with_deflection())
+    same = found_with_deflection().drives["shoulder"].value("stiffness")
+    assert one.drives["shoulder"].value("stiffness") == pytest.approx(same)
+    assert one.robot.drives["shoulder"].gear_stiffness_Nm_per_rad == 3000.0
+
+
+def test_validation_needs_no_deflection_and_takes_none() -> None:
+    """The stiffness between the encoders is in place of the spring's where only they are logged."""
+    right = validate(found(False), log()).actuator.rms_error
+    without = validate(found_with_deflection(), log()).actuator.rms_error
+    assert without == pytest.approx(right, rel=0.02, nan_ok=True)
+    index = arm().index("shoulder")
+    spring = replace(found_with_deflection(), gears={}, robot=found(False).robot)
+    assert validate(spring, log()).actuator.rms_error[index] > 1.5 * right[index]
+    more = validate(found(False), log_with_deflection()).actuator.rms_error
+    assert more == pytest.approx(right, nan_ok=True)
+
+
+def test_rigid_gear_is_reported_as_rigid() -> None:
+    one = identify(arm().without_nominal(), log_with_deflection(gear=1e9))
+    assert "gear_stiffness" not in one.drives["shoulder"].names
+    (note,) = [flag for flag in one.warnings if "rigid within the errors" in flag.message]
+    assert (note.code, note.joint, note.severity) == ("gear-compliance", "shoulder", "note")
+    assert one.robot.drives["shoulder"].gear_compliance == 0
+
+
+def test_hysteresis_of_the_gear() -> None:
+    index, clean = arm().index("shoulder"), log_with_deflection()
+    assert clean.deflection is not None
+    late = clean.deflection.copy()
+    speed = arm_motion().motor_velocity[:, index]
+    slow = np.abs(speed) < 0.01 * np.max(np.abs(speed))  # somewhere inside the hysteresis
+    late[:, index] -= 1e-3 * np.where(slow, 0.0, np.sign(speed))
+    drive = identify(arm().without_nominal(), replace(clean, deflection=late)).drives["shoulder"]
+    # the force of the wind-up follows from the same deflection: c k h on top of h
+    seen = 1e-3 * (1 + drive.value("stiffness") / GEAR)
+    assert drive.value("gear_hysteresis") == pytest.approx(seen, rel=0.005)
+    assert drive.value("gear_stiffness") == pytest.approx(GEAR, rel=0.02)
+
+
+def test_deflection_in_some_logs_only() -> None:
+    with pytest.raises(IdentificationError, match="deflection of shoulder is in 1 of 2 logs"):
+        identify(arm().without_nominal(), [log(), log_with_deflection()])
+
+
+def test_refinement_does_not_know_the_deflection_of_the_spring() -> None:
+    with pytest.raises(IdentificationError, match="deflection of shoulder was measured"):
+        refine(found_with_deflection(), log_with_deflection())
+
+
+def test_instruments_with_a_measured_deflection() -> None:
+    one = identify(arm().without_nominal(), log_with_deflection(), estimator="iv")
+    truth = with_gear(arm(), GEAR).drives["shoulder"].own_values["stiffness"]
+    assert one.drives["shoulder"].value("stiffness") == pytest.approx(truth, rel=0.02)
+
+
+def test_conditions_with_a_measured_deflection() -> None:
+    part = {"a": (0.0, 3.0), "b": (3.0, 7.0)}
+    robot, whole = arm().without_nominal(), log_with_deflection()
+    logs = {name: (robot, whole.between(*ends)) for name, ends in part.items()}
+    both = identify_conditions(logs, cutoff_hz=8.0)
+    for one in both.identifications.values():
+        assert one.drives["shoulder"].value("gear_stiffness") == pytest.approx(GEAR, rel=0.05)

@@ -108,7 +108,8 @@ def test_csv_names_its_columns_as_the_design_says(tmp_path: Path) -> None:
         *("b.motor_position_rad", "b.joint_position_m", "b.motor_torque_Nm", "b.joint_force_N"),
     ]
     names = list(column_names("b", is_prismatic=True))
-    assert names == [*header.split(",")[5:], "b.motor_current_A", "b.motor_voltage_V"]
+    more = ["b.motor_current_A", "b.motor_voltage_V", "b.deflection_m"]
+    assert names == [*header.split(",")[5:], *more]
 
 
 def test_motor_current_and_voltage_survive_files_and_cuts(tmp_path: Path) -> None:

@@ -251,18 +251,26 @@ def rows_of(log: Log) -> dict[str, Any]:
     return {"time": log.time, **log.sensors()}
 
 
-@pytest.mark.parametrize(
-    ("described", "kept"), [({}, "joint_position"), ({"motor_position": "b"}, "motor_position")]
-)
-def test_described_deflection_replaces_one_own_position(
-    tmp_path: Path, described: Table, kept: str
+@pytest.mark.parametrize("drive", [ROTARY, PULLEYS])
+def test_deflection_next_to_both_positions_is_a_channel_of_its_own(
+    tmp_path: Path, drive: Table
 ) -> None:
-    robot = robot_of(tmp_path, ROTARY)
-    names = {"arm.motor_position_rad": wave(0.7), "arm.joint_position_rad": wave(0.7)}
-    path = log_file(tmp_path, **names, **{"arm.motor_torque_Nm": wave(0.9), "time_s": TIME})
-    arm = described | {"deflection": "a"}
-    log = read_log(path, robot, description={"joints": {"arm": arm}})
-    np.testing.assert_allclose(log.sensors()[kept][:, 0], wave(0.7))
+    """As a motion of the joint: an elongation of the spring over the radius of its pulley."""
+    robot = robot_of(tmp_path, drive)
+    names = {"arm.motor_position_rad": wave(0.7), "arm.joint_position_rad": wave(0.8)}
+    path = log_file(
+        tmp_path, **names, **{"arm.motor_torque_Nm": wave(0.9), "time_s": TIME, "twist": wave(0.3)}
+    )
+    log = read_log(path, robot, description={"joints": {"arm": {"deflection": "twist"}}})
+    assert log.deflection is not None
+    np.testing.assert_allclose(log.motor_position[:, 0], wave(0.7))
+    np.testing.assert_allclose(log.joint_position[:, 0], wave(0.8))
+    turned = wave(0.3) / drive.get("load_pulley_radius_m", 1.0)
+    np.testing.assert_allclose(log.deflection[:, 0], turned)
+    write_log(log, tmp_path / "own.csv")
+    assert same(read_log(tmp_path / "own.csv", robot), log)
+    again = read_log(tmp_path / "own.csv", robot, description={"exclude_s": [[-2.0, -1.0]]})
+    np.testing.assert_allclose(again.deflection, log.deflection)
 
 
 # Clocks and repair
@@ -444,7 +452,6 @@ def test_description_survives_its_toml(
             "rate_hz must be above zero",
         ),
         ({"motor_position": {"column": "a", "time": "tt"}}, "no column is named 'tt'"),
-        ({"deflection": "c"}, "deflection and both positions are redundant"),
         ({"motor_position": None, "joint_position": None, "deflection": "c"}, "only together with"),
         ({"motor_torque": {"servo": {"goal": "a"}}}, "servo: key 'position' is missing"),
         (
