@@ -15,6 +15,7 @@ from .drives import SeriesElasticDrive as SeriesElasticDrive
 from .drives import StiffDrive as StiffDrive
 from .drives import write_drives as write_drives
 from .errors import ExcitationError as ExcitationError
+from .errors import Finding as Finding
 from .errors import IdentificationError as IdentificationError
 from .errors import LogError as LogError
 from .errors import RobotError as RobotError
@@ -40,8 +41,11 @@ from .identification import CutoffSensitivity as CutoffSensitivity
 from .identification import Delay as Delay
 from .identification import FeasibleParameters as FeasibleParameters
 from .identification import Identification as Identification
+from .identification import SetupCheck as SetupCheck
 from .identification import TermSelection as TermSelection
 from .identification import Validation as Validation
+from .identification import Verdict as Verdict
+from .identification import check as check
 from .identification import compare_terms as compare_terms
 from .identification import correct_delays as correct_delays
 from .identification import cross_validate as cross_validate

@@ -104,6 +104,7 @@ CODES = {
     "missing-drives": "motor channels in the log without drives for them",
     "payload": "a payload that is absent, or differs from the one given",
     "gravity": "another direction of gravity than the one given",
+    "nominal-values": "values of the robot file that the motion contradicts",
     "geometry": "a length of the robot file that the motion contradicts",
     "delay": "a channel that is late or early",
     "rotor-inertia": "a rotor inertia that the motion contradicts",

@@ -22,6 +22,7 @@ spring stiffness and inertias, each with its standard error.
   seaid simulate leg.urdf plan.json --drives leg.toml -o run.csv
   seaid view leg.urdf --drives leg.toml --log run.csv
   seaid describe run.csv -o run.toml                 a log with custom columns
+  seaid check leg.urdf run.csv --drives leg.toml     what is wrong with a set-up
   seaid identify leg.urdf run.csv --drives leg.toml -o parameters.json
   seaid validate leg.urdf other.csv --from run.csv --drives leg.toml
   seaid report leg.urdf --from run.csv --validate other.csv --drives leg.toml
@@ -29,7 +30,8 @@ spring stiffness and inertias, each with its standard error.
 
 Each command has its own --help with examples. Results go to stdout; notes, errors and progress go
 to stderr. Exit codes: 0 success, 1 failure (one line states the reason and the remedy), 2 wrong
-usage. Files are written completely or not at all, and overwritten only with --force."""
+usage, 3 warnings of --fail-on. Files are written completely or not at all, and overwritten only
+with --force."""
 
 
 class _Commands(TyperGroup):
@@ -80,6 +82,7 @@ _add("excite", excite.excite)
 _add("simulate", excite.simulate)
 _add("view", view.view)
 _add("describe", inspect.describe)
+_add("check", identify.check)
 _add("identify", identify.identify)
 _add("validate", identify.validate)
 _add("terms", identify.terms)

@@ -43,6 +43,8 @@ def export(
     seaid export leg.urdf --parameters parameters.json -o found.urdf
     seaid export leg.urdf --from run.csv --drives leg.toml -o found.xml
     """
+    from seaid.report import warning_lines
+
     checked_suffix(output, *_WRITERS)
     if (parameters is None) == (not from_logs):
         raise typer.BadParameter("give one of the two", param_hint="--from, --parameters")
@@ -63,7 +65,7 @@ def export(
         typer.echo(f"note: {note.replace('payloads=', option_of('payloads='))}", err=True)
     content = {"robot": output, "drives": tables, "notes": notes, "warnings": warnings}
     text = [f"{robot.name}: {robot.n} bodies and their drives written"]
-    text += [f"! {warning}" for warning in warnings]
+    text += warning_lines(warnings)
     result.show("\n".join(text), content, output, tables)
 
 

@@ -1,4 +1,4 @@
-"""Commands identify, validate and terms: parameters from logs."""
+"""Commands check, identify, validate and terms: from logs to parameters."""
 
 from __future__ import annotations
 
@@ -9,16 +9,20 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from seaid.cli.messages import is_terminal
+from seaid.cli.messages import is_terminal, show
 from seaid.cli.options import (
     FEASIBLE,
+    AsJson,
+    FailOn,
     FromLogs,
     IdentifyOptions,
     LogOptions,
     Logs,
     Output,
     ResultOptions,
+    check_fail_on,
     check_validation_logs,
+    fail_on_warnings,
     names,
 )
 
@@ -36,12 +40,14 @@ def identify(
     in_pieces: Annotated[bool, Option("--in-pieces", help=PIECES)] = False,
     feasible: Annotated[bool, Option("--feasible", help=FEASIBLE)] = False,
     output: Output = Path("parameters.json"),
+    fail_on: FailOn = None,
     result: ResultOptions,
 ) -> None:
     """Identify drives and bodies from one log or several.
 
     Of the files only geometry, ratios, radii, rotor inertias and the parameters named as known are
-    used; other numbers are nominal. Lines with '!' are warnings.
+    used; other numbers are nominal. The first lines say whether to use the result. Warnings have a
+    code and a remedy: '!' wrong, '?' doubtful, '-' for information.
 
     seaid identify leg.urdf run.csv --drives leg.toml --payload foot:2.0:0.15,0,0
     seaid identify arm.urdf a.csv b.csv --drives arm.toml --method simultaneous -o arm.json
@@ -53,12 +59,36 @@ def identify(
             "logs that are read in pieces are not changed: no --repair, no --description",
             param_hint="--in-pieces",
         )
+    check_fail_on(fail_on)
     result.check(output, read=(*given.files, *logs))
     robot = given.robot(given.known_body or ())
     known = logs if in_pieces else given.logs(logs, robot)
     found = given.identify(robot, known, feasible=feasible)
     found.save(output)
     result.show(found.summary(), found.to_dict(), output)
+    fail_on_warnings(found.warnings, fail_on)
+
+
+def check(
+    given: LogOptions,
+    logs: Logs,
+    *,
+    fail_on: FailOn = None,
+    as_json: AsJson = False,
+) -> None:
+    """Check units, signs, ratios, gravity and payloads of an experiment before a fit.
+
+    seaid check leg.urdf run.csv --drives leg.toml
+    seaid check arm.urdf a.csv b.csv --drives arm.toml --fail-on doubtful
+    """
+    from seaid.identification import check as checked
+
+    check_fail_on(fail_on)
+    robot = given.robot(given.known_body or ())
+    found = checked(robot, given.logs(logs, robot), cutoff_hz=given.cutoff_hz)
+    content = {"warnings": found.warnings, "joints": found.joints}
+    show(found.summary(), content, as_json)
+    fail_on_warnings(found.warnings, fail_on)
 
 
 def validate(
@@ -77,6 +107,7 @@ def validate(
     seaid validate arm.urdf c.csv --from a.csv --from b.csv -o parameters.json
     """
     from seaid.identification import validate as validated
+    from seaid.report import warning_lines
 
     check_validation_logs([log], from_logs)
     result.check(output, read=(*given.files, log, *from_logs))
@@ -86,7 +117,7 @@ def validate(
     validation = validated(found, unseen)
     if output is not None:
         found.save(output, validation)
-    text = [validation.summary(), *(f"! {warning}" for warning in found.warnings)]
+    text = [validation.summary(), *warning_lines(found.warnings)]
     result.show("\n".join(text), {**validation.to_dict(), "warnings": found.warnings}, output)
 
 

@@ -16,9 +16,10 @@ from typer import Argument, Option
 
 import seaid
 from seaid.cli.messages import check_outputs, is_terminal, show
-from seaid.errors import SeaidError, unknown_name
+from seaid.errors import SEVERITIES, SeaidError, unknown_name
 
 if TYPE_CHECKING:
+    from seaid.errors import Finding
     from seaid.identification import Identification, Source
     from seaid.log import Log
     from seaid.robot import Payload, Robot
@@ -65,6 +66,15 @@ def one_of(name: str, text: str, choice: Callable[[], Any]) -> Any:
 Output = Annotated[Path, Option("--output", "-o", help="File for the result.")]
 AsJson = Annotated[bool, Option("--json", help="JSON on stdout.")]
 
+FailOn = Annotated[
+    str | None,
+    Option(
+        "--fail-on",
+        help="Exit with 3 if a warning is as severe as this: wrong, or doubtful (or wrong).",
+        metavar="SEVERITY",
+    ),
+]
+
 FEASIBLE = "Physically consistent bodies nearest to the estimate."
 
 
@@ -86,6 +96,10 @@ class RobotOptions:
         ),
     ] = None
 
+    gravity: Annotated[str, Option(help="Gravity in the base frame [m/s^2].", metavar="X,Y,Z")] = (
+        "0,0,-9.81"
+    )
+
     def robot(self, known_bodies: Sequence[str] = ()) -> Robot:
         """Load the robot."""
         from seaid.robot import load_robot
@@ -96,6 +110,7 @@ class RobotOptions:
             joints=names(self.joints),
             payloads=[payload_of(text) for text in self.payload or ()],
             known_bodies=known_bodies,
+            gravity=_vector("--gravity", self.gravity),
         )
 
 
@@ -207,6 +222,21 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
+def check_fail_on(fail_on: str | None) -> None:
+    """Raise BadParameter for an unknown severity of --fail-on."""
+    if fail_on is not None and fail_on not in SEVERITIES:
+        allowed = ", ".join(SEVERITIES)
+        raise typer.BadParameter(f"'{fail_on}' is none of {allowed}", param_hint="--fail-on")
+
+
+def fail_on_warnings(warnings: Sequence[Finding], fail_on: str | None) -> None:
+    """End the command with exit code 3 if a warning is at least as severe as `fail_on`."""
+    if fail_on is not None:
+        failing = SEVERITIES[: [*SEVERITIES].index(fail_on) + 1]  # type: ignore[arg-type]
+        if any(one.severity in failing for one in warnings):
+            raise typer.Exit(3)
+
+
 def names(text: str | None) -> list[str] | None:
     """Return the names in a list with commas; None for None."""
     return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
@@ -225,6 +255,16 @@ def values(option: str, text: str | None) -> float | dict[str, float] | None:
         raise typer.BadParameter(
             f"'{text}' is neither a number nor a list as knee=2,hip=1", param_hint=option
         ) from None
+
+
+def _vector(option: str, text: str) -> list[float]:
+    """Return the three numbers of 'x,y,z'."""
+    try:
+        x, y, z = map(float, text.split(","))
+    except ValueError:
+        message = f"'{text}' is not x,y,z, as 0,0,-9.81"
+        raise typer.BadParameter(message, param_hint=option) from None
+    return [x, y, z]
 
 
 def payload_of(text: str) -> Payload:

@@ -43,7 +43,7 @@ def report(
     seaid report arm.urdf --from a.csv --from b.csv --validate c.csv --feasible
     """
     from seaid.identification import validate as validated
-    from seaid.report import write_report
+    from seaid.report import warning_lines, write_report
 
     checked_suffix(output, ".html", ".htm")
     unseen = validation or []
@@ -59,7 +59,7 @@ def report(
     write_report(found, results, output, facts={**facts, **options})
     content = {"report": output, "validations": [one.to_dict() for one in results]}
     text = [f"{robot.name}: {len(found.load.values)} base parameters and its drives reported"]
-    text += [f"! {warning}" for warning in found.warnings]
+    text += warning_lines(found.warnings)
     result.show("\n".join(text), {**content, "warnings": found.warnings}, output)
 
 

@@ -7,6 +7,7 @@ from .diagnostics import common_rows as common_rows
 from .diagnostics import compare_models as compare_models
 from .diagnostics import independent_rows as independent_rows
 from .diagnostics import term_test as term_test
+from .diagnostics import time_blocks as time_blocks
 from .estimate import Estimate as Estimate
 from .feasible import WEIGHTS as WEIGHTS
 from .feasible import FeasiblePoint as FeasiblePoint

@@ -23,7 +23,16 @@ if TYPE_CHECKING:
 _FORMAT = "seaid parameters 3"
 _KEYS = (
     *("format", "robot", "joints", "drives", "load", "base_columns", "grouping", "validation"),
-    *("torques_used", "cutoff_hz", "warnings", "bodies", "drive_tables", "feasible", "checks"),
+    *(
+        "torques_used",
+        "cutoff_hz",
+        "verdict",
+        "warnings",
+        "bodies",
+        "drive_tables",
+        "feasible",
+        "checks",
+    ),
     *("excluded", "processing", "seaid"),
 )
 _MOST = 1e12
@@ -50,6 +59,7 @@ def content_of(found: Identification, validation: Validation | None = None) -> d
         "validation": {} if validation is None else validation.to_dict(),
         "torques_used": found.model.torque_joints,
         "cutoff_hz": found.cutoff_hz,
+        "verdict": found.verdict,
         "warnings": found.warnings,
         "bodies": {link: dict(zip(PARAMETERS, ten, strict=True)) for link, ten in bodies},
         "drive_tables": {joint: drive_table(drive) for joint, drive in robot.drives.items()},

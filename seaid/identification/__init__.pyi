@@ -1,3 +1,8 @@
+from .adequacy import JointFit as JointFit
+from .adequacy import Verdict as Verdict
+from .checking import JointCheck as JointCheck
+from .checking import SetupCheck as SetupCheck
+from .checking import check as check
 from .conditions import Conditions as Conditions
 from .conditions import identify_conditions as identify_conditions
 from .cutoff_sweep import CutoffSensitivity as CutoffSensitivity

@@ -16,8 +16,30 @@ from seaid._files import write_json
 from seaid._progress import Result, counted
 from seaid.errors import Finding, IdentificationError, by_severity, checked
 from seaid.estimation import Estimate, EstimatorName, ModelChecks, estimator_named
-from seaid.identification.datasets import Dataset, Source, datasets_of, processing_of, sources_of
+from seaid.identification.adequacy import (
+    JointFit,
+    Verdict,
+    fit_findings,
+    joint_fits,
+    unused_findings,
+    verdict_of,
+)
+from seaid.identification.checking import (
+    check_channels,
+    check_excitation,
+    log_findings,
+    setup_findings,
+)
+from seaid.identification.datasets import (
+    Dataset,
+    Source,
+    datasets_of,
+    first_motion,
+    processing_of,
+    sources_of,
+)
 from seaid.identification.drive_estimates import with_estimate
+from seaid.identification.experiment import experiment_of
 from seaid.identification.gear import (
     deflection_joints,
     gear_estimates,
@@ -28,12 +50,6 @@ from seaid.identification.gear import (
 )
 from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.linearisation import linearised_robot
-from seaid.identification.log_checks import (
-    check_channels,
-    check_excitation,
-    sign_warnings,
-    unused_findings,
-)
 from seaid.identification.nonlinear_terms import with_fixed_warnings
 from seaid.identification.physical.consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.simultaneous import estimate_simultaneous
@@ -88,6 +104,10 @@ class Identification(Result):
         was measured.
     processing, motions : tuple
         Processing of each log; motions of the logs in memory, for `compared`.
+    findings : tuple of Finding
+        Findings about the set-up, and about the fit of the whole robot.
+    joint_fits : mapping {joint: JointFit}
+        How much of the torque of each joint the model explains.
     """
 
     table_name = "identification_table"
@@ -107,6 +127,8 @@ class Identification(Result):
     gears: Mapping[str, Estimate] = field(default_factory=dict)
     processing: tuple[Processing, ...] = ()
     motions: tuple[Motion, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    joint_fits: Mapping[str, JointFit] = field(default_factory=dict)
 
     def _in_short(self) -> str:
         drives = counted(len(self.drives), "drive")
@@ -126,8 +148,13 @@ class Identification(Result):
         parts = (*self.drives.values(), self.load, *feasible, *self.processing)
         own = [warning for one in parts for warning in one.warnings]
         return by_severity(
-            [*sign_warnings(self), *own, *unused_findings(self), *gear_findings(self)]
+            [*self.findings, *own, *unused_findings(self), *gear_findings(self)]
         )
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Whether to use the result, by its warnings."""
+        return verdict_of(self.warnings, self.joint_fits)
 
     def to_dict(self, validation: Validation | None = None) -> dict[str, Any]:
         """Return the content of `parameters.json` as plain data, null for missing values."""
@@ -218,12 +245,15 @@ def identify(
     selected = robot.selected(torque_joints)  # refuses unknown joints before a log is read
     solver = estimator_named("wls" if estimator == "iv" else estimator)
     sources = sources_of(logs)
-    datasets = datasets_of(robot, sources, cutoff_hz, executor, progress)
     logs_in_memory = [source for source in sources if isinstance(source, Log)]
+    findings = log_findings(robot, logs_in_memory)
+    datasets = datasets_of(robot, sources, cutoff_hz, executor, progress)
     in_memory = [part for log in logs_in_memory for part in stretches(log)]
     if len(logs_in_memory) == len(sources):
         check_excitation(robot, in_memory)
     check_channels(logs_in_memory)
+    experiment = experiment_of(robot, [first_motion(one) for one in datasets])
+    findings += setup_findings(experiment, findings)
     used = joints_with_torque(robot, datasets) if torque_joints is None else selected
     declared, robot = robot, with_rigid_gears(robot, deflection_joints(robot, datasets))
     given = robot
@@ -242,7 +272,11 @@ def identify(
     if robot is not given:
         found = replace(found, drives=with_fixed_warnings(found.drives, given, robot))
     consistent = _feasible(robot, model, found) if feasible else None
-    return identification_of(robot, model, found, datasets, consistent, declared)
+    result = identification_of(robot, model, found, datasets, consistent, declared)
+    bodies = result.robot.parameters + robot.payload_parameters
+    fits = joint_fits(robot.joint_names, found, experiment, bodies)
+    findings += fit_findings(robot.joint_names, found, fits)
+    return replace(result, findings=tuple(findings), joint_fits=fits)
 
 
 def identification_of(

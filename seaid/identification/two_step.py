@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -105,7 +105,8 @@ class RobotEstimate:
 
     `springs` {joint: parameters} are those whose torque is that on the load; `checks` and
     `excluded` by joint, and "load" for the load side. `whole` is the estimate of both sides if they
-    were estimated at once, `fit` the fit of that, or of `load_side`.
+    were estimated at once, `fit` the fit of that, or of `load_side`; `actuators` {joint: fit of its
+    motor equation} if they were estimated in turn.
     """
 
     drives: Mapping[str, Estimate]
@@ -116,6 +117,7 @@ class RobotEstimate:
     checks: Mapping[str, ModelChecks]
     fit: FittedRows
     whole: Estimate | None = None
+    actuators: Mapping[str, FittedRows] = field(default_factory=dict)
 
 
 def estimate_two_step(
@@ -177,6 +179,7 @@ def estimate_two_step(
         }
         | {"load": load.checks(robot.joint_names, model.names[len(model.expressions) :])},
         fit=load,
+        actuators=actuators,
     )
 
 

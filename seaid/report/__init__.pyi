@@ -13,6 +13,8 @@ from .text import identification_table as identification_table
 from .text import log_table as log_table
 from .text import robot_table as robot_table
 from .text import sensors_table as sensors_table
+from .text import setup_table as setup_table
 from .text import table as table
 from .text import terms_table as terms_table
 from .text import validation_table as validation_table
+from .text import warning_lines as warning_lines

@@ -15,6 +15,7 @@ from seaid.report.html_tables import CORRELATED, error_rows, share, short, side_
 from seaid.robot import THIN, is_physical
 
 if TYPE_CHECKING:
+    from seaid.errors import Finding
     from seaid.estimation import Estimate
     from seaid.identification import Identification
     from seaid.report.html_tables import ErrorRow
@@ -52,7 +53,7 @@ def verdict(found: Identification, runs: Sequence[Run], warnings: Sequence[Warni
     unseen = _prediction(error_rows(found, [run for run in runs if run.is_unseen]))
     count = sum(len(one.sentences) for one in warnings)
     raised = f"{_count(count, 'warning')} below" if count else "no warnings"
-    return "; ".join([*estimated, unseen, raised]) + "."
+    return "; ".join([found.verdict.sentence, *estimated, unseen, raised]) + "."
 
 
 def _relative_errors(estimates: Iterable[Estimate]) -> Array:
@@ -78,7 +79,7 @@ def _prediction(rows: Sequence[ErrorRow]) -> str:
 def warnings_of(found: Identification, runs: Sequence[Run]) -> list[Warnings]:
     """Return the warnings by subject, without empty subjects."""
     every = (
-        Warnings("Identification", tuple(_sentence(str(one)) for one in found.warnings)),
+        Warnings("Identification", tuple(_with_code(one) for one in found.warnings)),
         Warnings("Validation", tuple(_of_validation(found, runs))),
         Warnings("Bodies", tuple(_of_bodies(found))),
         Warnings("Poorly determined combinations", tuple(_poorly_determined(found))),
@@ -87,6 +88,12 @@ def warnings_of(found: Identification, runs: Sequence[Run]) -> list[Warnings]:
         Warnings("Standstill", tuple(_excluded(found))),
     )
     return [one for one in every if one.sentences]
+
+
+def _with_code(one: Finding) -> str:
+    """Return a warning with its code and its remedy as a sentence."""
+    remedy = f" {' '.join(one.remedy.split())}" if one.remedy else ""
+    return f"{one.code}: {_sentence(one.message)}{remedy}"
 
 
 def _of_validation(found: Identification, runs: Sequence[Run]) -> Iterator[str]:

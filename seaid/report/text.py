@@ -15,12 +15,14 @@ from seaid.drives import JointParameter
 from seaid.log import has_holes
 
 if TYPE_CHECKING:
+    from seaid.errors import Finding
     from seaid.estimation import Estimate, TermTest
     from seaid.excitation import Excitation
     from seaid.identification import (
         Conditions,
         FeasibleParameters,
         Identification,
+        SetupCheck,
         TermComparison,
         TermSelection,
         Validation,
@@ -196,8 +198,9 @@ def load_table(title: str, found: Identification, truth: Robot | None = None) ->
 
 
 def identification_table(found: Identification) -> Text:
-    """Return the summary of an identification: drives, base parameters, checks and warnings."""
+    """Return the summary of an identification: verdict, warnings, parameters and checks."""
     parts = [
+        *verdict_text(found),
         f"{found.robot.name}: {len(found.load.values)} base parameters from the torques at "
         f"{', '.join(found.model.torque_joints)}; cutoff {found.cutoff_hz:.3g} Hz",
         *_processing_text(found),
@@ -205,9 +208,50 @@ def identification_table(found: Identification) -> Text:
         load_table("Base parameters", found),
         checks_table(found),
         *(_feasible_text(found.feasible) if found.feasible is not None else []),
-        *(f"! {warning}" for warning in found.warnings),
     ]
     return joined(parts)
+
+
+def warning_lines(warnings: Iterable[Finding]) -> list[str]:
+    """Return a line per warning with its code, and one with its remedy."""
+    lines = []
+    for one in warnings:
+        mark = "!" if one.severity == "wrong" else "?" if one.severity == "doubtful" else "-"
+        lines.append(f"{mark} {one.code}: {one.message}")
+        if one.remedy:
+            lines += [f"    {line}" for line in one.remedy.splitlines()]
+    return lines
+
+
+def verdict_text(found: Identification) -> list[str]:
+    """Return the verdict, the warnings, and per joint how much of its torque is unexplained."""
+    lines = [f"{found.robot.name}: {found.verdict.sentence}", *warning_lines(found.warnings)]
+    if not found.joint_fits:
+        return lines
+    header = ["joint", "own logs", "blocks left out", "motor equation", "robot file"]
+    rows = [
+        [joint, *(percent(x) for x in (one.own, one.blocks, one.motor, one.nominal))]
+        for joint, one in found.joint_fits.items()
+    ]
+    title = "Torque left unexplained, of that without its mean (rms)"
+    return [*lines, table(title, header, rows)]
+
+
+def setup_table(found: SetupCheck) -> Text:
+    """Return the numbers of a check of the set-up, and its warnings."""
+    header = ["joint", "swing", "encoder slope", "error by file", "by any bodies", "motor equation"]
+    rows = [
+        [
+            joint,
+            number(one.swing),
+            number(one.encoder_slope),
+            *(percent(error) for error in (one.nominal, one.bodies, one.motor)),
+        ]
+        for joint, one in found.joints.items()
+    ]
+    tables = [table("Torques that the set-up as given leaves unexplained", header, rows)]
+    nothing = [] if found.warnings else ["nothing contradicts the set-up"]
+    return joined([*(tables if rows else []), *warning_lines(found.warnings), *nothing])
 
 
 def _processing_text(found: Identification) -> list[str]:

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from seaid.identification.log_checks import sign_warnings, unused_findings
 
 import seaid
 from seaid.identification.identification import Identification
-from seaid.identification.log_checks import sign_warnings, unused_findings
 from seaid.log.reading import Log
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import measure

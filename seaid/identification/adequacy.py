@@ -1,0 +1,277 @@
+"""How much of the torques the identified model explains, and the verdict on the result.
+
+The model of a joint is compared with what the same rows can do: a constant torque, and the nominal
+bodies of the robot file. The error is given for the own logs, and for blocks of them that were left
+out of the fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from seaid._arrays import Array, FrozenMapping
+from seaid._progress import Display
+from seaid.errors import Finding, IdentificationError, listed
+from seaid.estimation import FittedRows, qr_factor_of, scaled_svd, time_blocks
+from seaid.regressor import INPUT_FIELDS, motor_regressor
+
+if TYPE_CHECKING:
+    from seaid.identification.experiment import Experiment
+    from seaid.identification.identification import Identification
+    from seaid.identification.two_step import RobotEstimate
+    from seaid.regressor import Regression
+
+Level = Literal["good", "good but", "do not use"]
+
+_NOTHING = 0.9
+"""Error of blocks left out, over that of a constant torque, from which a model is of no use."""
+
+_BETTER = 0.7
+"""The nominal bodies are better if their error is below this multiple of the model's."""
+
+_BURST, _WINDOW_S, _MOST_BURSTS, _LEAST_BURST = 6.0, 0.25, 0.2, 0.05
+"""A contact is where the residual of a window exceeds so many times that of the median window
+(rms), unless it does so in more than a part of the windows, or is a small part of the torque."""
+
+
+@dataclass(frozen=True, repr=False)
+class JointFit(Display):
+    """Errors of the torques of one joint, over the rms of their deviation from the mean.
+
+    Attributes
+    ----------
+    own, blocks : float
+        Error on the load side: of the own logs, and of blocks that were left out of the fit.
+    motor : float
+        Error of the motor equation (7) of a spring joint; NaN without one.
+    nominal : float
+        Error of the nominal bodies of the robot file with any friction; NaN without them.
+    """
+
+    own: float
+    blocks: float
+    motor: float
+    nominal: float
+
+
+@dataclass(frozen=True, repr=False)
+class Verdict(Display):
+    """Whether to use a result.
+
+    Attributes
+    ----------
+    level : {"good", "good but", "do not use"}
+        The worst severity of the warnings: notes only, "doubtful", or "wrong".
+    sentence : str
+        The level and its reasons.
+    joints : mapping {joint: JointFit}
+        How much of the torque of each joint the model explains.
+    """
+
+    level: Level
+    sentence: str
+    joints: Mapping[str, JointFit]
+
+
+def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> Verdict:
+    """Return the verdict that follows from the warnings of a result."""
+    for severity, level, start in (
+        ("wrong", "do not use", "do not use this result"),
+        ("doubtful", "good but", "usable with care"),
+    ):
+        reasons = [one for one in warnings if one.severity == severity]
+        if reasons:
+            names = dict.fromkeys(
+                f"{one.code} ({one.joint})" if one.joint else one.code for one in reasons
+            )
+            return Verdict(level, f"{start}: {', '.join(names)}", joints)  # type: ignore[arg-type]
+    return Verdict("good", "good: no warning contradicts the set-up or the model", joints)
+
+
+def joint_fits(
+    joint_names: Sequence[str], found: RobotEstimate, given: Experiment | None
+) -> FrozenMapping[JointFit]:
+    """Return the errors of the torques of all joints with rows in memory; {} without any."""
+    rows, n = found.fit.rows, len(joint_names)
+    if rows is None:
+        return FrozenMapping({}, "joint")
+    theta = (found.load_side if found.whole is None else found.whole).values
+    own, blocks = _errors(rows, rows.H @ theta), _block_errors(found.fit)
+    motors = {joint: _motor_error(joint, found, own, n) for joint in joint_names}
+    nominal = np.full(n, np.nan) if given is None else given.nominal
+    return FrozenMapping(
+        {
+            joint: JointFit(
+                own=own[j],
+                blocks=blocks.get(j, float("nan")),
+                motor=motors[joint],
+                nominal=float(nominal[j]),
+            )
+            for j, joint in enumerate(joint_names)
+            if j in own
+        },
+        "joint",
+    )
+
+
+def _motor_error(joint: str, found: RobotEstimate, own: Mapping[int, float], n: int) -> float:
+    if joint in found.actuators and found.actuators[joint].rows is not None:
+        side = found.actuators[joint]
+        assert side.rows is not None
+        (error,) = _errors(side.rows, side.rows.H @ side.estimate.values).values()
+        return error
+    places = [j for j in own if j >= n and found.fit.rows.joint_names[j - n] == joint]  # type: ignore[union-attr]
+    return own[places[0]] if places else float("nan")
+
+
+def _errors(rows: Regression, computed: Array) -> dict[int, float]:
+    """Return {equation: rms of the error over that of the torque without its mean}."""
+    found = {}
+    for equation in np.unique(rows.joint).tolist():
+        mine = rows.joint == equation
+        size = max(float(np.std(rows.y[mine])), 1e-300)
+        found[int(equation)] = float(np.sqrt(np.mean((rows.y[mine] - computed[mine]) ** 2))) / size
+    return found
+
+
+def _block_errors(fit: FittedRows) -> dict[int, float]:
+    """Return the errors of blocks of the rows, each predicted by the fit of the others."""
+    rows = fit.rows
+    assert rows is not None
+    try:
+        masks = time_blocks(rows)
+    except IdentificationError:  # too few rows
+        return {}
+    equations = np.unique(rows.joint).tolist()
+    weight = dict(zip(fit.qr_factor.equations, fit.weights, strict=True))
+    factors = []
+    for mask in masks:
+        part = qr_factor_of(rows.at(mask))
+        own = np.array([weight.get(one, 0.0) for one in part.equations])
+        factors.append(part.weighted_factor(own))
+    computed = np.empty(len(rows.y))
+    for place, mask in enumerate(masks):
+        R = np.concatenate([one for other, one in enumerate(factors) if other != place])
+        computed[mask] = rows.H[mask] @ scaled_svd(R[:, :-1]).solve(R[:, -1])
+    return _errors(rows, computed) if equations else {}
+
+
+def fit_findings(
+    joint_names: Sequence[str], found: RobotEstimate, joints: Mapping[str, JointFit]
+) -> Iterator[Finding]:
+    """Yield the joints whose torque the model does not explain, and bursts of their residual."""
+    for joint, one in joints.items():
+        error = one.blocks if np.isfinite(one.blocks) else one.own
+        evidence = {"error": one.own, "error of blocks left out": one.blocks}
+        if error > _NOTHING:
+            yield Finding(
+                "no-fit",
+                f"the model explains nothing of the torque on the load of {joint}: its error is "
+                f"{one.own:.0%} of the torque in the own logs and {error:.0%} in blocks left out, "
+                "that of a constant 100%",
+                joint,
+                "wrong",
+                evidence,
+                "check signs, units and zeros of this joint, or exclude its torque: "
+                "option: --torque-joints",
+                "certain",
+            )
+        elif one.nominal < _BETTER * error:
+            yield Finding(
+                "no-fit",
+                f"the bodies of the robot file predict the torque of {joint} better, with an error "
+                f"of {one.nominal:.1%}, than the identified ones, with {error:.1%}",
+                joint,
+                "doubtful",
+                {**evidence, "error of the nominal bodies": one.nominal},
+                "record a longer motion that moves this joint and those behind it more",
+            )
+    rows = found.fit.rows
+    if rows is not None:
+        theta = (found.load_side if found.whole is None else found.whole).values
+        yield from _contacts(joint_names, rows, rows.y - rows.H @ theta)
+
+
+def _contacts(joint_names: Sequence[str], rows: Regression, residual: Array) -> Iterator[Finding]:
+    """Yield the times at which residuals of several windows are far beyond those of the others."""
+    bursts: dict[float, set[str]] = {}
+    for j, joint in enumerate(joint_names):
+        for run in np.unique(rows.run[rows.joint == j]).tolist():
+            mine = (rows.joint == j) & (rows.run == run)
+            window = np.floor(rows.time[mine] / _WINDOW_S)
+            starts = np.unique(window)
+            size = np.array(
+                [np.sqrt(np.mean(residual[mine][window == start] ** 2)) for start in starts]
+            )
+            least = _LEAST_BURST * float(np.std(rows.y[mine]))
+            far = size > max(_BURST * float(np.median(size)), least)
+            if len(size) >= 8 and 0 < np.mean(far) < _MOST_BURSTS:
+                for start in starts[far].tolist():
+                    bursts.setdefault(start * _WINDOW_S, set()).add(joint)
+    if not bursts:
+        return
+    times = sorted(bursts)
+    joints = sorted(set.union(*bursts.values()), key=list(joint_names).index)
+    start, end = times[0], times[-1] + _WINDOW_S
+    yield Finding(
+        "contact",
+        f"between {start:.2f} and {end:.2f} s the torques of {', '.join(joints)} are far from the "
+        f"model, more than {_BURST:g} times as far as at other times: contact, or a hand",
+        joints[0],
+        "doubtful",
+        {"start [s]": start, "end [s]": end},
+        f"in the description of the log:\nexclude_s = [[{start:.3f}, {end:.3f}]]",
+    )
+
+
+_CHANNELS = (*INPUT_FIELDS.values(), "joint_torque")
+
+
+def unused_findings(found: Identification) -> tuple[Finding, ...]:
+    """Return notes on parameters of drives that no equation has, and on channels without use."""
+    return tuple(chain(_missing_parameters(found), _unused_channels(found)))
+
+
+def _missing_parameters(found: Identification) -> Iterator[Finding]:
+    """Yield a note for every elastic joint whose motor equation (7) the log does not have."""
+    for joint in found.known.elastic_joints:
+        drive, own = found.known.drives[joint], found.drives[joint].names
+        names = motor_regressor(found.known, joint).names
+        missing = [name.replace("_", " ") for name in names if name not in own]
+        if missing:
+            message = (
+                f"the log has the joint torque of {joint} and not its motor {drive.motor_input}, "
+                f"which alone would identify {listed(missing)}"
+            )
+            yield Finding("unidentifiable", message, joint, "note", certainty="certain")
+
+
+def _unused_channels(found: Identification) -> Iterator[Finding]:
+    """Yield a note for every kind of torque channel that is in the log and in no equation."""
+    robot = found.known
+    joints = [one for one in robot.joint_names if one in found.model.torque_joints]
+    own = {joint: INPUT_FIELDS[robot.drives[joint].motor_input] for joint in joints}
+    for channel in _CHANNELS:
+        unused = [
+            joint
+            for joint in joints
+            if channel != own[joint] and _is_logged(found, channel, joint)
+            if channel != "joint_torque" or not robot.drives[joint].is_elastic
+            if channel != "joint_torque" or _is_logged(found, own[joint], joint)
+        ]
+        if unused:
+            name = channel.replace("_", " ")
+            message = f"the {name} of {listed(unused)} is in the log and in no equation"
+            joint = unused[0] if len(unused) == 1 else ""
+            yield Finding("unused-channel", message, joint, "note", certainty="certain")
+
+
+def _is_logged(found: Identification, channel: str, joint: str) -> bool:
+    """Whether a log in memory has a channel of a joint."""
+    index = found.known.index(joint)
+    values = [getattr(motion, channel) for motion in found.motions]
+    return any(one is not None and bool(np.any(np.isfinite(one[:, index]))) for one in values)

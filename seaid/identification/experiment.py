@@ -1,0 +1,229 @@
+"""An experiment at some hundred instants: its signals, what was given, and what that explains.
+
+Four misfits judge a set-up: how well the nominal bodies of the robot file predict the torque of
+each joint, how well any bodies do, how well the motor equation (7) of a spring joint holds, and how
+well the encoders of both sides agree. Friction that would drive the joint counts as misfit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.identification.two_step import INPUT_FIELDS
+from seaid.log import Motion, in_band_at, row_samples
+from seaid.regressor import regressor_at_drives
+from seaid.robot import Robot, torques_at_drives
+
+INSTANTS = 300
+"""Instants at which hypotheses are compared."""
+
+_WINDOWS, _WINDOW_SAMPLES = 5, 4000
+"""Windows of a longer motion from which these instants are taken, evenly over its time."""
+
+_FLOORS = {"nominal": 0.05, "free": 0.03, "motor": 0.03, "encoders": 0.02}
+"""Misfits that count as none: by bodies of the robot file, by any bodies, of the motor equation, of
+one encoder by the other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """A motion at R instants, below the cutoff, with what was given about the robot.
+
+    `motor` and `joint` (3, R, n): position, velocity and acceleration of both sides; `direction`
+    (R, n): the sign of the motor speed; `torque` and `sensed` (R, n): of motor and joint, NaN
+    without the sensor; `both` (n,): whether both encoders were logged; `ratio`, `inertia` (n,):
+    gear ratios and rotor inertias; `bodies` (10n,): standard parameters with payloads.
+    """
+
+    robot: Robot
+    motor: Array
+    joint: Array
+    direction: Array
+    torque: Array
+    sensed: Array
+    both: Array
+    ratio: Array
+    inertia: Array
+    bodies: Array
+
+    @cached_property
+    def lever(self) -> Array:
+        """N r_L / r_M (n,): the torque on the load per torque of the motor."""
+        drives = self.robot.drives.values()
+        return np.asarray(self.ratio * [one.load_radius / one.motor_radius for one in drives])
+
+    @cached_property
+    def target(self) -> Array:
+        """Torque on the load (R, n): sensed, or of the motor without that on its rotor."""
+        of_motor = self.lever * (self.torque - self.inertia * self.motor[2])
+        return np.asarray(np.where(np.isnan(self.torque), self.sensed, of_motor))
+
+    @cached_property
+    def used(self) -> list[int]:
+        """Joints with a torque that changes."""
+        return [j for j in range(self.robot.n) if np.std(self.target[:, j]) > 0]
+
+    @cached_property
+    def regressor(self) -> Array:
+        """The regressor (R, n, 10n) of the rigid bodies."""
+        return regressor_at_drives(self.robot, *self.joint)
+
+    @cached_property
+    def friction(self) -> Array:
+        """Columns (n, R, 3) of viscous friction, Coulomb friction and a constant."""
+        ones = np.ones_like(self.direction)
+        scaled = self.motor[1] / np.maximum(np.max(np.abs(self.motor[1]), axis=0), 1e-300)
+        return np.stack([scaled, self.direction, ones], axis=-1).swapaxes(0, 1)
+
+    @cached_property
+    def nominal(self) -> Array:
+        """Misfit (n,) of the nominal bodies with any friction, NaN without nominal bodies."""
+        found = np.full(self.robot.n, np.nan)
+        if np.all(np.isfinite(self.bodies)):
+            left = self.target - self.regressor @ self.bodies
+            for j in self.used:
+                found[j] = self._misfit(j, left[:, j], self.friction[j])
+        return found
+
+    @cached_property
+    def free(self) -> Array:
+        """Misfit (n,) of any bodies with any friction."""
+        used, n, count = self.used, self.robot.n, len(self.target)
+        found = np.full(n, np.nan)
+        if not used:
+            return found
+        H = np.zeros((count, len(used), 13 * n))
+        H[:, :, : 10 * n] = self.regressor[:, used]
+        for place, j in enumerate(used):
+            H[:, place, 10 * n + 3 * j : 10 * n + 3 * j + 3] = self.friction[j]
+        weight = 1.0 / np.std(self.target[:, used], axis=0)
+        A = (H * weight[:, None]).reshape(-1, 13 * n)
+        b = (self.target[:, used] * weight).ravel()
+        size = np.linalg.norm(A, axis=0)
+        size[size < 1e-9 * np.max(size)] = np.inf
+        x = np.linalg.lstsq(A / size, b, rcond=1e-6)[0] / size
+        left = (b - A @ x).reshape(count, -1)
+        for place, j in enumerate(used):
+            own = x[10 * n + 3 * j : 10 * n + 3 * j + 2] / weight[place]
+            found[j] = self._size(j, left[:, place] / weight[place], own)
+        return found
+
+    @cached_property
+    def of_motors(self) -> Array:
+        """Misfit (n,) of the motor equation (7) with any spring and friction, else NaN."""
+        found = np.full(self.robot.n, np.nan)
+        for j in self._elastic:
+            stretch = self.motor[0][:, j] / self.lever[j] - self.joint[0][:, j]
+            columns = np.column_stack([self.friction[j], stretch])
+            y = self.torque[:, j] - self.inertia[j] * self.motor[2][:, j]
+            found[j] = self._misfit(j, y, columns, stretch=3)
+        return found
+
+    @cached_property
+    def of_encoders(self) -> Array:
+        """Misfit (n,) between both encoders, but for a constant and a deflection by the torque."""
+        found = np.full(self.robot.n, np.nan)
+        for j in np.flatnonzero(self.both).tolist():
+            apart = self.motor[0][:, j] / self.lever[j] - self.joint[0][:, j]
+            moved = float(np.std(self.joint[0][:, j]))
+            torque = self.target[:, j] if j in self.used else np.zeros(len(apart))
+            H = np.column_stack([np.ones(len(apart)), torque / max(float(np.std(torque)), 1e-300)])
+            left = apart - H @ np.linalg.lstsq(H, apart, rcond=1e-9)[0]
+            found[j] = float(np.std(left)) / max(moved, 1e-300)
+        return found
+
+    @cached_property
+    def misfits(self) -> dict[str, Array]:
+        """All misfits (n,) by kind."""
+        own = {"nominal": self.nominal, "free": self.free}
+        return own | {"motor": self.of_motors, "encoders": self.of_encoders}
+
+    @property
+    def _elastic(self) -> list[int]:
+        names = self.robot.elastic_joints
+        known = [self.robot.index(joint) for joint in names]
+        return [j for j in known if j in self.used and np.all(np.isfinite(self.torque[:, j]))]
+
+    def _misfit(self, j: int, y: Array, columns: Array, stretch: int | None = None) -> float:
+        """Return the misfit of joint j: of y (R,) by columns (R, k), friction first."""
+        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        x = np.linalg.lstsq(columns / size, y, rcond=None)[0] / size
+        left = y - columns @ x
+        if stretch is None:
+            return self._size(j, left, x[:2])
+        # a spring of negative stiffness explains nothing
+        spring = columns[:, stretch] * x[stretch]
+        wrong = float(np.std(spring)) if x[stretch] * self.lever[j] < 0 else 0.0
+        misfit = self._size(j, left, x[:2], float(np.std(y)))
+        return float(np.hypot(misfit, wrong / max(float(np.std(y)), 1e-300)))
+
+    def _size(self, j: int, left: Array, friction: Array, size: float = 0.0) -> float:
+        """Return the rms of a residual and of friction that drives, over that of the torque."""
+        size = size or float(np.std(self.target[:, j]))
+        torque, speed = self.friction[j][:, :2] @ friction, self.motor[1][:, j]
+        power = float(np.mean(torque * speed)) * float(np.sign(self.lever[j]))
+        drives = max(-power, 0.0) / max(float(np.std(speed)), 1e-300)
+        return float(np.hypot(np.std(left), drives)) / max(size, 1e-300)
+
+    def cost(self, kind: str) -> float:
+        """Return the sum of the log squares of one kind of misfit."""
+        misfit = self.nominal if kind == "nominal" else self.misfits[kind]
+        return float(np.nansum(np.log(np.minimum(misfit, 2.0) ** 2 + _FLOORS[kind] ** 2)))
+
+
+def experiment_of(robot: Robot, motions: Sequence[Motion]) -> Experiment:
+    """Return the experiment at `INSTANTS` instants of all motions."""
+    windows = [part for motion in motions for part in _windows(motion)]
+    parts = [_sampled(robot, part, max(1, INSTANTS // len(windows))) for part in windows]
+    motor, joint, direction, torque, sensed = (
+        np.concatenate(one, axis=-2) for one in zip(*parts, strict=True)
+    )
+    drives = robot.drives.values()
+    ratio = np.array([drive.ratio for drive in drives])
+    apart = motor[0] - ratio * joint[0]
+    both = np.ptp(apart, axis=0) > 1e-9 * np.ptp(motor[0], axis=0)
+    inertia = np.array([drive.values.get("motor_inertia", 0.0) for drive in drives])
+    bodies = robot.parameters + robot.payload_parameters
+    return Experiment(robot, motor, joint, direction, torque, sensed, both, ratio, inertia, bodies)
+
+
+def _windows(motion: Motion) -> list[Motion]:
+    """Return the motion, or windows of it if it is long."""
+    count = len(motion.time)
+    size = max(_WINDOW_SAMPLES, round(6 * motion.transient_s * motion.rate_hz))
+    if count <= _WINDOWS * size:
+        return [motion]
+    starts = np.linspace(0, count - size, _WINDOWS).astype(int).tolist()
+    return [motion.samples(slice(start, start + size)) for start in starts]
+
+
+def _sampled(robot: Robot, motion: Motion, most: int) -> tuple[Array, ...]:
+    rows = row_samples(motion)
+    rows = rows[:: max(1, math.ceil(len(rows) / most))]
+    filtered = partial(in_band_at, motion, samples=rows)
+    speed = motion.motor_velocity
+    sides = [
+        [getattr(motion, f"{side}_{name}") for name in ("position", "velocity", "acceleration")]
+        for side in ("motor", "joint")
+    ]
+    motor, joint = (np.stack([filtered(one) for one in side]) for side in sides)
+    torques = [
+        np.where(np.isnan(one[0]), np.nan, filtered(np.nan_to_num(one)))
+        for one in (
+            _of_motors(robot, motion),
+            torques_at_drives(robot.transmission, motion.joint_torque),
+        )
+    ]
+    return motor, joint, filtered(np.sign(speed)), *torques
+
+
+def _of_motors(robot: Robot, motion: Motion) -> Array:
+    """Return the motor torque (T, n), NaN for drives whose current or voltage was logged."""
+    inputs = np.array([INPUT_FIELDS[drive.motor_input] for drive in robot.drives.values()])
+    return np.where(inputs == "motor_torque", motion.motor_torque, np.nan)

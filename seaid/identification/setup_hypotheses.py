@@ -1,0 +1,616 @@
+"""Mistakes of a set-up as hypotheses: what a model explains if a sign, a unit or a place differs.
+
+A hypothesis changes the experiment: a channel, a drive, gravity, a payload. What explains far more
+than the set-up as given is a finding, and the search goes on from there, so that two mistakes are
+found in turn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import combinations
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.errors import Certainty, Finding, Severity
+from seaid.identification.experiment import Experiment
+from seaid.log import column_names
+from seaid.regressor import regressor_at_drives
+from seaid.robot import Robot
+
+_GAIN = 2.0
+"""Least decrease of the sum of log squared misfits: one that falls by a factor of e."""
+
+_MOST_MISTAKES = 4
+"""Mistakes that are looked for one after the other."""
+
+_SUSPICIOUS, _BARELY, _TIMES = 0.12, 0.04, 3.0
+"""The set-up is compared with others from this misfit on (rms over that of the torque), or from the
+second one if the nominal bodies have so many times the misfit of any bodies."""
+
+
+_WORSE = 1.5
+"""Most that a hypothesis may increase the cost of one kind of misfit."""
+
+_TIE = 1.0
+"""Hypotheses whose gains differ by less cannot be told apart."""
+
+_SHORTLIST = 12
+"""Hypotheses, best by the nominal bodies, whose other misfits are computed too."""
+
+_DEGREE = math.pi / 180
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A possible mistake: how to undo it, and the finding if it explains the log."""
+
+    code: str
+    message: str
+    undo: Callable[[Experiment], Experiment]
+    joint: str = ""
+    remedy: str = ""
+    severity: Severity = "wrong"
+    evidence: dict[str, float] = field(default_factory=dict)
+    penalty: float = 0.0
+
+
+def mistakes(given: Experiment) -> tuple[list[Finding], Experiment]:
+    """Return the mistakes that explain an experiment far better, and it without them."""
+    found: list[Finding] = []
+    while len(found) < _MOST_MISTAKES and _is_suspicious(given):
+        best = _best(given)
+        if best is None:
+            break
+        finding, given = best
+        found.append(finding)
+    return found, given
+
+
+def _is_suspicious(one: Experiment) -> bool:
+    """Whether a misfit is larger than that of a right set-up."""
+    beyond = (one.nominal > _BARELY) & (one.nominal > _TIMES * one.free)
+    largest = max(np.nanmax(misfit, initial=0.0) for misfit in one.misfits.values())
+    return bool(largest > _SUSPICIOUS or np.any(beyond))
+
+
+def _best(given: Experiment) -> tuple[Finding, Experiment] | None:
+    """Return the finding of the hypothesis that explains most, and the experiment without it."""
+    quick = "nominal" if np.any(np.isfinite(given.nominal)) else "free"
+    tried = [(one, one.undo(given)) for one in hypotheses(given)]
+    tried.sort(key=lambda pair: pair[1].cost(quick) + pair[0].penalty)
+    gains = [
+        (_gain(given, changed) - one.penalty, one, changed) for one, changed in tried[:_SHORTLIST]
+    ]
+    gains.sort(key=lambda entry: -entry[0])
+    if not gains or gains[0][0] < _GAIN:
+        return None
+    gain, one, changed = gains[0]
+    close = [
+        other for value, other, _ in gains[1:] if value > gain - _TIE and other.code != one.code
+    ]
+    certainty: Certainty = "possible" if close else "likely" if gain < 3 * _GAIN else "certain"
+    before, after = (_worst(misfit) for misfit in (given, changed))
+    evidence = {**one.evidence, "misfit as given": before, "misfit without it": after}
+    instead = f"; or {close[0].message}" if close else ""
+    message = (
+        f"{one.message}: what is left unexplained falls from {before:.0%} to {after:.0%} of the "
+        f"torque at the worst joint{instead}"
+    )
+    finding = Finding(one.code, message, one.joint, one.severity, evidence, one.remedy, certainty)
+    return finding, changed
+
+
+def _gain(given: Experiment, changed: Experiment) -> float:
+    """Return the decrease of the cost; -inf if the hypothesis contradicts a kind of evidence."""
+    gains = [given.cost(kind) - changed.cost(kind) for kind in given.misfits]
+    return sum(gains) if min(gains) > -_WORSE else -math.inf
+
+
+def _worst(one: Experiment) -> float:
+    """Return the largest misfit of any joint, by the nominal bodies if there are any."""
+    return float(max(np.nanmax(misfit, initial=0.0) for misfit in one.misfits.values()))
+
+
+def hypotheses(given: Experiment) -> Iterator[Hypothesis]:
+    """Yield the mistakes that are possible."""
+    uncoupled = np.array_equal(given.robot.transmission, np.eye(given.robot.n))
+    for j in given.used:
+        yield from _torques(given, j)
+        if uncoupled:
+            yield from _signs(given, j)
+            yield from _positions(given, j)
+    if uncoupled:
+        for i, j in combinations(range(given.robot.n), 2):
+            yield from _swaps(given, i, j)
+    yield from _whole(given)
+
+
+def _entry(given: Experiment, j: int, quantities: Sequence[str], keys: str) -> str:
+    """Return the lines of a description that change quantities of a joint."""
+    joint = given.robot.joint_names[j]
+    names = column_names(joint, given.robot.is_prismatic[j])
+    columns = {quantity: name for name, quantity in names.items()}
+    lines = [f'{one} = {{ column = "{columns[one]}", {keys} }}' for one in quantities]
+    return "\n".join(["in the description of the log:", f"[joints.{joint}]", *lines])
+
+
+_TEXTS = {"q": "joint_position", "m": "motor_position", "t": "motor_torque"}
+_WORDS = {"q": "joint encoder", "m": "motor encoder", "t": "torque"}
+
+
+def _quantities(given: Experiment, j: int, channels: str) -> list[str]:
+    """Return the logged quantities of a joint for channels of q, m and t."""
+    found = [_TEXTS[one] for one in channels]
+    if np.all(np.isnan(given.torque[:, j])):
+        found = ["joint_torque" if one == "motor_torque" else one for one in found]
+    return found
+
+
+def flipped(given: Experiment, j: int, channels: str) -> Experiment:
+    """Return the experiment with the opposite sign of some channels of joint j."""
+    return scaled(given, j, dict.fromkeys(channels, -1.0))
+
+
+def scaled(given: Experiment, j: int, factors: dict[str, float]) -> Experiment:
+    """Return the experiment with channels (q, m, t) of joint j multiplied by factors."""
+    own = np.arange(given.robot.n) == j
+    factor = {one: np.where(own, factors.get(one, 1.0), 1.0) for one in "qmt"}
+    return replace(
+        given,
+        joint=given.joint * factor["q"],
+        motor=given.motor * factor["m"],
+        direction=given.direction * np.sign(factor["m"]),
+        torque=given.torque * factor["t"],
+        sensed=given.sensed * factor["t"],
+    )
+
+
+def _signs(given: Experiment, j: int) -> Iterator[Hypothesis]:
+    joint = given.robot.joint_names[j]
+    sides = "qm" if given.both[j] else ("m" if given.robot.drives[joint].ratio != 1 else "q")
+    choices = ["t", "qm", "qmt"]
+    if given.both[j]:
+        product = float(np.mean(given.motor[1][:, j] * given.joint[1][:, j]) * given.ratio[j])
+        choices = choices if product > 0 else ["q", "m", "qt"]
+        if product < 0:
+            yield Hypothesis(
+                "gear-ratio",
+                f"the gear ratio of {joint} has the wrong sign: its gear reverses",
+                partial(_with_ratio, j=j, factor=-1.0),
+                joint,
+                _ratio_remedy(given, j, -1.0),
+                evidence={"given ratio": float(given.ratio[j])},
+            )
+    for channels in choices:
+        logged = "".join(one for one in channels if one == "t" or one in sides)
+        words = " and ".join(_WORDS[one] for one in logged)
+        whole = f"the whole joint {joint} has the opposite sign, {words}"
+        yield Hypothesis(
+            "sign",
+            whole if channels == "qmt" else f"the {words} of {joint} has the opposite sign",
+            partial(flipped, j=j, channels=channels),
+            joint,
+            _entry(given, j, _quantities(given, j, logged), "sign = -1"),
+            penalty=0.0 if channels in ("t", "qmt", "q", "m") else 1.0,
+        )
+
+
+def _with_ratio(given: Experiment, j: int, factor: float) -> Experiment:
+    """Return the experiment with another gear ratio, and the side that it was computed from."""
+    ratio = given.ratio.copy()
+    ratio[j] *= factor
+    joint = given.joint.copy()
+    if not given.both[j]:
+        joint[:, :, j] /= factor
+    return replace(given, ratio=ratio, joint=joint)
+
+
+def _ratio_remedy(given: Experiment, j: int, factor: float) -> str:
+    joint = given.robot.joint_names[j]
+    key = "gear_ratio_rad_per_m" if _is_linear(given.robot, j) else "gear_ratio"
+    return f"in the drives file:\n[{joint}]\n{key} = {given.ratio[j] * factor:.6g}"
+
+
+def _is_linear(robot: Robot, j: int) -> bool:
+    return robot.is_prismatic[j] and not robot.drives[robot.joint_names[j]].is_elastic
+
+
+def _positions(given: Experiment, j: int) -> Iterator[Hypothesis]:
+    """Yield units of angles and gear ratios."""
+    joint = given.robot.joint_names[j]
+    sides = "qm" if given.both[j] else "m"
+    if not given.robot.is_prismatic[j]:
+        yield Hypothesis(
+            "unit",
+            f"the positions of {joint} are in degrees",
+            partial(scaled, j=j, factors=dict.fromkeys("qm", _DEGREE)),
+            joint,
+            _entry(given, j, _quantities(given, j, sides), 'unit = "deg"'),
+        )
+    if given.both[j]:
+        yield from _encoders(given, j)
+    for factor in () if given.both[j] else (0.5, 2.0):
+        yield Hypothesis(
+            "gear-ratio",
+            f"the gear ratio of {joint} is {given.ratio[j] * factor:.4g}, not {given.ratio[j]:.4g}",
+            partial(_with_ratio, j=j, factor=factor),
+            joint,
+            _ratio_remedy(given, j, factor),
+            evidence={"given ratio": float(given.ratio[j])},
+        )
+
+
+_SAME_SLOPE = 0.05
+"""Relative difference of the encoders' slope from the gear ratio that springs and noise explain."""
+
+
+def encoder_slope(given: Experiment, j: int) -> float:
+    """Return the motor angle per joint angle over the gear ratio, without the spring's deflection.
+
+    The deflection is proportional to the torque, which is a column of the regression beside the
+    joint angle (the reduced major axis of both speeds without a torque).
+    """
+    columns = [given.joint[0][:, j], np.ones(len(given.direction))]
+    torque = given.target[:, j]
+    if np.all(np.isfinite(torque)) and np.std(torque) > 0:
+        columns.append(torque)
+    H = np.column_stack(columns)
+    size = np.maximum(np.linalg.norm(H, axis=0), 1e-300)
+    x = np.linalg.lstsq(H / size, given.motor[0][:, j], rcond=1e-9)[0] / size
+    return float(x[0] / given.lever[j])
+
+
+def _encoders(given: Experiment, j: int) -> Iterator[Hypothesis]:
+    """Yield gear ratios and units that the slope between the encoders of a joint suggests."""
+    joint, slope = given.robot.joint_names[j], abs(encoder_slope(given, j))
+    if abs(slope - 1) < _SAME_SLOPE or not 1e-6 < slope < 1e6:
+        return
+    for channel, factor in (("m", _DEGREE), ("q", 1 / _DEGREE)):
+        if abs(math.log(slope * factor)) < _SAME_SLOPE * 3:
+            yield Hypothesis(
+                "unit",
+                f"the {_WORDS[channel]} of {joint} is in degrees",
+                partial(scaled, j=j, factors={channel: _DEGREE}),
+                joint,
+                _entry(given, j, _quantities(given, j, channel), 'unit = "deg"'),
+                evidence={"slope between the encoders over the gear ratio": slope},
+            )
+    for factor in _near(slope):
+        yield Hypothesis(
+            "gear-ratio",
+            f"the gear ratio of {joint} is {given.ratio[j] * factor:.4g} by its two encoders, not "
+            f"{given.ratio[j]:.4g}",
+            partial(_with_ratio, j=j, factor=factor),
+            joint,
+            _ratio_remedy(given, j, factor),
+            evidence={"slope between the encoders over the gear ratio": slope},
+        )
+
+
+_USUAL = (2.0, 3.0, 4.0, 5.0, 10.0, 100.0, 1000.0)
+
+
+def _near(factor: float, *others: float) -> list[float]:
+    """Return a factor, and the usual ones within a fifth of it: mistakes are often round."""
+    usual = [*_USUAL, *others, *(1 / one for one in (*_USUAL, *others))]
+    return [*(one for one in usual if abs(math.log(factor / one)) < 0.2), factor]
+
+
+def _slopes(given: Experiment, j: int) -> tuple[float, float]:
+    """Return the torque over that of the nominal bodies, and the rotor inertia over the given."""
+    columns = np.column_stack([given.regressor[:, j] @ given.bodies, given.friction[j]])
+    y = given.lever[j] * given.torque[:, j]
+    if np.all(np.isnan(y)):
+        y = given.sensed[:, j]
+    rotor = given.lever[j] * given.motor[2][:, j]
+    if given.inertia[j] > 0 and np.all(np.isfinite(given.torque[:, j])):
+        columns = np.column_stack([columns, given.inertia[j] * rotor])
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    x = np.linalg.lstsq(columns / size, y, rcond=None)[0] / size
+    return float(x[0]), float(x[-1]) if columns.shape[1] == 5 else math.nan
+
+
+_UNITS = {"mNm": 1e3, "kNm": 1e-3, "uNm": 1e6}
+"""{unit of a torque: its value over that in N m}."""
+
+_FAR_FACTOR = 20.0
+"""A factor on a torque beyond this is a unit, not an error of a constant."""
+
+
+def _torques(given: Experiment, j: int) -> Iterator[Hypothesis]:
+    """Yield factors on the torque of a joint, and its rotor inertia."""
+    if not np.all(np.isfinite(given.bodies)):
+        return
+    joint = given.robot.joint_names[j]
+    slope, rotor = _slopes(given, j)
+    if slope > 0:
+        yield _factor(given, [j], slope, f"the torque of {joint}", joint)
+    if not (math.isfinite(rotor) and rotor > 0):
+        return
+    for factor in _near(rotor, given.lever[j] ** 2):
+        inertia = given.inertia.copy()
+        inertia[j] *= factor
+        yield Hypothesis(
+            "rotor-inertia",
+            f"the rotor inertia of {joint} is {inertia[j]:.3g} kg m^2, not {given.inertia[j]:.3g}",
+            partial(_with_inertia, inertia=inertia),
+            joint,
+            f"in the drives file:\n[{joint}]\nmotor_inertia_kg_m2 = {inertia[j]:.4g}",
+            evidence={"ratio": factor},
+            penalty=0.0 if factor != rotor else 0.2,
+        )
+
+
+def _with_inertia(given: Experiment, inertia: Array) -> Experiment:
+    return replace(given, inertia=inertia)
+
+
+def _factor(
+    given: Experiment, joints: Sequence[int], slope: float, words: str, joint: str
+) -> Hypothesis:
+    """Return the hypothesis of a factor on the torques of some joints."""
+    unit = min(_UNITS, key=lambda name: abs(math.log(slope / _UNITS[name])))
+    is_unit = abs(math.log(slope)) > math.log(_FAR_FACTOR)
+    exact = is_unit and abs(math.log(slope / _UNITS[unit])) < math.log(2.0)
+    keys = f'unit = "{unit}"' if exact else f"scale = {1 / slope:.4g}"
+    text = f"in {unit}" if exact else f"{slope:.3g} times too large"
+
+    def undo(one: Experiment) -> Experiment:
+        for j in joints:
+            one = scaled(one, j, {"t": 1 / (_UNITS[unit] if exact else slope)})
+        return one
+
+    entries = [_entry(given, j, _quantities(given, j, "t"), keys) for j in joints]
+    remedy = "\n".join([entries[0], *(one.split("\n", 1)[1] for one in entries[1:])])
+    return Hypothesis(
+        "unit" if is_unit else "torque-scale",
+        f"{words} {'are' if not joint else 'is'} {text}",
+        undo,
+        joint,
+        remedy,
+        "wrong" if is_unit else "doubtful",
+        {"factor": slope},
+    )
+
+
+def _swaps(given: Experiment, i: int, j: int) -> Iterator[Hypothesis]:
+    names = [given.robot.joint_names[one] for one in (i, j)]
+    choices = ["qmt", "qm", "t"]
+    if given.both[i] and given.both[j]:
+        choices += ["q", "m"]
+    for channels in choices:
+        logged = [one for one in channels if one != "q" or given.both[i]]
+        every = " and ".join(f"{_WORDS[one]}s" for one in logged)
+        words = "channels" if channels == "qmt" else every
+        yield Hypothesis(
+            "swapped-joints",
+            f"the {words} of {names[0]} and {names[1]} are exchanged",
+            partial(swapped, pair=[i, j], channels=channels),
+            names[0],
+            _swap_remedy(given, (i, j), "".join(logged)),
+        )
+
+
+def swapped(given: Experiment, pair: list[int], channels: str) -> Experiment:
+    """Return the experiment with channels (q, m, t) of two joints exchanged."""
+    order = np.arange(given.robot.n)
+    order[pair] = order[pair[::-1]]
+    found = given
+    if "m" in channels:
+        found = replace(found, motor=found.motor[:, :, order], direction=found.direction[:, order])
+    if "t" in channels:
+        found = replace(found, torque=found.torque[:, order], sensed=found.sensed[:, order])
+    if "q" in channels:
+        joint = found.joint[:, :, order]
+        for one in pair:  # the side without an encoder was computed from the motor's
+            if not given.both[one] and "m" in channels:
+                joint[:, :, one] = found.motor[:, :, one] / given.ratio[one]
+        found = replace(found, joint=joint)
+    return found
+
+
+def _swap_remedy(given: Experiment, pair: tuple[int, int], channels: str) -> str:
+    lines = ["in the description of the log:"]
+    for own, other in (pair, pair[::-1]):
+        name = given.robot.joint_names[other]
+        columns = {v: k for k, v in column_names(name, given.robot.is_prismatic[other]).items()}
+        lines.append(f"[joints.{given.robot.joint_names[own]}]")
+        lines += [
+            f'{one} = {{ column = "{columns[one]}" }}'
+            for one in _quantities(given, other, channels)
+        ]
+    return "\n".join(lines)
+
+
+def _whole(given: Experiment) -> Iterator[Hypothesis]:
+    """Yield mistakes that concern all joints: units of all torques, gravity, lengths, payloads."""
+    if not np.all(np.isfinite(given.bodies)) or not given.used:
+        return
+    if len(given.used) > 1:
+        slopes = [_slopes(given, j)[0] for j in given.used]
+        middle = float(np.median(slopes))
+        if middle > 0:
+            yield _factor(given, given.used, middle, "the torques of all joints", "")
+            yield Hypothesis(
+                "nominal-values",
+                f"the torques are {middle:.3g} times those of the masses in the robot file: wrong "
+                "nominal values, or a payload that was not given",
+                partial(_with_bodies, bodies=middle * given.bodies),
+                severity="note",
+                remedy="correct the masses in the robot file, or name the payload",
+                evidence={"factor": middle},
+                penalty=0.5,
+            )
+        if not np.any(given.robot.is_prismatic):
+            yield _degrees(given)
+    yield from _gravities(given)
+    yield from _lengths(given)
+    yield from _payloads(given)
+
+
+def _degrees(given: Experiment) -> Hypothesis:
+    joints = range(given.robot.n)
+
+    def undo(one: Experiment) -> Experiment:
+        for j in joints:
+            one = scaled(one, j, {"q": _DEGREE, "m": _DEGREE})
+        return one
+
+    entries = [
+        _entry(given, j, _quantities(given, j, "qm" if given.both[j] else "m"), 'unit = "deg"')
+        for j in joints
+    ]
+    remedy = "\n".join([entries[0], *(one.split("\n", 1)[1] for one in entries[1:])])
+    return Hypothesis("unit", "the positions of all joints are in degrees", undo, "", remedy)
+
+
+def _with_gravity(given: Experiment, gravity: Array) -> Experiment:
+    model = given.robot.model.copy()
+    model.gravity.linear = gravity
+    return replace(given, robot=replace(given.robot, model=model))
+
+
+def _gravities(given: Experiment) -> Iterator[Hypothesis]:
+    """Yield the directions of gravity along the axes, and the one that explains most."""
+    now = np.array(given.robot.model.gravity.linear)
+    size = float(np.linalg.norm(now))
+    if size == 0:
+        return
+    choices = [(size * sign * axis, 0.0) for axis in np.eye(3) for sign in (1.0, -1.0)]
+    best = _best_gravity(given)
+    if best is not None:
+        choices.append((size * best, 0.5))
+    for one, penalty in choices:
+        angle = math.degrees(math.acos(float(np.clip(one @ now / size**2, -1, 1))))
+        if angle < _LEAST_TILT_DEG:
+            continue
+        text = ",".join(f"{x:.4g}" for x in one + 0.0)
+        yield Hypothesis(
+            "gravity",
+            f"gravity has the direction ({text}) m/s^2 in the base frame, {angle:.0f} degrees from "
+            "the one given: a tilted base",
+            partial(_with_gravity, gravity=one),
+            remedy=f"option: --gravity {text}",
+            severity="wrong" if angle > 3 * _LEAST_TILT_DEG else "doubtful",
+            evidence={"tilt [deg]": angle},
+            penalty=penalty,
+        )
+
+
+_LEAST_TILT_DEG = 2.0
+
+
+def _best_gravity(given: Experiment) -> Array | None:
+    """Return the unit direction of gravity by which the nominal bodies explain most."""
+    still = 0 * given.joint[1]
+    zero = given.joint[0], still, still
+    size = float(np.linalg.norm(given.robot.model.gravity.linear))
+    columns = [
+        regressor_at_drives(_with_gravity(given, size * axis).robot, *zero) @ given.bodies
+        for axis in np.eye(3)
+    ]
+    still_part = regressor_at_drives(given.robot, *zero) @ given.bodies
+    moving = given.regressor @ given.bodies - still_part
+    A = np.column_stack([_beside_friction(given, one) for one in columns])
+    found = np.linalg.lstsq(A, _beside_friction(given, given.target - moving), rcond=1e-4)[0]
+    norm = float(np.linalg.norm(found))
+    return np.asarray(found / norm) if norm > 0.3 else None
+
+
+_LENGTH_STEP, _LEAST_LENGTH = 0.01, 0.03
+
+
+def _lengths(given: Experiment) -> Iterator[Hypothesis]:
+    """Yield other distances between joints, by the first-order effect on the nominal torque."""
+    before = given.regressor @ given.bodies
+    for joint in given.robot.joint_names[1:]:
+        changed = _with_length(given, joint, 1 + _LENGTH_STEP)
+        if changed is given:
+            continue
+        slope = (changed.regressor @ given.bodies - before) / _LENGTH_STEP
+        x = _beside_friction(given, slope)
+        size = float(x @ x)
+        factor = 1 + float(x @ _beside_friction(given, given.target - before)) / size if size else 1
+        if abs(factor - 1) < _LEAST_LENGTH or not 0.3 < factor < 3.0:
+            continue
+        yield Hypothesis(
+            "geometry",
+            f"the distance of {joint} from the joint before it is {factor:.3g} times that of the "
+            "robot file",
+            partial(_with_length, joint=joint, factor=factor),
+            joint,
+            f"in the robot file: the origin of joint {joint}, xyz times {factor:.4g}",
+            "wrong" if abs(factor - 1) > 3 * _LEAST_LENGTH else "doubtful",
+            {"factor": factor},
+            penalty=0.5,
+        )
+
+
+def _with_length(given: Experiment, joint: str, factor: float) -> Experiment:
+    robot = given.robot
+    model = robot.model.copy()
+    place = robot.model_order.index(robot.index(joint)) + 1
+    placement = model.jointPlacements[place].copy()
+    if np.linalg.norm(placement.translation) < 1e-3:
+        return given
+    placement.translation = factor * placement.translation
+    model.jointPlacements[place] = placement
+    return replace(given, robot=replace(robot, model=model))
+
+
+def _payloads(given: Experiment) -> Iterator[Hypothesis]:
+    """Yield a payload that is absent, there twice, or on another link."""
+    robot, n = given.robot, given.robot.n
+    payloads = robot.payload_parameters.reshape(n, 10)
+    for body in np.flatnonzero(payloads[:, 0]).tolist():
+        own = np.zeros((n, 10))
+        own[body] = payloads[body]
+        mass, name = own[body, 0], robot.body_names[body]
+        com = ",".join(f"{x:.4g}" for x in own[body, 1:4] / mass + 0.0)
+        text = f"the payload of {mass:.4g} kg on {name}"
+        factor = _share(given, own.ravel())
+        choices = [
+            (-own, f"{text} is not there", f"option: without --payload {name}:{mass:g}:{com}")
+        ]
+        if factor > 0 and abs(factor - 1) > _LEAST_PAYLOAD:
+            heavier = f"option: --payload {name}:{factor * mass:.3g}:{com}"
+            choices.append(((factor - 1) * own, f"{text} has {factor * mass:.3g} kg", heavier))
+        for other, link in enumerate(robot.body_names):
+            if other != body:
+                moved = -own
+                moved[other] += own[body]
+                remedy = f"option: --payload {link}:{mass:g}:{com}"
+                choices.append((moved, f"{text} is on {link}", remedy))
+        for change, message, remedy in choices:
+            undo = partial(_with_bodies, bodies=given.bodies + change.ravel())
+            yield Hypothesis("payload", message, undo, robot.joint_names[body], remedy)
+
+
+_LEAST_PAYLOAD = 0.25
+"""Relative error of a payload's mass below which it is not distinguished from those of the file."""
+
+
+def _share(given: Experiment, part: Array) -> float:
+    """Return the multiple of a part (10n,) of the bodies that explains the torques best."""
+    rest = given.target - given.regressor @ (given.bodies - part)
+    y, x = _beside_friction(given, rest), _beside_friction(given, given.regressor @ part)
+    size = float(x @ x)
+    return float(x @ y) / size if size > 0 else 1.0
+
+
+def _beside_friction(given: Experiment, torque: Array) -> Array:
+    """Return torques (R, n) of the used joints without what friction explains, in equal weights."""
+    parts = []
+    for j in given.used:
+        Q = np.linalg.qr(given.friction[j])[0]
+        parts.append((torque[:, j] - Q @ (Q.T @ torque[:, j])) / np.std(given.target[:, j]))
+    return np.concatenate(parts)
+
+
+def _with_bodies(given: Experiment, bodies: Array) -> Experiment:
+    return replace(given, bodies=bodies)
