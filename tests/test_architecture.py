@@ -127,7 +127,8 @@ ONE_IMPORTER = {
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (
         *("excitation.run_in", "excitation.search", "export.mjcf_drives"),
-        *("identification.log_checks", "identification.physical.problem", "log.repair.channels"),
+        *("identification.adequacy", "identification.checking", "identification.setup_hypotheses"),
+        *("identification.physical.problem", "log.repair.channels"),
         *("regressor.structural.arithmetic", "regressor.structural.equations"),
         "robot.pinocchio_model",
     ),
@@ -154,7 +155,7 @@ def test_modules_with_one_importer_have_a_reason() -> None:
 
 def test_no_chain_of_imports_is_long() -> None:
     assert longest_chain(import_graph("seaid", ROOT / "seaid")) <= 15
-    assert len([name for name in SOURCES if not name.startswith(ONE_PER_FORMAT)]) <= 145
+    assert len([name for name in SOURCES if not name.startswith(ONE_PER_FORMAT)]) <= 150
 
 
 def test_every_name_of_a_face_is_there_and_none_is_hidden_by_a_module() -> None:

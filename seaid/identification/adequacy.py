@@ -1,14 +1,15 @@
 """How much of the torques the identified model explains, and the verdict on the result.
 
 The model of a joint is compared with what the same rows can do: a constant torque, and the nominal
-bodies of the robot file. The error is given for the own logs, and for blocks of them that were left
-out of the fit.
+bodies of the robot file. The error is given for the own logs, and for blocks of them that were
+excluded from the fit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -28,10 +29,11 @@ if TYPE_CHECKING:
 Level = Literal["good", "good but", "do not use"]
 
 _NOTHING = 0.9
-"""Error of blocks left out, over that of a constant torque, from which a model is of no use."""
+"""Error of excluded blocks, over that of a constant torque, from which a model is of no use."""
 
-_BETTER = 0.7
-"""The nominal bodies are better if their error is below this multiple of the model's."""
+_BETTER, _MATTERS = 0.7, 0.1
+"""The nominal bodies are better if their error is below this multiple of that of the
+identified ones, and that is a part of the torque that matters."""
 
 _BURST, _WINDOW_S, _MOST_BURSTS, _LEAST_BURST = 6.0, 0.25, 0.2, 0.05
 """A contact is where the residual of a window exceeds so many times that of the median window
@@ -45,16 +47,18 @@ class JointFit(Display):
     Attributes
     ----------
     own, blocks : float
-        Error on the load side: of the own logs, and of blocks that were left out of the fit.
+        Error on the load side: of the own logs, and of blocks that were excluded from the fit.
     motor : float
         Error of the motor equation (7) of a spring joint; NaN without one.
-    nominal : float
-        Error of the nominal bodies of the robot file with any friction; NaN without them.
+    identified, nominal : float
+        Error of the identified bodies and of the nominal ones of the robot file with any friction,
+        against the torque of the motor, or of the sensor at the joint.
     """
 
     own: float
     blocks: float
     motor: float
+    identified: float
     nominal: float
 
 
@@ -93,23 +97,27 @@ def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> V
 
 
 def joint_fits(
-    joint_names: Sequence[str], found: RobotEstimate, given: Experiment | None
+    joint_names: Sequence[str], found: RobotEstimate, given: Experiment, bodies: Array
 ) -> FrozenMapping[JointFit]:
-    """Return the errors of the torques of all joints with rows in memory; {} without any."""
+    """Return the errors of the torques of all joints with rows in memory; {} without any.
+
+    `bodies` (10n,) are the identified standard parameters with the payloads.
+    """
     rows, n = found.fit.rows, len(joint_names)
     if rows is None:
         return FrozenMapping({}, "joint")
     theta = (found.load_side if found.whole is None else found.whole).values
     own, blocks = _errors(rows, rows.H @ theta), _block_errors(found.fit)
     motors = {joint: _motor_error(joint, found, own, n) for joint in joint_names}
-    nominal = np.full(n, np.nan) if given is None else given.nominal
+    identified = replace(given, bodies=bodies).nominal
     return FrozenMapping(
         {
             joint: JointFit(
                 own=own[j],
                 blocks=blocks.get(j, float("nan")),
                 motor=motors[joint],
-                nominal=float(nominal[j]),
+                identified=float(identified[j]),
+                nominal=float(given.nominal[j]),
             )
             for j, joint in enumerate(joint_names)
             if j in own
@@ -166,12 +174,12 @@ def fit_findings(
     """Yield the joints whose torque the model does not explain, and bursts of their residual."""
     for joint, one in joints.items():
         error = one.blocks if np.isfinite(one.blocks) else one.own
-        evidence = {"error": one.own, "error of blocks left out": one.blocks}
+        evidence = {"error": one.own, "error of excluded blocks": one.blocks}
         if error > _NOTHING:
             yield Finding(
                 "no-fit",
                 f"the model explains nothing of the torque on the load of {joint}: its error is "
-                f"{one.own:.0%} of the torque in the own logs and {error:.0%} in blocks left out, "
+                f"{one.own:.0%} of the torque in the own logs and {error:.0%} in excluded blocks, "
                 "that of a constant 100%",
                 joint,
                 "wrong",
@@ -180,14 +188,14 @@ def fit_findings(
                 "option: --torque-joints",
                 "certain",
             )
-        elif one.nominal < _BETTER * error:
+        elif one.nominal < _BETTER * one.identified and one.identified > _MATTERS:
             yield Finding(
                 "no-fit",
                 f"the bodies of the robot file predict the torque of {joint} better, with an error "
-                f"of {one.nominal:.1%}, than the identified ones, with {error:.1%}",
+                f"of {one.nominal:.1%}, than the identified ones, with {one.identified:.1%}",
                 joint,
                 "doubtful",
-                {**evidence, "error of the nominal bodies": one.nominal},
+                {"identified bodies": one.identified, "nominal bodies": one.nominal},
                 "record a longer motion that moves this joint and those behind it more",
             )
     rows = found.fit.rows

@@ -1,8 +1,8 @@
 """`check`: the set-up of an experiment before any fit, from the logs and what was given.
 
 Time, motion and channels are looked at one by one, then the torques by `setup_hypotheses`. Every
-mistake is a `Finding` with its evidence and the one change that repairs it; what makes a fit
-impossible, a robot at rest or a dead channel, is an error.
+mistake is a `Finding` with its evidence and the one change that repairs it; what no fit can
+use, a robot at rest or a dead channel, is an error.
 """
 
 from __future__ import annotations

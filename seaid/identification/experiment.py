@@ -15,9 +15,9 @@ from functools import cached_property, partial
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.identification.two_step import INPUT_FIELDS
+from seaid.estimation import RANK_TOLERANCE, scaled_svd
 from seaid.log import Motion, in_band_at, row_samples
-from seaid.regressor import regressor_at_drives
+from seaid.regressor import INPUT_FIELDS, regressor_at_drives
 from seaid.robot import Robot, torques_at_drives
 
 INSTANTS = 300
@@ -106,8 +106,8 @@ class Experiment:
         A = (H * weight[:, None]).reshape(-1, 13 * n)
         b = (self.target[:, used] * weight).ravel()
         size = np.linalg.norm(A, axis=0)
-        size[size < 1e-9 * np.max(size)] = np.inf
-        x = np.linalg.lstsq(A / size, b, rcond=1e-6)[0] / size
+        A[:, size < 1e-9 * np.max(size)] = 0.0
+        x = scaled_svd(A).solve(b, RANK_TOLERANCE)
         left = (b - A @ x).reshape(count, -1)
         for place, j in enumerate(used):
             own = x[10 * n + 3 * j : 10 * n + 3 * j + 2] / weight[place]
@@ -134,7 +134,7 @@ class Experiment:
             moved = float(np.std(self.joint[0][:, j]))
             torque = self.target[:, j] if j in self.used else np.zeros(len(apart))
             H = np.column_stack([np.ones(len(apart)), torque / max(float(np.std(torque)), 1e-300)])
-            left = apart - H @ np.linalg.lstsq(H, apart, rcond=1e-9)[0]
+            left = apart - H @ scaled_svd(H).solve(apart)
             found[j] = float(np.std(left)) / max(moved, 1e-300)
         return found
 
@@ -152,8 +152,7 @@ class Experiment:
 
     def _misfit(self, j: int, y: Array, columns: Array, stretch: int | None = None) -> float:
         """Return the misfit of joint j: of y (R,) by columns (R, k), friction first."""
-        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        x = np.linalg.lstsq(columns / size, y, rcond=None)[0] / size
+        x = scaled_svd(columns).solve(y)
         left = y - columns @ x
         if stretch is None:
             return self._size(j, left, x[:2])

@@ -40,14 +40,11 @@ from seaid.identification.datasets import (
 )
 from seaid.identification.drive_estimates import with_estimate
 from seaid.identification.experiment import experiment_of
-from seaid.identification.gear import (
-    deflection_joints,
-    gear_estimates,
-    gear_findings,
-    own_estimates,
-    with_gears,
-    with_rigid_gears,
-)
+    result = identification_of(robot, model, found, datasets, consistent, declared)
+    bodies = result.robot.parameters + robot.payload_parameters
+    fits = joint_fits(robot.joint_names, found, experiment, bodies)
+    findings += fit_findings(robot.joint_names, found, fits)
+    return replace(result, findings=tuple(findings), joint_fits=fits)
 from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.linearisation import linearised_robot
 from seaid.identification.nonlinear_terms import with_fixed_warnings
@@ -147,9 +144,7 @@ class Identification(Result):
         feasible = () if self.feasible is None else (self.feasible,)
         parts = (*self.drives.values(), self.load, *feasible, *self.processing)
         own = [warning for one in parts for warning in one.warnings]
-        return by_severity(
-            [*self.findings, *own, *unused_findings(self), *gear_findings(self)]
-        )
+        return by_severity([*self.findings, *own, *unused_findings(self), *gear_findings(self)])
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -273,6 +268,10 @@ def identify(
         found = replace(found, drives=with_fixed_warnings(found.drives, given, robot))
     consistent = _feasible(robot, model, found) if feasible else None
     result = identification_of(robot, model, found, datasets, consistent, declared)
+    bodies = result.robot.parameters + robot.payload_parameters
+    fits = joint_fits(robot.joint_names, found, experiment, bodies)
+    findings += fit_findings(robot.joint_names, found, fits)
+    return replace(result, findings=tuple(findings), joint_fits=fits)
     bodies = result.robot.parameters + robot.payload_parameters
     fits = joint_fits(robot.joint_names, found, experiment, bodies)
     findings += fit_findings(robot.joint_names, found, fits)

@@ -17,6 +17,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.errors import Certainty, Finding, Severity
+from seaid.estimation import scaled_svd
 from seaid.identification.experiment import Experiment
 from seaid.log import column_names
 from seaid.regressor import regressor_at_drives
@@ -37,7 +38,7 @@ _WORSE = 1.5
 """Most that a hypothesis may increase the cost of one kind of misfit."""
 
 _TIE = 1.0
-"""Hypotheses whose gains differ by less cannot be told apart."""
+"""Hypotheses whose gains differ by less are not distinguishable."""
 
 _SHORTLIST = 12
 """Hypotheses, best by the nominal bodies, whose other misfits are computed too."""
@@ -137,6 +138,22 @@ def _entry(given: Experiment, j: int, quantities: Sequence[str], keys: str) -> s
     columns = {quantity: name for name, quantity in names.items()}
     lines = [f'{one} = {{ column = "{columns[one]}", {keys} }}' for one in quantities]
     return "\n".join(["in the description of the log:", f"[joints.{joint}]", *lines])
+
+
+def _entries(given: Experiment, joints: Sequence[int], channels: str, keys: str) -> str:
+    """Return the lines of a description that change logged channels of several joints."""
+    entries = []
+    for j in joints:
+        logged = "".join(one for one in channels if one != "q" or given.both[j])
+        entries.append(_entry(given, j, _quantities(given, j, logged), keys))
+    return "\n".join([entries[0], *(one.split("\n", 1)[1] for one in entries[1:])])
+
+
+def _scaled_torques(given: Experiment, joints: Sequence[int], factor: float) -> Experiment:
+    """Return the experiment with the torques of some joints multiplied by a factor."""
+    for j in joints:
+        given = scaled(given, j, {"t": factor})
+    return given
 
 
 _TEXTS = {"q": "joint_position", "m": "motor_position", "t": "motor_torque"}
@@ -252,7 +269,7 @@ _SAME_SLOPE = 0.05
 def encoder_slope(given: Experiment, j: int) -> float:
     """Return the motor angle per joint angle over the gear ratio, without the spring's deflection.
 
-    The deflection is proportional to the torque, which is a column of the regression beside the
+    The deflection is proportional to the torque, which is a column of the regression next to the
     joint angle (the reduced major axis of both speeds without a torque).
     """
     columns = [given.joint[0][:, j], np.ones(len(given.direction))]
@@ -260,8 +277,7 @@ def encoder_slope(given: Experiment, j: int) -> float:
     if np.all(np.isfinite(torque)) and np.std(torque) > 0:
         columns.append(torque)
     H = np.column_stack(columns)
-    size = np.maximum(np.linalg.norm(H, axis=0), 1e-300)
-    x = np.linalg.lstsq(H / size, given.motor[0][:, j], rcond=1e-9)[0] / size
+    x = scaled_svd(H).solve(given.motor[0][:, j])
     return float(x[0] / given.lever[j])
 
 
@@ -310,8 +326,7 @@ def _slopes(given: Experiment, j: int) -> tuple[float, float]:
     rotor = given.lever[j] * given.motor[2][:, j]
     if given.inertia[j] > 0 and np.all(np.isfinite(given.torque[:, j])):
         columns = np.column_stack([columns, given.inertia[j] * rotor])
-    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    x = np.linalg.lstsq(columns / size, y, rcond=None)[0] / size
+    x = scaled_svd(columns).solve(y)
     return float(x[0]), float(x[-1]) if columns.shape[1] == 5 else math.nan
 
 
@@ -360,13 +375,8 @@ def _factor(
     keys = f'unit = "{unit}"' if exact else f"scale = {1 / slope:.4g}"
     text = f"in {unit}" if exact else f"{slope:.3g} times too large"
 
-    def undo(one: Experiment) -> Experiment:
-        for j in joints:
-            one = scaled(one, j, {"t": 1 / (_UNITS[unit] if exact else slope)})
-        return one
-
-    entries = [_entry(given, j, _quantities(given, j, "t"), keys) for j in joints]
-    remedy = "\n".join([entries[0], *(one.split("\n", 1)[1] for one in entries[1:])])
+    undo = partial(_scaled_torques, joints=joints, factor=1 / (_UNITS[unit] if exact else slope))
+    remedy = _entries(given, joints, "t", keys)
     return Hypothesis(
         "unit" if is_unit else "torque-scale",
         f"{words} {'are' if not joint else 'is'} {text}",
@@ -429,6 +439,13 @@ def _swap_remedy(given: Experiment, pair: tuple[int, int], channels: str) -> str
 
 def _whole(given: Experiment) -> Iterator[Hypothesis]:
     """Yield mistakes that concern all joints: units of all torques, gravity, lengths, payloads."""
+    if len(given.used) > 1:
+        yield Hypothesis(
+            "sign",
+            "the torques of all joints have the opposite sign",
+            partial(_scaled_torques, joints=given.used, factor=-1.0),
+            remedy=_entries(given, given.used, "t", "sign = -1"),
+        )
     if not np.all(np.isfinite(given.bodies)) or not given.used:
         return
     if len(given.used) > 1:
@@ -461,11 +478,7 @@ def _degrees(given: Experiment) -> Hypothesis:
             one = scaled(one, j, {"q": _DEGREE, "m": _DEGREE})
         return one
 
-    entries = [
-        _entry(given, j, _quantities(given, j, "qm" if given.both[j] else "m"), 'unit = "deg"')
-        for j in joints
-    ]
-    remedy = "\n".join([entries[0], *(one.split("\n", 1)[1] for one in entries[1:])])
+    remedy = _entries(given, joints, "qm", 'unit = "deg"')
     return Hypothesis("unit", "the positions of all joints are in degrees", undo, "", remedy)
 
 
@@ -516,8 +529,8 @@ def _best_gravity(given: Experiment) -> Array | None:
     ]
     still_part = regressor_at_drives(given.robot, *zero) @ given.bodies
     moving = given.regressor @ given.bodies - still_part
-    A = np.column_stack([_beside_friction(given, one) for one in columns])
-    found = np.linalg.lstsq(A, _beside_friction(given, given.target - moving), rcond=1e-4)[0]
+    A = np.column_stack([_without_friction(given, one) for one in columns])
+    found = scaled_svd(A).solve(_without_friction(given, given.target - moving), 1e-4)
     norm = float(np.linalg.norm(found))
     return np.asarray(found / norm) if norm > 0.3 else None
 
@@ -533,9 +546,11 @@ def _lengths(given: Experiment) -> Iterator[Hypothesis]:
         if changed is given:
             continue
         slope = (changed.regressor @ given.bodies - before) / _LENGTH_STEP
-        x = _beside_friction(given, slope)
+        x = _without_friction(given, slope)
         size = float(x @ x)
-        factor = 1 + float(x @ _beside_friction(given, given.target - before)) / size if size else 1
+        factor = (
+            1 + float(x @ _without_friction(given, given.target - before)) / size if size else 1
+        )
         if abs(factor - 1) < _LEAST_LENGTH or not 0.3 < factor < 3.0:
             continue
         yield Hypothesis(
@@ -598,12 +613,12 @@ _LEAST_PAYLOAD = 0.25
 def _share(given: Experiment, part: Array) -> float:
     """Return the multiple of a part (10n,) of the bodies that explains the torques best."""
     rest = given.target - given.regressor @ (given.bodies - part)
-    y, x = _beside_friction(given, rest), _beside_friction(given, given.regressor @ part)
+    y, x = _without_friction(given, rest), _without_friction(given, given.regressor @ part)
     size = float(x @ x)
     return float(x @ y) / size if size > 0 else 1.0
 
 
-def _beside_friction(given: Experiment, torque: Array) -> Array:
+def _without_friction(given: Experiment, torque: Array) -> Array:
     """Return torques (R, n) of the used joints without what friction explains, in equal weights."""
     parts = []
     for j in given.used:

@@ -36,6 +36,7 @@ from seaid.identification.errors_in_variables import (
 )
 from seaid.log import Motion
 from seaid.regressor import (
+    INPUT_FIELDS,
     LoadModel,
     Regress,
     Regression,
@@ -94,9 +95,6 @@ LOAD = ""
 """Key of the load side among equations named by joint."""
 
 _NEEDED = ("stiffness", "spring_offset", "deflection_zero")
-
-INPUT_FIELDS = {"torque": "motor_torque", "current": "motor_current", "voltage": "motor_voltage"}
-"""Field of a motion with a drive's logged input."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from .base import base_of_columns as base_of_columns
 from .base import base_parameters as base_parameters
 from .base import cross_check as cross_check
 from .base import random_states as random_states
+from .drive_signals import INPUT_FIELDS as INPUT_FIELDS
 from .drive_signals import INPUTS as INPUTS
 from .drive_signals import has_deflection as has_deflection
 from .drive_signals import input_signals as input_signals

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 INPUTS = {"torque": "tau_M", "current": "i_M", "voltage": "u_M"}
 """{motor input: its signal in the drive's equation}."""
 
+INPUT_FIELDS = {"torque": "motor_torque", "current": "motor_current", "voltage": "motor_voltage"}
+"""Field of a motion with a drive's logged input."""
+
 _STILL = 1e-5
 """Speed [rad/s or m/s] below which a joint stands still: an encoder of 2^14 steps makes one step in
 40 s. The rounding of speeds, about 1e-10, is far below, so that it decides no sample."""

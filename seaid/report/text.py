@@ -228,12 +228,22 @@ def verdict_text(found: Identification) -> list[str]:
     lines = [f"{found.robot.name}: {found.verdict.sentence}", *warning_lines(found.warnings)]
     if not found.joint_fits:
         return lines
-    header = ["joint", "own logs", "blocks left out", "motor equation", "robot file"]
+    header = [
+        "joint",
+        "own logs",
+        "excluded blocks",
+        "motor equation",
+        "identified bodies",
+        "robot file",
+    ]
     rows = [
-        [joint, *(percent(x) for x in (one.own, one.blocks, one.motor, one.nominal))]
+        [
+            joint,
+            *(percent(x) for x in (one.own, one.blocks, one.motor, one.identified, one.nominal)),
+        ]
         for joint, one in found.joint_fits.items()
     ]
-    title = "Torque left unexplained, of that without its mean (rms)"
+    title = "Unexplained torque, of that without its mean (rms)"
     return [*lines, table(title, header, rows)]
 
 

@@ -69,7 +69,8 @@ def test_percent_has_two_digits(value: float, text: str) -> None:
 def test_summary_has_every_parameter_with_error_and_unit() -> None:
     summary = found().summary()
     assert summary == identification_table(found())
-    assert summary.startswith("mixed_arm: 14 base parameters from the torques at rail, shoulder,")
+    assert summary.startswith("mixed_arm: good: no warning contradicts the set-up or the model\n")
+    assert "mixed_arm: 14 base parameters from the torques at rail, shoulder," in summary
     for joint, estimate in found().drives.items():
         for name, value, error, unit in zip(
             estimate.names, estimate.values, estimate.standard_errors, estimate.units, strict=True
@@ -98,7 +99,8 @@ def test_flags_are_in_the_summary() -> None:
     )
     assert narrow.warnings
     for flag in narrow.warnings:
-        assert f"! {flag}" in narrow.summary().splitlines()
+        mark = {"wrong": "!", "doubtful": "?", "note": "-"}[flag.severity]
+        assert f"{mark} {flag.code}: {flag}" in narrow.summary().splitlines()
 
 
 def test_truth_stands_next_to_the_estimate() -> None:

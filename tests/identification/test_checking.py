@@ -1,0 +1,265 @@
+"""Mistakes of a set-up are named with a remedy that repairs them; right set-ups have no warning."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import seaid
+from seaid._arrays import Array
+from seaid.errors import CODES, Finding, SeaidError, by_severity
+from seaid.log.log import UNIT_FACTORS, Log
+from seaid.robot.robot import Payload, Robot
+from seaid.simulation.simulation import measure
+from tests.experiments import (
+    ARM_SENSORS,
+    LEG_SENSORS,
+    TEST_MASS,
+    arm,
+    arm_motion,
+    leg,
+    leg_motion,
+)
+
+
+@cache
+def leg_log(seed: int = 1) -> Log:
+    return measure(leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS, seed)
+
+
+@cache
+def arm_log(seed: int = 1) -> Log:
+    return measure(arm(), arm_motion(), ARM_SENSORS, seed)
+
+
+CASES = {"leg": (lambda: leg(TEST_MASS), leg_log), "arm": (arm, arm_log)}
+
+
+def changed(log: Log, factors: dict[str, Array]) -> Log:
+    return replace(log, **{name: getattr(log, name) * by for name, by in factors.items()})
+
+
+def of_joint(log: Log, j: int, **factors: float) -> Log:
+    """Return the log with channels of joint j multiplied by factors."""
+    own = np.arange(len(log.joint_names)) == j
+    return changed(log, {name: np.where(own, by, 1.0) for name, by in factors.items()})
+
+
+def worst(robot: Robot, *logs: Log) -> Finding:
+    warnings = seaid.check(robot, list(logs)).warnings
+    assert warnings
+    return warnings[0]
+
+
+def described(log: Log, remedy: str, number: int = 0) -> Log:
+    """Return the log as a description reads it, applied without a file."""
+    first, text = remedy.split("\n", 1)
+    assert first == f"in the description of {f'log {number}' if number else 'the log'}:"
+    columns = log.columns()
+    found = {name: values.copy() for name, values in log.sensors().items()}
+    for joint, entries in tomllib.loads(text)["joints"].items():
+        for quantity, source in entries.items():
+            factor = {**UNIT_FACTORS["rad"], **UNIT_FACTORS["Nm"]}[source.get("unit", "rad")]
+            factor *= source.get("sign", 1) * source.get("scale", 1.0)
+            values = factor * columns[source["column"]] + source.get("offset", 0.0)
+            found[quantity][:, log.joint_names.index(joint)] = values
+    return replace(log, **found)
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("seed", range(3))
+def test_right_set_ups_have_no_warning(case: str, seed: int) -> None:
+    robot, log = CASES[case][0](), CASES[case][1](seed)
+    assert seaid.check(robot, log).warnings == ()
+    assert seaid.check(robot.without_nominal(), log).warnings == ()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nominal_bodies_that_are_a_fifth_off_are_no_mistake(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    for make, log in CASES.values():
+        robot = make()
+        factors = np.repeat(random.uniform(0.8, 1.2, robot.n), 10)
+        other = robot.with_values(robot.parameters * factors, robot.drives)
+        assert [one for one in seaid.check(other, log()).warnings if one.severity != "note"] == []
+
+
+CHANNELS = {"t": "motor_torque", "q": "joint_position", "m": "motor_position"}
+
+
+@pytest.mark.parametrize("channels", ["t", "q", "m", "tqm"])
+@pytest.mark.parametrize(
+    ("case", "j"), [("leg", 0), ("leg", 2), ("leg", 4), ("arm", 1), ("arm", 2), ("arm", 3)]
+)
+def test_a_flipped_channel_is_named_and_the_remedy_repairs_it(
+    case: str, j: int, channels: str
+) -> None:
+    robot, log = CASES[case][0](), CASES[case][1]()
+    if case == "arm" and j == 1 and channels == "tqm":
+        pytest.skip("flips of the rail and of the shoulder are mirror images of each other")
+    wrong = of_joint(log, j, **{CHANNELS[one]: -1.0 for one in channels})
+    finding = worst(robot, wrong)
+    assert (finding.code, finding.severity) == ("sign", "wrong")
+    assert finding.joint == robot.joint_names[j]
+    assert seaid.check(robot, described(wrong, finding.remedy)).warnings == ()
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("mNm", 1e3), ("kNm", 1e-3)])
+@pytest.mark.parametrize("case", CASES)
+def test_torques_in_another_unit(case: str, unit: str, factor: float) -> None:
+    robot, log = CASES[case][0](), CASES[case][1]()
+    for wrong in (of_joint(log, 2, motor_torque=factor), changed(log, {"motor_torque": factor})):
+        finding = worst(robot, wrong)
+        assert finding.code == "unit"
+        assert f'unit = "{unit}"' in finding.remedy
+        if unit in UNIT_FACTORS["Nm"]:
+            assert seaid.check(robot, described(wrong, finding.remedy)).warnings == ()
+
+
+@pytest.mark.parametrize("channels", ["q", "m", "qm"])
+@pytest.mark.parametrize("j", [0, 3])
+def test_angles_in_degrees(j: int, channels: str) -> None:
+    wrong = of_joint(leg_log(), j, **{CHANNELS[one]: 180 / np.pi for one in channels})
+    finding = worst(leg(TEST_MASS), wrong)
+    assert (finding.code, finding.joint) == ("unit", leg().joint_names[j])
+    assert seaid.check(leg(TEST_MASS), described(wrong, finding.remedy)).warnings == ()
+
+
+@pytest.mark.parametrize("channels", ["t", "qm", "tqm"])
+@pytest.mark.parametrize(("i", "j"), [(0, 1), (2, 3), (1, 4)])
+def test_exchanged_joints(i: int, j: int, channels: str) -> None:
+    log = leg_log()
+    order = np.arange(5)
+    order[[i, j]] = order[[j, i]]
+    names = [CHANNELS[one] for one in channels]
+    wrong = replace(log, **{name: getattr(log, name)[:, order] for name in names})
+    finding = worst(leg(TEST_MASS), wrong)
+    assert finding.code == "swapped-joints"
+    assert seaid.check(leg(TEST_MASS), described(wrong, finding.remedy)).warnings == ()
+
+
+def with_drive(robot: Robot, joint: str, **values: float) -> Robot:
+    return robot.with_drives({joint: replace(robot.drives[joint], **values)})
+
+
+@pytest.mark.parametrize("joint", leg().joint_names)
+def test_a_gear_ratio_and_a_rotor_inertia_that_the_motion_contradicts(joint: str) -> None:
+    robot = leg(TEST_MASS)
+    drive = robot.drives[joint]
+    finding = worst(with_drive(robot, joint, gear_ratio=drive.ratio / 2), leg_log())
+    assert (finding.code, finding.joint) == ("gear-ratio", joint)
+    assert f"gear_ratio = {drive.ratio:.6g}" in finding.remedy
+    inertia = drive.values["motor_inertia"]
+    finding = worst(with_drive(robot, joint, motor_inertia_kg_m2=10 * inertia), leg_log())
+    assert (finding.code, finding.joint) == ("rotor-inertia", joint)
+    value = float(finding.remedy.rsplit("=", 1)[1])
+    assert value == pytest.approx(inertia, rel=0.2)
+
+
+def with_gravity(robot: Robot, *gravity: float) -> Robot:
+    model = robot.model.copy()
+    model.gravity.linear = np.array(gravity)
+    return replace(robot, model=model)
+
+
+@pytest.mark.parametrize("gravity", [(9.81, 0, 0), (0, -9.81, 0), (0, 0, 9.81), (0, 2.54, -9.48)])
+def test_another_direction_of_gravity(gravity: tuple[float, float, float]) -> None:
+    finding = worst(with_gravity(leg(TEST_MASS), *gravity), leg_log())
+    assert finding.code == "gravity"
+    assert finding.remedy.startswith("option: --gravity 0,0,-9.8")
+
+
+def test_payloads_that_are_absent_or_elsewhere() -> None:
+    absent = measure(leg(), leg_motion(), LEG_SENSORS, seed=0)
+    finding = worst(leg(TEST_MASS), absent)
+    assert finding.code == "payload"
+    assert finding.remedy == "option: without --payload foot:2:0.15,0,0"
+    finding = worst(leg(Payload("shank", 2.0, (0.15, 0.0, 0.0))), leg_log())
+    assert finding.remedy == "option: --payload foot:2:0.15,0,0"
+    finding = worst(leg(Payload("foot", 4.0, (0.15, 0.0, 0.0))), leg_log())
+    assert finding.code == "payload"
+    assert float(finding.remedy.split(":")[2]) == pytest.approx(2.0, rel=0.05)
+
+
+def test_two_mistakes_are_both_named() -> None:
+    wrong = of_joint(of_joint(leg_log(), 1, motor_torque=1e3), 3, joint_position=-1.0)
+    warnings = seaid.check(leg(TEST_MASS), wrong).warnings
+    assert {(one.code, one.joint) for one in warnings} == {
+        ("unit", "hip_roll"),
+        ("sign", "knee_pitch"),
+    }
+
+
+def test_nominal_masses_that_are_nonsense_are_noted_only() -> None:
+    robot = leg(TEST_MASS)
+    other = robot.with_values(100 * robot.parameters, robot.drives)
+    warnings = seaid.check(other, leg_log()).warnings
+    assert [(one.code, one.severity) for one in warnings] == [("nominal-values", "note")]
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("ns", 1e9)])
+def test_time_in_another_unit(unit: str, factor: float) -> None:
+    log = leg_log()
+    finding = worst(leg(TEST_MASS), replace(log, time=log.time * factor))
+    assert (finding.code, finding.severity) == ("time-unit", "wrong")
+    assert f'time = {{ column = "time_s", unit = "{unit}" }}' in finding.remedy
+
+
+def test_motor_channels_without_drives() -> None:
+    robot = seaid.load_robot(str(leg().urdf))
+    finding = worst(robot, leg_log())
+    assert finding.code == "missing-drives"
+    tables = tomllib.loads(finding.remedy.split("\n", 1)[1])
+    assert list(tables) == list(leg().joint_names)
+    assert tables["hip_yaw"]["gear_ratio"] == pytest.approx(86.0, rel=1e-3)
+
+
+def test_saturated_torques_and_a_robot_at_rest() -> None:
+    log = leg_log()
+    limit = 0.3 * np.max(np.abs(log.motor_torque), axis=0)
+    clipped = replace(log, motor_torque=np.clip(log.motor_torque, -limit, limit))
+    found = seaid.check(leg(TEST_MASS), clipped).warnings
+    assert {one.joint for one in found if one.code == "saturation"} == set(leg().joint_names)
+    small = replace(log, joint_position=0.01 * log.joint_position)
+    assert "standstill" in {one.code for one in seaid.check(leg(TEST_MASS), small).warnings}
+
+
+def test_encoder_offsets_that_differ_between_logs() -> None:
+    logs = [leg_log(1), leg_log(2)]
+    moved = np.zeros(5)
+    moved[3] = 2.5
+    logs[1] = replace(logs[1], motor_position=logs[1].motor_position + moved)
+    finding = worst(leg(TEST_MASS), *logs)
+    assert (finding.code, finding.joint) == ("encoder-offsets-differ", "knee_pitch")
+    logs[1] = described(logs[1], finding.remedy, number=2)
+    assert seaid.check(leg(TEST_MASS), logs).warnings == ()
+
+
+def test_identify_has_the_findings_and_a_verdict() -> None:
+    wrong = of_joint(leg_log(), 3, motor_torque=-1.0)
+    found = seaid.identify(leg(TEST_MASS), wrong)
+    assert found.warnings[0].code == "sign"
+    assert found.verdict.level == "do not use"
+    assert found.verdict.sentence.startswith("do not use this result: sign (knee_pitch)")
+    right = seaid.identify(leg(TEST_MASS), leg_log())
+    assert right.verdict.level == "good"
+    assert max(one.identified for one in right.joint_fits.values()) < 0.1
+    assert max(one.blocks for one in right.joint_fits.values()) < 0.25
+    content = right.to_dict()
+    assert content["verdict"]["level"] == "good"
+    assert [one["code"] for one in content["warnings"]] == [one.code for one in right.warnings]
+
+
+def test_findings_are_sorted_and_their_codes_are_known() -> None:
+    notes = [Finding("holes", "a", severity="note"), Finding("sign", "b", severity="wrong")]
+    assert [one.code for one in by_severity([*notes, notes[0]])] == ["sign", "holes"]
+    assert str(notes[0]) == "a"
+    with pytest.raises(
+        SeaidError, match="no code of a finding is named 'sine'; did you mean 'sign'"
+    ):
+        Finding("sine", "a")
+    assert all(code == code.lower() and " " not in code for code in CODES)
