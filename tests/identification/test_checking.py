@@ -220,7 +220,7 @@ def test_motor_channels_without_drives() -> None:
 
 def test_saturated_torques_and_a_robot_at_rest() -> None:
     log = leg_log()
-    limit = 0.3 * np.max(np.abs(log.motor_torque), axis=0)
+    limit = np.quantile(np.abs(log.motor_torque), 0.9, axis=0)
     clipped = replace(log, motor_torque=np.clip(log.motor_torque, -limit, limit))
     found = seaid.check(leg(TEST_MASS), clipped).warnings
     assert {one.joint for one in found if one.code == "saturation"} == set(leg().joint_names)
