@@ -40,11 +40,14 @@ from seaid.identification.datasets import (
 )
 from seaid.identification.drive_estimates import with_estimate
 from seaid.identification.experiment import experiment_of
-    result = identification_of(robot, model, found, datasets, consistent, declared)
-    bodies = result.robot.parameters + robot.payload_parameters
-    fits = joint_fits(robot.joint_names, found, experiment, bodies)
-    findings += fit_findings(robot.joint_names, found, fits)
-    return replace(result, findings=tuple(findings), joint_fits=fits)
+from seaid.identification.gear import (
+    deflection_joints,
+    gear_estimates,
+    gear_findings,
+    own_estimates,
+    with_gears,
+    with_rigid_gears,
+)
 from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.linearisation import linearised_robot
 from seaid.identification.nonlinear_terms import with_fixed_warnings
@@ -268,10 +271,6 @@ def identify(
         found = replace(found, drives=with_fixed_warnings(found.drives, given, robot))
     consistent = _feasible(robot, model, found) if feasible else None
     result = identification_of(robot, model, found, datasets, consistent, declared)
-    bodies = result.robot.parameters + robot.payload_parameters
-    fits = joint_fits(robot.joint_names, found, experiment, bodies)
-    findings += fit_findings(robot.joint_names, found, fits)
-    return replace(result, findings=tuple(findings), joint_fits=fits)
     bodies = result.robot.parameters + robot.payload_parameters
     fits = joint_fits(robot.joint_names, found, experiment, bodies)
     findings += fit_findings(robot.joint_names, found, fits)

@@ -5,17 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-<<<<<<< HEAD:tests/identification/test_log_checks.py
-import pytest
-from seaid.identification.log_checks import sign_warnings, unused_findings
-
-import seaid
-from seaid.identification.identification import Identification
-=======
 
 import seaid
 from seaid.identification.adequacy import unused_findings
->>>>>>> a912d90 (Tests of the check of a set-up; the identified bodies are compared with those of the file):tests/identification/test_adequacy.py
 from seaid.log.reading import Log
 from seaid.simulation.simulation import measure
 from tests.experiments import LEG_SENSORS, leg, leg_motion
