@@ -168,7 +168,7 @@ def value_rows(case: Case, found: seaid.Identification) -> Iterator[Row]:
         parts = np.array([error / value, below_error / below])
         value, error = value / below, abs(value / below) * float(np.linalg.norm(parts))
         published = float(known["published"])
-        off = 100 * (value / published - 1)
+        off, errors = 100 * (value / published - 1), known.get("asked_errors")
         yield Row(
             case.name,
             known["what"],
@@ -176,8 +176,10 @@ def value_rows(case: Case, found: seaid.Identification) -> Iterator[Row]:
             number(published),
             f"{off:.2g} %",
             number(known["reached"]) if "reached" in known else "",
-            f"{known['asked_percent']:g} %",
-            abs(off) <= known["asked_percent"],
+            f"{known['asked_percent']:g} %" if errors is None else f"{errors:g} std. errors",
+            abs(off) <= known["asked_percent"]
+            if errors is None
+            else abs(value - published) <= errors * error,
         )
 
 
