@@ -8,11 +8,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cache
 from itertools import compress
+from math import comb
 from typing import NamedTuple
 
 import sympy as sp
-from flint import fmpq, fmpq_mpoly
+from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 from sympy.core.function import AppliedUndef
 
 from seaid.symbolic.polynomial import (
@@ -25,6 +28,7 @@ from seaid.symbolic.polynomial import (
     ratio_to_sympy,
     term_to_sympy,
     to_sympy,
+    total,
 )
 
 
@@ -87,6 +91,156 @@ def entry_to_sympy(ring: Ring, entry: Entry | None) -> sp.Expr:
         for exponents, value in entry.terms.items()
     )
     return sp.Add(*terms) / to_sympy(ring, entry.denominator)
+
+
+_HIGHEST_POWER = 4
+"""Powers of sine and cosine of an angle up to this stay powers: their coefficients are short, and
+products of joint rotations have no higher ones."""
+
+
+def with_multiples(ring: Ring, rows: Sequence[Row]) -> tuple[Ring, list[Row]]:
+    """Return ring and rows in which high powers of an angle are sines and cosines of its multiples.
+
+    sin(84 q) is a polynomial of degree 84 in sin q and cos q, exact but with 25 digits in its
+    coefficients, which cancel when it is evaluated. The sines and cosines of the multiples of an
+    angle are linearly independent as well, and become generators of their own.
+    """
+    angles = _high_angles(ring, rows)
+    if not angles:
+        return ring, list(rows)
+    parts = [
+        (place, monomial, motion, value)
+        for place, row in enumerate(rows)
+        for monomial, entry in row.items()
+        for motion, value in entry.terms.items()
+    ]
+    expanded = {motion: _expanded(ring, angles, motion) for _, _, motion, _ in parts}
+    order = {x: None for functions in expanded.values() for key in functions for x in key[1]}
+    wider = _wider(ring, [x for x in order if x not in ring.index])
+    collected: dict[tuple[int, Exponents], dict[Exponents, list[Ratio]]] = {}
+    for place, monomial, motion, value in parts:
+        known = Ratio(*(_in(wider, one) for one in value))
+        terms = collected.setdefault((place, monomial), {})
+        for (others, functions), factor in expanded[motion].items():
+            new = list(others) + [0] * (len(wider.generators) - len(others))
+            for function in functions:
+                new[wider.index[function]] += 1
+            terms.setdefault(tuple(new), []).append(
+                Ratio(factor * known.numerator, known.denominator)
+            )
+    return wider, [
+        {
+            monomial: Entry(
+                {
+                    motion: value
+                    for motion, values in collected[place, monomial].items()
+                    if not (value := total(wider, values)).numerator.is_zero()
+                },
+                _in(wider, entry.denominator),
+            )
+            for monomial, entry in row.items()
+        }
+        for place, row in enumerate(rows)
+    ]
+
+
+def _high_angles(ring: Ring, rows: Sequence[Row]) -> list[tuple[int, int]]:
+    """Return the places (sine, cosine) of the angles with high powers, in no denominator."""
+    entries = [entry for row in rows for entry in row.values()]
+    found = []
+    for place in ring.motion:
+        sine = ring.generators[place]
+        if not isinstance(sine, sp.sin):
+            continue
+        pair = place, ring.index[sp.cos(sine.args[0])]
+        below = max((e.denominator.degrees()[i] for e in entries for i in pair), default=0)
+        powers = [sum(motion[i] for i in pair) for entry in entries for motion in entry.terms]
+        if max(powers, default=0) > _HIGHEST_POWER and below == 0:
+            found.append(pair)
+    return found
+
+
+def _expanded(
+    ring: Ring, angles: Sequence[tuple[int, int]], motion: Exponents
+) -> dict[tuple[Exponents, tuple[sp.Expr, ...]], fmpq]:
+    """Return {(other exponents, functions of the angles): factor} of a product of powers."""
+    others = list(motion)
+    found: dict[tuple[sp.Expr, ...], fmpq] = {(): fmpq(1)}
+    for sine, cosine in angles:
+        angle, powers = ring.generators[sine].args[0], (motion[sine], motion[cosine])
+        others[sine] = others[cosine] = 0
+        found = {
+            (*functions, *([function] if function != 1 else [])): factor * more
+            for functions, factor in found.items()
+            for function, more in _multiples(angle, *powers).items()
+        }
+    return {(tuple(others), functions): factor for functions, factor in found.items()}
+
+
+@cache
+def _multiple(function: type[sp.Function], times: int, angle: sp.Expr) -> sp.Expr:
+    return function(times * angle)
+
+
+@cache
+def _multiples(angle: sp.Expr, of_sine: int, of_cosine: int) -> dict[sp.Expr, fmpq]:
+    """Return sin^a x cos^b x, with a of 0 or 1, as a sum of sin(n x) and cos(n x).
+
+    cos^b x = 2^-b sum over j of binomial(b, j) cos((b - 2 j) x), and
+    sin x cos(m x) = (sin((m + 1) x) - sin((m - 1) x)) / 2.
+    """
+    found: dict[sp.Expr, fmpq] = {}
+    for j in range(of_cosine + 1):
+        factor, m = fmpq(comb(of_cosine, j), 2**of_cosine), of_cosine - 2 * j
+        terms = [(_multiple(sp.cos, abs(m), angle), factor)]
+        if of_sine:
+            signs = ((m + 1, factor / 2), (m - 1, -factor / 2))
+            terms = [
+                (_multiple(sp.sin, abs(n), angle), part if n > 0 else -part)
+                for n, part in signs
+                if n
+            ]
+        for function, part in terms:
+            found[function] = found.get(function, fmpq(0)) + part
+    return {function: factor for function, factor in found.items() if factor != 0}
+
+
+def _wider(ring: Ring, functions: Sequence[sp.Expr]) -> Ring:
+    """Return the ring with further functions of the motion."""
+    generators = (*ring.generators, *functions)
+    places = tuple(range(len(ring.generators), len(generators)))
+    undeclared = [
+        ring.generators[i].args[0]
+        for i in ring.undeclared
+        if isinstance(ring.generators[i], sp.sin)
+    ]
+    wider = replace(
+        ring,
+        context=fmpq_mpoly_ctx.get([f"x{i}" for i in range(len(generators))], "lex"),
+        generators=generators,
+        motion=(*ring.motion, *places),
+        undeclared=(
+            *ring.undeclared,
+            *(
+                place
+                for place in places
+                if any((generators[place].args[0] / one).is_Rational for one in undeclared)
+            ),
+        ),
+        relations=[],
+    )
+    wider.relations.extend(
+        one._replace(polynomial=_in(wider, one.polynomial)) for one in ring.relations
+    )
+    return wider
+
+
+def _in(wider: Ring, polynomial: fmpq_mpoly) -> fmpq_mpoly:
+    """Return a polynomial of a ring in the one with further generators."""
+    more = (0,) * (len(wider.generators) - polynomial.context().nvars())
+    return wider.context.from_dict(
+        {(*map(int, exponents), *more): value for exponents, value in polynomial.terms()}
+    )
 
 
 def column_key(monomial: Exponents) -> tuple[int, bool, Exponents, Exponents]:

@@ -25,6 +25,7 @@ from seaid.symbolic.entries import (
     grouped,
     grouped_by_motion,
     normalised,
+    with_multiples,
 )
 from seaid.symbolic.from_sympy import declared, read_equations
 from seaid.symbolic.generators import located, shortened
@@ -126,11 +127,13 @@ def separate(
     """
     expressions, signals, symbols = declared(equations, motion, unknowns)
     ring, ratios = read_equations(expressions, signals, symbols, max_terms, progress=progress)
-    rows = []
+    rows: list[Row] = []
     pairs = list(enumerate(zip(ratios, expressions, strict=True), 1))
     for number, (equation, expression) in track(pairs, "equations grouped", progress):
         with located(f"equation {number}"):
-            rows.append(normalised(ring, _grouped(ring, equation, expression, symbols)))
+            rows.append(_grouped(ring, equation, expression, symbols))
+    ring, rows = with_multiples(ring, rows)
+    rows = [normalised(ring, row) for row in rows]
     _check_undeclared(ring, rows, symbols)
     monomials = _columns(rows, symbols)
     known = (0,) * len(symbols)
