@@ -18,8 +18,9 @@ import numpy as np
 
 import seaid
 from seaid._arrays import Array
-from seaid.estimation.gauss_newton import fisher_covariance
-from seaid.identification.output_error import layout_of, linearised, run_of
+from seaid.estimation.gauss_newton import fisher_covariance, joined
+from seaid.identification.output_error import layout_of, linearised, measured, runs_of
+from seaid.log.filtering import decimation
 from seaid.report.text import percent, table
 from seaid.simulation.simulation import measure, simulate_motion
 
@@ -101,19 +102,25 @@ def bound() -> Array:
     perfect = measure(truth, motion, replace(noise, **dict.fromkeys(_ERRORS, 0.0)))
     found = seaid.identify(truth.without_nominal(), perfect)
     layout = layout_of(seaid.refine(found, perfect), ENCODER_OFFSET_STD_RAD)
-    run = run_of(layout, perfect)
+    runs = runs_of(layout, perfect)
     torque = np.array(noise.torque_std_Nm)
-    drives = [truth.index(joint) for joint in layout.drives]
+    drives = [truth.index(joint) for joint in layout.simulated]
     others = [
         truth.index(joint)
         for joint in layout.found.model.torque_joints
         if joint not in layout.simulated
     ]
     ratios = [truth.drives[truth.joint_names[index]].ratio for index in others]
-    encoder = np.full(len(layout.simulated), noise.joint_resolution_rad / np.sqrt(12))
-    stds = np.concatenate([encoder, torque[drives], ratios * torque[others]]) / np.sqrt(run.block)
-    residuals = linearised(layout, run, layout.start)[0]
-    covariance = fisher_covariance([residuals], layout.names, stds, layout.precision)
+    encoder = np.full(len(drives), noise.joint_resolution_rad / np.sqrt(12))
+    simulated = np.append(encoder, torque[drives]) / np.sqrt(runs[0].block)
+    # every second row of the filtered torques counts
+    block = 2 * decimation(runs[0].motion.rate_hz, found.cutoff_hz)
+    stds = np.append(simulated, ratios * torque[others] / np.sqrt(block))
+    residuals = [
+        joined([linearised(layout, run, layout.start)[0] for run in runs]),
+        measured(layout, perfect),
+    ]
+    covariance = fisher_covariance(residuals, layout.names, stds, layout.precision)
     least = dict(zip(layout.names, np.sqrt(np.diag(covariance)), strict=True))
     return np.array([least[key] / value for key, value in true_values(truth).items()])
 

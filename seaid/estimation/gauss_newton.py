@@ -16,7 +16,13 @@ LAG_S = 0.25
 _STANDS_OUT = 3.0
 """An autocorrelation is significant above this many standard errors of white noise."""
 
+_LEAST_INFLATION = 0.25
+"""Autocorrelation reduces no variance below this part of that of white noise."""
+
 _REWEIGHTINGS = 20
+
+LEAST_STD = 1e-9
+"""Least standard deviation of a channel: the rounding of logs without noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +31,7 @@ class Residuals:
 
     `residual` (W, B, C); `jacobian` (W, B, C, p) by the parameters; `nuisance` (W, B, C, s) by the
     nuisance parameters of each window (its initial state); `kept` (W, B, C) masks the residuals
-    that count; `time` (W, B) [s]; `floor` (C,) is the least standard deviation of a channel.
+    that count; `time` (W, B) [s]; `channels` numbers them, in all logs alike.
     """
 
     residual: Array
@@ -33,7 +39,19 @@ class Residuals:
     nuisance: Array
     kept: BoolArray
     time: Array
-    floor: Array
+    channels: range
+
+
+def joined(parts: list[Residuals]) -> Residuals:
+    """Return the residuals of the parts of one log, in whole windows each."""
+    return Residuals(
+        residual=np.concatenate([one.residual for one in parts]),
+        jacobian=np.concatenate([one.jacobian for one in parts]),
+        nuisance=np.concatenate([one.nuisance for one in parts]),
+        kept=np.concatenate([one.kept for one in parts]),
+        time=np.concatenate([one.time for one in parts]),
+        channels=parts[0].channels,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +113,10 @@ def gauss_newton_step(
 def _autocorrelated_covariance(logs: list[Residuals], influence: Array, residual: Array) -> Array:
     """Return the covariance (p, p) of the estimate, with `influence` (R, p) of the rows on it.
 
-    The noise of each channel counts as stationary; its autocorrelation is estimated with Bartlett
-    weights up to twice the last significant lag. For few rows this has less variance and less bias
-    than the sum over products of scores (Newey and West 1987).
+    The noise of each channel counts as stationary; its autocorrelation is estimated with flat-top
+    weights up to twice the last significant lag (Politis 2003), whose bias is a third of that of
+    Bartlett weights. For few rows this has less variance and less bias than the sum over products
+    of scores (Newey and West 1987).
     """
     p, start = influence.shape[1], 0
     total = np.zeros((p, p))
@@ -113,7 +132,22 @@ def _autocorrelated_covariance(logs: list[Residuals], influence: Array, residual
             for lag, weight in enumerate(_autocorrelation(white[:, channel], LAG_S / step), 1):
                 cross = mine[lag:].T @ mine[:-lag]
                 total += weight * (cross + cross.T)
-    return total
+    return _at_least(_LEAST_INFLATION, total, influence.T @ influence)
+
+
+def _at_least(part: float, covariance: Array, white: Array) -> Array:
+    """Return a covariance of which no combination has less than a `part` of the `white` variance.
+
+    Flat-top weights alone do not make it positive.
+    """
+    scale = np.sqrt(np.diag(white))
+    scale[scale == 0] = 1.0  # known by the prior alone
+    sizes, axes = np.linalg.eigh(white / np.outer(scale, scale))
+    root = scale[:, None] * axes * np.sqrt(np.maximum(sizes, ROUNDING))
+    inverse = np.linalg.inv(root)
+    ratios, turned = np.linalg.eigh(inverse @ covariance @ inverse.T)
+    half = root @ turned * np.sqrt(np.maximum(ratios, part))
+    return np.asarray(half @ half.T)
 
 
 def _autocorrelation(residual: Array, most: float) -> Array:
@@ -124,7 +158,8 @@ def _autocorrelation(residual: Array, most: float) -> Array:
     count = max(int(np.count_nonzero(residual)), 1)
     outstanding = np.flatnonzero(np.abs(found) > _STANDS_OUT / np.sqrt(count))
     bandwidth = min(2 * (int(outstanding[-1]) + 1), lags) if outstanding.size else 0
-    return np.asarray(found[:bandwidth] * (1 - np.arange(1, bandwidth + 1) / (bandwidth + 1)))
+    lag = np.arange(1, bandwidth + 1)
+    return np.asarray(found[:bandwidth] * np.minimum(2 - 2 * lag / (bandwidth + 1), 1.0))
 
 
 def fisher_covariance(
@@ -156,28 +191,25 @@ def _settled(logs: list[Residuals], distance: Array, precision: Array, frozen: b
 
 def _stds(logs: list[Residuals], change: Array, nuisance: tuple[Array, ...]) -> Array:
     """Return the root mean square (C,) of the kept residuals after a change of the parameters."""
-    total, count = np.zeros((2, logs[0].residual.shape[2]))
-    floor = logs[0].floor
+    total, count = np.zeros((2, max(log.channels.stop for log in logs)))
     for log, own in zip(logs, nuisance, strict=True):
         after = log.residual + log.jacobian @ change
         after = after + np.einsum("wbcs,ws->wbc", log.nuisance, own)
-        total = total + np.sum(np.where(log.kept, after, 0.0) ** 2, axis=(0, 1))
-        count = count + np.sum(log.kept, axis=(0, 1))
-        floor = np.maximum(floor, log.floor)
-    return np.asarray(np.maximum(np.sqrt(total / np.maximum(count, 1)), floor))
+        total[log.channels] += np.sum(np.where(log.kept, after, 0.0) ** 2, axis=(0, 1))
+        count[log.channels] += np.sum(log.kept, axis=(0, 1))
+    return np.asarray(np.maximum(np.sqrt(total / np.maximum(count, 1)), LEAST_STD))
 
 
 def _merit(logs: list[Residuals], stds: Array) -> float:
     """Return the number of residuals per channel times log standard deviation, summed."""
-    counts = [np.sum(log.kept, axis=(0, 1)) for log in logs]
-    return float(np.sum(counts @ np.log(stds)))
+    return float(sum(np.sum(log.kept, (0, 1)) @ np.log(stds[log.channels]) for log in logs))
 
 
 def _projected(logs: list[Residuals], stds: Array) -> tuple[Array, Array]:
     """Return the weighted Jacobian and residual, with the nuisance columns projected out."""
     Js, rs = [], []
     for log in logs:
-        weights = log.kept / stds
+        weights = log.kept / stds[log.channels]
         windows, p = len(log.residual), log.jacobian.shape[3]
         J = (log.jacobian * weights[..., None]).reshape(windows, weights[0].size, p)
         r = (log.residual * weights).reshape(windows, -1)
@@ -201,7 +233,7 @@ def _basis(log: Residuals, weights: Array) -> Array:
 
 def _nuisance(log: Residuals, stds: Array, change: Array) -> Array:
     """Return the best nuisance parameters (W, s) after a change of the parameters."""
-    weights = log.kept / stds
+    weights = log.kept / stds[log.channels]
     windows, s = len(log.residual), log.nuisance.shape[3]
     after = ((log.residual + log.jacobian @ change) * weights).reshape(windows, -1)
     columns = (log.nuisance * weights[..., None]).reshape(windows, weights[0].size, s)

@@ -10,7 +10,8 @@ controller. Each window of the log has its own initial state.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +21,7 @@ from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid._progress import track
 from seaid.drives import is_dry
 from seaid.errors import Finding, IdentificationError, checked
-from seaid.estimation import Estimate, Residuals, Step, gauss_newton_step
+from seaid.estimation import Estimate, Residuals, Step, gauss_newton_step, joined
 from seaid.identification.drive_estimates import merged_estimates, with_estimate, with_warnings
 from seaid.identification.method_limits import check_refinable
 from seaid.identification.simulated_joints import (
@@ -30,7 +31,7 @@ from seaid.identification.simulated_joints import (
     response_to,
     torque_jacobians,
 )
-from seaid.identification.two_step import split_load_side
+from seaid.identification.two_step import split_load_side, without_torque
 from seaid.identification.validation import compared
 from seaid.log import (
     POSITION_BAND,
@@ -40,12 +41,20 @@ from seaid.log import (
     Log,
     Motion,
     decimation,
-    in_band,
     reconstruct_motion,
     reconstruct_motions,
+    row_samples,
     stretches,
 )
-from seaid.regressor import actuator_columns, check_offset_std, load_columns, unknown_friction
+from seaid.regressor import (
+    Regress,
+    actuator_columns,
+    actuator_regression,
+    check_offset_std,
+    load_columns,
+    load_regression,
+    offset_sensitivity,
+)
 from seaid.robot import Robot, coupled_names
 
 if TYPE_CHECKING:
@@ -56,8 +65,6 @@ WIDER = 3.0
 
 WINDOW_S = 1.0
 """Length [s] of the simulated windows, over which model errors accumulate."""
-
-_LEAST_NOISE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,15 +101,19 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A log at the present estimate: its motion with the simulated joints, in whole windows.
+    """Windows of a log at the present estimate: its motion with the simulated joints.
 
-    `reading` (T, simulated) is the measured position of these joints; `block` samples make a row.
+    `reading` (T, simulated) is the measured position of these joints, `still` (T, simulated) masks
+    samples at which the friction of their motors is unknown; `block` samples make a row; `log` is
+    the number of the log.
     """
 
     motion: Motion
     reading: Array
+    still: BoolArray
     windows: int
     block: int
+    log: int
 
 
 def layout_of(found: Identification, encoder_offset_std: float) -> Layout:
@@ -133,32 +144,35 @@ def layout_of(found: Identification, encoder_offset_std: float) -> Layout:
     )
 
 
-def run_of(layout: Layout, log: Log) -> Run:
-    """Return a log without gaps for the refinement: with the wider cutoff, in whole windows."""
+_MOST_ENTRIES = 1_000_000
+"""Entries of the response of the joints in memory at a time, of 20 or so arrays of this size."""
+
+
+def runs_of(layout: Layout, log: Log, number: int = 0) -> list[Run]:
+    """Return a log without gaps, with the wider cutoff, in parts of whole windows."""
+    if not layout.simulated:
+        return []
     known = layout.found.known
     rate_hz = (len(log.time) - 1) / (log.time[-1] - log.time[0])
     band = min(WIDER * layout.found.cutoff_hz, rate_hz / 8)
-    motion = reconstruct_motion(known, log, band)
-    motion = finer_side(known, motion)
+    motion = finer_side(known, reconstruct_motion(known, log, band))
     block = decimation(motion.rate_hz, motion.cutoff_hz)
     transient = round(motion.transient_s * motion.rate_hz)
     length = len(motion.time) - 2 * transient
     windows = max(1, round(length / motion.rate_hz / WINDOW_S))
-    whole = windows * (length // windows // block) * block
-    motion = _selected(motion, slice(transient, transient + whole))
+    window = length // windows // block * block
     simulated = [known.index(joint) for joint in layout.simulated]
-    return Run(motion, motion.joint_position[:, simulated], windows, block)
-
-
-def _selected(motion: Motion, samples: slice) -> Motion:
-    return replace(
-        motion,
-        **{
-            field.name: getattr(motion, field.name)[samples]
-            for field in fields(motion)
-            if isinstance(getattr(motion, field.name), np.ndarray)
-        },
-    )
+    still = np.column_stack([_turning(known, motion, joint) for joint in layout.simulated])
+    per_window = window * len(simulated) * (1 + len(layout.names) + 2 * len(simulated))
+    most = max(1, _MOST_ENTRIES // max(per_window, 1))
+    runs = []
+    for start in range(0, windows, most):
+        count = min(most, windows - start)
+        first = transient + start * window
+        own = slice(first, first + count * window)
+        reading = motion.joint_position[own, simulated]
+        runs.append(Run(motion.samples(own), reading, still[own], count, block, number))
+    return runs
 
 
 def _zeros(layout: Layout, x: Array) -> Array:
@@ -174,113 +188,151 @@ def robot_at(layout: Layout, x: Array) -> Robot:
     return robot.with_values(robot.parameters + correction, robot.drives)
 
 
-def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Response]:
-    """Return the residuals of a run around x, and the response of the simulated joints.
+def measured(layout: Layout, log: Log) -> Residuals:
+    """Return what is not simulated, at parameters of zero: it is linear in the parameters.
 
-    Channels: positions of the simulated joints, torques of the elastic drives, torques of the other
-    rows of the load side. The first column of the response is the change of the joints by which
-    they satisfy (8); then follow the p parameters and the initial states.
+    These are the torques of stiff joints, and the drives of springs with a measured torque. Their
+    columns have the noise of the encoders, so that both sides are filtered as in `identify`. The
+    effect of encoder offsets is that at the start.
+    """
+    known, model, start = layout.found.known, layout.found.model, layout.start
+    motion = finer_side(known, reconstruct_motion(known, log, layout.found.cutoff_hz))
+    drives = [joint for joint in layout.drives if joint not in layout.simulated]
+    others = [joint for joint in model.torque_joints if joint not in layout.simulated]
+    equations: list[tuple[Regress, slice, list[str]]] = [
+        (partial(actuator_regression, known, joint=joint), layout.drives[joint], [joint])
+        for joint in drives
+    ]
+    zero = without_torque(known, layout.simulated)
+    equations.append(
+        (partial(load_regression, known, model=model, springs=zero), layout.load, others)
+    )
+    samples = row_samples(motion)
+    instants = motion.time[samples]
+    shape = (1, len(instants), len(drives) + len(others))
+    residual, jacobian = np.zeros(shape), np.zeros((*shape, len(start)))
+    kept, channel = np.zeros(shape, dtype=bool), 0
+    for regress, columns, joints in equations if shape[2] else []:
+        rows = regress(motion)
+        if columns != layout.load:
+            _check_columns(layout, rows.names, joints[0])
+        if layout.precision.any():
+            rows = offset_sensitivity(known, motion, regress, start[columns])
+        for joint in joints:
+            mine = rows.joint == known.index(joint)
+            places = np.searchsorted(instants, rows.time[mine] - 1e-9)
+            kept[0, places[places % 2 == 0], channel] = True
+            residual[0, places, channel] = rows.y[mine]
+            jacobian[0, places, channel, columns] = -rows.H[mine]
+            if layout.precision.any():
+                jacobian[0, places, channel, layout.zeros] = -rows.propagated[mine]
+            channel += 1
+    simulated = 2 * len(layout.simulated)
+    return Residuals(
+        residual=residual,
+        jacobian=jacobian,
+        nuisance=np.zeros((*shape, 0)),
+        kept=kept,
+        time=instants[None],
+        channels=range(simulated, simulated + shape[2]),
+    )
+
+
+def linearised(layout: Layout, run: Run, x: Array) -> tuple[Residuals, Pull]:
+    """Return the residuals of the simulated joints around x, and what pulls at these joints.
+
+    Channels: positions of the simulated joints, then torques of their drives.
     """
     known, motion = layout.found.known, run.motion
-    error, by_x, jacobians = _load_error(layout, run, x)
+    pull = _pull(layout, run, x)
+    response = pull.response(pull.force)
     joints = [known.index(joint) for joint in layout.simulated]
-    mine = [layout.found.model.torque_joints.index(joint) for joint in layout.simulated]
-    others = [row for row in range(error.shape[1]) if row not in mine]
-    inside = jacobians.part(joints, joints)
-    # the decrease of the springs' load torque with the joint position, for k = 1
-    spring = np.array([known.drives[joint].load_radius ** 2 for joint in layout.simulated])
-    k = np.array([x[layout.spring(joint)[0]] for joint in layout.simulated])
-    inside = replace(inside, position=inside.position + np.diag(spring * k))
-    force = np.concatenate([error[:, mine, None], by_x[:, mine]], axis=2)
-    response = response_to(inside, force, 1 / motion.rate_hz, run.windows)
-
-    free = response.position.shape[2] - force.shape[2]
     encoder = -response.position
     encoder[:, :, 0] += run.reading - motion.joint_position[:, joints]
     if layout.precision.any():
         zeros = [1 + layout.zeros.start + joint for joint in joints]
         encoder[:, :, 0] -= x[layout.zeros][joints]
         encoder[:, range(len(joints)), zeros] -= 1.0
-    names = [layout.found.model.torque_joints[row] for row in others]
-    torque = np.concatenate([error[:, others, None], by_x[:, others]], axis=2)
-    torque = np.pad(torque, ((0, 0), (0, 0), (0, free)))
-    torque -= jacobians.part([known.index(joint) for joint in names], joints).change(response)
-    drive = _drive_error(layout, run, x, response)
-    columns = np.concatenate([encoder, drive, torque], axis=1)
-    still = [np.zeros(len(motion.time), dtype=bool) for _ in joints]
-    slow = replace(motion, cutoff_hz=layout.found.cutoff_hz)
-    still += [
-        _turning(known, motion if joint in layout.simulated else slow, joint)
-        for joint in layout.drives
-    ]
-    still += [unknown_friction(known, slow, joint) for joint in names]
-    channels = (*layout.simulated, *layout.drives, *names)
-    places = [place for place, joint in enumerate(channels) if joint not in layout.simulated]
-    columns[:, places], unused = _in_band(run, slow, columns[:, places], free)
-    for place in places:
-        still[place] = still[place] | unused
-    return _blocks(run, columns, np.column_stack(still), free), response
+    columns = np.concatenate([encoder, _drive_error(layout, run, x, response)], axis=1)
+    still = np.hstack([np.zeros_like(run.still), run.still])
+    return _blocks(run, columns, still, 2 * len(joints)), pull
 
 
-def _in_band(run: Run, slow: Motion, columns: Array, free: int) -> tuple[Array, BoolArray]:
-    """Return residuals and derivatives (T, C, 1 + p + s) below the cutoff of the identification.
+@dataclass(frozen=True, eq=False)
+class Pull:
+    """The linearised load side (8) of the simulated joints: `inside` moves by `force`.
 
-    Also the mask (T,) of the samples that are no rows. What is not simulated has the noise of the
-    encoders in its columns, and parallel filtering removes it as in `identify`. The last `free`
-    columns, which begin anew in each window, are filtered within it.
+    The first column of `force` (T, joints, 1 + p) is the residual of (8), by which the joints have
+    to move to satisfy it; then follow its derivatives by the parameters.
     """
-    T, last = len(columns), columns.shape[2] - free
-    found = in_band(slow, columns)
-    for window in np.split(np.arange(T), run.windows):
-        found[window, :, last:] = in_band(slow, columns[window, :, last:])
-    stride = max(1, decimation(slow.rate_hz, slow.cutoff_hz) // run.block)
-    used = np.arange(T) // run.block % stride == stride // 2
-    transient = round(slow.rate_hz / slow.cutoff_hz)
-    used[:transient] = used[T - transient :] = False
-    return found, ~used
+
+    inside: TorqueJacobians
+    force: Array
+    step_s: float
+    windows: int
+
+    def response(self, force: Array) -> Response:
+        """Return the response of the joints to a force (T, joints, any), and free motions."""
+        return response_to(self.inside, force, self.step_s, self.windows)
+
+
+def _pull(layout: Layout, run: Run, x: Array) -> Pull:
+    error, by_x, jacobians = _load_error(layout, run, x)
+    known, joints = layout.found.known, [layout.found.known.index(j) for j in layout.simulated]
+    inside = jacobians.part(joints, joints)
+    # the decrease of the springs' load torque with the joint position, for k = 1
+    spring = np.array([known.drives[joint].load_radius ** 2 for joint in layout.simulated])
+    k = np.array([x[layout.spring(joint)[0]] for joint in layout.simulated])
+    inside = replace(inside, position=inside.position + np.diag(spring * k))
+    force = np.concatenate([error[:, :, None], by_x], axis=2)
+    return Pull(inside, force, 1 / run.motion.rate_hz, run.windows)
 
 
 def _load_error(layout: Layout, run: Run, x: Array) -> tuple[Array, Array, TorqueJacobians]:
-    """Return the residual of (8) (T, rows), its derivatives by x (T, rows, p) and by the motion."""
+    """Return the residual of (8) of simulated joints (T, joints), and its derivatives.
+
+    The derivatives are those by x (T, joints, p), and of all torques by the motion.
+    """
     found, motion = layout.found, run.motion
     springs = {joint: x[layout.spring(joint)] for joint in found.springs}
     torque, payload, H, propagated = load_columns(found.known, motion, found.model, springs)
+    mine = [found.model.torque_joints.index(joint) for joint in layout.simulated]
     jacobians = torque_jacobians(robot_at(layout, x), *motion.joint_states)
-    by_x = np.zeros((*torque.shape, len(x)))
-    by_x[:, :, layout.load] = -H
-    elastic = [joint for joint in found.model.torque_joints if joint in found.springs]
-    columns = [column for joint in elastic for column in layout.spring(joint)]
-    by_x[:, :, columns] = propagated
+    by_x = np.zeros((len(torque), len(mine), len(x)))
+    by_x[:, :, layout.load] = -H[:, mine]
+    columns = [column for joint in layout.simulated for column in layout.spring(joint)]
+    by_x[:, :, columns] = propagated[:, mine]
     if layout.precision.any():
-        rows = [found.known.index(joint) for joint in found.model.torque_joints]
-        by_x[:, :, layout.zeros] = jacobians.position[:, rows]
-        simulated = [layout.zeros.start + found.known.index(joint) for joint in layout.simulated]
-        by_x[:, :, simulated] = 0.0
-    return torque - payload - H @ x[layout.load], by_x, jacobians
+        joints = [found.known.index(joint) for joint in layout.simulated]
+        by_x[:, :, layout.zeros] = jacobians.position[:, joints]
+        by_x[:, :, [layout.zeros.start + joint for joint in joints]] = 0.0
+    return (torque - payload - H @ x[layout.load])[:, mine], by_x, jacobians
 
 
 def _drive_error(layout: Layout, run: Run, x: Array, response: Response) -> Array:
-    """Return the residuals of (7) and their derivatives (T, drives, 1 + p + s)."""
-    known, motion, free = layout.found.known, run.motion, response.position.shape[2] - 1 - len(x)
-    found = np.zeros((len(motion.time), len(layout.drives), 1 + len(x) + free))
+    """Return the residuals of (7) and their derivatives (T, simulated, 1 + p + s)."""
+    known, motion = layout.found.known, run.motion
+    found = np.zeros_like(response.position)
     nudged = replace(motion, joint_position=motion.joint_position + 1e-6)
-    for row, (joint, columns) in enumerate(layout.drives.items()):
+    for row, joint in enumerate(layout.simulated):
+        columns = layout.drives[joint]
         regressor, zeta, R = actuator_columns(known, motion, joint)
-        if regressor.names != layout.found.drive_side[joint].names:
-            raise IdentificationError(
-                f"the log determines {', '.join(regressor.names)} of {joint}, the identification "
-                f"has {', '.join(layout.found.drive_side[joint].names)}: same torque sensors needed"
-            )
+        _check_columns(layout, regressor.names, joint)
         found[:, row, 0] = zeta - R @ x[columns]
         found[:, row, 1 + columns.start : 1 + columns.stop] = -R
         _, zeta_there, R_there = actuator_columns(known, nudged, joint)
         by_position = (zeta_there - R_there @ x[columns] - found[:, row, 0]) / 1e-6
-        if joint in layout.simulated:
-            mine = response.position[:, layout.simulated.index(joint)]
-            found[:, row] += by_position[:, None] * mine
-        elif layout.precision.any():
-            found[:, row, 1 + layout.zeros.start + known.index(joint)] -= by_position
+        found[:, row] += by_position[:, None] * response.position[:, row]
     return found
+
+
+def _check_columns(layout: Layout, names: tuple[str, ...], joint: str) -> None:
+    """Raise IdentificationError if a log has other torque sensors than the identification."""
+    if names != layout.found.drive_side[joint].names:
+        raise IdentificationError(
+            f"the log determines {', '.join(names)} of {joint}, the identification "
+            f"has {', '.join(layout.found.drive_side[joint].names)}: same torque sensors needed"
+        )
 
 
 def _turning(robot: Robot, motion: Motion, joint: str) -> BoolArray:
@@ -288,7 +340,8 @@ def _turning(robot: Robot, motion: Motion, joint: str) -> BoolArray:
     if not is_dry(robot.drives[joint]):
         return np.zeros(len(motion.time), dtype=bool)
     speed = motion.motor_velocity[:, robot.index(joint)]
-    still = np.abs(speed) < max(STANDSTILL * np.max(np.abs(speed)), REST_RAD_S)
+    fastest = motion.largest_speeds[0, robot.index(joint)]
+    still = np.abs(speed) < max(STANDSTILL * fastest, REST_RAD_S)
     still[1:] |= speed[1:] * speed[:-1] < 0
     seen = round(motion.rate_hz / (POSITION_BAND * motion.cutoff_hz))
     return np.asarray(maximum_filter1d(still.astype(np.uint8), 2 * seen + 1) > 0)
@@ -305,7 +358,7 @@ def _blocks(run: Run, columns: Array, still: BoolArray, free: int) -> Residuals:
         nuisance=means[..., last:],
         kept=np.asarray(~still.reshape(shape).any(axis=2)),
         time=run.motion.time.reshape(run.windows, -1, run.block).mean(axis=2),
-        floor=np.full(columns.shape[1], _LEAST_NOISE),
+        channels=range(columns.shape[1]),
     )
 
 
@@ -317,12 +370,16 @@ _ALIKE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A point of the iteration: parameters (p,), runs, responses of their joints, the next step."""
+    """A point of the iteration: parameters (p,), runs, the pull at their joints, the next step.
+
+    `measured` are the residuals per log of what is not simulated, at parameters of zero.
+    """
 
     x: Array
     runs: list[Run]
-    responses: list[Response]
+    pulls: list[Pull]
     step: Step
+    measured: list[Residuals]
 
 
 @checked(IdentificationError)
@@ -385,8 +442,10 @@ def refine(
     shortest_s = SHORTEST_STRETCH / identification.cutoff_hz
     if not (layout.simulated or encoder_offset_std):
         return _with_finding(identification, _NOTHING_SIMULATED)
-    runs = [run_of(layout, part) for log in logs for part in stretches(log, shortest_s)]
-    start = here = _simulated(layout, _point(layout, runs, layout.start))
+    parts = [part for log in logs for part in stretches(log, shortest_s)]
+    runs = [run for number, part in enumerate(parts) for run in runs_of(layout, part, number)]
+    fixed = [one for part in parts if (one := measured(layout, part)).channels]
+    start = here = _simulated(layout, _point(layout, runs, fixed, layout.start))
     for _ in track(range(iterations), "refining", progress):
         here, better = _improved(layout, here)
         if _size(here.step) < _SETTLED or not better:
@@ -502,19 +561,23 @@ def _check_start(found: Identification) -> None:
             )
 
 
-def _point(layout: Layout, runs: list[Run], x: Array) -> Point:
+def _point(layout: Layout, runs: list[Run], fixed: list[Residuals], x: Array) -> Point:
     diverges = "the simulation diverges at this estimate: check the identification it starts from"
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             around = [linearised(layout, run, x) for run in runs]
     except IdentificationError as problem:
         raise IdentificationError(f"{diverges}; {problem}") from None
-    residuals, responses = [one for one, _ in around], [one for _, one in around]
-    if not all(np.all(np.isfinite(one.jacobian)) for one in residuals):
+    if not all(np.all(np.isfinite(one.jacobian)) for one, _ in around):
         raise IdentificationError(diverges)
-    return Point(
-        x, runs, responses, gauss_newton_step(residuals, layout.names, x, layout.precision)
-    )
+    numbers = [run.log for run in runs]
+    residuals = [
+        joined([one for (one, _), own in zip(around, numbers, strict=True) if own == number])
+        for number in sorted(set(numbers))
+    ]
+    residuals += [replace(one, residual=one.residual + one.jacobian @ x) for one in fixed]
+    step = gauss_newton_step(residuals, layout.names, x, layout.precision)
+    return Point(x, runs, [pull for _, pull in around], step, fixed)
 
 
 def _size(step: Step) -> float:
@@ -547,32 +610,31 @@ def _simulated(layout: Layout, point: Point) -> Point:
 
 def _next(layout: Layout, here: Point, change: Array, part: float, own: tuple[Array, ...]) -> Point:
     """Return the point after a change of the parameters and a part of the initial states'."""
+    states = iter([row for one in own for row in one])  # per window, in the order of the runs
     runs = [
-        _moved(layout, run, response, change, part, states)
-        for run, response, states in zip(here.runs, here.responses, own, strict=True)
+        _moved(
+            layout, run, pull, change, part, np.array([next(states) for _ in range(run.windows)])
+        )
+        for run, pull in zip(here.runs, here.pulls, strict=True)
     ]
-    return _point(layout, runs, here.x + change)
+    return _point(layout, runs, here.measured, here.x + change)
 
 
-def _moved(
-    layout: Layout, run: Run, response: Response, change: Array, part: float, own: Array
-) -> Run:
+def _moved(layout: Layout, run: Run, pull: Pull, change: Array, part: float, own: Array) -> Run:
     """Return a run with its simulated joints after a part of a step."""
     known, motion = layout.found.known, run.motion
     joints = [known.index(joint) for joint in layout.simulated]
-    step = np.append(part, change)
+    response = pull.response(pull.force @ np.append(part, change)[:, None])
     states = []
     for state, moves in zip(
         motion.joint_states,
         (response.position, response.velocity, response.acceleration),
         strict=True,
     ):
-        windowed = moves[..., len(step) :].reshape(
-            run.windows, len(state) // run.windows, len(joints), own.shape[1]
-        )
-        free = np.einsum("wtjs,ws->wtj", windowed, part * own).reshape(len(state), len(joints))
+        windowed = moves.reshape(run.windows, -1, *moves.shape[1:])
+        weights = np.column_stack([np.ones(run.windows), part * own])
         new = state.copy()
-        new[:, joints] += moves[..., : len(step)] @ step + free
+        new[:, joints] += np.einsum("wtjs,ws->wtj", windowed, weights).reshape(moves.shape[:2])
         states.append(new)
     if layout.precision.any():
         others = [joint for joint in range(known.n) if joint not in joints]
@@ -627,11 +689,15 @@ def _estimates(layout: Layout, here: Point) -> tuple[dict[str, Estimate], Estima
         new = whole.part(range(columns.start, columns.stop), old.names)
         return replace(new, units=old.units, residual_std=std, warnings=old.warnings)
 
-    first = len(layout.simulated)
+    first, joints = len(layout.simulated), list(layout.simulated)
+    joints += [joint for joint in layout.drives if joint not in joints]
+    stds = dict(zip(joints, step.stds[first:], strict=False))
     drives = {
-        joint: with_warnings(part(found.drive_side[joint], columns, float(std)), joint, None)
-        for (joint, columns), std in zip(layout.drives.items(), step.stds[first:], strict=False)
+        joint: with_warnings(
+            part(found.drive_side[joint], columns, float(stds[joint])), joint, None
+        )
+        for joint, columns in layout.drives.items()
     }
-    rest = step.stds[first + len(layout.drives) :]
+    rest = step.stds[first + len(joints) :]
     load_std = float(np.sqrt(np.mean((rest if rest.size else step.stds[:first]) ** 2)))
     return drives, part(found.load_side, layout.load, load_std)
