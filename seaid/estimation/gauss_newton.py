@@ -142,10 +142,12 @@ def _at_least(part: float, covariance: Array, white: Array) -> Array:
     """
     scale = np.sqrt(np.diag(white))
     scale[scale == 0] = 1.0  # known by the prior alone
-    sizes, axes = np.linalg.eigh(white / np.outer(scale, scale))
-    root = scale[:, None] * axes * np.sqrt(np.maximum(sizes, ROUNDING))
-    inverse = np.linalg.inv(root)
-    ratios, turned = np.linalg.eigh(inverse @ covariance @ inverse.T)
+    sizes, axes = safely(np.linalg.eigh, white / np.outer(scale, scale), what="the output error")
+    sizes = np.sqrt(np.maximum(sizes, ROUNDING))
+    root, inverse = scale[:, None] * axes * sizes, axes.T / sizes[:, None] / scale
+    ratios, turned = safely(
+        np.linalg.eigh, inverse @ covariance @ inverse.T, what="the output error"
+    )
     half = root @ turned * np.sqrt(np.maximum(ratios, part))
     return np.asarray(half @ half.T)
 
