@@ -176,3 +176,17 @@ def _error(what: str, found: str, matrices: tuple[Any, ...], error: type[SeaidEr
 def is_constant(values: Array) -> bool:
     """Return whether all samples (T,) of a channel are the same finite number."""
     return bool(len(values) and np.all(np.isfinite(values)) and np.ptp(values) == 0.0)
+
+
+def resolution(values: Array) -> float:
+    """Return the resolution of a channel (T,): its smallest change, 0 for a constant channel."""
+    changes = np.abs(np.diff(np.unique(values[np.isfinite(values)])))
+    largest = np.max(np.abs(values[np.isfinite(values)]), initial=0.0)
+    changes = changes[changes > 1e-9 * largest]
+    return float(np.percentile(changes, 5)) if len(changes) else 0.0
+
+
+def runs(mask: BoolArray) -> IndexArray:
+    """Return the first sample and the end (R, 2) of each run of true values in `mask` (T,)."""
+    edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
+    return np.column_stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)])

@@ -54,7 +54,7 @@ from seaid.identification.nonlinear_terms import with_fixed_warnings
 from seaid.identification.physical.consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.simultaneous import estimate_simultaneous
 from seaid.identification.two_step import RobotEstimate, estimate_two_step, joints_with_torque
-from seaid.log import Log, Motion, Processing, stretches
+from seaid.log import Log, Motion, Processing, stretches, usable
 from seaid.regressor import (
     BaseParameters,
     LoadModel,
@@ -246,7 +246,7 @@ def identify(
     logs_in_memory = [source for source in sources if isinstance(source, Log)]
     findings = log_findings(robot, logs_in_memory)
     datasets = datasets_of(robot, sources, cutoff_hz, executor, progress)
-    in_memory = [part for log in logs_in_memory for part in stretches(log)]
+    in_memory = [part for log in logs_in_memory for part in stretches(usable(log))]
     if len(logs_in_memory) == len(sources):
         check_excitation(robot, in_memory)
     check_channels(logs_in_memory)

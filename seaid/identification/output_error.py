@@ -45,6 +45,7 @@ from seaid.log import (
     reconstruct_motions,
     row_samples,
     stretches,
+    usable,
 )
 from seaid.regressor import (
     Regress,
@@ -442,7 +443,7 @@ def refine(
     shortest_s = SHORTEST_STRETCH / identification.cutoff_hz
     if not (layout.simulated or encoder_offset_std):
         return _with_finding(identification, _NOTHING_SIMULATED)
-    parts = [part for log in logs for part in stretches(log, shortest_s)]
+    parts = [part for log in logs for part in stretches(usable(log), shortest_s)]
     runs = [run for number, part in enumerate(parts) for run in runs_of(layout, part, number)]
     fixed = [one for part in parts if (one := measured(layout, part)).channels]
     start = here = _simulated(layout, _point(layout, runs, fixed, layout.start))

@@ -10,9 +10,7 @@ from .infer_columns import describe_log as describe_log
 from .log import WRITTEN as WRITTEN
 from .log import Log as Log
 from .log import LogField as LogField
-from .log import check_whole as check_whole
 from .log import column_names as column_names
-from .log import stretches as stretches
 from .log import write_log as write_log
 from .long_log import LongLog as LongLog
 from .long_log import open_long_log as open_long_log
@@ -42,3 +40,6 @@ from .sampling import pieces as pieces
 from .sampling import row_samples as row_samples
 from .sampling import standstill as standstill
 from .sampling import still_share as still_share
+from .usable_parts import check_whole as check_whole
+from .usable_parts import stretches as stretches
+from .usable_parts import usable as usable

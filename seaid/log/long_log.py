@@ -16,10 +16,18 @@ from seaid._arrays import Array
 from seaid._progress import Display, counted
 from seaid.errors import LogError, checked, shown
 from seaid.log.filtering import decimation, filter_overlap
-from seaid.log.log import MINIMUM_SAMPLES, WRITTEN, Column, Log, holes, log_of, wanted_columns
-from seaid.log.motion import Motion, Processing, check_cutoff, is_regular, reconstruct_motion
+from seaid.log.log import MINIMUM_SAMPLES, WRITTEN, Column, Log, log_of, wanted_columns
+from seaid.log.motion import (
+    Motion,
+    Processing,
+    check_cutoff,
+    is_regular,
+    motion_of,
+    reconstruct_motion,
+)
 from seaid.log.readers.opening import open_table
 from seaid.log.readers.table import Block, Blocks
+from seaid.log.usable_parts import holes, without_frozen
 from seaid.robot import Robot
 
 CHUNK_SAMPLES = 16_000
@@ -94,7 +102,7 @@ class LongLog(Display):
         """Yield the reconstructed motion of each part, overlap included."""
         for part in self.parts():
             _check_even(self.path, part)
-            motion = reconstruct_motion(self.robot, part.log, self.cutoff_hz)
+            motion = motion_of(self.robot, part.log, self.cutoff_hz)
             yield replace(motion, fastest=self.fastest), part
 
 
@@ -143,6 +151,8 @@ def open_long_log(
     if cutoff_hz is None:
         motion = reconstruct_motion(robot, first)
         cutoff_hz, processing = motion.cutoff_hz, motion.processing
+        if processing is not None:  # the rest before the motion has no say, but its rows stay
+            processing = replace(processing, repairs=first.report)
     rate_hz = (len(first.time) - 1) / (first.time[-1] - first.time[0])
     check_cutoff(cutoff_hz, rate_hz)
     step, period = decimation(rate_hz, cutoff_hz), rate_hz / cutoff_hz
@@ -243,7 +253,13 @@ def _joined(blocks: list[Block]) -> Block:
 
 
 def _check_even(path: Path, part: LogPart) -> None:
-    """Raise LogError for unequal time steps, naming the first hole if there is one."""
+    """Raise LogError for frozen channels and unequal time steps, naming the first hole, if any."""
+    frozen = without_frozen(part.log).report
+    if frozen:
+        raise LogError(
+            f"'{path}': {frozen[0]}; a log that is read in pieces must not have that: cut it "
+            "there, or use read_log"
+        )
     if is_regular(part.log.time):
         return
     found = holes(part.log.time)

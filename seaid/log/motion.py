@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seaid._arrays import Array
+from seaid._arrays import Array, BoolArray
 from seaid._progress import Display, sampled_text
 from seaid.errors import Finding, LogError, checked
 from seaid.log.filtering import CutoffSelection, low_pass, select_cutoff, spline_derivatives
-from seaid.log.log import HOLES, check_whole, holes, stretches
-from seaid.log.repair.clocks import irregular_steps, longest_bridge, typical_step
-from seaid.log.repair.resampling import interpolated
+from seaid.log.repair.clocks import irregular_steps, longest_bridge, longest_step, typical_step
+from seaid.log.repair.resampling import in_gap, interpolated
+from seaid.log.usable_parts import FROZEN, HOLES, REST, check_whole, holes, stretches, usable
 from seaid.robot import at_drives, at_joints, coupled_groups
 
 if TYPE_CHECKING:
@@ -26,7 +26,11 @@ if TYPE_CHECKING:
 
 def has_holes(processing: Sequence[Processing]) -> bool:
     """Return whether a log has holes in time, so that its stretches were processed separately."""
-    return any(one.warnings for one in processing)
+    return any(repair.kind == HOLES for one in processing for repair in one.repairs)
+
+
+_CODES = {HOLES: "holes", FROZEN: "holes", REST: "standstill"}
+"""{kind of a repair that excludes samples: code of its finding}."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,7 @@ class Processing:
     transient_s : float
         Filter transient that is excluded at both ends [s].
     repairs : tuple of Repair
-        Repairs made when the log was read.
+        Repairs made when the log was read, and samples that were excluded afterwards.
     """
 
     logged_rate_hz: float
@@ -59,11 +63,11 @@ class Processing:
 
     @property
     def warnings(self) -> tuple[Finding, ...]:
-        """The holes in the log's time."""
+        """The excluded samples: rest at the ends, frozen channels, holes in time."""
         return tuple(
-            Finding("holes", str(repair), severity="note", certainty="certain")
+            Finding(_CODES[repair.kind], str(repair), severity="note", certainty="certain")
             for repair in self.repairs
-            if repair.kind == HOLES
+            if repair.kind in _CODES
         )
 
     def __str__(self) -> str:
@@ -73,12 +77,14 @@ class Processing:
         low_pass = f"positions below {self.position_low_pass_hz:.3g} Hz"
         if self.position_low_pass_hz >= 0.4 * self.rate_hz:
             low_pass = "positions unfiltered"
-        repaired = (
-            f"; {len(self.repairs)} kinds of faults repaired on reading" if self.repairs else ""
-        )
+        faults = sum(repair.kind not in _CODES for repair in self.repairs)
+        repaired = f"; {faults} kinds of faults repaired on reading" if faults else ""
+        excluded = [
+            f"; {one.kind}: {one.action}" for one in self.repairs if one.kind in (FROZEN, REST)
+        ]
         return (
             f"{grid}, {low_pass}; regressor and torque below {self.cutoff_selection}; "
-            f"{self.transient_s:.2g} s excluded at both ends{repaired}"
+            f"{self.transient_s:.2g} s excluded at both ends{''.join(excluded)}{repaired}"
         )
 
 
@@ -122,6 +128,8 @@ class Motion(Display):
         m/s], NaN for joints without the sensor.
     gear_torque : array (T, n) or None
         Estimated torque of rigid drives on their load [N m or N], if their friction depends on it.
+    bridged : array (T,) or None
+        Whether a sample was interpolated over a gap; None: none was.
     processing : Processing or None
         How the motion was computed from the log.
     """
@@ -144,6 +152,7 @@ class Motion(Display):
     deflection: Array | None = None
     deflection_rate: Array | None = None
     gear_torque: Array | None = None
+    bridged: BoolArray | None = None
     processing: Processing | None = None
 
     def _in_short(self) -> str:
@@ -182,7 +191,8 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
     Positions pass a zero-phase low pass at five times the cutoff, and a quintic spline gives their
     derivatives. Torques stay unfiltered, because a regression filters regressor and torque alike.
     The side of a rigid drive without an encoder is computed from the other side; joints with
-    coupled drives are computed from all motors of the group.
+    coupled drives are computed from all motors of the group. Rest at the ends of the log and
+    samples of frozen channels are excluded.
 
     Parameters
     ----------
@@ -209,8 +219,18 @@ def reconstruct_motion(robot: Robot, log: Log, cutoff_hz: float | None = None) -
     >>> motion = seaid.reconstruct_motion(robot, log, cutoff_hz=8.0)
     >>> motion.joint_acceleration.shape
     """
+    return motion_of(robot, usable(log, _shortest_s(cutoff_hz)), cutoff_hz)
+
+
+def motion_of(robot: Robot, log: Log, cutoff_hz: float | None = None) -> Motion:
+    """Return the motion of all samples of a log. Raises LogError for a hole in time."""
     check_whole(log)
     return _motion(robot, log, None if cutoff_hz is None else _given(cutoff_hz))
+
+
+def _shortest_s(cutoff_hz: float | None) -> float:
+    """Return the shortest log [s] for a cutoff, which is checked later."""
+    return 1.001 * FEWEST_PERIODS / cutoff_hz if cutoff_hz and cutoff_hz > 0 else 0.0
 
 
 def reconstruct_motions(
@@ -224,8 +244,9 @@ def reconstruct_motions(
     than four periods of the cutoff are excluded, as the repairs in the first motion's `processing`
     state. Raises LogError if holes and excluded stretches are more than half of the log.
     """
+    log = usable(log, _shortest_s(cutoff_hz))
     if not holes(log.time):
-        return (reconstruct_motion(robot, log, cutoff_hz),)
+        return (motion_of(robot, log, cutoff_hz),)
     longest = max(stretches(log), key=lambda part: float(part.time[-1] - part.time[0]))
     if cutoff_hz is None:
         choices = [_selected(robot, *_sampled(robot, one)) for one in (log, longest)]
@@ -291,6 +312,7 @@ def _motion(
         deflection_rate=None if springs is None else spline_derivatives(time, springs)[1],
         cutoff_hz=float(cutoff_hz),
         transient_s=1.0 / cutoff_hz,
+        bridged=_bridged(log.time, time),
         processing=Processing(
             logged_rate_hz=_rate_hz(log.time),
             rate_hz=rate_hz,
@@ -338,6 +360,14 @@ def _uniform(log: Log, columns: list[int]) -> tuple[Array, dict[str, Array]]:
                 log.time, values[:, place], time, smooth=field.endswith(("position", "deflection"))
             )
     return time, found
+
+
+def _bridged(logged: Array, time: Array) -> BoolArray | None:
+    """Return the mask (T,) of samples of a uniform grid inside a gap of the log, None without."""
+    if time is logged:
+        return None
+    found = in_gap(logged, time, longest_step(logged))
+    return found if np.any(found) else None
 
 
 def _check_positions(robot: Robot, joint: Array, motor: Array) -> None:

@@ -29,6 +29,14 @@ STRIBECK_SHARE = 0.01
 """The same for Stribeck friction, which the samples next to standstill determine."""
 
 
+BRIDGED_SHARE = 0.2
+"""Share of interpolated gaps in the window of the low pass above which a sample is excluded.
+
+On the simulated leg with two gaps of 0.09 s the error of the drives is 1.5 times that without gaps
+if all rows are kept, and 1.05 times at 0.1 to 0.3 (ten draws); gaps of 10 ms need no exclusion.
+"""
+
+
 def in_band(motion: Motion, columns: Array) -> Array:
     """Return columns (T, ...) filtered by the low pass at the motion's cutoff."""
     return in_band_at(motion, columns, np.arange(len(columns)))
@@ -44,10 +52,13 @@ def in_band_at(motion: Motion, columns: Array, samples: IndexArray) -> Array:
 
 
 def row_samples(motion: Motion) -> IndexArray:
-    """Return the samples that become rows: decimated, without the filter transients."""
+    """Return the samples that become rows: decimated, without filter transients and gaps."""
     step = decimation(motion.rate_hz, motion.cutoff_hz)
     transient = round(motion.transient_s * motion.rate_hz)
-    return np.arange(transient, len(motion.time) - transient, step)
+    rows = np.arange(transient, len(motion.time) - transient, step)
+    if motion.bridged is None:
+        return rows
+    return rows[in_band_at(motion, motion.bridged.astype(float), rows) <= BRIDGED_SHARE]
 
 
 PIECE_SAMPLES = 16_000

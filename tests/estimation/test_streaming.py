@@ -22,7 +22,7 @@ from seaid.identification.datasets import rows_of_equations
 from seaid.identification.drive_estimates import spring_of
 from seaid.identification.identification import identify
 from seaid.log.long_log import LongLog, iterate_log, open_long_log
-from seaid.log.motion import Motion, reconstruct_motion
+from seaid.log.motion import Motion, motion_of, reconstruct_motion
 from seaid.log.reading import Log, read_log, write_log
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import load_model, load_regression
@@ -152,9 +152,9 @@ def test_a_file_is_read_once_for_all_equations(npz: Path, monkeypatch: pytest.Mo
 
     def counted(*arguments: Any) -> Motion:
         reconstructed.append(arguments)
-        return reconstruct_motion(*arguments)
+        return motion_of(*arguments)
 
-    monkeypatch.setattr(long_log_module, "reconstruct_motion", counted)
+    monkeypatch.setattr(long_log_module, "motion_of", counted)
     pieces = len(list(long_log.motions()))
     reconstructed.clear()
     found = identify(ROBOT, long_log)

@@ -14,9 +14,9 @@ from scipy.interpolate import CubicSpline
 from seaid._arrays import Array
 from seaid.errors import LogError, SeaidWarning
 from seaid.log.description import LogDescription, description_for
-from seaid.log.log import holes
 from seaid.log.reading import Log, read_log, write_log
 from seaid.log.repair.data import Repairs
+from seaid.log.usable_parts import holes
 from seaid.robot.robot import Robot, load_robot
 from seaid.simulation.simulation import Noise, measure
 from tests.experiments import LEG_SENSORS, leg, leg_motion, perfect_log

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, IndexArray, is_constant
+from seaid._arrays import Array, BoolArray, is_constant, resolution, runs
 from seaid.errors import LogError
 from seaid.log.repair.clocks import RepairedClock, longest_bridge, longest_step
 from seaid.log.repair.data import FEWEST, Channel, Fault, Repair, Repairs, is_position
@@ -145,20 +145,6 @@ _STUCK, _PILED = 3, 4.0
 
 SLOWER = 1 / 3
 """Share of held samples above which a sensor samples more slowly than its log."""
-
-
-def resolution(values: Array) -> float:
-    """Return the resolution of a channel (T,): its smallest change, 0 for a constant channel."""
-    changes = np.abs(np.diff(np.unique(values[np.isfinite(values)])))
-    largest = np.max(np.abs(values[np.isfinite(values)]), initial=0.0)
-    changes = changes[changes > 1e-9 * largest]
-    return float(np.percentile(changes, 5)) if len(changes) else 0.0
-
-
-def runs(mask: BoolArray) -> IndexArray:
-    """Return the first sample and the end (R, 2) of each run of true values in `mask` (T,)."""
-    edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
-    return np.column_stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)])
 
 
 def zero_dropouts(values: Array) -> BoolArray:

@@ -89,6 +89,8 @@ Fault = Literal[
     "holes in time",
     "delay",
     "excluded intervals",
+    "rest at the ends",
+    "frozen values",
 ]
 """Kinds of the faults of a log."""
 
