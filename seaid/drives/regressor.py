@@ -6,7 +6,7 @@ e(p) ~ e(p_0) + de/dp (p - p_0), which is a regressor as well.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -83,6 +83,12 @@ class DriveRegressor:
         """Return zeta (T,) and the columns (T, l) of `linear`, exact for `values` of the others."""
         return _evaluate(self, signals, values, self.linear)
 
+    def columns(
+        self, signals: Mapping[str, Array], values: Mapping[str, float], names: Sequence[str]
+    ) -> Array:
+        """Return the columns (T, names) of some parameters, the derivatives at `values`."""
+        return _evaluate(self, signals, values, tuple(names))[1]
+
 
 def drive_regressor(equation: DriveEquation, drive: Drive, joint: str = "") -> DriveRegressor:
     """Derive the regressor of a drive's equation by Algorithm 1; if nonlinear, by derivatives."""
@@ -145,6 +151,10 @@ def _separated(equation: DriveEquation) -> tuple[sp.Expr, tuple[sp.Expr, ...], t
     form = separate(expression, motion=list(SIGNALS), unknowns=unknowns)
     parameters, row = tuple(form.parameters), tuple(form.regressor)
     factor = _factor(expression, parameters, row)
+    if factor.free_symbols & {sp.Symbol(name) for name in _ARGUMENTS.values()}:
+        # the form is divided by a function of the motion, which may be zero: a dead zone
+        slopes = tuple(_slope(expression, symbol) for symbol in unknowns)
+        return -flat_names(expression).subs(dict.fromkeys(unknowns, 0)), tuple(unknowns), slopes
     return factor * form.zeta[0], parameters, tuple(factor * entry for entry in row)
 
 

@@ -1,13 +1,9 @@
 from .covariance import newey_west as newey_west
 from .diagnostics import POORLY_DETERMINED as POORLY_DETERMINED
 from .diagnostics import ModelChecks as ModelChecks
-from .diagnostics import ModelComparison as ModelComparison
 from .diagnostics import TermTest as TermTest
-from .diagnostics import common_rows as common_rows
-from .diagnostics import compare_models as compare_models
 from .diagnostics import independent_rows as independent_rows
 from .diagnostics import term_test as term_test
-from .diagnostics import time_blocks as time_blocks
 from .estimate import Estimate as Estimate
 from .feasible import WEIGHTS as WEIGHTS
 from .feasible import FeasiblePoint as FeasiblePoint
@@ -32,6 +28,10 @@ from .least_squares import estimate_of as estimate_of
 from .least_squares import ordinary as ordinary
 from .least_squares import settled_weights as settled_weights
 from .least_squares import solve as solve
+from .model_comparison import Alternative as Alternative
+from .model_comparison import ModelComparison as ModelComparison
+from .model_comparison import compare_models as compare_models
+from .model_comparison import time_blocks as time_blocks
 from .qr_factor import QRFactor as QRFactor
 from .qr_factor import qr_factor_of as qr_factor_of
 from .qr_factor import triangle as triangle

@@ -1,12 +1,7 @@
-"""Diagnostics of an estimate: poorly determined directions, significance of terms, whiteness.
-
-Two models are compared by the Bayesian information criterion over independent rows and by the
-prediction of excluded blocks of rows.
-"""
+"""Diagnostics of an estimate: poorly determined directions, significance of terms, whiteness."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -15,12 +10,12 @@ import numpy as np
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
-from seaid._arrays import Array, BoolArray
+from seaid._arrays import Array
 from seaid.errors import IdentificationError, unknown_name
 from seaid.estimation.covariance import by_instant
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.qr_factor import QRFactor, qr_factor_of, triangle
-from seaid.estimation.singular_directions import directions, scaled_svd
+from seaid.estimation.qr_factor import QRFactor, triangle
+from seaid.estimation.singular_directions import directions
 
 if TYPE_CHECKING:
     from seaid.regressor import Regression
@@ -156,116 +151,6 @@ def whiteness(rows: Regression, theta: Array) -> dict[int, Whiteness]:
             p_value=float(chi2.sf(Q, _WHITENESS_LAGS)),
         )
     return found
-
-
-BLOCKS = 8
-"""Number of blocks, consecutive in time, of which each is predicted from the others."""
-
-
-@dataclass(frozen=True, eq=False)
-class ModelComparison:
-    """Comparison of a larger model with a smaller one.
-
-    `bic` is the decrease of the extended Bayesian information criterion (Chen and Chen 2008), which
-    counts the number of models compared; `F` tests that the additional parameters are zero;
-    `improvement` is the relative decrease of the squared error in predicting excluded blocks, with
-    `improvement_std` from the spread over the blocks; `better` of `blocks` improved.
-    """
-
-    bic: float
-    F: float
-    improvement: float
-    improvement_std: float
-    better: int
-    blocks: int
-
-    @property
-    def is_supported(self) -> bool:
-        """Whether the criterion and, by more than its standard error, the prediction improve."""
-        return self.bic > 0 and self.improvement > self.improvement_std
-
-
-def compare_models(
-    rows: Regression,
-    weights: Array,
-    base: Sequence[str],
-    whole: Sequence[str],
-    independent: float,
-    asked: int,
-) -> ModelComparison:
-    """Compare the model with the columns `whole` of rows with the smaller one with `base`.
-
-    `whole` spans `base`, possibly with other columns. `weights` (E,) of the equations are kept;
-    `independent` is the number of independent rows, `asked` the number of models compared. Raises
-    IdentificationError for too few rows, and if `whole` is not larger.
-    """
-    more = len(whole) - len(base)
-    if more < 1 or independent <= len(whole):
-        raise IdentificationError(
-            f"a comparison needs a larger model and more independent rows than its {len(whole)} "
-            f"parameters, found {more} more parameters and {independent:.1f} rows"
-        )
-    parts = [qr_factor_of(rows.at(block)) for block in time_blocks(rows)]
-    factors = [part.weighted_factor(_of(part, rows, weights)) for part in parts]
-    columns = [[rows.names.index(name) for name in names] for names in (base, whole)]
-    growth = _residual(factors, columns[0]) / max(_residual(factors, columns[1]), 1e-300)
-    without, within = (_prediction_errors(factors, some) for some in columns)
-    change, total = without - within, max(float(np.sum(without)), 1e-300)
-    penalty = more * math.log(independent) + 2 * math.log(max(asked, 1))  # Chen and Chen 2008
-    return ModelComparison(
-        bic=independent * math.log(max(growth, 1e-300)) - penalty,
-        F=(independent - len(whole)) / more * (growth - 1),
-        improvement=float(np.sum(change)) / total,
-        improvement_std=math.sqrt(len(change)) * float(np.std(change, ddof=1)) / total,
-        better=int(np.sum(change > 0)),
-        blocks=len(change),
-    )
-
-
-def common_rows(one: Regression, other: Regression) -> tuple[Regression, Regression]:
-    """Return the rows of the same equations and instants in two regressions of the same logs."""
-    keys = [list(zip(rows.joint, rows.run, rows.time, strict=True)) for rows in (one, other)]
-    shared = set(keys[0]) & set(keys[1])
-    masks = [np.array([key in shared for key in found], dtype=bool) for found in keys]
-    return one.at(masks[0]), other.at(masks[1])
-
-
-def time_blocks(rows: Regression, count: int = BLOCKS) -> list[BoolArray]:
-    """Return `count` masks of rows, blocks of equal length in time over all runs in turn."""
-    order = np.lexsort((rows.time, rows.run))
-    place = np.empty(len(order), dtype=np.intp)
-    place[order] = np.arange(len(order))
-    block = place * count // max(len(order), 1)
-    found = [np.asarray(block == one) for one in range(count)]
-    if len(order) < count * 2 or len(order) * (count - 1) / count <= rows.H.shape[1]:
-        raise IdentificationError(
-            f"{len(order)} rows are too few to exclude one of {count} blocks and estimate "
-            f"{rows.H.shape[1]} parameters from the others: record a longer log"
-        )
-    return found
-
-
-def _of(part: QRFactor, rows: Regression, weights: Array) -> Array:
-    """Return the weights of the equations of a block."""
-    equations = np.unique(rows.joint).tolist()
-    return np.array([weights[equations.index(equation)] for equation in part.equations])
-
-
-def _residual(factors: Sequence[Array], columns: Sequence[int]) -> float:
-    """Return the squared residual of all rows with some columns."""
-    R = np.concatenate(factors)
-    theta = scaled_svd(R[:, columns]).solve(R[:, -1])
-    return float(np.sum((R[:, -1] - R[:, columns] @ theta) ** 2))
-
-
-def _prediction_errors(factors: Sequence[Array], columns: Sequence[int]) -> Array:
-    """Return the squared error of each block, predicted from the others with some columns."""
-    errors = np.empty(len(factors))
-    for place, left in enumerate(factors):
-        others = np.concatenate([R for other, R in enumerate(factors) if other != place])
-        theta = scaled_svd(others[:, columns]).solve(others[:, -1])
-        errors[place] = np.sum((left[:, -1] - left[:, columns] @ theta) ** 2)
-    return errors
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,32 +9,39 @@ result is a table and a robot; no term is added silently.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 
-import numpy as np
-
-from seaid._arrays import Array, FrozenMapping
+from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted, track
-from seaid.drives import COULOMB, PARAMETERS_OF, Drive, term_fields
-from seaid.errors import IdentificationError, RobotError, SeaidError, checked, listed, unknown_name
+from seaid.drives import PARAMETERS, PARAMETERS_OF, Drive
+from seaid.errors import IdentificationError, checked, listed, unknown_name
 from seaid.estimation import (
+    FittedRows,
     ModelComparison,
-    common_rows,
     compare_models,
     estimator_named,
     fit,
-    independent_rows,
 )
 from seaid.identification.datasets import Source, datasets_of, first_motion, sources_of
 from seaid.identification.linearisation import with_gear_torques
 from seaid.identification.nonlinear_terms import linearised, starting_load_fit
+from seaid.identification.term_columns import (
+    DriveRows,
+    actuator_drive,
+    load_drive,
+    possible_terms,
+    with_term,
+)
 from seaid.identification.two_step import joints_with_torque
 from seaid.log import Motion
-from seaid.regressor import Regression, actuator_regression, stacked
+from seaid.regressor import actuator_regression, stacked, with_gear_torque
 from seaid.robot import Robot
 
-_NOT_COMPARED = {"friction": ("viscous", *COULOMB), "spring": ("linear", "fifth", "preload")}
+_NOT_COMPARED = {
+    "friction": ("viscous", "coulomb", "shifted_coulomb"),
+    "spring": ("linear", "fifth", "preload"),
+}
 """Terms of the usual drive, and those for which another one stands in a comparison."""
 
 AT_THE_MOTOR = {
@@ -55,7 +62,8 @@ class TermComparison:
     """Comparison of a joint's drive with and without one more term, at `step` of the selection.
 
     `comparison` is None if the term could not be estimated: `reason` says why. The best supported
-    term of a step is `selected`.
+    term of a step is `selected`. `values` {parameter: value} are the best of a grid, of parameters
+    in which the equation is nonlinear.
     """
 
     joint: str
@@ -65,6 +73,7 @@ class TermComparison:
     comparison: ModelComparison | None
     reason: str = ""
     selected: bool = False
+    values: Mapping[str, float] = FrozenMapping({})
 
     @property
     def is_supported(self) -> bool:
@@ -142,8 +151,10 @@ def compare_terms(
     motions = [first_motion(dataset) for dataset in datasets]
     used = joints_with_torque(robot, datasets) if torque_joints is None else selected
     comparisons: list[TermComparison] = []
+    model = _Model.of(robot, motions, used)
+    count = sum(len(list(possible_terms(robot.drives[joint], asked))) for joint in compared)
     for joint in track(compared, "terms", progress):
-        robot = _extended(_JointModel(robot, motions, used, joint), asked, comparisons)
+        model = _extended(model, joint, asked, count, comparisons)
     recommended = {
         joint: tuple(
             (one.field, one.term) for one in comparisons if one.joint == joint and one.selected
@@ -153,17 +164,15 @@ def compare_terms(
     return TermSelection(
         comparisons=tuple(comparisons),
         recommended=FrozenMapping({joint: found for joint, found in recommended.items() if found}),
-        robot=robot,
+        robot=model.robot.with_drives(
+            {
+                joint: replace(
+                    drive, known=tuple(n for n in drive.known if n in robot.drives[joint].known)
+                )
+                for joint, drive in model.robot.drives.items()
+            }
+        ),
     )
-
-
-def with_term(drive: Drive, field: str, term: str) -> Drive:
-    """Return the drive with one more term, without the values of parameters that it then lacks."""
-    terms = (*getattr(drive, field), term)
-    bare = replace(drive, nominal={}, known=(), **{field: terms})  # type: ignore[arg-type]
-    names = bare.parameter_names
-    valued = bare.with_values({n: x for n, x in drive.values.items() if n in names})
-    return replace(valued, known=tuple(name for name in drive.known if name in names))
 
 
 def _asked(terms: Mapping[str, Sequence[str]] | None) -> Mapping[str, Sequence[str]]:
@@ -181,111 +190,142 @@ def _asked(terms: Mapping[str, Sequence[str]] | None) -> Mapping[str, Sequence[s
 
 
 def _extended(
-    model: _JointModel, asked: Mapping[str, Sequence[str]], comparisons: list[TermComparison]
-) -> Robot:
-    """Return the robot with the supported terms of one joint; append all to `comparisons`."""
+    model: _Model,
+    joint: str,
+    asked: Mapping[str, Sequence[str]],
+    count: int,
+    comparisons: list[TermComparison],
+) -> _Model:
+    """Return the model with the supported terms of one joint; append all to `comparisons`.
+
+    `count` is the number of comparisons of all joints, which the criterion allows for.
+    """
     for step in range(_MOST_STEPS):
-        candidates = _candidates(model, asked)
-        found = _comparisons(model, candidates, step)
-        supported = [one for one in found if one.is_supported]
-        best = max(supported, key=_bic, default=None)
+        found = _compared_terms(model, joint, asked, count, step)
+        best = max((one for one in found if one.is_supported), key=_bic, default=None)
         comparisons += [replace(one, selected=one is best) for one in found]
         if best is None:
             break
-        drive = with_term(model.robot.drives[model.joint], best.field, best.term)
-        robot = model.robot.with_drives({model.joint: drive})
-        model = replace(model, robot=linearised(robot, model.motions))
-    return model.robot
+        model = model.with_term(best)
+    return model
 
 
 def _bic(one: TermComparison) -> float:
     return -float("inf") if one.comparison is None else one.comparison.bic
 
 
-def _candidates(model: _JointModel, asked: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
-    """Return the terms (field, term) that a drive lacks, can have, and has equations for."""
-    drive, found = model.robot.drives[model.joint], []
-    for field, terms in asked.items():
-        has_equation = model.is_motor_side(field) or model.joint in model.used
-        for term in terms if has_equation and field in term_fields(drive) else ():
-            if term not in getattr(drive, field):
-                with suppress(RobotError):  # what this drive cannot have
-                    with_term(drive, field, term)
-                    found.append((field, term))
-    return found
-
-
 @dataclass(frozen=True, eq=False)
-class _JointModel:
-    """The model of the robot at a step of the selection, and the joint whose drive is extended."""
+class _Model:
+    """The model of the robot at a step of the selection, linear: nonlinear parameters are known.
+
+    `motions` have the torque through the gears if friction depends on it.
+    """
 
     robot: Robot
     motions: Sequence[Motion]
-    used: Sequence[str]
-    joint: str
+    used: tuple[str, ...]
 
-    def is_motor_side(self, field: str) -> bool:
-        """Return whether a field's terms are on the actuator side (7)."""
-        return field in AT_THE_MOTOR and self.joint in self.robot.elastic_joints
+    @classmethod
+    def of(cls, robot: Robot, motions: Sequence[Motion], used: Sequence[str]) -> _Model:
+        """Return the model of a robot, whose nonlinear parameters are searched."""
+        robot, motions = with_gear_torques(linearised(robot, motions), motions, used)
+        fixed = {joint: _fixed(robot.drives[joint]) for joint in robot.joint_names}
+        return cls(robot.with_drives(fixed), motions, tuple(used))
 
-    def rows(self, robot: Robot, motor_side: bool) -> Regression:
-        """Return the rows of one side, with the robot's drives linearised near the best values."""
-        if motor_side:
-            linear = linearised(robot, self.motions)
-            return stacked([actuator_regression(linear, one, self.joint) for one in self.motions])
-        linear, motions = with_gear_torques(
-            linearised(robot, self.motions), self.motions, self.used
-        )
-        return starting_load_fit(linear, motions, self.used).rows
+    @cached_property
+    def load(self) -> FittedRows:
+        """The fit of the load side (8)."""
+        return fit(starting_load_fit(self.robot, self.motions, self.used).rows, _WLS)
+
+    @cached_property
+    def _with_gear_torque(self) -> _Model:
+        """The model with the torque through the gears of the fit, for load-dependent friction."""
+        found = starting_load_fit(self.robot, self.motions, self.used)
+        motions = [
+            with_gear_torque(self.robot, one, found.model, found.springs, found.values)
+            for one in self.motions
+        ]
+        return replace(self, motions=motions)
+
+    def drive(self, joint: str, at_motor: bool) -> tuple[DriveRows, FittedRows] | None:
+        """Return a drive at the rows of its motor's equation or of its joint's; None without."""
+        robot = self.robot
+        if at_motor and joint in robot.elastic_joints:
+            rows = [actuator_regression(robot, motion, joint) for motion in self.motions]
+            fitted = fit(stacked(rows), _WLS)
+            theta = fitted.estimate.values
+            return actuator_drive(robot, self.motions, joint, stacked(rows), theta), fitted
+        if joint not in self.used:
+            return None
+        fitted = self.load
+        assert fitted.rows is not None
+        motions = self._with_gear_torque.motions if at_motor else self.motions
+        theta = fitted.estimate.values
+        return load_drive(robot, motions, joint, fitted.rows, theta, at_joint=not at_motor), fitted
+
+    def with_term(self, one: TermComparison) -> _Model:
+        """Return the model with a selected term, near the best values of its comparison."""
+        drive = with_term(self.robot.drives[one.joint], one.field, one.term)
+        robot = self.robot.with_drives({one.joint: drive.with_values(one.values)})
+        joints = (one.joint,) if drive.is_elastic and one.field in AT_THE_MOTOR else ()
+        robot = linearised(robot, self.motions, joints)
+        fixed = robot.with_drives({one.joint: _fixed(robot.drives[one.joint])})
+        needs_torque = one.term == "load" and not drive.is_elastic
+        motions = self._with_gear_torque.motions if needs_torque else self.motions
+        return _Model(fixed, motions, self.used)
 
 
-@dataclass(frozen=True, eq=False)
-class _Base:
-    """The rows of the present model, its equations' weights, the number of independent rows."""
+def _fixed(drive: Drive) -> Drive:
+    """Return a stiff drive with its nonlinear parameters, those with starts of a search, known.
 
-    rows: Regression
-    weights: Array
-    independent: float
-
-
-def _base(rows: Regression) -> _Base:
-    found = fit(rows, estimator_named("wls"))
-    return _Base(rows, found.weights, independent_rows(found.qr_factor, found.estimate))
+    A search of the load side takes long, one of an actuator side does not.
+    """
+    if drive.is_elastic:
+        return drive
+    shapes = (name for name in drive.parameter_names if PARAMETERS[name].starts)
+    more = [name for name in shapes if name in drive.values and name not in drive.known]
+    return replace(drive, known=(*drive.known, *more))
 
 
-def _comparisons(
-    model: _JointModel, candidates: Sequence[tuple[str, str]], step: int
+_WLS = estimator_named("wls")
+
+
+def _compared_terms(
+    model: _Model, joint: str, asked: Mapping[str, Sequence[str]], count: int, step: int
 ) -> list[TermComparison]:
-    """Return the comparison of each candidate."""
-    bases: dict[bool, _Base] = {}
-    found = []
-    for field, term in candidates:
-        motor_side = model.is_motor_side(field)
-        if motor_side not in bases:
-            bases[motor_side] = _base(model.rows(model.robot, motor_side))
-        found.append(_comparison(model, bases[motor_side], field, term, step, len(candidates)))
+    """Return the comparison of each term that a drive lacks, can have, and has equations for."""
+    found: list[TermComparison] = []
+    for at_motor in (True, False):
+        fields = {field: of for field, of in asked.items() if (field in AT_THE_MOTOR) == at_motor}
+        terms = list(possible_terms(model.robot.drives[joint], fields))
+        side = model.drive(joint, at_motor) if terms else None
+        if side is not None:
+            found += compared_columns(*side, terms, count, step)
     return found
 
 
-def _comparison(
-    model: _JointModel, base: _Base, field: str, term: str, step: int, asked: int
-) -> TermComparison:
-    joint, rows = model.joint, base.rows
-    drive = with_term(model.robot.drives[joint], field, term)
-    nothing = TermComparison(joint, field, term, step, None)
+def compared_columns(
+    drive: DriveRows,
+    fitted: FittedRows,
+    terms: Sequence[tuple[str, str]],
+    count: int,
+    step: int = 0,
+) -> list[TermComparison]:
+    """Return the comparisons of terms on one side, each at the best point of its grid."""
+    columns = [one for field, term in terms for one in drive.terms(field, term)]
+    nothing = {
+        key: TermComparison(drive.joint, *key, step, None, "the fit has no stiffness")
+        for key in terms
+    }
+    alternatives = [one.alternative for one in columns]
     try:
-        robot = model.robot.with_drives({joint: drive})
-        larger = model.rows(robot, model.is_motor_side(field))
-        rows, larger = common_rows(rows, larger)
-        names = tuple(f"{name} with {term}" for name in larger.names)
-        both = replace(
-            rows,
-            names=(*rows.names, *names),
-            units=(*rows.units, *larger.units),
-            H=np.hstack([rows.H, larger.H]),
-            propagated=np.empty((len(rows.y), 0)),
-        )
-        result = compare_models(both, base.weights, rows.names, names, base.independent, asked)
-    except SeaidError as problem:
-        return replace(nothing, reason=str(problem))
-    return replace(nothing, comparison=result)
+        found = compare_models(drive.rows, fitted.weights, alternatives, count)
+    except IdentificationError as problem:
+        return [replace(one, reason=str(problem)) for one in nothing.values()]
+    best = dict(nothing)
+    for one, comparison in zip(columns, found, strict=True):
+        key = (one.field, one.term)
+        if comparison.bic > _bic(best[key]):
+            values = FrozenMapping(one.values)
+            best[key] = TermComparison(drive.joint, *key, step, comparison, values=values)
+    return list(best.values())

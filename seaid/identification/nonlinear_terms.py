@@ -147,15 +147,17 @@ _LEAST, _MOST = 1e-4, 2.0
 """Bounds of positive parameters in the units of their starts."""
 
 
-def linearised(robot: Robot, motions: Sequence[Motion]) -> Robot:
+def linearised(
+    robot: Robot, motions: Sequence[Motion], joints: Sequence[str] | None = None
+) -> Robot:
     """Return the robot with the values at which its elastic drives are linearised.
 
-    Linear drives stay as they are. Raises IdentificationError if a linear spring has no stiffness
-    to start from.
+    `joints` are those that are searched; None: all elastic ones. Linear drives stay as they are.
+    Raises IdentificationError if a linear spring has no stiffness to start from.
     """
     found = {
         joint: _linearised_drive(robot, motions, joint)
-        for joint in robot.elastic_joints
+        for joint in (robot.elastic_joints if joints is None else joints)
         if actuator_equation(robot, motions[0], joint)[0].non_linear
     }
     return robot.with_drives(found) if found else robot
@@ -163,7 +165,7 @@ def linearised(robot: Robot, motions: Sequence[Motion]) -> Robot:
 
 def _linearised_drive(robot: Robot, motions: Sequence[Motion], joint: str) -> Drive:
     drive = robot.drives[joint]
-    scale = _scale_of(robot, motions, joint)
+    scale = deflection_scale(robot, motions, joint)
     start = _linear_start(robot, motions, joint)
     search = _actuator_search(robot, motions, joint)
     grid = product(*(starts_of(name, drive, start, scale) for name in search.nonlinear))
@@ -292,7 +294,8 @@ def _actuator_search(robot: Robot, motions: Sequence[Motion], joint: str) -> _Se
     )
 
 
-def _scale_of(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
+def deflection_scale(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
+    """Return the scale of an elastic joint."""
     index, drive = robot.index(joint), robot.drives[joint]
     by_name = [actuator_equation(robot, motion, joint)[1] for motion in motions]
     stretch = np.concatenate(
@@ -337,7 +340,7 @@ def starts_of(
         return (drive.values[name],)
     if name == "deflection_zero":
         return (start[name], scale.middle)
-    parts = tuple(part * _size(name, scale) for part in PARAMETERS[name].starts)
+    parts = tuple(part * size_of(name, scale) for part in PARAMETERS[name].starts)
     return parts or (start.get(name, 0.0),)
 
 
@@ -345,14 +348,15 @@ def bounds_of(name: str, scale: Scale) -> tuple[float, float]:
     """Return the lower and upper search bound of a nonlinear parameter."""
     if not PARAMETERS[name].starts:
         return (0.0 if PARAMETERS[name].is_positive else -np.inf), np.inf
-    size = _size(name, scale)
+    size = size_of(name, scale)
     middle = scale.middle if name == "deflection_zero" else 0.0
     if PARAMETERS[name].is_positive:
         return _LEAST * size, _MOST * size
     return middle - _MOST * size, middle + _MOST * size
 
 
-def _size(name: str, scale: Scale) -> float:
+def size_of(name: str, scale: Scale) -> float:
+    """Return the unit of the starts of a nonlinear parameter."""
     return scale.speed if PARAMETERS[name].unit == "rad/s" else scale.reach
 
 
@@ -388,7 +392,7 @@ def linearised_load(robot: Robot, motions: Sequence[Motion], used: Sequence[str]
     nonlinear = nonlinear_joints(robot, used)
     if not nonlinear:
         return robot
-    scales = {joint: _scale(robot, motions, joint) for joint in nonlinear}
+    scales = {joint: speed_scale(robot, motions, joint) for joint in nonlinear}
     given, robot = robot.drives, _started(robot, scales)
     for sweep in range(1 if len(nonlinear) == 1 else _SWEEPS):
         for joint in nonlinear:
@@ -437,7 +441,8 @@ def _weights(qr_factor: QRFactor) -> Array:
     return largest / np.maximum(std, _FEW * largest) if largest else equal_weights(qr_factor)
 
 
-def _scale(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
+def speed_scale(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
+    """Return the scale of a stiff joint."""
     index = robot.index(joint)
     return Scale(max(float(np.max(np.abs(one.motor_velocity[:, index]))) for one in motions), 0, 1)
 
@@ -487,7 +492,7 @@ def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadF
         linear=tuple(n for n in regressor.linear if f"{n} of {joint}" in rows.names),
         motions=motions,
         signals=by_motion,
-        samples=[_samples(robot, motion, joint) for motion in motions],
+        samples=[load_samples(robot, motion, joint) for motion in motions],
         mine=np.flatnonzero(rows.joint == index),
         factor=weight * robot.drives[joint].ratio,
         zeta=[regressor.evaluate(one)[0] for one in by_motion],
@@ -496,7 +501,7 @@ def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadF
     )
 
 
-def _samples(robot: Robot, motion: Motion, joint: str) -> IndexArray:
+def load_samples(robot: Robot, motion: Motion, joint: str) -> IndexArray:
     """Return the samples that are rows of a joint on the load side."""
     rows = row_samples(motion)
     return np.asarray(rows[~unknown_friction(robot, motion, joint)[rows]])

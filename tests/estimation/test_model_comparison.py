@@ -5,8 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from seaid._arrays import Array
 from seaid.errors import IdentificationError
-from seaid.estimation.diagnostics import compare_models, term_test, time_blocks
+from seaid.estimation.diagnostics import term_test
+from seaid.estimation.model_comparison import (
+    SEGMENTS,
+    Alternative,
+    ModelComparison,
+    compare_models,
+    time_blocks,
+)
 from seaid.estimation.qr_factor import qr_factor_of
 from seaid.regressor.regression import Regression
 
@@ -33,10 +41,20 @@ def rows(
     )
 
 
+def first(data: Regression, count: int) -> Regression:
+    """Return the rows with their first columns only."""
+    return replace(data, names=NAMES[:count], units=("1",) * count, H=data.H[:, :count])
+
+
+def compared(data: Regression, base: int, *more: Array, asked: int = 1) -> ModelComparison:
+    """Compare the model of the first columns with one that has more columns."""
+    larger = [Alternative(np.column_stack(more), len(more))]
+    return compare_models(first(data, base), np.ones(2), larger, asked)[0]
+
+
 def test_a_term_that_is_there_is_worth_it_and_one_that_is_not_is_not() -> None:
     data = rows((1.0, -2.0, 0.05, 0.0))
-    there = compare_models(data, np.ones(2), NAMES[:2], NAMES[:3], 400.0, 2)
-    missing = compare_models(data, np.ones(2), NAMES[:2], ("a", "b", "d"), 400.0, 2)
+    there, missing = (compared(data, 2, data.H[:, place], asked=2) for place in (2, 3))
     assert there.is_supported
     assert there.F > 40
     assert there.better >= 7
@@ -45,20 +63,16 @@ def test_a_term_that_is_there_is_worth_it_and_one_that_is_not_is_not() -> None:
 
 def test_what_is_not_there_is_seldom_found() -> None:
     """The rate of false alarms of one question of six, 400 draws."""
-    alarms = [
-        compare_models(
-            rows((1.0, -2.0, 0.0, 0.0), seed=seed), np.ones(2), NAMES[:2], NAMES[:3], 400.0, 6
-        )
-        for seed in range(400)
-    ]
+    draws = (rows((1.0, -2.0, 0.0, 0.0), seed=seed) for seed in range(400))
+    alarms = [compared(data, 2, data.H[:, 2], asked=6) for data in draws]
     assert np.mean([one.is_supported for one in alarms]) < 0.01
 
 
 def test_improvement_is_that_of_refitting_without_each_block() -> None:
     data = rows((1.0, -2.0, 0.3, 0.2))
-    found = compare_models(data, np.ones(2), ("a",), ("a", "b", "c"), 400.0, 1)
+    found = compared(data, 1, data.H[:, 1], data.H[:, 2])
     errors = np.zeros((2, 8))
-    for place, block in enumerate(time_blocks(data)):
+    for place, block in enumerate(time_blocks(data, segments=SEGMENTS)):
         for model, columns in enumerate(([0], [0, 1, 2])):
             H = data.H[:, columns]
             theta = np.linalg.lstsq(H[~block], data.y[~block], rcond=None)[0]
@@ -67,25 +81,52 @@ def test_improvement_is_that_of_refitting_without_each_block() -> None:
     assert found.better == np.sum(errors[1] < errors[0])
 
 
+def test_a_column_may_take_the_place_of_another_one() -> None:
+    data = rows((1.0, -2.0, 0.0, 0.5))
+    larger = [Alternative(data.H[:, [3]], 1, (2,)), Alternative(data.H[:, [3]], 1)]
+    instead, both = compare_models(first(data, 3), np.ones(2), larger, 1)
+    columns = data.H[:, [0, 1, 3]]
+    left = [
+        float(np.sum((data.y - H @ np.linalg.lstsq(H, data.y, rcond=None)[0]) ** 2))
+        for H in (data.H[:, :3], columns, data.H)
+    ]
+    assert instead.explained == pytest.approx(1 - left[1] / left[0])
+    assert both.explained == pytest.approx(1 - left[2] / left[0])
+
+
 def test_the_criterion_is_that_of_a_term_test_less_what_asking_costs() -> None:
     data = rows((1.0, -2.0, 0.05, 0.0))
-    found = compare_models(data, np.ones(2), NAMES[:2], NAMES[:3], 400.0, 5)
-    less = replace(data, names=NAMES[:3], units=("1",) * 3, H=data.H[:, :3])
-    test = term_test(qr_factor_of(less), np.ones(2), ["c"], 400.0)
-    assert pytest.approx(test.F) == found.F
-    assert found.bic == pytest.approx(test.bic - 2 * np.log(5))
+    found, once = (compared(data, 2, data.H[:, 2], asked=asked) for asked in (5, 1))
+    test = term_test(qr_factor_of(first(data, 3)), np.ones(2), ["c"], 400.0)
+    assert found.bic == pytest.approx(once.bic - 2 * np.log(5))
+    assert found.explained == pytest.approx(1 - 1 / test.growth)
+    # white noise: the rows are nearly independent
+    assert test.F / 2.0 < found.F < test.F * 1.01
 
 
-def test_a_model_that_is_not_larger_is_refused() -> None:
+def test_autocorrelated_rows_count_less() -> None:
     data = rows((1.0, -2.0, 0.05, 0.0))
-    with pytest.raises(IdentificationError, match=r"found 0 more parameters and 400\.0 rows"):
-        compare_models(data, np.ones(2), NAMES[:2], NAMES[:2], 400.0, 1)
+    rng = np.random.default_rng(3)
+    slow = np.repeat(rng.normal(size=(50, 5)), 8, axis=0)
+    same = replace(data, H=slow[:, :4], y=slow[:, :4] @ [1.0, -2.0, 0.05, 0.0] + 0.1 * slow[:, 4])
+    assert compared(same, 2, same.H[:, 2]).F < 0.35 * compared(data, 2, data.H[:, 2]).F
 
 
-def test_blocks_are_equal_parts_in_time_over_the_runs() -> None:
-    blocks = time_blocks(rows((1.0, 0.0, 0.0, 0.0)))
-    assert [int(block.sum()) for block in blocks] == [50] * 8
+def test_one_block_does_not_decide() -> None:
+    """A column that is almost zero outside of one segment explains a burst there."""
+    data = rows((1.0, -2.0, 0.0, 0.0))
+    burst = np.where((data.time > 0.5) & (data.time < 0.52), data.H[:, 3], 0.0)
+    found = compared(replace(data, y=data.y + 3 * burst), 2, burst + 0.01 * data.H[:, 3])
+    assert found.bic > 10
+    assert not found.is_supported
+
+
+@pytest.mark.parametrize("segments", [1, SEGMENTS])
+def test_blocks_are_equal_parts_in_time_over_the_runs(segments: int) -> None:
+    blocks = time_blocks(rows((1.0, 0.0, 0.0, 0.0)), segments=segments)
+    assert [int(block.sum()) for block in blocks] == pytest.approx([50] * 8, abs=segments)
     assert np.all(np.sum(blocks, axis=0) == 1)
+    assert all(np.sum(np.diff(block.astype(int)) == 1) <= segments for block in blocks)
 
 
 def test_too_few_rows_are_refused() -> None:

@@ -1,0 +1,227 @@
+"""Comparison of a model with larger ones: by information criterion, and by prediction of blocks.
+
+All alternatives are compared at once. The columns that they share are projected out of the others
+first (Frisch and Waugh 1933), once for each excluded block, so that every further alternative costs
+a least-squares problem of a few columns.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import stdtrit
+
+from seaid._arrays import Array, BoolArray
+from seaid.errors import IdentificationError
+from seaid.estimation.covariance import long_run_of
+from seaid.estimation.qr_factor import triangle
+from seaid.estimation.singular_directions import ROUNDING, scaled_svd
+
+if TYPE_CHECKING:
+    from seaid.regressor import Regression
+
+BLOCKS, SEGMENTS = 8, 4
+"""Number of blocks, of which each is predicted from the others, and of its segments in time.
+
+A block of one segment may lack what makes two models differ, such as the large deflections of a
+spring; four spread over the log find a cubic spring twice as often, and no more that is not there
+(scripts/benchmarks/term_selection.py)."""
+
+CONFIDENCE = 0.975
+"""Confidence with which excluded blocks must be predicted better."""
+
+LEAST_EXPLAINED = 0.05
+"""Part of the squared residual that additional parameters must explain to be supported.
+
+Less is real at times and never useful: in right models of a simulated 7-joint arm the smoothing
+of Coulomb friction by the low pass explains 2 to 4 % (scripts/benchmarks/term_selection.py)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """A larger model: the columns (R, c) in addition to, or in place of, those of the rows.
+
+    `replaced` are the places of the columns that it lacks, `parameters` the number of parameters
+    that it has in addition: nonlinear ones, whose values are in the columns, included.
+    """
+
+    columns: Array
+    parameters: int
+    replaced: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ModelComparison:
+    """Comparison of a larger model with a smaller one.
+
+    `bic` is the decrease of the extended Bayesian information criterion (Chen and Chen 2008), which
+    counts the number of models compared; `F` tests that the additional parameters are zero;
+    `explained` is the part of the squared residual that they explain. `improvement` is the relative
+    decrease of the squared error in predicting excluded blocks, with `improvement_std` from the
+    spread over the blocks; `better` of `blocks` improved. `t` is the mean decrease over its
+    standard error, of the absolute or of the relative decreases of the blocks: the larger one.
+    """
+
+    bic: float
+    F: float
+    explained: float
+    improvement: float
+    improvement_std: float
+    better: int
+    blocks: int
+    t: float
+
+    @property
+    def is_supported(self) -> bool:
+        """Whether the criterion and the prediction improve, and a part of the residual goes.
+
+        The prediction improves if the squared error of all blocks is smaller, and that of a block
+        significantly: by a t test (one-sided, `CONFIDENCE`) that one block cannot decide.
+        """
+        least = float(stdtrit(self.blocks - 1, CONFIDENCE))
+        is_better = self.improvement > 0 and self.t > least
+        return self.bic > 0 and self.explained > LEAST_EXPLAINED and is_better
+
+
+def compare_models(
+    rows: Regression, weights: Array, alternatives: Sequence[Alternative], asked: int
+) -> list[ModelComparison]:
+    """Compare the model of the rows with each of the larger `alternatives`.
+
+    `weights` (E,) of the equations are kept; `asked` is the number of models compared. Raises
+    IdentificationError for too few rows.
+    """
+    p = len(rows.names)
+    replaced = sorted({place for one in alternatives for place in one.replaced})
+    core = [place for place in range(p) if place not in replaced]
+    # columns: the shared ones, those that some alternative replaces, those of alternatives, y
+    parts = [rows.H[:, core], rows.H[:, replaced], *(one.columns for one in alternatives)]
+    weight = weights[np.searchsorted(np.unique(rows.joint), rows.joint)]
+    X = weight[:, None] * np.column_stack([*parts, rows.y])
+    factors = [triangle(X[block]) for block in time_blocks(rows, segments=SEGMENTS)]
+    blocks = _Blocks.of(factors, len(core))
+    base = list(range(len(replaced)))
+    coefficients, _ = _without_core(np.concatenate(factors), p)
+    left = X[:, p:] - X[:, :p] @ coefficients
+    found, start = [], p
+    for one in alternatives:
+        own = list(range(start, start + one.columns.shape[1]))
+        kept = [k for k, place in enumerate(replaced) if place not in one.replaced]
+        growth = blocks.residual(base) / max(
+            blocks.residual([*kept, *(k - len(core) for k in own)]), 1e-300
+        )
+        count = _independent_rows(rows, left[:, [k - p for k in own]], left[:, -1])
+        errors = blocks.errors(base), blocks.errors([*kept, *(k - len(core) for k in own)])
+        found.append(_comparison(growth, *errors, count, p, one.parameters, asked))
+        start += one.columns.shape[1]
+    return found
+
+
+def _independent_rows(rows: Regression, columns: Array, residual: Array) -> float:
+    """Return the number of independent rows for columns (R, c) without the base model's span.
+
+    It is the number of rows over the variance inflation of their coefficients, by the
+    autocorrelation of what the residual is once they are in the model.
+    """
+    svd = scaled_svd(columns)
+    error = residual - columns @ svd.solve(residual)
+    scores = long_run_of(svd.left[:, : max(svd.rank(), 1)], error, rows.time, rows.run)
+    return len(residual) / max(scores.inflation(np.eye(len(scores.white))), 1.0)
+
+
+def _comparison(
+    growth: float,
+    without: Array,
+    within: Array,
+    independent: float,
+    parameters: int,
+    more: int,
+    asked: int,
+) -> ModelComparison:
+    change, total = without - within, max(float(np.sum(without)), 1e-300)
+    relative = change / np.maximum(without + within, 1e-300)
+    penalty = more * math.log(independent) + 2 * math.log(max(asked, 1))  # Chen and Chen 2008
+    freedom = max(independent - parameters - more, 1.0)
+    return ModelComparison(
+        bic=freedom * math.log(max(growth, 1e-300)) - penalty,
+        F=freedom / more * max(growth - 1, 0.0),
+        explained=1 - 1 / max(growth, 1e-300),
+        improvement=float(np.sum(change)) / total,
+        improvement_std=math.sqrt(len(change)) * float(np.std(change, ddof=1)) / total,
+        better=int(np.sum(change > 0)),
+        blocks=len(change),
+        t=max(_t(change), _t(relative)),
+    )
+
+
+def _t(changes: Array) -> float:
+    """Return the mean of the changes of the blocks over its standard error."""
+    spread = float(np.std(changes, ddof=1))
+    return math.sqrt(len(changes)) * float(np.mean(changes)) / max(spread, 1e-300)
+
+
+def _without_core(X: Array, p: int) -> tuple[Array, Array]:
+    """Return the coefficients (p, s) of the last s columns on the first p, and what is left."""
+    R = triangle(X)
+    svd = scaled_svd(R[:, :p])
+    kept = slice(svd.rank(ROUNDING))
+    seen = svd.left[:, kept].T @ R[:, p:]
+    scaled = svd.vectors[kept].T @ (seen / svd.sizes[kept, None])
+    return scaled / svd.norms[:, None], triangle(R[:, p:] - svd.left[:, kept] @ seen)
+
+
+@dataclass(frozen=True, eq=False)
+class _Blocks:
+    """Factors of [columns y] without the shared columns: of all blocks, and of each one held out.
+
+    `held_out` are pairs: the factor of the other blocks, and the rows of the one, whose shared
+    columns have the coefficients of the others.
+    """
+
+    whole: Array
+    held_out: list[tuple[Array, Array]]
+
+    @classmethod
+    def of(cls, factors: Sequence[Array], p: int) -> _Blocks:
+        """Return them from the factors of the blocks, whose first p columns are shared."""
+        held_out = []
+        for block, own in enumerate(factors):
+            others = np.concatenate([R for place, R in enumerate(factors) if place != block])
+            coefficients, rest = _without_core(others, p)
+            held_out.append((rest, own[:, p:] - own[:, :p] @ coefficients))
+        return cls(_without_core(np.concatenate(factors), p)[1], held_out)
+
+    def residual(self, columns: Sequence[int]) -> float:
+        """Return the squared residual of y on some columns."""
+        return float(np.sum(_left(self.whole, self.whole, columns) ** 2))
+
+    def errors(self, columns: Sequence[int]) -> Array:
+        """Return the squared error of each block, predicted from the others."""
+        found = [_left(rest, own, columns) for rest, own in self.held_out]
+        return np.array([float(np.sum(error**2)) for error in found])
+
+
+def _left(R: Array, rows: Array, columns: Sequence[int]) -> Array:
+    """Return what some columns of R leave of the last column of rows."""
+    places = list(columns)
+    theta = scaled_svd(R[:, places]).solve(R[:, -1])
+    return np.asarray(rows[:, -1] - rows[:, places] @ theta)
+
+
+def time_blocks(rows: Regression, count: int = BLOCKS, segments: int = 1) -> list[BoolArray]:
+    """Return `count` masks of rows: blocks of segments of equal length in time, in turn."""
+    order = np.lexsort((rows.time, rows.run))
+    place = np.empty(len(order), dtype=np.intp)
+    place[order] = np.arange(len(order))
+    block = place * count * segments // max(len(order), 1) % count
+    found = [np.asarray(block == one) for one in range(count)]
+    if len(order) < count * 2 or len(order) * (count - 1) / count <= rows.H.shape[1]:
+        raise IdentificationError(
+            f"{len(order)} rows are too few to exclude one of {count} blocks and estimate "
+            f"{rows.H.shape[1]} parameters from the others: record a longer log"
+        )
+    return found

@@ -1,0 +1,236 @@
+"""Columns of the terms that a drive lacks, at the rows of a fit: what model comparisons consist of.
+
+A term with parameters in which the equation is nonlinear has one set of columns per value on a
+coarse grid. Other columns are derivatives at the fit, where the level of the term is zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from seaid._arrays import Array, BoolArray, IndexArray
+from seaid.drives import COULOMB, PARAMETERS, Drive, DriveRegressor, parameter_of, term_fields
+from seaid.errors import RobotError
+from seaid.estimation import Alternative
+from seaid.identification.nonlinear_terms import (
+    deflection_scale,
+    load_samples,
+    size_of,
+    speed_scale,
+)
+from seaid.log import Motion, in_band_at
+from seaid.regressor import (
+    Regression,
+    actuator_equation,
+    actuator_rows,
+    input_signals,
+    joint_regressor,
+    load_signals,
+    motor_regressor,
+    spring_regressor,
+)
+from seaid.robot import Robot, torques_at_drives
+
+_DIRECTED = ("coulomb_friction", "load_friction", "stribeck_friction", "stribeck_speed")
+"""Parameters of friction whose columns have the sign of the speed, or its tanh."""
+
+
+def with_term(drive: Drive, field: str, term: str) -> Drive:
+    """Return the drive with one more term, without the values of parameters that it then lacks.
+
+    A Coulomb term takes the place of another one. Raises RobotError for a term that the drive
+    cannot have.
+    """
+    terms = tuple(one for one in getattr(drive, field) if not {one, term} <= {*COULOMB})
+    bare = replace(drive, nominal={}, known=(), **{field: (*terms, term)})  # type: ignore[arg-type]
+    names = bare.parameter_names
+    valued = bare.with_values({n: x for n, x in drive.values.items() if n in names})
+    return replace(valued, known=tuple(name for name in drive.known if name in names))
+
+
+def possible_terms(drive: Drive, asked: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, str]]:
+    """Yield the terms (field, term) among those asked for that a drive lacks and can have."""
+    for field, terms in asked.items():
+        own = getattr(drive, field) if field in term_fields(drive) else terms
+        has_smooth = bool({*COULOMB[1:]} & {*own})
+        for term in terms:
+            if term in own or (has_smooth and term in COULOMB[:2]):
+                continue
+            try:
+                with_term(drive, field, term)
+            except RobotError:  # what this drive cannot have
+                continue
+            yield field, term
+
+
+@dataclass(frozen=True, eq=False)
+class TermColumns:
+    """A term, its nonlinear parameters with their `values`, and the model that has it."""
+
+    field: str
+    term: str
+    values: Mapping[str, float]
+    alternative: Alternative
+
+
+@dataclass(frozen=True, eq=False)
+class DriveRows:
+    """A drive at the rows of the side that has its equation.
+
+    `values` are the fitted ones of the drive. `regressor` derives the equation of the side, which
+    is that of the motor or of the spring; `signals` evaluate it. `placed` are the parts of the
+    drive's columns in the equations: places among the rows, samples of each motion, factor.
+    """
+
+    robot: Robot
+    motions: Sequence[Motion]
+    joint: str
+    rows: Regression
+    values: Mapping[str, float]
+    regressor: Callable[[Robot, str], DriveRegressor]
+    signals: Sequence[Mapping[str, Array]]
+    placed: Sequence[tuple[BoolArray, Sequence[IndexArray], float]]
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether no row is missing: robust estimators exclude some."""
+        return all(int(np.sum(mine)) == sum(map(len, samples)) for mine, samples, _ in self.placed)
+
+    def terms(
+        self, field: str, term: str, given: Mapping[str, Sequence[float]] | None = None
+    ) -> Iterator[TermColumns]:
+        """Yield a term at each point of its grid; `given` {parameter: values} replaces a grid."""
+        drive = self.robot.drives[self.joint]
+        larger = self.robot.with_drives({self.joint: with_term(drive, field, term)})
+        old, new = (self.regressor(robot, self.joint) for robot in (self.robot, larger))
+        extra = [name for name in new.names if name not in old.names]
+        values = dict.fromkeys(new.names, 0.0) | dict(self.values)
+        if "deflection_zero" in extra:
+            if values.get("stiffness", 0.0) <= 0:  # the fit does not have the zero
+                return
+            values["deflection_zero"] = -values.get("spring_offset", 0.0) / values["stiffness"]
+        grid = self._grid(extra, given or {})
+        changed = _changed(term, old, new, extra)
+        added = [name for name in extra if name not in (*grid, "deflection_zero")]
+        places = [
+            place
+            for place, name in enumerate(self.rows.names)
+            if parameter_of(name) in changed and getattr(name, "joint", self.joint) == self.joint
+        ]
+        for point in product(*grid.values()):
+            at = dict(zip(grid, point, strict=True))
+            columns = self._columns(new, values | at, [*changed, *added])
+            more = len(added) + len(grid)
+            zero = {name: values[name] for name in ("deflection_zero",) if name in extra}
+            yield TermColumns(field, term, at | zero, Alternative(columns, more, tuple(places)))
+
+    def _grid(
+        self, names: Sequence[str], given: Mapping[str, Sequence[float]]
+    ) -> dict[str, Sequence[float]]:
+        """Return {nonlinear parameter: the values that are tried}."""
+        searched = [
+            name for name in names if PARAMETERS[name].starts and PARAMETERS[name].is_positive
+        ]
+        if not searched:
+            return {}
+        is_elastic = self.robot.drives[self.joint].is_elastic
+        scale = (deflection_scale if is_elastic else speed_scale)(
+            self.robot, self.motions, self.joint
+        )
+        return {
+            name: given.get(name)
+            or [part * size_of(name, scale) for part in PARAMETERS[name].starts]
+            for name in searched
+        }
+
+    def _columns(
+        self, regressor: DriveRegressor, values: Mapping[str, float], names: Sequence[str]
+    ) -> Array:
+        """Return the columns (R, names) of some parameters at all rows of the side."""
+        parts = [regressor.columns(one, values, names) for one in self.signals]
+        found = np.zeros((len(self.rows.y), len(names)))
+        for mine, samples, factor in self.placed:
+            banded = map(in_band_at, self.motions, parts, samples)
+            found[mine] = factor * np.concatenate(list(banded))
+        return found
+
+
+def _changed(
+    term: str, old: DriveRegressor, new: DriveRegressor, extra: Sequence[str]
+) -> list[str]:
+    """Return the parameters of the drive whose columns a term changes."""
+    names: Sequence[str] = ()
+    if "coulomb_width" in extra:  # the tanh replaces the sign in all friction
+        names = _DIRECTED
+    elif term == "dead_zone":
+        names = ("stiffness",)
+    return [name for name in names if name in old.names and name in new.names]
+
+
+def actuator_drive(
+    robot: Robot, motions: Sequence[Motion], joint: str, rows: Regression, theta: Array
+) -> DriveRows:
+    """Return an elastic drive at the rows of its actuator side (10), with its fit `theta`."""
+    regressor = actuator_equation(robot, motions[0], joint)[0]
+    samples = [actuator_rows(robot, motion, joint, regressor)[0] for motion in motions]
+    is_motor = regressor == motor_regressor(robot, joint)
+    return DriveRows(
+        robot=robot,
+        motions=motions,
+        joint=joint,
+        rows=rows,
+        values={**robot.drives[joint].values, **dict(zip(rows.names, theta.tolist(), strict=True))},
+        regressor=motor_regressor if is_motor else spring_regressor,
+        signals=[actuator_equation(robot, motion, joint)[1] for motion in motions],
+        placed=[(np.ones(len(rows.y), dtype=bool), samples, 1.0)],
+    )
+
+
+def load_drive(
+    robot: Robot,
+    motions: Sequence[Motion],
+    joint: str,
+    rows: Regression,
+    theta: Array,
+    *,
+    at_joint: bool = False,
+) -> DriveRows:
+    """Return a drive at the rows of the load side (8): a stiff one, or what acts `at_joint`."""
+    index, n = robot.index(joint), robot.n
+    own = {
+        parameter_of(name): value
+        for name, value in zip(rows.names, theta.tolist(), strict=True)
+        if getattr(name, "joint", "") == joint
+    }
+    share = np.eye(n)[index] * robot.drives[joint].ratio
+    if at_joint:
+        share = torques_at_drives(robot.transmission, np.eye(n)[index])
+    seen = [k for k in range(n) if share[k] and np.any(rows.joint == k)]
+    signals_of = load_signals if at_joint else input_signals
+    by_motion = [signals_of(robot, motion, index) for motion in motions]
+    if at_joint:
+        by_motion = [one | {name: one[f"own_{name}"] for name in _JOINT} for one in by_motion]
+    return DriveRows(
+        robot=robot,
+        motions=motions,
+        joint=joint,
+        rows=rows,
+        values={**robot.drives[joint].values, **own},
+        regressor=joint_regressor if at_joint else motor_regressor,
+        signals=by_motion,
+        placed=[
+            (
+                np.asarray(rows.joint == k),
+                [load_samples(robot, motion, robot.joint_names[k]) for motion in motions],
+                float(share[k]),
+            )
+            for k in seen
+        ],
+    )
+
+
+_JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
