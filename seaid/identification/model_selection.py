@@ -288,6 +288,7 @@ def _fixed(drive: Drive) -> Drive:
 
 
 _WLS = estimator_named("wls")
+_NO_COLUMN = "it has no column: the log lacks its equation, or the fit the stiffness of the spring"
 
 
 def _compared_terms(
@@ -313,10 +314,7 @@ def compared_columns(
 ) -> list[TermComparison]:
     """Return the comparisons of terms on one side, each at the best point of its grid."""
     columns = [one for field, term in terms for one in drive.terms(field, term)]
-    nothing = {
-        key: TermComparison(drive.joint, *key, step, None, "the fit has no stiffness")
-        for key in terms
-    }
+    nothing = {key: TermComparison(drive.joint, *key, step, None, _NO_COLUMN) for key in terms}
     alternatives = [one.alternative for one in columns]
     try:
         found = compare_models(drive.rows, fitted.weights, alternatives, count)

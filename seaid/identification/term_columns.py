@@ -116,6 +116,8 @@ class DriveRows:
         grid = self._grid(extra, given or {})
         changed = _changed(term, old, new, extra)
         added = [name for name in extra if name not in (*grid, "deflection_zero")]
+        if not added and not grid:  # no part of this equation
+            return
         places = [
             place
             for place, name in enumerate(self.rows.names)

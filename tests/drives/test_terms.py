@@ -293,3 +293,19 @@ def test_columns_carry_their_parameter_and_joint() -> None:
     assert parameter_of(one) == parameter_of("stiffness") == "stiffness"
     assert readable(JointParameter("viscous_friction", "a_b")) == "viscous friction of a_b"
     assert readable("m_1 + m_2 of both") == "m_1 + m_2 of both"
+
+
+def test_an_equation_in_one_parameter_is_not_divided_by_a_motion_that_may_be_zero() -> None:
+    """A known dead zone: within it the spring has no force, whatever its stiffness."""
+    drive = SeriesElasticDrive(
+        gear_ratio=1.0,
+        spring=("linear", "dead_zone"),
+        known=("dead_zone", "deflection_zero"),
+        nominal={"dead_zone": 0.1, "deflection_zero": 0.0},
+    )
+    stretch = np.array([-0.3, -0.1, 0.0, 0.05, 0.1, 0.2])
+    zeta, R = drive_regressor(spring_equation(drive), drive).evaluate(
+        {"theta_M": stretch, "theta_L": np.zeros(6), "tau_L": np.arange(6.0)}
+    )
+    np.testing.assert_allclose(R[:, 0], [-0.2, 0.0, 0.0, 0.0, 0.0, 0.1], atol=1e-15)
+    np.testing.assert_allclose(zeta, np.arange(6.0))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from seaid.errors import IdentificationError
+from seaid.identification.identification import identify
 from seaid.identification.model_selection import TermSelection, compare_terms
 from seaid.log.reading import Log
 from seaid.simulation.simulation import measure
@@ -88,3 +89,45 @@ def test_what_a_load_side_lacks_is_found_there() -> None:
 def test_unknown_terms_are_refused(terms: dict[str, tuple[str, ...]], words: str) -> None:
     with pytest.raises(IdentificationError, match=words):
         compare_terms(ROBOT, plain_log(), terms=terms)
+
+
+def test_a_width_of_coulomb_friction_is_recommended() -> None:
+    """A torque that turns with the direction of the hip over 15 rad/s, a tenth of its speeds."""
+    motion, index = leg_motion(TEST_MASS), 1
+    speed = motion.motor_velocity[:, index]
+    torque = plain_log().motor_torque.copy()
+    own = leg().drives["hip_roll"].values["coulomb_friction"]
+    torque[:, index] += (own + 0.05) * np.tanh(speed / 15.0) - own * np.sign(speed)
+    log = replace(plain_log(), motor_torque=torque)
+    found = compare_terms(ROBOT, log, joints=["hip_roll"])
+    assert dict(found.recommended) == {"hip_roll": (("friction", "smooth_coulomb"),)}
+    drive = found.robot.drives["hip_roll"]
+    assert drive.friction == ("viscous", "smooth_coulomb")
+    assert drive.known == ()
+    width = identify(found.robot, log).drives["hip_roll"].value("coulomb_width")
+    assert width == pytest.approx(15.0, rel=0.2)
+
+
+def test_a_hardening_spring_is_found_at_once() -> None:
+    """A cubic part of a tenth of the force at the largest deflection."""
+    log, motion, index = plain_log(), leg_motion(TEST_MASS), 2
+    drive = leg().drives["hip_pitch"]
+    lever = drive.motor_radius / drive.ratio
+    stretch = lever * motion.motor_position[:, index]
+    stretch = stretch - drive.load_radius * motion.joint_position[:, index]
+    force = 0.2 * drive.values["stiffness"] * stretch**3 / np.max(np.abs(stretch)) ** 2
+    torque = log.motor_torque.copy()
+    torque[:, index] += lever * force
+    found = compare_terms(ROBOT, replace(log, motor_torque=torque), joints=["hip_pitch"])
+    assert dict(found.recommended) == {"hip_pitch": (("spring", "cubic"),)}
+
+
+def test_a_term_that_the_log_has_no_equation_for_says_so() -> None:
+    log, motion = plain_log(), leg_motion(TEST_MASS)
+    motor, sensed = log.motor_torque.copy(), np.full_like(log.motor_torque, np.nan)
+    motor[:, 3], sensed[:, 3] = np.nan, motion.joint_torque[:, 3] + 0.01 * np.sin(log.time)
+    log = replace(log, motor_torque=motor, joint_torque=sensed)
+    found = compare_terms(ROBOT, log, joints=["knee_pitch"], terms={"friction": ["stribeck"]})
+    (one,) = found.comparisons
+    assert one.comparison is None
+    assert one.reason.startswith("it has no column: the log lacks its equation")
