@@ -57,7 +57,7 @@ class Parameter:
 PARAMETERS = {
     "viscous_friction": Parameter("N m s/rad"),
     "coulomb_friction": Parameter("N m"),
-    "coulomb_width": Parameter("rad/s", starts=(0.002, 0.01, 0.05), is_divisor=True),
+    "coulomb_width": Parameter("rad/s", starts=(0.002, 0.01, 0.05, 0.2), is_divisor=True),
     "coulomb_shift": Parameter("rad/s", is_positive=False, starts=(0.0,)),
     "friction_offset": Parameter("N m", is_positive=False),
     "asymmetric_friction": Parameter("N m s/rad", is_positive=False),
