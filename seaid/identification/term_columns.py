@@ -145,7 +145,7 @@ class DriveRows:
         )
         return {
             name: given.get(name)
-            or [part * size_of(name, scale) for part in PARAMETERS[name].starts]
+            or [part * size_of(name, scale) for part in _dense(PARAMETERS[name].starts)]
             for name in searched
         }
 
@@ -159,6 +159,12 @@ class DriveRows:
             banded = map(in_band_at, self.motions, parts, samples)
             found[mine] = factor * np.concatenate(list(banded))
         return found
+
+
+def _dense(starts: Sequence[float]) -> list[float]:
+    """Return the starts of a search and their geometric means, without a search after them."""
+    between = np.sqrt(np.array(starts[1:]) * np.array(starts[:-1]))
+    return sorted([*starts, *between.tolist()])
 
 
 def _changed(
