@@ -30,6 +30,7 @@ from .least_squares import settled_weights as settled_weights
 from .least_squares import solve as solve
 from .model_comparison import Alternative as Alternative
 from .model_comparison import ModelComparison as ModelComparison
+from .model_comparison import best_supported as best_supported
 from .model_comparison import compare_models as compare_models
 from .model_comparison import time_blocks as time_blocks
 from .qr_factor import QRFactor as QRFactor

@@ -64,6 +64,7 @@ class ModelComparison:
     decrease of the squared error in predicting excluded blocks, with `improvement_std` from the
     spread over the blocks; `better` of `blocks` improved. `t` is the mean decrease over its
     standard error, of the absolute or of the relative decreases of the blocks: the larger one.
+    `independent` is the number of independent rows, `parameters` that of additional parameters.
     """
 
     bic: float
@@ -74,6 +75,8 @@ class ModelComparison:
     better: int
     blocks: int
     t: float
+    independent: float
+    parameters: int
 
     @property
     def is_supported(self) -> bool:
@@ -85,6 +88,21 @@ class ModelComparison:
         least = float(stdtrit(self.blocks - 1, CONFIDENCE))
         is_better = self.improvement > 0 and self.t > least
         return self.bic > 0 and self.explained > LEAST_EXPLAINED and is_better
+
+
+def best_supported(comparisons: Sequence[ModelComparison]) -> int | None:
+    """Return the place of the best of the supported models, None without any.
+
+    Their criteria are compared with one number of independent rows, the smallest one.
+    """
+    supported = [place for place, one in enumerate(comparisons) if one.is_supported]
+    rows = min((comparisons[place].independent for place in supported), default=1.0)
+
+    def criterion(place: int) -> float:
+        one = comparisons[place]
+        return -rows * math.log(max(1 - one.explained, 1e-300)) - one.parameters * math.log(rows)
+
+    return max(supported, key=criterion, default=None)
 
 
 def compare_models(
@@ -155,6 +173,8 @@ def _comparison(
         better=int(np.sum(change > 0)),
         blocks=len(change),
         t=max(_t(change), _t(relative)),
+        independent=independent,
+        parameters=more,
     )
 
 

@@ -19,6 +19,7 @@ from seaid.errors import IdentificationError, checked, listed, unknown_name
 from seaid.estimation import (
     FittedRows,
     ModelComparison,
+    best_supported,
     compare_models,
     estimator_named,
     fit,
@@ -202,7 +203,7 @@ def _extended(
     """
     for step in range(_MOST_STEPS):
         found = _compared_terms(model, joint, asked, count, step)
-        best = max((one for one in found if one.is_supported), key=_bic, default=None)
+        best = best_term(found)
         comparisons += [replace(one, selected=one is best) for one in found]
         if best is None:
             break
@@ -210,8 +211,11 @@ def _extended(
     return model
 
 
-def _bic(one: TermComparison) -> float:
-    return -float("inf") if one.comparison is None else one.comparison.bic
+def best_term(found: Sequence[TermComparison]) -> TermComparison | None:
+    """Return the best of the supported terms, None without any."""
+    tested = [one for one in found if one.comparison is not None]
+    place = best_supported([one.comparison for one in tested if one.comparison is not None])
+    return None if place is None else tested[place]
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,7 +327,8 @@ def compared_columns(
     best = dict(nothing)
     for one, comparison in zip(columns, found, strict=True):
         key = (one.field, one.term)
-        if comparison.bic > _bic(best[key]):
+        previous = best[key].comparison
+        if previous is None or comparison.explained > previous.explained:
             values = FrozenMapping(one.values)
             best[key] = TermComparison(drive.joint, *key, step, comparison, values=values)
     return list(best.values())
