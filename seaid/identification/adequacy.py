@@ -7,7 +7,8 @@ excluded from the fit.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import TYPE_CHECKING, Literal
@@ -16,7 +17,7 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
 from seaid._progress import Display
-from seaid.errors import Finding, IdentificationError, listed
+from seaid.errors import Finding, IdentificationError, SeaidError, listed
 from seaid.estimation import FittedRows, qr_factor_of, scaled_svd, time_blocks
 from seaid.regressor import INPUT_FIELDS, motor_regressor
 
@@ -35,9 +36,10 @@ _BETTER, _MATTERS = 0.7, 0.1
 """The nominal bodies are better if their error is below this multiple of that of the
 identified ones, and that is a part of the torque that matters."""
 
-_BURST, _WINDOW_S, _MOST_BURSTS, _LEAST_BURST = 6.0, 0.25, 0.2, 0.05
+_BURST, _WINDOW_S, _MOST_BURSTS, _LEAST_BURST, _SCATTERED = 6.0, 0.25, 0.2, 0.05, 2.0
 """A contact is where the residual of a window exceeds so many times that of the median window
-(rms), unless it does so in more than a part of the windows, or is a small part of the torque."""
+(rms), unless it does so in more than a part of the windows, is a small part of the torque, or is
+scattered over so many times as many windows."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -79,6 +81,26 @@ class Verdict(Display):
     level: Level
     sentence: str
     joints: Mapping[str, JointFit]
+
+
+def consequences(setup: Iterable[Finding], found: Iterable[Finding]) -> list[Finding]:
+    """Return findings about a fit: mere notes if the set-up is already known to be wrong."""
+    if not any(one.severity == "wrong" and one.code != "no-fit" for one in setup):
+        return list(found)
+    return [replace(one, severity="note") for one in found]
+
+
+@contextmanager
+def explained(findings: Sequence[Finding]) -> Iterator[None]:
+    """Add to an error of seaid the finding that explains it: a wrong set-up, and its remedy."""
+    try:
+        yield
+    except SeaidError as problem:
+        wrong = [one for one in findings if one.severity == "wrong"]
+        if not wrong:
+            raise
+        text = f"{wrong[0].code}: {wrong[0].message}; {wrong[0].remedy} ({problem})"
+        raise type(problem)(text, *problem.arguments) from None
 
 
 def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> Verdict:
@@ -220,9 +242,10 @@ def _contacts(joint_names: Sequence[str], rows: Regression, residual: Array) -> 
             if len(size) >= 8 and 0 < np.mean(far) < _MOST_BURSTS:
                 for start in starts[far].tolist():
                     bursts.setdefault(start * _WINDOW_S, set()).add(joint)
-    if not bursts:
-        return
     times = sorted(bursts)
+    span = times[-1] + _WINDOW_S - times[0] if times else 0.0
+    if not times or span > _SCATTERED * _WINDOW_S * len(times):
+        return  # scattered bursts, such as those of a friction that the model lacks
     joints = sorted(set.union(*bursts.values()), key=list(joint_names).index)
     start, end = times[0], times[-1] + _WINDOW_S
     yield Finding(

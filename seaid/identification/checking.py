@@ -22,6 +22,7 @@ from seaid.errors import (
     by_severity,
     checked,
 )
+from seaid.estimation import scaled_svd
 from seaid.identification.datasets import Source, datasets_of, first_motion, sources_of
 from seaid.identification.experiment import Experiment, experiment_of
 from seaid.identification.setup_hypotheses import encoder_slope, mistakes
@@ -148,10 +149,10 @@ def setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Finding]
     """Return mistakes of the set-up, unless the `known` findings already explain the torques."""
     if any(one.code in _EXPLAINING for one in known):
         return []
-    return mistakes(given)[0]
+    return list(offset_findings(given)) or mistakes(given)[0]
 
 
-_EXPLAINING = ("time-unit", "encoder-offsets-differ", "missing-drives", "standstill")
+_EXPLAINING = ("time-unit", "missing-drives", "standstill")
 """Findings after which the torques say nothing of other mistakes."""
 
 
@@ -166,7 +167,7 @@ def log_findings(robot: Robot, logs: Sequence[Log]) -> list[Finding]:
             *_saturated(log, f" in log {number}" if len(logs) > 1 else ""),
         )
     ]
-    return [*found, *_standing(logs), *_offsets(robot, logs)]
+    return [*found, *_standing(logs)]
 
 
 def _time(log: Log) -> Iterator[Finding]:
@@ -194,36 +195,40 @@ def _time(log: Log) -> Iterator[Finding]:
 
 
 def _missing_drives(robot: Robot, log: Log) -> Iterator[Finding]:
-    """Yield the joints with two different encoders, or currents, and an ideal drive."""
-    found = []
+    """Yield the joints with two different encoders and an ideal drive."""
+    tables, times = [], []
     for joint, drive in robot.drives.items():
         if drive.is_elastic or drive.ratio != 1 or joint not in log.joint_names:
             continue
         j = log.joint_names.index(joint)
-        sides = log.motor_position[:, j], log.joint_position[:, j]
-        if not all(np.all(np.isfinite(side)) for side in sides):
+        motor, position = log.motor_position[:, j], log.joint_position[:, j]
+        if not (np.all(np.isfinite(motor)) and np.all(np.isfinite(position))):
             continue
-        moved = [float(np.std(side)) for side in sides]
-        if min(moved) > 0 and moved[0] > 2.0 * moved[1]:
-            found.append((joint, moved[0] / moved[1]))
-    if found:
-        names = ", ".join(joint for joint, _ in found)
-        tables = "\n".join(
-            f'[{joint}]\ntype = "stiff"  # or "series_elastic", with its stiffness\n'
-            f"gear_ratio = {ratio:.4g}"
-            for joint, ratio in found
-        )
+        moved = float(np.std(position))
+        if moved == 0 or np.std(motor) < _GEARED * moved:
+            continue
+        H = np.column_stack([position, np.ones(len(position))])
+        ratio, zero = scaled_svd(H).solve(motor).tolist()
+        apart = float(np.std(motor / ratio - position - zero / ratio)) / moved
+        kind = "series_elastic" if apart > _ELASTIC else "stiff"
+        tables.append(f'[{joint}]\ntype = "{kind}"\ngear_ratio = {abs(ratio):.4g}')
+        times.append((joint, abs(ratio)))
+    if tables:
         yield Finding(
             "missing-drives",
-            f"the log has the motor side of {names}, which moves {found[0][1]:.3g} times as far as "
-            "the joint, and the robot has no drive there: friction, gear and spring are not in the "
-            "model (--drives, drives=)",
-            found[0][0],
+            f"the log has the motor side of {', '.join(joint for joint, _ in times)}, which moves "
+            f"{times[0][1]:.3g} times as far as the joint, and the robot has no drive there: "
+            "friction, gear and spring are not in the model (--drives, drives=)",
+            times[0][0],
             "wrong",
-            {"motor over joint motion": found[0][1]},
-            f"in the drives file:\n{tables}",
+            {"motor over joint motion": times[0][1]},
+            "\n".join(["in the drives file:", *tables]),
             "certain",
         )
+
+
+_GEARED, _ELASTIC = 2.0, 5e-3
+"""Motor over joint motion of a gear; difference of both sides, over the motion, of a spring."""
 
 
 def _saturated(log: Log, where: str) -> Iterator[Finding]:
@@ -269,49 +274,45 @@ def _standing(logs: Sequence[Log]) -> Iterator[Finding]:
         )
 
 
-def _offsets(robot: Robot, logs: Sequence[Log]) -> Iterator[Finding]:
-    """Yield elastic joints whose encoder offsets differ between logs by more than deflections."""
-    for joint in robot.elastic_joints if len(logs) > 1 else ():
-        drive = robot.drives[joint]
-        lever = drive.ratio * drive.load_radius / drive.motor_radius
-        places = [log.joint_names.index(joint) for log in logs]
-        pairs = list(zip(logs, places, strict=True))
-        apart = [log.motor_position[:, j] / lever - log.joint_position[:, j] for log, j in pairs]
-        if not all(np.all(np.isfinite(one)) for one in apart):
-            continue
-        torques = [_torque(log, j) for log, j in pairs]
-        middles = np.array([np.mean(one) for one in apart])
-        loads = np.array([np.mean(one) for one in torques])
-        x = np.concatenate([one - mean for one, mean in zip(torques, loads, strict=True)])
-        y = np.concatenate([one - mean for one, mean in zip(apart, middles, strict=True)])
-        slope = float(x @ y) / max(float(x @ x), 1e-300)
-        offsets, size = middles - slope * loads, max(float(np.std(y)), 1e-300)
-        spread = abs(slope) * float(np.ptp(loads))
-        for number, change in enumerate((offsets[1:] - offsets[0]).tolist(), 2):
-            if abs(change) <= _APART * size + spread:
+def offset_findings(given: Experiment) -> Iterator[Finding]:
+    """Yield elastic joints whose encoder offsets differ between logs by more than deflections.
+
+    The angle between the encoders is the deflection, in proportion to the torque of the spring
+    (that of the motor but for friction), and an offset of each log.
+    """
+    robot, runs = given.robot, np.unique(given.run).tolist()
+    joints = [robot.index(joint) for joint in robot.elastic_joints]
+    for j in (one for one in joints if one in given.used and len(runs) > 1):
+        y = given.motor[0][:, j] / given.lever[j] - given.joint[0][:, j]
+        offsets = np.equal.outer(given.run, runs).astype(float)
+        H = np.column_stack([offsets, given.target[:, j], given.friction[j][:, :2]])
+        x = scaled_svd(H).solve(y)
+        noise = float(np.std(y - H @ x)) / np.sqrt(_INDEPENDENT)
+        size = float(np.std(H[:, len(runs) :] @ x[len(runs) :]))
+        changes = (x[1 : len(runs)] - x[0]).tolist()
+        joint = robot.joint_names[j]
+        names = column_names(joint, robot.is_prismatic[j])
+        column = next(name for name, field in names.items() if field == "motor_position")
+        for number, change in enumerate(changes, 2):
+            if abs(change) <= _APART * size + _SURE * noise:
                 continue
-            names = column_names(joint, robot.is_prismatic[robot.index(joint)])
-            column = next(name for name, field in names.items() if field == "motor_position")
+            at_motor = change * given.lever[j]
             yield Finding(
                 "encoder-offsets-differ",
-                f"the encoder offsets of {joint} differ by {change * lever:.4g} rad at the motor "
-                f"between log 1 and log {number}, {abs(change) / size:.2g} times the deflection of "
-                "its spring (rms): the robot was switched on anew",
+                f"the encoder offsets of {joint} differ by {at_motor:.4g} rad at the motor between "
+                f"log 1 and log {number}, {abs(change) / max(size, 1e-300):.2g} times the "
+                "deflection of its spring (rms): the robot was switched on anew",
                 joint,
                 "wrong",
-                {"difference [rad at the motor]": change * lever},
+                {"difference [rad at the motor]": at_motor},
                 f"in the description of log {number}:\n[joints.{joint}]\n"
-                f'motor_position = {{ column = "{column}", offset = {-change * lever:.6g} }}',
+                f'motor_position = {{ column = "{column}", offset = {-at_motor:.6g} }}',
                 "certain",
             )
 
 
-def _torque(log: Log, j: int) -> Array:
-    """Return the torque of a joint, zero where it was not logged."""
-    motor = log.motor_torque[:, j]
-    if not np.all(np.isfinite(motor)) and log.joint_torque is not None:
-        motor = log.joint_torque[:, j]
-    return np.nan_to_num(motor)
+_INDEPENDENT, _SURE = 10, 5.0
+"""Independent rows of a log, at least, and multiple of the standard error of an offset."""
 
 
 _LEAST_RANGE = 20.0

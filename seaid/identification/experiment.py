@@ -14,7 +14,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from seaid._arrays import Array
+from seaid._arrays import Array, IndexArray
 from seaid.estimation import RANK_TOLERANCE, scaled_svd
 from seaid.log import Motion, in_band_at, row_samples
 from seaid.regressor import INPUT_FIELDS, regressor_at_drives
@@ -35,13 +35,16 @@ one encoder by the other."""
 class Experiment:
     """A motion at R instants, below the cutoff, with what was given about the robot.
 
-    `motor` and `joint` (3, R, n): position, velocity and acceleration of both sides; `direction`
-    (R, n): the sign of the motor speed; `torque` and `sensed` (R, n): of motor and joint, NaN
-    without the sensor; `both` (n,): whether both encoders were logged; `ratio`, `inertia` (n,):
-    gear ratios and rotor inertias; `bodies` (10n,): standard parameters with payloads.
+    `run` (R,): number of the motion; `rate_hz`: sampling rate; `motor` and `joint` (3, R, n):
+    position, velocity and acceleration of both sides; `direction` (R, n): the sign of the motor
+    speed; `torque` and `sensed` (R, n): of motor and joint, NaN without the sensor; `both` (n,):
+    whether both encoders were logged; `ratio`, `inertia` (n,): gear ratios and rotor inertias;
+    `bodies` (10n,): standard parameters with payloads.
     """
 
     robot: Robot
+    run: IndexArray
+    rate_hz: float
     motor: Array
     joint: Array
     direction: Array
@@ -178,7 +181,9 @@ class Experiment:
 
 def experiment_of(robot: Robot, motions: Sequence[Motion]) -> Experiment:
     """Return the experiment at `INSTANTS` instants of all motions."""
-    windows = [part for motion in motions for part in _windows(motion)]
+    split = [_windows(motion) for motion in motions]
+    windows = [part for parts in split for part in parts]
+    numbers = np.repeat(np.arange(len(split)), [len(parts) for parts in split])
     parts = [_sampled(robot, part, max(1, INSTANTS // len(windows))) for part in windows]
     motor, joint, direction, torque, sensed = (
         np.concatenate(one, axis=-2) for one in zip(*parts, strict=True)
@@ -189,7 +194,11 @@ def experiment_of(robot: Robot, motions: Sequence[Motion]) -> Experiment:
     both = np.ptp(apart, axis=0) > 1e-9 * np.ptp(motor[0], axis=0)
     inertia = np.array([drive.values.get("motor_inertia", 0.0) for drive in drives])
     bodies = robot.parameters + robot.payload_parameters
-    return Experiment(robot, motor, joint, direction, torque, sensed, both, ratio, inertia, bodies)
+    if not np.any(robot.parameters):
+        bodies = np.full_like(bodies, np.nan)  # a robot file without inertias
+    run, rate_hz = np.repeat(numbers, [len(one[2]) for one in parts]), motions[0].rate_hz
+    signals = motor, joint, direction, torque, sensed
+    return Experiment(robot, run, rate_hz, *signals, both, ratio, inertia, bodies)
 
 
 def _windows(motion: Motion) -> list[Motion]:

@@ -19,6 +19,8 @@ from seaid.estimation import Estimate, EstimatorName, ModelChecks, estimator_nam
 from seaid.identification.adequacy import (
     JointFit,
     Verdict,
+    consequences,
+    explained,
     fit_findings,
     joint_fits,
     unused_findings,
@@ -147,7 +149,8 @@ class Identification(Result):
         feasible = () if self.feasible is None else (self.feasible,)
         parts = (*self.drives.values(), self.load, *feasible, *self.processing)
         own = [warning for one in parts for warning in one.warnings]
-        return by_severity([*self.findings, *own, *unused_findings(self), *gear_findings(self)])
+        of_fit = [*own, *unused_findings(self), *gear_findings(self)]
+        return by_severity([*self.findings, *consequences(self.findings, of_fit)])
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -245,22 +248,23 @@ def identify(
     sources = sources_of(logs)
     logs_in_memory = [source for source in sources if isinstance(source, Log)]
     findings = log_findings(robot, logs_in_memory)
-    datasets = datasets_of(robot, sources, cutoff_hz, executor, progress)
-    in_memory = [part for log in logs_in_memory for part in stretches(usable(log))]
-    if len(logs_in_memory) == len(sources):
-        check_excitation(robot, in_memory)
-    check_channels(logs_in_memory)
-    experiment = experiment_of(robot, [first_motion(one) for one in datasets])
-    findings += setup_findings(experiment, findings)
-    used = joints_with_torque(robot, datasets) if torque_joints is None else selected
-    declared, robot = robot, with_rigid_gears(robot, deflection_joints(robot, datasets))
-    given = robot
-    if not is_linear(robot, used):
-        robot, datasets = linearised_robot(robot, datasets, used)
-    model = load_model(robot, base_parameters(robot, torque_joints=used), used)
-    found = estimate_two_step(
-        robot, datasets, model, solver, encoder_offset_std, executor, progress
-    )
+    with explained(findings):
+        datasets = datasets_of(robot, sources, cutoff_hz, executor, progress)
+        in_memory = [part for log in logs_in_memory for part in stretches(usable(log))]
+        if len(logs_in_memory) == len(sources):
+            check_excitation(robot, in_memory)
+        check_channels(logs_in_memory)
+        experiment = experiment_of(robot, [first_motion(one) for one in datasets])
+        findings += setup_findings(experiment, findings)
+        used = joints_with_torque(robot, datasets) if torque_joints is None else selected
+        declared, robot = robot, with_rigid_gears(robot, deflection_joints(robot, datasets))
+        given = robot
+        if not is_linear(robot, used):
+            robot, datasets = linearised_robot(robot, datasets, used)
+        model = load_model(robot, base_parameters(robot, torque_joints=used), used)
+        found = estimate_two_step(
+            robot, datasets, model, solver, encoder_offset_std, executor, progress
+        )
     if estimator == "iv":
         found = estimate_instrumental(robot, datasets, model, found, encoder_offset_std, executor)
     if method == "simultaneous":
@@ -273,7 +277,7 @@ def identify(
     result = identification_of(robot, model, found, datasets, consistent, declared)
     bodies = result.robot.parameters + robot.payload_parameters
     fits = joint_fits(robot.joint_names, found, experiment, bodies)
-    findings += fit_findings(robot.joint_names, found, fits)
+    findings += consequences(findings, fit_findings(robot.joint_names, found, fits))
     return replace(result, findings=tuple(findings), joint_fits=fits)
 
 

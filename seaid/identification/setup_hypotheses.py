@@ -26,7 +26,7 @@ from seaid.robot import Robot
 _GAIN = 2.0
 """Least decrease of the sum of log squared misfits: one that falls by a factor of e."""
 
-_MOST_MISTAKES = 4
+_MOST_MISTAKES = 5
 """Mistakes that are looked for one after the other."""
 
 _SUSPICIOUS, _BARELY, _TIMES = 0.12, 0.04, 3.0
@@ -43,7 +43,8 @@ _TIE = 1.0
 _SHORTLIST = 12
 """Hypotheses, best by the nominal bodies, whose other misfits are computed too."""
 
-_DEGREE = math.pi / 180
+_ANGLES = {"deg": math.pi / 180, "turn": 2 * math.pi, "rad": 180 / math.pi}
+"""{unit of an angle: the factor that repairs it}; "rad" where degrees were declared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +70,8 @@ def mistakes(given: Experiment) -> tuple[list[Finding], Experiment]:
             break
         finding, given = best
         found.append(finding)
+        if finding.code == "nominal-values":
+            given = replace(given, bodies=np.full_like(given.bodies, np.nan))
     return found, given
 
 
@@ -149,13 +152,6 @@ def _entries(given: Experiment, joints: Sequence[int], channels: str, keys: str)
     return "\n".join([entries[0], *(one.split("\n", 1)[1] for one in entries[1:])])
 
 
-def _scaled_torques(given: Experiment, joints: Sequence[int], factor: float) -> Experiment:
-    """Return the experiment with the torques of some joints multiplied by a factor."""
-    for j in joints:
-        given = scaled(given, j, {"t": factor})
-    return given
-
-
 _TEXTS = {"q": "joint_position", "m": "motor_position", "t": "motor_torque"}
 _WORDS = {"q": "joint encoder", "m": "motor encoder", "t": "torque"}
 
@@ -197,10 +193,11 @@ def _signs(given: Experiment, j: int) -> Iterator[Hypothesis]:
         if product < 0:
             yield Hypothesis(
                 "gear-ratio",
-                f"the gear ratio of {joint} has the wrong sign: its gear reverses",
-                partial(_with_ratio, j=j, factor=-1.0),
+                f"the gear of {joint} reverses: its ratio is negative, so that motor encoder and "
+                "torque have the opposite sign",
+                partial(flipped, j=j, channels="mt"),
                 joint,
-                _ratio_remedy(given, j, -1.0),
+                _entry(given, j, _quantities(given, j, "mt"), "sign = -1"),
                 evidence={"given ratio": float(given.ratio[j])},
             )
     for channels in choices:
@@ -241,13 +238,13 @@ def _positions(given: Experiment, j: int) -> Iterator[Hypothesis]:
     """Yield units of angles and gear ratios."""
     joint = given.robot.joint_names[j]
     sides = "qm" if given.both[j] else "m"
-    if not given.robot.is_prismatic[j]:
+    for unit, factor in {} if given.robot.is_prismatic[j] else _ANGLES.items():
         yield Hypothesis(
             "unit",
-            f"the positions of {joint} are in degrees",
-            partial(scaled, j=j, factors=dict.fromkeys("qm", _DEGREE)),
+            f"the positions of {joint} are in {unit}",
+            partial(scaled, j=j, factors=dict.fromkeys("qm", factor)),
             joint,
-            _entry(given, j, _quantities(given, j, sides), 'unit = "deg"'),
+            _entry(given, j, _quantities(given, j, sides), f'unit = "{unit}"'),
         )
     if given.both[j]:
         yield from _encoders(given, j)
@@ -269,13 +266,12 @@ _SAME_SLOPE = 0.05
 def encoder_slope(given: Experiment, j: int) -> float:
     """Return the motor angle per joint angle over the gear ratio, without the spring's deflection.
 
-    The deflection is proportional to the torque, which is a column of the regression next to the
-    joint angle (the reduced major axis of both speeds without a torque).
+    The deflection is proportional to the torque of the spring, which is that of the motor but for
+    friction: both are columns of the regression next to the joint angle.
     """
     columns = [given.joint[0][:, j], np.ones(len(given.direction))]
-    torque = given.target[:, j]
-    if np.all(np.isfinite(torque)) and np.std(torque) > 0:
-        columns.append(torque)
+    if j in given.used:
+        columns += [given.target[:, j], *given.friction[j][:, :2].T]
     H = np.column_stack(columns)
     x = scaled_svd(H).solve(given.motor[0][:, j])
     return float(x[0] / given.lever[j])
@@ -286,16 +282,17 @@ def _encoders(given: Experiment, j: int) -> Iterator[Hypothesis]:
     joint, slope = given.robot.joint_names[j], abs(encoder_slope(given, j))
     if abs(slope - 1) < _SAME_SLOPE or not 1e-6 < slope < 1e6:
         return
-    for channel, factor in (("m", _DEGREE), ("q", 1 / _DEGREE)):
-        if abs(math.log(slope * factor)) < _SAME_SLOPE * 3:
-            yield Hypothesis(
-                "unit",
-                f"the {_WORDS[channel]} of {joint} is in degrees",
-                partial(scaled, j=j, factors={channel: _DEGREE}),
-                joint,
-                _entry(given, j, _quantities(given, j, channel), 'unit = "deg"'),
-                evidence={"slope between the encoders over the gear ratio": slope},
-            )
+    for unit, factor in _ANGLES.items():
+        for channel, effect in (("m", factor), ("q", 1 / factor)):
+            if abs(math.log(slope * effect)) < _SAME_SLOPE * 3:
+                yield Hypothesis(
+                    "unit",
+                    f"the {_WORDS[channel]} of {joint} is in {unit}",
+                    partial(scaled, j=j, factors={channel: factor}),
+                    joint,
+                    _entry(given, j, _quantities(given, j, channel), f'unit = "{unit}"'),
+                    evidence={"slope between the encoders over the gear ratio": slope},
+                )
     for factor in _near(slope):
         yield Hypothesis(
             "gear-ratio",
@@ -305,6 +302,7 @@ def _encoders(given: Experiment, j: int) -> Iterator[Hypothesis]:
             joint,
             _ratio_remedy(given, j, factor),
             evidence={"slope between the encoders over the gear ratio": slope},
+            penalty=_penalty(factor, slope),
         )
 
 
@@ -315,6 +313,14 @@ def _near(factor: float, *others: float) -> list[float]:
     """Return a factor, and the usual ones within a fifth of it: mistakes are often round."""
     usual = [*_USUAL, *others, *(1 / one for one in (*_USUAL, *others))]
     return [*(one for one in usual if abs(math.log(factor / one)) < 0.2), factor]
+
+
+def _penalty(factor: float, estimated: float) -> float:
+    """Return the penalty of a factor that is not a usual one, but estimated."""
+    return _ROUND if factor == estimated else 0.0
+
+
+_ROUND = 0.3
 
 
 def _slopes(given: Experiment, j: int) -> tuple[float, float]:
@@ -330,7 +336,7 @@ def _slopes(given: Experiment, j: int) -> tuple[float, float]:
     return float(x[0]), float(x[-1]) if columns.shape[1] == 5 else math.nan
 
 
-_UNITS = {"mNm": 1e3, "kNm": 1e-3, "uNm": 1e6}
+_UNITS = {"mNm": 1e3, "kNm": 1e-3}
 """{unit of a torque: its value over that in N m}."""
 
 _FAR_FACTOR = 20.0
@@ -357,7 +363,7 @@ def _torques(given: Experiment, j: int) -> Iterator[Hypothesis]:
             joint,
             f"in the drives file:\n[{joint}]\nmotor_inertia_kg_m2 = {inertia[j]:.4g}",
             evidence={"ratio": factor},
-            penalty=0.0 if factor != rotor else 0.2,
+            penalty=_penalty(factor, rotor),
         )
 
 
@@ -375,7 +381,9 @@ def _factor(
     keys = f'unit = "{unit}"' if exact else f"scale = {1 / slope:.4g}"
     text = f"in {unit}" if exact else f"{slope:.3g} times too large"
 
-    undo = partial(_scaled_torques, joints=joints, factor=1 / (_UNITS[unit] if exact else slope))
+    undo = partial(
+        _all_scaled, joints=joints, factors={"t": 1 / (_UNITS[unit] if exact else slope)}
+    )
     remedy = _entries(given, joints, "t", keys)
     return Hypothesis(
         "unit" if is_unit else "torque-scale",
@@ -443,9 +451,11 @@ def _whole(given: Experiment) -> Iterator[Hypothesis]:
         yield Hypothesis(
             "sign",
             "the torques of all joints have the opposite sign",
-            partial(_scaled_torques, joints=given.used, factor=-1.0),
+            partial(_all_scaled, joints=given.used, factors={"t": -1.0}),
             remedy=_entries(given, given.used, "t", "sign = -1"),
         )
+        yield from _all_angles(given)
+    yield from _times(given)
     if not np.all(np.isfinite(given.bodies)) or not given.used:
         return
     if len(given.used) > 1:
@@ -463,23 +473,59 @@ def _whole(given: Experiment) -> Iterator[Hypothesis]:
                 evidence={"factor": middle},
                 penalty=0.5,
             )
-        if not np.any(given.robot.is_prismatic):
-            yield _degrees(given)
     yield from _gravities(given)
     yield from _lengths(given)
     yield from _payloads(given)
 
 
-def _degrees(given: Experiment) -> Hypothesis:
-    joints = range(given.robot.n)
+def _all_angles(given: Experiment) -> Iterator[Hypothesis]:
+    """Yield units of the angles of all joints, at both sides or at one."""
+    turning = [j for j in range(given.robot.n) if not given.robot.is_prismatic[j]]
+    both = [j for j in turning if given.both[j]]
+    choices = [("qm", turning, "positions"), ("q", both, "joint encoders")]
+    choices.append(("m", both, "motor encoders"))
+    for unit, factor in _ANGLES.items():
+        for channels, joints, words in choices:
+            if len(joints) > 1:
+                yield Hypothesis(
+                    "unit",
+                    f"the {words} of all joints are in {unit}",
+                    partial(_all_scaled, joints=joints, factors=dict.fromkeys(channels, factor)),
+                    remedy=_entries(given, joints, channels, f'unit = "{unit}"'),
+                )
 
-    def undo(one: Experiment) -> Experiment:
-        for j in joints:
-            one = scaled(one, j, {"q": _DEGREE, "m": _DEGREE})
-        return one
 
-    remedy = _entries(given, joints, "qm", 'unit = "deg"')
-    return Hypothesis("unit", "the positions of all joints are in degrees", undo, "", remedy)
+def _all_scaled(given: Experiment, joints: Sequence[int], factors: dict[str, float]) -> Experiment:
+    """Return the experiment with channels of some joints multiplied by factors."""
+    for j in joints:
+        given = scaled(given, j, factors)
+    return given
+
+
+_FACTORS_OF_TIME = (0.1, 0.5, 2.0, 10.0)
+
+
+def _times(given: Experiment) -> Iterator[Hypothesis]:
+    """Yield clocks that run too fast or too slowly by a round factor."""
+    for factor in _FACTORS_OF_TIME:
+        rate = given.rate_hz * factor
+        yield Hypothesis(
+            "time-unit",
+            f"the time of the log is {factor:g} times too long, so that speeds are too small"
+            if factor > 1
+            else f"the time of the log is {1 / factor:g} times too short, so that speeds are too "
+            "large",
+            partial(_with_time, factor=factor),
+            remedy=f"in the description of the log:\ntime = {{ rate_hz = {rate:.6g} }}",
+            evidence={"factor": factor},
+            penalty=1.0,
+        )
+
+
+def _with_time(given: Experiment, factor: float) -> Experiment:
+    powers = np.array([1.0, factor, factor**2])[:, None, None]
+    rate = given.rate_hz * factor
+    return replace(given, joint=powers * given.joint, motor=powers * given.motor, rate_hz=rate)
 
 
 def _with_gravity(given: Experiment, gravity: Array) -> Experiment:
@@ -589,24 +635,78 @@ def _payloads(given: Experiment) -> Iterator[Hypothesis]:
         com = ",".join(f"{x:.4g}" for x in own[body, 1:4] / mass + 0.0)
         text = f"the payload of {mass:.4g} kg on {name}"
         factor = _share(given, own.ravel())
-        choices = [
-            (-own, f"{text} is not there", f"option: without --payload {name}:{mass:g}:{com}")
-        ]
-        if factor > 0 and abs(factor - 1) > _LEAST_PAYLOAD:
-            heavier = f"option: --payload {name}:{factor * mass:.3g}:{com}"
-            choices.append(((factor - 1) * own, f"{text} has {factor * mass:.3g} kg", heavier))
-        for other, link in enumerate(robot.body_names):
-            if other != body:
-                moved = -own
-                moved[other] += own[body]
-                remedy = f"option: --payload {link}:{mass:g}:{com}"
-                choices.append((moved, f"{text} is on {link}", remedy))
-        for change, message, remedy in choices:
+        absent = f"option: without --payload {name}:{mass:g}:{com}"
+        choices = [(-own, f"{text} is not there", absent, 0.0)]
+        for other in _near(factor) if factor > 0 and abs(factor - 1) > _LEAST_PAYLOAD else ():
+            heavier = f"option: --payload {name}:{other * mass:.3g}:{com}"
+            words = f"{text} has {other * mass:.3g} kg"
+            choices.append(((other - 1) * own, words, heavier, _penalty(other, factor)))
+        for change, message, remedy, penalty in choices:
             undo = partial(_with_bodies, bodies=given.bodies + change.ravel())
-            yield Hypothesis("payload", message, undo, robot.joint_names[body], remedy)
+            joint = robot.joint_names[body]
+            yield Hypothesis("payload", message, undo, joint, remedy, penalty=penalty)
+        yield from _placed(given, given.bodies - own.ravel(), text, mass)
+    if not np.any(payloads) and not robot.known_bodies:
+        yield from _placed(given, given.bodies, "a payload that was not named", None)
 
 
-_LEAST_PAYLOAD = 0.25
+def _placed(
+    given: Experiment, bodies: Array, text: str, mass: float | None
+) -> Iterator[Hypothesis]:
+    """Yield a point mass at each body, where it explains the torques best: of a `mass`, or any."""
+    robot = given.robot
+    for body, link in enumerate(robot.body_names):
+        point = _point_mass(given, bodies, body, mass)
+        if point[0] <= _LEAST_SHARE * abs(bodies[10 * body]) or not np.all(np.isfinite(point)):
+            continue
+        com = ",".join(f"{x:.3g}" for x in point[1:4] / point[0] + 0.0)
+        changed = bodies.copy()
+        changed[10 * body : 10 * body + 10] += point
+        yield Hypothesis(
+            "payload",
+            f"{text} is on {link}, {point[0]:.3g} kg at ({com}) m",
+            partial(_with_bodies, bodies=changed),
+            robot.joint_names[body],
+            f"option: --payload {link}:{point[0]:.3g}:{com}",
+            "wrong" if mass is not None else "doubtful",
+            penalty=1.0 if mass is not None else _UNNAMED,
+        )
+
+
+_UNNAMED = 4.0
+"""Penalty of a payload that was not named, which resembles an error of the nominal bodies."""
+
+_LEAST_SHARE, _FARTHEST_M, _STEPS = 0.3, 5.0, 4
+"""Mass over that of its body from which a payload is looked for; its largest distance from the
+joint; steps of its estimate."""
+
+
+def _point_mass(given: Experiment, bodies: Array, body: int, mass: float | None) -> Array:
+    """Return the ten parameters of the point mass on a body that explains the torques best.
+
+    Mass and first moments are linear columns; the inertia m (c^2 1 - c c^T) is that of the step
+    before.
+    """
+    columns = [given.regressor[:, :, 10 * body + place] for place in range(4)]
+    A = np.column_stack([_without_friction(given, one) for one in columns])
+    left = _without_friction(given, given.target - given.regressor @ bodies)
+    point = np.zeros(10)
+    for _ in range(_STEPS):
+        inertia = given.regressor[:, :, 10 * body + 4 : 10 * body + 10] @ point[4:]
+        y = left - _without_friction(given, inertia)
+        if mass is None:
+            point[:4] = scaled_svd(A).solve(y, 1e-3)
+        else:
+            point[:4] = mass, *scaled_svd(A[:, 1:]).solve(y - mass * A[:, 0], 1e-3)
+        if point[0] <= 0 or np.linalg.norm(point[1:4]) > _FARTHEST_M * point[0]:
+            return np.zeros(10)
+        c = point[1:4] / point[0]
+        J = point[0] * ((c @ c) * np.eye(3) - np.outer(c, c))
+        point[4:] = J[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]  # the order of Pinocchio
+    return point
+
+
+_LEAST_PAYLOAD = 0.1
 """Relative error of a payload's mass below which it is not distinguished from those of the file."""
 
 

@@ -30,7 +30,7 @@ Column = str | tuple[str, float | str]
 UNIT_FACTORS = {
     "rad": {"rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180, "turn": 2 * np.pi},
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
-    "Nm": {"Nm": 1.0, "mNm": 1e-3},
+    "Nm": {"Nm": 1.0, "mNm": 1e-3, "kNm": 1e3},
     "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
     "A": {"A": 1.0, "mA": 1e-3},
     "V": {"V": 1.0, "mV": 1e-3},

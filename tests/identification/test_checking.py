@@ -179,10 +179,15 @@ def test_payloads_that_are_absent_or_elsewhere() -> None:
     assert finding.code == "payload"
     assert finding.remedy == "option: without --payload foot:2:0.15,0,0"
     finding = worst(leg(Payload("shank", 2.0, (0.15, 0.0, 0.0))), leg_log())
-    assert finding.remedy == "option: --payload foot:2:0.15,0,0"
+    link, mass, com = finding.remedy.removeprefix("option: --payload ").split(":")
+    assert (link, float(mass)) == ("foot", 2.0)
+    assert [*map(float, com.split(","))] == pytest.approx([0.15, 0.0, 0.0], abs=0.01)
     finding = worst(leg(Payload("foot", 4.0, (0.15, 0.0, 0.0))), leg_log())
     assert finding.code == "payload"
-    assert float(finding.remedy.split(":")[2]) == pytest.approx(2.0, rel=0.05)
+    assert finding.remedy == "option: --payload foot:2:0.15,0,0"
+    finding = worst(leg(), leg_log())
+    assert (finding.code, finding.severity) == ("payload", "doubtful")
+    assert finding.remedy.startswith("option: --payload foot:1.9")
 
 
 def test_two_mistakes_are_both_named() -> None:
