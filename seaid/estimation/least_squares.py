@@ -133,18 +133,50 @@ def equal_weights(qr_factor: QRFactor) -> Array:
     return np.ones(len(qr_factor.equations))
 
 
+HOMOGENEOUS = 0.7
+"""An equation is homogeneous if its residual is larger than this part of its torque: half of the
+torque's power or more is unexplained, so that zero fits it about as well as the estimate."""
+
+_MOST_GROWTH = 1.25
+"""Weights are refused that make the residual of an equation grow by more than this. To the right
+weights it grows by sqrt(n / (n - p)), 1.1 for n = 6 p rows."""
+
+
 def settled_weights(qr_factor: QRFactor) -> Array:
-    """Return the converged weights (E,), relative to the equation of largest residual."""
-    weights = equal_weights(qr_factor)
-    theta = solve(qr_factor, weights).values
-    equations = orthonormal(qr_factor, theta) if len(theta) else None
-    norms: Array | None = qr_factor.residual_norms(theta)
+    """Return the converged weights (E,), relative to the equation of largest residual.
+
+    A homogeneous equation, such as that of a joint without a motor, would be fitted ever better by
+    ever smaller parameters, since noise in its columns makes zero fit better than the truth. If the
+    weights end there at the expense of another equation, they are bounded by those of the
+    unweighted residuals.
+    """
+    p = len(qr_factor.names)
+    theta = solve(qr_factor, equal_weights(qr_factor)).values
+    equations = orthonormal(qr_factor, theta) if p else None
+    first = qr_factor.residual_norms(theta)
+    weights, norms = _settled(qr_factor, equations, first, np.zeros_like(first))
+    torques = np.linalg.norm(qr_factor.factors[:, :, -1], axis=1)
+    is_homogeneous = (norms > HOMOGENEOUS * torques) & (norms < first)
+    if np.any(is_homogeneous) and np.any(norms > _MOST_GROWTH * first):
+        weights, _ = _settled(qr_factor, equations, first, np.where(is_homogeneous, first, 0.0))
+    return weights
+
+
+def _settled(
+    qr_factor: QRFactor, equations: Orthonormal | None, norms: Array | None, least: Array
+) -> tuple[Array, Array]:
+    """Return the converged weights (E,) and residual norms, from the norms without weights.
+
+    Norms below `least` (E,) count as that.
+    """
+    weights, found = equal_weights(qr_factor), np.asarray(norms)
     root_counts = np.sqrt(np.maximum(qr_factor.counts, 1))
     target = np.linalg.norm(qr_factor.factors[:, :, -1]) / np.sqrt(max(qr_factor.count, 1))
     for _ in range(_MOST_REWEIGHTINGS):
         if norms is None:
             norms = qr_factor.residual_norms(solve(qr_factor, weights).values)
-        std = norms / root_counts
+        found = norms
+        std = np.maximum(norms, least) / root_counts
         largest = float(np.max(std))
         if largest <= _ROUNDING * target:
             break
@@ -160,7 +192,7 @@ def settled_weights(qr_factor: QRFactor) -> Array:
             "joint has too few rows; record a longer log, or use estimator='ols'",
             "estimator='ols'",
         )
-    return weights
+    return weights, found
 
 
 def solve(qr_factor: QRFactor, weights: Array) -> Solution:

@@ -67,3 +67,41 @@ def test_residuals_are_those_of_the_whole_solution(
 def test_weights_settle_where_they_did(seed: int) -> None:
     found = qr_factor(seed)
     assert settled_weights(found) == pytest.approx(weights_one_by_one(found), rel=1e-8)
+
+
+def undriven(noise: float, seed: int = 0) -> QRFactor:
+    """Return a driven equation, and one without a torque whose columns are noisy.
+
+    The true parameters are ones; zero parameters satisfy the second equation exactly.
+    """
+    rng = np.random.default_rng(seed)
+    own, shared = rng.normal(size=(2, 400))
+    driven = np.column_stack([own, 0.3 * shared, np.zeros(400)])
+    free = np.column_stack([np.zeros(400), shared, -shared])
+    y = np.append(driven.sum(axis=1), np.zeros(400))
+    H = np.vstack([driven, free]) + noise * rng.normal(size=(800, 3))
+    return qr_factor_of(
+        Regression(
+            names=tuple("abc"),
+            units=("",) * 3,
+            H=H,
+            y=y + 1e-3 * rng.normal(size=800),
+            joint=np.repeat([0.0, 1.0], 400),
+            time=np.tile(np.arange(400) * 0.1, 2),
+            run=np.zeros(800),
+            excluded=0,
+            propagated=np.empty((800, 0)),
+        )
+    )
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.1, 0.3, 0.45])
+def test_equation_without_a_torque_does_not_get_all_weight(noise: float) -> None:
+    """Its weight made all parameters zero at noise of 0.3."""
+    found = undriven(noise)
+    weights = settled_weights(found)
+    assert np.max(weights) < 2.5
+    unweighted = solve(found, equal_weights(found)).values
+    assert np.all(solve(found, weights).values > 0.4 * unweighted)
+    if noise < 0.2:  # it does no harm: the weights are those of the residuals
+        assert weights == pytest.approx(weights_one_by_one(found), rel=1e-8)
