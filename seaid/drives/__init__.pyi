@@ -23,6 +23,7 @@ from .functions import nonlinear_spring as nonlinear_spring
 from .functions import smooth_columns as smooth_columns
 from .functions import spring_curve as spring_curve
 from .functions import stretch_of as stretch_of
+from .harmonics import is_harmonic as is_harmonic
 from .regressor import DriveRegressor as DriveRegressor
 from .regressor import drive_regressor as drive_regressor
 from .regressor import flat_names as flat_names
@@ -53,6 +54,7 @@ from .terms import SpringTerm as SpringTerm
 from .terms import between_encoders as between_encoders
 from .terms import key_of as key_of
 from .terms import of_spring as of_spring
+from .terms import parameter_named as parameter_named
 from .terms import parameter_of as parameter_of
 from .terms import readable as readable
 from .terms import spring_slopes as spring_slopes

@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Self, get_args
 
 from seaid._arrays import FrozenMapping, number
 from seaid._progress import Display
+from seaid.drives.harmonics import FIELDS, Harmonic, harmonics_of, is_harmonic
 from seaid.drives.terms import (
     COULOMB,
     DRY,
@@ -28,13 +29,14 @@ from seaid.drives.terms import (
     between_encoders,
     key_of,
     of_spring,
+    parameter_named,
 )
 from seaid.errors import RobotError, shortened, shown, unknown_name
 
 
 def unit_of(drive: Drive, name: str) -> str:
     """Return the unit of a parameter of a drive."""
-    return PARAMETERS[name].unit_for(drive.spring_units, drive.joint_units)
+    return parameter_named(name).unit_for(drive.spring_units, drive.joint_units)
 
 
 def is_smooth(drive: Drive) -> bool:
@@ -64,7 +66,7 @@ _LEAST_DIVISOR = 1e-12
 def check_divisors(drive: Drive, values: Mapping[str, float]) -> None:
     """Raise RobotError if a parameter by which an equation of the drive divides is zero."""
     for name in drive.parameter_names:
-        if PARAMETERS[name].is_divisor and values.get(name, 1.0) < _LEAST_DIVISOR:
+        if parameter_named(name).is_divisor and values.get(name, 1.0) < _LEAST_DIVISOR:
             raise RobotError(
                 f"'{key_of(name, unit_of(drive, name))}' is {values[name]:g}, and the drive's "
                 "equation is divided by it: give a value above zero, or remove its term"
@@ -78,7 +80,7 @@ _LENGTH_SIZES, _SIZES = (1e-9, 1e9), (0.0, 1e30)
 
 _MOST_EXTRA_TERMS = 20
 _TERM_FIELDS = (*(name for name in PARAMETERS_OF if name != "motor_input"), "known", "extra_terms")
-_NO_NUMBERS = (*PARAMETERS_OF, "known", "extra_terms", "nominal", "transmission")
+_NO_NUMBERS = (*PARAMETERS_OF, *FIELDS, "known", "extra_terms", "nominal", "transmission")
 
 
 def _check_numbers(drive: Drive) -> None:
@@ -172,6 +174,22 @@ def _check_spring(drive: SeriesElasticDrive) -> None:
         )
 
 
+def _check_harmonics(drive: Drive) -> None:
+    """Check the periodic errors of a drive. Raises RobotError."""
+    for field in FIELDS:
+        if given := getattr(drive, field):
+            object.__setattr__(drive, field, harmonics_of(field, given))
+    if drive.transmission_error and drive.is_nonlinear_spring:
+        raise RobotError(
+            "a transmission error needs a linear spring, whose force is linear in its amplitudes; "
+            f"found {', '.join(drive.spring)}"
+        )
+    if "m" in drive.joint_units and any(one.angle == "joint" for one in drive.harmonics):
+        raise RobotError(
+            "an error that is periodic in the joint needs a joint that turns; use 'motor' or 'mesh'"
+        )
+
+
 def _check_values(drive: Drive) -> None:
     """Check that `nominal`, `known` and `transmission` fit the drive's terms."""
     names = drive.parameter_names
@@ -218,7 +236,18 @@ class _Parameters(Display):
     known: tuple[str, ...] = ()
     nominal: Mapping[str, float] = _NOTHING
     transmission: Mapping[str, float] = _NOTHING
+    torque_ripple: Mapping[str, Any] | tuple[Harmonic, ...] = ()
     is_elastic: ClassVar[bool] = False
+
+    @property
+    def harmonics(self) -> tuple[Harmonic, ...]:
+        """The periodic errors of gear and motor torque."""
+        return tuple(one for field in FIELDS for one in getattr(self, field))
+
+    def without_harmonics(self) -> Self:
+        """Return the drive without periodic errors."""
+        there: dict[str, Any] = {field: () for field in FIELDS if getattr(self, field)}
+        return replace(self, **there) if there else self
 
     @property
     def is_nonlinear_spring(self) -> bool:
@@ -240,7 +269,8 @@ class _Parameters(Display):
             terms = getattr(self, field)
             for term in (terms,) if isinstance(terms, str) else terms:
                 names.update(PARAMETERS_OF[field][term])
-        return tuple(name for name in PARAMETERS if name in names)
+        harmonic = (name for one in self.harmonics for name in one.names)
+        return (*(name for name in PARAMETERS if name in names), *harmonic)
 
     @property
     def own_values(self) -> Mapping[str, float]:
@@ -251,20 +281,34 @@ class _Parameters(Display):
             value = self.nominal.get(name) if field is None else getattr(self, field)
             if value is not None:
                 values[name] = float(value)
+        for one in self.harmonics:
+            if one.amplitudes is not None:
+                values.update(zip(one.names, one.amplitudes, strict=True))
         return FrozenMapping(values)
 
     @property
     def values(self) -> Mapping[str, float]:
-        """`own_values` as the equations have them: the stiffness is that between the encoders."""
-        return FrozenMapping(between_encoders(self.own_values, self.gear_compliance))
+        """`own_values` as the equations have them.
+
+        The stiffness is that between the encoders, and unknown periodic errors are zero.
+        """
+        values = between_encoders(self.own_values, self.gear_compliance)
+        return FrozenMapping(dict.fromkeys(self._amplitudes, 0.0) | values)
+
+    @property
+    def _amplitudes(self) -> list[str]:
+        return [name for one in self.harmonics for name in one.names]
 
     def with_values(self, values: Mapping[str, float]) -> Self:
         """Return the drive with new `values` {parameter: value}, stored in fields or `nominal`."""
         changes: dict[str, Any] = {}
         nominal = dict(self.nominal)
-        if self.gear_compliance:
+        if self.gear_compliance or self.harmonics:
             values = of_spring({**self.values, **values}, self.gear_compliance)
+            changes |= _with_amplitudes(self, values)
         for name, value in values.items():
+            if is_harmonic(name):
+                continue
             field = _field_of(self, name)
             if field is None:
                 nominal[name] = float(value)
@@ -277,8 +321,23 @@ class _Parameters(Display):
         kept = {"motor_inertia", *self.known}
         others = (_field_of(self, name) for name in PARAMETERS if name not in kept)
         changes: dict[str, Any] = {field: None for field in others if field is not None}
+        changes |= _with_amplitudes(self, {x: y for x, y in self.own_values.items() if x in kept})
         nominal = {name: value for name, value in self.nominal.items() if name in kept}
         return replace(self, nominal=nominal, **changes)
+
+
+def _with_amplitudes(drive: Any, values: Mapping[str, float]) -> dict[str, Any]:
+    """Return the fields of periodic errors with the amplitudes in `values`, None without both."""
+    return {
+        field: tuple(
+            replace(one, amplitudes=tuple(values[name] for name in one.names))
+            if set(one.names) <= set(values)
+            else replace(one, amplitudes=None)
+            for one in getattr(drive, field)
+        )
+        for field in FIELDS
+        if getattr(drive, field)
+    }
 
 
 @dataclass(frozen=True, repr=False)
@@ -310,6 +369,9 @@ class StiffDrive(_Parameters):
     transmission : mapping {joint: factor}
         The drive turns the sum of factor * q instead of its own joint (a differential, a
         parallelogram), see `seaid.robot.transmission`.
+    torque_ripple : mapping {angle: orders}
+        Periodic torque of the motor: orders of "motor", "joint" or "mesh", such as
+        {"motor": [6]}, or {order: [cos, sin]} with nominal amplitudes [N m].
 
     Raises
     ------
@@ -327,6 +389,7 @@ class StiffDrive(_Parameters):
     viscous_friction_Nms_per_rad: float | None = None
     coulomb_friction_Nm: float | None = None
     spring: ClassVar[tuple[SpringTerm, ...]] = ()
+    transmission_error: ClassVar[tuple[Harmonic, ...]] = ()
     joint_friction: ClassVar[tuple[JointFrictionTerm, ...]] = ()
     motor_radius: ClassVar[float] = 1.0
     load_radius: ClassVar[float] = 1.0
@@ -334,6 +397,7 @@ class StiffDrive(_Parameters):
     def __post_init__(self) -> None:
         _check_numbers(self)
         _check_terms(self)
+        _check_harmonics(self)
         _check_values(self)
         if self.gear_ratio is not None and self.gear_ratio_rad_per_m is not None:
             raise RobotError(
@@ -377,6 +441,8 @@ class SeriesElasticDrive(_Parameters):
         Terms of the spring force, see `seaid.drives.terms`.
     joint_friction : tuple of str
         Terms of the friction between the joint's two bodies, behind the spring.
+    transmission_error : mapping {angle: orders}
+        Periodic error of the gear in the deflection [rad or m], as `torque_ripple`.
     others
         As in `StiffDrive`.
 
@@ -401,12 +467,14 @@ class SeriesElasticDrive(_Parameters):
     coulomb_friction_Nm: float | None = None
     spring: tuple[SpringTerm, ...] = ("linear",)
     joint_friction: tuple[JointFrictionTerm, ...] = ()
+    transmission_error: Mapping[str, Any] | tuple[Harmonic, ...] = ()
     is_elastic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         _check_numbers(self)
         _check_terms(self)
         _check_spring(self)
+        _check_harmonics(self)
         _check_values(self)
 
     @property

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import sympy as sp
 
 from seaid.drives.drives import Drive, is_smooth
+from seaid.drives.harmonics import periodic
 from seaid.drives.symbols import (
     F_0,
     F_C,
@@ -93,7 +94,8 @@ def spring_force(drive: Drive) -> sp.Expr:
         "dead_zone": 0,
     }
     offset = f_0 if drive.is_elastic and not drive.is_nonlinear_spring else 0
-    return sum((terms[term] for term in drive.spring), sp.Integer(0)) + offset
+    whole = sum((terms[term] for term in drive.spring), sp.Integer(0)) + offset
+    return whole + periodic(drive.harmonics, "transmission_error")
 
 
 def direction(drive: Drive) -> sp.Expr:
@@ -122,7 +124,7 @@ def dry_friction(drive: Drive) -> sp.Expr:
 
 
 def smooth_friction(drive: Drive) -> sp.Expr:
-    """Return the part of the motor's friction without sign(w), which cannot hold it at rest."""
+    """Return the motor's friction without sign(w), which cannot hold it at rest, and its ripple."""
     w = theta_M.diff(t)
     terms = {
         "viscous": F_v * w,
@@ -131,6 +133,7 @@ def smooth_friction(drive: Drive) -> sp.Expr:
         "quadratic": F_q * w * sp.Abs(w),
     }
     own = sum((terms[term] for term in drive.friction if term in terms), sp.Integer(0))
+    own = own + periodic(drive.harmonics, "torque_ripple")
     return own + friction_level(drive) * direction(drive) if is_smooth(drive) else own
 
 

@@ -30,13 +30,13 @@ from seaid.drives.equations import (
 from seaid.drives.regressor import DriveRegressor, flat_names
 from seaid.drives.symbols import (
     PARAMETER_NAMES,
-    SYMBOLS,
     K_t,
     K_u,
     N,
     known_values,
     r_L,
     r_M,
+    symbol_of,
     tau_L,
     theta_M,
 )
@@ -73,7 +73,7 @@ class DriveFunctions:
 
 def is_plain(drive: Drive) -> bool:
     """Whether a drive has at most viscous and Coulomb friction and a linear spring."""
-    is_linear = set(drive.spring) <= {"linear"}
+    is_linear = set(drive.spring) <= {"linear"} and not drive.harmonics
     return is_linear and set(drive.friction) <= _PLAIN_FRICTION and not _joint_terms(drive)
 
 
@@ -116,6 +116,8 @@ class SpringCurve:
 @cache
 def spring_curve(drive: Drive) -> SpringCurve:
     """Return the undamped curve of a drive's spring, or raise RobotError for a missing value."""
+    if drive.transmission_error:  # no part of the spring at rest
+        return spring_curve(drive.without_harmonics())
     stretch = sp.Symbol("stretch", real=True)
     undamped = [term for term in drive.spring if term != "damping"]
     force = _with_values(drive, spring_force(drive), needed=undamped)
@@ -171,7 +173,7 @@ def _with_values(drive: Drive, expression: sp.Expr, needed: Sequence[str] | None
                 f"'{key_of(name, unit_of(drive, name))}' is not given; a simulation needs a "
                 "nominal value"
             )
-    return flat.subs({SYMBOLS[name]: value for name, value in values.items()})
+    return flat.subs({symbol_of(name): value for name, value in values.items()})
 
 
 def _function(expression: sp.Expr) -> OfState:
@@ -248,7 +250,7 @@ def smooth_columns(regressor: DriveRegressor) -> SmoothColumns:
     if "preload" not in regressor.drive.spring:
         values["spring_offset"] = 0.0
     check_divisors(regressor.drive, values)
-    known = {str(SYMBOLS[name]): value for name, value in values.items()}
+    known = {str(symbol_of(name)): value for name, value in values.items()}
     known |= regressor.known
     return SmoothColumns(regressor.names, regressor.units, row, FrozenMapping(known))
 
@@ -408,7 +410,7 @@ def _friction(drive: Drive) -> tuple[sp.Expr, tuple[str, str]]:
 def _curve(
     joint: str, drive: Drive, expression: sp.Expr, signals: tuple[str, str]
 ) -> SmoothColumns:
-    known = FrozenMapping({str(SYMBOLS[name]): value for name, value in drive.values.items()})
+    known = FrozenMapping({str(symbol_of(name)): value for name, value in drive.values.items()})
     curve = SmoothColumns(("torque",), ("N m",), (flat_names(expression),), known, signals)
     for name in curve.missing:
         raise missing_value(joint, name)

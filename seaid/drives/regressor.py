@@ -16,7 +16,7 @@ import sympy as sp
 from seaid._arrays import Array
 from seaid.drives.drives import Drive, unit_of
 from seaid.drives.equations import DriveEquation
-from seaid.drives.symbols import PARAMETER_NAMES, SIGNALS, SYMBOLS, known_values, t
+from seaid.drives.symbols import PARAMETER_NAMES, SIGNALS, known_values, symbol_of, t
 from seaid.errors import RobotError
 from seaid.symbolic import separate
 
@@ -182,7 +182,7 @@ def _evaluate(
     """Return zeta (T,) and the columns (T, wanted), with nonlinear parameters at `near`."""
     columns = tuple(regressor.row[regressor.names.index(name)] for name in wanted)
     function, names = _compiled(regressor.zeta, columns)
-    given = dict(signals) | {str(SYMBOLS[name]): value for name, value in near.items()}
+    given = dict(signals) | {str(symbol_of(name)): value for name, value in near.items()}
     given |= regressor.known
     missing = [name for name in names if name not in given]
     if missing:
@@ -212,6 +212,9 @@ def _compiled(zeta: sp.Expr, row: tuple[sp.Expr, ...]):  # type: ignore[no-untyp
 def _unit(symbol: sp.Expr, column: sp.Expr, drive: Drive) -> str:
     if symbol in PARAMETER_NAMES:
         return unit_of(drive, PARAMETER_NAMES[symbol])
+    if str(symbol) in drive.parameter_names:  # k times an error of the deflection, or a torque
+        is_force = str(symbol).startswith("transmission_error")
+        return drive.spring_units[0] if is_force else "N m"
     return f"N m/({flat_names(column)})"
 
 

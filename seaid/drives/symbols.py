@@ -57,6 +57,12 @@ PARAMETER_NAMES = {
 }
 """{symbol: name} of the parameters in `seaid.drives.terms`, in the same order."""
 
+
+def symbol_of(name: str) -> sp.Symbol:
+    """Return the symbol of a parameter; that of an amplitude of a harmonic has its name."""
+    return SYMBOLS[name] if name in SYMBOLS else sp.Symbol(name, real=True)
+
+
 SYMBOLS = {name: symbol for symbol, name in PARAMETER_NAMES.items()}
 SIGNALS = (theta_M, theta_L, tau_M, tau_L, i_M, u_M, tau_G)
 STATES = {
@@ -74,4 +80,4 @@ def known_values(drive: Drive) -> dict[sp.Symbol, float]:
     """Return {known symbol: value} of a drive."""
     values = {N: drive.ratio, r_M: drive.motor_radius, r_L: drive.load_radius}
     known = [*drive.known, *(["motor_inertia"] if drive.motor_inertia_kg_m2 is not None else [])]
-    return values | {SYMBOLS[name]: drive.values[name] for name in known}
+    return values | {symbol_of(name): drive.values[name] for name in known}

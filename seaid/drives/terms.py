@@ -83,6 +83,19 @@ PARAMETERS = {
 """Every parameter by its name in an estimate, in the order of the columns."""
 
 
+_HARMONICS = {
+    "transmission_error": Parameter("L", is_positive=False),
+    "torque_ripple": Parameter("N m", is_positive=False),
+}
+"""{field: an amplitude of one of its harmonics}, see `seaid.drives.harmonics`."""
+
+
+def parameter_named(name: str) -> Parameter:
+    """Return a parameter, or that of an amplitude such as "torque_ripple_motor_6_cos"."""
+    field = next((field for field in _HARMONICS if name.startswith(field)), "")
+    return _HARMONICS[field] if field else PARAMETERS[name]
+
+
 def key_of(name: str, unit: str) -> str:
     """Return the TOML key of a parameter with a unit: "stribeck_speed_rad_per_s" for "rad/s"."""
     if unit == "1":
@@ -201,9 +214,19 @@ k_3 (d / (1 + c k))^3 - c k k_3 d^3 / (1 + c k)^4 = k_3 d^3 / (1 + c k)^4, and s
 
 
 def between_encoders(values: Mapping[str, float], compliance: float) -> dict[str, float]:
-    """Return parameters {name: value} of the spring as those between the encoders."""
+    """Return parameters {name: value} of the spring as those between the encoders.
+
+    Amplitudes of the transmission error become those of a force, k between the encoders times them.
+    """
     softer = 1.0 + compliance * values.get("stiffness", 0.0)
-    return {name: value / softer ** _SERIES_POWERS.get(name, 0) for name, value in values.items()}
+    found = {name: value / softer ** _SERIES_POWERS.get(name, 0) for name, value in values.items()}
+    for name in filter(_is_error, found):
+        found[name] *= found.get("stiffness", 0.0)
+    return found
+
+
+def _is_error(name: str) -> bool:
+    return name.startswith("transmission_error")
 
 
 def of_spring(values: Mapping[str, float], compliance: float) -> dict[str, float]:
@@ -217,16 +240,23 @@ def of_spring(values: Mapping[str, float], compliance: float) -> dict[str, float
             f"the stiffness between the encoders is {share:.3g} times that of the gear alone, of "
             "which it is a part: check gear_stiffness_Nm_per_rad"
         )
-    return {
+    found = {
         name: value / (1.0 - share) ** _SERIES_POWERS.get(name, 0) for name, value in values.items()
     }
+    for name in filter(_is_error, found):
+        found[name] = found[name] / values["stiffness"] if values.get("stiffness") else 0.0
+    return found
 
 
 def spring_slopes(values: Mapping[str, float], compliance: float) -> dict[str, dict[str, float]]:
     """Return {name: {other: slope}}, the derivatives of `of_spring`."""
-    share = compliance * values.get("stiffness", 0.0)
+    stiffness = values.get("stiffness", 0.0)
+    share = compliance * stiffness
     slopes = {}
     for name, value in values.items():
+        if _is_error(name) and stiffness:  # own = value / stiffness
+            slopes[name] = {name: 1.0 / stiffness, "stiffness": -value / stiffness**2}
+            continue
         power = _SERIES_POWERS.get(name, 0)
         slopes[name] = {name: (1.0 - share) ** -power}
         if power and "stiffness" in values:

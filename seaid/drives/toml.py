@@ -16,6 +16,7 @@ from seaid.drives.drives import (
     term_fields,
     unit_of,
 )
+from seaid.drives.harmonics import FIELDS, harmonics_table
 from seaid.drives.terms import PARAMETERS, PARAMETERS_OF, key_of
 from seaid.errors import RobotError, checked, shortened, shown, unknown_name
 
@@ -152,6 +153,9 @@ def drive_table(drive: Drive) -> dict[str, Any]:
     if _RATIOS.isdisjoint(table):
         table["gear_ratio"] = 1.0  # the default, which a table must state
     table |= {key_of(name, unit_of(drive, name)): value for name, value in nominal.items()}
+    for field in FIELDS:
+        if field in kept:
+            table[field] = harmonics_table(getattr(drive, field))
     return table if transmission is None else table | {"transmission": transmission}
 
 

@@ -29,6 +29,7 @@ def note_drive(joint: str, drive: Drive, notes: list[str]) -> None:
     ]
     excluded: list[str] = [term for term in drive.friction if term not in _SUPPORTED]
     excluded += map("extra term {}".format, drive.extra_terms)
+    excluded += dict.fromkeys(one.field.replace("_", " ") for one in drive.harmonics)
     if excluded:
         notes.append(f"joint '{joint}': excluded, not available in MuJoCo: {', '.join(excluded)}")
     offset = drive.values.get("spring_offset", 0.0)

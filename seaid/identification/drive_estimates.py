@@ -8,7 +8,14 @@ from dataclasses import replace
 import numpy as np
 from scipy import linalg
 
-from seaid.drives import PARAMETERS, Drive, JointParameter, readable
+from seaid.drives import (
+    PARAMETERS,
+    Drive,
+    JointParameter,
+    is_harmonic,
+    parameter_named,
+    readable,
+)
 from seaid.errors import Finding
 from seaid.estimation import Estimate, QRFactor, triangle
 from seaid.regressor import spring_regressor
@@ -67,9 +74,9 @@ def with_values(drive: Drive, values: Mapping[str, float]) -> Drive:
     """Return the drive with those of the values that are its own and have their proper sign."""
     return drive.with_values(
         {
-            name: max(float(value), 0.0) if PARAMETERS[name].is_positive else float(value)
+            name: max(float(value), 0.0) if parameter_named(name).is_positive else float(value)
             for name, value in values.items()
-            if name in PARAMETERS and (value > 0 or name != "stiffness")
+            if name in drive.parameter_names and (value > 0 or name != "stiffness")
         }
     )
 
@@ -80,7 +87,7 @@ def with_warnings(estimate: Estimate, joint: str, qr_factor: QRFactor | None) ->
     for name, value, error in zip(
         estimate.names, estimate.values, estimate.standard_errors, strict=True
     ):
-        if name in _ZEROS:
+        if name in _ZEROS or is_harmonic(name):
             continue
         text = readable(JointParameter(name, joint))
         reasons, is_weak = [], False

@@ -14,7 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
-from seaid.drives import SeriesElasticDrive, between_encoders, of_spring, spring_slopes
+from seaid.drives import (
+    SeriesElasticDrive,
+    between_encoders,
+    is_harmonic,
+    of_spring,
+    spring_slopes,
+    unit_of,
+)
 from seaid.errors import Finding, IdentificationError, listed
 from seaid.estimation import fit
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
@@ -138,10 +145,11 @@ def own_estimates(
 
 def _own_estimate(drive: Drive, estimate: Estimate) -> Estimate:
     """Return the estimate of a drive in its own values, with the covariance propagated."""
-    if not drive.gear_compliance:
+    if not (drive.gear_compliance or drive.harmonics):
         return estimate
     names = estimate.names
-    values = dict(zip(names, estimate.values, strict=True))
+    known = {name: drive.values[name] for name in drive.known if name == "stiffness"}
+    values = known | dict(zip(names, estimate.values, strict=True))
     own = of_spring(values, drive.gear_compliance)
     slopes = spring_slopes(values, drive.gear_compliance)
     J = np.array([[slopes[row].get(column, 0.0) for column in names] for row in names])
@@ -150,6 +158,10 @@ def _own_estimate(drive: Drive, estimate: Estimate) -> Estimate:
         estimate,
         values=np.array([own[name] for name in names]),
         covariance=J @ estimate.covariance @ J.T,
+        units=tuple(
+            unit_of(drive, name) if is_harmonic(name) else unit
+            for name, unit in zip(names, estimate.units, strict=True)
+        ),
         white_standard_errors=None if white is None else np.abs(np.diag(J)) * white,
     )
 

@@ -132,7 +132,11 @@ class DriveTerms:
 
 @cache
 def drive_terms(drive: Drive, sensors: frozenset[str]) -> DriveTerms:
-    """Return the equations of a drive whose motor has the given sensors."""
+    """Return the equations of a drive whose motor has the given sensors.
+
+    Periodic errors are excluded: their functions are independent of all others.
+    """
+    drive = drive.without_harmonics()
     sensed = [x for x in INPUTS if x in sensors] or [f"motor_{drive.motor_input}"]
     driver = sensed[0]
     seen, scale, source = _driven_by(drive, INPUTS[driver]), _SCALES[driver], MOTOR_SIGNALS[driver]

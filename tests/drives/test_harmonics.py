@@ -1,0 +1,208 @@
+"""Periodic errors of a drive: transmission error in the deflection, ripple of the motor torque."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import tomli_w
+
+from seaid.drives import (
+    SeriesElasticDrive,
+    StiffDrive,
+    drive_functions,
+    drive_table,
+    drives_from_mapping,
+    spring_curve,
+)
+from seaid.errors import RobotError
+from seaid.identification.identification import Identification, identify
+from seaid.log.motion import Motion
+from seaid.regressor import identifiability
+from seaid.robot.robot import Robot
+from seaid.simulation.simulation import measure, simulate_motion
+from tests.experiments import ARM_SENSORS, arm, wiggle
+
+ERROR = {"motor": {1: (1e-3, 5e-4)}, "joint": {3: (0.0, 2e-3)}}
+RIPPLE = {"motor": {2: (5e-4, 0.0)}}
+BARE = {
+    "type": "series_elastic",
+    "gear_ratio": 100.0,
+    "stiffness_Nm_per_rad": 300.0,
+    "viscous_friction_Nms_per_rad": 0.0,
+    "coulomb_friction_Nm": 0.0,
+}
+
+
+@cache
+def truth() -> Robot:
+    """Return the arm with errors of 1 to 2 mrad at a spring, and a ripple of its stiff wrist."""
+    shoulder, wrist = (arm().drives[joint] for joint in ("shoulder", "wrist"))
+    return arm().with_drives(
+        {
+            "shoulder": replace(shoulder, transmission_error=ERROR),
+            "wrist": replace(wrist, torque_ripple={"joint": {4: (1e-3, 0.0)}}),
+        }
+    )
+
+
+@cache
+def motion() -> Motion:
+    return simulate_motion(truth(), wiggle(arm(), 6.0, (0.0, 0.3, 0.15, 0.0), (0.4, 0.8, 0.2, 0.9)))
+
+
+@cache
+def found(robot: Robot) -> Identification:
+    """Return the identification from encoders without offset, which would turn the phases."""
+    return identify(robot.without_nominal(), measure(robot, motion(), SENSORS, 0))
+
+
+SENSORS = replace(ARM_SENSORS, motor_offset_rad=0.0)
+
+
+@pytest.mark.parametrize(
+    "errors",
+    [
+        {"transmission_error": {"motor": [1, 2], "mesh": [2]}},
+        {"torque_ripple": {"motor": [6], "joint": [12]}},
+        {"transmission_error": {"joint": {"3": [1e-3, -2e-4]}}, "torque_ripple": {"motor": [4]}},
+    ],
+)
+def test_table_of_a_drive_is_read_and_written(errors: dict[str, Any]) -> None:
+    table = {**BARE, **errors}
+    (drive,) = drives_from_mapping({"knee": tomllib.loads(tomli_w.dumps(table))}).values()
+    assert drive_table(drive) == table
+    assert len(drive.harmonics) == sum(len(x) for one in errors.values() for x in one.values())
+    bare = drive_table(drive.without_nominal())
+    assert {x: list(map(int, y)) for x, y in bare[next(iter(errors))].items()} == {
+        x: list(map(int, y)) for x, y in errors[next(iter(errors))].items()
+    }
+
+
+REFUSED: list[tuple[dict[str, Any], str]] = [
+    ({"transmission_error": [1, 2]}, "must be a table of orders, such as { motor = [1, 2] }"),
+    ({"transmission_error": {"rotor": [1]}}, "no angle of transmission_error is named 'rotor'"),
+    ({"transmission_error": {"motor": 1}}, "transmission_error motor must be a list of orders"),
+    ({"transmission_error": {"motor": []}}, "transmission_error motor must be a list of orders"),
+    ({"torque_ripple": {"motor": [0]}}, "an order is a whole number from 1 to 1000, found 0"),
+    ({"torque_ripple": {"motor": [1.5]}}, "an order is a whole number from 1 to 1000, found 1.5"),
+    ({"torque_ripple": {"motor": [True]}}, "an order is a whole number"),
+    ({"torque_ripple": {"motor": [2, 2]}}, "torque_ripple names an order twice"),
+    ({"torque_ripple": {"motor": {"2": [1.0]}}}, "motor 2: the amplitudes are two finite numbers"),
+    ({"torque_ripple": {"motor": {"2": [1.0, "a"]}}}, "two finite numbers"),
+    ({"transmission_error": {"motor": [1]}, "spring": ["linear", "cubic"]}, "a linear spring"),
+]
+
+
+@pytest.mark.parametrize(("errors", "message"), REFUSED)
+def test_errors_that_are_none(errors: dict[str, Any], message: str) -> None:
+    with pytest.raises(RobotError) as caught:
+        drives_from_mapping({"knee": {**BARE, **errors}})
+    assert message in str(caught.value)
+
+
+def test_no_angle_of_a_joint_that_slides() -> None:
+    with pytest.raises(RobotError, match="needs a joint that turns"):
+        StiffDrive(gear_ratio_rad_per_m=100.0, torque_ripple={"joint": [1]})
+
+
+def test_force_and_torque_of_the_errors() -> None:
+    """The spring force is k (d + error), and a motor at rest feels the ripple."""
+    table = {
+        **BARE,
+        "transmission_error": {"motor": {"1": [1e-3, 0.0]}, "mesh": {"2": [0.0, 2e-3]}},
+        "torque_ripple": {"joint": {"3": [0.01, 0.0]}},
+    }
+    (drive,) = drives_from_mapping({"knee": table}).values()
+    functions, motor, joint = drive_functions(drive), 5.0, 0.04
+    error = 1e-3 * np.cos(motor) + 2e-3 * np.sin(2 * (motor - motor / 100))
+    force = functions.force(motor, 0.0, joint, 0.0, 0.0)
+    assert force == pytest.approx(300.0 * (motor / 100 - joint + error))
+    ripple = functions.friction(motor, 0.0, joint, 0.0, 0.0)
+    assert ripple == pytest.approx(0.01 * np.cos(3 * joint))
+    assert spring_curve(drive).force(np.array([0.01]))[0] == pytest.approx(3.0)  # not the spring's
+
+
+def test_transmission_error_is_recovered_in_rad() -> None:
+    drive = found(truth()).drives["shoulder"]
+    true = {
+        "stiffness": 250.0,
+        "transmission_error_motor_1_cos": 1e-3,
+        "transmission_error_motor_1_sin": 5e-4,
+        "transmission_error_joint_3_cos": 0.0,
+        "transmission_error_joint_3_sin": 2e-3,
+    }
+    for name, value in true.items():
+        tolerance = 1.0 if name == "stiffness" else 1.5e-4  # the low pass takes fast turns away
+        assert drive.value(name) == pytest.approx(value, abs=tolerance)
+    assert drive.units[drive.names.index("transmission_error_motor_1_cos")] == "rad"
+    identified = found(truth()).robot.drives["shoulder"]
+    assert identified.own_values["transmission_error_joint_3_sin"] == pytest.approx(
+        drive.value("transmission_error_joint_3_sin")
+    )
+    assert not [flag for flag in found(truth()).warnings if "transmission error" in flag.message]
+
+
+def test_ripple_of_a_stiff_drive_is_recovered() -> None:
+    wrist = found(truth()).drives["wrist"]
+    for name, value in (("torque_ripple_joint_4_cos", 1e-3), ("torque_ripple_joint_4_sin", 0.0)):
+        assert abs(wrist.value(name) - value) < 3 * wrist.standard_error(name)
+        assert wrist.standard_error(name) < 2e-4
+
+
+def test_terms_make_the_rest_better() -> None:
+    without = identify(arm().without_nominal(), measure(arm(), motion(), SENSORS, 0))
+    for one, low, high in ((found(truth()), 0.0, 0.5), (without, 1.0, 10.0)):
+        assert low <= abs(one.drives["shoulder"].value("stiffness") - 250.0) < high
+    better = found(truth()).drives["shoulder"].residual_std
+    assert better < 0.3 * without.drives["shoulder"].residual_std
+
+
+def test_amplitudes_follow_the_stiffness_with_a_gear_in_series() -> None:
+    """An error in rad is that of the encoders, whatever the spring behind the gear is."""
+    drive = replace(truth().drives["shoulder"], gear_stiffness_Nm_per_rad=4000.0)
+    one = identify(
+        truth().with_drives({"shoulder": drive}).without_nominal(),
+        measure(arm(), motion(), SENSORS, 0),
+    )
+    name = "transmission_error_joint_3_sin"
+    assert one.drives["shoulder"].value(name) == pytest.approx(
+        found(truth()).drives["shoulder"].value(name)
+    )
+
+
+def test_simulation_shows_the_error_between_the_encoders() -> None:
+    """Two routes: the simulated motion, and (7) with the true values."""
+    drive = truth().drives["shoulder"]
+    index, true = arm().index("shoulder"), motion()
+    force = drive.values["stiffness"] * (
+        true.motor_position[:, index] / 100 - true.joint_position[:, index]
+    )
+    angles = {"motor": true.motor_position[:, index], "joint": true.joint_position[:, index]}
+    for one in drive.harmonics:
+        cosine, sine = one.amplitudes or (0.0, 0.0)
+        x = one.order * angles[one.angle]
+        force = force + 250.0 * (cosine * np.cos(x) + sine * np.sin(x))
+    assert true.joint_torque[:, index] == pytest.approx(force, abs=1e-9)
+
+
+def test_identifiability_does_not_depend_on_harmonics() -> None:
+    assert identifiability(truth()).summary() == identifiability(arm()).summary()
+
+
+def test_known_amplitudes_enter_the_known_side() -> None:
+    drive = SeriesElasticDrive(
+        gear_ratio=100.0,
+        stiffness_Nm_per_rad=250.0,
+        known=("transmission_error_joint_3_cos", "transmission_error_joint_3_sin"),
+        transmission_error={"joint": {3: (0.0, 2e-3)}},
+    )
+    robot = arm().with_drives({"shoulder": drive}).without_nominal()
+    assert robot.drives["shoulder"].own_values["transmission_error_joint_3_sin"] == 2e-3
+    log = measure(arm(), motion(), SENSORS, 0)
+    names = identify(robot, log).drives["shoulder"].names
+    assert "transmission_error_joint_3_sin" not in names
