@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import sympy as sp
 
 from seaid.drives.drives import Drive, is_smooth
-from seaid.drives.harmonics import periodic
 from seaid.drives.symbols import (
     F_0,
     F_C,
@@ -39,6 +38,7 @@ from seaid.drives.symbols import (
     known_values,
     r_L,
     r_M,
+    symbol_of,
     t,
     tau_G,
     tau_L,
@@ -95,7 +95,21 @@ def spring_force(drive: Drive) -> sp.Expr:
     }
     offset = f_0 if drive.is_elastic and not drive.is_nonlinear_spring else 0
     whole = sum((terms[term] for term in drive.spring), sp.Integer(0)) + offset
-    return whole + periodic(drive.harmonics, "transmission_error")
+    return whole + periodic(drive, "transmission_error")
+
+
+_ANGLES = {"motor": theta_M, "joint": theta_L, "mesh": theta_M - theta_M / N}
+
+
+def periodic(drive: Drive, field: str) -> sp.Expr:
+    """Return the periodic errors of a field of the drive, with their amplitudes as symbols."""
+    terms = (
+        symbol_of(name) * function(one.order * _ANGLES[one.angle])
+        for one in drive.harmonics
+        if one.field == field
+        for name, function in zip(one.names, (sp.cos, sp.sin), strict=True)
+    )
+    return sum(terms, sp.Integer(0))
 
 
 def direction(drive: Drive) -> sp.Expr:
@@ -133,7 +147,7 @@ def smooth_friction(drive: Drive) -> sp.Expr:
         "quadratic": F_q * w * sp.Abs(w),
     }
     own = sum((terms[term] for term in drive.friction if term in terms), sp.Integer(0))
-    own = own + periodic(drive.harmonics, "torque_ripple")
+    own = own + periodic(drive, "torque_ripple")
     return own + friction_level(drive) * direction(drive) if is_smooth(drive) else own
 
 

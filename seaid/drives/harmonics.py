@@ -18,19 +18,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-import sympy as sp
-
-from seaid.drives.symbols import N, theta_L, theta_M
 from seaid.errors import RobotError, shown, unknown_name
 
 Angle = Literal["motor", "joint", "mesh"]
 """Angles in which an error of a drive may be periodic."""
 
-ANGLES: dict[Angle, sp.Expr] = {
-    "motor": theta_M,
-    "joint": theta_L,
-    "mesh": theta_M - theta_M / N,
-}
 _HIGHEST_ORDER = 1000
 _PARTS = ("cos", "sin")
 
@@ -50,11 +42,6 @@ class Harmonic:
         cosine, sine = (f"{self.field}_{self.angle}_{self.order}_{part}" for part in _PARTS)
         return cosine, sine
 
-    @property
-    def functions(self) -> tuple[sp.Expr, sp.Expr]:
-        """The cosine and sine that the parameters multiply."""
-        return sp.cos(self.order * ANGLES[self.angle]), sp.sin(self.order * ANGLES[self.angle])
-
 
 FIELDS = ("transmission_error", "torque_ripple")
 """Fields of a drive that have harmonics."""
@@ -63,17 +50,6 @@ FIELDS = ("transmission_error", "torque_ripple")
 def is_harmonic(name: str) -> bool:
     """Return whether a parameter is an amplitude of a harmonic."""
     return name.startswith(FIELDS)
-
-
-def periodic(harmonics: Iterable[Harmonic], field: str) -> sp.Expr:
-    """Return the sum of the harmonics of a field with their amplitudes as symbols."""
-    terms = (
-        sp.Symbol(name, real=True) * function
-        for one in harmonics
-        if one.field == field
-        for name, function in zip(one.names, one.functions, strict=True)
-    )
-    return sum(terms, sp.Integer(0))
 
 
 def harmonics_of(field: str, given: Any) -> tuple[Harmonic, ...]:
@@ -89,7 +65,7 @@ def harmonics_of(field: str, given: Any) -> tuple[Harmonic, ...]:
         )
     found = []
     for angle, orders in given.items():
-        if angle not in ANGLES:
+        if angle not in get_args(Angle):
             raise RobotError(unknown_name(f"angle of {field}", angle, get_args(Angle)))
         if not isinstance(orders, Mapping | list | tuple) or not orders:
             raise RobotError(
