@@ -12,6 +12,7 @@ import pytest
 import seaid
 from seaid.drives.terms import PARAMETERS_OF
 from seaid.drives.toml import drives_from_mapping
+from seaid.errors import CODES
 from seaid.log.description import description_for
 from seaid.log.readers.opening import READERS
 from tests.pages import (
@@ -56,6 +57,12 @@ ALL_BLOCKS = [
     for name, page in PAGES.items()
     for block in blocks(page.read_text("utf-8"))
 ]
+
+
+def test_every_code_of_a_finding_is_explained() -> None:
+    text = (ROOT / "docs/warnings.md").read_text("utf-8")
+    rows = dict(re.findall(r"^\| `([a-z-]+)` \| ([^|]+) \|$", text, re.MULTILINE))
+    assert rows == dict(CODES)
 
 
 def of_language(*languages: str) -> list[object]:

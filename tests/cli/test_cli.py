@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -32,7 +33,7 @@ from seaid.regressor import Sensor
 
 ROOT = Path(__file__).parents[2]
 HELP_SECONDS = 1.0
-COMMANDS = ("inspect", "crosscheck", "excite", "simulate", "view", "describe", "identify")
+COMMANDS = ("inspect", "crosscheck", "excite", "simulate", "view", "describe", "check", "identify")
 FROM_LOGS = ("validate", "terms", "report", "export")
 
 URDF = """<robot name="small_arm">
@@ -266,6 +267,34 @@ def test_json_of_identify_is_what_it_writes(arm: Path, tmp_path: Path) -> None:
     said = done("identify", *robot_and_drives(arm), arm / "run.csv", *payload, "-o", file, "--json")
     assert json.loads(said.out) == json.loads(file.read_text())
     assert said.err.splitlines()[-1] == f"Results: {file}"
+
+
+def test_check_names_a_mistake_and_fails_on_request(arm: Path, tmp_path: Path) -> None:
+    right = done("check", *robot_and_drives(arm), arm / "run.csv")
+    assert "nothing contradicts the set-up" in right.out
+    assert (
+        right.code == run("check", *robot_and_drives(arm), arm / "run.csv", "--fail-on=note").code
+    )
+    wrong = tmp_path / "wrong.csv"
+    log = seaid.read_log(arm / "run.csv", seaid.load_robot(arm / "arm.urdf", arm / "arm.toml"))
+    seaid.write_log(replace(log, motor_torque=1e3 * log.motor_torque), wrong)
+    said = run("check", *robot_and_drives(arm), wrong, "--fail-on", "doubtful")
+    assert said.code == 3
+    assert "! unit: the torques of all joints are in mNm" in said.out
+    assert '    motor_torque = { column = "elbow.motor_torque_Nm", unit = "mNm" }' in said.out
+    content = json.loads(run("check", *robot_and_drives(arm), wrong, "--json").out)
+    assert [(one["code"], one["severity"]) for one in content["warnings"]] == [("unit", "wrong")]
+    assert set(content["joints"]) == {"shoulder", "elbow"}
+    output = ("-o", tmp_path / "found.json", "--fail-on", "wrong")
+    said = run("identify", *robot_and_drives(arm), wrong, *output)
+    assert (said.code, said.out.splitlines()[0]) == (
+        3,
+        "small_arm: do not use this result: unit",
+    )
+    assert run("check", *robot_and_drives(arm), wrong, "--fail-on", "bad").code == 2
+    said = run("check", *robot_and_drives(arm), arm / "run.csv", "--gravity", "9.81,0,0")
+    assert "! gravity: gravity has the direction (0,0,-9.81)" in said.out
+    assert run("check", *robot_and_drives(arm), wrong, "--gravity", "down").code == 2
 
 
 def test_options_of_identify_reach_it(arm: Path, tmp_path: Path) -> None:
