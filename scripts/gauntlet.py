@@ -102,7 +102,7 @@ class Outcome:
     harmless: bool = False
 
 
-def run(case: Case, setup: Setup) -> Run:
+def run(case: Case, setup: Setup, truth: str = "plain") -> Run:
     """Load, read and identify as a user does, and predict an unseen motion of the true robot."""
     said: list[Said] = []
     found: seaid.Identification | None = None
@@ -124,7 +124,7 @@ def run(case: Case, setup: Setup) -> Run:
     said += [
         Said(one.code, one.severity, one.joint, one.message, one.remedy) for one in found.warnings
     ]
-    return Run(tuple(said), _errors(case, setup, found))
+    return Run(tuple(said), _errors(case, truth, found))
 
 
 def _identified(setup: Setup) -> seaid.Identification:
@@ -142,15 +142,16 @@ def _identified(setup: Setup) -> seaid.Identification:
     return seaid.identify(robot, logs, **setup.options)
 
 
-def _errors(case: Case, setup: Setup, found: seaid.Identification) -> Array:
+def _errors(case: Case, of: str, found: seaid.Identification) -> Array:
     """Return relative errors (2 n,) of the torques of bodies, and of drives, on an unseen motion.
 
     A spring's drive is judged by its motor torque (7), a stiff one by (8) with its friction. The
     size of a torque is at least 5 % of the largest one of the robot at joints of its kind.
     """
     name = case.subject.name
-    truth, motion = true_robot(name, "plain"), true_motion(name, "plain", HELD_OUT)
-    measured = _held_out_log(name, case.seed)
+    of = "plain" if of in ("still", "slow") else of  # the same robot, moving as it should
+    truth, motion = true_robot(name, of), true_motion(name, of, HELD_OUT)
+    measured = _held_out_log(name, of, case.seed)
     bodies = _body_torques(truth, motion)
     difference = _body_torques(found.robot, motion) - bodies
     errors = _norms(difference) / _sizes(_norms(bodies), truth.is_prismatic)
@@ -167,10 +168,10 @@ def _errors(case: Case, setup: Setup, found: seaid.Identification) -> Array:
 
 
 @cache
-def _held_out_log(name: str, seed: int) -> seaid.Log:
+def _held_out_log(name: str, truth: str, seed: int) -> seaid.Log:
     """Return the unseen log, with the encoder offsets of the experiment and without noise."""
-    truth = true_robot(name, "plain")
-    return _log(columns(name, "plain", HELD_OUT, Sensors(noise=0.0, seed=seed)), truth)
+    log = columns(name, truth, HELD_OUT, Sensors(noise=0.0, seed=seed))
+    return _log(log, true_robot(name, truth))
 
 
 def _log(log: Mapping[str, Array], robot: seaid.Robot) -> seaid.Log:
@@ -232,7 +233,7 @@ def judge(case: Case, mistake: Mistake) -> Outcome | None:
     setup = mistake.change(case, right)
     if setup is None:
         return None
-    first = run(case, setup)
+    first = run(case, setup, mistake.truth)
     outcome = Outcome(
         mistake=mistake.name,
         form=mistake.form,
@@ -286,7 +287,7 @@ def _repaired(case: Case, mistake: Mistake, right: Setup, setup: Setup, first: R
             return Run(last.said, last.errors, f"the remedy cannot be applied: {problem}")
         if same(changed, setup):
             break
-        setup, last = changed, run(case, changed)
+        setup, last = changed, run(case, changed, mistake.truth)
         if last.crash or is_right(case, mistake.logs, last.errors):
             break
     return last

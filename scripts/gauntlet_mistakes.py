@@ -575,7 +575,7 @@ def _physics() -> list[Mistake]:
         *_pair("torque offset of 10 %, or 2 %", {"torque-offset", "missing-term"}, ("offset",),
                offset(0.1), offset(0.02)),
         *_pair("drift of 10 %, or 3 %", {"drift", "blocks-disagree"}, ("drift",),
-               drift(0.1), drift(0.03)),
+               drift(0.1), drift(0.03), repairable=False),
         *_pair("cubic spring, 20 or 5 %", {"nonlinear-spring"}, ("spring",),
                (elastic_only, "cubic20"), (elastic_only, "cubic5")),
         *_pair("dead zone of 20 or 5 %", {"nonlinear-spring"}, ("spring",),
