@@ -149,7 +149,7 @@ def _errors(case: Case, of: str, found: seaid.Identification) -> Array:
     size of a torque is at least 5 % of the largest one of the robot at joints of its kind.
     """
     name = case.subject.name
-    of = "plain" if of in ("still", "slow") else of  # the same robot, moving as it should
+    of = _reference(of)
     truth, motion = true_robot(name, of), true_motion(name, of, HELD_OUT)
     measured = _held_out_log(name, of, case.seed)
     bodies = _body_torques(truth, motion)
@@ -203,20 +203,29 @@ def _sizes(norms: Array, kinds: Iterable[bool]) -> Array:
 
 
 @cache
-def right_errors(name: str, seed: int, logs: int) -> Array:
-    """Return the errors of the right set-up, in which nothing is to be repaired."""
+def right_errors(name: str, seed: int, logs: int = 1, truth: str = "plain") -> Array:
+    """Return the errors of the right set-up: the best that a user gets."""
     case = Case(subjects()[name], seed)
-    found = run(case, case.setup("plain", logs)).errors
+    found = run(case, case.setup(truth, logs, terms=True), truth).errors
     if found is None:
-        raise SystemExit(f"the right set-up of {name} is refused")
+        raise SystemExit(f"the right set-up of {name} ({truth}) is refused")
     return found
 
 
-def is_right(case: Case, logs: int, errors: Array | None) -> bool:
+_MOVING_LITTLE = ("still", "slow")
+"""Truths that are compared with the plain one: the same robot, moving as it should."""
+
+
+def _reference(truth: str) -> str:
+    return "plain" if truth in _MOVING_LITTLE else truth
+
+
+def is_right(case: Case, errors: Array | None, logs: int = 1, truth: str = "plain") -> bool:
     """Return whether predictions are about as good as those of the right set-up."""
     if errors is None:
         return False
-    return bool(np.all(errors <= WORSE * right_errors(case.subject.name, case.seed, logs) + FLOOR))
+    best = right_errors(case.subject.name, case.seed, logs, _reference(truth))
+    return bool(np.all(errors <= WORSE * best + FLOOR))
 
 
 def names_it(mistake: Mistake, one: Said) -> bool:
@@ -251,7 +260,7 @@ def judge(case: Case, mistake: Mistake) -> Outcome | None:
         return outcome
     flagged = [one for one in first.said if one.severity != "note"]
     named = any(names_it(mistake, one) for one in flagged)
-    fine = is_right(case, mistake.logs, first.errors)
+    fine = _is_fine(case, mistake, first)
     if not flagged:
         noted = any(names_it(mistake, one) for one in first.said)
         return replace(outcome, letter="n" if noted and fine else "t" if fine else "-")
@@ -259,7 +268,7 @@ def judge(case: Case, mistake: Mistake) -> Outcome | None:
         return replace(outcome, letter="D")
     last = _repaired(case, mistake, right, setup, first)
     left = [one for one in last.said if one.severity == "wrong" and names_it(mistake, one)]
-    repaired = last is not first and is_right(case, mistake.logs, last.errors) and not left
+    repaired = last is not first and _is_fine(case, mistake, last) and not left
     return replace(
         outcome,
         letter="R" if repaired else "N",
@@ -267,6 +276,10 @@ def judge(case: Case, mistake: Mistake) -> Outcome | None:
         after=() if last is first else last.said,
         crash=last.crash,
     )
+
+
+def _is_fine(case: Case, mistake: Mistake, one: Run) -> bool:
+    return is_right(case, one.errors, mistake.logs, mistake.truth)
 
 
 def _worst(errors: Array | None) -> float:
@@ -288,7 +301,7 @@ def _repaired(case: Case, mistake: Mistake, right: Setup, setup: Setup, first: R
         if same(changed, setup):
             break
         setup, last = changed, run(case, changed, mistake.truth)
-        if last.crash or is_right(case, mistake.logs, last.errors):
+        if last.crash or _is_fine(case, mistake, last):
             break
     return last
 

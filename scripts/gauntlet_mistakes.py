@@ -21,6 +21,7 @@ from scripts.gauntlet_robots import (
     heavier,
     nominal_drives,
     nominal_urdf,
+    true_drives,
     true_motion,
     true_payload,
     true_robot,
@@ -56,16 +57,21 @@ class Case:
     subject: Subject
     seed: int = 0
 
-    def setup(self, truth: str = "plain", logs: int = 1, sensors: Sensors | None = None) -> Setup:
-        """Return the right set-up of a true robot: nominal values of the files are not the true."""
+    def setup(self, truth: str = "plain", logs: int = 1, *, terms: bool = False) -> Setup:
+        """Return the right set-up of a true robot: nominal values of the files are not the true.
+
+        With `terms` the drives have the true terms, for robots that are not as linear as the
+        user's drives are.
+        """
         rng = np.random.default_rng((self.seed, 3))
-        given = sensors or Sensors(seed=self.seed)
+        sensors = Sensors(seed=self.seed)
+        drives = true_drives(self.subject, truth) if terms else self.subject.drives
         return Setup(
             urdf=nominal_urdf(self.subject.urdf, rng),
-            drives=nominal_drives(self.subject.drives, rng),
+            drives=nominal_drives(drives, rng),
             payloads=true_payload(self.subject, truth),
             logs=tuple(
-                columns(self.subject.name, truth, 10 * self.seed + number, given)
+                columns(self.subject.name, truth, 10 * self.seed + number, sensors)
                 for number in range(logs)
             ),
             descriptions=({},) * logs,

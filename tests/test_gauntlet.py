@@ -108,10 +108,10 @@ def test_letter_of_a_case(
 
 
 def test_right_set_up_predicts_the_unseen_motion(arm: Subject) -> None:
-    errors = gauntlet.right_errors(arm.name, 0, 1)
+    errors = gauntlet.right_errors(arm.name, 0)
     assert np.max(errors) < 0.03
-    assert gauntlet.is_right(Case(arm), 1, errors)
-    assert not gauntlet.is_right(Case(arm), 1, errors + 0.05)
+    assert gauntlet.is_right(Case(arm), errors)
+    assert not gauntlet.is_right(Case(arm), errors + 0.05)
 
 
 def test_report_counts_what_was_found(arm: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
