@@ -34,6 +34,10 @@ from seaid.drives.terms import (
 from seaid.errors import RobotError, shortened, shown, unknown_name
 
 
+class DefaultTerms(tuple[FrictionTerm, ...]):
+    """Friction terms that nobody named: `identify` adds those that the data support."""
+
+
 def unit_of(drive: Drive, name: str) -> str:
     """Return the unit of a parameter of a drive."""
     return parameter_named(name).unit_for(drive.spring_units, drive.joint_units)
@@ -118,7 +122,7 @@ def _names_in(drive: Drive, field: str) -> tuple[str, ...]:
     for name in names:
         if name not in allowed:
             raise RobotError(unknown_name(f"{field.replace('_', ' ')} term", name, allowed))
-    return tuple(names)
+    return names if isinstance(names, DefaultTerms) else tuple(names)
 
 
 def _numbers_in(drive: Drive, field: str) -> FrozenMapping[float]:
@@ -221,7 +225,7 @@ def _term_with(name: str) -> str:
     return "a nonlinear spring, of which it is the zero"
 
 
-_PLAIN_FRICTION: tuple[FrictionTerm, ...] = ("viscous", "coulomb")
+_PLAIN_FRICTION: tuple[FrictionTerm, ...] = DefaultTerms(("viscous", "coulomb"))
 _NOTHING: Mapping[str, float] = FrozenMapping({})
 
 

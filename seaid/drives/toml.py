@@ -147,7 +147,11 @@ def drive_table(drive: Drive) -> dict[str, Any]:
     kind = next(name for name, one in _TYPES.items() if isinstance(drive, one))
     ordered = sorted(fields(drive), key=lambda field: bool(field.kw_only))  # ratios and sizes first
     given = ((field, getattr(drive, field.name)) for field in ordered)
-    kept = {field.name: _plain(one) for field, one in given if one not in (None, field.default)}
+    kept = {
+        field.name: _plain(one)
+        for field, one in given
+        if one not in (None, field.default) or type(one) is not type(field.default or one)
+    }
     nominal, transmission = kept.pop("nominal", {}), kept.pop("transmission", None)
     table = {"type": kind, **kept}
     if _RATIOS.isdisjoint(table):

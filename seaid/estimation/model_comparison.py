@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -106,12 +107,17 @@ def best_supported(comparisons: Sequence[ModelComparison]) -> int | None:
 
 
 def compare_models(
-    rows: Regression, weights: Array, alternatives: Sequence[Alternative], asked: int
+    rows: Regression,
+    weights: Array,
+    alternatives: Sequence[Alternative],
+    asked: int,
+    only_promising: bool = False,
 ) -> list[ModelComparison]:
     """Compare the model of the rows with each of the larger `alternatives`.
 
-    `weights` (E,) of the equations are kept; `asked` is the number of models compared. Raises
-    IdentificationError for too few rows.
+    `weights` (E,) of the equations are kept; `asked` is the number of models compared. With
+    `only_promising` blocks are predicted by the alternatives that the criterion supports; those of
+    others count as unchanged. Raises IdentificationError for too few rows.
     """
     p = len(rows.names)
     replaced = sorted({place for one in alternatives for place in one.replaced})
@@ -121,21 +127,29 @@ def compare_models(
     weight = weights[np.searchsorted(np.unique(rows.joint), rows.joint)]
     X = weight[:, None] * np.column_stack([*parts, rows.y])
     factors = [triangle(X[block]) for block in time_blocks(rows, segments=SEGMENTS)]
-    blocks = _Blocks.of(factors, len(core))
+    whole = _without_core(np.concatenate(factors), len(core))[1]
+    blocks = _Blocks(factors, len(core))
     base = list(range(len(replaced)))
     coefficients, _ = _without_core(np.concatenate(factors), p)
     left = X[:, p:] - X[:, :p] @ coefficients
     found, start = [], p
     for one in alternatives:
         own = list(range(start, start + one.columns.shape[1]))
+        start += len(own)
         kept = [k for k, place in enumerate(replaced) if place not in one.replaced]
-        growth = blocks.residual(base) / max(
-            blocks.residual([*kept, *(k - len(core) for k in own)]), 1e-300
-        )
+        larger = [*kept, *(k - len(core) for k in own)]
+        growth = _squares(whole, base) / max(_squares(whole, larger), 1e-300)
         count = _independent_rows(rows, left[:, [k - p for k in own]], left[:, -1])
-        errors = blocks.errors(base), blocks.errors([*kept, *(k - len(core) for k in own)])
-        found.append(_comparison(growth, *errors, count, p, one.parameters, asked))
-        start += one.columns.shape[1]
+        freedom = max(count - p - one.parameters, 1.0)
+        penalty = one.parameters * math.log(count) + 2 * math.log(max(asked, 1))
+        bic = freedom * math.log(max(growth, 1e-300)) - penalty  # Chen and Chen 2008
+        explained = 1 - 1 / max(growth, 1e-300)
+        without = within = np.zeros(len(factors))
+        if not only_promising or (bic > 0 and explained > LEAST_EXPLAINED):
+            without, within = blocks.errors(base), blocks.errors(larger)
+        F = freedom / one.parameters * max(growth - 1, 0.0)
+        numbers = bic, F, explained, *_changes(without, within), count, one.parameters
+        found.append(ModelComparison(*numbers))
     return found
 
 
@@ -151,31 +165,13 @@ def _independent_rows(rows: Regression, columns: Array, residual: Array) -> floa
     return len(residual) / max(scores.inflation(np.eye(len(scores.white))), 1.0)
 
 
-def _comparison(
-    growth: float,
-    without: Array,
-    within: Array,
-    independent: float,
-    parameters: int,
-    more: int,
-    asked: int,
-) -> ModelComparison:
+def _changes(without: Array, within: Array) -> tuple[float, float, int, int, float]:
+    """Return the `improvement`, its `improvement_std`, `better`, `blocks` and `t`."""
     change, total = without - within, max(float(np.sum(without)), 1e-300)
     relative = change / np.maximum(without + within, 1e-300)
-    penalty = more * math.log(independent) + 2 * math.log(max(asked, 1))  # Chen and Chen 2008
-    freedom = max(independent - parameters - more, 1.0)
-    return ModelComparison(
-        bic=freedom * math.log(max(growth, 1e-300)) - penalty,
-        F=freedom / more * max(growth - 1, 0.0),
-        explained=1 - 1 / max(growth, 1e-300),
-        improvement=float(np.sum(change)) / total,
-        improvement_std=math.sqrt(len(change)) * float(np.std(change, ddof=1)) / total,
-        better=int(np.sum(change > 0)),
-        blocks=len(change),
-        t=max(_t(change), _t(relative)),
-        independent=independent,
-        parameters=more,
-    )
+    std = math.sqrt(len(change)) * float(np.std(change, ddof=1)) / total
+    t = max(_t(change), _t(relative))
+    return float(np.sum(change)) / total, std, int(np.sum(change > 0)), len(change), t
 
 
 def _t(changes: Array) -> float:
@@ -196,33 +192,33 @@ def _without_core(X: Array, p: int) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class _Blocks:
-    """Factors of [columns y] without the shared columns: of all blocks, and of each one held out.
+    """The factors of [columns y] of blocks, whose first `core` columns are shared by all models."""
 
-    `held_out` are pairs: the factor of the other blocks, and the rows of the one, whose shared
-    columns have the coefficients of the others.
-    """
+    factors: Sequence[Array]
+    core: int
 
-    whole: Array
-    held_out: list[tuple[Array, Array]]
+    @cached_property
+    def held_out(self) -> list[tuple[Array, Array]]:
+        """The factor of the other blocks and the rows of each one, without the shared columns.
 
-    @classmethod
-    def of(cls, factors: Sequence[Array], p: int) -> _Blocks:
-        """Return them from the factors of the blocks, whose first p columns are shared."""
-        held_out = []
-        for block, own in enumerate(factors):
-            others = np.concatenate([R for place, R in enumerate(factors) if place != block])
-            coefficients, rest = _without_core(others, p)
-            held_out.append((rest, own[:, p:] - own[:, :p] @ coefficients))
-        return cls(_without_core(np.concatenate(factors), p)[1], held_out)
-
-    def residual(self, columns: Sequence[int]) -> float:
-        """Return the squared residual of y on some columns."""
-        return float(np.sum(_left(self.whole, self.whole, columns) ** 2))
+        The coefficients of the shared columns are those of the other blocks.
+        """
+        pairs = []
+        for block, own in enumerate(self.factors):
+            others = [R for place, R in enumerate(self.factors) if place != block]
+            coefficients, rest = _without_core(np.concatenate(others), self.core)
+            pairs.append((rest, own[:, self.core :] - own[:, : self.core] @ coefficients))
+        return pairs
 
     def errors(self, columns: Sequence[int]) -> Array:
-        """Return the squared error of each block, predicted from the others."""
+        """Return the squared error of each block, predicted from the others with some columns."""
         found = [_left(rest, own, columns) for rest, own in self.held_out]
         return np.array([float(np.sum(error**2)) for error in found])
+
+
+def _squares(R: Array, columns: Sequence[int]) -> float:
+    """Return the squared residual of the last column on some others."""
+    return float(np.sum(_left(R, R, columns) ** 2))
 
 
 def _left(R: Array, rows: Array, columns: Sequence[int]) -> Array:

@@ -15,7 +15,7 @@ from seaid._arrays import Array, FrozenMapping
 from seaid._files import write_json
 from seaid._progress import Result, counted
 from seaid.errors import Finding, IdentificationError, by_severity, checked
-from seaid.estimation import Estimate, EstimatorName, ModelChecks, estimator_named
+from seaid.estimation import Estimate, Estimator, EstimatorName, ModelChecks, estimator_named
 from seaid.identification.adequacy import (
     JointFit,
     Verdict,
@@ -52,6 +52,13 @@ from seaid.identification.gear import (
 )
 from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.linearisation import linearised_robot
+from seaid.identification.missing_terms import (
+    MOST_ROUNDS,
+    encoder_widths,
+    missing_terms,
+    supported_terms,
+    with_default_terms,
+)
 from seaid.identification.nonlinear_terms import with_fixed_warnings
 from seaid.identification.physical.consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.simultaneous import estimate_simultaneous
@@ -261,10 +268,18 @@ def identify(
         given = robot
         if not is_linear(robot, used):
             robot, datasets = linearised_robot(robot, datasets, used)
-        model = load_model(robot, base_parameters(robot, torque_joints=used), used)
-        found = estimate_two_step(
-            robot, datasets, model, solver, encoder_offset_std, executor, progress
-        )
+        options = solver, encoder_offset_std, executor, progress
+        model, found = _two_step(robot, datasets, used, options)
+    widths = encoder_widths(robot, logs_in_memory)
+    for _ in range(MOST_ROUNDS):
+        terms = supported_terms(robot, datasets, found, widths, only_open=True)
+        robot, given, notes = with_default_terms(robot, given, terms)
+        if not notes:
+            break
+        findings += notes
+        model, found = _two_step(robot, datasets, used, options)
+    terms = supported_terms(robot, datasets, found, widths)
+    findings += consequences(findings, missing_terms(robot, terms))
     if estimator == "iv":
         found = estimate_instrumental(robot, datasets, model, found, encoder_offset_std, executor)
     if method == "simultaneous":
@@ -279,6 +294,17 @@ def identify(
     fits = joint_fits(robot.joint_names, found, experiment, bodies)
     findings += consequences(findings, fit_findings(robot.joint_names, found, fits))
     return replace(result, findings=tuple(findings), joint_fits=fits)
+
+
+def _two_step(
+    robot: Robot,
+    datasets: Sequence[Dataset],
+    used: Sequence[str],
+    options: tuple[Estimator, float, Executor | None, bool],
+) -> tuple[LoadModel, RobotEstimate]:
+    """Return the columns of the load side and the estimate of both sides in turn."""
+    model = load_model(robot, base_parameters(robot, torque_joints=used), used)
+    return model, estimate_two_step(robot, datasets, model, *options)
 
 
 def identification_of(

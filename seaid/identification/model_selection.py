@@ -305,30 +305,48 @@ def _compared_terms(
         terms = list(possible_terms(model.robot.drives[joint], fields))
         side = model.drive(joint, at_motor) if terms else None
         if side is not None:
-            found += compared_columns(*side, terms, count, step)
+            drive, fitted = side
+            found += compared_columns([drive], fitted, {joint: terms}, count, step)
     return found
 
 
 def compared_columns(
-    drive: DriveRows,
+    drives: Sequence[DriveRows],
     fitted: FittedRows,
-    terms: Sequence[tuple[str, str]],
+    asked: Mapping[str, Sequence[tuple[str, str]]],
     count: int,
     step: int = 0,
+    grids: Mapping[str, Mapping[str, Sequence[float]]] = FrozenMapping({}),
+    only_promising: bool = False,
 ) -> list[TermComparison]:
-    """Return the comparisons of terms on one side, each at the best point of its grid."""
-    columns = [one for field, term in terms for one in drive.terms(field, term)]
-    nothing = {key: TermComparison(drive.joint, *key, step, None, _NO_COLUMN) for key in terms}
-    alternatives = [one.alternative for one in columns]
+    """Return the comparisons of terms {joint: (field, term)}, each at the best point of its grid.
+
+    The drives are at the same rows. `count` is the number of all comparisons; `grids` {joint:
+    {nonlinear parameter: values}} replace those of the search; `only_promising` as in
+    `compare_models`.
+    """
+    columns = [
+        (drive.joint, one)
+        for drive in drives
+        for field, term in asked[drive.joint]
+        for one in drive.terms(field, term, grids.get(drive.joint))
+    ]
+    best = {
+        (drive.joint, *key): TermComparison(drive.joint, *key, step, None, _NO_COLUMN)
+        for drive in drives
+        for key in asked[drive.joint]
+    }
+    if not columns:
+        return list(best.values())
+    alternatives = [one.alternative for _, one in columns]
     try:
-        found = compare_models(drive.rows, fitted.weights, alternatives, count)
+        found = compare_models(drives[0].rows, fitted.weights, alternatives, count, only_promising)
     except IdentificationError as problem:
-        return [replace(one, reason=str(problem)) for one in nothing.values()]
-    best = dict(nothing)
-    for one, comparison in zip(columns, found, strict=True):
-        key = (one.field, one.term)
+        return [replace(one, reason=str(problem)) for one in best.values()]
+    for (joint, one), comparison in zip(columns, found, strict=True):
+        key = (joint, one.field, one.term)
         previous = best[key].comparison
         if previous is None or comparison.explained > previous.explained:
             values = FrozenMapping(one.values)
-            best[key] = TermComparison(drive.joint, *key, step, comparison, values=values)
+            best[key] = TermComparison(*key, step, comparison, values=values)
     return list(best.values())

@@ -1,0 +1,228 @@
+"""Terms of friction and springs that the rows of an identification support and its drives lack.
+
+All candidate columns are compared at the rows of the fit (`model_comparison`), by the rules of
+`compare_terms`. A drive whose friction nobody named gets the supported ones of `DEFAULTS`; about
+every other drive a finding names the best term.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from seaid.drives import DefaultTerms, Drive, key_of, unit_of
+from seaid.errors import Finding, Severity
+from seaid.identification.datasets import Dataset
+from seaid.identification.model_selection import TermComparison, best_term, compared_columns
+from seaid.identification.term_columns import (
+    DriveRows,
+    actuator_drive,
+    load_drive,
+    possible_terms,
+    with_term,
+)
+from seaid.identification.two_step import RobotEstimate
+from seaid.log import Log, Motion
+from seaid.robot import Robot
+
+DEFAULTS = ("offset", "smooth_coulomb")
+"""Friction terms that a drive gets by itself where the data support them."""
+
+MOST_ROUNDS = 4
+"""Largest number of fits with more terms of drives whose friction nobody named."""
+
+_STIFF = {"friction": (*DEFAULTS, "asymmetric", "quadratic", "stribeck")}
+_ELASTIC = {
+    "friction": ("smooth_coulomb", "asymmetric", "quadratic", "load", "stribeck"),
+    "spring": ("cubic", "fifth", "dead_zone"),
+}
+"""Candidates: those of a stiff drive have no load-dependent friction, which needs another fit."""
+
+_STRONG = 6.0
+"""Least difference of the information criterion, "strong" by Kass and Raftery (1995).
+
+`compare_terms` is asked, this is not: above zero 3 of 120 right set-ups have a
+finding, all of them below 4 (scripts/benchmarks/term_selection.py --findings)."""
+
+_MATTERS = 0.25
+"""Part of the squared residual that makes a missing friction term doubtful: the residual falls by
+an eighth. A spring that is not linear always is, since its stiffness has no single value."""
+
+
+def supported_terms(
+    robot: Robot,
+    datasets: Sequence[Dataset],
+    found: RobotEstimate,
+    widths: Mapping[str, float],
+    only_open: bool = False,
+) -> dict[str, list[TermComparison]]:
+    """Return {joint: comparisons of terms that its drive lacks}, none of rows not in memory.
+
+    `only_open` are drives whose friction nobody named: their `DEFAULTS` are asked for, and other
+    terms only compete, which the criterion does not count.
+
+    `widths` {joint: width of Coulomb friction} that the encoders resolve.
+    """
+    motions = [one for one in datasets if isinstance(one, Motion)]
+    if len(motions) < len(datasets) or found.fit.rows is None:
+        return {}
+    sides = []
+    for joint, fitted in found.actuators.items():
+        if fitted.rows is not None:
+            theta = fitted.estimate.values
+            drive = actuator_drive(robot, motions, joint, fitted.rows, theta)
+            sides.append((fitted, [drive]))
+    stiff = [
+        load_drive(robot, motions, joint, found.fit.rows, found.load_side.values)
+        for place, joint in enumerate(robot.joint_names)
+        if joint not in robot.elastic_joints and np.any(found.fit.rows.joint == place)
+    ]
+    sides.append((found.fit, stiff))
+    whole = [
+        (fitted, [one for one in drives if one.is_whole and (_is_open(one) or not only_open)])
+        for fitted, drives in sides
+    ]
+    asked = {one.joint: _candidates(one) for _, drives in whole for one in drives}
+    counted = [key for of in asked.values() for key in of if not only_open or key[1] in DEFAULTS]
+    grids = {joint: {"coulomb_width": _widths(width)} for joint, width in widths.items()}
+    comparisons = [
+        one
+        for fitted, drives in whole
+        if drives
+        for one in compared_columns(
+            drives, fitted, asked, len(counted), grids=grids, only_promising=True
+        )
+    ]
+    return {joint: [one for one in comparisons if one.joint == joint] for joint in asked}
+
+
+def _is_open(one: DriveRows) -> bool:
+    return isinstance(one.robot.drives[one.joint].friction, DefaultTerms)
+
+
+def _candidates(one: DriveRows) -> list[tuple[str, str]]:
+    drive = one.robot.drives[one.joint]
+    return list(possible_terms(drive, _ELASTIC if drive.is_elastic else _STIFF))
+
+
+_MULTIPLES = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+
+
+def _widths(resolved: float) -> list[float]:
+    """Return the widths of Coulomb friction that are tried, from the one that is resolved."""
+    return [multiple * resolved for multiple in _MULTIPLES]
+
+
+def encoder_widths(robot: Robot, logs: Sequence[Log]) -> dict[str, float]:
+    """Return {joint: motor speed [rad/s] of one encoder step per sample}, from the noise of logs.
+
+    Below this speed the direction of the motion is not resolved. The step is that of a quantised
+    position of the same noise, whose standard deviation is step / sqrt(12); second differences of
+    white noise have six times its variance.
+    """
+    widths = {}
+    for place, joint in enumerate(robot.joint_names):
+        speeds = []
+        for log in logs:
+            motor, ratio = log.motor_position[:, place], 1.0
+            if not np.all(np.isfinite(motor)):
+                motor, ratio = log.joint_position[:, place], robot.drives[joint].ratio
+            noise = float(np.nanstd(np.diff(motor, 2))) / np.sqrt(6.0)
+            speeds.append(ratio * np.sqrt(12.0) * noise / float(np.median(np.diff(log.time))))
+        width = float(np.median(speeds)) if speeds else 0.0
+        if np.isfinite(width) and width > 0:
+            widths[joint] = width
+    return widths
+
+
+def with_default_terms(
+    robot: Robot, given: Robot, terms: Mapping[str, Sequence[TermComparison]]
+) -> tuple[Robot, Robot, list[Finding]]:
+    """Return the robot with the supported terms of drives whose friction nobody named, and notes.
+
+    The same drives stand in the robot as it was `given`.
+
+    An offset is included if it is supported, a width of Coulomb friction if no other term is
+    supported better: it is that of the comparison, as a known value.
+    """
+    drives: dict[str, Drive] = {}
+    notes = []
+    for joint, found in terms.items():
+        best = best_term(found)
+        if not isinstance(robot.drives[joint].friction, DefaultTerms):
+            continue
+        for one in found:
+            is_added = one.term == "offset" or (one is best and one.term in DEFAULTS)
+            if is_added and one.is_supported and one.comparison is not None:
+                drive = with_term(drives.get(joint, robot.drives[joint]), one.field, one.term)
+                drive = drive.with_values(one.values)
+                drives[joint] = replace(
+                    drive,
+                    friction=DefaultTerms(drive.friction),
+                    known=(*drive.known, *one.values),
+                )
+                share = one.comparison.explained
+                width = "".join(f" over {value:.2g} rad/s" for value in one.values.values())
+                message = (
+                    f"friction of {joint}, of which the drive names no terms: "
+                    f"'{one.term}'{width} is included and explains {share:.0%} of the squared "
+                    "residual; name the terms in friction = [...] to decide it"
+                )
+                notes.append(
+                    Finding("missing-term", message, joint, "note", _evidence(one), "", "certain")
+                )
+    if drives:
+        robot, given = robot.with_drives(drives), given.with_drives(drives)
+    return robot, given, notes
+
+
+def missing_terms(robot: Robot, terms: Mapping[str, Sequence[TermComparison]]) -> Iterator[Finding]:
+    """Yield the best supported term of each drive that lacks it."""
+    for joint, found in terms.items():
+        best = best_term(found)
+        if best is None or best.comparison is None or best.comparison.bic < _STRONG:
+            continue
+        drive, share = robot.drives[joint], best.comparison.explained
+        is_spring = best.field == "spring"
+        severity: Severity = "doubtful" if is_spring or share > _MATTERS else "note"
+        what = f"the spring of {joint} is not linear" if is_spring else f"{joint} lacks a term"
+        message = (
+            f"{what}: '{best.term}' in its {best.field} would explain {share:.0%} of the squared "
+            f"residual of its {'motor' if drive.is_elastic else 'torque'} equation and improve "
+            f"the prediction of excluded blocks by {best.comparison.improvement:.0%}"
+        )
+        yield Finding(
+            "nonlinear-spring" if is_spring else "missing-term",
+            message,
+            joint,
+            severity,
+            _evidence(best),
+            f"in the drives file:\n{_table(drive, best)}",
+        )
+
+
+def _evidence(one: TermComparison) -> dict[str, float]:
+    found = one.comparison
+    assert found is not None
+    return {
+        "explained": found.explained,
+        "F": found.F,
+        "BIC": found.bic,
+        "improvement": found.improvement,
+        "standard error": found.improvement_std,
+        **one.values,
+    }
+
+
+def _table(drive: Drive, one: TermComparison) -> str:
+    """Return the TOML of a drive's field with a further term, and where its search starts."""
+    larger = with_term(drive, one.field, one.term)
+    terms = ", ".join(f'"{term}"' for term in getattr(larger, one.field))
+    values = [
+        f"{key_of(name, unit_of(larger, name))} = {value:.3g}"
+        for name, value in one.values.items()
+        if name != "deflection_zero"  # that of these logs
+    ]
+    return "\n".join([f"[{one.joint}]", f"{one.field} = [{terms}]", *values])

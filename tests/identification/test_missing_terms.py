@@ -1,0 +1,169 @@
+"""Terms that the rows of an identification support: named, and added where nobody named any."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seaid._arrays import Array
+from seaid.drives.drives import DefaultTerms
+from seaid.drives.toml import drive_table, drives_from_mapping
+from seaid.errors import Finding
+from seaid.identification.identification import Identification, identify
+from seaid.identification.missing_terms import encoder_widths
+from seaid.log.reading import Log
+from seaid.robot.robot import Robot
+from seaid.simulation.simulation import measure
+from tests.experiments import ARM_SENSORS, LEG_SENSORS, TEST_MASS, arm, arm_motion, leg, leg_motion
+from tests.one_joint import one_joint
+
+CODES = ("missing-term", "nonlinear-spring")
+NAMED = ("viscous", "coulomb")
+
+
+@cache
+def named() -> Robot:
+    """Return the leg whose friction terms the user names."""
+    drives = {joint: replace(drive, friction=NAMED) for joint, drive in leg().drives.items()}
+    return leg(TEST_MASS).with_drives(drives).without_nominal()
+
+
+def open_robot() -> Robot:
+    """Return the leg without named friction terms."""
+    plain = DefaultTerms(NAMED)
+    drives = {joint: replace(drive, friction=plain) for joint, drive in leg().drives.items()}
+    return leg(TEST_MASS).with_drives(drives).without_nominal()
+
+
+@cache
+def log(seed: int = 3) -> Log:
+    return measure(leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS, seed)
+
+
+def with_torque(joint: str, more: Array) -> Log:
+    """Return the log of a motor that needs more torque for the same motion."""
+    torque = log().motor_torque.copy()
+    torque[:, leg().index(joint)] += more
+    return replace(log(), motor_torque=torque)
+
+
+def findings(found: Identification) -> list[Finding]:
+    return [one for one in found.warnings if one.code in CODES]
+
+
+def speed(joint: str) -> Array:
+    return np.asarray(leg_motion(TEST_MASS).motor_velocity[:, leg().index(joint)])
+
+
+def spring_part(joint: str, power: int, share: float) -> Array:
+    """Return the motor torque of a spring part: a share of the force at the largest deflection."""
+    motion, index, drive = leg_motion(TEST_MASS), leg().index(joint), leg().drives[joint]
+    lever = drive.motor_radius / drive.ratio
+    stretch = lever * motion.motor_position[:, index]
+    stretch = stretch - drive.load_radius * motion.joint_position[:, index]
+    top = float(np.max(np.abs(stretch)))
+    return np.asarray(lever * share * drive.values["stiffness"] * top * (stretch / top) ** power)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_right_model_has_no_finding(seed: int) -> None:
+    assert findings(identify(named(), log(seed))) == []
+    assert findings(identify(open_robot(), log(seed))) == []
+    sensed = measure(arm(), arm_motion(), ARM_SENSORS, seed)
+    assert findings(identify(arm().without_nominal(), sensed)) == []
+
+
+@pytest.mark.parametrize(("power", "term"), [(3, "cubic"), (5, "fifth")])
+def test_a_hardening_spring_is_named_with_the_term_that_repairs_it(power: int, term: str) -> None:
+    """A cubic or fifth-order part of 30 % of the largest force."""
+    sensed = with_torque("hip_pitch", spring_part("hip_pitch", power, 0.3))
+    before = identify(named(), sensed)
+    (finding,) = findings(before)
+    assert (finding.code, finding.joint) == ("nonlinear-spring", "hip_pitch")
+    assert finding.severity == "doubtful"
+    assert f"'{term}' in its spring would explain" in str(finding)
+    assert finding.evidence["explained"] > 0.3
+    head, _, toml = finding.remedy.partition("\n")
+    assert head == "in the drives file:"
+    table = tomllib.loads(toml)["hip_pitch"]
+    drive = replace(named().drives["hip_pitch"], spring=tuple(table["spring"]))
+    after = identify(named().with_drives({"hip_pitch": drive}), sensed)
+    assert findings(after) == []
+    true = leg().drives["hip_pitch"].values["stiffness"]
+    errors = [one.drives["hip_pitch"].value("stiffness") / true - 1 for one in (before, after)]
+    assert errors[0] > 0.03
+    assert abs(errors[1]) < 0.015
+
+
+def test_missing_friction_is_named() -> None:
+    w = speed("knee_pitch")
+    stribeck = 0.02 * np.exp(-((w / 60.0) ** 2)) * np.sign(w)
+    (finding,) = findings(identify(named(), with_torque("knee_pitch", stribeck)))
+    assert (finding.code, finding.joint) == ("missing-term", "knee_pitch")
+    assert tomllib.loads(finding.remedy.partition("\n")[2])["knee_pitch"]["friction"] == [
+        *NAMED,
+        "stribeck",
+    ]
+
+
+def test_an_offset_is_added_where_nobody_named_terms_and_named_where_somebody_did() -> None:
+    sensed = with_torque("hip_roll", np.full(len(log().time), 0.03))
+    (finding,) = findings(identify(named(), sensed))
+    assert finding.code == "missing-term"
+    assert "friction_offset" not in identify(named(), sensed).drives["hip_roll"].names
+    found = identify(open_robot(), sensed)
+    (note,) = findings(found)
+    assert note.severity == "note"
+    assert "'offset' is included and explains" in str(note)
+    estimate = found.drives["hip_roll"]
+    error = estimate.value("friction_offset") - 0.03
+    assert abs(error) < 3.3 * estimate.standard_error("friction_offset") < 0.03
+    assert found.known.drives["hip_roll"].friction == (*NAMED, "offset")
+    assert found.known.drives["hip_yaw"].friction == NAMED
+
+
+def test_a_width_is_added_as_a_known_value() -> None:
+    own = leg().drives["hip_roll"].values["coulomb_friction"]
+    w = speed("hip_roll")
+    smooth = (own + 0.05) * np.tanh(w / 15.0) - own * np.sign(w)
+    found = identify(open_robot(), with_torque("hip_roll", smooth))
+    note = findings(found)[0]
+    assert "'smooth_coulomb' over" in str(note)
+    assert "rad/s is included" in str(note)
+    drive = found.known.drives["hip_roll"]
+    assert drive.friction == ("viscous", "smooth_coulomb")
+    assert drive.known == ("coulomb_width",)
+    assert drive.values["coulomb_width"] == pytest.approx(15.0, rel=0.7)
+
+
+def test_terms_are_open_only_where_no_one_names_them() -> None:
+    table = {"arm": {"type": "stiff", "gear_ratio": 50.0}}
+    opened = drives_from_mapping(table)["arm"]
+    assert isinstance(opened.friction, DefaultTerms)
+    assert isinstance(opened.with_values({"viscous_friction": 0.1}).friction, DefaultTerms)
+    assert "friction" not in drive_table(opened)
+    table["arm"]["friction"] = list(NAMED)  # type: ignore[assignment]
+    closed = drives_from_mapping(table)["arm"]
+    assert closed == opened
+    assert not isinstance(closed.friction, DefaultTerms)
+    assert drive_table(closed)["friction"] == list(NAMED)
+
+
+def test_the_width_that_encoders_resolve_is_one_step_per_sample(tmp_path: Path) -> None:
+    robot = one_joint(tmp_path, drive={"type": "stiff", "gear_ratio": 10.0})
+    time = np.arange(4000) / 200.0
+    position = np.round(np.sin(time)[:, None] / 0.002) * 0.002
+    sensed = Log(
+        time=time,
+        joint_names=robot.joint_names,
+        joint_position=position,
+        motor_position=np.full_like(position, np.nan),
+        motor_torque=position,
+    )
+    (width,) = encoder_widths(robot, [sensed]).values()
+    assert width == pytest.approx(10.0 * 0.002 * 200.0, rel=0.2)
