@@ -15,11 +15,11 @@ from .drive_estimates import POORLY_IDENTIFIED as POORLY_IDENTIFIED
 from .identification import Identification as Identification
 from .identification import Method as Method
 from .identification import identify as identify
-from .model_selection import TermComparison as TermComparison
 from .model_selection import TermSelection as TermSelection
 from .model_selection import compare_terms as compare_terms
 from .output_error import refine as refine
 from .physical.consistency import FeasibleParameters as FeasibleParameters
+from .term_columns import TermComparison as TermComparison
 from .validation import Fit as Fit
 from .validation import Validation as Validation
 from .validation import compared as compared

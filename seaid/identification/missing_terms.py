@@ -15,10 +15,12 @@ import numpy as np
 from seaid.drives import DefaultTerms, Drive, key_of, unit_of
 from seaid.errors import Finding, Severity
 from seaid.identification.datasets import Dataset
-from seaid.identification.model_selection import TermComparison, best_term, compared_columns
 from seaid.identification.term_columns import (
     DriveRows,
+    TermComparison,
     actuator_drive,
+    best_term,
+    compared_columns,
     load_drive,
     possible_terms,
     with_term,

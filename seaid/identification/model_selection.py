@@ -18,9 +18,6 @@ from seaid.drives import PARAMETERS, PARAMETERS_OF, Drive
 from seaid.errors import IdentificationError, checked, listed, unknown_name
 from seaid.estimation import (
     FittedRows,
-    ModelComparison,
-    best_supported,
-    compare_models,
     estimator_named,
     fit,
 )
@@ -29,7 +26,10 @@ from seaid.identification.linearisation import with_gear_torques
 from seaid.identification.nonlinear_terms import linearised, starting_load_fit
 from seaid.identification.term_columns import (
     DriveRows,
+    TermComparison,
     actuator_drive,
+    best_term,
+    compared_columns,
     load_drive,
     possible_terms,
     with_term,
@@ -56,30 +56,6 @@ AT_THE_JOINT = {"parallel_spring": ("linear",), "joint_friction": ("viscous", "c
 
 _MOST_STEPS = 4
 """Largest number of terms that one drive may gain."""
-
-
-@dataclass(frozen=True, eq=False)
-class TermComparison:
-    """Comparison of a joint's drive with and without one more term, at `step` of the selection.
-
-    `comparison` is None if the term could not be estimated: `reason` says why. The best supported
-    term of a step is `selected`. `values` {parameter: value} are the best of a grid, of parameters
-    in which the equation is nonlinear.
-    """
-
-    joint: str
-    field: str
-    term: str
-    step: int
-    comparison: ModelComparison | None
-    reason: str = ""
-    selected: bool = False
-    values: Mapping[str, float] = FrozenMapping({})
-
-    @property
-    def is_supported(self) -> bool:
-        """Whether both criteria support the term."""
-        return self.comparison is not None and self.comparison.is_supported
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -211,13 +187,6 @@ def _extended(
     return model
 
 
-def best_term(found: Sequence[TermComparison]) -> TermComparison | None:
-    """Return the best of the supported terms, None without any."""
-    tested = [one for one in found if one.comparison is not None]
-    place = best_supported([one.comparison for one in tested if one.comparison is not None])
-    return None if place is None else tested[place]
-
-
 @dataclass(frozen=True, eq=False)
 class _Model:
     """The model of the robot at a step of the selection, linear: nonlinear parameters are known.
@@ -292,7 +261,6 @@ def _fixed(drive: Drive) -> Drive:
 
 
 _WLS = estimator_named("wls")
-_NO_COLUMN = "it has no column: the log lacks its equation, or the fit the stiffness of the spring"
 
 
 def _compared_terms(
@@ -308,45 +276,3 @@ def _compared_terms(
             drive, fitted = side
             found += compared_columns([drive], fitted, {joint: terms}, count, step)
     return found
-
-
-def compared_columns(
-    drives: Sequence[DriveRows],
-    fitted: FittedRows,
-    asked: Mapping[str, Sequence[tuple[str, str]]],
-    count: int,
-    step: int = 0,
-    grids: Mapping[str, Mapping[str, Sequence[float]]] = FrozenMapping({}),
-    only_promising: bool = False,
-) -> list[TermComparison]:
-    """Return the comparisons of terms {joint: (field, term)}, each at the best point of its grid.
-
-    The drives are at the same rows. `count` is the number of all comparisons; `grids` {joint:
-    {nonlinear parameter: values}} replace those of the search; `only_promising` as in
-    `compare_models`.
-    """
-    columns = [
-        (drive.joint, one)
-        for drive in drives
-        for field, term in asked[drive.joint]
-        for one in drive.terms(field, term, grids.get(drive.joint))
-    ]
-    best = {
-        (drive.joint, *key): TermComparison(drive.joint, *key, step, None, _NO_COLUMN)
-        for drive in drives
-        for key in asked[drive.joint]
-    }
-    if not columns:
-        return list(best.values())
-    alternatives = [one.alternative for _, one in columns]
-    try:
-        found = compare_models(drives[0].rows, fitted.weights, alternatives, count, only_promising)
-    except IdentificationError as problem:
-        return [replace(one, reason=str(problem)) for one in best.values()]
-    for (joint, one), comparison in zip(columns, found, strict=True):
-        key = (joint, one.field, one.term)
-        previous = best[key].comparison
-        if previous is None or comparison.explained > previous.explained:
-            values = FrozenMapping(one.values)
-            best[key] = TermComparison(*key, step, comparison, values=values)
-    return list(best.values())

@@ -39,13 +39,20 @@ from seaid.estimation import (
 )
 from seaid.identification.datasets import rows_in_memory
 from seaid.identification.drive_estimates import spring_of, with_values
+from seaid.identification.term_columns import (
+    Scale,
+    deflection_scale,
+    load_samples,
+    size_of,
+    speed_scale,
+)
 from seaid.identification.two_step import (
     LOAD,
     spring_torque_joints,
     two_step_equations,
     with_spring_torque,
 )
-from seaid.log import Motion, in_band_at, row_samples
+from seaid.log import Motion, in_band_at
 from seaid.regressor import (
     LoadModel,
     Regression,
@@ -57,7 +64,6 @@ from seaid.regressor import (
     load_model,
     motor_regressor,
     stacked,
-    unknown_friction,
 )
 from seaid.robot import Robot
 
@@ -178,15 +184,6 @@ def _at_values(drive: Drive, values: Mapping[str, float]) -> Drive:
     return with_values(drive, {name: x for name, x in values.items() if name != "motor_inertia"})
 
 
-@dataclass(frozen=True)
-class Scale:
-    """Largest motor speed [rad/s], middle and half range of the deflection."""
-
-    speed: float
-    middle: float
-    reach: float
-
-
 @dataclass(frozen=True, eq=False)
 class _Search:
     """The rows of a side as functions of one drive's nonlinear parameters.
@@ -294,21 +291,6 @@ def _actuator_search(robot: Robot, motions: Sequence[Motion], joint: str) -> _Se
     )
 
 
-def deflection_scale(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
-    """Return the scale of an elastic joint."""
-    index, drive = robot.index(joint), robot.drives[joint]
-    by_name = [actuator_equation(robot, motion, joint)[1] for motion in motions]
-    stretch = np.concatenate(
-        [
-            drive.motor_radius / drive.ratio * one["theta_M"] - drive.load_radius * one["theta_L"]
-            for one in by_name
-        ]
-    )
-    speed = max(float(np.max(np.abs(one.motor_velocity[:, index]))) for one in motions)
-    low, high = float(np.min(stretch)), float(np.max(stretch))
-    return Scale(max(speed, 1e-9), 0.5 * (low + high), max(0.5 * (high - low), 1e-12))
-
-
 def _linear_start(robot: Robot, motions: Sequence[Motion], joint: str) -> dict[str, float]:
     """Return friction, stiffness and zero of the deflection of a drive with linear terms only."""
     drive = robot.drives[joint]
@@ -353,11 +335,6 @@ def bounds_of(name: str, scale: Scale) -> tuple[float, float]:
     if PARAMETERS[name].is_positive:
         return _LEAST * size, _MOST * size
     return middle - _MOST * size, middle + _MOST * size
-
-
-def size_of(name: str, scale: Scale) -> float:
-    """Return the unit of the starts of a nonlinear parameter."""
-    return scale.speed if PARAMETERS[name].unit == "rad/s" else scale.reach
 
 
 _SWEEPS = 2
@@ -441,12 +418,6 @@ def _weights(qr_factor: QRFactor) -> Array:
     return largest / np.maximum(std, _FEW * largest) if largest else equal_weights(qr_factor)
 
 
-def speed_scale(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
-    """Return the scale of a stiff joint."""
-    index = robot.index(joint)
-    return Scale(max(float(np.max(np.abs(one.motor_velocity[:, index]))) for one in motions), 0, 1)
-
-
 def _started(robot: Robot, scales: Mapping[str, Scale]) -> Robot:
     """Return the robot with start values for the nonlinear parameters and their levels."""
     drives = dict(robot.drives)
@@ -499,9 +470,3 @@ def _load_search(robot: Robot, motions: Sequence[Motion], joint: str, fit: LoadF
         y=of_row * rows.y,
         others=scaled_svd(H, "the columns of the load side").span(),
     )
-
-
-def load_samples(robot: Robot, motion: Motion, joint: str) -> IndexArray:
-    """Return the samples that are rows of a joint on the load side."""
-    rows = row_samples(motion)
-    return np.asarray(rows[~unknown_friction(robot, motion, joint)[rows]])

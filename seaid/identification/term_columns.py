@@ -12,17 +12,17 @@ from itertools import product
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, IndexArray
+from seaid._arrays import Array, BoolArray, FrozenMapping, IndexArray
 from seaid.drives import COULOMB, PARAMETERS, Drive, DriveRegressor, parameter_of, term_fields
-from seaid.errors import RobotError
-from seaid.estimation import Alternative
-from seaid.identification.nonlinear_terms import (
-    deflection_scale,
-    load_samples,
-    size_of,
-    speed_scale,
+from seaid.errors import IdentificationError, RobotError
+from seaid.estimation import (
+    Alternative,
+    FittedRows,
+    ModelComparison,
+    best_supported,
+    compare_models,
 )
-from seaid.log import Motion, in_band_at
+from seaid.log import Motion, in_band_at, row_samples
 from seaid.regressor import (
     Regression,
     actuator_equation,
@@ -32,6 +32,7 @@ from seaid.regressor import (
     load_signals,
     motor_regressor,
     spring_regressor,
+    unknown_friction,
 )
 from seaid.robot import Robot, torques_at_drives
 
@@ -242,3 +243,120 @@ def load_drive(
 
 
 _JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Largest motor speed [rad/s], middle and half range of the deflection."""
+
+    speed: float
+    middle: float
+    reach: float
+
+
+def deflection_scale(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
+    """Return the scale of an elastic joint."""
+    index, drive = robot.index(joint), robot.drives[joint]
+    by_name = [actuator_equation(robot, motion, joint)[1] for motion in motions]
+    stretch = np.concatenate(
+        [
+            drive.motor_radius / drive.ratio * one["theta_M"] - drive.load_radius * one["theta_L"]
+            for one in by_name
+        ]
+    )
+    speed = max(float(np.max(np.abs(one.motor_velocity[:, index]))) for one in motions)
+    low, high = float(np.min(stretch)), float(np.max(stretch))
+    return Scale(max(speed, 1e-9), 0.5 * (low + high), max(0.5 * (high - low), 1e-12))
+
+
+def speed_scale(robot: Robot, motions: Sequence[Motion], joint: str) -> Scale:
+    """Return the scale of a stiff joint."""
+    index = robot.index(joint)
+    return Scale(max(float(np.max(np.abs(one.motor_velocity[:, index]))) for one in motions), 0, 1)
+
+
+def size_of(name: str, scale: Scale) -> float:
+    """Return the unit of the starts of a nonlinear parameter."""
+    return scale.speed if PARAMETERS[name].unit == "rad/s" else scale.reach
+
+
+def load_samples(robot: Robot, motion: Motion, joint: str) -> IndexArray:
+    """Return the samples that are rows of a joint on the load side."""
+    rows = row_samples(motion)
+    return np.asarray(rows[~unknown_friction(robot, motion, joint)[rows]])
+
+
+@dataclass(frozen=True, eq=False)
+class TermComparison:
+    """Comparison of a joint's drive with and without one more term, at `step` of the selection.
+
+    `comparison` is None if the term could not be estimated: `reason` says why. The best supported
+    term of a step is `selected`. `values` {parameter: value} are the best of a grid, of parameters
+    in which the equation is nonlinear.
+    """
+
+    joint: str
+    field: str
+    term: str
+    step: int
+    comparison: ModelComparison | None
+    reason: str = ""
+    selected: bool = False
+    values: Mapping[str, float] = FrozenMapping({})
+
+    @property
+    def is_supported(self) -> bool:
+        """Whether both criteria support the term."""
+        return self.comparison is not None and self.comparison.is_supported
+
+
+def best_term(found: Sequence[TermComparison]) -> TermComparison | None:
+    """Return the best of the supported terms, None without any."""
+    tested = [one for one in found if one.comparison is not None]
+    place = best_supported([one.comparison for one in tested if one.comparison is not None])
+    return None if place is None else tested[place]
+
+
+_NO_COLUMN = "it has no column: the log lacks its equation, or the fit the stiffness of the spring"
+
+
+def compared_columns(
+    drives: Sequence[DriveRows],
+    fitted: FittedRows,
+    asked: Mapping[str, Sequence[tuple[str, str]]],
+    count: int,
+    step: int = 0,
+    grids: Mapping[str, Mapping[str, Sequence[float]]] = FrozenMapping({}),
+    only_promising: bool = False,
+) -> list[TermComparison]:
+    """Return the comparisons of terms {joint: (field, term)}, each at the best point of its grid.
+
+    The drives are at the same rows. `count` is the number of all comparisons; `grids` {joint:
+    {nonlinear parameter: values}} replace those of the search; `only_promising` as in
+    `compare_models`.
+    """
+    columns = [
+        (drive.joint, one)
+        for drive in drives
+        for field, term in asked[drive.joint]
+        for one in drive.terms(field, term, grids.get(drive.joint))
+    ]
+    best = {
+        (drive.joint, *key): TermComparison(drive.joint, *key, step, None, _NO_COLUMN)
+        for drive in drives
+        for key in asked[drive.joint]
+    }
+    if not columns:
+        return list(best.values())
+    alternatives = [one.alternative for _, one in columns]
+    try:
+        found = compare_models(drives[0].rows, fitted.weights, alternatives, count, only_promising)
+    except IdentificationError as problem:
+        return [replace(one, reason=str(problem)) for one in best.values()]
+    for (joint, one), comparison in zip(columns, found, strict=True):
+        key = (joint, one.field, one.term)
+        previous = best[key].comparison
+        if previous is None or comparison.explained > previous.explained:
+            values = FrozenMapping(one.values)
+            best[key] = TermComparison(*key, step, comparison, values=values)
+    return list(best.values())
