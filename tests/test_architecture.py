@@ -113,7 +113,7 @@ def test_no_module_imports_one_that_imports_it() -> None:
 ONE_IMPORTER = {
     "a method with a source of its own, read and tested alone": (
         *("estimation.feasible", "estimation.gauss_newton", "estimation.robust"),
-        *("estimation.variable_projection", "identification.errors_in_variables"),
+        *("estimation.variable_projection", "identification.sensitivity"),
         *("identification.instrumental", "identification.simultaneous"),
         *("regressor.exact.lagrangian", "regressor.exact.recursion", "symbolic.independence"),
     ),

@@ -1,3 +1,4 @@
+from .covariance import long_run_of as long_run_of
 from .covariance import newey_west as newey_west
 from .diagnostics import POORLY_DETERMINED as POORLY_DETERMINED
 from .diagnostics import ModelChecks as ModelChecks

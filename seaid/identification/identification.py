@@ -61,6 +61,7 @@ from seaid.identification.missing_terms import (
 )
 from seaid.identification.nonlinear_terms import with_fixed_warnings
 from seaid.identification.physical.consistency import FeasibleParameters, feasible_parameters
+from seaid.identification.sensitivity import sensitivity_findings
 from seaid.identification.simultaneous import estimate_simultaneous
 from seaid.identification.two_step import RobotEstimate, estimate_two_step, joints_with_torque
 from seaid.log import Log, Motion, Processing, stretches, usable
@@ -286,6 +287,8 @@ def identify(
         found = estimate_simultaneous(
             robot, datasets, model, found, solver, encoder_offset_std, executor
         )
+    motions = [first_motion(one) for one in datasets]
+    findings += sensitivity_findings(robot, motions, model, found, estimator)
     if robot is not given:
         found = replace(found, drives=with_fixed_warnings(found.drives, given, robot))
     consistent = _feasible(robot, model, found) if feasible else None

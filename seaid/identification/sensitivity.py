@@ -1,0 +1,264 @@
+"""Do two ways of the same fit agree? Estimators and cutoffs, compared at the end of `identify`.
+
+Both estimates have the same noise, so that the standard error of their difference is far below
+that of independent ones (Hausman 1978): it is that of the sum over time of the difference of the
+influences of the rows. A difference beyond it is a bias of one of the estimates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.drives import readable
+from seaid.errors import ExcitationError, Finding, IdentificationError, listed
+from seaid.estimation import (
+    Estimate,
+    FittedRows,
+    equal_weights,
+    first_term,
+    long_run_of,
+    qr_factor_of,
+    settled_weights,
+    solve,
+)
+from seaid.identification.errors_in_variables import has_only_spring_torque
+from seaid.identification.two_step import LOAD, RobotEstimate
+from seaid.log import POSITION_BAND, Motion, low_pass
+from seaid.regressor import (
+    LoadModel,
+    Regress,
+    Regression,
+    actuator_regression,
+    load_regression,
+    stacked,
+)
+from seaid.robot import Robot
+
+WIDER = 1.6
+"""Ratio of the compared cutoffs: noise in an acceleration grows tenfold in power."""
+
+_SAMPLES_PER_PERIOD = 20.0
+"""Samples per period of the lower cutoff in the comparison of cutoffs: twice those of the wider
+low pass of the positions, and a tenth of the log."""
+
+_DIFFERENT = 5.0
+"""Standard errors of a difference above which estimates differ: beyond chance for 50 parameters
+whose covariance rests on some 100 correlated instants (`scripts/benchmarks/sensitivity.py`: at most
+4.5 in 120 right set-ups)."""
+
+_MATERIAL = 2.0
+"""Stated standard errors above which a difference counts: below it is within the interval."""
+
+_NEGLIGIBLE = 0.005
+"""Part of the torque that a difference must change: less is harmless, however certain."""
+
+_PULL, _STRONG_PULL = 0.02, 0.2
+"""Part by which an equation without a torque reduces the parameters: doubtful, and wrong."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Values (p,) of rows, and their derivatives by what they depend on.
+
+    `influence` (R, p) is that of the residual of each row, `by_propagated` (p, s) that of the
+    values from which the targets were computed.
+    """
+
+    rows: Regression
+    values: Array
+    influence: Array
+    by_propagated: Array
+
+
+def fit_of(rows: Regression, ordinary: bool) -> Fit:
+    """Fit rows by ordinary or weighted least squares."""
+    qr_factor = qr_factor_of(rows)
+    weights = equal_weights(qr_factor) if ordinary else settled_weights(qr_factor)
+    solution = solve(qr_factor, weights)
+    squares = weights[np.searchsorted(qr_factor.equations, rows.joint)] ** 2
+    residual = squares * (rows.y - rows.H @ solution.values)
+    moments = np.einsum("e,eps->ps", weights**2, qr_factor.propagated)
+    return Fit(
+        rows,
+        solution.values,
+        residual[:, None] * (rows.H @ solution.inverse),
+        solution.inverse @ moments,
+    )
+
+
+def difference(fits: Sequence[Fit], propagated: Array | None) -> tuple[Array, Array]:
+    """Return the difference (p,) of two fits, and its standard errors.
+
+    The influences are summed over common steps of time, as the rows need not be the same.
+    `propagated` (s, s) is the covariance of the values from which the targets were computed.
+    """
+    one, other = fits
+    step_s = max(float(np.min(np.diff(np.unique(fit.rows.time)))) for fit in fits)
+    time = np.concatenate([fit.rows.time for fit in fits])
+    covariance = long_run_of(
+        np.vstack([one.influence, -other.influence]),
+        np.ones(len(time)),
+        step_s * np.round((time - np.min(time)) / step_s),
+        np.concatenate([fit.rows.run for fit in fits]),
+    ).covariance
+    if propagated is not None:
+        by = one.by_propagated - other.by_propagated
+        covariance = covariance + by @ propagated[: by.shape[1], : by.shape[1]] @ by.T
+    return one.values - other.values, np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+
+
+def _scores(fits: Sequence[Fit], stated: Array, propagated: Array | None) -> Array:
+    """Return the standard errors (p,) by which two fits differ, zero where it does not matter."""
+    change, errors = difference(fits, propagated)
+    H, y = fits[0].rows.H, fits[0].rows.y
+    torque = np.linalg.norm(y[:, None] * (H != 0), axis=0)
+    matters = np.abs(change) > _MATERIAL * stated
+    matters &= np.abs(change) * np.linalg.norm(H, axis=0) > _NEGLIGIBLE * torque
+    scores = np.abs(change) / errors
+    return np.where(matters & (scores > _DIFFERENT), scores, 0.0)
+
+
+def _finding(
+    code: str, joint: str, fits: Sequence[Fit], scores: Array, ways: Sequence[str], remedy: str
+) -> Iterator[Finding]:
+    """Yield the finding on the parameters that differ, if any, with the worst of them."""
+    if not np.any(scores):
+        return
+    names = [readable(name) for name in fits[0].rows.names]
+    units, worst = fits[0].rows.units, int(np.argmax(scores))
+    differing = [first_term(names[place]) for place in np.argsort(-scores) if scores[place]]
+    values = [float(fit.values[worst]) for fit in fits]
+    unit = f" {units[worst]}" if units[worst] else ""
+    yield Finding(
+        code,
+        f"{ways[0]} and {ways[1]} give different values of {listed(differing, 4)}: "
+        f"{first_term(names[worst])} is {values[0]:.4g} and {values[1]:.4g}{unit}, "
+        f"{scores[worst]:.0f} standard errors of the difference apart",
+        joint,
+        "doubtful",
+        {ways[0]: values[0], ways[1]: values[1], "standard errors": float(scores[worst])},
+        remedy,
+        "possible",
+    )
+
+
+def sensitivity_findings(
+    robot: Robot,
+    motions: Sequence[Motion],
+    model: LoadModel,
+    found: RobotEstimate,
+    estimator: str,
+) -> list[Finding]:
+    """Return what another estimator or a wider cutoff contradicts, for two steps of wls or ols.
+
+    `motions` are those of logs in memory; of long logs the first pieces.
+    """
+    if found.whole is not None or estimator not in ("wls", "ols"):
+        return []
+    ordinary, cutoff_hz = estimator == "ols", motions[0].cutoff_hz
+    findings = list(_homogeneous(found.fit, ordinary, cutoff_hz))
+    with suppress(ExcitationError, IdentificationError):  # what only the other way cannot solve
+        findings += _of_estimators(found.fit, ordinary, cutoff_hz)
+        findings += _of_cutoffs(robot, motions, model, found, ordinary)
+    return findings
+
+
+def _homogeneous(fit: FittedRows, ordinary: bool, cutoff_hz: float) -> Iterator[Finding]:
+    """Yield the equations without a known torque, if they pull the parameters to zero.
+
+    To first order they reduce all parameters by their part of |W H theta|^2: noise in their columns
+    is all that they contain.
+    """
+    factor, theta = fit.qr_factor, fit.estimate.values
+    weights = equal_weights(factor) if ordinary else fit.weights
+    torques = np.linalg.norm(factor.factors[:, :, -1], axis=1)
+    residuals = factor.residual_norms(theta)
+    zero_fits = residuals > torques
+    explained = np.linalg.norm(factor.factors[:, :, :-1] @ theta, axis=1)
+    power = (weights * explained) ** 2
+    pull = float(np.sum(power[zero_fits]) / max(float(np.sum(power)), 1e-300))
+    if pull > _PULL and not np.all(zero_fits):
+        names = [factor.joint_names[factor.equations[place]] for place in np.flatnonzero(zero_fits)]
+        yield Finding(
+            "homogeneous",
+            f"the torque of {listed(names)} is smaller than what the model leaves unexplained: "
+            "without a known torque zero parameters fit best, and noise in the accelerations pulls "
+            f"all parameters towards zero, by about {pull:.0%}",
+            names[0],
+            "wrong" if pull > _STRONG_PULL else "doubtful",
+            {"reduction": pull},
+            f"cutoff_hz={cutoff_hz / 2:.2g} against the noise, or leave it out of torque_joints=",
+        )
+
+
+def _of_estimators(fit: FittedRows, ordinary: bool, cutoff_hz: float) -> Iterator[Finding]:
+    """Yield the parameters of the load side on which weighted and ordinary rows disagree."""
+    if fit.rows is None or len(fit.qr_factor.equations) < 2:
+        return
+    fits = [fit_of(fit.rows, ordinary), fit_of(fit.rows, not ordinary)]
+    scores = _scores(fits, fit.estimate.standard_errors, fit.propagated)
+    ways = ("ols", "wls") if ordinary else ("wls", "ols")
+    yield from _finding(
+        "estimator-disagrees",
+        "",
+        fits,
+        scores,
+        ways,
+        f"cutoff_hz={cutoff_hz / 2:.2g}, if the encoders are noisy; else a term that a joint lacks",
+    )
+
+
+def _of_cutoffs(
+    robot: Robot,
+    motions: Sequence[Motion],
+    model: LoadModel,
+    found: RobotEstimate,
+    ordinary: bool,
+) -> Iterator[Finding]:
+    """Yield the parameters that differ between the cutoff and a wider one, by fewer samples."""
+    few = [_decimated(motion) for motion in motions]
+    cutoff_hz = few[0].cutoff_hz
+    ways = [f"a cutoff of {factor * cutoff_hz:.3g} Hz" for factor in (1.0, WIDER)]
+    equations: dict[str, tuple[Regress, Estimate]] = {
+        joint: (partial(actuator_regression, robot, joint=joint), fit.estimate)
+        for joint, fit in found.actuators.items()
+        if not has_only_spring_torque(robot, motions, joint)
+    }
+    load = partial(load_regression, robot, model=model, springs=found.springs)
+    for joint, (regress, stated) in (equations | {LOAD: (load, found.load_side)}).items():
+        fits = [
+            fit_of(
+                stacked([regress(replace(one, cutoff_hz=factor * cutoff_hz)) for one in few]),
+                ordinary,
+            )
+            for factor in (1.0, WIDER)
+        ]
+        springs = found.fit.propagated if joint == LOAD else None
+        scores = _scores(fits, stated.standard_errors, springs)
+        rigid = joint == LOAD or any(
+            score and "friction" not in name
+            for score, name in zip(scores, fits[0].rows.names, strict=True)
+        )  # noise biases these, while friction lacks the band of its reversals
+        better = cutoff_hz * (0.5 if rigid else WIDER)
+        remedy = f"cutoff_hz={better:.2g}; compare others with cutoff_sensitivity"
+        yield from _finding("cutoff-sensitive", joint, fits, scores, ways, remedy)
+
+
+def _decimated(motion: Motion) -> Motion:
+    """Return a motion with fewer samples, its torques without what these would alias."""
+    step = max(1, int(motion.rate_hz / (_SAMPLES_PER_PERIOD * motion.cutoff_hz)))
+    band = POSITION_BAND * motion.cutoff_hz
+    inputs = ("motor_torque", "joint_torque", "motor_current", "motor_voltage")
+    smooth: dict[str, Any] = {
+        name: low_pass(signal, motion.rate_hz, band)
+        for name in inputs
+        if (signal := getattr(motion, name)) is not None
+    }
+    return replace(motion, **smooth).samples(slice(None, None, step))

@@ -1,0 +1,162 @@
+"""Estimators and cutoffs that contradict each other, and equations without a torque."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from seaid._arrays import Array
+from seaid.estimation.least_squares import ordinary
+from seaid.identification.identification import Identification, identify
+from seaid.identification.sensitivity import difference, fit_of
+from seaid.log.reading import Log
+from seaid.regressor.regression import Regression
+from seaid.robot.robot import Robot, load_robot
+from seaid.simulation.simulation import measure
+from tests.experiments import ARM_SENSORS, MODELS, arm, arm_motion
+from tests.standard_errors import check_scores
+
+CODES = ("homogeneous", "estimator-disagrees", "cutoff-sensitive")
+RATE_HZ = 500.0
+
+
+@cache
+def pendulum() -> Robot:
+    """Return the double pendulum with ideal drives."""
+    drive: dict[str, Any] = {"type": "stiff", "gear_ratio": 6.0, "friction": []}
+    drive["motor_inertia_kg_m2"] = 0.0
+    return load_robot(MODELS / "double_pendulum_a0.urdf", {"Joint1": drive, "Joint2": drive})
+
+
+@cache
+def swing() -> tuple[Array, Array]:
+    """Return positions and torques (T, 2) of ten seconds, of which joint 1 alone is driven."""
+    model, step = pendulum().model.copy(), 1 / RATE_HZ
+    data, q, v = model.createData(), np.zeros(2), np.zeros(2)
+    phases = np.random.default_rng(0).uniform(0, 6, 6)
+    positions, torques = [], []
+    for t in np.arange(0, 10, step):
+        torque = np.array(
+            [0.3 * np.sum(np.sin(2 * np.pi * np.linspace(0.2, 1.2, 6) * t + phases)), 0]
+        )
+        positions.append(q)
+        torques.append(torque)
+        for _ in range(4):  # semi-implicit Euler keeps the energy
+            v = v + step / 4 * pin.aba(model, data, q, v, torque)
+            q = q + step / 4 * v
+    return np.array(positions), np.array(torques)
+
+
+def undriven(noise_rad: float, seed: int = 0) -> Log:
+    rng = np.random.default_rng(seed)
+    q, torque = swing()
+    none = np.full_like(q, np.nan)
+    return Log(
+        time=np.arange(len(q)) / RATE_HZ,
+        joint_names=("Joint1", "Joint2"),
+        motor_position=none,
+        joint_position=q + noise_rad * rng.normal(size=q.shape),
+        motor_torque=(torque + 5e-3 * rng.normal(size=q.shape)) / 6,
+        joint_torque=none,
+    )
+
+
+def flags(found: Identification) -> dict[str, str]:
+    return {one.code: one.severity for one in found.warnings if one.code in CODES}
+
+
+@cache
+def at(noise_rad: float, cutoff_hz: float) -> tuple[Identification, Array]:
+    """Return an identification, and its values over the true ones."""
+    found = identify(pendulum().without_nominal(), undriven(noise_rad), cutoff_hz=cutoff_hz)
+    true = found.base.project(pendulum().parameters)
+    large = np.abs(true) > 1e-6
+    return found, found.load.values[large] / true[large]
+
+
+def test_undriven_joint_with_a_good_encoder_has_no_flag() -> None:
+    found, ratios = at(2e-4, 6.0)
+    assert np.all(np.abs(ratios - 1) < 0.02)
+    assert not flags(found)
+
+
+def test_undriven_joint_with_a_noisy_encoder_does_not_end_at_zero() -> None:
+    """With the weights of its residual the inertia of link 2 was below 0.01 of the truth."""
+    found, ratios = at(1e-3, 12.0)
+    assert np.all(ratios > 0.7)
+    assert set(flags(found)) >= {"homogeneous", "cutoff-sensitive"}
+    (finding,) = [one for one in found.warnings if one.code == "homogeneous"]
+    assert finding.joint == "Joint2"
+    assert 0.02 < finding.evidence["reduction"] < 0.3
+    assert "cutoff_hz=6" in finding.remedy
+    assert np.all(np.abs(at(1e-3, 6.0)[1] - 1) < 0.03)
+
+
+def test_strong_pull_to_zero_is_wrong() -> None:
+    assert flags(at(3e-3, 12.0)[0])["homogeneous"] == "wrong"
+
+
+def test_estimator_and_cutoff_are_named_with_both_values() -> None:
+    found, _ = at(3e-3, 12.0)
+    messages = {one.code: one for one in found.warnings}
+    disagrees, sensitive = messages["estimator-disagrees"], messages["cutoff-sensitive"]
+    assert disagrees.message.startswith("wls and ols give different values of ")
+    assert sensitive.message.startswith("a cutoff of 12 Hz and a cutoff of 19.2 Hz give different")
+    assert sensitive.remedy.startswith("cutoff_hz=6;")
+    for one in (disagrees, sensitive):
+        assert one.evidence["standard errors"] > 5
+        assert len(one.evidence) == 3
+    ols = identify(pendulum().without_nominal(), undriven(3e-3), cutoff_hz=12.0, estimator="ols")
+    assert any(one.message.startswith("ols and wls give") for one in ols.warnings)
+    for option in ({"estimator": "iv"}, {"estimator": "huber"}):
+        other = identify(pendulum().without_nominal(), undriven(3e-3), cutoff_hz=6.0, **option)
+        assert not flags(other)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_right_set_up_has_no_flag(seed: int) -> None:
+    log = measure(arm(), arm_motion(), ARM_SENSORS, seed)
+    assert not flags(identify(arm().without_nominal(), log))
+
+
+def rows(seed: int, every: int) -> Regression:
+    """Return each `every`-th instant of two equations with autocorrelated noise."""
+    rng = np.random.default_rng(seed)
+    H = np.random.default_rng(1).normal(size=(600, 2, 3))
+    H = H + np.roll(H, 1, axis=0) + np.roll(H, 2, axis=0)
+    noise = rng.normal(size=(600, 2)) * [1.0, 5.0]
+    noise = noise + np.roll(noise, 1, axis=0) + np.roll(noise, 2, axis=0)
+    known = rng.normal(size=2)  # a value with an error, from which the targets are computed
+    by = np.random.default_rng(2).normal(size=(600, 2, 2))
+    y = H @ np.ones(3) + noise + by @ known
+    picked = slice(None, None, every)
+    return Regression(
+        names=("a", "b", "c"),
+        units=("",) * 3,
+        H=H[picked].reshape(-1, 3),
+        y=y[picked].ravel(),
+        joint=np.tile([0.0, 1.0], len(H[picked])),
+        time=np.repeat(np.arange(600)[picked] * 0.1, 2),
+        run=np.zeros(2 * len(H[picked])),
+        excluded=0,
+        propagated=by[picked].reshape(-1, 2),
+    )
+
+
+def test_difference_is_as_large_as_its_standard_errors_say() -> None:
+    """Of weighted and ordinary rows, and of all rows and every other one."""
+    propagated = np.eye(2)
+    for of in (
+        lambda seed: [fit_of(rows(seed, 1), False), fit_of(rows(seed, 1), True)],
+        lambda seed: [fit_of(rows(seed, 1), True), fit_of(rows(seed, 2), True)],
+    ):
+        scores = [np.divide(*difference(of(seed), propagated)) for seed in range(150)]
+        check_scores(scores, band=1.2)
+
+
+def test_fit_is_that_of_the_estimator() -> None:
+    assert fit_of(rows(0, 1), True).values == pytest.approx(ordinary(rows(0, 1)).values)
