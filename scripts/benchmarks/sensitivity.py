@@ -17,8 +17,7 @@ import seaid
 from seaid._progress import track
 from seaid.report.text import table
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from tests.experiments import (
     ARM_SENSORS,
@@ -31,6 +30,7 @@ from tests.experiments import (
     measure,
 )
 
+ROOT = Path(__file__).resolve().parents[2]
 CODES = ("homogeneous", "estimator-disagrees", "cutoff-sensitive")
 PUBLISHED = {1: -0.3491, 2: 0.1079, 4: -0.1111, 5: 0.0239}
 """{place among the base parameters: published value}."""

@@ -19,13 +19,11 @@ from seaid._arrays import Array
 from seaid.drives import readable
 from seaid.errors import ExcitationError, Finding, IdentificationError, listed
 from seaid.estimation import (
-    Estimate,
     FittedRows,
     equal_weights,
     first_term,
     long_run_of,
     qr_factor_of,
-    settled_weights,
     solve,
 )
 from seaid.identification.errors_in_variables import has_only_spring_torque
@@ -77,10 +75,9 @@ class Fit:
     by_propagated: Array
 
 
-def fit_of(rows: Regression, ordinary: bool) -> Fit:
-    """Fit rows by ordinary or weighted least squares."""
+def fit_of(rows: Regression, weights: Array) -> Fit:
+    """Fit rows with weights (E,) of their equations."""
     qr_factor = qr_factor_of(rows)
-    weights = equal_weights(qr_factor) if ordinary else settled_weights(qr_factor)
     solution = solve(qr_factor, weights)
     squares = weights[np.searchsorted(qr_factor.equations, rows.joint)] ** 2
     residual = squares * (rows.y - rows.H @ solution.values)
@@ -202,9 +199,10 @@ def _of_estimators(fit: FittedRows, ordinary: bool, cutoff_hz: float) -> Iterato
     """Yield the parameters of the load side on which weighted and ordinary rows disagree."""
     if fit.rows is None or len(fit.qr_factor.equations) < 2:
         return
-    fits = [fit_of(fit.rows, ordinary), fit_of(fit.rows, not ordinary)]
-    scores = _scores(fits, fit.estimate.standard_errors, fit.propagated)
+    weights = {"wls": fit.weights, "ols": equal_weights(fit.qr_factor)}
     ways = ("ols", "wls") if ordinary else ("wls", "ols")
+    fits = [fit_of(fit.rows, weights[name]) for name in ways]
+    scores = _scores(fits, fit.estimate.standard_errors, fit.propagated)
     yield from _finding(
         "estimator-disagrees",
         "",
@@ -226,22 +224,23 @@ def _of_cutoffs(
     few = [_decimated(motion) for motion in motions]
     cutoff_hz = few[0].cutoff_hz
     ways = [f"a cutoff of {factor * cutoff_hz:.3g} Hz" for factor in (1.0, WIDER)]
-    equations: dict[str, tuple[Regress, Estimate]] = {
-        joint: (partial(actuator_regression, robot, joint=joint), fit.estimate)
+    load = partial(load_regression, robot, model=model, springs=found.springs)
+    equations: dict[str, tuple[Regress, FittedRows]] = {
+        joint: (partial(actuator_regression, robot, joint=joint), fit)
         for joint, fit in found.actuators.items()
         if not has_only_spring_torque(robot, motions, joint)
     }
-    load = partial(load_regression, robot, model=model, springs=found.springs)
-    for joint, (regress, stated) in (equations | {LOAD: (load, found.load_side)}).items():
+    for joint, (regress, fit) in (equations | {LOAD: (load, found.fit)}).items():
+        weights = equal_weights(fit.qr_factor) if ordinary or joint != LOAD else fit.weights
         fits = [
             fit_of(
                 stacked([regress(replace(one, cutoff_hz=factor * cutoff_hz)) for one in few]),
-                ordinary,
+                weights,
             )
             for factor in (1.0, WIDER)
         ]
         springs = found.fit.propagated if joint == LOAD else None
-        scores = _scores(fits, stated.standard_errors, springs)
+        scores = _scores(fits, fit.estimate.standard_errors, springs)
         rigid = joint == LOAD or any(
             score and "friction" not in name
             for score, name in zip(scores, fits[0].rows.names, strict=True)

@@ -147,16 +147,23 @@ def rows(seed: int, every: int) -> Regression:
     )
 
 
-def test_difference_is_as_large_as_its_standard_errors_say() -> None:
+EQUAL, WEIGHTED = np.ones(2), np.array([5.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    "ways", [((1, WEIGHTED), (1, EQUAL)), ((1, EQUAL), (2, EQUAL))], ids=["weights", "rows"]
+)
+def test_difference_is_as_large_as_its_standard_errors_say(
+    ways: tuple[tuple[int, Array], ...],
+) -> None:
     """Of weighted and ordinary rows, and of all rows and every other one."""
-    propagated = np.eye(2)
-    for of in (
-        lambda seed: [fit_of(rows(seed, 1), False), fit_of(rows(seed, 1), True)],
-        lambda seed: [fit_of(rows(seed, 1), True), fit_of(rows(seed, 2), True)],
-    ):
-        scores = [np.divide(*difference(of(seed), propagated)) for seed in range(150)]
-        check_scores(scores, band=1.2)
+    scores = []
+    for seed in range(150):
+        fits = [fit_of(rows(seed, every), weights) for every, weights in ways]
+        change, errors = difference(fits, np.eye(2))
+        scores.append(change / errors)
+    check_scores(scores, band=1.2)
 
 
 def test_fit_is_that_of_the_estimator() -> None:
-    assert fit_of(rows(0, 1), True).values == pytest.approx(ordinary(rows(0, 1)).values)
+    assert fit_of(rows(0, 1), EQUAL).values == pytest.approx(ordinary(rows(0, 1)).values)
