@@ -60,8 +60,6 @@ WORSE, FLOOR = 1.5, 0.03
 ROUNDS = 3
 """Remedies that a user applies one after the other."""
 
-BAD = ("wrong", "doubtful")
-
 
 @dataclass(frozen=True)
 class Said:
@@ -500,10 +498,14 @@ def problems(outcomes: Sequence[Outcome]) -> list[str]:
         if one.letter in good:
             continue
         said = Counter(f"{x.code or 'text'}/{x.severity}" for x in one.said if x.severity != "note")
-        left = Counter(f"{x.code or 'text'}/{x.severity}" for x in one.after if x.severity in BAD)
+        left = Counter(
+            f"{x.code or 'text'}/{x.severity}" for x in one.after if x.severity != "note"
+        )
+        refusals = [x.message for x in (*one.said, *one.after) if x.severity == "refused"]
         repaired = "" if one.repaired_error is None else f" -> {one.repaired_error:.2g}"
         after = f"; after the remedy: {_counts(left)}" if one.repaired_error else ""
         crash = f"; {one.crash}" if one.crash else ""
+        crash += f"; refused: {refusals[-1][:160]}" if refusals else ""
         lines.append(
             f"{one.letter} {one.mistake} ({one.form}), {one.robot} {one.seed}: error "
             f"{one.worst_error:.2g}{repaired}; said: {_counts(said)}{after}{crash}"

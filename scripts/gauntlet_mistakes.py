@@ -616,7 +616,7 @@ def _bad_input() -> list[Mistake]:
         *_pair("two: gear ratio halved, payload doubled", {"gear-ratio", "payload"}, (),
                both(drive_value("gear_ratio", 0.5),
                     payload(lambda one: (heavier(one.payload, 2.0),))), None),
-        *_pair("nominal masses times 100, or zero", {"inconsistent-inertia"}, (),
+        *_pair("nominal masses times 100, or zero", {"nominal-values"}, (),
                nonsense(100.0), nonsense(0.0), harmless=True, repairable=False),
     ]  # fmt: skip
 
