@@ -312,7 +312,7 @@ def same(one: Setup, other: Setup) -> bool:
     )
 
 
-_SECTION = re.compile(r"^in the (description of .*|drives file):$", re.IGNORECASE)
+_SECTION = re.compile(r"(.*)in the (description of .*|drives file):$", re.IGNORECASE)
 _OPTION = re.compile(
     r"(without |remove |exclude )?--([a-z-]+)(?:[ =]([^\s`'\",;()][^\s`'\";()]*))?"
 )
@@ -330,7 +330,8 @@ def with_remedy(setup: Setup, right: Setup, remedy: str) -> Setup:
     for line in remedy.splitlines():
         header = _SECTION.match(line.strip())
         if header:
-            section, text = header[1].lower(), []
+            section, text = header[2].lower(), []
+            plain.append(header[1])
             parts.append((section, text))
         elif section:
             text.append(line)

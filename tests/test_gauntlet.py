@@ -34,6 +34,10 @@ def setup(**changed: Any) -> Setup:
             {"descriptions": ({"time": {"column": "time_s", "unit": "ms"}},) * 2},
         ),
         (
+            'time-unit: it seems to be in ns; in the description of the log:\ntime = { unit = "ns" }',
+            {"descriptions": ({"time": {"unit": "ns"}},) * 2},
+        ),
+        (
             "in the description of the second log:\n[joints.a]\nmotor_position.offset = 1.0",
             {"descriptions": ({}, {"joints": {"a": {"motor_position": {"offset": 1.0}}}})},
         ),
