@@ -34,7 +34,7 @@ def setup(**changed: Any) -> Setup:
             {"descriptions": ({"time": {"column": "time_s", "unit": "ms"}},) * 2},
         ),
         (
-            'time-unit: it seems to be in ns; in the description of the log:\ntime = { unit = "ns" }',
+            'it is in ns; in the description of the log:\ntime = { unit = "ns" }',
             {"descriptions": ({"time": {"unit": "ns"}},) * 2},
         ),
         (
