@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -81,9 +82,16 @@ _WIDENED_HZ = 12.0
 _ALLOWED = 0.01
 """Largest ratio of noise to signal (rms)."""
 
-_VELOCITY_SHARE, _WIDE = 0.98, 3.0
+_VELOCITY_SHARE, _WIDE = 0.98, 4.0
 _POSITION_SHARE, _NARROW = 0.995, 2.0
-"""Share of the power within the bandwidth, and the cutoff as a multiple of the bandwidth."""
+"""Share of the power within the bandwidth, and the cutoff as a multiple of the bandwidth.
+
+`scripts/benchmarks/cutoff.py`: friction is best determined with four times the bandwidth or more,
+bodies with three to four times."""
+
+_CLOSEST = 1.5
+"""Coloured noise does not lower the cutoff below this multiple of the bandwidth of the velocity,
+since fast motion has such a spectrum, too."""
 
 _RATES = 8.0
 """Sampling rate over the highest cutoff."""
@@ -104,7 +112,7 @@ class CutoffSelection:
     cutoff_hz, reason : float, str
         The cutoff [Hz] and the limit that determines it.
     motion_hz : tuple of float
-        Twice the bandwidth of the positions, and three times that of the velocities [Hz].
+        Twice the bandwidth of the positions, and four times that of the velocities [Hz].
     noise_limit_hz : float
         Cutoff at which noise is one percent (rms) of the acceleration or velocity of `channel`.
     noise_floor : float
@@ -130,13 +138,18 @@ class CutoffSelection:
 
 @dataclass(frozen=True)
 class _Spectrum:
-    """A channel: bandwidth of position and velocity, noise limit, noise floor, and if it moves."""
+    """A channel: bandwidth of position and velocity, noise limits, noise floor, and if it moves."""
 
     position_hz: float
     speed_hz: float
     noise_limit_hz: float
+    coloured_limit_hz: float
     floor: float
     moves: bool
+
+    def limit_hz(self, fastest_hz: float) -> float:
+        """Return the limit by both kinds of noise, for the largest bandwidth of the velocities."""
+        return min(self.noise_limit_hz, max(self.coloured_limit_hz, _CLOSEST * fastest_hz))
 
 
 def select_cutoff(
@@ -147,11 +160,13 @@ def select_cutoff(
     The cutoff is the highest frequency at which noise is at most one percent (rms) of the
     acceleration of each joint, and of the velocity of each motor (of its acceleration, if the joint
     has no encoder). It is at least twice the bandwidth of the positions (99.5 % of the power of the
-    fastest channel), below the vibrations of gears and links; at most three times the bandwidth of
+    fastest channel), below the vibrations of gears and links; at most four times the bandwidth of
     the velocities (98 %); at least fifteen periods in the log (up to 12 Hz); and at most an eighth
     of the rate. The noise floor of a channel is the median of its spectrum above a quarter of the
-    rate, or the quantisation noise of its encoder, whichever is larger. Channels that move less
-    than ten times their noise (rms) are ignored.
+    rate, or the quantisation noise of its encoder, whichever is larger. Noise in accelerations of
+    other sensors may grow towards low frequencies: a power law through their spectrum above the
+    motion is continued below, down to 1.5 times the bandwidth of the velocities. Channels that move
+    less than ten times their noise (rms) are ignored.
     """
     highest = rate_hz / _RATES
     shortest = min(_FEWEST_PERIODS * rate_hz / len(joint), highest, _WIDENED_HZ)
@@ -161,12 +176,13 @@ def select_cutoff(
             highest, "an eighth of the rate: nothing moves", (np.nan, np.nan), rate_limit_hz=highest
         )
     narrowest = _NARROW * max(one.position_hz for one in moving.values())
-    widest = max(_WIDE * max(one.speed_hz for one in moving.values()), narrowest)
-    channel = min(moving, key=lambda name: moving[name].noise_limit_hz)
-    noise_hz = moving[channel].noise_limit_hz
+    fastest = max(one.speed_hz for one in moving.values())
+    widest = max(_WIDE * fastest, narrowest)
+    channel = min(moving, key=lambda name: moving[name].limit_hz(fastest))
+    noise_hz = moving[channel].limit_hz(fastest)
     limits = (
         (noise_hz, f"where noise is 1 % of the motion of the {channel}"),
-        (widest, "three times the bandwidth of the velocity"),
+        (widest, "four times the bandwidth of the velocity"),
         (highest, "an eighth of the rate"),
     )
     cutoff, reason = min(limits, key=lambda limit: limit[0])
@@ -219,14 +235,55 @@ def _spectrum(samples: Array, rate_hz: float, order: int) -> _Spectrum:
     exponent = 2 * order
     noise = floor * frequency ** (exponent + 1) / (exponent + 1)
     moved = np.cumsum(signal * frequency**exponent) * frequency[1]
-    clean = np.flatnonzero((noise <= _ALLOWED**2 * moved) & (moved > 0))
+    speed_hz = _edge(frequency, signal * frequency**2, _VELOCITY_SHARE)
+    limit = coloured = _limit(frequency, noise, moved)
+    if order == 2 and not of_steps:
+        noise = np.maximum(noise, _coloured_noise(frequency, power, rate_hz))
+        coloured = _limit(frequency, noise, moved)
     return _Spectrum(
         position_hz=_edge(frequency, place, _POSITION_SHARE),
-        speed_hz=_edge(frequency, signal * frequency**2, _VELOCITY_SHARE),
-        noise_limit_hz=float(frequency[clean[-1]]) if len(clean) else 0.0,
+        speed_hz=speed_hz,
+        noise_limit_hz=limit,
+        coloured_limit_hz=coloured,
         floor=floor,
         moves=bool(np.sum(place) * frequency[1] >= _MOVING**2 * variance),
     )
+
+
+def _limit(frequency: Array, noise: Array, moved: Array) -> float:
+    """Return the highest frequency below which the power of noise is small against the motion's."""
+    clean = np.flatnonzero((noise <= _ALLOWED**2 * moved) & (moved > 0))
+    return float(frequency[clean[-1]]) if len(clean) else 0.0
+
+
+_BINS_PER_OCTAVE, _FEWEST_BINS, _STEEPEST = 4, 4, 2.5
+"""Bins in which coloured noise is measured, fewest of them, and its largest exponent p: steeper
+spectra are those of motion (3 for noise-free simulated joints with dry friction, 2 for the pendulum
+on which this was tried first)."""
+
+
+def _coloured_noise(frequency: Array, power: Array, rate_hz: float) -> Array:
+    """Return the power of coloured noise in the acceleration below each frequency (F,).
+
+    The motion ends and noise begins where the spectrum of the acceleration, S f^4, is smallest. The
+    line log S = log S0 - p log(f / f0) through the spectrum from f0, one octave above, continues
+    below: int_0^f S0 (nu / f0)^-p nu^4 dnu = S0 f0^p f^(5 - p) / (5 - p).
+    """
+    edges = np.arange(np.log2(8 * frequency[1]), np.log2(0.25 * rate_hz), 1 / _BINS_PER_OCTAVE)
+    places = np.searchsorted(frequency, 2.0**edges)
+    middle = 2.0 ** (0.5 * (edges[1:] + edges[:-1]))
+    level = np.array([np.median(power[a:b]) for a, b in pairwise(places)]) / np.log(2)
+    if len(level) < _FEWEST_BINS or not np.all(level > 0):
+        return np.zeros_like(frequency)
+    first = int(np.argmin(level * middle**4)) + _BINS_PER_OCTAVE
+    if len(level) < first + _FEWEST_BINS:
+        return np.zeros_like(frequency)
+    x, y = np.log(middle[first:] / middle[first]), np.log(level[first:])
+    p = max(0.0, -float(np.polyfit(x, y, 1)[0]))
+    if p > _STEEPEST:
+        return np.zeros_like(frequency)
+    start = float(np.exp(np.mean(y + p * x)))
+    return np.asarray(start * middle[first] ** p * frequency ** (5 - p) / (5 - p))
 
 
 def _edge(frequency: Array, power: Array, share: float) -> float:

@@ -195,10 +195,10 @@ def test_small_jitter_of_the_clock_is_not_resampled() -> None:
 
 def test_proposed_cutoff_is_used_where_none_is_given() -> None:
     motion = reconstruct_motion(arm(), log())
-    assert 3.0 <= motion.cutoff_hz <= 5.0
+    assert 4.0 <= motion.cutoff_hz <= 6.0
     assert reconstruct_motion(arm(), log(), motion.cutoff_hz).cutoff_hz == motion.cutoff_hz
     assert motion.processing is not None
-    assert "three times the bandwidth of the velocity" in str(motion.processing)
+    assert "four times the bandwidth of the velocity" in str(motion.processing)
 
 
 def test_motion_tells_what_was_done_to_it() -> None:
