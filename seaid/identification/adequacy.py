@@ -29,8 +29,9 @@ if TYPE_CHECKING:
 
 Level = Literal["good", "good but", "do not use"]
 
-_NOTHING = 0.9
-"""Error of excluded blocks, over that of a constant torque, from which a model is of no use."""
+_NOTHING, _PART = 0.9, 0.5
+"""Error of excluded blocks, over that of a constant torque, from which a model is of no use;
+if it is below the second one in the own logs, it fits these only."""
 
 _BETTER, _MATTERS = 0.7, 0.1
 """The nominal bodies are better if their error is below this multiple of that of the
@@ -197,7 +198,7 @@ def fit_findings(
     for joint, one in joints.items():
         error = one.blocks if np.isfinite(one.blocks) else one.own
         evidence = {"error": one.own, "error of excluded blocks": one.blocks}
-        if error > _NOTHING:
+        if error > _NOTHING and one.own > _PART:
             yield Finding(
                 "no-fit",
                 f"the model explains nothing of the torque on the load of {joint}: its error is "
@@ -209,6 +210,17 @@ def fit_findings(
                 "check signs, units and zeros of this joint, or exclude its torque: "
                 "option: --torque-joints",
                 "certain",
+            )
+        elif error > _NOTHING:
+            yield Finding(
+                "no-fit",
+                f"the model of {joint} fits the own logs, with an error of {one.own:.0%} of the "
+                f"torque, and predicts excluded blocks of them with {error:.0%}: the motion of a "
+                "part of the log does not determine its parameters",
+                joint,
+                "doubtful",
+                evidence,
+                "record a longer motion, or remove terms of this drive",
             )
         elif one.nominal < _BETTER * one.identified and one.identified > _MATTERS:
             yield Finding(
@@ -239,7 +251,7 @@ def _contacts(joint_names: Sequence[str], rows: Regression, residual: Array) -> 
             )
             least = _LEAST_BURST * float(np.std(rows.y[mine]))
             far = size > max(_BURST * float(np.median(size)), least)
-            if len(size) >= 8 and 0 < np.mean(far) < _MOST_BURSTS:
+            if len(size) >= 8 and np.sum(far) > 1 and np.mean(far) < _MOST_BURSTS:
                 for start in starts[far].tolist():
                     bursts.setdefault(start * _WINDOW_S, set()).add(joint)
     times = sorted(bursts)

@@ -27,6 +27,7 @@ from seaid.identification.datasets import Source, datasets_of, first_motion, sou
 from seaid.identification.experiment import Experiment, experiment_of
 from seaid.identification.setup_hypotheses import encoder_slope, mistakes
 from seaid.log import Log, Motion, column_names
+from seaid.regressor import INPUT_FIELDS
 from seaid.robot import Robot
 
 _SLOWEST_HZ, _FASTEST_HZ = 8.0, 2e5
@@ -160,14 +161,13 @@ def log_findings(robot: Robot, logs: Sequence[Log]) -> list[Finding]:
     """Return the findings that need no motion: the unit of time, drives, saturated torques."""
     found = [
         finding
-        for number, log in enumerate(logs, 1)
+        for log in logs
         for finding in (
             *_time(log),
             *_missing_drives(robot, log),
-            *_saturated(log, f" in log {number}" if len(logs) > 1 else ""),
         )
     ]
-    return [*found, *_standing(logs)]
+    return [*found, *_saturated(logs), *_standing(logs)]
 
 
 def _time(log: Log) -> Iterator[Finding]:
@@ -231,29 +231,36 @@ _GEARED, _ELASTIC = 2.0, 5e-3
 """Motor over joint motion of a gear; difference of both sides, over the motion, of a spring."""
 
 
-def _saturated(log: Log, where: str) -> Iterator[Finding]:
-    for field in ("motor_torque", "motor_current", "motor_voltage"):
-        values = getattr(log, field)
-        for j, joint in enumerate(log.joint_names if values is not None else ()):
-            column = np.asarray(values[:, j])
-            if not np.all(np.isfinite(column)) or len(np.unique(column)) < _LEVELS:
-                continue
-            at_limit = (column == np.max(column)) | (column == np.min(column))
-            inside = np.convolve(at_limit, np.ones(_RUN), mode="same") >= _RUN
-            share = float(np.mean(inside))
-            if share > _AT_LIMIT:
-                name = field.replace("_", " ")
-                yield Finding(
-                    "saturation",
-                    f"the {name} of {joint} is at its limit, {np.max(np.abs(column)):.4g}, during "
-                    f"{share:.1%} of the time{where}: what the motor gave there is unknown if the "
-                    "command was logged",
-                    joint,
-                    "doubtful",
-                    {"share at the limit": share},
-                    "record a slower motion, or log the measured current",
-                    "certain",
-                )
+def _saturated(logs: Sequence[Log]) -> Iterator[Finding]:
+    """Yield the channels that stay at their extremes: of each the log that does so longest."""
+    shares: dict[tuple[str, str], tuple[float, int, float]] = {}
+    for number, log in enumerate(logs, 1):
+        for field in INPUT_FIELDS.values():
+            values = getattr(log, field)
+            for j, joint in enumerate(log.joint_names if values is not None else ()):
+                share = _share_at_limit(values[:, j])
+                if share > max(_AT_LIMIT, shares.get((field, joint), (0.0,))[0]):
+                    shares[field, joint] = share, number, float(np.max(np.abs(values[:, j])))
+    for (field, joint), (share, number, limit) in shares.items():
+        where = f" in log {number}" if len(logs) > 1 else ""
+        yield Finding(
+            "saturation",
+            f"the {field.replace('_', ' ')} of {joint} is at its limit, {limit:.4g}, during "
+            f"{share:.1%} of the time{where}: a command there is not what the motor gave",
+            joint,
+            "doubtful" if field == "motor_torque" else "note",
+            {"share at the limit": share},
+            "record a slower motion, or log the measured current",
+            "certain",
+        )
+
+
+def _share_at_limit(values: Array) -> float:
+    """Return the share of samples (T,) in runs at the largest or smallest value."""
+    if not np.all(np.isfinite(values)) or len(np.unique(values)) < _LEVELS:
+        return 0.0
+    at_limit = (values == np.max(values)) | (values == np.min(values))
+    return float(np.mean(np.convolve(at_limit, np.ones(_RUN), mode="same") >= _RUN))
 
 
 def _standing(logs: Sequence[Log]) -> Iterator[Finding]:

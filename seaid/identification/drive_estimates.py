@@ -16,7 +16,7 @@ from seaid.drives import (
     parameter_named,
     readable,
 )
-from seaid.errors import Finding
+from seaid.errors import Finding, Severity
 from seaid.estimation import Estimate, QRFactor, triangle
 from seaid.regressor import spring_regressor
 from seaid.robot import Robot
@@ -54,6 +54,9 @@ def _with(drive: Estimate, other: Estimate) -> Estimate:
         white_standard_errors=np.concatenate(known) if len(known) == len(white) else None,
     )
 
+
+_SURE = 2.0
+"""Standard errors below zero from which a parameter is negative, and not only uncertain."""
 
 _ZEROS = (
     "spring_offset",
@@ -113,7 +116,8 @@ def with_warnings(estimate: Estimate, joint: str, qr_factor: QRFactor | None) ->
                 warnings.append(Finding("needless-term", message, joint, "note", evidence))
             else:
                 message = f"{text} is negative, {value:.3g}: check signs and offsets of the log"
-                warnings.append(Finding("negative-parameter", message, joint, evidence=evidence))
+                severity: Severity = "doubtful" if value < -_SURE * error else "note"
+                warnings.append(Finding("negative-parameter", message, joint, severity, evidence))
     return replace(estimate, warnings=tuple(warnings))
 
 

@@ -20,7 +20,7 @@ from seaid.log import Motion, in_band_at, row_samples
 from seaid.regressor import INPUT_FIELDS, regressor_at_drives
 from seaid.robot import Robot, torques_at_drives
 
-INSTANTS = 300
+INSTANTS = 200
 """Instants at which hypotheses are compared."""
 
 _WINDOWS, _WINDOW_SAMPLES = 5, 4000
@@ -119,13 +119,15 @@ class Experiment:
 
     @cached_property
     def of_motors(self) -> Array:
-        """Misfit (n,) of the motor equation (7) with any spring and friction, else NaN."""
+        """Misfit (n,) of the motor equation (7) with any spring and friction, or of (4b)."""
         found = np.full(self.robot.n, np.nan)
         for j in self._elastic:
             stretch = self.motor[0][:, j] / self.lever[j] - self.joint[0][:, j]
             columns = np.column_stack([self.friction[j], stretch])
             y = self.torque[:, j] - self.inertia[j] * self.motor[2][:, j]
-            found[j] = self._misfit(j, y, columns, stretch=3)
+            if not np.all(np.isfinite(y)):  # (4b) alone: the torque of the sensor
+                columns, y = columns[:, [2, 3]], self.sensed[:, j] / self.lever[j]
+            found[j] = self._misfit(j, y, columns, stretch=columns.shape[1] - 1)
         return found
 
     @cached_property
@@ -151,7 +153,7 @@ class Experiment:
     def _elastic(self) -> list[int]:
         names = self.robot.elastic_joints
         known = [self.robot.index(joint) for joint in names]
-        return [j for j in known if j in self.used and np.all(np.isfinite(self.torque[:, j]))]
+        return [j for j in known if j in self.used]
 
     def _misfit(self, j: int, y: Array, columns: Array, stretch: int | None = None) -> float:
         """Return the misfit of joint j: of y (R,) by columns (R, k), friction first."""
@@ -162,8 +164,9 @@ class Experiment:
         # a spring of negative stiffness explains nothing
         spring = columns[:, stretch] * x[stretch]
         wrong = float(np.std(spring)) if x[stretch] * self.lever[j] < 0 else 0.0
-        misfit = self._size(j, left, x[:2], float(np.std(y)))
-        return float(np.hypot(misfit, wrong / max(float(np.std(y)), 1e-300)))
+        size = max(float(np.std(y)), 1e-300)
+        friction = x[:2] if stretch > 1 else np.zeros(2)
+        return float(np.hypot(self._size(j, left, friction, size), wrong / size))
 
     def _size(self, j: int, left: Array, friction: Array, size: float = 0.0) -> float:
         """Return the rms of a residual and of friction that drives, over that of the torque."""

@@ -34,6 +34,9 @@ _SUSPICIOUS, _BARELY, _TIMES = 0.12, 0.04, 3.0
 second one if the nominal bodies have so many times the misfit of any bodies."""
 
 
+_SEVERE = 0.25
+"""Misfit below which neither a sign, a unit of an angle, a clock nor an exchange can be wrong."""
+
 _WORSE = 1.5
 """Most that a hypothesis may increase the cost of one kind of misfit."""
 
@@ -88,7 +91,9 @@ def _best(given: Experiment) -> tuple[Finding, Experiment] | None:
     tried = [(one, one.undo(given)) for one in hypotheses(given)]
     tried.sort(key=lambda pair: pair[1].cost(quick) + pair[0].penalty)
     gains = [
-        (_gain(given, changed) - one.penalty, one, changed) for one, changed in tried[:_SHORTLIST]
+        (_gain(given, changed) - one.penalty, one, changed)
+        for one, changed in tried[:_SHORTLIST]
+        if _left(one, changed) < _EXPLAINED
     ]
     gains.sort(key=lambda entry: -entry[0])
     if not gains or gains[0][0] < _GAIN:
@@ -109,6 +114,17 @@ def _best(given: Experiment) -> tuple[Finding, Experiment] | None:
     return finding, changed
 
 
+_EXPLAINED = 0.6
+"""Misfit above which a hypothesis does not explain the torque either."""
+
+
+def _left(one: Hypothesis, changed: Experiment) -> float:
+    """Return the misfit that a hypothesis leaves at its joint, or at the middle one of all."""
+    misfit = changed.nominal if np.any(np.isfinite(changed.nominal)) else changed.free
+    own = misfit[changed.robot.index(one.joint)] if one.joint else np.nan
+    return float(own if np.isfinite(own) else np.nanmedian(misfit))
+
+
 def _gain(given: Experiment, changed: Experiment) -> float:
     """Return the decrease of the cost; -inf if the hypothesis contradicts a kind of evidence."""
     gains = [given.cost(kind) - changed.cost(kind) for kind in given.misfits]
@@ -122,16 +138,19 @@ def _worst(one: Experiment) -> float:
 
 def hypotheses(given: Experiment) -> Iterator[Hypothesis]:
     """Yield the mistakes that are possible."""
-    uncoupled = np.array_equal(given.robot.transmission, np.eye(given.robot.n))
     for j in given.used:
         yield from _torques(given, j)
-        if uncoupled:
-            yield from _signs(given, j)
-            yield from _positions(given, j)
-    if uncoupled:
-        for i, j in combinations(range(given.robot.n), 2):
-            yield from _swaps(given, i, j)
+    yield from _bodies(given)
+    if max(np.nanmax(one, initial=0.0) for one in given.misfits.values()) < _SEVERE:
+        return
     yield from _whole(given)
+    if not np.array_equal(given.robot.transmission, np.eye(given.robot.n)):
+        return
+    for j in given.used:
+        yield from _signs(given, j)
+        yield from _positions(given, j)
+    for i, j in combinations(range(given.robot.n), 2):
+        yield from _swaps(given, i, j)
 
 
 def _entry(given: Experiment, j: int, quantities: Sequence[str], keys: str) -> str:
@@ -446,7 +465,7 @@ def _swap_remedy(given: Experiment, pair: tuple[int, int], channels: str) -> str
 
 
 def _whole(given: Experiment) -> Iterator[Hypothesis]:
-    """Yield mistakes that concern all joints: units of all torques, gravity, lengths, payloads."""
+    """Yield severe mistakes that concern all joints: signs, units of angles, the clock."""
     if len(given.used) > 1:
         yield Hypothesis(
             "sign",
@@ -456,6 +475,10 @@ def _whole(given: Experiment) -> Iterator[Hypothesis]:
         )
         yield from _all_angles(given)
     yield from _times(given)
+
+
+def _bodies(given: Experiment) -> Iterator[Hypothesis]:
+    """Yield mistakes about bodies: unit of all torques, nominal masses, gravity, lengths, loads."""
     if not np.all(np.isfinite(given.bodies)) or not given.used:
         return
     if len(given.used) > 1:
