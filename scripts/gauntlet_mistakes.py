@@ -478,7 +478,13 @@ def elastic_only(case: Case, setup: Setup) -> Setup | None:
 
 _UNIT, _SCALE, _TIME = {"unit"}, {"unit", "torque-scale"}, {"time-unit"}
 _FEW = {"few-rows", "poorly-identified", "unidentifiable", "standstill", "no-fit", "weak-spring"}
-_LOOSE = {"transmission-error", "nonlinear-spring", "blocks-disagree", "gear-compliance"}
+_LOOSE = {
+    "loose-encoder",
+    "transmission-error",
+    "nonlinear-spring",
+    "blocks-disagree",
+    "gear-compliance",
+}
 _TORQUE_WORDS = ("torque", "unit")
 _MOVE_WORDS = ("move", "moves", "excite", "excited", "still", "short", "samples", "motion")
 

@@ -115,6 +115,7 @@ CODES = {
     "nonlinear-spring": "a spring that is not linear",
     "gear-compliance": "a stiffness that includes the gear between the encoders",
     "transmission-error": "an error of the gear that is periodic in its angles",
+    "loose-encoder": "play or hysteresis between the encoders of a spring joint",
     "missing-term": "a term of friction that the data support and the drive lacks",
     "needless-term": "a term of a drive that is not distinguishable from zero",
     "drift": "a slow change of a sensor or of the friction",

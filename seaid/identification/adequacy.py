@@ -84,11 +84,14 @@ class Verdict(Display):
     joints: Mapping[str, JointFit]
 
 
-def consequences(setup: Iterable[Finding], found: Iterable[Finding]) -> list[Finding]:
+def consequences(setup: Sequence[Finding], found: Iterable[Finding]) -> list[Finding]:
     """Return findings about a fit: mere notes if the set-up is already known to be wrong."""
-    if not any(one.severity == "wrong" and one.code != "no-fit" for one in setup):
-        return list(found)
-    return [replace(one, severity="note") for one in found]
+    return [replace(one, severity="note") if is_wrong(setup) else one for one in found]
+
+
+def is_wrong(setup: Iterable[Finding]) -> bool:
+    """Whether findings say that the set-up, and not only the model, is wrong."""
+    return any(one.severity == "wrong" and one.code != "no-fit" for one in setup)
 
 
 @contextmanager

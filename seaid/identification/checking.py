@@ -22,7 +22,7 @@ from seaid.errors import (
     by_severity,
     checked,
 )
-from seaid.estimation import scaled_svd
+from seaid.estimation import RANK_TOLERANCE, scaled_svd
 from seaid.identification.datasets import Source, datasets_of, first_motion, sources_of
 from seaid.identification.experiment import Experiment, experiment_of
 from seaid.identification.setup_hypotheses import encoder_slope, mistakes
@@ -150,10 +150,14 @@ def setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Finding]
     """Return mistakes of the set-up, unless the `known` findings already explain the torques."""
     if any(one.code in _EXPLAINING for one in known):
         return []
-    return list(offset_findings(given)) or mistakes(given)[0]
+    found = list(offset_findings(given))
+    if found:
+        return found
+    found, without = mistakes(given)
+    return [*found, *delay_findings(without)]
 
 
-_EXPLAINING = ("time-unit", "missing-drives", "standstill")
+_EXPLAINING = ("time-unit", "missing-drives")
 """Findings after which the torques say nothing of other mistakes."""
 
 
@@ -282,41 +286,144 @@ def _standing(logs: Sequence[Log]) -> Iterator[Finding]:
 
 
 def offset_findings(given: Experiment) -> Iterator[Finding]:
-    """Yield elastic joints whose encoder offsets differ between logs by more than deflections.
+    """Yield joints whose encoder offsets differ between logs by more than deflections and noise.
 
     The angle between the encoders is the deflection, in proportion to the torque of the spring
     (that of the motor but for friction), and an offset of each log.
     """
     robot, runs = given.robot, np.unique(given.run).tolist()
-    joints = [robot.index(joint) for joint in robot.elastic_joints]
-    for j in (one for one in joints if one in given.used and len(runs) > 1):
+    for j in np.flatnonzero(given.both).tolist() if len(runs) > 1 else ():
+        joint = robot.joint_names[j]
+        is_elastic = robot.drives[joint].is_elastic
         y = given.motor[0][:, j] / given.lever[j] - given.joint[0][:, j]
-        offsets = np.equal.outer(given.run, runs).astype(float)
-        H = np.column_stack([offsets, given.target[:, j], given.friction[j][:, :2]])
+        H = np.equal.outer(given.run, runs).astype(float)
+        if is_elastic and j in given.used:
+            H = np.column_stack([H, given.target[:, j], given.friction[j][:, :2]])
         x = scaled_svd(H).solve(y)
         noise = float(np.std(y - H @ x)) / np.sqrt(_INDEPENDENT)
-        size = float(np.std(H[:, len(runs) :] @ x[len(runs) :]))
-        changes = (x[1 : len(runs)] - x[0]).tolist()
-        joint = robot.joint_names[j]
-        names = column_names(joint, robot.is_prismatic[j])
-        column = next(name for name, field in names.items() if field == "motor_position")
-        for number, change in enumerate(changes, 2):
-            if abs(change) <= _APART * size + _SURE * noise:
-                continue
-            at_motor = change * given.lever[j]
-            yield Finding(
-                "encoder-offsets-differ",
-                f"the encoder offsets of {joint} differ by {at_motor:.4g} rad at the motor between "
-                f"log 1 and log {number}, {abs(change) / max(size, 1e-300):.2g} times the "
-                "deflection of its spring (rms): the robot was switched on anew",
-                joint,
-                "wrong",
-                {"difference [rad at the motor]": at_motor},
-                f"in the description of log {number}:\n[joints.{joint}]\n"
-                f'motor_position = {{ column = "{column}", offset = {-at_motor:.6g} }}',
-                "certain",
-            )
+        size = float(np.std(H[:, len(runs) :] @ x[len(runs) :])) if is_elastic else 0.0
+        least = _APART * size if is_elastic else _LEAST_OFFSET
+        for number, change in enumerate((x[1 : len(runs)] - x[0]).tolist(), 2):
+            if abs(change) > least + _SURE * noise:
+                yield _offset(given, j, number, change, size)
 
+
+def _offset(given: Experiment, j: int, number: int, change: float, size: float) -> Finding:
+    """Return the finding for encoder offsets that changed between log 1 and another one."""
+    robot, joint = given.robot, given.robot.joint_names[j]
+    wanted = "motor_position" if size else "joint_position"
+    names = column_names(joint, robot.is_prismatic[j])
+    column = next(name for name, field in names.items() if field == wanted)
+    offset = -change * given.lever[j] if size else change
+    times = f", {abs(change) / size:.2g} times the deflection of its spring (rms)" if size else ""
+    return Finding(
+        "encoder-offsets-differ",
+        f"the encoder offsets of {joint} differ by {abs(change):.4g} at the joint between log 1 "
+        f"and log {number}{times}: the robot was switched on anew",
+        joint,
+        "wrong" if size else "doubtful",
+        {"difference at the joint": change},
+        f"in the description of log {number}:\n[joints.{joint}]\n"
+        f'{wanted} = {{ column = "{column}", offset = {offset:.6g} }}',
+        "certain" if size else "likely",
+    )
+
+
+_LEAST_OFFSET = 2e-3
+"""Difference [rad or m] of the encoder offsets of a joint without a spring that matters."""
+
+
+def delay_findings(given: Experiment) -> Iterator[Finding]:
+    """Yield the delay of the torques against the motion: of all joints, or of one.
+
+    A torque that is late by d is, to first order, the torque minus d times its derivative.
+    """
+    delays = _delays(given)
+    if not delays:
+        return
+    values, errors = np.array(list(delays.values())).T
+    weights = 1.0 / (errors**2 + _LEAST_DELAY_S**2)
+    common = float(np.sum(weights * values) / np.sum(weights))
+    spread = float(np.sqrt(np.sum(weights**2 * errors**2)) / np.sum(weights))
+    late = abs(common) > _SURE * spread and abs(common) > _LEAST_DELAY_S
+    rest = values - (common if late else 0.0)
+    alone = np.flatnonzero((np.abs(rest) > _SURE * errors) & (np.abs(rest) > 3 * _LEAST_DELAY_S))
+    joints = list(delays)
+    if late:
+        yield _delay(given, joints, common, spread)
+    elif len(alone):
+        yield from (_delay(given, [joints[i]], *delays[joints[i]]) for i in alone.tolist())
+
+
+_LEAST_DELAY_S = 0.001
+"""Delay below which neither filters nor friction that a model lacks can be excluded."""
+
+
+def _delay(given: Experiment, joints: Sequence[int], delay: float, error: float) -> Finding:
+    robot = given.robot
+    lines = ["in the description of the log:"]
+    for j in joints:
+        columns = column_names(robot.joint_names[j], robot.is_prismatic[j])
+        column = next(name for name, field in columns.items() if field == "motor_torque")
+        lines.append(f"[joints.{robot.joint_names[j]}]")
+        lines.append(f'motor_torque = {{ column = "{column}", delay_s = {delay:.5f} }}')
+    names = ", ".join(robot.joint_names[j] for j in joints)
+    return Finding(
+        "delay",
+        f"the motor torques of {names} are {1e3 * abs(delay):.2f} +- {1e3 * error:.2f} ms "
+        f"{'late' if delay > 0 else 'early'} against the positions",
+        robot.joint_names[joints[0]] if len(joints) == 1 else "",
+        "doubtful",
+        {"delay [s]": delay, "standard error [s]": error},
+        "\n".join(lines),
+    )
+
+
+def _delays(given: Experiment) -> dict[int, tuple[float, float]]:
+    """Return {joint: delay of its motor torque and its standard error [s]}.
+
+    From the motor equation (7) of spring joints, and from the motion with any bodies of others.
+    """
+    robot, n, found = given.robot, given.robot.n, {}
+    driven = [j for j in given.used if np.all(np.isfinite(given.torque[:, j]))]
+    stiff = [j for j in driven if not robot.drives[robot.joint_names[j]].is_elastic]
+    for j in (one for one in driven if one not in stiff):
+        stretch = given.motor[0][:, j] / given.lever[j] - given.joint[0][:, j]
+        columns = np.column_stack([given.torque_rate[:, j], given.friction[j], stretch])
+        y = given.torque[:, j] - given.inertia[j] * given.motor[2][:, j]
+        found[j] = _first(columns, y)[0]
+    if not stiff:
+        return found
+    H = np.zeros((len(stiff), len(given.target), 14 * n))
+    H[:, :, : 10 * n] = given.regressor[:, stiff].swapaxes(0, 1)
+    for place, j in enumerate(stiff):
+        H[place, :, 10 * n + 3 * j : 10 * n + 3 * j + 3] = given.friction[j]
+        H[place, :, 13 * n + j] = given.lever[j] * given.torque_rate[:, j]
+    weight = 1.0 / np.std(given.target[:, stiff], axis=0)
+    A, y = H * weight[:, None, None], given.target[:, stiff].T * weight[:, None]
+    order = [13 * n + j for j in stiff]
+    order += [place for place in range(13 * n) if np.any(np.abs(A[:, :, place]) > _TINY)]
+    columns = A[:, :, order].reshape(-1, len(order))
+    return found | dict(zip(stiff, _first(columns, y.ravel(), len(stiff)), strict=True))
+
+
+_TINY = 1e-9
+
+
+def _first(columns: Array, y: Array, count: int = 1) -> list[tuple[float, float]]:
+    """Return the first parameters of a fit of y (R,), negative, with their standard errors."""
+    svd = scaled_svd(columns)
+    rank = svd.rank(RANK_TOLERANCE)
+    x = svd.solve(y, RANK_TOLERANCE)
+    left = y - columns @ x
+    sizes = left.reshape(count, -1).std(axis=1)
+    inverse = (svd.vectors[:rank] / svd.sizes[:rank, None]) / svd.norms
+    errors = sizes * np.sqrt(np.sum(inverse[:, :count] ** 2, axis=0))
+    return list(zip((-x[:count]).tolist(), (_CORRELATED * errors).tolist(), strict=True))
+
+
+_CORRELATED = 1.5
+"""Standard errors for autocorrelated rows over those for white noise, for rows this far apart."""
 
 _INDEPENDENT, _SURE = 10, 5.0
 """Independent rows of a log, at least, and multiple of the standard error of an offset."""

@@ -114,9 +114,17 @@ def with_warnings(estimate: Estimate, joint: str, qr_factor: QRFactor | None) ->
             if PARAMETERS[name].starts:  # found by a search: not due to a wrong sign in the log
                 message = f"{text} is not distinguishable from zero: remove its term"
                 warnings.append(Finding("needless-term", message, joint, "note", evidence))
+            elif name == "coulomb_friction" and "stiffness" in estimate.names:
+                play = abs(value / estimate.value("stiffness"))
+                message = (
+                    f"{text} is negative, {value:.3g}: the joint encoder, or the spring, has play "
+                    f"or hysteresis, at least {play:.2g} (torque of the motor over stiffness)"
+                )
+                severity: Severity = "doubtful" if value < -_SURE * error else "note"
+                warnings.append(Finding("loose-encoder", message, joint, severity, evidence))
             else:
                 message = f"{text} is negative, {value:.3g}: check signs and offsets of the log"
-                severity: Severity = "doubtful" if value < -_SURE * error else "note"
+                severity = "doubtful" if value < -_SURE * error else "note"
                 warnings.append(Finding("negative-parameter", message, joint, severity, evidence))
     return replace(estimate, warnings=tuple(warnings))
 

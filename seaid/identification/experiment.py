@@ -16,7 +16,7 @@ import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid.estimation import RANK_TOLERANCE, scaled_svd
-from seaid.log import Motion, in_band_at, row_samples
+from seaid.log import Motion, in_band, in_band_at, row_samples
 from seaid.regressor import INPUT_FIELDS, regressor_at_drives
 from seaid.robot import Robot, torques_at_drives
 
@@ -37,9 +37,9 @@ class Experiment:
 
     `run` (R,): number of the motion; `rate_hz`: sampling rate; `motor` and `joint` (3, R, n):
     position, velocity and acceleration of both sides; `direction` (R, n): the sign of the motor
-    speed; `torque` and `sensed` (R, n): of motor and joint, NaN without the sensor; `both` (n,):
-    whether both encoders were logged; `ratio`, `inertia` (n,): gear ratios and rotor inertias;
-    `bodies` (10n,): standard parameters with payloads.
+    speed; `torque`, its derivative `torque_rate`, and `sensed` (R, n): of motor and joint, NaN
+    without the sensor; `both` (n,): whether both encoders were logged; `ratio`, `inertia` (n,):
+    gear ratios and rotor inertias; `bodies` (10n,): standard parameters with payloads.
     """
 
     robot: Robot
@@ -49,6 +49,7 @@ class Experiment:
     joint: Array
     direction: Array
     torque: Array
+    torque_rate: Array
     sensed: Array
     both: Array
     ratio: Array
@@ -188,7 +189,7 @@ def experiment_of(robot: Robot, motions: Sequence[Motion]) -> Experiment:
     windows = [part for parts in split for part in parts]
     numbers = np.repeat(np.arange(len(split)), [len(parts) for parts in split])
     parts = [_sampled(robot, part, max(1, INSTANTS // len(windows))) for part in windows]
-    motor, joint, direction, torque, sensed = (
+    motor, joint, direction, torque, rate, sensed = (
         np.concatenate(one, axis=-2) for one in zip(*parts, strict=True)
     )
     drives = robot.drives.values()
@@ -200,7 +201,7 @@ def experiment_of(robot: Robot, motions: Sequence[Motion]) -> Experiment:
     if not np.any(robot.parameters):
         bodies = np.full_like(bodies, np.nan)  # a robot file without inertias
     run, rate_hz = np.repeat(numbers, [len(one[2]) for one in parts]), motions[0].rate_hz
-    signals = motor, joint, direction, torque, sensed
+    signals = motor, joint, direction, torque, rate, sensed
     return Experiment(robot, run, rate_hz, *signals, both, ratio, inertia, bodies)
 
 
@@ -224,14 +225,12 @@ def _sampled(robot: Robot, motion: Motion, most: int) -> tuple[Array, ...]:
         for side in ("motor", "joint")
     ]
     motor, joint = (np.stack([filtered(one) for one in side]) for side in sides)
-    torques = [
-        np.where(np.isnan(one[0]), np.nan, filtered(np.nan_to_num(one)))
-        for one in (
-            _of_motors(robot, motion),
-            torques_at_drives(robot.transmission, motion.joint_torque),
-        )
-    ]
-    return motor, joint, filtered(np.sign(speed)), *torques
+    of_motors = _of_motors(robot, motion)
+    torque = np.where(np.isnan(of_motors[0]), np.nan, in_band(motion, np.nan_to_num(of_motors)))
+    rate = np.gradient(torque, motion.time, axis=0)[rows]
+    sensed = torques_at_drives(robot.transmission, motion.joint_torque)
+    sensed = np.where(np.isnan(sensed[0]), np.nan, filtered(np.nan_to_num(sensed)))
+    return motor, joint, filtered(np.sign(speed)), torque[rows], rate, sensed
 
 
 def _of_motors(robot: Robot, motion: Motion) -> Array:

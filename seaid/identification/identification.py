@@ -22,6 +22,7 @@ from seaid.identification.adequacy import (
     consequences,
     explained,
     fit_findings,
+    is_wrong,
     joint_fits,
     unused_findings,
     verdict_of,
@@ -288,7 +289,8 @@ def identify(
             robot, datasets, model, found, solver, encoder_offset_std, executor
         )
     motions = [first_motion(one) for one in datasets]
-    findings += sensitivity_findings(robot, motions, model, found, estimator)
+    if not is_wrong(findings):
+        findings += sensitivity_findings(robot, motions, model, found, estimator)
     if robot is not given:
         found = replace(found, drives=with_fixed_warnings(found.drives, given, robot))
     consistent = _feasible(robot, model, found) if feasible else None

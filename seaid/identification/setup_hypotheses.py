@@ -198,6 +198,7 @@ def scaled(given: Experiment, j: int, factors: dict[str, float]) -> Experiment:
         motor=given.motor * factor["m"],
         direction=given.direction * np.sign(factor["m"]),
         torque=given.torque * factor["t"],
+        torque_rate=given.torque_rate * factor["t"],
         sensed=given.sensed * factor["t"],
     )
 
@@ -263,7 +264,7 @@ def _positions(given: Experiment, j: int) -> Iterator[Hypothesis]:
             f"the positions of {joint} are in {unit}",
             partial(scaled, j=j, factors=dict.fromkeys("qm", factor)),
             joint,
-            _entry(given, j, _quantities(given, j, sides), f'unit = "{unit}"'),
+            _entry(given, j, _quantities(given, j, sides), f"scale = {factor:.10g}"),
         )
     if given.both[j]:
         yield from _encoders(given, j)
@@ -309,7 +310,7 @@ def _encoders(given: Experiment, j: int) -> Iterator[Hypothesis]:
                     f"the {_WORDS[channel]} of {joint} is in {unit}",
                     partial(scaled, j=j, factors={channel: factor}),
                     joint,
-                    _entry(given, j, _quantities(given, j, channel), f'unit = "{unit}"'),
+                    _entry(given, j, _quantities(given, j, channel), f"scale = {factor:.10g}"),
                     evidence={"slope between the encoders over the gear ratio": slope},
                 )
     for factor in _near(slope):
@@ -397,7 +398,7 @@ def _factor(
     unit = min(_UNITS, key=lambda name: abs(math.log(slope / _UNITS[name])))
     is_unit = abs(math.log(slope)) > math.log(_FAR_FACTOR)
     exact = is_unit and abs(math.log(slope / _UNITS[unit])) < math.log(2.0)
-    keys = f'unit = "{unit}"' if exact else f"scale = {1 / slope:.4g}"
+    keys = f"scale = {1 / _UNITS[unit]:g}" if exact else f"scale = {1 / slope:.4g}"
     text = f"in {unit}" if exact else f"{slope:.3g} times too large"
 
     undo = partial(
@@ -441,7 +442,9 @@ def swapped(given: Experiment, pair: list[int], channels: str) -> Experiment:
     if "m" in channels:
         found = replace(found, motor=found.motor[:, :, order], direction=found.direction[:, order])
     if "t" in channels:
-        found = replace(found, torque=found.torque[:, order], sensed=found.sensed[:, order])
+        torque, rate = found.torque[:, order], found.torque_rate[:, order]
+        sensed = found.sensed[:, order]
+        found = replace(found, torque=torque, torque_rate=rate, sensed=sensed)
     if "q" in channels:
         joint = found.joint[:, :, order]
         for one in pair:  # the side without an encoder was computed from the motor's
@@ -482,10 +485,13 @@ def _bodies(given: Experiment) -> Iterator[Hypothesis]:
     if not np.all(np.isfinite(given.bodies)) or not given.used:
         return
     if len(given.used) > 1:
-        slopes = [_slopes(given, j)[0] for j in given.used]
-        middle = float(np.median(slopes))
+        slopes, rotors = np.array([_slopes(given, j) for j in given.used]).T
+        middle, rotor = float(np.median(slopes)), _median(rotors)
         if middle > 0:
-            yield _factor(given, given.used, middle, "the torques of all joints", "")
+            # torques in another unit change the apparent rotor inertias too, masses do not
+            of_masses = rotor > 0 and abs(math.log(rotor)) < 0.5 * abs(math.log(middle))
+            every = _factor(given, given.used, middle, "the torques of all joints", "")
+            yield replace(every, penalty=1.0 if of_masses else 0.0)
             yield Hypothesis(
                 "nominal-values",
                 f"the torques are {middle:.3g} times those of the masses in the robot file: wrong "
@@ -501,6 +507,12 @@ def _bodies(given: Experiment) -> Iterator[Hypothesis]:
     yield from _payloads(given)
 
 
+def _median(values: Array) -> float:
+    """Return the median of the finite values, NaN for none."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else math.nan
+
+
 def _all_angles(given: Experiment) -> Iterator[Hypothesis]:
     """Yield units of the angles of all joints, at both sides or at one."""
     turning = [j for j in range(given.robot.n) if not given.robot.is_prismatic[j]]
@@ -514,7 +526,7 @@ def _all_angles(given: Experiment) -> Iterator[Hypothesis]:
                     "unit",
                     f"the {words} of all joints are in {unit}",
                     partial(_all_scaled, joints=joints, factors=dict.fromkeys(channels, factor)),
-                    remedy=_entries(given, joints, channels, f'unit = "{unit}"'),
+                    remedy=_entries(given, joints, channels, f"scale = {factor:.10g}"),
                 )
 
 
@@ -546,6 +558,7 @@ def _times(given: Experiment) -> Iterator[Hypothesis]:
 
 
 def _with_time(given: Experiment, factor: float) -> Experiment:
+    given = replace(given, torque_rate=factor * given.torque_rate)
     powers = np.array([1.0, factor, factor**2])[:, None, None]
     rate = given.rate_hz * factor
     return replace(given, joint=powers * given.joint, motor=powers * given.motor, rate_hz=rate)
@@ -596,13 +609,16 @@ def _best_gravity(given: Experiment) -> Array | None:
         regressor_at_drives(_with_gravity(given, size * axis).robot, *zero) @ given.bodies
         for axis in np.eye(3)
     ]
-    still_part = regressor_at_drives(given.robot, *zero) @ given.bodies
-    moving = given.regressor @ given.bodies - still_part
     A = np.column_stack([_without_friction(given, one) for one in columns])
-    found = scaled_svd(A).solve(_without_friction(given, given.target - moving), 1e-4)
+    left = _without_friction(given, given.target - given.regressor @ given.bodies)
+    now = np.array(given.robot.model.gravity.linear) / size
+    found = now + scaled_svd(A).solve(left, _SEEN)  # what the motion does not show stays as given
     norm = float(np.linalg.norm(found))
     return np.asarray(found / norm) if norm > 0.3 else None
 
+
+_SEEN = 0.05
+"""Singular value, over the largest, of a direction of gravity that the motion shows."""
 
 _LENGTH_STEP, _LEAST_LENGTH = 0.01, 0.03
 

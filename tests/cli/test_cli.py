@@ -281,7 +281,7 @@ def test_check_names_a_mistake_and_fails_on_request(arm: Path, tmp_path: Path) -
     said = run("check", *robot_and_drives(arm), wrong, "--fail-on", "doubtful")
     assert said.code == 3
     assert "! unit: the torques of all joints are in mNm" in said.out
-    assert '    motor_torque = { column = "elbow.motor_torque_Nm", unit = "mNm" }' in said.out
+    assert '    motor_torque = { column = "elbow.motor_torque_Nm", scale = 0.001 }' in said.out
     content = json.loads(run("check", *robot_and_drives(arm), wrong, "--json").out)
     assert [(one["code"], one["severity"]) for one in content["warnings"]] == [("unit", "wrong")]
     assert set(content["joints"]) == {"shoulder", "elbow"}

@@ -12,7 +12,7 @@ import pytest
 import seaid
 from seaid._arrays import Array
 from seaid.errors import CODES, Finding, SeaidError, by_severity
-from seaid.log.log import UNIT_FACTORS, Log
+from seaid.log.log import Log
 from seaid.robot.robot import Payload, Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import (
@@ -63,8 +63,7 @@ def described(log: Log, remedy: str, number: int = 0) -> Log:
     found = {name: values.copy() for name, values in log.sensors().items()}
     for joint, entries in tomllib.loads(text)["joints"].items():
         for quantity, source in entries.items():
-            factor = {**UNIT_FACTORS["rad"], **UNIT_FACTORS["Nm"]}[source.get("unit", "rad")]
-            factor *= source.get("sign", 1) * source.get("scale", 1.0)
+            factor = source.get("sign", 1) * source.get("scale", 1.0)
             values = factor * columns[source["column"]] + source.get("offset", 0.0)
             found[quantity][:, log.joint_names.index(joint)] = values
     return replace(log, **found)
@@ -115,9 +114,9 @@ def test_torques_in_another_unit(case: str, unit: str, factor: float) -> None:
     for wrong in (of_joint(log, 2, motor_torque=factor), changed(log, {"motor_torque": factor})):
         finding = worst(robot, wrong)
         assert finding.code == "unit"
-        assert f'unit = "{unit}"' in finding.remedy
-        if unit in UNIT_FACTORS["Nm"]:
-            assert seaid.check(robot, described(wrong, finding.remedy)).warnings == ()
+        assert unit in finding.message
+        assert f"scale = {1 / factor:g} }}" in finding.remedy
+        assert seaid.check(robot, described(wrong, finding.remedy)).warnings == ()
 
 
 @pytest.mark.parametrize("channels", ["q", "m", "qm"])
@@ -158,6 +157,18 @@ def test_a_gear_ratio_and_a_rotor_inertia_that_the_motion_contradicts(joint: str
     assert (finding.code, finding.joint) == ("rotor-inertia", joint)
     value = float(finding.remedy.rsplit("=", 1)[1])
     assert value == pytest.approx(inertia, rel=0.2)
+
+
+@pytest.mark.parametrize("delay_s", [0.005, 0.02, -0.01])
+@pytest.mark.parametrize("case", CASES)
+def test_torques_that_are_late(case: str, delay_s: float) -> None:
+    robot, log = CASES[case][0](), CASES[case][1]()
+    late = [np.interp(log.time - delay_s, log.time, one) for one in log.motor_torque.T]
+    finding = worst(robot, replace(log, motor_torque=np.transpose(late)))
+    assert (finding.code, finding.severity) == ("delay", "doubtful")
+    errors = finding.evidence["standard error [s]"]
+    assert abs(finding.evidence["delay [s]"] - delay_s) < max(3 * errors, 5e-4)
+    assert finding.remedy.count("delay_s = ") == robot.n
 
 
 def with_gravity(robot: Robot, *gravity: float) -> Robot:
