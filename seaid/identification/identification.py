@@ -64,6 +64,7 @@ from seaid.identification.nonlinear_terms import with_fixed_warnings
 from seaid.identification.physical.consistency import FeasibleParameters, feasible_parameters
 from seaid.identification.sensitivity import sensitivity_findings
 from seaid.identification.simultaneous import estimate_simultaneous
+from seaid.identification.transmission_error import periodic_findings
 from seaid.identification.two_step import RobotEstimate, estimate_two_step, joints_with_torque
 from seaid.log import Log, Motion, Processing, stretches, usable
 from seaid.regressor import (
@@ -158,7 +159,7 @@ class Identification(Result):
         feasible = () if self.feasible is None else (self.feasible,)
         parts = (*self.drives.values(), self.load, *feasible, *self.processing)
         own = [warning for one in parts for warning in one.warnings]
-        of_fit = [*own, *unused_findings(self), *gear_findings(self)]
+        of_fit = [*own, *unused_findings(self), *gear_findings(self), *periodic_findings(self)]
         return by_severity([*self.findings, *consequences(self.findings, of_fit)])
 
     @cached_property

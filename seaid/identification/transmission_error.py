@@ -1,0 +1,182 @@
+"""Errors of the gear that are periodic: found in the residual of (10), and named as terms.
+
+Orders of motor, joint and mesh angle are tried as columns next to those of the drive, one by one,
+by the criterion and the prediction of excluded blocks that decide on all terms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from seaid._arrays import Array, IndexArray
+from seaid.errors import Finding, IdentificationError
+from seaid.estimation import Alternative, best_supported, compare_models, scaled_svd
+from seaid.log import in_band_at
+from seaid.regressor import (
+    actuator_equation,
+    actuator_regression,
+    actuator_rows,
+    motor_regressor,
+    stacked,
+)
+
+if TYPE_CHECKING:
+    from seaid.identification.identification import Identification
+    from seaid.log import Motion
+    from seaid.regressor import Regression
+
+_Order = tuple[str, int]
+
+_ORDERS = [
+    *(("motor", order) for order in (1, 2, 3, 4, 6)),
+    *(("joint", order) for order in (1, 2, 3, 4, 5, 6, 8, 10, 12)),
+    *(("mesh", order) for order in (1, 2)),
+]
+"""Orders that are tried: turns and poles of the motor, turns of the joint, and the two lobes of
+strain-wave gears. Higher orders of the motor turn faster than a cutoff lets pass."""
+
+_LEAST_PERIODS = 0.5
+"""An error is tried if the motion covers so many of its periods; less is a bend of the spring."""
+
+_LEAST_LEFT = 0.1
+"""Least part of a column that the low pass and the other columns leave, to be tried at all."""
+
+_DOUBTFUL_SHARE = 0.3
+"""Share of the residual that orders must explain to make a result doubtful."""
+
+_MOST_ORDERS = 4
+
+
+def periodic_findings(found: Identification) -> tuple[Finding, ...]:
+    """Return findings on joints whose residual of (10) is periodic in motor, joint or mesh."""
+    joints = [joint for joint in found.known.elastic_joints if joint in found.drive_side]
+    findings = (_finding(found, joint) for joint in joints if found.motions)
+    return tuple(one for one in findings if one is not None)
+
+
+def _finding(found: Identification, joint: str) -> Finding | None:
+    rows = stacked([actuator_regression(found.known, one, joint) for one in found.motions])
+    if not set(rows.names) <= set(found.drive_side[joint].names):
+        return None
+    columns = _columns(found, joint)
+    basis = np.linalg.qr(rows.H / np.maximum(np.linalg.norm(rows.H, axis=0), 1e-300))[0]
+    selected: dict[_Order, float] = {}
+    whole = residual = _beside(basis, rows.y)
+    while len(selected) < _MOST_ORDERS:
+        tried = {order: pair for order, pair in columns.items() if _is_left(basis, pair)}
+        best = _supported(rows, tried, len(_ORDERS))
+        if best is None:
+            break
+        pair = columns.pop(best)
+        rows = replace(
+            rows,
+            names=(*rows.names, *(f"{best} {part}" for part in ("cos", "sin"))),
+            units=(*rows.units, "", ""),
+            H=np.hstack([rows.H, pair]),
+        )
+        own = _beside(basis, pair)
+        selected[best] = float(np.linalg.norm(scaled_svd(own).solve(residual)))
+        basis = np.linalg.qr(np.hstack([basis, own]))[0]
+        residual = _beside(basis, rows.y)
+    if not selected:
+        return None
+    share = 1 - float(residual @ residual) / float(whole @ whole)
+    return _named(found, joint, list(selected), share, max(selected.values()))
+
+
+def _supported(rows: Regression, columns: Mapping[_Order, Array], asked: int) -> _Order | None:
+    """Return the best order that criterion and prediction support, None without any."""
+    try:
+        alternatives = [Alternative(pair, 2) for pair in columns.values()]
+        place = best_supported(compare_models(rows, np.ones(1), alternatives, asked))
+    except IdentificationError:  # too few rows
+        return None
+    return None if place is None else list(columns)[place]
+
+
+def _columns(found: Identification, joint: str) -> dict[_Order, Array]:
+    """Return cosine and sine (R, 2) of the orders that the drive lacks and the motion covers."""
+    parts = [_angles(found, motion, joint) for motion in found.motions]
+    drive = found.known.drives[joint]
+    own = {(one.angle, one.order) for one in drive.harmonics}
+    wide = {
+        name: max(float(np.ptp(angles[name])) for angles, _, _ in parts) for name in parts[0][0]
+    }
+    return {
+        (name, order): np.vstack(
+            [
+                in_band_at(motion, np.column_stack([np.cos(x), np.sin(x)]), kept)
+                for angles, kept, motion in parts
+                for x in [order * angles[name]]
+            ]
+        )
+        for name, order in _ORDERS
+        if name in wide
+        and (name, order) not in own
+        and order * wide[name] >= 2 * np.pi * _LEAST_PERIODS
+    }
+
+
+def _angles(
+    found: Identification, motion: Motion, joint: str
+) -> tuple[dict[str, Array], IndexArray, Motion]:
+    """Return the angles (T,) by name, the samples of the rows, and the motion."""
+    robot, drive = found.known, found.known.drives[joint]
+    regressor, signals = actuator_equation(robot, motion, joint)
+    kept, _ = actuator_rows(robot, motion, joint, regressor)
+    angles = {"motor": signals["theta_M"]}
+    if drive.joint_units[1] == "rad":
+        angles["joint"] = signals["theta_L"]
+    if np.ptp(signals["theta_M"]) / drive.ratio >= 2 * np.pi:  # else the same as the motor's
+        angles["mesh"] = signals["theta_M"] * (1 - 1 / drive.ratio)
+    return angles, kept, motion
+
+
+def _beside(basis: Array, columns: Array) -> Array:
+    """Return columns without their part in an orthonormal basis."""
+    return np.asarray(columns - basis @ (basis.T @ columns))
+
+
+def _is_left(basis: Array, pair: Array) -> bool:
+    full = np.sqrt(0.5 * len(pair))  # norm of a cosine over whole periods
+    left = np.abs(np.diag(np.linalg.qr(_beside(basis, pair))[1]))
+    return bool(np.min(left) > _LEAST_LEFT * full)
+
+
+def _is_motor_equation(found: Identification, joint: str) -> bool:
+    regressor, _ = actuator_equation(found.known, found.motions[0], joint)
+    return regressor is motor_regressor(found.known, joint)
+
+
+def _named(
+    found: Identification, joint: str, selected: Sequence[_Order], share: float, largest: float
+) -> Finding:
+    """Return the finding with the orders as TOML."""
+    drive = found.known.drives[joint]
+    is_error = joint not in found.gears and not drive.is_nonlinear_spring
+    field = "transmission_error" if is_error else "torque_ripple"
+    text = ", ".join(f"order {order} of the {angle}" for angle, order in selected)
+    evidence = {"share of the residual": share}
+    if is_error and "stiffness" in found.drive_side[joint].names:
+        lever = drive.motor_radius / drive.ratio if _is_motor_equation(found, joint) else 1.0
+        error = largest / (lever * found.drive_side[joint].value("stiffness"))
+        evidence["amplitude"] = error
+        text += f"; up to {1e3 * error:.2g} m{drive.spring_units[1]} between the encoders"
+    orders: dict[str, list[int]] = {}
+    own = [(one.angle, one.order) for one in drive.harmonics if one.field == field]
+    for angle, order in [*own, *selected]:
+        orders.setdefault(angle, []).append(order)
+    table = ", ".join(f"{angle} = {sorted(numbers)}" for angle, numbers in orders.items())
+    return Finding(
+        "transmission-error",
+        f"{share:.0%} of the residual of (10) of {joint} is periodic ({text}): an error of the "
+        "gear or its encoders, or ripple of the motor",
+        joint,
+        "doubtful" if share >= _DOUBTFUL_SHARE else "note",
+        evidence,
+        f"in the drives file:\n[{joint}]\n{field} = {{ {table} }}",
+    )
