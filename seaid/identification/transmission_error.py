@@ -40,7 +40,7 @@ _ORDERS = [
 strain-wave gears. Higher orders of the motor turn faster than a cutoff lets pass."""
 
 _LEAST_PERIODS = 0.5
-"""An order is tried if the motion covers so many of its periods; fewer are as a nonlinear spring."""
+"""An order is tried if the motion covers so many of its periods; fewer look like the spring."""
 
 _LEAST_LEFT = 0.1
 """Least part of a column that the low pass and the other columns leave, to be tried at all."""
