@@ -6,7 +6,7 @@ e(p) ~ e(p_0) + de/dp (p - p_0), which is a regressor as well.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -92,8 +92,9 @@ class DriveRegressor:
 
 def drive_regressor(equation: DriveEquation, drive: Drive, joint: str = "") -> DriveRegressor:
     """Derive the regressor of a drive's equation by Algorithm 1; if nonlinear, by derivatives."""
-    nonlinear = () if _hides_a_parameter(equation) else non_linear(equation)
-    if nonlinear and PARAMETER_NAMES.keys() >= set(nonlinear):
+    own = PARAMETER_NAMES.keys() | set(map(symbol_of, drive.parameter_names))
+    nonlinear = () if _hides_a_parameter(equation, own) else non_linear(equation)
+    if nonlinear and own >= set(nonlinear):
         row = tuple(_slope(equation.expression, symbol) for symbol in equation.unknowns)
         linear = {symbol: 0 for symbol in equation.unknowns if symbol not in nonlinear}
         zeta, parameters = -flat_names(equation.expression).subs(linear), equation.unknowns
@@ -107,15 +108,15 @@ def drive_regressor(equation: DriveEquation, drive: Drive, joint: str = "") -> D
         zeta=zeta,
         row=row,
         drive=drive,
-        non_linear=tuple(PARAMETER_NAMES[symbol] for symbol in nonlinear),
+        non_linear=tuple(PARAMETER_NAMES.get(symbol, str(symbol)) for symbol in nonlinear),
         joint=joint,
     )
 
 
-def _hides_a_parameter(equation: DriveEquation) -> bool:
+def _hides_a_parameter(equation: DriveEquation, own: Collection[sp.Symbol]) -> bool:
     """Whether an extra term has a parameter in a function, whose derivative may be slow."""
-    own = set(equation.unknowns) - set(PARAMETER_NAMES)
-    return any(own & one.free_symbols for one in equation.expression.atoms(sp.Function))
+    others = set(equation.unknowns) - set(own)
+    return any(others & one.free_symbols for one in equation.expression.atoms(sp.Function))
 
 
 @cache

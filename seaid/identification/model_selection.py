@@ -14,7 +14,7 @@ from functools import cached_property
 
 from seaid._arrays import FrozenMapping
 from seaid._progress import MOST_NAMES, Result, counted, track
-from seaid.drives import PARAMETERS, PARAMETERS_OF, Drive
+from seaid.drives import PARAMETERS_OF, Drive, parameter_named
 from seaid.errors import IdentificationError, checked, listed, unknown_name
 from seaid.estimation import (
     FittedRows,
@@ -255,7 +255,7 @@ def _fixed(drive: Drive) -> Drive:
     """
     if drive.is_elastic:
         return drive
-    shapes = (name for name in drive.parameter_names if PARAMETERS[name].starts)
+    shapes = (name for name in drive.parameter_names if parameter_named(name).starts)
     more = [name for name in shapes if name in drive.values and name not in drive.known]
     return replace(drive, known=(*drive.known, *more))
 

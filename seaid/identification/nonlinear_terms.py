@@ -23,6 +23,7 @@ from seaid.drives import (
     Drive,
     DriveRegressor,
     JointParameter,
+    parameter_named,
     readable,
     unit_of,
 )
@@ -322,17 +323,17 @@ def starts_of(
         return (drive.values[name],)
     if name == "deflection_zero":
         return (start[name], scale.middle)
-    parts = tuple(part * size_of(name, scale) for part in PARAMETERS[name].starts)
+    parts = tuple(part * size_of(name, scale) for part in parameter_named(name).starts)
     return parts or (start.get(name, 0.0),)
 
 
 def bounds_of(name: str, scale: Scale) -> tuple[float, float]:
     """Return the lower and upper search bound of a nonlinear parameter."""
-    if not PARAMETERS[name].starts:
-        return (0.0 if PARAMETERS[name].is_positive else -np.inf), np.inf
+    if not parameter_named(name).starts:
+        return (0.0 if parameter_named(name).is_positive else -np.inf), np.inf
     size = size_of(name, scale)
     middle = scale.middle if name == "deflection_zero" else 0.0
-    if PARAMETERS[name].is_positive:
+    if parameter_named(name).is_positive:
         return _LEAST * size, _MOST * size
     return middle - _MOST * size, middle + _MOST * size
 

@@ -254,3 +254,15 @@ def test_known_amplitudes_enter_the_known_side() -> None:
     log = measure(arm(), motion(), SENSORS, 0)
     names = identify(robot, log).drives["shoulder"].names
     assert "transmission_error_joint_3_sin" not in names
+
+
+def test_load_friction_of_a_spring_with_an_error() -> None:
+    """The amplitudes are inside |spring force| then, in which the equation is not linear."""
+    robot = truth().without_nominal()
+    shoulder = robot.drives["shoulder"]
+    friction = replace(shoulder, friction=("viscous", "coulomb", "load"))
+    robot = robot.with_drives({"shoulder": friction})
+    one = identify(robot, measure(arm(), motion(), SENSORS, 0)).drives["shoulder"]
+    assert one.value("stiffness") == pytest.approx(250.0, abs=1.0)
+    assert one.value("transmission_error_joint_3_sin") == pytest.approx(2e-3, rel=0.1)
+    assert abs(one.value("load_friction")) < 3 * one.standard_error("load_friction")
