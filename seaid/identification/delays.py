@@ -37,6 +37,18 @@ from seaid.robot import Robot
 SIGNIFICANT = 4.0
 """A delay above this many standard errors is significant."""
 
+_WIDTHS = (0.02, 0.1, 0.3)
+"""Widths of free friction, as shares of the largest speed."""
+
+_BLOCKS = 6
+"""Blocks of a log, whose delays must agree within their errors."""
+
+_INDEPENDENT = 0.5
+"""Share of independent rows: two per period of the cutoff, of four."""
+
+_LEAST_EXPLAINED = 0.5
+"""A delay is determined only if its relation explains this share of the channel's power."""
+
 _TRIALS = 41
 _WIDER = 2.0
 _WHAT = "the delay of a channel"
@@ -107,9 +119,10 @@ def estimate_delays(
     significant delays of positions corrected, torques: the motor torque of an elastic joint with
     (10), that of a stiff one with (8), and a measured spring torque with the deflection. Each delay
     minimises the residual of that linear model below the cutoff (variable projection, Golub and
-    Pereyra 1973). Missing terms of the model may look like a delay: viscous friction on the load
-    side of an elastic joint looks like a late motor position. Of a log with gaps in time the
-    longest stretch is used.
+    Pereyra 1973). Torques may have friction of other widths than the model. A relation that
+    explains less than half of its channel determines no delay. Viscous friction on the load side of
+    an elastic joint, which the model lacks, looks like a late motor position. Of a log with gaps in
+    time the longest stretch is used.
 
     Parameters
     ----------
@@ -238,6 +251,7 @@ def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Relation]:
         moving = rows[~standstill(motion, index)[rows]]
         motor = by_name["tau_M"]
         force = sensed_torque(robot, motion, index)
+        friction = _free_friction(motion.motor_velocity[:, index], drive.is_elastic)
         if np.all(np.isfinite(motor)):
             if drive.is_elastic:
                 regressor, zeta, columns = actuator_columns(robot, motion, joint)
@@ -247,6 +261,7 @@ def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Relation]:
                 zeta, columns = regressor.evaluate(by_name)
                 bodies = regressor_at_drives(robot, *motion.joint_states)[:, index]
                 columns, against = np.column_stack([columns, bodies]), "the motion"
+            columns = np.column_stack([columns, friction])
             rest = regressor.evaluate(by_name | {"tau_M": nothing})[0]
             yield _Relation(joint, "motor_torque", against, zeta - rest, rest, columns, moving)
         if np.all(np.isfinite(force)):
@@ -255,10 +270,22 @@ def _of_torques(robot: Robot, motion: Motion) -> Iterator[_Relation]:
                 stretch = stretch - drive.load_radius * by_name["theta_L"]
                 columns, against = np.column_stack([nothing + 1, stretch]), "its deflection"
             else:
-                friction = motor_regressor(robot, joint).evaluate(by_name)[1]
+                own = motor_regressor(robot, joint).evaluate(by_name)[1]
                 bodies = regressor_at_drives(robot, *motion.joint_states)[:, index]
-                columns, against = np.column_stack([friction, bodies]), "the motion"
+                columns, against = np.column_stack([own, bodies, friction]), "the motion"
             yield _Relation(joint, "joint_torque", against, force, nothing, columns, moving)
+
+
+def _free_friction(speed: Array, is_elastic: bool) -> Array:
+    """Return friction (T, any) of several widths, and quadratic, for friction that a model lacks.
+
+    A stiff joint gets one width only: more columns double its false delays, because its bodies have
+    most columns already (six logs of the leg).
+    """
+    fastest = float(np.max(np.abs(speed))) or 1.0
+    widths = _WIDTHS if is_elastic else _WIDTHS[1:2]
+    columns = [np.tanh(speed / (width * fastest)) for width in widths]
+    return np.column_stack([*columns, *([speed * np.abs(speed)] if is_elastic else [])])
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,32 +306,49 @@ class _Shifted:
         """Return the sum of squared residuals for a delay."""
         return float(np.sum(self.fit(delay)[1] ** 2))
 
-    def standard_error(self, found: float) -> float | None:
-        """Return the standard error of the best delay, None if the delay has no effect."""
-        basis, residual = self.fit(found)
-        shifted, rates = self.spline(self.time - found), self.spline(self.time - found, 1)
+    def step(self, at: float) -> tuple[float, float, float]:
+        """Return the Gauss-Newton step of the delay, its standard error, and the curvature.
+
+        The step is the score over the curvature: nearly zero at the best delay, and at zero the
+        first estimate of a small one. The error has autocorrelation, the parameters that were
+        fitted (two rows per period of the cutoff are independent), and the disagreement of blocks.
+        """
+        basis, residual = self.fit(at)
+        shifted, rates = self.spline(self.time - at), self.spline(self.time - at, 1)
         svd = scaled_svd(shifted[:, 1:], _WHAT, LogError)
-        theta = svd.solve(self.channel + shifted[:, 0])
+        target = self.channel + shifted[:, 0]
+        theta = svd.solve(target)
         slope = _residual(basis, rates[:, 1:] @ theta - rates[:, 0])
-        curvature = float(slope @ slope)
-        if curvature <= 0:
-            return None
-        scores = newey_west((slope * residual)[:, None], self.time, np.zeros(len(self.time)))
-        error = math.sqrt(float(scores[0, 0])) / curvature
-        # a minimum of the noise has curvature too: the likelihood ratio against no delay,
-        # delay^2 / variance, must confirm it
-        ratio = max(self.cost(0.0) - self.cost(found), 0.0) / float(scores[0, 0]) * curvature
-        return max(error, abs(found) / math.sqrt(ratio)) if ratio > 0 else math.inf
+        curvature, power = float(slope @ slope), float(np.sum((target - np.mean(target)) ** 2))
+        free = 1.0 - basis.shape[1] / (_INDEPENDENT * len(target))
+        if curvature <= 0 or free <= 0 or residual @ residual > (1 - _LEAST_EXPLAINED) * power:
+            return 0.0, math.inf, curvature
+        step = -float(slope @ residual) / curvature
+        terms = slope * (residual + step * slope)  # after the step
+        scores = newey_west(terms[:, None], self.time, np.zeros(len(self.time)))
+        # sums over B blocks have together that variance, if they are independent (Birge 1932)
+        blocks = sum(float(np.sum(one)) ** 2 for one in np.array_split(terms, _BLOCKS))
+        variance = max(float(scores[0, 0]), blocks) / free
+        return step, math.sqrt(variance) / curvature, curvature
+
+    def standard_error(self, found: float) -> float:
+        """Return the standard error of the best delay, infinite if it is not determined."""
+        _, error, curvature = self.step(found)
+        fall = self.cost(0.0) - self.cost(found)
+        if not math.isfinite(error) or fall <= 0:
+            return math.inf
+        # a minimum of the noise has curvature too: the fall of the cost from no delay, which is
+        # delay^2 curvature if the cost is quadratic, must confirm it
+        return error * max(1.0, abs(found) * math.sqrt(curvature / fall))
 
 
-def _fitted(motion: Motion, relation: _Relation, largest_s: float) -> Delay:
-    """Return the delay that minimises the residual of a relation below the cutoff.
+def _shifted(motion: Motion, relation: _Relation, largest_s: float) -> _Shifted:
+    """Return the rows of a relation below the cutoff, with the side to be shifted as a spline.
 
     The channel is kept and the other side is shifted, so that the noise of the channel is the same
     for all trial delays and does not count as excitation.
     """
     from scipy.interpolate import make_interp_spline
-    from scipy.optimize import minimize_scalar
 
     time = motion.time
     band = in_band(motion, np.column_stack([relation.values, relation.rest, relation.columns]))
@@ -312,7 +356,14 @@ def _fitted(motion: Motion, relation: _Relation, largest_s: float) -> Delay:
     rows = rows[(time[rows] > time[0] + largest_s) & (time[rows] < time[-1] - largest_s)]
     sizes = np.linalg.norm(band[:, 2:], axis=0)
     model = np.column_stack([band[:, 1], band[:, 2:][:, sizes > 0] / sizes[sizes > 0]])
-    shifted = _Shifted(time[rows], band[rows, 0], make_interp_spline(time, model, k=5))
+    return _Shifted(time[rows], band[rows, 0], make_interp_spline(time, model, k=5))
+
+
+def _fitted(motion: Motion, relation: _Relation, largest_s: float) -> Delay:
+    """Return the delay that minimises the residual of a relation below the cutoff."""
+    from scipy.optimize import minimize_scalar
+
+    shifted = _shifted(motion, relation, largest_s)
     trials = np.linspace(-largest_s, largest_s, _TRIALS)
     best = int(np.argmin([shifted.cost(trial) for trial in trials]))
     unknown = Delay(relation.joint, relation.channel, relation.against, 0.0, math.inf)
@@ -322,7 +373,21 @@ def _fitted(motion: Motion, relation: _Relation, largest_s: float) -> Delay:
     options = {"xatol": 1e-7}
     found = float(minimize_scalar(shifted.cost, bounds=ends, method="bounded", options=options).x)
     error = shifted.standard_error(found)
-    return unknown if error is None else replace(unknown, delay_s=found, standard_error_s=error)
+    return replace(unknown, delay_s=found, standard_error_s=error) if error < math.inf else unknown
+
+
+def delay_scores(robot: Robot, motion: Motion) -> tuple[Delay, ...]:
+    """Return the delays of `estimate_delays` to first order, without a search, from a motion.
+
+    Each is one Gauss-Newton step from no delay: the score of the column d tau / dt over its
+    curvature. Late positions are not corrected before the torques are looked at.
+    """
+    found = []
+    for relation in (*_of_positions(robot, motion), *_of_torques(robot, motion)):
+        step, error, _ = _shifted(motion, relation, 0.0).step(0.0)
+        delay = Delay(relation.joint, relation.channel, relation.against, step, error)
+        found.append(delay)
+    return tuple(found)
 
 
 def _residual(basis: Array, signal: Array) -> Array:

@@ -13,7 +13,8 @@ from scipy.interpolate import CubicSpline
 
 import seaid
 from seaid.errors import LogError
-from seaid.identification.delays import Delay, correct_delays, estimate_delays
+from seaid.identification.delays import Delay, correct_delays, delay_scores, estimate_delays
+from seaid.log.motion import reconstruct_motions
 from seaid.log.reading import Log
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import Noise, measure
@@ -83,6 +84,28 @@ def test_a_late_motor_torque_is_found(joint: str, delay: float) -> None:
     )
     assert found.delay_s == pytest.approx(delay, abs=3e-4)
     assert found.is_significant
+
+
+@pytest.mark.parametrize("delay", [0.001, 0.005, 0.02])
+@pytest.mark.parametrize("joint", ["hip_roll", "hip_pitch", "knee_pitch"])
+def test_a_late_torque_is_found_within_two_standard_errors(joint: str, delay: float) -> None:
+    log = late_log({(joint, "motor_torque"): delay}, torque_std=5e-3)
+    found = of(estimate_delays(known(), log), joint, "motor_torque")
+    assert found.delay_s == pytest.approx(delay, abs=2 * found.standard_error_s)
+    assert found.standard_error_s < 0.005
+    (motion,) = reconstruct_motions(known(), log)
+    score = of(delay_scores(known(), motion), joint, "motor_torque")
+    assert score.delay_s == pytest.approx(delay, abs=2 * score.standard_error_s)
+    assert score.standard_error_s < 0.006
+
+
+def test_a_relation_that_explains_little_determines_no_delay() -> None:
+    log = late_log({})
+    noise = np.random.default_rng(0).normal(0.0, 5.0, log.motor_torque.shape)
+    found = estimate_delays(known(), replace(log, motor_torque=log.motor_torque + noise))
+    torques = [one for one in found if one.channel == "motor_torque"]
+    assert [math.isinf(one.standard_error_s) for one in torques] == [True] * 5
+    assert "not determined" in str(torques[0])
 
 
 def test_a_late_torque_of_a_stiff_drive_is_found_as_well_as_it_says() -> None:
