@@ -161,9 +161,10 @@ def _named(
     field = "transmission_error" if is_error else "torque_ripple"
     text = ", ".join(f"order {order} of the {angle}" for angle, order in selected)
     evidence = {"share of the residual": share}
-    if is_error and "stiffness" in found.drive_side[joint].names:
+    estimate = found.drive_side[joint]
+    if is_error and "stiffness" in estimate.names and estimate.value("stiffness") > 0:
         lever = drive.motor_radius / drive.ratio if _is_motor_equation(found, joint) else 1.0
-        error = largest / (lever * found.drive_side[joint].value("stiffness"))
+        error = largest / (lever * estimate.value("stiffness"))
         evidence["amplitude"] = error
         text += f"; up to {1e3 * error:.2g} m{drive.spring_units[1]} between the encoders"
     orders: dict[str, list[int]] = {}
