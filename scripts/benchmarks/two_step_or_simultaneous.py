@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -19,9 +19,16 @@ import numpy as np
 import seaid
 from seaid._arrays import Array
 from seaid._progress import track
+from seaid.drives import FrictionTerm
 from seaid.estimation.estimate import Estimate
+from seaid.estimation.fitting import estimator_named
 from seaid.estimation.least_squares import weighted
-from seaid.identification.simultaneous import settled, simultaneous_regression, split_estimate
+from seaid.identification.simultaneous import (
+    estimation,
+    settled,
+    simultaneous_regression,
+    split_estimate,
+)
 from seaid.log.motion import Motion, reconstruct_motion
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import offset_sensitivity
@@ -50,7 +57,7 @@ def three_ways(known: seaid.Robot, log: seaid.Log, zero_std: float) -> tuple[Arr
     regress = partial(simultaneous_regression, known, model=first.model, springs=springs)
     rows = offset_sensitivity(known, motion, regress, start)
     zeros = zero_std**2 * np.eye(known.n)
-    both, _ = settled(known, rows, start, lambda one: weighted(one, zeros))
+    both, _ = settled(known, rows, start, estimation(estimator_named("wls"), zeros))
     free = weighted(spring_free(known, rows), zeros)
     sequential = first.drives, first.load
     found = [
@@ -146,6 +153,102 @@ def study(foot: str, bits: int, motion: Motion, runs: int, zero_std: float) -> l
     ]
 
 
+@dataclass(frozen=True)
+class Mistake:
+    """What the model or the experimenter does not know: in the plant, in the log, in the offsets."""
+
+    name: str
+    friction: tuple[FrictionTerm, ...] = ("viscous", "coulomb")
+    torque_offset_Nm: float = 0.0
+    ripple_rad: float = 0.0
+    encoder_offset_rad: float = 0.0
+    encoder_offset_std: float = 0.0
+
+
+MISTAKES = (
+    Mistake("none"),
+    Mistake("torque offset .5 mN m", torque_offset_Nm=5e-4),
+    Mistake("torque offset 2 mN m", torque_offset_Nm=2e-3),
+    Mistake("encoder offsets 2 mrad", encoder_offset_rad=2e-3),
+    Mistake("the same, given", encoder_offset_rad=2e-3, encoder_offset_std=2e-3),
+    Mistake("Stribeck 4 mN m", friction=("viscous", "coulomb", "stribeck")),
+    Mistake("gear error 1 mrad", ripple_rad=1e-3),
+)
+
+
+def plant(mistake: Mistake) -> seaid.Robot:
+    """Return the leg with the friction of a mistake."""
+    truth = load_leg((TEST_MASS,))
+    own = (
+        {"stribeck_friction": 4e-3, "stribeck_speed": 5.0} if "stribeck" in mistake.friction else {}
+    )
+    drives = {
+        joint: replace(drive, friction=mistake.friction, nominal={**drive.nominal, **own})
+        for joint, drive in truth.drives.items()
+    }
+    return truth.with_values(truth.parameters, drives)
+
+
+def logged(mistake: Mistake, motion: Motion, run: int) -> seaid.Log:
+    """Return the log of one draw of the sensors, with the errors of a mistake in the log."""
+    truth = load_leg((TEST_MASS,))
+    offsets = np.random.default_rng(run).normal(0, mistake.encoder_offset_rad, truth.n)
+    noise = replace(sensors(run), joint_offset_rad=tuple(offsets.tolist()))
+    log = measure(truth, motion, noise, run)
+    drives = truth.drives.values()
+    lever = np.array([one.ratio * one.load_radius / one.motor_radius for one in drives])
+    ripple = mistake.ripple_rad * np.sin(12 * log.joint_position)
+    return replace(
+        log,
+        motor_torque=log.motor_torque + mistake.torque_offset_Nm,
+        motor_position=log.motor_position + lever * ripple,
+    )
+
+
+def with_mistake(mistake: Mistake, trajectory: seaid.Trajectory, runs: int) -> list[list[str]]:
+    """Return a line per method: errors of springs, friction and load torque, and coverage."""
+    truth = load_leg((TEST_MASS,))
+    motion = simulate_motion(plant(mistake), trajectory, noise=sensors(0))
+    base = base_parameters(truth)
+    some = [state[::50] for state in motion.joint_states]
+    torques = base.reduce(rigid_body_regressor(truth, *some)).reshape(-1, len(base.columns))
+    drives = [truth.drives[key.split(" of ")[1]].values for key in KEYS]
+    true = [drive[key.split(" of ")[0]] for drive, key in zip(drives, KEYS, strict=True)]
+    exact = np.append(true, base.project(truth.parameters))
+    lines = []
+    for method in ("two-step", "simultaneous"):
+        found = [
+            seaid.identify(
+                truth.without_nominal(),
+                logged(mistake, motion, run),
+                method=method,
+                encoder_offset_std=mistake.encoder_offset_std,
+            )
+            for run in range(runs)
+        ]
+        values, errors = np.swapaxes([picked(one.drives, one.load) for one in found], 0, 1)
+        off, size = values - exact, np.abs(exact[: len(KEYS)])
+        rms = np.sqrt(np.mean(off[:, : len(KEYS)] ** 2, axis=0)) / size
+        held = np.abs(off) < 1.96 * errors
+        wrong = np.einsum("tp,dp->dt", torques, off[:, len(KEYS) :])
+        load = np.linalg.norm(wrong) / np.sqrt(runs) / np.linalg.norm(torques @ exact[len(KEYS) :])
+        parts = [float(np.median(rms[:3])), float(np.median(rms[3:])), float(load)]
+        parts += [float(np.mean(held[:, : len(KEYS)])), float(np.mean(held[:, len(KEYS) :]))]
+        lines.append([mistake.name, method, *map(percent, parts)])
+    return lines
+
+
+def compare_mistakes(runs: int) -> None:
+    """Print the table of mistakes."""
+    known = load_leg((TEST_MASS,)).without_nominal()
+    plan = seaid.design_excitation(known, DURATION_S, basis="polynomial", limits=LIMITS, seed=2)
+    rows: list[list[str]] = []
+    for mistake in track(MISTAKES, "mistakes", True):
+        rows += with_mistake(mistake, plan.trajectory, runs)
+    header = ["mistake", "method", "k", "friction", "torque", "95 %: drives", "base"]
+    print(table(f"TULip leg with test mass, {runs} draws", header, rows))
+
+
 def main(runs: int, zero_std: float) -> None:
     """Print one table."""
     known = load_leg((TEST_MASS,)).without_nominal()
@@ -167,5 +270,9 @@ if __name__ == "__main__":
     parser.add_argument(
         "--offset-std", type=float, default=0.002, help="of the joint encoder offsets, rad"
     )
+    parser.add_argument("--mistakes", action="store_true", help="errors of model and sensors")
     arguments = parser.parse_args()
-    main(arguments.runs, arguments.offset_std)
+    if arguments.mistakes:
+        compare_mistakes(arguments.runs)
+    else:
+        main(arguments.runs, arguments.offset_std)

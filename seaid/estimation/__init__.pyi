@@ -26,9 +26,11 @@ from .gauss_newton import joined as joined
 from .instrumental_variables import instrumental as instrumental
 from .least_squares import equal_weights as equal_weights
 from .least_squares import estimate_of as estimate_of
+from .least_squares import estimate_of_rows as estimate_of_rows
 from .least_squares import ordinary as ordinary
 from .least_squares import settled_weights as settled_weights
 from .least_squares import solve as solve
+from .least_squares import weights_at as weights_at
 from .model_comparison import Alternative as Alternative
 from .model_comparison import ModelComparison as ModelComparison
 from .model_comparison import best_supported as best_supported

@@ -162,6 +162,14 @@ def settled_weights(qr_factor: QRFactor) -> Array:
     return weights
 
 
+def weights_at(qr_factor: QRFactor, theta: Array) -> Array:
+    """Return the weights (E,) by the residuals at an estimate (p,), relative to the largest."""
+    target = np.linalg.norm(qr_factor.factors[:, :, -1]) / np.sqrt(max(qr_factor.count, 1))
+    std = qr_factor.residual_norms(theta) / np.sqrt(np.maximum(qr_factor.counts, 1))
+    std = np.maximum(std, _ROUNDING * max(float(target), 1e-300))
+    return np.asarray(np.max(std) / std)
+
+
 def _settled(
     qr_factor: QRFactor, equations: Orthonormal | None, norms: Array | None, least: Array
 ) -> tuple[Array, Array]:

@@ -26,7 +26,15 @@ import numpy as np
 from seaid._arrays import Array, IndexArray
 from seaid.drives import JointParameter
 from seaid.errors import IdentificationError
-from seaid.estimation import Estimate, Estimator, FittedRows, qr_factor_of
+from seaid.estimation import (
+    Estimate,
+    Estimator,
+    FittedRows,
+    estimate_of_rows,
+    qr_factor_of,
+    settled_weights,
+    weights_at,
+)
 from seaid.identification.datasets import Dataset, rows_in_memory
 from seaid.identification.drive_estimates import spring_of, with_warnings
 from seaid.identification.method_limits import check_simultaneous
@@ -51,6 +59,9 @@ SETTLED = 1e-3
 
 _ROUNDING = 1e-11
 """Part of the torque below which a change is negligible too, for logs without noise."""
+
+_HARMLESS, _PATIENCE = 1e-7, 10
+"""The same after so many iterations: without noise standard errors are too small to converge to."""
 
 _SPRING = ("stiffness", "spring_offset")
 
@@ -151,24 +162,46 @@ def _springs(
     return found
 
 
+Estimation = Callable[[Regression, Array], Estimate]
+"""An estimate from whitened rows, and the values (p,) near which they were whitened."""
+
+
+def estimation(estimator: Estimator, propagated: Array | None = None) -> Estimation:
+    """Return how an estimator solves whitened rows.
+
+    "wls" weights them by their residuals at the present values. Weights that settle in every
+    iteration have two solutions where the model lacks an effect at one joint, with the equation of
+    a neighbour fitted exactly or not, and the iteration would alternate between them.
+    """
+    if estimator.weigh is not settled_weights:
+        return lambda rows, theta: estimator.solve(rows, propagated)
+
+    def reweighted(rows: Regression, theta: Array) -> Estimate:
+        qr_factor = qr_factor_of(rows)
+        return estimate_of_rows(rows, qr_factor, weights_at(qr_factor, theta), propagated)
+
+    return reweighted
+
+
 def settled(
-    robot: Robot, rows: Regression, start: Array, estimate: Callable[[Regression], Estimate]
+    robot: Robot, rows: Regression, start: Array, estimate: Estimation
 ) -> tuple[Estimate, int]:
     """Solve rows of `simultaneous_regression` from a start (p,), such as the two-step estimate.
 
-    `estimate` is any estimator. Iterated until no parameter changes by more than a small part of
-    its standard error; also returns the number of iterations. Raises IdentificationError if the
-    iteration does not converge.
+    `estimate` is that of `estimation`. Iterated until no parameter changes by more than a small
+    part of its standard error; also returns the number of iterations. Raises IdentificationError
+    if the iteration does not converge.
     """
     theta = np.array(start, dtype=float)
     stiffness = [column for column, *_ in _springs(robot, rows)]
     if np.any(theta[stiffness] == 0):
         raise IdentificationError("the start has a stiffness of zero, which predicts no deflection")
     for iteration in range(1, MOST_ITERATIONS + 1):
-        found = estimate(whitened(robot, rows, theta))
+        found = estimate(whitened(robot, rows, theta), theta)
         moved = np.abs(found.values - theta)
         seen = np.linalg.norm(rows.H @ (found.values - theta))
-        exact = seen <= _ROUNDING * np.linalg.norm(rows.H @ found.values)
+        negligible = _ROUNDING if iteration < _PATIENCE else _HARMLESS
+        exact = seen <= negligible * np.linalg.norm(rows.H @ found.values)
         if exact or np.all(moved <= SETTLED * found.standard_errors):
             return found, iteration
         before, theta = theta[stiffness], found.values.copy()
@@ -220,19 +253,19 @@ def estimate_simultaneous(
     check_simultaneous(robot, springs)
     regress: Regress = partial(simultaneous_regression, robot, model=model, springs=springs)
     rows = rows_in_memory(datasets, {"": regress}, executor)[""]
-    whole, _ = settled(
-        robot, rows, _values(rows, start), lambda found: estimator.solve(found, None)
-    )
+    whole, _ = settled(robot, rows, _values(rows, start), estimation(estimator))
     zeros: Array | None = None
     if encoder_offset_std > 0:
         theta = whole.values
         shifted = partial(offset_sensitivity, robot, regress=regress, theta=theta)
         rows = rows_in_memory(datasets, {"": shifted}, executor)[""]
         zeros = encoder_offset_std**2 * np.eye(robot.n)
-        whole, _ = settled(robot, rows, theta, lambda found: estimator.solve(found, zeros))
+        whole, _ = settled(robot, rows, theta, estimation(estimator, zeros))
     drives, load, load_side = split_estimate(robot, model, whole)
     solved = estimator.effective_rows(whitened(robot, rows, whole.values), whole)
-    both = FittedRows(whole, qr_factor_of(solved), solved, zeros)
+    qr_factor = qr_factor_of(solved)
+    weights = weights_at(qr_factor, whole.values)
+    both = FittedRows(whole, qr_factor, solved, zeros, weights)
     optional = [
         name
         for name in whole.names
