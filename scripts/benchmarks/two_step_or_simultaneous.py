@@ -155,7 +155,7 @@ def study(foot: str, bits: int, motion: Motion, runs: int, zero_std: float) -> l
 
 @dataclass(frozen=True)
 class Mistake:
-    """What the model or the experimenter does not know: in the plant, in the log, in the offsets."""
+    """What the model or the experimenter does not know, in plant, log or offsets."""
 
     name: str
     friction: tuple[FrictionTerm, ...] = ("viscous", "coulomb")
