@@ -14,7 +14,7 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array
-from seaid.drives import JointParameter, parameter_of
+from seaid.drives import PARAMETERS_OF, JointParameter, parameter_of, unit_of
 from seaid.errors import IdentificationError
 from seaid.estimation import (
     RANK_TOLERANCE,
@@ -56,11 +56,15 @@ _PART = 0.01
 """Least share of a constant in a lost combination."""
 
 _LOAD_SIDE = "known bodies (known_bodies=), logs with and without a payload (identify_conditions), "
-_SPRING = "the stiffness of its spring (known = ['stiffness']), "
+_SPRING = "the stiffness of its spring (known = ['stiffness']), known bodies (known_bodies=), "
+
+
+class UnknownScaleError(IdentificationError):
+    """Equations that an unknown motor constant makes homogeneous."""
 
 
 def check_scale(qr_factor: QRFactor) -> None:
-    """Raise IdentificationError if an unknown motor constant makes the equations homogeneous.
+    """Raise UnknownScaleError if an unknown motor constant makes the equations homogeneous.
 
     All torques are then known only up to scale, and least squares gives zero. A payload in all logs
     does not help, since it could be part of its body.
@@ -82,7 +86,7 @@ def check_scale(qr_factor: QRFactor) -> None:
             joint = qr_factor.joint_names[qr_factor.equations[0]]
             if isinstance(column, JointParameter):
                 joint, remedy = column.joint, _LOAD_SIDE
-            raise IdentificationError(
+            raise UnknownScaleError(
                 f"the {name.replace('_', ' ')} of {joint} is unidentifiable: only the "
                 f"{CONSTANTS[name]} of its motor was logged, so all torques are known only up to "
                 f"scale. Give one of: {remedy}its rotor inertia, or the "
@@ -137,12 +141,20 @@ def estimate_two_step(
     equations = equations or two_step_equations(robot, model, joints)
     stored = estimator.weigh is not None
     with rows_of_equations(datasets, equations, stored, executor, progress) as rows:
-        actuators = {
-            joint: fit_actuator(robot, datasets, joint, rows[joint], estimator)
-            for joint in robot.elastic_joints
-        }
+        actuators, unscaled = {}, {}
+        for joint in robot.elastic_joints:
+            try:
+                actuators[joint] = fit_actuator(robot, datasets, joint, rows[joint], estimator)
+            except UnknownScaleError as problem:
+                if joint not in joints:
+                    raise
+                unscaled[joint] = problem
+                actuators[joint] = fit(rows[joint], estimator, change=with_unit_constant)
+        found = {joint: side.estimate for joint, side in actuators.items()}
+        if unscaled:
+            found |= scaled_by_load(robot, found, joints, rows[LOAD], estimator, unscaled)
         drives = {
-            joint: with_warnings(side.estimate, joint, side.qr_factor)
+            joint: with_warnings(found[joint], joint, side.qr_factor)
             for joint, side in actuators.items()
         }
         springs = {joint: spring_of(robot, drives[joint], joint) for joint in joints}
@@ -161,9 +173,9 @@ def estimate_two_step(
             with again as shifted:
                 load = fit_load(shifted[LOAD], springs, estimator, offsets)
     base, load_drives = split_load_side(model, load.estimate)
-    found = merged_estimates(drives, load_drives)
+    merged = merged_estimates(drives, load_drives)
     return RobotEstimate(
-        drives={joint: found[joint] for joint in robot.joint_names if joint in found},
+        drives={joint: merged[joint] for joint in robot.joint_names if joint in merged},
         load=base,
         load_side=load.estimate,
         springs={joint: spring.values for joint, spring in springs.items()},
@@ -210,6 +222,89 @@ def fit_actuator(
         return found
     ratio = noise_ratio(robot, motions, joint)
     return replace(found, estimate=errors_in_variables(found.rows, ratio))
+
+
+def with_unit_constant(rows: Regression) -> Regression:
+    """Return the rows of (10) of a motor whose unknown constant is 1."""
+    (place,) = (k for k, name in enumerate(rows.names) if name in CONSTANTS)
+    kept = [k for k in range(len(rows.names)) if k != place]
+    return replace(
+        rows,
+        names=tuple(rows.names[k] for k in kept),
+        units=tuple(rows.units[k] for k in kept),
+        H=rows.H[:, kept],
+        y=rows.y - rows.H[:, place],
+    )
+
+
+def scaled_by_load(
+    robot: Robot,
+    found: Mapping[str, Estimate],
+    joints: Sequence[str],
+    rows: Rows,
+    estimator: Estimator,
+    unscaled: Mapping[str, UnknownScaleError],
+) -> dict[str, Estimate]:
+    """Return the estimates of `unscaled` joints, with the motor constants that (8) determines.
+
+    Their spring torque for a constant of 1 is a column of (8), whose parameter is the constant:
+    known bodies give its scale. Raises UnknownScaleError if they do not.
+    """
+    springs = {joint: spring_of(robot, found[joint], joint) for joint in joints}
+    constants = {
+        joint: PARAMETERS_OF["motor_input"][robot.drives[joint].motor_input][0]
+        for joint in unscaled
+    }
+
+    def with_constants(one: Regression) -> Regression:
+        ends = np.cumsum([0, *(len(spring.values) for spring in springs.values())])
+        y, columns = one.y, []
+        for k, (joint, spring) in enumerate(springs.items()):
+            torque = one.propagated[:, ends[k] : ends[k + 1]] @ spring.values
+            if joint in unscaled:
+                columns.append(-torque)
+            else:
+                y = y + torque
+        names = tuple(
+            JointParameter(constants[joint], joint) for joint in joints if joint in unscaled
+        )
+        units = tuple(unit_of(robot.drives[name.joint], name.parameter) for name in names)
+        H = np.column_stack([one.H, *columns])
+        return replace(one, names=one.names + names, units=one.units + units, H=H, y=y)
+
+    try:
+        load = fit(rows, estimator, None, with_constants, check_scale).estimate
+    except UnknownScaleError:
+        raise next(iter(unscaled.values())) from None
+    return {
+        joint: _scaled(
+            robot,
+            found[joint],
+            joint,
+            name,
+            load.value(JointParameter(name, joint)),
+            load.standard_error(JointParameter(name, joint)),
+        )
+        for joint, name in constants.items()
+    }
+
+
+def _scaled(
+    robot: Robot, unit: Estimate, joint: str, name: str, constant: float, error: float
+) -> Estimate:
+    """Return the estimate for a motor constant with an error, from that for a constant of 1."""
+    values, slopes = np.append(constant * unit.values, constant), np.append(unit.values, 1.0)
+    covariance = linalg.block_diag(constant**2 * unit.covariance, 0.0)
+    covariance += error**2 * np.outer(slopes, slopes)
+    white = unit.white_standard_errors
+    return replace(
+        unit,
+        names=(*unit.names, name),
+        values=values,
+        covariance=covariance,
+        units=(*unit.units, unit_of(robot.drives[joint], name)),
+        white_standard_errors=None if white is None else np.append(constant * white, error),
+    )
 
 
 def fit_load(

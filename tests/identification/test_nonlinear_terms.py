@@ -24,6 +24,7 @@ from seaid.log.motion import Motion
 from seaid.log.reading import Log, write_log
 from seaid.regressor.drive_signals import motor_regressor, signals
 from seaid.regressor.rigid_body import joint_torques
+from seaid.regressor.structural.identifiability import identifiability
 from seaid.robot.robot import Payload, Robot
 from tests.standard_errors import check_scores
 from tests.terms import (
@@ -230,6 +231,29 @@ def test_motor_constant_beside_a_known_stiffness(kind: str) -> None:
     assert "stiffness" not in found.drives["two"].names
     check_values(found, truth, "two")
     check_bodies(found, truth)
+
+
+@pytest.mark.parametrize("kind", ["current", "voltage"])
+@pytest.mark.parametrize("bodies", [("lower",), ("upper", "lower"), ()])
+def test_the_load_gives_the_motor_constant_of_a_spring(kind: str, bodies: tuple[str, ...]) -> None:
+    """`identifiability` and `identify` agree: known bodies do, or the torque of another joint."""
+    constant = {"current": "torque_constant", "voltage": "voltage_constant"}[kind]
+    one = STIFF if not bodies else with_terms(STIFF, {"motor_input": kind}, {constant: 0.05})
+    two = with_terms(ELASTIC, {"motor_input": kind}, {constant: 0.03})
+    truth = robot(one, two, known_bodies=bodies)
+    motion = exact_motion(truth)
+    unknown = robot(
+        *(replace(drive, motor_inertia_kg_m2=None) for drive in (one, two)), known_bodies=bodies
+    )
+    assert f"{constant} of two" in identifiability(unknown).identifiable
+    found = identified(unknown, motion)
+    check_values(found, truth, "two", rel=1e-5)
+    log = noisy_log(motion, 0.03, 2e-5)
+    noisy = identify(unknown.without_nominal(), log, cutoff_hz=10.0)
+    estimate = noisy.drives["two"]
+    for name in (constant, "stiffness"):
+        error = estimate.value(name) - truth.drives["two"].values[name]
+        assert abs(error) < 3.3 * estimate.standard_error(name) < 0.5 * estimate.value(name)
 
 
 def test_elastic_drives_alone_with_known_bodies_have_an_empty_load_side() -> None:
