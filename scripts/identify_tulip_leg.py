@@ -126,6 +126,7 @@ def main(output: Path, seed: int, anew: bool) -> None:
     condition = condition_number(known, plan)
     print(f"Plans: {plans / PLAN} and {VALIDATION_PLAN}")
     print(f"Excitation: B-spline, condition number {condition:.0f}; validation: (18)")
+    print("Friction: viscous and Coulomb, the two terms of the paper (named in the drives file)")
     print(drive_table("Table 1: drives, with the test mass of 2 kg on the foot", found, truth))
     print(drive_table("The same with a free foot: the ankle's spring is not loaded", free, truth))
     print_flags(free)

@@ -26,7 +26,15 @@ from seaid.simulation.simulation import measure, simulate_motion
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from scripts.identify_tulip_leg import TEST_MASS, load_leg, sensors
-from tests.experiments import leg_trajectory
+from tests.experiments import (
+    ARM_SENSORS,
+    LEG_SENSORS,
+    arm,
+    arm_motion,
+    leg,
+    leg_motion,
+    leg_trajectory,
+)
 
 JOINT = "knee_pitch"
 CHANGES = {
@@ -95,7 +103,57 @@ def main(draws: int) -> None:
     print(table(f"Selection of terms, {draws} draws", ["", "count", "rate"], rows))
 
 
+def findings(draws: int) -> None:
+    """Print how often `identify` names a missing term of right models, and of wrong springs."""
+    robots = {
+        "leg": (leg(TEST_MASS), leg_motion(TEST_MASS), LEG_SENSORS),
+        "leg, coarse encoders": (leg(TEST_MASS), leg_motion(TEST_MASS), COARSE),
+        "mixed arm": (arm(), arm_motion(), ARM_SENSORS),
+    }
+    for share in (0.05, 0.1, 0.2):
+        hard = hardening(leg(TEST_MASS), share)
+        motion = simulate_motion(hard, leg_trajectory(), progress=True)
+        robots[f"leg, cubic part of {share:.0%}"] = (hard, motion, LEG_SENSORS)
+    rows = []
+    for name, (truth, motion, noise) in robots.items():
+        known = (leg(TEST_MASS) if "cubic" in name else truth).without_nominal()
+        logs = [measure(truth, motion, noise, seed) for seed in range(draws)]
+        found = [seaid.identify(known, log).warnings for log in track(logs, name, True)]
+        named = [[one for one in some if one.code in CODES] for some in found]
+        springs = [sum(one.code == "nonlinear-spring" for one in some) for some in named]
+        doubtful = sum(any(one.severity == "doubtful" for one in some) for some in named)
+        counts = f"{sum(map(bool, named))} of {draws}", f"{doubtful} of {draws}"
+        rows.append([name, *counts, f"{np.mean(springs):.2g}"])
+    header = ["set-up", "with a finding", "doubtful", "springs named, of three"]
+    print(table(f"Missing terms named by identify, {draws} draws", header, rows))
+
+
+CODES = ("missing-term", "nonlinear-spring")
+COARSE = seaid.Noise(
+    motor_resolution_rad=2 * np.pi / 500,
+    joint_resolution_rad=2 * np.pi / 2**12,
+    torque_std_Nm=0.006,
+)
+
+
+def hardening(robot: seaid.Robot, share: float) -> seaid.Robot:
+    """Return the leg with cubic springs, which give a share of the force at the largest stretch."""
+    drives = {}
+    motion = leg_motion(TEST_MASS)
+    for joint in robot.elastic_joints:
+        index, drive = robot.index(joint), robot.drives[joint]
+        lever = drive.motor_radius / drive.ratio
+        stretch = lever * motion.motor_position[:, index]
+        stretch = stretch - drive.load_radius * motion.joint_position[:, index]
+        cubic = share * drive.values["stiffness"] / float(np.max(stretch**2))
+        values = {"cubic_stiffness": cubic, "deflection_zero": 0.0}
+        drives[joint] = replace(drive, spring=("linear", "cubic")).with_values(values)
+    return robot.with_drives(drives)
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--draws", type=int, default=12)
-    main(parser.parse_args().draws)
+    parser.add_argument("--findings", action="store_true", help="those of identify instead")
+    given = parser.parse_args()
+    (findings if given.findings else main)(given.draws)

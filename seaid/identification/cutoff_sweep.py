@@ -14,6 +14,7 @@ from seaid._progress import Result, counted, track
 from seaid.errors import IdentificationError, SeaidError, checked
 from seaid.identification.datasets import Source
 from seaid.identification.identification import Identification, identify
+from seaid.identification.missing_terms import with_closed_terms
 from seaid.robot import Robot
 
 _FACTORS = (1 / 3, 1 / 2, 1 / np.sqrt(2), np.sqrt(2), 2.0, 3.0)
@@ -127,6 +128,7 @@ def cutoff_sensitivity(
     if cutoffs_hz is None:
         asked = [factor * base.cutoff_hz for factor in _FACTORS]
     cutoffs = sorted({*asked, base.cutoff_hz})
+    robot = with_closed_terms(robot, base.known)
     names, units = _names(base)
     values, errors = (np.full((len(cutoffs), len(names)), np.nan) for _ in range(2))
     refused: dict[float, str] = {}

@@ -180,6 +180,20 @@ def with_default_terms(
     return robot, given, notes
 
 
+def with_closed_terms(robot: Robot, identified: Robot) -> Robot:
+    """Return the robot with the terms of an `identified` one where nobody named friction terms."""
+    drives: dict[str, Drive] = {}
+    for joint, drive in robot.drives.items():
+        if isinstance(drive.friction, DefaultTerms):
+            other = identified.drives[joint]
+            drive = replace(drive, friction=tuple(other.friction))
+            if "coulomb_width" in other.known:
+                drive = drive.with_values({"coulomb_width": other.values["coulomb_width"]})
+                drive = replace(drive, known=(*drive.known, "coulomb_width"))
+            drives[joint] = drive
+    return robot.with_drives(drives)
+
+
 def missing_terms(robot: Robot, terms: Mapping[str, Sequence[TermComparison]]) -> Iterator[Finding]:
     """Yield the best supported term of each drive that lacks it."""
     for joint, found in terms.items():
