@@ -130,7 +130,6 @@ ONE_IMPORTER = {
         *("excitation.run_in", "excitation.search", "export.mjcf_drives"),
         *("identification.adequacy", "identification.checking", "identification.setup_hypotheses"),
         *("identification.physical.problem", "log.repair.channels"),
-        "identification.missing_terms",
         *("regressor.structural.arithmetic", "regressor.structural.equations"),
         "robot.pinocchio_model",
     ),
