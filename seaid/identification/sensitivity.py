@@ -27,7 +27,7 @@ from seaid.estimation import (
     solve,
 )
 from seaid.identification.errors_in_variables import has_only_spring_torque
-from seaid.identification.two_step import LOAD, RobotEstimate
+from seaid.identification.two_step import LOAD, RobotEstimate, with_unit_constant
 from seaid.log import POSITION_BAND, Motion, low_pass
 from seaid.regressor import (
     LoadModel,
@@ -226,7 +226,7 @@ def _of_cutoffs(
     ways = [f"a cutoff of {factor * cutoff_hz:.3g} Hz" for factor in (1.0, WIDER)]
     load = partial(load_regression, robot, model=model, springs=found.springs)
     equations: dict[str, tuple[Regress, FittedRows]] = {
-        joint: (partial(actuator_regression, robot, joint=joint), fit)
+        joint: (partial(_actuator_rows, robot, joint=joint, fit=fit), fit)
         for joint, fit in found.actuators.items()
         if not has_only_spring_torque(robot, motions, joint)
     }
@@ -248,6 +248,12 @@ def _of_cutoffs(
         better = cutoff_hz * (0.5 if rigid else WIDER)
         remedy = f"cutoff_hz={better:.2g}; compare others with cutoff_sensitivity"
         yield from _finding("cutoff-sensitive", joint, fits, scores, ways, remedy)
+
+
+def _actuator_rows(robot: Robot, motion: Motion, joint: str, fit: FittedRows) -> Regression:
+    """Return the rows of (10) in the columns of a fit, which may be that of a unit constant."""
+    rows = actuator_regression(robot, motion, joint)
+    return rows if rows.names == fit.qr_factor.names else with_unit_constant(rows)
 
 
 def _decimated(motion: Motion) -> Motion:
