@@ -97,7 +97,7 @@ CLASSES = {
     "Conditions": "identifications condition_specific differences summary",
     "Identification": "drives load base robot checks feasible summary to_dict save",
     "Estimate": "names values covariance standard_errors units residual_std condition_number "
-    "interval",
+    "degrees_of_freedom interval",
     "Validation": "joints actuator load",
     "View": "url playbacks playback time show compare seek play pause wait stop",
     "WrittenMjcf": "path notes",

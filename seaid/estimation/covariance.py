@@ -6,6 +6,11 @@ West 1987) repair this. The bandwidth is 1.3 sqrt(T) with the fixed-b correction
 Stock and Watson 2018): in `scripts/benchmarks/covariance.py` its intervals cover the truth more
 often in short logs than those of plug-in bandwidths, which minimise the mean square error of the
 covariance and not of the intervals, and than those of block methods.
+
+The fit removes a part of the noise from the residuals, most of it where the bandwidth is long: the
+covariance is divided by what would be left of white noise (Bell and McCaffrey 2002), so that a
+standard error is one standard deviation. That it is estimated itself is in the degrees of freedom
+of Student's t, by which intervals are wider than normal ones.
 """
 
 from __future__ import annotations
@@ -13,14 +18,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 from itertools import chain
 
 import numpy as np
-from scipy import sparse
+from scipy import optimize, sparse
+from scipy.special import stdtrit
 
-from seaid._arrays import Array, IndexArray
+from seaid._arrays import Array, BoolArray, IndexArray
 
 _NORMAL = 1.96
+_MOST_FREEDOM = 1e4
+"""Degrees of freedom beyond which Student's t is normal."""
+
+_LEAST_LEFT = 0.1
+"""Least part of the variance that counts as left by the fit."""
+
 _FIXED_B = (2.9694, 0.4160, -0.5324)
 """Coefficients a_i of the 95 % quantile 1.96 + sum a_i b^i, b = bandwidth / T, for Bartlett weights
 (Kiefer and Vogelsang 2005).
@@ -31,14 +44,14 @@ _FIXED_B = (2.9694, 0.4160, -0.5324)
 class LongRun:
     """Long-run covariance of the sum of scores.
 
-    `covariance` (p, p) includes the fixed-b correction, so that normal 95 % intervals are right
-    even if the bandwidth is a sizeable part of the log; `white` (p, p) is the covariance without
-    autocorrelation; `lags` is the bandwidth in instants.
+    `covariance` (p, p) has Bartlett weights, `white` (p, p) is that without autocorrelation; `lags`
+    is the bandwidth in instants, `instants` the number of these.
     """
 
     covariance: Array
     white: Array
     lags: int
+    instants: int
 
     def inflation(self, inverse: Array) -> float:
         """Return the variance inflation by autocorrelation, averaged over the parameters.
@@ -48,6 +61,16 @@ class LongRun:
         white = float(np.sum(inverse * self.white))
         return float(np.sum(inverse * self.covariance)) / white if white > 0 else 1.0
 
+    @property
+    def bandwidth(self) -> float:
+        """Bandwidth as a part of the log, b."""
+        return min((self.lags + 1) / max(self.instants, 1), 1.0)
+
+    @property
+    def degrees_of_freedom(self) -> float:
+        """Degrees of freedom by which Student's 95 % quantile is that of fixed b (`fixed_b`)."""
+        return fixed_b_freedom(self.bandwidth)
+
 
 def automatic_lags(instants: int) -> int:
     """Return the bandwidth for a number of instants."""
@@ -55,30 +78,67 @@ def automatic_lags(instants: int) -> int:
 
 
 def newey_west(scores: Array, time: Array, run: Array) -> Array:
-    """Return the long-run covariance (p, p) of the sum of `scores` (R, p); see `LongRun`.
+    """Return the long-run covariance (p, p) of the sum of `scores` (R, p) of mean zero.
 
     A score is a row of the regressor times its residual. `time` (R,) [s] and `run` (R,) give the
     instant and the log of each row. Rows of one instant (several joints) are summed first; excluded
     instants count as zero.
     """
-    return long_run_of(scores, np.ones(len(scores)), time, run).covariance
+    found = long_run_of(scores, np.ones(len(scores)), time, run)
+    return np.asarray(found.covariance / left_of_mean(found.bandwidth))
 
 
 def long_run_of(H: Array, factor: Array, time: Array, run: Array) -> LongRun:
-    """Return `newey_west` of the scores `factor` (R,) times `H` (R, p)."""
+    """Return the long-run covariance of the scores `factor` (R,) times `H` (R, p)."""
     summed = by_instant(H, factor, time, run)
     return long_run([[one] for one in summed], sum(map(len, summed)))
 
 
+def left_of_mean(b: float) -> float:
+    """Return the part of the variance of a mean that is left in Bartlett sums about it.
+
+    The weights sum to b T - b^2 T / 3 per instant, the part that the mean removes.
+    """
+    return 1 - b + b**2 / 3
+
+
+def left_by_fit(x: Array, Q: Array, time: Array, run: Array) -> Array:
+    """Return the part (p,) of the variance of each parameter that is left in the residuals' sums.
+
+    `x` (R, p) is the influence of each row's noise on each parameter, `Q` (R, m) an orthonormal
+    basis of what the fit removes. Of white noise e it leaves e - Q Q^T e, so that the Bartlett sum
+    of x e loses those of x q over the columns q of Q.
+    """
+    lost, logs = np.zeros(x.shape[1]), _instants(time, run)
+    lags = automatic_lags(sum(int(np.max(slot)) + 1 for _, slot in logs))
+    for rows, slot in logs:
+        own = x[rows]
+        for q in Q[rows].T:
+            lost += np.sum(_windows(at_slots(own, q, slot), lags) ** 2, axis=0) / (lags + 1)
+    whole = np.sum(x**2, axis=0)
+    return np.asarray(np.maximum(1 - lost / np.where(whole > 0, whole, 1.0), _LEAST_LEFT))
+
+
+def _windows(chunk: Array, lags: int) -> Array:
+    """Return the sums of a series (T, p) over every window of lags + 1 instants that meets it."""
+    sums = np.cumsum(np.pad(chunk, ((lags + 1, lags), (0, 0))), axis=0)
+    return np.asarray(sums[lags + 1 :] - sums[: -lags - 1])
+
+
 def by_instant(H: Array, factor: Array, time: Array, run: Array) -> list[Array]:
     """Return the scores (T, p) of each log, summed over the rows of an instant, zero in gaps."""
-    summed = []
+    return [at_slots(H[rows], factor[rows], slot) for rows, slot in _instants(time, run)]
+
+
+def _instants(time: Array, run: Array) -> list[tuple[BoolArray | slice, IndexArray]]:
+    """Return the rows of each log and the index of their instants."""
+    found: list[tuple[BoolArray | slice, IndexArray]] = []
     for one in np.unique(run):
         rows = run == one
         instants = np.unique(time[rows])
         slot = slots(time[rows], instants[0], row_step(instants))
-        summed.append(at_slots(H if np.all(rows) else H[rows], factor[rows], slot))
-    return summed
+        found.append((slice(None) if np.all(rows) else rows, slot))  # a view of all rows
+    return found
 
 
 def row_step(instants: Array) -> float:
@@ -104,17 +164,25 @@ def long_run(runs: Iterable[Iterable[Array]], instants: int) -> LongRun:
     lags = automatic_lags(instants)
     sums = [bartlett(run, lags) for run in runs]
     return LongRun(
-        covariance=np.asarray(fixed_b(lags, instants) * sum(weighted for weighted, _ in sums)),
+        covariance=np.asarray(sum(weighted for weighted, _ in sums)),
         white=np.asarray(sum(white for _, white in sums)),
         lags=lags,
+        instants=instants,
     )
 
 
-def fixed_b(lags: int, instants: int) -> float:
-    """Return the factor on the variance that corrects for a bandwidth of `lags` in `instants`."""
-    b = min((lags + 1) / max(instants, 1), 1.0)
-    excess = sum(factor * b**power for power, factor in enumerate(_FIXED_B, 1))
-    return float((1 + excess / _NORMAL) ** 2)  # squared ratio of the fixed-b to the normal quantile
+def fixed_b(b: float) -> float:
+    """Return the 95 % quantile of a value over the root of its Bartlett sum, of bandwidth b."""
+    return _NORMAL + sum(factor * b**power for power, factor in enumerate(_FIXED_B, 1))
+
+
+@cache
+def fixed_b_freedom(b: float) -> float:
+    """Return the degrees of freedom whose quantile is that of fixed b for an unbiased variance."""
+    quantile = fixed_b(b) * math.sqrt(left_of_mean(b))
+    if quantile < stdtrit(_MOST_FREEDOM, 0.975):
+        return _MOST_FREEDOM
+    return float(optimize.brentq(lambda n: stdtrit(n, 0.975) - quantile, 1.0, _MOST_FREEDOM))
 
 
 def bartlett(chunks: Iterable[Array], lags: int) -> tuple[Array, Array]:

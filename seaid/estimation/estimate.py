@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import stdtrit
 
 from seaid._arrays import Array, frozen
 from seaid._progress import MOST_NAMES, Result, counted
@@ -37,6 +37,9 @@ class Estimate(Result):
         Warnings about poorly determined or implausible values.
     white_standard_errors : ndarray (p,) or None
         Standard errors under the assumption of white noise, for comparison.
+    degrees_of_freedom : ndarray (p,) or None
+        Of Student's t in the intervals, which are wider than normal ones if few rows determine the
+        standard errors. None: infinite.
 
     Examples
     --------
@@ -55,6 +58,7 @@ class Estimate(Result):
     condition_number: float
     warnings: tuple[Finding, ...] = ()
     white_standard_errors: Array | None = None
+    degrees_of_freedom: Array | None = None
 
     def _in_short(self) -> str:
         entries = zip(self.names, self.values, self.standard_errors, self.units, strict=True)
@@ -68,14 +72,20 @@ class Estimate(Result):
         p = len(self.names)
         object.__setattr__(self, "values", frozen("values", self.values, (p,)))
         object.__setattr__(self, "covariance", frozen("covariance", self.covariance, (p, p)))
-        if self.white_standard_errors is not None:
-            white = frozen("white_standard_errors", self.white_standard_errors, (p,))
-            object.__setattr__(self, "white_standard_errors", white)
+        for name in ("white_standard_errors", "degrees_of_freedom"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, frozen(name, getattr(self, name), (p,)))
 
     @property
     def standard_errors(self) -> Array:
-        """Standard error of each value (p,)."""
+        """Standard error of each value (p,): one standard deviation."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def _freedom(self) -> Array:
+        """The degrees of freedom (p,), infinite if there are none."""
+        none = np.full(len(self.names), np.inf)
+        return none if self.degrees_of_freedom is None else self.degrees_of_freedom
 
     @property
     def relative_standard_errors(self) -> Array:
@@ -93,13 +103,13 @@ class Estimate(Result):
         return correlation
 
     def interval(self, level: float = 0.95) -> Array:
-        """Return the lower and upper bounds (p, 2) of the normal confidence intervals.
+        """Return the lower and upper bounds (p, 2) of the confidence intervals.
 
         Raises SeaidError for a `level` outside (0, 1).
         """
         if not 0 < level < 1:
             raise SeaidError(f"level must be between 0 and 1, found {level}")
-        half = float(ndtri(0.5 + level / 2)) * self.standard_errors
+        half = stdtrit(self._freedom, 0.5 + level / 2) * self.standard_errors
         return np.column_stack([self.values - half, self.values + half])
 
     def to_dataframe(self) -> DataFrame:
@@ -118,6 +128,7 @@ class Estimate(Result):
     def part(self, indices: Sequence[int], names: Sequence[str]) -> Estimate:
         """Return the estimate of the parameters at `indices`, renamed to `names`."""
         picked, white = list(indices), self.white_standard_errors
+        freedom = self.degrees_of_freedom
         return replace(
             self,
             names=tuple(names),
@@ -125,6 +136,7 @@ class Estimate(Result):
             covariance=self.covariance[np.ix_(picked, picked)],
             units=tuple(self.units[index] for index in picked),
             white_standard_errors=None if white is None else white[picked],
+            degrees_of_freedom=None if freedom is None else freedom[picked],
         )
 
     def value(self, name: str) -> float:

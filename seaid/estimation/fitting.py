@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
-from typing import IO, TYPE_CHECKING, Literal, Union
+from typing import IO, TYPE_CHECKING, Any, Literal, Union
 
 import numpy as np
 
@@ -23,14 +23,18 @@ from seaid.estimation.covariance import at_slots, long_run, slots
 from seaid.estimation.diagnostics import ModelChecks, model_checks, whiteness
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import (
+    MOST_INSTANTS,
     equal_weights,
     estimate_of,
     estimate_of_rows,
+    left_of,
     ordinary,
+    residual_fit,
     score_factors,
     settled_weights,
     solve,
     weighted,
+    with_propagated,
 )
 from seaid.estimation.qr_factor import QRFactor, combined, qr_factor_of
 from seaid.estimation.robust import huber, tukey, without_outliers
@@ -158,9 +162,12 @@ def stored_estimate(
     qr_factor = combined(qr_factor_of(rows) for _, rows in stored.pieces(change))
     weights = weigh(qr_factor)
     solution = solve(qr_factor, weights)
+    widen = with_propagated if propagated is not None else lambda rows: rows
+    wide = combined(qr_factor_of(widen(rows)) for _, rows in stored.pieces(change))
+    noise = residual_fit(wide, weights)
 
     def factors(rows: Regression) -> Array:
-        return score_factors(rows, qr_factor, weights, solution.values)
+        return score_factors(widen(rows), qr_factor, weights, noise.values)
 
     pieces = ((log, rows) for log, rows in stored.pieces(change) if len(rows.y))
     scores = (
@@ -170,9 +177,20 @@ def stored_estimate(
     instants = sum(
         round((end - start) / stored.steps_s[log]) + 1 for log, (start, end) in stored.spans.items()
     )
-    noise = long_run(scores, instants)
-    estimate = estimate_of(qr_factor, weights, noise, propagated, solution)
+    long, left = long_run(scores, instants), None
+    if instants <= MOST_INSTANTS:
+        left = left_of(widen(_whole(stored, change)), qr_factor, weights, solution, noise)
+    estimate = estimate_of(qr_factor, weights, long, propagated, solution, left)
     return estimate, qr_factor, weights
+
+
+def _whole(stored: StoredRows, change: Change | None) -> Regression:
+    """Return the stored rows of all logs in memory."""
+    parts = [replace(rows, run=np.full(len(rows.y), log)) for log, rows in stored.pieces(change)]
+    together: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in parts[0].arrays
+    }
+    return replace(parts[0], **together)
 
 
 def _scores(

@@ -15,9 +15,8 @@ from scipy import linalg
 
 from seaid._arrays import Array, finite, safely
 from seaid.errors import Finding, IdentificationError
-from seaid.estimation.covariance import long_run_of
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.least_squares import estimate_of, score_factors, settled_weights, solve
+from seaid.estimation.least_squares import estimate_of_rows, settled_weights, solve
 from seaid.estimation.qr_factor import qr_factor_of, triangle
 from seaid.estimation.singular_directions import ROUNDING
 
@@ -47,8 +46,6 @@ def instrumental(rows: Regression, instruments: Array, propagated: Array | None 
     # the residual is that of the measured columns, not of their projections
     linear = replace(projected, y=rows.y - (rows.H - projected.H) @ solution.values)
     of_linear = qr_factor_of(linear)
-    factors = score_factors(linear, of_linear, weights, solution.values)
-    scores = long_run_of(linear.H, factors, rows.time, rows.run)
     # Shea's (1997) partial R^2: variance by least squares over variance by instruments, without
     # the factor of the residual (Godfrey 1999)
     partial = np.diag(solve(qr_factor, weights).inverse) / np.diag(solution.inverse)
@@ -62,7 +59,8 @@ def instrumental(rows: Regression, instruments: Array, propagated: Array | None 
         for name, share in zip(rows.names, partial, strict=True)
         if share < WEAK
     )
-    return replace(estimate_of(of_linear, weights, scores, propagated), warnings=warnings)
+    estimate = estimate_of_rows(linear, of_linear, weights, propagated)
+    return replace(estimate, warnings=(*estimate.warnings, *warnings))
 
 
 def _checked(rows: Regression, instruments: Array) -> Array:

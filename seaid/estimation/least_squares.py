@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -10,11 +10,17 @@ import numpy as np
 from scipy import linalg
 
 from seaid._arrays import Array, safely
-from seaid.errors import ExcitationError, IdentificationError
-from seaid.estimation.covariance import LongRun, long_run_of
+from seaid.errors import ExcitationError, Finding, IdentificationError
+from seaid.estimation.covariance import LongRun, left_by_fit, left_of_mean, long_run_of
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.qr_factor import QRFactor, determining_joints, qr_factor_of
-from seaid.estimation.singular_directions import RANK_TOLERANCE, Directions, directions, first_term
+from seaid.estimation.singular_directions import (
+    RANK_TOLERANCE,
+    Directions,
+    directions,
+    first_term,
+    scaled_svd,
+)
 
 if TYPE_CHECKING:
     from seaid.regressor import Regression
@@ -91,20 +97,31 @@ def orthonormal(qr_factor: QRFactor, theta: Array) -> Orthonormal:
 _ROUNDING = 1e-9
 """A residual below this part of the target is rounding, or an iteration's remainder."""
 
+MOST_INSTANTS = 4000
+"""Instants beyond which the part of the variance that the fit removes is small: approximated."""
+
+FEWEST_INDEPENDENT = 1.5
+"""Independent rows per parameter below which standard errors are unreliable."""
+
 _MOST_REWEIGHTINGS = 1000
 _MOST_NAMED = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Least-squares `values` (p,), `inverse` (p, p) of H^T W^2 H, and the condition number.
+    """Least-squares `values` (p,), a root (p, p) of the inverse of H^T W^2 H, condition number.
 
     The condition number is that of the weighted regressor with columns scaled to unit norm.
     """
 
     values: Array
-    inverse: Array
+    root: Array
     condition_number: float
+
+    @property
+    def inverse(self) -> Array:
+        """The inverse (p, p) of H^T W^2 H."""
+        return np.asarray(self.root @ self.root.T)
 
 
 def ordinary(rows: Regression, propagated: Array | None = None) -> Estimate:
@@ -226,7 +243,7 @@ def solve(qr_factor: QRFactor, weights: Array) -> Solution:
     if worst < RANK_TOLERANCE:
         raise ExcitationError(_unidentifiable(qr_factor, found), "torque_joints=")
     half = (found.svd.vectors.T / found.svd.sizes) / found.svd.norms[:, None]
-    return Solution(half @ (found.svd.left.T @ R[:p, p]), half @ half.T, 1 / worst)
+    return Solution(half @ (found.svd.left.T @ R[:p, p]), half, 1 / worst)
 
 
 def estimate_of(
@@ -235,21 +252,29 @@ def estimate_of(
     scores: LongRun | None = None,
     propagated: Array | None = None,
     solution: Solution | None = None,
+    left: Array | None = None,
 ) -> Estimate:
     """Return the estimate with weights (E,) of the equations, from the QR factor alone.
 
     `scores` is the long-run covariance of the scores of all rows (see `score_factors`); None: as if
-    the noise of every equation were white. `propagated` (s, s) as in `ordinary`. `solution` is
-    that of `solve` if it is known already.
+    the noise of every equation were white. `left` (p,) is that of `left_by_fit`, by default
+    approximated. `propagated` (s, s) as in `ordinary`. `solution` is that of `solve` if it is known
+    already.
     """
     solution = solve(qr_factor, weights) if solution is None else solution
     inverse, theta = solution.inverse, solution.values
     white = inverse @ _white(qr_factor, weights, theta) @ inverse
     white *= _freedom(qr_factor.count, len(theta))
-    covariance = white
+    warnings: tuple[Finding, ...] = ()
+    covariance, freedom = white, np.inf
     if scores is not None:
-        independent = qr_factor.count / scores.inflation(inverse)
-        covariance = inverse @ scores.covariance @ inverse * _freedom(independent, len(theta))
+        freedom = scores.degrees_of_freedom
+        independent = qr_factor.count / max(scores.inflation(inverse), 1.0)
+        if left is None:
+            part = left_of_mean(scores.bandwidth) / _freedom(independent, len(theta))
+            left = np.full(len(theta), part)
+        covariance = inverse @ scores.covariance @ inverse / np.sqrt(np.outer(left, left))
+        warnings = _few_rows(independent, len(theta))
     if propagated is not None and qr_factor.propagated.shape[2]:
         moments = np.einsum("e,eps->ps", weights**2, qr_factor.propagated)
         sensitivity = inverse @ moments
@@ -263,8 +288,22 @@ def estimate_of(
         units=qr_factor.units,
         residual_std=float(np.sqrt(squares / qr_factor.count)),
         condition_number=solution.condition_number,
+        warnings=warnings,
         white_standard_errors=np.sqrt(np.diag(white)),
+        degrees_of_freedom=np.full(len(theta), freedom),
     )
+
+
+def _few_rows(independent: float, p: int) -> tuple[Finding, ...]:
+    """Return a warning if so few rows are independent that standard errors are unreliable."""
+    if independent >= FEWEST_INDEPENDENT * p:
+        return ()
+    message = (
+        f"{p} parameters were estimated from {independent:.0f} independent rows: their intervals "
+        "are unreliable; record a longer log, or raise cutoff_hz"
+    )
+    evidence = {"independent rows": independent, "parameters": float(p)}
+    return (Finding("few-rows", message, evidence=evidence),)
 
 
 def score_factors(rows: Regression, qr_factor: QRFactor, weights: Array, theta: Array) -> Array:
@@ -291,9 +330,43 @@ def estimate_of_rows(
 ) -> Estimate:
     """Return the estimate with weights (E,) of the equations, from rows and their QR factor."""
     solution = solve(qr_factor, weights)
-    factors = score_factors(rows, qr_factor, weights, solution.values)
+    wide = rows if propagated is None else with_propagated(rows)
+    noise = residual_fit(qr_factor if wide is rows else qr_factor_of(wide), weights)
+    factors = score_factors(wide, qr_factor, weights, noise.values)
     scores = long_run_of(rows.H, factors, rows.time, rows.run)
-    return estimate_of(qr_factor, weights, scores, propagated, solution)
+    short = scores.instants <= MOST_INSTANTS
+    left = left_of(wide, qr_factor, weights, solution, noise) if short else None
+    return estimate_of(qr_factor, weights, scores, propagated, solution, left)
+
+
+def with_propagated(rows: Regression) -> Regression:
+    """Return the rows with the propagated columns in H: what these explain is not noise."""
+    s = rows.propagated.shape[1]
+    return replace(
+        rows,
+        names=(*rows.names, *map(str, range(s))),
+        units=(*rows.units, *s * ("",)),
+        H=np.hstack([rows.H, rows.propagated]),
+        propagated=rows.propagated[:, :0],
+    )
+
+
+def residual_fit(qr_factor: QRFactor, weights: Array) -> Solution:
+    """Return the least-squares solution, the smallest if columns depend on each other."""
+    R, q = qr_factor.weighted_factor(weights), len(qr_factor.names)
+    svd = scaled_svd(R[:q, :q], "the residual")
+    m = svd.rank(RANK_TOLERANCE)
+    root = (svd.vectors[:m].T / svd.sizes[:m]) / svd.norms[:, None]
+    return Solution(root @ (svd.left.T[:m] @ R[:q, q]), root, np.inf)
+
+
+def left_of(
+    wide: Regression, qr_factor: QRFactor, weights: Array, solution: Solution, noise: Solution
+) -> Array:
+    """Return `left_by_fit` of rows with propagated columns, whose solution is `noise`."""
+    weight = weights[np.searchsorted(qr_factor.equations, wide.joint)][:, None]
+    influence = weight * (wide.H[:, : len(qr_factor.names)] @ solution.inverse)
+    return left_by_fit(influence, weight * (wide.H @ noise.root), wide.time, wide.run)
 
 
 def _unidentifiable(qr_factor: QRFactor, found: Directions) -> str:

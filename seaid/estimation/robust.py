@@ -17,7 +17,7 @@ from seaid._arrays import Array, BoolArray
 from seaid.errors import IdentificationError
 from seaid.estimation.covariance import long_run_of
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.least_squares import equal_weights, estimate_of, solve
+from seaid.estimation.least_squares import equal_weights, estimate_of, estimate_of_rows, solve
 from seaid.estimation.qr_factor import qr_factor_of
 
 if TYPE_CHECKING:
@@ -124,9 +124,10 @@ def _estimate(
     linear = _scaled(replace(rows, y=rows.H @ theta + residual / slope), root)
     scores = long_run_of(linear.H, linear.y - linear.H @ theta, rows.time, rows.run)
     qr_factor = qr_factor_of(linear)
-    estimate = estimate_of(qr_factor, equal_weights(qr_factor), scores, propagated)
-    independent = replace(scores, covariance=scores.white)
-    white = estimate_of(qr_factor, equal_weights(qr_factor), independent, propagated)
+    one = equal_weights(qr_factor)
+    estimate = estimate_of_rows(linear, qr_factor, one, propagated)
+    independent = replace(scores, covariance=scores.white, lags=0)
+    white = estimate_of(qr_factor, one, independent, propagated)
     return replace(
         estimate,
         residual_std=float(np.sqrt(np.mean(scales**2))),

@@ -167,11 +167,12 @@ def _check_keys(where: str, value: Any, keys: Collection[str]) -> None:
 
 
 def _values(estimate: Estimate) -> dict[str, dict[str, Any]]:
-    """Return {name: value with its standard error and unit}."""
-    columns = (estimate.names, estimate.values, estimate.standard_errors, estimate.units)
+    """Return {name: value with its standard error, 95 % interval and unit}."""
+    numbers = (estimate.values, estimate.standard_errors, estimate.interval(), estimate.units)
+    keys = ("value", "standard_error", "interval_95", "unit")
     return {
-        name: {"value": value, "standard_error": error, "unit": unit}
-        for name, value, error, unit in zip(*columns, strict=True)
+        name: dict(zip(keys, one, strict=True))
+        for name, *one in zip(estimate.names, *numbers, strict=True)
     }
 
 

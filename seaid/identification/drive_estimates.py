@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import linalg
 
+from seaid._arrays import Array
 from seaid.drives import (
     PARAMETERS,
     Drive,
@@ -42,8 +43,6 @@ def merged_estimates(
 
 
 def _with(drive: Estimate, other: Estimate) -> Estimate:
-    white = [one.white_standard_errors for one in (drive, other)]
-    known = [errors for errors in white if errors is not None]
     return replace(
         drive,
         names=drive.names + other.names,
@@ -51,12 +50,18 @@ def _with(drive: Estimate, other: Estimate) -> Estimate:
         covariance=linalg.block_diag(drive.covariance, other.covariance),
         units=drive.units + other.units,
         warnings=drive.warnings + other.warnings,
-        white_standard_errors=np.concatenate(known) if len(known) == len(white) else None,
+        white_standard_errors=_both(drive.white_standard_errors, other.white_standard_errors),
+        degrees_of_freedom=_both(drive.degrees_of_freedom, other.degrees_of_freedom),
     )
 
 
 _SURE = 2.0
 """Standard errors below zero from which a parameter is negative, and not only uncertain."""
+
+
+def _both(one: Array | None, other: Array | None) -> Array | None:
+    return None if one is None or other is None else np.concatenate([one, other])
+
 
 _ZEROS = (
     "spring_offset",

@@ -9,12 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
+from scipy.stats import t as student_t
 
 from seaid._arrays import Array
 from seaid.estimation.covariance import (
     automatic_lags,
     bartlett,
     fixed_b,
+    fixed_b_freedom,
+    left_by_fit,
+    left_of_mean,
     long_run_of,
     newey_west,
 )
@@ -63,9 +67,13 @@ def test_bandwidth_grows_with_the_root_of_the_length() -> None:
     assert [automatic_lags(count) for count in (1, 2, 100, 10_000)] == [0, 1, 13, 130]
 
 
-def test_fixed_b_is_one_for_a_short_bandwidth_and_known_for_a_long_one() -> None:
-    assert fixed_b(0, 10**9) == pytest.approx(1.0, abs=1e-6)
-    assert 1.96 * np.sqrt(fixed_b(99, 100)) == pytest.approx(4.814, abs=0.01)  # 1.96 + 2.97 + ...
+def test_fixed_b_is_normal_for_a_short_bandwidth_and_known_for_a_long_one() -> None:
+    assert fixed_b(1e-9) == pytest.approx(1.96, abs=1e-6)
+    assert fixed_b(1.0) == pytest.approx(4.814, abs=0.01)  # 1.96 + 2.97 + ...
+    for b in (0.03, 0.1, 0.4):
+        quantile = student_t.ppf(0.975, fixed_b_freedom(b)) / np.sqrt(left_of_mean(b))
+        assert quantile == pytest.approx(fixed_b(b), rel=1e-6)
+    assert fixed_b_freedom(1e-9) == 1e4
 
 
 @pytest.mark.parametrize("bandwidth", [0.1, 0.3])
@@ -73,15 +81,30 @@ def test_corrected_intervals_of_a_mean_hold_the_truth_in_95_of_100(bandwidth: fl
     """The mean of white noise: without the correction too many of them miss."""
     x = np.random.default_rng(2).normal(size=(2000, 200))
     lags = round(bandwidth * 200) - 1
-    held = {1.0: 0, fixed_b(lags, 200): 0}
+    held = {1.96: 0, fixed_b(bandwidth): 0}
     for sample in x:
         deviation = sample - sample.mean()
         variance = bartlett([deviation[:, None]], lags)[0][0, 0]
-        for factor in held:
-            held[factor] += abs(sample.sum()) < 1.96 * np.sqrt(factor * variance)
+        for quantile in held:
+            held[quantile] += abs(sample.sum()) < quantile * np.sqrt(variance)
     plain, corrected = (count / 2000 for count in held.values())
     assert 0.93 < corrected < 0.965
     assert plain < 0.93
+
+
+@pytest.mark.parametrize("p", [1, 5])
+def test_the_fit_removes_as_much_of_the_variance_as_is_said(p: int) -> None:
+    """White noise behind slow columns: Bartlett sums of its residuals, over many draws."""
+    H = np.hstack([autoregressive(0.9, 120, seed) for seed in range(p)])
+    Q, _ = np.linalg.qr(H)
+    x = H @ np.linalg.inv(H.T @ H)
+    left = left_by_fit(x, Q, times(120), np.zeros(120))
+    noise = np.random.default_rng(9).normal(size=(120, 4000))
+    residual = noise - Q @ (Q.T @ noise)
+    lags = automatic_lags(120)
+    sums = [np.diag(bartlett([x * one[:, None]], lags)[0]) for one in residual.T]
+    assert left == pytest.approx(np.mean(sums, axis=0) / np.sum(x**2, axis=0), rel=0.04)
+    assert np.all(left < 0.9)
 
 
 def test_result_is_symmetric_and_positive_semidefinite() -> None:
@@ -126,7 +149,7 @@ def test_runs_at_the_same_times_are_kept_apart() -> None:
     run = np.repeat([0.0, 1.0], 100)
     expected = sum(bartlett([part], 18)[0] for part in (scores[:100], scores[100:]))
     together = newey_west(scores, time, run)
-    assert np.allclose(together, fixed_b(18, 200) * expected, rtol=1e-12)
+    assert np.allclose(together, expected / left_of_mean(19 / 200), rtol=1e-12)
     assert not np.allclose(newey_west(scores, time, np.zeros(200)), together, rtol=1e-3)
 
 

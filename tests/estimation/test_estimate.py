@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -32,6 +34,14 @@ def test_intervals_are_those_of_the_normal_distribution(level: float, half_width
     assert interval.shape == (3, 2)
     assert interval.mean(axis=1) == pytest.approx(FOUND.values)
     assert interval[:, 1] - FOUND.values == pytest.approx(half_width * FOUND.standard_errors)
+
+
+def test_few_degrees_of_freedom_make_intervals_wider_and_errors_not() -> None:
+    few = replace(FOUND, degrees_of_freedom=[4.0, 30.0, np.inf])
+    half = few.interval()[:, 1] - few.values
+    assert half / few.standard_errors == pytest.approx([2.7764, 2.0423, 1.9600], abs=1e-4)
+    assert few.part([2, 0], ["c", "a"]).degrees_of_freedom == pytest.approx([np.inf, 4.0])
+    assert few.standard_errors == pytest.approx(FOUND.standard_errors)
 
 
 @pytest.mark.parametrize("level", [0.0, 1.0, -0.5, 95.0])

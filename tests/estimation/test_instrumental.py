@@ -101,7 +101,7 @@ def test_what_is_carried_adds_what_targets_really_do() -> None:
     rows = replace(rows, propagated=direction)
     plain, carrying = instrumental(rows, Z), instrumental(rows, Z, np.array([[1e-8]]))
     moved = instrumental(replace(rows, y=rows.y + 1e-4 * direction[:, 0]), Z).values - plain.values
-    added = carrying.covariance - plain.covariance
+    added = instrumental(rows, Z, np.array([[2e-8]])).covariance - carrying.covariance
     assert np.allclose(added, np.outer(moved, moved), rtol=1e-2, atol=1e-3 * moved @ moved)
 
 

@@ -158,9 +158,12 @@ def test_what_is_carried_adds_what_targets_really_do(estimator: Solver) -> None:
     data = spoiled(experiment(5, 3000), 0.1)
     direction = data.H[:, :1] + 0.3 * data.H[:, 1:2] ** 2
     plain = estimator(data)
-    carrying = estimator(replace(data, propagated=direction), np.array([[1e-4]]))  # type: ignore[call-arg]
+    once, carrying = (
+        estimator(replace(data, propagated=direction), np.array([[size]]))  # type: ignore[call-arg]
+        for size in (1e-4, 2e-4)
+    )
     moved = estimator(replace(data, y=data.y + 0.01 * direction[:, 0])).values - plain.values
-    added = carrying.covariance - plain.covariance
+    added = carrying.covariance - once.covariance
     assert added == pytest.approx(np.outer(moved, moved), abs=0.08 * float(moved @ moved))
     assert np.all(carrying.white_standard_errors > plain.white_standard_errors)  # type: ignore[operator]
 

@@ -159,6 +159,26 @@ def test_uncertainty_of_the_target_is_carried_along(estimator: type) -> None:
     assert found.covariance == pytest.approx(0.01 * np.outer(TRUTH, TRUTH), rel=1e-9)
 
 
+def test_what_propagated_columns_explain_is_not_noise_too() -> None:
+    """A target that is off along a column has the errors of that column, and is noise once."""
+    data = experiment(5)
+    direction = np.sin(np.arange(len(data.y)) / 7.0)[:, None]
+    rows_of = replace(data, propagated=direction, y=data.y + 10.0 * direction[:, 0])
+    found = ordinary(rows_of, np.array([[1e-12]]))
+    exact = ordinary(replace(data, propagated=direction), np.array([[1e-12]]))
+    assert found.standard_errors == pytest.approx(exact.standard_errors, rel=1e-6)
+    assert np.all(ordinary(rows_of).standard_errors > 2 * found.standard_errors)
+
+
+def test_few_independent_rows_are_flagged() -> None:
+    rng = np.random.default_rng(0)
+    data = rows(rng.normal(size=(7, 5)), rng.normal(size=7))
+    (warning,) = ordinary(data).warnings
+    assert (warning.code, warning.severity) == ("few-rows", "doubtful")
+    assert "5 parameters were estimated from" in warning.message
+    assert not ordinary(experiment(5)).warnings
+
+
 def test_too_few_rows_say_how_many_and_what_to_do() -> None:
     with pytest.raises(IdentificationError, match="2 rows cannot determine 3 parameters: record"):
         ordinary(rows(np.ones((2, 3)), np.ones(2)))

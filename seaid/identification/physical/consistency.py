@@ -273,6 +273,7 @@ def _together(model: LoadModel, load_side: Estimate, drives: Mapping[str, Estima
         ),
         units=tuple(unit for one in parts for unit in one.units),
         white_standard_errors=None,
+        degrees_of_freedom=None,
     )
 
 
