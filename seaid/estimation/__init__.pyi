@@ -18,6 +18,7 @@ from .fitting import LinearEstimator as LinearEstimator
 from .fitting import Rows as Rows
 from .fitting import estimator_named as estimator_named
 from .fitting import fit as fit
+from .fitting import qr_factor_of_rows as qr_factor_of_rows
 from .fitting import stored_rows as stored_rows
 from .gauss_newton import Residuals as Residuals
 from .gauss_newton import Step as Step

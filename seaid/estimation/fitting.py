@@ -215,7 +215,8 @@ Rows = Union["Regression", StoredRows]
 class FittedRows:
     """An estimate with its QR factor, and the rows as it weights them if they are in memory.
 
-    `settled` are the converged weights (E,) of the equations, if the estimate has used them.
+    `settled` are the converged weights (E,) of the equations, if the estimate has used them;
+    `equal` says whether it has weighted all of them equally.
     """
 
     estimate: Estimate
@@ -223,11 +224,19 @@ class FittedRows:
     rows: Regression | None
     propagated: Array | None
     settled: Array | None = None
+    equal: bool = False
 
     @cached_property
     def weights(self) -> Array:
         """The converged weights (E,) of the equations, for every estimator."""
         return settled_weights(self.qr_factor) if self.settled is None else self.settled
+
+    @cached_property
+    def sensitivity(self) -> Array:
+        """The derivative (p, s) of the values by the propagated parameters."""
+        weights = equal_weights(self.qr_factor) if self.equal else self.weights
+        moments = np.einsum("e,eps->ps", weights**2, self.qr_factor.propagated)
+        return np.asarray(solve(self.qr_factor, weights).inverse @ moments)
 
     @property
     def white_covariance(self) -> Array:
@@ -239,6 +248,13 @@ class FittedRows:
         found = {} if self.rows is None else whiteness(self.rows, self.estimate.values)
         named = {joints[index % len(joints)]: one for index, one in found.items()}
         return model_checks(self.qr_factor, self.estimate, optional, named, self.weights)
+
+
+def qr_factor_of_rows(rows: Rows, change: Change) -> QRFactor:
+    """Return the QR factor of rows after `change`."""
+    if isinstance(rows, StoredRows):
+        return combined(qr_factor_of(piece) for _, piece in rows.pieces(change))
+    return qr_factor_of(change(rows))
 
 
 def fit(
@@ -274,4 +290,5 @@ def fit(
         else:
             estimate = estimate_of_rows(in_memory, qr_factor, weights, propagated)
     settled = weights if weigh is settled_weights else None
-    return FittedRows(estimate, qr_factor, in_memory, propagated, settled)
+    equal = weigh is equal_weights
+    return FittedRows(estimate, qr_factor, in_memory, propagated, settled, equal)

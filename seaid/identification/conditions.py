@@ -37,6 +37,7 @@ from seaid.identification.gear import deflection_joints, with_rigid_gears
 from seaid.identification.identification import Identification, identification_of
 from seaid.identification.linearisation import linearised_robot
 from seaid.identification.nonlinear_terms import with_fixed_warnings
+from seaid.identification.torque_offsets import with_spring_torque
 from seaid.identification.two_step import (
     LOAD,
     RobotEstimate,
@@ -44,7 +45,6 @@ from seaid.identification.two_step import (
     split_load_side,
     spring_torque_joints,
     two_step_equations,
-    with_spring_torque,
 )
 from seaid.regressor import LoadModel, Regression, base_parameters, load_model, stacked
 from seaid.robot import Robot
@@ -243,7 +243,7 @@ def _load(
             for joint, start in zip(joints, starts, strict=False)
             for parameter in springs[joint].names
         ]
-        with_torque = with_spring_torque(springs.values(), rows[name])
+        with_torque = with_spring_torque(list(springs.values()), rows[name])
         columns = _placed(with_torque.propagated, places, starts[-1])
         placed[name] = replace(with_torque, propagated=columns)
     first = models[next(iter(models))]

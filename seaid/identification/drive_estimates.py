@@ -67,6 +67,7 @@ _ZEROS = (
     "spring_offset",
     "deflection_zero",
     "friction_offset",
+    "torque_offset",
     "coulomb_shift",
     "parallel_preload",
 )

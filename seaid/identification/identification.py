@@ -351,7 +351,8 @@ def _feasible(robot: Robot, model: LoadModel, found: RobotEstimate) -> FeasibleP
     white = found.fit.white_covariance
     if found.whole is not None:
         return feasible_parameters(robot, model, found.whole, white_covariance=white)
-    elastic = {}
+    columns = len(found.load_side.names)  # without those of torque offsets
+    elastic, white = {}, white[:columns, :columns]
     for joint in robot.elastic_joints:
         drive, load = found.drives[joint], found.load_side.names
         own = [i for i, name in enumerate(drive.names) if f"{name} of {joint}" not in load]

@@ -47,11 +47,11 @@ from seaid.identification.term_columns import (
     size_of,
     speed_scale,
 )
+from seaid.identification.torque_offsets import with_spring_torque
 from seaid.identification.two_step import (
     LOAD,
     spring_torque_joints,
     two_step_equations,
-    with_spring_torque,
 )
 from seaid.log import Motion, in_band_at
 from seaid.regressor import (
@@ -398,7 +398,7 @@ def starting_load_fit(robot: Robot, motions: Sequence[Motion], used: Sequence[st
     joints = spring_torque_joints(robot, motions, model)
     rows = rows_in_memory(motions, two_step_equations(robot, model, joints))
     springs = {joint: spring_of(robot, ordinary(rows[joint]), joint) for joint in joints}
-    load = with_spring_torque(springs.values(), rows[LOAD])
+    load = with_spring_torque(list(springs.values()), rows[LOAD])
     qr_factor = qr_factor_of(load)
     theta = _least_norm(qr_factor, _weights(qr_factor))
     values = {joint: spring.values for joint, spring in springs.items()}

@@ -25,6 +25,7 @@ from seaid.estimation import (
     QRFactor,
     Rows,
     fit,
+    qr_factor_of_rows,
     scaled_svd,
 )
 from seaid.identification.datasets import Dataset, first_motion, rows_of_equations
@@ -33,6 +34,11 @@ from seaid.identification.errors_in_variables import (
     errors_in_variables,
     has_only_spring_torque,
     noise_ratio,
+)
+from seaid.identification.torque_offsets import (
+    identifiable_offsets,
+    with_torque_columns,
+    with_torque_offsets,
 )
 from seaid.log import Motion
 from seaid.regressor import (
@@ -135,9 +141,10 @@ def estimate_two_step(
     """Estimate both sides in turn, with the springs' uncertainty propagated to the load.
 
     `equations` compute the rows in place of `two_step_equations`, in columns that `estimator` knows
-    and that its `effective_rows` converts to the plain ones.
+    and that its `effective_rows` converts to the plain ones; torque offsets then count as 0.
     """
     joints = spring_torque_joints(robot, datasets, model)
+    free = equations is None
     equations = equations or two_step_equations(robot, model, joints)
     stored = estimator.weigh is not None
     with rows_of_equations(datasets, equations, stored, executor, progress) as rows:
@@ -158,27 +165,29 @@ def estimate_two_step(
             for joint, side in actuators.items()
         }
         springs = {joint: spring_of(robot, drives[joint], joint) for joint in joints}
-        load = fit_load(rows[LOAD], springs, estimator)
+        load = fit_load(robot, rows[LOAD], springs, estimator, free=free)
         if encoder_offset_std > 0:
             known = {joint: spring.values for joint, spring in springs.items()}
             regress = partial(
                 with_offset_columns,
                 robot,
                 of_springs=partial(load_regression, robot, model=model, springs=known),
-                theta=load.estimate.values,
+                theta=load.estimate.values[: len(model.names)],
                 regress=equations[LOAD],
             )
             offsets = encoder_offset_std**2 * np.eye(robot.n)
             again = rows_of_equations(datasets, {LOAD: regress}, stored, executor, progress)
             with again as shifted:
-                load = fit_load(shifted[LOAD], springs, estimator, offsets)
-    base, load_drives = split_load_side(model, load.estimate)
+                load = fit_load(robot, shifted[LOAD], springs, estimator, offsets, free)
+    drives = with_torque_offsets(robot, load, drives, springs)
+    load_side = load.estimate.part(range(len(model.names)), model.names)
+    base, load_drives = split_load_side(model, load_side)
     merged = merged_estimates(drives, load_drives)
     return RobotEstimate(
         drives={joint: merged[joint] for joint in robot.joint_names if joint in merged},
         load=base,
-        load_side=load.estimate,
-        springs={joint: spring.values for joint, spring in springs.items()},
+        load_side=load_side,
+        springs={joint: spring_of(robot, drives[joint], joint).values for joint in springs},
         excluded={joint: side.qr_factor.excluded for joint, side in actuators.items()}
         | {"load": load.qr_factor.excluded},
         checks={
@@ -296,7 +305,7 @@ def _scaled(
     values, slopes = np.append(constant * unit.values, constant), np.append(unit.values, 1.0)
     covariance = linalg.block_diag(constant**2 * unit.covariance, 0.0)
     covariance += error**2 * np.outer(slopes, slopes)
-    white = unit.white_standard_errors
+    white, freedom = unit.white_standard_errors, unit.degrees_of_freedom
     return replace(
         unit,
         names=(*unit.names, name),
@@ -304,26 +313,31 @@ def _scaled(
         covariance=covariance,
         units=(*unit.units, unit_of(robot.drives[joint], name)),
         white_standard_errors=None if white is None else np.append(constant * white, error),
+        degrees_of_freedom=None if freedom is None else np.append(freedom, np.min(freedom)),
     )
 
 
 def fit_load(
-    rows: Rows, springs: Mapping[str, Estimate], estimator: Estimator, offsets: Array | None = None
+    robot: Robot,
+    rows: Rows,
+    springs: Mapping[str, Estimate],
+    estimator: Estimator,
+    offsets: Array | None = None,
+    free: bool = True,
 ) -> FittedRows:
-    """Fit (8) from rows without spring torque; `offsets` (n, n): covariance of encoders."""
+    """Fit (8) from rows without spring torque, with columns of the identifiable torque offsets.
+
+    `offsets` (n, n) is the covariance of the encoder offsets. Unless `free`, torque offsets are 0.
+    """
     covariances = [spring.covariance for spring in springs.values()]
     covariances += [] if offsets is None else [offsets]
     propagated = linalg.block_diag(*covariances) if covariances else None
-    with_torque = partial(with_spring_torque, list(springs.values()))
-    return fit(rows, estimator, propagated, with_torque, check_scale)
-
-
-def with_spring_torque(springs: Collection[Estimate], rows: Regression) -> Regression:
-    """Return rows of the load side with the torque of the springs (4b), from rows without it."""
-    if not springs:
-        return rows
-    values = np.concatenate([spring.values for spring in springs])
-    return replace(rows, y=rows.y + rows.propagated[:, : len(values)] @ values)
+    freed = tuple(j for j, one in springs.items() if free and "spring_offset" in one.names)
+    if freed:
+        columns = partial(with_torque_columns, robot, springs, freed)
+        freed = identifiable_offsets(qr_factor_of_rows(rows, columns), freed)
+    change = partial(with_torque_columns, robot, springs, freed)
+    return fit(rows, estimator, propagated, change, check_scale)
 
 
 def with_offset_columns(

@@ -14,6 +14,7 @@ from seaid._progress import Display, Result, sampled_text, track
 from seaid.errors import IdentificationError, checked
 from seaid.identification.gear import for_sensors
 from seaid.identification.identification import Identification, identify
+from seaid.identification.torque_offsets import TORQUE_OFFSET
 from seaid.log import Log, Motion, in_band, reconstruct_motions, standstill
 from seaid.regressor import (
     INPUTS,
@@ -181,6 +182,8 @@ def _actuator(identification: Identification, motion: Motion) -> tuple[Array, Ar
             continue
         values = np.array([estimate.value(name) for name in regressor.names])
         error = R @ values - zeta
+        if TORQUE_OFFSET in estimate.names:
+            error += estimate.value(TORQUE_OFFSET)
         measured[:, index] = _input_torque(identification, motion, joint)
         if np.any(np.isnan(measured[:, index])):
             drive = identification.known.drives[joint]
