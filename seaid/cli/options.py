@@ -164,6 +164,10 @@ class IdentifyOptions(LogOptions):
     encoder_offset_std: Annotated[
         float, Option(help="Standard deviation of joint encoder offsets [rad or m].")
     ] = 0.0
+    known_std: Annotated[
+        str | None,
+        Option(help="Relative standard deviations of constants, as torque=0.03,payload=0.01."),
+    ] = None
 
     def identify(
         self, robot: Robot, logs: Sequence[Source], *, feasible: bool = False
@@ -171,6 +175,7 @@ class IdentifyOptions(LogOptions):
         """Identify a robot from logs."""
         from seaid.identification import identify
 
+        known_std = values("--known-std", self.known_std)
         return identify(
             robot,
             logs,
@@ -180,6 +185,7 @@ class IdentifyOptions(LogOptions):
             feasible=feasible,
             cutoff_hz=self.cutoff_hz,
             encoder_offset_std=self.encoder_offset_std,
+            known_std=known_std if isinstance(known_std, dict) else {"torque": known_std or 0.0},
             progress=is_terminal(),
         )
 

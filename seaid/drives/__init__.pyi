@@ -1,4 +1,5 @@
 from .drives import IDEAL_DRIVE as IDEAL_DRIVE
+from .drives import STD_OF_TORQUE as STD_OF_TORQUE
 from .drives import DefaultTerms as DefaultTerms
 from .drives import Drive as Drive
 from .drives import SeriesElasticDrive as SeriesElasticDrive

@@ -84,7 +84,7 @@ _LENGTH_SIZES, _SIZES = (1e-9, 1e9), (0.0, 1e30)
 
 _MOST_EXTRA_TERMS = 20
 _TERM_FIELDS = (*(name for name in PARAMETERS_OF if name != "motor_input"), "known", "extra_terms")
-_NO_NUMBERS = (*PARAMETERS_OF, *FIELDS, "known", "extra_terms", "nominal", "transmission")
+_NO_NUMBERS = (*PARAMETERS_OF, *FIELDS, "known", "extra_terms", "nominal", "transmission", "std")
 
 
 def _check_numbers(drive: Drive) -> None:
@@ -197,8 +197,9 @@ def _check_harmonics(drive: Drive) -> None:
 def _check_values(drive: Drive) -> None:
     """Check that `nominal`, `known` and `transmission` fit the drive's terms."""
     names = drive.parameter_names
-    for field in ("nominal", "transmission"):
+    for field in ("nominal", "transmission", "std"):
         object.__setattr__(drive, field, _numbers_in(drive, field))
+    _check_std(drive)
     for name, value in drive.nominal.items():
         if name not in PARAMETERS:
             raise RobotError(unknown_name("nominal parameter", name, PARAMETERS))
@@ -216,6 +217,15 @@ def _check_values(drive: Drive) -> None:
             raise RobotError(f"known names '{name}', but it has no value")
 
 
+def _check_std(drive: Drive) -> None:
+    """Check that `std` names constants of the drive that have a value."""
+    constants = [name for name in CONSTANTS if getattr(drive, name, None) is not None]
+    for name, value in drive.std.items():
+        if name not in (STD_OF_TORQUE, *constants):
+            raise RobotError(unknown_name("constant", name, [STD_OF_TORQUE, *constants]))
+        _check_number(f"standard deviation of '{name}'", value, "zero or more")
+
+
 def _term_with(name: str) -> str:
     """Return the description of the term that has a parameter."""
     for field, terms in PARAMETERS_OF.items():
@@ -224,6 +234,18 @@ def _term_with(name: str) -> str:
                 return f"the term '{term}' of {field}"
     return "a nonlinear spring, of which it is the zero"
 
+
+STD_OF_TORQUE = "torque_scale"
+"""Name in `std` of the relative standard deviation of a drive's torque, current or voltage."""
+
+CONSTANTS = (
+    "gear_ratio",
+    "gear_ratio_rad_per_m",
+    "motor_inertia_kg_m2",
+    "motor_pulley_radius_m",
+    "load_pulley_radius_m",
+)
+"""Constants that may have a standard deviation in `std`."""
 
 _PLAIN_FRICTION: tuple[FrictionTerm, ...] = DefaultTerms(("viscous", "coulomb"))
 _NOTHING: Mapping[str, float] = FrozenMapping({})
@@ -241,6 +263,7 @@ class _Parameters(Display):
     nominal: Mapping[str, float] = _NOTHING
     transmission: Mapping[str, float] = _NOTHING
     torque_ripple: Mapping[str, Any] | tuple[Harmonic, ...] = ()
+    std: Mapping[str, float] = _NOTHING
     is_elastic: ClassVar[bool] = False
 
     @property
@@ -376,6 +399,8 @@ class StiffDrive(_Parameters):
     torque_ripple : mapping {angle: orders}
         Periodic torque of the motor: orders of "motor", "joint" or "mesh", such as
         {"motor": [6]}, or {order: [cos, sin]} with nominal amplitudes [N m].
+    std : mapping {constant: standard deviation}
+        Of the constants above, in their units, and of "torque_scale" (relative), for `identify`.
 
     Raises
     ------

@@ -9,7 +9,9 @@ from typing import Any
 
 from seaid._files import read_toml, write_whole
 from seaid.drives.drives import (
+    CONSTANTS,
     IDEAL_DRIVE,
+    STD_OF_TORQUE,
     Drive,
     SeriesElasticDrive,
     StiffDrive,
@@ -77,6 +79,10 @@ def _with_new_keys(table: Mapping[str, Any]) -> dict[str, Any]:
 def _of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
     """Return the drive of a table: fields of the kind by name, parameters by names with units."""
     keys = [field.name for field in fields(kind)]
+    stds = {f"{name}_std": name for name in (STD_OF_TORQUE, *CONSTANTS)}
+    given = {name: others.pop(key) for key, name in stds.items() if key in others}
+    if given:
+        others["std"] = {**others.get("std", {}), **given}
     values = {key: others.pop(key) for key in keys if key in others}
     if all(values.get(key) is None for key in _RATIOS):
         _check_keys(others, keys, _every_key())
@@ -153,7 +159,8 @@ def drive_table(drive: Drive) -> dict[str, Any]:
         if one not in (None, field.default) or type(one) is not type(field.default or one)
     }
     nominal, transmission = kept.pop("nominal", {}), kept.pop("transmission", None)
-    table = {"type": kind, **kept}
+    stds = {f"{name}_std": value for name, value in kept.pop("std", {}).items()}
+    table = {"type": kind, **kept, **stds}
     if _RATIOS.isdisjoint(table):
         table["gear_ratio"] = 1.0  # the default, which a table must state
     table |= {key_of(name, unit_of(drive, name)): value for name, value in nominal.items()}

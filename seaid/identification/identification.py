@@ -7,6 +7,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -52,6 +53,11 @@ from seaid.identification.gear import (
     with_rigid_gears,
 )
 from seaid.identification.instrumental import estimate_instrumental
+from seaid.identification.known_constants import (
+    check_known_std,
+    constants_of,
+    with_known_std,
+)
 from seaid.identification.linearisation import linearised_robot
 from seaid.identification.missing_terms import (
     MOST_ROUNDS,
@@ -189,6 +195,7 @@ def identify(
     feasible: bool = False,
     cutoff_hz: float | None = None,
     encoder_offset_std: float = 0.0,
+    known_std: Mapping[str, float] = MappingProxyType({}),
     executor: Executor | None = None,
     progress: bool = False,
 ) -> Identification:
@@ -225,6 +232,10 @@ def identify(
         Cutoff of the low pass. Default: proposed from the data.
     encoder_offset_std : float
         Standard deviation of the joint encoder offsets [rad or m], propagated to the load side.
+    known_std : mapping {constant: relative standard deviation}
+        Of what was given as known: "torque" (one scale error common to all torques), "payload"
+        (mass), "motor_inertia_kg_m2", "gear_ratio", "motor_pulley_radius_m",
+        "load_pulley_radius_m"; propagated to all estimates. A drive's own `std` takes precedence.
     executor : concurrent.futures.Executor, optional
         Processes the logs, one per task.
     progress : bool
@@ -253,6 +264,7 @@ def identify(
             'method="two-step"',
         )
     check_offset_std(encoder_offset_std)
+    check_known_std(known_std)
     selected = robot.selected(torque_joints)  # refuses unknown joints before a log is read
     solver = estimator_named("wls" if estimator == "iv" else estimator)
     sources = sources_of(logs)
@@ -283,15 +295,19 @@ def identify(
         model, found = _two_step(robot, datasets, used, options)
     terms = supported_terms(robot, datasets, found, widths)
     findings += consequences(findings, missing_terms(robot, terms))
-    if estimator == "iv":
-        found = estimate_instrumental(robot, datasets, model, found, encoder_offset_std, executor)
-    if method == "simultaneous":
-        found = estimate_simultaneous(
-            robot, datasets, model, found, solver, encoder_offset_std, executor
-        )
+    if method == "simultaneous" or estimator == "iv":
+        found = _continued(robot, datasets, model, found, estimator, options)
+
+    def again(robot: Robot, datasets: Sequence[Dataset]) -> RobotEstimate:
+        found = estimate_two_step(robot, datasets, model, *options)
+        if method == "two-step" and estimator != "iv":
+            return found
+        return _continued(robot, datasets, model, found, estimator, options)
+
     motions = [first_motion(one) for one in datasets]
     if not is_wrong(findings):
         findings += sensitivity_findings(robot, motions, model, found, estimator)
+    found = with_known_std(found, constants_of(robot, datasets, known_std), again)
     if robot is not given:
         found = replace(found, drives=with_fixed_warnings(found.drives, given, robot))
     consistent = _feasible(robot, model, found) if feasible else None
@@ -311,6 +327,23 @@ def _two_step(
     """Return the columns of the load side and the estimate of both sides in turn."""
     model = load_model(robot, base_parameters(robot, torque_joints=used), used)
     return model, estimate_two_step(robot, datasets, model, *options)
+
+
+def _continued(
+    robot: Robot,
+    datasets: Sequence[Dataset],
+    model: LoadModel,
+    found: RobotEstimate,
+    estimator: EstimatorName,
+    options: tuple[Estimator, float, Executor | None, bool],
+) -> RobotEstimate:
+    """Return the estimate by instrumental variables, or of both sides at once, from two steps."""
+    solver, encoder_offset_std, executor, _ = options
+    if estimator == "iv":
+        return estimate_instrumental(robot, datasets, model, found, encoder_offset_std, executor)
+    return estimate_simultaneous(
+        robot, datasets, model, found, solver, encoder_offset_std, executor
+    )
 
 
 def identification_of(

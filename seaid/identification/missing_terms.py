@@ -77,7 +77,7 @@ def supported_terms(
             drive = actuator_drive(robot, motions, joint, fitted.rows, theta)
             sides.append((fitted, [drive]))
     stiff = [
-        load_drive(robot, motions, joint, found.fit.rows, found.load_side.values)
+        load_drive(robot, motions, joint, found.fit.rows, found.fit.estimate.values)
         for place, joint in enumerate(robot.joint_names)
         if joint not in robot.elastic_joints and np.any(found.fit.rows.joint == place)
     ]

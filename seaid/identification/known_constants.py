@@ -1,0 +1,146 @@
+"""What was given as known is not exact: its standard deviations, propagated to the estimates.
+
+The derivative of an estimate by a constant is a difference quotient of the whole identification, so
+that it contains the way through the springs. A scale error of the torques changes all parameters
+together: their covariance says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.drives import STD_OF_TORQUE
+from seaid.errors import Finding, IdentificationError, unknown_name
+from seaid.estimation import Estimate
+from seaid.identification.datasets import Dataset
+from seaid.log import Motion
+from seaid.robot import Robot
+
+if TYPE_CHECKING:
+    from seaid.identification.two_step import RobotEstimate
+
+KNOWN_STD = {
+    "torque": "the torques, with one scale error common to all",
+    "payload": "the mass of the payloads",
+    "motor_inertia_kg_m2": "rotor inertias",
+    "gear_ratio": "gear ratios",
+    "motor_pulley_radius_m": "motor pulley radii",
+    "load_pulley_radius_m": "load pulley radii",
+}
+"""Names in `known_std`: relative standard deviations of what."""
+
+_STEP = 1e-3
+"""Relative change of a constant in difference quotients."""
+
+_CHANNELS = ("motor_torque", "motor_current", "motor_voltage", "joint_torque")
+
+
+@dataclass(frozen=True, eq=False)
+class Constant:
+    """A constant with a relative standard deviation, and inputs in which it is larger by `_STEP`.
+
+    `joint` is "" if it is common to all joints.
+    """
+
+    name: str
+    joint: str
+    std: float
+    robot: Robot
+    datasets: Sequence[Dataset]
+
+
+def check_known_std(known_std: Mapping[str, float]) -> None:
+    """Raise IdentificationError for an unknown name or a standard deviation outside [0, 1]."""
+    for name, std in known_std.items():
+        if name not in KNOWN_STD:
+            raise IdentificationError(unknown_name("constant", name, KNOWN_STD), "known_std=")
+        if not 0 <= std <= 1:
+            raise IdentificationError(
+                f"known_std of '{name}' must be a relative standard deviation from 0 to 1, found "
+                f"{std}",
+                "known_std=",
+            )
+
+
+def constants_of(
+    robot: Robot, datasets: Sequence[Dataset], known_std: Mapping[str, float]
+) -> Iterator[Constant]:
+    """Yield the constants that have a standard deviation: by `known_std`, or by their drive."""
+    if known_std.get("torque"):
+        louder = [_with_torques(one, range(robot.n)) for one in datasets]
+        yield Constant("torque", "", known_std["torque"], robot, louder)
+    if known_std.get("payload"):
+        heavier = replace(robot, payload_parameters=(1 + _STEP) * robot.payload_parameters)
+        yield Constant("payload", "", known_std["payload"], heavier, datasets)
+    for joint, drive in robot.drives.items():
+        stds = {name: known_std[name] for name in known_std if hasattr(drive, name)}
+        stds |= drive.std
+        for name, std in stds.items():
+            if name == STD_OF_TORQUE and std:
+                louder = [_with_torques(one, [robot.index(joint)]) for one in datasets]
+                yield Constant(name, joint, std, robot, louder)
+            elif std and (value := getattr(drive, name, None)):
+                relative = std / abs(value) if name in drive.std else std
+                other = replace(drive, **{name: (1 + _STEP) * value})
+                yield Constant(name, joint, relative, robot.with_drives({joint: other}), datasets)
+
+
+def _with_torques(dataset: Dataset, joints: Sequence[int]) -> Dataset:
+    """Return a motion with the logged inputs of some joints larger by `_STEP`."""
+    if not isinstance(dataset, Motion):
+        raise IdentificationError(
+            "a standard deviation of the torques needs logs in memory: read them with read_log",
+            "known_std=",
+        )
+    factor = np.ones(dataset.joint_position.shape[1])
+    factor[list(joints)] += _STEP
+    given = {name: getattr(dataset, name) for name in _CHANNELS}
+    changes = {name: one * factor for name, one in given.items() if one is not None}
+    return replace(dataset, **changes)
+
+
+def with_known_std(
+    found: RobotEstimate,
+    constants: Iterator[Constant],
+    estimate: Callable[[Robot, Sequence[Dataset]], RobotEstimate],
+) -> RobotEstimate:
+    """Return the estimates with the uncertainty of the constants in their covariances."""
+    for constant in constants:
+        other = estimate(constant.robot, constant.datasets)
+        size = constant.std / _STEP
+        found = replace(
+            found,
+            drives={
+                joint: _propagated(one, other.drives[joint].values, size)
+                for joint, one in found.drives.items()
+            },
+            load=_propagated(found.load, other.load.values, size),
+            load_side=_propagated(found.load_side, other.load_side.values, size),
+            whole=None
+            if found.whole is None or other.whole is None
+            else _propagated(found.whole, other.whole.values, size),
+        )
+        if constant.name == "torque":
+            load = replace(found.load, warnings=(*found.load.warnings, _shared(constant.std)))
+            found = replace(found, load=load)
+    return found
+
+
+def _shared(std: float) -> Finding:
+    """Return the note that one scale error is in all standard errors."""
+    message = (
+        f"all torques share a scale error of {std:.2g} (known_std): it is in every standard error "
+        "and changes all parameters together, so that their ratios are better known"
+    )
+    return Finding("torque-scale", message, severity="note", evidence={"relative std": std})
+
+
+def _propagated(estimate: Estimate, other: Array, size: float) -> Estimate:
+    """Return the estimate with the covariance of a change to `other` values, times `size`."""
+    change = size * (other - estimate.values)
+    return replace(estimate, covariance=estimate.covariance + np.outer(change, change))
