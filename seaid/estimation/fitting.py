@@ -19,6 +19,7 @@ import numpy as np
 
 from seaid._arrays import Array, FrozenMapping
 from seaid.errors import LogError, reason_of
+from seaid.estimation.blocks import block_factors
 from seaid.estimation.covariance import at_slots, long_run, slots
 from seaid.estimation.diagnostics import ModelChecks, model_checks, whiteness
 from seaid.estimation.estimate import Estimate
@@ -34,6 +35,7 @@ from seaid.estimation.least_squares import (
     settled_weights,
     solve,
     weighted,
+    with_blocks,
     with_propagated,
 )
 from seaid.estimation.qr_factor import QRFactor, combined, qr_factor_of
@@ -163,8 +165,11 @@ def stored_estimate(
     weights = weigh(qr_factor)
     solution = solve(qr_factor, weights)
     widen = with_propagated if propagated is not None else lambda rows: rows
-    wide = combined(qr_factor_of(widen(rows)) for _, rows in stored.pieces(change))
-    noise = residual_fit(wide, weights)
+    wide = (
+        replace(widen(rows), run=np.full(len(rows.y), log)) for log, rows in stored.pieces(change)
+    )
+    blocks = block_factors(wide, stored.spans)
+    noise = residual_fit(combined(blocks), weights)
 
     def factors(rows: Regression) -> Array:
         return score_factors(widen(rows), qr_factor, weights, noise.values)
@@ -180,7 +185,8 @@ def stored_estimate(
     long, left = long_run(scores, instants), None
     if instants <= MOST_INSTANTS:
         left = left_of(widen(_whole(stored, change)), qr_factor, weights, solution, noise)
-    estimate = estimate_of(qr_factor, weights, long, propagated, solution, left)
+    own = estimate_of(qr_factor, weights, long, None, solution, left)
+    estimate = with_blocks(qr_factor, weights, (solution, noise), own, blocks, propagated)
     return estimate, qr_factor, weights
 
 

@@ -11,9 +11,10 @@ from scipy import linalg
 
 from seaid._arrays import Array, safely
 from seaid.errors import ExcitationError, Finding, IdentificationError
+from seaid.estimation.blocks import agreement, block_factors, spans_of
 from seaid.estimation.covariance import LongRun, left_by_fit, left_of_mean, long_run_of
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.qr_factor import QRFactor, determining_joints, qr_factor_of
+from seaid.estimation.qr_factor import QRFactor, combined, determining_joints, qr_factor_of
 from seaid.estimation.singular_directions import (
     RANK_TOLERANCE,
     Directions,
@@ -275,13 +276,8 @@ def estimate_of(
             left = np.full(len(theta), part)
         covariance = inverse @ scores.covariance @ inverse / np.sqrt(np.outer(left, left))
         warnings = _few_rows(independent, len(theta))
-    if propagated is not None and qr_factor.propagated.shape[2]:
-        moments = np.einsum("e,eps->ps", weights**2, qr_factor.propagated)
-        sensitivity = inverse @ moments
-        from_targets = sensitivity @ propagated @ sensitivity.T
-        covariance, white = covariance + from_targets, white + from_targets
     squares = float(np.sum(qr_factor.residual_norms(theta) ** 2))
-    return Estimate(
+    estimate = Estimate(
         names=qr_factor.names,
         values=theta,
         covariance=0.5 * (covariance + covariance.T),
@@ -292,6 +288,7 @@ def estimate_of(
         white_standard_errors=np.sqrt(np.diag(white)),
         degrees_of_freedom=np.full(len(theta), freedom),
     )
+    return _with_targets(qr_factor, weights, solution, estimate, propagated)
 
 
 def _few_rows(independent: float, p: int) -> tuple[Finding, ...]:
@@ -331,12 +328,63 @@ def estimate_of_rows(
     """Return the estimate with weights (E,) of the equations, from rows and their QR factor."""
     solution = solve(qr_factor, weights)
     wide = rows if propagated is None else with_propagated(rows)
-    noise = residual_fit(qr_factor if wide is rows else qr_factor_of(wide), weights)
+    blocks = block_factors([wide], spans_of(wide))
+    noise = residual_fit(combined(blocks), weights)
     factors = score_factors(wide, qr_factor, weights, noise.values)
     scores = long_run_of(rows.H, factors, rows.time, rows.run)
     short = scores.instants <= MOST_INSTANTS
     left = left_of(wide, qr_factor, weights, solution, noise) if short else None
-    return estimate_of(qr_factor, weights, scores, propagated, solution, left)
+    own = estimate_of(qr_factor, weights, scores, None, solution, left)
+    return with_blocks(qr_factor, weights, (solution, noise), own, blocks, propagated)
+
+
+def with_blocks(
+    qr_factor: QRFactor,
+    weights: Array,
+    fits: tuple[Solution, Solution],
+    estimate: Estimate,
+    blocks: list[QRFactor],
+    propagated: Array | None,
+) -> Estimate:
+    """Return the estimate with a covariance enlarged where blocks disagree, and the propagated one.
+
+    `fits` are the solution and the residual's fit.
+    """
+    solution, noise = fits
+    places = [np.searchsorted(qr_factor.equations, one.equations) for one in blocks]
+    factors = [one.weighted_factor(weights[at]) for one, at in zip(blocks, places, strict=True)]
+    own = estimate.degrees_of_freedom
+    freedom = np.inf if own is None else float(np.min(own, initial=np.inf))
+    variance = np.diag(estimate.covariance)
+    found = agreement(factors, solution.inverse, (noise.values, noise.root), variance, freedom)
+    enlarged = replace(
+        estimate,
+        covariance=found.factor * estimate.covariance,
+        warnings=(*estimate.warnings, *found.findings),
+    )
+    return _with_targets(qr_factor, weights, solution, enlarged, propagated)
+
+
+def _with_targets(
+    qr_factor: QRFactor,
+    weights: Array,
+    solution: Solution,
+    estimate: Estimate,
+    propagated: Array | None,
+) -> Estimate:
+    """Return the estimate with the covariance `propagated` from its targets, if any."""
+    if propagated is None or not qr_factor.propagated.shape[2]:
+        return estimate
+    moments = np.einsum("e,eps->ps", weights**2, qr_factor.propagated)
+    sensitivity = solution.inverse @ moments
+    from_targets = sensitivity @ propagated @ sensitivity.T
+    white = estimate.white_standard_errors
+    assert white is not None
+    return replace(
+        estimate,
+        covariance=estimate.covariance + 0.5 * (from_targets + from_targets.T),
+        white_standard_errors=np.sqrt(white**2 + np.diag(from_targets)),
+    )
 
 
 def with_propagated(rows: Regression) -> Regression:

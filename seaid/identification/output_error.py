@@ -31,6 +31,7 @@ from seaid.identification.simulated_joints import (
     response_to,
     torque_jacobians,
 )
+from seaid.identification.torque_offsets import TORQUE_OFFSET
 from seaid.identification.two_step import split_load_side, without_torque
 from seaid.identification.validation import compared
 from seaid.log import (
@@ -310,18 +311,28 @@ def _load_error(layout: Layout, run: Run, x: Array) -> tuple[Array, Array, Torqu
     return (torque - payload - H @ x[layout.load])[:, mine], by_x, jacobians
 
 
+def _motor_columns(
+    layout: Layout, motion: Motion, joint: str
+) -> tuple[tuple[str, ...], Array, Array]:
+    """Return names, zeta and R of (7), with a column for the torque offset if it was identified."""
+    regressor, zeta, R = actuator_columns(layout.found.known, motion, joint)
+    if TORQUE_OFFSET not in layout.found.drive_side[joint].names:
+        return regressor.names, zeta, R
+    return (*regressor.names, TORQUE_OFFSET), zeta, np.column_stack([R, np.ones(len(zeta))])
+
+
 def _drive_error(layout: Layout, run: Run, x: Array, response: Response) -> Array:
     """Return the residuals of (7) and their derivatives (T, simulated, 1 + p + s)."""
-    known, motion = layout.found.known, run.motion
+    motion = run.motion
     found = np.zeros_like(response.position)
     nudged = replace(motion, joint_position=motion.joint_position + 1e-6)
     for row, joint in enumerate(layout.simulated):
         columns = layout.drives[joint]
-        regressor, zeta, R = actuator_columns(known, motion, joint)
-        _check_columns(layout, regressor.names, joint)
+        names, zeta, R = _motor_columns(layout, motion, joint)
+        _check_columns(layout, names, joint)
         found[:, row, 0] = zeta - R @ x[columns]
         found[:, row, 1 + columns.start : 1 + columns.stop] = -R
-        _, zeta_there, R_there = actuator_columns(known, nudged, joint)
+        _, zeta_there, R_there = _motor_columns(layout, nudged, joint)
         by_position = (zeta_there - R_there @ x[columns] - found[:, row, 0]) / 1e-6
         found[:, row] += by_position[:, None] * response.position[:, row]
     return found

@@ -83,7 +83,7 @@ def identifiable_offsets(qr_factor: QRFactor, joints: Sequence[str]) -> tuple[st
 def with_torque_offsets(
     robot: Robot, load: FittedRows, drives: Mapping[str, Estimate], springs: Mapping[str, Estimate]
 ) -> dict[str, Estimate]:
-    """Return the drives {joint: Estimate} with spring offset and torque offset told apart.
+    """Return the drives {joint: Estimate} with the spring offset and the torque offset separated.
 
     The error of s is in both the fit of (7) and b_0, so that f_0 does not contain it.
     """
@@ -93,12 +93,12 @@ def with_torque_offsets(
         if name in load.estimate.names:
             place = load.estimate.names.index(name)
             slopes = load.sensitivity[place, start : start + len(spring.names)]
-            found[joint] = _told_apart(robot, load, joint, drives[joint], (spring, place, slopes))
+            found[joint] = _separated(robot, load, joint, drives[joint], (spring, place, slopes))
         start += len(spring.names)
     return found
 
 
-def _told_apart(
+def _separated(
     robot: Robot,
     load: FittedRows,
     joint: str,

@@ -80,6 +80,7 @@ def test_result_has_what_the_design_says() -> None:
             "coulomb_friction",
             "stiffness",
             "spring_offset",
+            "torque_offset",
         )
     assert found().drives["hip_yaw"].names == ("viscous_friction", "coulomb_friction")
     assert len(found().load.values) == len(found().base.columns) == 29
@@ -186,6 +187,7 @@ def test_parameters_json_has_the_fields_of_the_design(tmp_path: Path) -> None:
     assert stiffness == {
         "value": found().drives["knee_pitch"].value("stiffness"),
         "standard_error": found().drives["knee_pitch"].standard_error("stiffness"),
+        "interval_95": found().drives["knee_pitch"].interval()[2].tolist(),
         "unit": "N/m",
     }
     assert len(content["load"]) == len(content["base_columns"]) == len(content["grouping"]) == 29

@@ -1,0 +1,109 @@
+"""Standard deviations of what was given as known, in the errors of the estimates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from seaid.drives.drives import SeriesElasticDrive, StiffDrive
+from seaid.drives.toml import drive_table, drives_from_mapping
+from seaid.errors import IdentificationError, RobotError
+from seaid.identification.identification import Identification, identify
+from seaid.simulation.simulation import measure
+from tests.experiments import ELASTIC, LEG_SENSORS, TEST_MASS, leg, leg_motion, true_value
+
+TRUTH = leg(TEST_MASS)
+
+
+def found(scale: float = 1.0, **options: Any) -> Identification:
+    log = measure(TRUTH, leg_motion(TEST_MASS), LEG_SENSORS, 5)
+    log = replace(log, motor_torque=scale * log.motor_torque)
+    return identify(TRUTH.without_nominal(), log, cutoff_hz=4.0, **options)
+
+
+def worst(result: Identification) -> float:
+    true = result.base.project(TRUTH.parameters)
+    return float(np.max(np.abs(result.load.values - true) / result.load.standard_errors))
+
+
+def test_a_wrong_scale_of_all_torques_is_within_the_stated_errors() -> None:
+    assert worst(found(1.03)) > 6.0
+    stated = found(1.03, known_std={"torque": 0.03})
+    assert worst(stated) < 3.5
+    for joint in ELASTIC:
+        error = stated.drives[joint].value("stiffness") - true_value(TRUTH, joint, "stiffness")
+        assert abs(error) < 3 * stated.drives[joint].standard_error("stiffness")
+
+
+def test_a_common_scale_moves_all_parameters_together_and_is_said_once() -> None:
+    stated, plain = found(known_std={"torque": 0.05}), found()
+    added = stated.load.covariance - plain.load.covariance
+    assert np.linalg.matrix_rank(added, tol=1e-6 * np.trace(added)) == 1
+    notes = [one for one in stated.warnings if one.code == "torque-scale"]
+    assert [one.severity for one in notes] == ["note"]
+    assert "all torques share a scale error of 0.05" in notes[0].message
+    np.testing.assert_allclose(stated.load.values, plain.load.values)
+
+
+def test_a_payload_of_uncertain_mass_moves_the_foot() -> None:
+    stated, plain = found(known_std={"payload": 0.1}), found()
+    ratio = stated.load.standard_errors / plain.load.standard_errors
+    assert np.max(ratio) > 2
+    change = np.sqrt(np.diag(stated.load.covariance - plain.load.covariance))
+    true = plain.base.project(0.1 * TRUTH.payload_parameters)
+    assert change == pytest.approx(np.abs(true), rel=0.02, abs=0.01 * np.max(np.abs(true)))
+
+
+@pytest.mark.parametrize(
+    ("known_std", "message"),
+    [
+        ({"mass": 0.1}, "no constant is named 'mass'"),
+        ({"torque": 2.0}, "known_std of 'torque' must be a relative standard deviation from 0 to"),
+    ],
+)
+def test_impossible_standard_deviations_are_refused(
+    known_std: dict[str, float], message: str
+) -> None:
+    with pytest.raises(IdentificationError, match=message):
+        found(known_std=known_std)
+
+
+def test_a_drive_has_its_own_standard_deviations_in_its_table() -> None:
+    table = {
+        "type": "series_elastic",
+        "gear_ratio": 100.0,
+        "motor_inertia_kg_m2": 1e-5,
+        "motor_inertia_kg_m2_std": 1e-6,
+        "torque_scale_std": 0.02,
+    }
+    drive = drives_from_mapping({"a": table})["a"]
+    assert drive.std == {"motor_inertia_kg_m2": 1e-6, "torque_scale": 0.02}
+    assert drives_from_mapping({"a": drive_table(drive)})["a"] == drive
+
+
+@pytest.mark.parametrize(
+    ("std", "message"),
+    [
+        ({"motor_inertia_kg_m2": 0.1}, "no constant is named 'motor_inertia_kg_m2'"),
+        ({"gear_ratio": -1.0}, "standard deviation of 'gear_ratio' must be zero or more"),
+    ],
+)
+def test_standard_deviations_of_nothing_are_refused(std: dict[str, float], message: str) -> None:
+    with pytest.raises(RobotError, match=message):
+        StiffDrive(gear_ratio=10.0, std=std)
+
+
+def test_the_rotor_inertia_of_one_drive_reaches_its_parameters() -> None:
+    drive = TRUTH.without_nominal().drives["knee_pitch"]
+    assert isinstance(drive, SeriesElasticDrive)
+    assert drive.motor_inertia_kg_m2
+    doubted = replace(drive, std={"motor_inertia_kg_m2": 0.2 * drive.motor_inertia_kg_m2})
+    log = measure(TRUTH, leg_motion(TEST_MASS), LEG_SENSORS, 5)
+    robot = TRUTH.without_nominal().with_drives({"knee_pitch": doubted})
+    stated, plain = identify(robot, log, cutoff_hz=4.0), found()
+    for joint in ELASTIC:
+        ratio = stated.drives[joint].standard_errors / plain.drives[joint].standard_errors
+        assert (np.max(ratio) > 1.05) == (joint == "knee_pitch")
