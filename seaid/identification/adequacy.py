@@ -132,7 +132,7 @@ def joint_fits(
     rows, n = found.fit.rows, len(joint_names)
     if rows is None:
         return FrozenMapping({}, "joint")
-    theta = (found.load_side if found.whole is None else found.whole).values
+    theta = found.fit.estimate.values  # with those of torque offsets
     own, blocks = _errors(rows, rows.H @ theta), _block_errors(found.fit)
     motors = {joint: _motor_error(joint, found, own, n) for joint in joint_names}
     identified = replace(given, bodies=bodies).nominal
@@ -237,8 +237,8 @@ def fit_findings(
             )
     rows = found.fit.rows
     if rows is not None:
-        theta = (found.load_side if found.whole is None else found.whole).values
-        yield from _contacts(joint_names, rows, rows.y - rows.H @ theta)
+        residual = rows.y - rows.H @ found.fit.estimate.values
+        yield from _contacts(joint_names, rows, residual)
 
 
 def _contacts(joint_names: Sequence[str], rows: Regression, residual: Array) -> Iterator[Finding]:
