@@ -1,8 +1,7 @@
 """Comparison of blocks: whether parts of the data agree within the errors of the whole.
 
 What changes from log to log, or slower than the bandwidth of the covariance, is not in it. The
-residuals of at least eight blocks, or of the logs if there are more, give the variance of the
-estimate a second time. The ratio of both is that of Birge (1932): chi-square per degree of freedom.
+residuals of at least eight blocks, and of the logs, give the variance of the estimate again. The ratio of both is that of Birge (1932): chi-square per degree of freedom.
 """
 
 from __future__ import annotations
@@ -27,44 +26,48 @@ FEWEST_BLOCKS = 8
 _LEAST_LEFT = 0.3
 """Least part of the variance of a parameter, left between blocks by the fit, that is compared."""
 
-_LEVEL = 0.99
+_LEVEL = 0.995
 """Probability below which a ratio is chance."""
+
+_FEWEST_FREEDOM = 2
+"""Fewest degrees of freedom between blocks: two logs say little."""
 
 _DISAGREE = 2.0
 """Ratio from which there is a finding; smaller ones only enlarge the standard errors."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Agreement:
-    """The ratio of Birge: variance by blocks over variance by autocorrelation.
+    """The ratios of Birge (p,): variance by blocks over variance by autocorrelation.
 
-    `blocks` is their number, `least` the smallest ratio that is not chance.
+    They are 1 for parameters that are not compared, and all of them if they may be chance. `blocks`
+    is the number of blocks.
     """
 
-    ratio: float
+    ratios: Array
     blocks: int
-    least: float
 
     @property
-    def factor(self) -> float:
-        """Factor on the covariance."""
-        return max(self.ratio, 1.0) if self.ratio > self.least else 1.0
+    def factors(self) -> Array:
+        """Factors (p,) on the variances."""
+        return np.maximum(self.ratios, 1.0)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """A finding if the blocks disagree."""
-        if self.factor < _DISAGREE:
+        worst = float(np.max(self.ratios, initial=1.0))
+        if worst < _DISAGREE:
             return ()
         message = (
-            f"{self.blocks} parts of the data disagree: their estimates scatter "
-            f"{self.ratio**0.5:.1f} times as much as their residuals explain; the standard errors "
-            "were enlarged so much"
+            f"{self.blocks} parts of the data disagree: their estimates scatter up to "
+            f"{worst**0.5:.1f} times as much as their residuals explain; the standard errors were "
+            "enlarged so much"
         )
         return (
             Finding(
                 "blocks-disagree",
                 message,
-                evidence={"chi-square per degree of freedom": self.ratio},
+                evidence={"chi-square per degree of freedom": worst},
                 remedy="look for what changed between or during the logs: encoder offsets, payload,"
                 " temperature, a drifting sensor; identify the logs one by one",
             ),
@@ -73,8 +76,8 @@ class Agreement:
 
 def block_factors(
     pieces: Iterable[Regression], spans: Mapping[int, tuple[float, float]]
-) -> list[QRFactor]:
-    """Return the QR factors of blocks of rows; `spans` {log: first and last instant [s]}."""
+) -> list[tuple[int, QRFactor]]:
+    """Return log and QR factor of blocks of rows; `spans` {log: first and last instant [s]}."""
     per_log = math.ceil(FEWEST_BLOCKS / max(len(spans), 1))
     found: dict[tuple[int, int], list[QRFactor]] = {}
     for rows in pieces:
@@ -86,7 +89,7 @@ def block_factors(
             for one in np.unique(place[mine]):
                 own = rows.at(mine & (place == one))
                 found.setdefault((log, int(one)), []).append(qr_factor_of(own))
-    return [combined(parts) for parts in found.values()]
+    return [(log, combined(parts)) for (log, _), parts in found.items()]
 
 
 def spans_of(rows: Regression) -> dict[int, tuple[float, float]]:
@@ -99,13 +102,13 @@ def spans_of(rows: Regression) -> dict[int, tuple[float, float]]:
 
 
 def agreement(
-    blocks: list[Array],
+    blocks: list[tuple[int, Array]],
     inverse: Array,
     fit: tuple[Array, Array],
     variance: Array,
     freedom: float,
 ) -> Agreement:
-    """Return the ratio for `blocks`, each with its weighted factor R (q+1, q+1) of [H C y].
+    """Return the ratios; each of `blocks` has its log and weighted factor R (q+1, q+1) of [H C y].
 
     `inverse` (p, p) is (H^T W^2 H)^-1, `fit` (theta, root) that of [H C] to y with root root^T the
     inverse of its normal equations, `variance` (p,) that by autocorrelation, with its degrees of
@@ -113,17 +116,36 @@ def agreement(
     """
     theta, root = fit
     p, q = len(inverse), len(theta)
-    between, lost = np.zeros(p), np.zeros(p)
-    for R in blocks:
+    sums, removed = [], []
+    for _, R in blocks:
         influence = inverse @ R[:, :p].T
-        between += (influence @ (R @ np.append(-theta, 1.0))) ** 2
-        lost += np.sum((influence @ (R[:, :q] @ root)) ** 2, axis=1)
-    left = 1 - lost / np.diag(inverse)
-    seen = (left > _LEAST_LEFT) & (variance > 0)
-    if not np.any(seen):
-        return Agreement(1.0, len(blocks), 1.0)
-    ratio = float(np.mean(between[seen] / (left[seen] * variance[seen])))
-    # parameters share noise: the degrees of freedom grow with the root of their number
-    own = (len(blocks) - 1) * math.sqrt(np.sum(seen)) * float(np.mean(left[seen]))
-    least = float(fdtri(own, freedom * math.sqrt(np.sum(seen)), _LEVEL))
-    return Agreement(ratio, len(blocks), least)
+        sums.append(influence @ (R @ np.append(-theta, 1.0)))
+        removed.append(influence @ (R[:, :q] @ root))
+    logs = np.array([log for log, _ in blocks])
+    ratios, count = np.ones(p), len(blocks)
+    for parts in (np.arange(len(blocks)), logs):
+        groups = [np.flatnonzero(parts == one) for one in np.unique(parts)]
+        between = sum(np.sum([sums[i] for i in own], axis=0) ** 2 for own in groups)
+        lost = sum(np.sum(sum(removed[i] for i in own) ** 2, axis=1) for own in groups)
+        left = 1 - lost / np.diag(inverse)
+        found = _ratios(between, left, variance, len(groups) - 1, freedom)
+        if np.max(found, initial=1.0) > np.max(ratios, initial=1.0):
+            ratios, count = found, len(groups)
+    return Agreement(ratios, count)
+
+
+def _ratios(
+    between: Array, left: Array, variance: Array, own_freedom: int, freedom: float
+) -> Array:
+    """Return the ratios (p,) of one division into blocks, all of them 1 if they may be chance."""
+    seen, ratios = (left > _LEAST_LEFT) & (variance > 0), np.ones(len(between))
+    if own_freedom < _FEWEST_FREEDOM or not np.any(seen):
+        return ratios
+    own = between[seen] / (left[seen] * variance[seen])
+    # parameters share noise: degrees of freedom of their mean grow with the root of their number
+    root_count = math.sqrt(np.sum(seen))
+    least_mean = fdtri(own_freedom * root_count, freedom * root_count, _LEVEL)
+    least_own = fdtri(own_freedom, freedom, 1 - (1 - _LEVEL) / np.sum(seen))
+    if np.mean(own) > least_mean or np.max(own) > least_own:
+        ratios[seen] = own
+    return ratios

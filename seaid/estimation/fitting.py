@@ -169,7 +169,7 @@ def stored_estimate(
         replace(widen(rows), run=np.full(len(rows.y), log)) for log, rows in stored.pieces(change)
     )
     blocks = block_factors(wide, stored.spans)
-    noise = residual_fit(combined(blocks), weights)
+    noise = residual_fit(combined(one for _, one in blocks), weights)
 
     def factors(rows: Regression) -> Array:
         return score_factors(widen(rows), qr_factor, weights, noise.values)

@@ -329,7 +329,7 @@ def estimate_of_rows(
     solution = solve(qr_factor, weights)
     wide = rows if propagated is None else with_propagated(rows)
     blocks = block_factors([wide], spans_of(wide))
-    noise = residual_fit(combined(blocks), weights)
+    noise = residual_fit(combined(one for _, one in blocks), weights)
     factors = score_factors(wide, qr_factor, weights, noise.values)
     scores = long_run_of(rows.H, factors, rows.time, rows.run)
     short = scores.instants <= MOST_INSTANTS
@@ -343,7 +343,7 @@ def with_blocks(
     weights: Array,
     fits: tuple[Solution, Solution],
     estimate: Estimate,
-    blocks: list[QRFactor],
+    blocks: list[tuple[int, QRFactor]],
     propagated: Array | None,
 ) -> Estimate:
     """Return the estimate with a covariance enlarged where blocks disagree, and the propagated one.
@@ -351,15 +351,20 @@ def with_blocks(
     `fits` are the solution and the residual's fit.
     """
     solution, noise = fits
-    places = [np.searchsorted(qr_factor.equations, one.equations) for one in blocks]
-    factors = [one.weighted_factor(weights[at]) for one, at in zip(blocks, places, strict=True)]
+    factors = [
+        (log, one.weighted_factor(weights[np.searchsorted(qr_factor.equations, one.equations)]))
+        for log, one in blocks
+    ]
     own = estimate.degrees_of_freedom
     freedom = np.inf if own is None else float(np.min(own, initial=np.inf))
     variance = np.diag(estimate.covariance)
     found = agreement(factors, solution.inverse, (noise.values, noise.root), variance, freedom)
+    scale = np.sqrt(found.factors)
+    fewer = np.where(scale > 1, float(found.blocks - 1), np.inf)
     enlarged = replace(
         estimate,
-        covariance=found.factor * estimate.covariance,
+        covariance=estimate.covariance * np.outer(scale, scale),
+        degrees_of_freedom=np.minimum(freedom, fewer),
         warnings=(*estimate.warnings, *found.findings),
     )
     return _with_targets(qr_factor, weights, solution, enlarged, propagated)
