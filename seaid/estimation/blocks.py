@@ -1,7 +1,8 @@
 """Comparison of blocks: whether parts of the data agree within the errors of the whole.
 
 What changes from log to log, or slower than the bandwidth of the covariance, is not in it. The
-residuals of at least eight blocks, and of the logs, give the variance of the estimate again. The ratio of both is that of Birge (1932): chi-square per degree of freedom.
+residuals of at least eight blocks, and of the logs, give the variance of the estimate again. The
+ratio of both is that of Birge (1932): chi-square per degree of freedom.
 """
 
 from __future__ import annotations

@@ -191,7 +191,9 @@ def test_parameters_json_has_the_fields_of_the_design(tmp_path: Path) -> None:
         "unit": "N/m",
     }
     assert len(content["load"]) == len(content["base_columns"]) == len(content["grouping"]) == 29
-    assert set(content["load"][0]) == {"expression", "value", "standard_error", "unit"}
+    assert set(content["load"][0]) == {
+        *("expression", "value", "standard_error", "interval_95", "unit"),
+    }
     assert [entry["value"] for entry in content["load"]] == found().load.values.tolist()
     assert np.array(content["grouping"]).shape == (29, 50)
     assert content["validation"]["load"]["knee_pitch"]["relative_error"] < 0.05

@@ -106,4 +106,5 @@ def test_the_rotor_inertia_of_one_drive_reaches_its_parameters() -> None:
     stated, plain = identify(robot, log, cutoff_hz=4.0), found()
     for joint in ELASTIC:
         ratio = stated.drives[joint].standard_errors / plain.drives[joint].standard_errors
+        ratio = ratio[:3]  # by (7); (8) couples the torque offsets
         assert (np.max(ratio) > 1.05) == (joint == "knee_pitch")
