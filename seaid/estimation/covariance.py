@@ -67,6 +67,11 @@ class LongRun:
         return min((self.lags + 1) / max(self.instants, 1), 1.0)
 
     @property
+    def for_normal_intervals(self) -> Array:
+        """The covariance (p, p) by which normal 95 % intervals are right."""
+        return np.asarray((fixed_b(self.bandwidth) / _NORMAL) ** 2 * self.covariance)
+
+    @property
     def degrees_of_freedom(self) -> float:
         """Degrees of freedom by which Student's 95 % quantile is that of fixed b (`fixed_b`)."""
         return fixed_b_freedom(self.bandwidth)

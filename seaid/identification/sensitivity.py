@@ -104,7 +104,7 @@ def difference(fits: Sequence[Fit], propagated: Array | None) -> tuple[Array, Ar
         np.ones(len(time)),
         step_s * np.round((time - np.min(time)) / step_s),
         np.concatenate([fit.rows.run for fit in fits]),
-    ).covariance
+    ).for_normal_intervals
     if propagated is not None:
         by = one.by_propagated - other.by_propagated
         covariance = covariance + by @ propagated[: by.shape[1], : by.shape[1]] @ by.T
@@ -240,7 +240,8 @@ def _of_cutoffs(
             for factor in (1.0, WIDER)
         ]
         springs = found.fit.propagated if joint == LOAD else None
-        scores = _scores(fits, fit.estimate.standard_errors, springs)
+        stated = found.load_side if joint == LOAD else fit.estimate
+        scores = _scores(fits, stated.standard_errors, springs)
         rigid = joint == LOAD or any(
             score and "friction" not in name
             for score, name in zip(scores, fits[0].rows.names, strict=True)
