@@ -295,14 +295,11 @@ def identify(
         model, found = _two_step(robot, datasets, used, options)
     terms = supported_terms(robot, datasets, found, widths)
     findings += consequences(findings, missing_terms(robot, terms))
-    if method == "simultaneous" or estimator == "iv":
-        found = _continued(robot, datasets, model, found, estimator, options)
+    found = _continued(robot, datasets, model, found, (method, estimator), options)
 
     def again(robot: Robot, datasets: Sequence[Dataset]) -> RobotEstimate:
         found = estimate_two_step(robot, datasets, model, *options)
-        if method == "two-step" and estimator != "iv":
-            return found
-        return _continued(robot, datasets, model, found, estimator, options)
+        return _continued(robot, datasets, model, found, (method, estimator), options)
 
     motions = [first_motion(one) for one in datasets]
     if not is_wrong(findings):
@@ -334,16 +331,18 @@ def _continued(
     datasets: Sequence[Dataset],
     model: LoadModel,
     found: RobotEstimate,
-    estimator: EstimatorName,
+    way: tuple[Method, EstimatorName],
     options: tuple[Estimator, float, Executor | None, bool],
 ) -> RobotEstimate:
-    """Return the estimate by instrumental variables, or of both sides at once, from two steps."""
+    """Return the estimate of two steps, or by instruments or both sides at once from there."""
     solver, encoder_offset_std, executor, _ = options
-    if estimator == "iv":
+    if way[1] == "iv":
         return estimate_instrumental(robot, datasets, model, found, encoder_offset_std, executor)
-    return estimate_simultaneous(
-        robot, datasets, model, found, solver, encoder_offset_std, executor
-    )
+    if way[0] == "simultaneous":
+        return estimate_simultaneous(
+            robot, datasets, model, found, solver, encoder_offset_std, executor
+        )
+    return found
 
 
 def identification_of(

@@ -275,11 +275,16 @@ def _solve(rows: Regression, propagated: Array | None) -> Estimate:
     return instrumental(*split_instruments(rows), propagated)
 
 
+def _same_names(one: Estimate, other: Estimate) -> Estimate:
+    """Return the parameters of one estimate that another has: the start has torque offsets."""
+    return one.part([one.names.index(name) for name in other.names], other.names)
+
+
 def _moved(before: RobotEstimate, after: RobotEstimate) -> dict[str, float]:
     """Return the change of each parameter in standard errors."""
     moved: dict[str, float] = {}
     pairs = [("load", before.load_side, after.load_side)] + [
-        (joint, before.drives[joint], one) for joint, one in after.drives.items()
+        (joint, _same_names(before.drives[joint], one), one) for joint, one in after.drives.items()
     ]
     for where, old, new in pairs:
         steps = np.abs(new.values - old.values) / np.maximum(new.standard_errors, 1e-300)
