@@ -25,7 +25,7 @@ from seaid._files import result_folder, write_json
 from seaid._progress import track
 from seaid.excitation import pivoted_base
 from seaid.report.figures import save_actuator_figure, save_load_figure
-from seaid.report.text import drive_table, load_table, validation_table
+from seaid.report.text import drive_table, load_table, validation_table, warning_lines
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 PLAN, VALIDATION_PLAN = "tulip_plan.json", "tulip_validation_plan.json"
@@ -129,14 +129,14 @@ def main(output: Path, seed: int, anew: bool) -> None:
     print("Friction: viscous and Coulomb, the two terms of the paper (named in the drives file)")
     print(drive_table("Table 1: drives, with the test mass of 2 kg on the foot", found, truth))
     print(drive_table("The same with a free foot: the ankle's spring is not loaded", free, truth))
-    print_flags(free)
+    print_verdict(free)
     print(load_table("Base parameters from all five torques, with the test mass", found, truth))
     print(
         f"From the torques at joints 3-5 alone {len(elastic.load.values)} base parameters are "
         f"identifiable, from all five {len(found.load.values)}."
     )
     print(validation_table(result))
-    print_flags(found)
+    print_verdict(found)
     facts: dict[str, str | int | float] = {
         "Seed of everything random": seed,
         "Excitation": f"B-spline of {DURATION_S:g} s, condition {condition:.3g}",
@@ -158,10 +158,9 @@ def main(output: Path, seed: int, anew: bool) -> None:
     print(f"{time.perf_counter() - begin:.0f} s. Results: {output}/")
 
 
-def print_flags(found: seaid.Identification) -> None:
-    """Print the warnings of an identification."""
-    for flag in found.warnings:
-        print(f"! {flag}")
+def print_verdict(found: seaid.Identification) -> None:
+    """Print the verdict on an identification, and its warnings."""
+    print("\n".join([found.verdict.sentence, *warning_lines(found.warnings)]))
 
 
 if __name__ == "__main__":

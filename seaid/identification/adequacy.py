@@ -89,6 +89,16 @@ def consequences(setup: Sequence[Finding], found: Iterable[Finding]) -> list[Fin
     return [replace(one, severity="note") if is_wrong(setup) else one for one in found]
 
 
+_ECHOES = ("nonlinear-spring", "missing-term", "transmission-error", "estimator-disagrees")
+"""Findings that noise alone raises where the deflection of a spring is mostly noise."""
+
+
+def without_echoes(findings: Sequence[Finding]) -> list[Finding]:
+    """Return findings without those that follow from a weak spring of the same joint."""
+    weak = {one.joint for one in findings if one.code == "weak-spring"}
+    return [one for one in findings if one.code not in _ECHOES or one.joint not in weak]
+
+
 def is_wrong(setup: Iterable[Finding]) -> bool:
     """Whether findings say that the set-up, and not only the model, is wrong."""
     return any(one.severity == "wrong" and one.code != "no-fit" for one in setup)

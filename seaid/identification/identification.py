@@ -27,6 +27,7 @@ from seaid.identification.adequacy import (
     joint_fits,
     unused_findings,
     verdict_of,
+    without_echoes,
 )
 from seaid.identification.checking import (
     check_channels,
@@ -166,7 +167,7 @@ class Identification(Result):
         parts = (*self.drives.values(), self.load, *feasible, *self.processing)
         own = [warning for one in parts for warning in one.warnings]
         of_fit = [*own, *unused_findings(self), *gear_findings(self), *periodic_findings(self)]
-        return by_severity([*self.findings, *consequences(self.findings, of_fit)])
+        return by_severity(without_echoes([*self.findings, *consequences(self.findings, of_fit)]))
 
     @cached_property
     def verdict(self) -> Verdict:
