@@ -113,7 +113,7 @@ def explained(findings: Sequence[Finding]) -> Iterator[None]:
         wrong = [one for one in findings if one.severity == "wrong"]
         if not wrong:
             raise
-        text = f"{wrong[0].code}: {wrong[0].message}; {wrong[0].remedy} ({problem})"
+        text = f"{problem}; {wrong[0].code}: {wrong[0].message}\n{wrong[0].remedy}"
         raise type(problem)(text, *problem.arguments) from None
 
 

@@ -345,7 +345,9 @@ def delay_findings(given: Experiment) -> Iterator[Finding]:
     weights = 1.0 / (errors**2 + _LEAST_DELAY_S**2)
     common = float(np.sum(weights * values) / np.sum(weights))
     spread = float(np.sqrt(np.sum(weights**2 * errors**2)) / np.sum(weights))
-    late = abs(common) > _SURE * spread and abs(common) > _LEAST_DELAY_S
+    scatter = float(np.sqrt(np.sum(weights * (values - common) ** 2) / np.sum(weights)))
+    spread = float(np.hypot(spread, scatter / np.sqrt(len(values))))
+    late = abs(common) > _SURE_DELAY * spread and abs(common) > _LEAST_DELAY_S
     rest = values - (common if late else 0.0)
     alone = np.flatnonzero((np.abs(rest) > _SURE * errors) & (np.abs(rest) > 3 * _LEAST_DELAY_S))
     joints = list(delays)
@@ -355,7 +357,10 @@ def delay_findings(given: Experiment) -> Iterator[Finding]:
         yield from (_delay(given, [joints[i]], *delays[joints[i]]) for i in alone.tolist())
 
 
-_LEAST_DELAY_S = 0.001
+_SURE_DELAY = 4.0
+"""Multiple of the standard error, scatter between the joints included, of a common delay."""
+
+_LEAST_DELAY_S = 0.0015
 """Delay below which neither filters nor friction that a model lacks can be excluded."""
 
 
@@ -391,7 +396,9 @@ def _delays(given: Experiment) -> dict[int, tuple[float, float]]:
         stretch = given.motor[0][:, j] / given.lever[j] - given.joint[0][:, j]
         columns = np.column_stack([given.torque_rate[:, j], given.friction[j], stretch])
         y = given.torque[:, j] - given.inertia[j] * given.motor[2][:, j]
-        found[j] = _first(columns, y)[0]
+        moving = np.abs(given.direction[:, j]) > _MOVING
+        if np.sum(moving) > 3 * columns.shape[1]:
+            found[j] = _first(columns[moving], y[moving])[0]
     if not stiff:
         return found
     H = np.zeros((len(stiff), len(given.target), 14 * n))
@@ -400,7 +407,9 @@ def _delays(given: Experiment) -> dict[int, tuple[float, float]]:
         H[place, :, 10 * n + 3 * j : 10 * n + 3 * j + 3] = given.friction[j]
         H[place, :, 13 * n + j] = given.lever[j] * given.torque_rate[:, j]
     weight = 1.0 / np.std(given.target[:, stiff], axis=0)
-    A, y = H * weight[:, None, None], given.target[:, stiff].T * weight[:, None]
+    moving = (np.abs(given.direction[:, stiff]) > _MOVING).T.astype(float)
+    A = H * weight[:, None, None] * moving[:, :, None]
+    y = given.target[:, stiff].T * weight[:, None] * moving
     order = [13 * n + j for j in stiff]
     order += [place for place in range(13 * n) if np.any(np.abs(A[:, :, place]) > _TINY)]
     columns = A[:, :, order].reshape(-1, len(order))
@@ -408,6 +417,10 @@ def _delays(given: Experiment) -> dict[int, tuple[float, float]]:
 
 
 _TINY = 1e-9
+
+_MOVING = 0.95
+"""Mean sign of the speed behind the low pass below which a motor may have stuck: friction then
+changes before the motion does, like an early torque."""
 
 
 def _first(columns: Array, y: Array, count: int = 1) -> list[tuple[float, float]]:

@@ -70,7 +70,8 @@ def _without_rest(log: Log, shortest_s: float) -> Log:
         moves |= is_position(name) and np.isfinite(own)
     if not moves:
         return log
-    cut = np.array([one - REST_S if one > _FULL_REST_S else 0.0 for one in (before, after)])
+    rests = (one if np.isfinite(one) else 0.0 for one in (before, after))
+    cut = np.array([one - REST_S if one > _FULL_REST_S else 0.0 for one in rests])
     cut *= min(1.0, max(float(time[-1] - time[0]) - shortest_s, 0.0) / max(np.sum(cut), REST_S))
     if not np.any(cut):
         return log
@@ -85,14 +86,20 @@ def _rest_s(time: Array, values: Array, least: float, count: int) -> float:
 
     It rests while its means of `count` samples are within `least` and their noise of the first.
     """
-    from scipy.ndimage import uniform_filter1d
-
     first = values[: max(3, int(np.searchsorted(time, time[0] + REST_S)))]
     # second differences of white noise: deviation sqrt(1 + 4 + 1) sigma, median 0.6745 of it
     noise = float(np.median(np.abs(np.diff(first, 2)))) / (0.6745 * np.sqrt(6 * count))
-    means = uniform_filter1d(values, count)
+    means = _moving_mean(values, min(count, len(values)))
     moved = np.abs(means - np.mean(first)) > max(_NOISES * noise, least)
     return float(time[np.argmax(moved)] - time[0]) if np.any(moved) else np.inf
+
+
+def _moving_mean(values: Array, count: int) -> Array:
+    """Return the means of `count` samples about each of a channel (T,), of fewer at its ends."""
+    first = np.maximum(np.arange(len(values)) - count // 2, 0)
+    last = np.minimum(first + count, len(values))
+    sums = np.concatenate([[0.0], np.cumsum(values - values[0])])
+    return np.asarray(values[0] + (sums[last] - sums[first]) / (last - first))
 
 
 def without_frozen(log: Log) -> Log:
@@ -128,8 +135,9 @@ def without_frozen(log: Log) -> Log:
 def _long_repeats(time: Array, values: Array) -> BoolArray:
     """Return the mask (T,) of samples that repeat a value for longer than gaps are bridged."""
     found = np.concatenate([[False], np.diff(values) == 0.0])
+    longest = longest_bridge(time)
     for start, end in runs(found):
-        if time[end - 1] - time[start - 1] <= longest_bridge(time):
+        if time[end - 1] - time[start - 1] <= longest:
             found[start:end] = False
     return found
 
