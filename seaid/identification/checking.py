@@ -154,7 +154,8 @@ def setup_findings(given: Experiment, known: Sequence[Finding]) -> list[Finding]
     if found:
         return found
     found, without = mistakes(given)
-    return [*found, *delay_findings(without)]
+    beyond = [] if found else list(limit_findings(given))
+    return [*found, *beyond, *delay_findings(without)]
 
 
 _EXPLAINING = ("time-unit", "missing-drives")
@@ -211,8 +212,11 @@ def _missing_drives(robot: Robot, log: Log) -> Iterator[Finding]:
         moved = float(np.std(position))
         if moved == 0 or np.std(motor) < _GEARED * moved:
             continue
-        H = np.column_stack([position, np.ones(len(position))])
-        ratio, zero = scaled_svd(H).solve(motor).tolist()
+        columns = [position, np.ones(len(position))]
+        torque = log.motor_torque[:, j]
+        if np.all(np.isfinite(torque)):  # a deflection is in proportion to it
+            columns.append(torque)
+        ratio, zero, *_ = scaled_svd(np.column_stack(columns)).solve(motor).tolist()
         apart = float(np.std(motor / ratio - position - zero / ratio)) / moved
         kind = "series_elastic" if apart > _ELASTIC else "stiff"
         tables.append(f'[{joint}]\ntype = "{kind}"\ngear_ratio = {abs(ratio):.4g}')
@@ -331,6 +335,35 @@ def _offset(given: Experiment, j: int, number: int, change: float, size: float) 
 
 _LEAST_OFFSET = 2e-3
 """Difference [rad or m] of the encoder offsets of a joint without a spring that matters."""
+
+
+_BEYOND = 5.0
+"""Multiple of a limit of the robot file from which a channel, and not the limit, is wrong."""
+
+
+def limit_findings(given: Experiment) -> Iterator[Finding]:
+    """Yield joints that move or pull many times beyond the limits of the robot file."""
+    robot = given.robot
+    middle = 0.5 * (robot.upper_limits + robot.lower_limits)
+    half = 0.5 * (robot.upper_limits - robot.lower_limits)
+    checks = (
+        ("position", np.abs(given.joint[0] - np.where(np.isfinite(middle), middle, 0.0)), half),
+        ("speed", np.abs(given.joint[1]), robot.velocity_limits),
+        ("torque", np.abs(given.target), robot.effort_limits),
+    )
+    for name, values, limits in checks:
+        for j in range(robot.n):
+            largest, limit = float(np.max(values[:, j])), float(limits[j])
+            if np.isfinite(limit) and 0 < _BEYOND * limit < largest:
+                yield Finding(
+                    "unit",
+                    f"the {name} of {robot.joint_names[j]} reaches {largest / limit:.3g} times the "
+                    "limit of the robot file: check the unit of its channels and of the time",
+                    robot.joint_names[j],
+                    "doubtful",
+                    {f"{name} over its limit": largest / limit},
+                    certainty="possible",
+                )
 
 
 def delay_findings(given: Experiment) -> Iterator[Finding]:

@@ -93,7 +93,7 @@ def _best(given: Experiment) -> tuple[Finding, Experiment] | None:
     gains = [
         (_gain(given, changed) - one.penalty, one, changed)
         for one, changed in tried[:_SHORTLIST]
-        if _left(one, changed) < _EXPLAINED
+        if _left(one, changed) < _EXPLAINED and _explains(given, changed)
     ]
     gains.sort(key=lambda entry: -entry[0])
     if not gains or gains[0][0] < _GAIN:
@@ -123,6 +123,18 @@ def _left(one: Hypothesis, changed: Experiment) -> float:
     misfit = changed.nominal if np.any(np.isfinite(changed.nominal)) else changed.free
     own = misfit[changed.robot.index(one.joint)] if one.joint else np.nan
     return float(own if np.isfinite(own) else np.nanmedian(misfit))
+
+
+_FALLS = 0.5
+"""A mistake is one only if some misfit that matters falls below this part of itself."""
+
+
+def _explains(given: Experiment, changed: Experiment) -> bool:
+    """Whether a misfit of some joint that matters falls by much."""
+    return any(
+        bool(np.any((before > _SUSPICIOUS) & (changed.misfits[kind] < _FALLS * before)))
+        for kind, before in given.misfits.items()
+    )
 
 
 def _gain(given: Experiment, changed: Experiment) -> float:

@@ -234,6 +234,16 @@ def test_motor_channels_without_drives() -> None:
     assert tables["hip_yaw"]["gear_ratio"] == pytest.approx(86.0, rel=1e-3)
 
 
+def test_limits_of_the_robot_file_unmask_units_without_nominal_bodies() -> None:
+    robot = leg(TEST_MASS).without_nominal()
+    strong = replace(robot, effort_limits=np.full(5, 0.5))
+    found = seaid.check(strong, leg_log()).warnings
+    assert {(one.code, one.severity) for one in found} == {("unit", "doubtful")}
+    assert "times the limit of the robot file" in found[0].message
+    slow = replace(robot, velocity_limits=np.full(5, 1e-3))
+    assert [one.joint for one in seaid.check(slow, leg_log()).warnings] == list(leg().joint_names)
+
+
 def test_saturated_torques_and_a_robot_at_rest() -> None:
     log = leg_log()
     limit = np.quantile(np.abs(log.motor_torque), 0.9, axis=0)
