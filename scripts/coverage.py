@@ -48,10 +48,11 @@ MOTIONS = 4
 
 @dataclass(frozen=True)
 class Outcome:
-    """Errors (P,), stated standard errors and those for white noise of one experiment."""
+    """Errors (P,), stated standard errors, half widths of 95 % intervals, by white noise too."""
 
     error: Array
     stated: Array
+    half: Array
     white: Array
 
 
@@ -157,20 +158,27 @@ def experiment(way: str, motion: Motion, run: int) -> Outcome | None:
 
 def outcome(truth: seaid.Robot, found: seaid.Identification) -> Outcome:
     """Return errors and standard errors of drives with a true value, then of base parameters."""
-    error, stated, white = [], [], []
+    error, stated, half, white = [], [], [], []
     for joint, estimate in found.drives.items():
         exact = truth.drives[joint].values
         for index, name in enumerate(estimate.names):
             if name in exact:
                 error.append(estimate.values[index] - exact[name])
                 stated.append(estimate.standard_errors[index])
-                white.append(white_errors(estimate)[index])
+                half.append(half_widths(estimate)[index])
+                white.append(1.96 * white_errors(estimate)[index])
     true = found.base.project(truth.parameters)
     return Outcome(
         np.concatenate([error, found.load.values - true]),
         np.concatenate([stated, found.load.standard_errors]),
-        np.concatenate([white, white_errors(found.load)]),
+        np.concatenate([half, half_widths(found.load)]),
+        np.concatenate([white, 1.96 * white_errors(found.load)]),
     )
+
+
+def half_widths(estimate: seaid.Estimate) -> Array:
+    """Return half the widths of the 95 % intervals."""
+    return np.asarray(np.diff(estimate.interval(LEVEL), axis=1)[:, 0] / 2)
 
 
 def white_errors(estimate: seaid.Estimate) -> Array:
@@ -190,9 +198,9 @@ def parameter_names(truth: seaid.Robot) -> tuple[list[str], int]:
     return [*drives, *seaid.base_parameters(truth).names], len(drives)
 
 
-def held(outcomes: Sequence[Outcome], which: str = "stated") -> Array:
+def held(outcomes: Sequence[Outcome], which: str = "half") -> Array:
     """Return the share (P,) of experiments whose 95 % interval contains the truth."""
-    inside = [np.abs(one.error) < 1.96 * np.asarray(getattr(one, which)) for one in outcomes]
+    inside = [np.abs(one.error) < np.asarray(getattr(one, which)) for one in outcomes]
     return np.asarray(np.mean(inside, axis=0))
 
 

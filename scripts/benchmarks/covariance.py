@@ -12,7 +12,13 @@ import numpy as np
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from seaid._arrays import Array
-from seaid.estimation.covariance import bartlett, long_run
+from seaid.estimation.covariance import (
+    bartlett,
+    fixed_b,
+    left_by_fit,
+    left_of_mean,
+    long_run,
+)
 from seaid.report.text import table
 
 JOINTS, EXPERIMENTS, ROWS_PER_PERIOD = 3, 300, 4
@@ -97,7 +103,6 @@ def standard_errors(H: Array, y: Array) -> tuple[Array, dict[str, Array]]:
     grams, sums = blocks(H, residual, 2 * plug_in + 2)
     shifts = np.linalg.solve(gram - grams + 1e-12 * gram, sums[..., None])[..., 0]
     ours = long_run([[scores]], len(scores))
-    independent = count / ours.inflation(inverse)
     meats = {
         "white noise": gram * np.sum(residual**2) / (count - p),
         "8 lags": bartlett([scores], 8)[0] * freedom,
@@ -105,9 +110,14 @@ def standard_errors(H: Array, y: Array) -> tuple[Array, dict[str, Array]]:
         "Newey-West 1994": bartlett([scores], newey_west_1994(own))[0] * freedom,
         "block bootstrap": sums.T @ sums * freedom * len(sums) / (len(sums) - 1),
         "block jackknife": gram @ (shifts.T @ shifts) @ gram * (len(sums) - 1) / len(sums),
-        METHODS[-1]: ours.covariance * independent / max(independent - p, 1.0),
     }
-    return theta, {name: np.sqrt(np.diag(inverse @ meat @ inverse)) for name, meat in meats.items()}
+    found = {name: np.sqrt(np.diag(inverse @ meat @ inverse)) for name, meat in meats.items()}
+    rows, instants = H.reshape(count, p), np.repeat(np.arange(len(H), dtype=float), H.shape[1])
+    root = np.linalg.inv(np.linalg.cholesky(gram)).T
+    left = left_by_fit(rows @ inverse, rows @ root, instants, np.zeros(count))
+    quantile = fixed_b(ours.bandwidth) * np.sqrt(left_of_mean(ours.bandwidth)) / 1.96
+    raw = np.sqrt(np.diag(inverse @ ours.covariance @ inverse))
+    return theta, found | {METHODS[-1]: quantile * raw / np.sqrt(left)}
 
 
 def coverage(noise: str, instants: int, p: int) -> list[str]:

@@ -117,7 +117,9 @@ def test_what_differs_is_said_and_what_does_not_too() -> None:
     assert line.split()[-1] == "yes"
 
 
-def test_all_shared_is_one_identification_of_both_logs() -> None:
+def test_all_shared_is_one_identification_of_both_logs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Conditions have no torque offsets."""
+    monkeypatch.setattr("seaid.identification.two_step.identifiable_offsets", lambda *_: ())
     logs = [measure(arm(), arm_motion(), Noise(torque_std_Nm=0.003), seed=seed) for seed in (1, 2)]
     robot = arm().without_nominal()
     both = identify(robot, logs)

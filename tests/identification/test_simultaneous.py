@@ -252,7 +252,9 @@ def test_noise_of_the_acceleration_leaves_the_motor_equation_what_it_is() -> Non
 def start_of(robot: Robot, log: Log) -> tuple[Array, Array]:
     """Return the sequential estimate of all columns, and its standard errors."""
     found = identify(robot, log)
-    parts = [*(found.drives[joint] for joint in robot.elastic_joints), found.load_side]
+    drives = [found.drives[joint] for joint in robot.elastic_joints]
+    shared = [one.part(range(4), one.names[:4]) for one in drives]  # without torque offsets
+    parts = [*shared, found.load_side]
     return (
         np.concatenate([part.values for part in parts]),
         np.concatenate([part.standard_errors for part in parts]),

@@ -333,13 +333,14 @@ def test_bad_predictions_are_flagged_and_good_ones_not() -> None:
 # Identifiability
 
 
-def test_singular_values_have_the_condition_number_of_the_estimate() -> None:
+def test_singular_values_have_at_most_the_condition_number_of_the_estimate() -> None:
+    """The columns of torque offsets are not among them: singular values interlace."""
     values = singular_values(arm_found())
     assert values is not None
     assert values.shares[0] == 1.0
     assert np.all(np.diff(values.shares) <= 0)
     known = arm_found().checks["load"].condition_number
-    assert 1 / values.shares[-1] == pytest.approx(known, rel=1e-6)
+    assert 1 < 1 / values.shares[-1] < 1.01 * known
 
 
 def test_correlations_are_those_of_the_estimates_and_none_between_what_was_apart() -> None:
