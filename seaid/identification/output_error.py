@@ -19,7 +19,7 @@ from scipy.ndimage import maximum_filter1d
 
 from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid._progress import track
-from seaid.drives import is_dry
+from seaid.drives import DefaultTerms, is_dry
 from seaid.errors import Finding, IdentificationError, checked
 from seaid.estimation import Estimate, Residuals, Step, gauss_newton_step, joined
 from seaid.identification.drive_estimates import merged_estimates, with_estimate, with_warnings
@@ -348,8 +348,13 @@ def _check_columns(layout: Layout, names: tuple[str, ...], joint: str) -> None:
 
 
 def _turning(robot: Robot, motion: Motion, joint: str) -> BoolArray:
-    """Return a mask (T,) of samples near which a motor with dry friction stands or turns back."""
-    if not is_dry(robot.drives[joint]):
+    """Return a mask (T,) of samples near which a motor with dry friction stands or turns back.
+
+    A width of Coulomb friction that `identify` selected is that of its rows, below the narrower
+    cutoff and often of the sampling alone: near rest such friction is as unknown as a dry one.
+    """
+    drive = robot.drives[joint]
+    if not (is_dry(drive) or isinstance(drive.friction, DefaultTerms)):
         return np.zeros(len(motion.time), dtype=bool)
     speed = motion.motor_velocity[:, robot.index(joint)]
     fastest = motion.largest_speeds[0, robot.index(joint)]
@@ -408,7 +413,8 @@ def refine(
     Output error (Gautier, Janot and Vandanjon 2013) by Gauss-Newton with forward sensitivities: the
     joints behind springs are simulated from the measured motor angles; their encoders and all
     measured torques are outputs with white noise of estimated variance. Rows in which a motor with
-    dry friction stands still or turns back are excluded. The covariance includes autocorrelation.
+    dry friction, or one whose width `identify` selected, stands still or turns back are excluded.
+    The covariance includes autocorrelation.
     The torques of joints that are not simulated are compared below the cutoff, as in `identify`.
     `residual_std` is that of averages over blocks of samples: of a drive's torque (or spring
     force), and on the load side of the torques of stiff joints, or else of the joint encoders.
