@@ -120,7 +120,7 @@ def test_main_job_predicts_the_unseen_motion(tulip: tuple[Path, str]) -> None:
 
 @pytest.mark.slow
 def test_main_job_flags_the_unloaded_spring(tulip: tuple[Path, str]) -> None:
-    assert "! stiffness of ankle_pitch is poorly identified" in tulip[1]
+    assert "? weak-spring: stiffness of ankle_pitch is poorly identified" in tulip[1]
     assert "21 base parameters are identifiable, from all five 29" in tulip[1]
 
 
