@@ -344,10 +344,12 @@ _BEYOND = 5.0
 def limit_findings(given: Experiment) -> Iterator[Finding]:
     """Yield joints that move or pull many times beyond the limits of the robot file."""
     robot = given.robot
-    middle = 0.5 * (robot.upper_limits + robot.lower_limits)
-    half = 0.5 * (robot.upper_limits - robot.lower_limits)
+    ends = np.array([robot.lower_limits, robot.upper_limits])
+    known = np.all(np.isfinite(ends), axis=0)
+    middle = np.where(known, np.mean(np.where(known, ends, 0.0), axis=0), 0.0)
+    half = np.where(known, 0.5 * np.ptp(np.where(known, ends, 0.0), axis=0), np.inf)
     checks = (
-        ("position", np.abs(given.joint[0] - np.where(np.isfinite(middle), middle, 0.0)), half),
+        ("position", np.abs(given.joint[0] - middle), half),
         ("speed", np.abs(given.joint[1]), robot.velocity_limits),
         ("torque", np.abs(given.target), robot.effort_limits),
     )
