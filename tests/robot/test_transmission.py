@@ -565,7 +565,8 @@ def test_instruments_say_what_least_squares_say_where_columns_have_no_noise(
         (one.load, *one.drives.values()), (other.load, *other.drives.values()), strict=True
     ):
         assert freed.standard_errors == pytest.approx(plain.standard_errors, rel=0.05)
-        assert np.all(np.abs(freed.values - plain.values) < 0.1 * plain.standard_errors)
+        # standard errors without the factor for few rows, which was in them when 0.1 was chosen
+        assert np.all(np.abs(freed.values - plain.values) < 0.12 * plain.standard_errors)
 
 
 def test_one_motor_of_a_differential_tells_its_own_equation() -> None:
