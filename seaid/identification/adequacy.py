@@ -93,10 +93,24 @@ _ECHOES = ("nonlinear-spring", "missing-term", "transmission-error", "estimator-
 """Findings that noise alone raises where the deflection of a spring is mostly noise."""
 
 
-def without_echoes(findings: Sequence[Finding]) -> list[Finding]:
-    """Return findings without those that follow from a weak spring of the same joint."""
+_NEGLIGIBLE = 0.003
+"""Error of a torque below which what the model lacks does not matter."""
+
+
+def without_echoes(
+    findings: Sequence[Finding], fits: Mapping[str, JointFit] = FrozenMapping({})
+) -> list[Finding]:
+    """Return findings without those that follow from a weak spring of the same joint.
+
+    What a model lacks is a note where its torque errors do not matter.
+    """
     weak = {one.joint for one in findings if one.code == "weak-spring"}
-    return [one for one in findings if one.code not in _ECHOES or one.joint not in weak]
+    exact = {name for name, one in fits.items() if not max(one.own, one.motor) > _NEGLIGIBLE}
+    return [
+        replace(one, severity="note") if one.code in _ECHOES and one.joint in exact else one
+        for one in findings
+        if one.code not in _ECHOES or one.joint not in weak
+    ]
 
 
 def is_wrong(setup: Iterable[Finding]) -> bool:

@@ -167,7 +167,8 @@ class Identification(Result):
         parts = (*self.drives.values(), self.load, *feasible, *self.processing)
         own = [warning for one in parts for warning in one.warnings]
         of_fit = [*own, *unused_findings(self), *gear_findings(self), *periodic_findings(self)]
-        return by_severity(without_echoes([*self.findings, *consequences(self.findings, of_fit)]))
+        every = [*self.findings, *consequences(self.findings, of_fit)]
+        return by_severity(without_echoes(every, self.joint_fits))
 
     @cached_property
     def verdict(self) -> Verdict:
