@@ -19,6 +19,7 @@ from seaid.report.text import table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+from seaid.simulation.simulation import measure
 from tests.experiments import (
     ARM_SENSORS,
     LEG_SENSORS,
@@ -27,7 +28,6 @@ from tests.experiments import (
     arm_motion,
     leg,
     leg_motion,
-    measure,
 )
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -147,7 +148,8 @@ def hardening(robot: seaid.Robot, share: float) -> seaid.Robot:
         stretch = stretch - drive.load_radius * motion.joint_position[:, index]
         cubic = share * drive.values["stiffness"] / float(np.max(stretch**2))
         values = {"cubic_stiffness": cubic, "deflection_zero": 0.0}
-        drives[joint] = replace(drive, spring=("linear", "cubic")).with_values(values)
+        bent: Any = drive
+        drives[joint] = replace(bent, spring=("linear", "cubic")).with_values(values)
     return robot.with_drives(drives)
 
 

@@ -41,7 +41,8 @@ BARE = {
 @cache
 def truth() -> Robot:
     """Return the arm with errors of 1 to 2 mrad at a spring, and a ripple of its stiff wrist."""
-    shoulder, wrist = (arm().drives[joint] for joint in ("shoulder", "wrist"))
+    shoulder: Any = arm().drives["shoulder"]
+    wrist = arm().drives["wrist"]
     return arm().with_drives(
         {
             "shoulder": replace(shoulder, transmission_error=ERROR),
@@ -215,7 +216,8 @@ def test_ripple_is_named_where_the_deflection_itself_is_measured() -> None:
 
 def test_amplitudes_follow_the_stiffness_with_a_gear_in_series() -> None:
     """An error in rad is that of the encoders, whatever the spring behind the gear is."""
-    drive = replace(truth().drives["shoulder"], gear_stiffness_Nm_per_rad=4000.0)
+    shoulder: Any = truth().drives["shoulder"]
+    drive = replace(shoulder, gear_stiffness_Nm_per_rad=4000.0)
     one = identify(
         truth().with_drives({"shoulder": drive}).without_nominal(),
         measure(arm(), motion(), SENSORS, 0),

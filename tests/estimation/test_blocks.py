@@ -34,7 +34,7 @@ def data(seed: int, logs: int, differ: float = 0.0, instants: int = 300) -> Regr
         y=y,
         joint=np.zeros(len(y)),
         time=np.tile(0.05 * np.arange(instants), logs),
-        run=run,
+        run=run.astype(float),
         excluded=0,
         propagated=np.empty((len(y), 0)),
         joint_names=("j",),

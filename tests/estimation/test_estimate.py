@@ -37,7 +37,7 @@ def test_intervals_are_those_of_the_normal_distribution(level: float, half_width
 
 
 def test_few_degrees_of_freedom_make_intervals_wider_and_errors_not() -> None:
-    few = replace(FOUND, degrees_of_freedom=[4.0, 30.0, np.inf])
+    few = replace(FOUND, degrees_of_freedom=np.array([4.0, 30.0, np.inf]))
     half = few.interval()[:, 1] - few.values
     assert half / few.standard_errors == pytest.approx([2.7764, 2.0423, 1.9600], abs=1e-4)
     assert few.part([2, 0], ["c", "a"]).degrees_of_freedom == pytest.approx([np.inf, 4.0])

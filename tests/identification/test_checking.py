@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,11 +38,15 @@ def arm_log(seed: int = 1) -> Log:
     return measure(arm(), arm_motion(), ARM_SENSORS, seed)
 
 
-CASES = {"leg": (lambda: leg(TEST_MASS), leg_log), "arm": (arm, arm_log)}
+CASES: dict[str, tuple[Callable[[], Robot], Callable[..., Log]]] = {
+    "leg": (lambda: leg(TEST_MASS), leg_log),
+    "arm": (arm, arm_log),
+}
 
 
-def changed(log: Log, factors: dict[str, Array]) -> Log:
-    return replace(log, **{name: getattr(log, name) * by for name, by in factors.items()})
+def changed(log: Log, factors: Mapping[str, Array | float]) -> Log:
+    found: dict[str, Any] = {name: getattr(log, name) * by for name, by in factors.items()}
+    return replace(log, **found)
 
 
 def of_joint(log: Log, j: int, **factors: float) -> Log:
@@ -60,7 +66,7 @@ def described(log: Log, remedy: str, number: int = 0) -> Log:
     first, text = remedy.split("\n", 1)
     assert first == f"in the description of {f'log {number}' if number else 'the log'}:"
     columns = log.columns()
-    found = {name: values.copy() for name, values in log.sensors().items()}
+    found: dict[str, Any] = {name: x.copy() for name, x in log.sensors().items()}
     for joint, entries in tomllib.loads(text)["joints"].items():
         for quantity, source in entries.items():
             factor = source.get("sign", 1) * source.get("scale", 1.0)
@@ -141,7 +147,7 @@ def test_exchanged_joints(i: int, j: int, channels: str) -> None:
     assert seaid.check(leg(TEST_MASS), described(wrong, finding.remedy)).warnings == ()
 
 
-def with_drive(robot: Robot, joint: str, **values: float) -> Robot:
+def with_drive(robot: Robot, joint: str, **values: Any) -> Robot:
     return robot.with_drives({joint: replace(robot.drives[joint], **values)})
 
 

@@ -6,12 +6,14 @@ import tomllib
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from seaid._arrays import Array
 from seaid.drives.drives import DefaultTerms
+from seaid.drives.terms import FrictionTerm
 from seaid.drives.toml import drive_table, drives_from_mapping
 from seaid.errors import Finding
 from seaid.identification.identification import Identification, identify
@@ -23,7 +25,7 @@ from tests.experiments import ARM_SENSORS, LEG_SENSORS, TEST_MASS, arm, arm_moti
 from tests.one_joint import one_joint
 
 CODES = ("missing-term", "nonlinear-spring")
-NAMED = ("viscous", "coulomb")
+NAMED: tuple[FrictionTerm, ...] = ("viscous", "coulomb")
 
 
 @cache
@@ -91,7 +93,8 @@ def test_a_hardening_spring_is_named_with_the_term_that_repairs_it(power: int, t
     head, _, toml = finding.remedy.partition("\n")
     assert head == "in the drives file:"
     table = tomllib.loads(toml)["hip_pitch"]
-    drive = replace(named().drives["hip_pitch"], spring=tuple(table["spring"]))
+    hip: Any = named().drives["hip_pitch"]
+    drive = replace(hip, spring=tuple(table["spring"]))
     after = identify(named().with_drives({"hip_pitch": drive}), sensed)
     assert findings(after) == []
     true = leg().drives["hip_pitch"].values["stiffness"]
@@ -147,7 +150,7 @@ def test_terms_are_open_only_where_no_one_names_them() -> None:
     assert isinstance(opened.friction, DefaultTerms)
     assert isinstance(opened.with_values({"viscous_friction": 0.1}).friction, DefaultTerms)
     assert "friction" not in drive_table(opened)
-    table["arm"]["friction"] = list(NAMED)  # type: ignore[assignment]
+    table["arm"]["friction"] = list(NAMED)
     closed = drives_from_mapping(table)["arm"]
     assert closed == opened
     assert not isinstance(closed.friction, DefaultTerms)

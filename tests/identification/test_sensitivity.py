@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 
 from seaid._arrays import Array
+from seaid.estimation import EstimatorName
 from seaid.estimation.least_squares import ordinary
 from seaid.identification.identification import Identification, identify
 from seaid.identification.sensitivity import difference, fit_of
@@ -112,8 +113,10 @@ def test_estimator_and_cutoff_are_named_with_both_values() -> None:
         assert len(one.evidence) == 3
     ols = identify(pendulum().without_nominal(), undriven(3e-3), cutoff_hz=12.0, estimator="ols")
     assert any(one.message.startswith("ols and wls give") for one in ols.warnings)
-    for option in ({"estimator": "iv"}, {"estimator": "huber"}):
-        other = identify(pendulum().without_nominal(), undriven(3e-3), cutoff_hz=6.0, **option)
+    estimators: tuple[EstimatorName, ...] = ("iv", "huber")
+    for name in estimators:
+        log = undriven(3e-3)
+        other = identify(pendulum().without_nominal(), log, cutoff_hz=6.0, estimator=name)
         assert not flags(other)
 
 

@@ -270,6 +270,8 @@ def test_deflection_next_to_both_positions_is_a_channel_of_its_own(
     write_log(log, tmp_path / "own.csv")
     assert same(read_log(tmp_path / "own.csv", robot), log)
     again = read_log(tmp_path / "own.csv", robot, description={"exclude_s": [[-2.0, -1.0]]})
+    assert again.deflection is not None
+    assert log.deflection is not None
     np.testing.assert_allclose(again.deflection, log.deflection)
 
 

@@ -228,7 +228,9 @@ def test_deeply_nested_equations_are_read() -> None:
 def as_numbers(entries: sp.ImmutableMatrix, *signals: sp.Expr) -> Callable[..., list[float]]:
     """Return the entries as a function of the signals in double precision."""
     plain = [sp.Symbol(f"s{i}") for i in range(len(signals))]
-    return sp.lambdify(plain, list(entries.xreplace(dict(zip(signals, plain, strict=True)))))
+    listed = list(entries.xreplace(dict(zip(signals, plain, strict=True))))
+    found: Callable[..., list[float]] = sp.lambdify(plain, listed)
+    return found
 
 
 @pytest.mark.parametrize("times", [*range(1, 13), 20, 84, 137, 200])
