@@ -148,8 +148,8 @@ def hardening(robot: seaid.Robot, share: float) -> seaid.Robot:
         stretch = stretch - drive.load_radius * motion.joint_position[:, index]
         cubic = share * drive.values["stiffness"] / float(np.max(stretch**2))
         values = {"cubic_stiffness": cubic, "deflection_zero": 0.0}
-        bent: Any = drive
-        drives[joint] = replace(bent, spring=("linear", "cubic")).with_values(values)
+        elastic: Any = drive
+        drives[joint] = replace(elastic, spring=("linear", "cubic")).with_values(values)
     return robot.with_drives(drives)
 
 
