@@ -27,8 +27,8 @@ LEAST_SHARE = 0.02
 Below it a joint moves so little that its gravity torque is nearly constant, and the errors of the
 gravity parameters would grow by the inverse: the offset then counts as zero."""
 
-_SIGNIFICANT = 3.0
-"""Standard errors from which a torque offset has a finding."""
+_LEVEL = 0.999
+"""Level of the interval that excludes zero if a torque offset has a finding."""
 
 _MATTERS, _LARGE = 0.01, 0.2
 """Torque offset, as a part of the rms torque, from which it has a finding, and a doubtful one."""
@@ -146,7 +146,8 @@ def _findings(robot: Robot, load: FittedRows, joint: str, place: int) -> tuple[F
     norm = np.linalg.norm(load.qr_factor.factors[equation, :, -1])
     torque = norm / np.sqrt(load.qr_factor.counts[equation])
     torque /= offset_lever(robot, joint) * robot.drives[joint].load_radius
-    if abs(value) < max(_SIGNIFICANT * error, _MATTERS * torque):
+    lower, upper = load.estimate.interval(_LEVEL)[place]
+    if lower <= 0 <= upper or abs(value) < _MATTERS * torque:
         return ()
     message = (
         f"the motor torque of {joint} has a constant error of {value:.2g} N m ({value / torque:.0%}"

@@ -71,7 +71,7 @@ def test_shared_and_own_parameters_hold_the_truth(joint: str) -> None:
 
 @pytest.mark.slow  # 45 identifications of two logs
 def test_errors_are_as_large_as_the_standard_errors_say() -> None:
-    """Those of the drives are nearly right, those of the bodies a fifth too large."""
+    """1.13 is the standard deviation of Student's t with the degrees of freedom of so few rows."""
     drives, loads = [], []
     for seed in range(1, 91, 2):
         cold, warmed = together(seed=seed).identifications.values()
@@ -84,8 +84,8 @@ def test_errors_are_as_large_as_the_standard_errors_say() -> None:
         drives.append(np.append(drive_scores(cold, leg(), *shared), own))
         exact = cold.base.project(leg().parameters)
         loads.append((cold.load.values - exact) / cold.load.standard_errors)
-    check_scores(drives, 1.05, band=1.2)
-    check_scores(loads, 0.8, band=1.2)
+    check_scores(drives, 1.13, band=1.2)
+    check_scores(loads, band=1.2)
 
 
 def test_the_conditions_share_the_bodies_and_the_payload_is_known() -> None:

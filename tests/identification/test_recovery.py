@@ -131,9 +131,12 @@ def test_perfect_sensors_give_nearly_the_truth(experiment: Experiment) -> None:
 
 
 @pytest.mark.slow  # 80 identifications of whole robots
-@pytest.mark.parametrize(("number", "of_load"), [(0, 0.82), (1, 0.88)], ids=ROBOTS)
-def test_errors_are_as_large_as_the_standard_errors_say(number: int, of_load: float) -> None:
-    """Those of the drives are 10 % too small on six seconds, those of the bodies too large."""
+@pytest.mark.parametrize(("number", "band"), [(0, 1.2), (1, 1.5)], ids=ROBOTS)
+def test_errors_are_as_large_as_the_standard_errors_say(number: int, band: float) -> None:
+    """1.13 is the standard deviation of Student's t with the degrees of freedom of six seconds.
+
+    The torque offsets correlate all bodies of the arm, which moves little: its draws scatter more.
+    """
     truth, motion, noise = experiments()[number]
     drives, loads = [], []
     for seed in range(80):
@@ -141,8 +144,8 @@ def test_errors_are_as_large_as_the_standard_errors_say(number: int, of_load: fl
         drives.append(drive_scores(found, truth, *DRIVE))
         true = found.base.project(truth.parameters)
         loads.append((found.load.values - true) / found.load.standard_errors)
-    check_scores(drives, 1.1, band=1.2)
-    check_scores(loads, of_load, band=1.2)
+    check_scores(drives, 1.13, band=1.2)
+    check_scores(loads, band=band)
 
 
 def test_nothing_of_the_nominal_values_leaks(experiment: Experiment) -> None:

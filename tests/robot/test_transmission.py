@@ -530,7 +530,7 @@ def test_a_log_gives_nearly_the_truth(name: str, method: Method) -> None:
     ("name", "method", "expected"),
     [
         ("stiff differential", "two-step", 1.0),
-        ("mixed differential", "two-step", 0.9),
+        ("mixed differential", "two-step", 1.0),
         ("parallelogram", "two-step", 1.0),
         ("mixed differential", "simultaneous", 1.0),
     ],
@@ -538,7 +538,6 @@ def test_a_log_gives_nearly_the_truth(name: str, method: Method) -> None:
 def test_errors_are_as_large_as_the_standard_errors_say(
     name: str, method: Method, expected: float
 ) -> None:
-    """Those of bodies behind springs are too large in two steps, and right in one."""
     case, scores = CASES[name](), []
     motion, known = true_motion(case, duration=32.0), case.robot.without_nominal()
     for seed in range(60):
