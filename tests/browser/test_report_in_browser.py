@@ -275,11 +275,7 @@ def test_hostile_names_are_text(browser: Browser, tmp_path: Path) -> None:
     context.close()
 
 
-def test_three_hundred_joints_open_fast(
-    browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # inertia and gravity of such a chain take a minute, and no page needs them
-    monkeypatch.setattr("seaid.identification.identification.sign_warnings", lambda _: ())
+def test_three_hundred_joints_open_fast(browser: Browser, tmp_path: Path) -> None:
     found, result = made_up(tmp_path, tuple(f"joint_{k:03d}" for k in range(300)), 20_000)
     path = tmp_path / "report.html"
     write_report(found, [result, result], path)

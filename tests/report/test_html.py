@@ -248,9 +248,7 @@ def test_hostile_names_are_text(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow  # 2100 parameters and their correlations
-def test_three_hundred_joints_are_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # inertia and gravity of such a chain take a minute, and no page needs them
-    monkeypatch.setattr("seaid.identification.identification.sign_warnings", lambda _: ())
+def test_three_hundred_joints_are_a_page(tmp_path: Path) -> None:
     found, result = made_up(tmp_path, tuple(f"joint_{k:03d}" for k in range(300)), 2000)
     page = page_of(tmp_path, found, [result, result])
     assert "600 drive parameters identified" in page.words
