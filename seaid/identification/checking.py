@@ -26,7 +26,7 @@ from seaid.estimation import RANK_TOLERANCE, scaled_svd
 from seaid.identification.datasets import Source, datasets_of, first_motion, sources_of
 from seaid.identification.experiment import Experiment, experiment_of
 from seaid.identification.setup_hypotheses import encoder_slope, mistakes
-from seaid.log import Log, Motion, column_names
+from seaid.log import Log, Motion, column_name
 from seaid.regressor import INPUT_FIELDS
 from seaid.robot import Robot
 
@@ -164,15 +164,8 @@ _EXPLAINING = ("time-unit", "missing-drives")
 
 def log_findings(robot: Robot, logs: Sequence[Log]) -> list[Finding]:
     """Return the findings that need no motion: the unit of time, drives, saturated torques."""
-    found = [
-        finding
-        for log in logs
-        for finding in (
-            *_time(log),
-            *_missing_drives(robot, log),
-        )
-    ]
-    return [*found, *_saturated(logs), *_standing(logs)]
+    own = [one for log in logs for one in (*_time(log), *_missing_drives(robot, log))]
+    return [*own, *_saturated(logs), *_standing(logs)]
 
 
 def _time(log: Log) -> Iterator[Finding]:
@@ -316,8 +309,7 @@ def _offset(given: Experiment, j: int, number: int, change: float, size: float) 
     """Return the finding for encoder offsets that changed between log 1 and another one."""
     robot, joint = given.robot, given.robot.joint_names[j]
     wanted = "motor_position" if size else "joint_position"
-    names = column_names(joint, robot.is_prismatic[j])
-    column = next(name for name, field in names.items() if field == wanted)
+    column = column_name(joint, robot.is_prismatic[j], wanted)
     offset = -change * given.lever[j] if size else change
     times = f", {abs(change) / size:.2g} times the deflection of its spring (rms)" if size else ""
     return Finding(
@@ -403,8 +395,7 @@ def _delay(given: Experiment, joints: Sequence[int], delay: float, error: float)
     robot = given.robot
     lines = ["in the description of the log:"]
     for j in joints:
-        columns = column_names(robot.joint_names[j], robot.is_prismatic[j])
-        column = next(name for name, field in columns.items() if field == "motor_torque")
+        column = column_name(robot.joint_names[j], robot.is_prismatic[j], "motor_torque")
         lines.append(f"[joints.{robot.joint_names[j]}]")
         lines.append(f'motor_torque = {{ column = "{column}", delay_s = {delay:.5f} }}')
     names = ", ".join(robot.joint_names[j] for j in joints)

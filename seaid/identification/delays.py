@@ -18,7 +18,7 @@ from seaid.log import (
     LogField,
     Motion,
     Repair,
-    column_names,
+    column_name,
     in_band,
     on_time,
     reconstruct_motions,
@@ -215,8 +215,8 @@ def correct_delays(log: Log, delays: Sequence[Delay]) -> Log:
 
 def _column(log: Log, delay: Delay) -> str:
     """Return the name of the delayed column in a file."""
-    names = column_names(delay.joint, log.is_prismatic[log.joint_names.index(delay.joint)])
-    return next(name for name, field in names.items() if field == delay.channel)
+    is_prismatic = log.is_prismatic[log.joint_names.index(delay.joint)]
+    return column_name(delay.joint, is_prismatic, delay.channel)
 
 
 def _of_positions(robot: Robot, motion: Motion) -> Iterator[_Relation]:

@@ -19,7 +19,7 @@ from seaid._arrays import Array
 from seaid.errors import Certainty, Finding, Severity
 from seaid.estimation import scaled_svd
 from seaid.identification.experiment import Experiment
-from seaid.log import column_names
+from seaid.log import column_name
 from seaid.regressor import regressor_at_drives
 from seaid.robot import Robot
 
@@ -168,9 +168,8 @@ def hypotheses(given: Experiment) -> Iterator[Hypothesis]:
 def _entry(given: Experiment, j: int, quantities: Sequence[str], keys: str) -> str:
     """Return the lines of a description that change quantities of a joint."""
     joint = given.robot.joint_names[j]
-    names = column_names(joint, given.robot.is_prismatic[j])
-    columns = {quantity: name for name, quantity in names.items()}
-    lines = [f'{one} = {{ column = "{columns[one]}", {keys} }}' for one in quantities]
+    name_of = partial(column_name, joint, given.robot.is_prismatic[j])
+    lines = [f'{one} = {{ column = "{name_of(one)}", {keys} }}' for one in quantities]
     return "\n".join(["in the description of the log:", f"[joints.{joint}]", *lines])
 
 
@@ -470,10 +469,10 @@ def _swap_remedy(given: Experiment, pair: tuple[int, int], channels: str) -> str
     lines = ["in the description of the log:"]
     for own, other in (pair, pair[::-1]):
         name = given.robot.joint_names[other]
-        columns = {v: k for k, v in column_names(name, given.robot.is_prismatic[other]).items()}
+        name_of = partial(column_name, name, given.robot.is_prismatic[other])
         lines.append(f"[joints.{given.robot.joint_names[own]}]")
         lines += [
-            f'{one} = {{ column = "{columns[one]}" }}'
+            f'{one} = {{ column = "{name_of(one)}" }}'
             for one in _quantities(given, other, channels)
         ]
     return "\n".join(lines)

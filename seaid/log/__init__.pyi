@@ -10,7 +10,7 @@ from .infer_columns import describe_log as describe_log
 from .log import WRITTEN as WRITTEN
 from .log import Log as Log
 from .log import LogField as LogField
-from .log import column_names as column_names
+from .log import column_name as column_name
 from .log import write_log as write_log
 from .long_log import LongLog as LongLog
 from .long_log import open_long_log as open_long_log

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.errors import LogError, listed, unknown_name
 from seaid.log.description import Clock, LogDescription, Servo, Source
-from seaid.log.log import UNIT_FACTORS, column_names
+from seaid.log.log import UNIT_FACTORS, column_name, column_names
 from seaid.log.readers.table import Block, Table
 from seaid.log.repair.data import Channel
 from seaid.robot import Robot, coupled_names
@@ -96,13 +97,11 @@ def both_sides(picked: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
         if not drive.is_elastic:
             raise LogError(f"joint '{joint}' has a stiff drive, which has no deflection")
         _check_own_drive(robot, joint, "a deflection does not determine its position")
-        names = {
-            field: own for own, field in column_names(joint, robot.is_prismatic[index]).items()
-        }
-        motor, load = names["motor_position"], names["joint_position"]
+        name_of = partial(column_name, joint, robot.is_prismatic[index])
+        motor, load = name_of("motor_position"), name_of("joint_position")
         behind_gear = drive.motor_radius / drive.ratio
         if {motor, load} <= set(found):
-            found[names["deflection"]] = deflection / drive.load_radius
+            found[name_of("deflection")] = deflection / drive.load_radius
         elif load in found:
             found[motor] = (deflection + drive.load_radius * found[load]) / behind_gear
         elif motor in found:
@@ -167,8 +166,8 @@ def _name_of(robot: Robot, joint: str, quantity: str) -> tuple[str, str]:
     if quantity == "deflection":
         unit = drive.spring_units[1] if drive.is_elastic else "rad"
         return f"{joint}.deflection_{unit}", unit
-    names = {field: name for name, field in column_names(joint, is_prismatic).items()}
-    return names[quantity], names[quantity].rsplit("_", 1)[1]
+    name = column_name(joint, is_prismatic, quantity)
+    return name, name.rsplit("_", 1)[1]
 
 
 def _unit_factor(robot: Robot, one: _Described, unit: str) -> float:

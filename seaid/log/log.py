@@ -66,6 +66,12 @@ def column_names(joint: str, is_prismatic: bool) -> dict[str, str]:
     }
 
 
+def column_name(joint: str, is_prismatic: bool, field: str) -> str:
+    """Return the column name in a file of one field of `Log` of one joint."""
+    names = column_names(joint, is_prismatic).items()
+    return next(name for name, own in names if own == field)
+
+
 def wanted_columns(
     path: Path, table: Table, robot: Robot, columns: Mapping[str, Column]
 ) -> dict[str, tuple[str, float]]:
