@@ -103,27 +103,22 @@ def spans_of(rows: Regression) -> dict[int, tuple[float, float]]:
 
 
 def agreement(
-    blocks: list[tuple[int, Array]],
-    inverse: Array,
-    fit: tuple[Array, Array],
-    variance: Array,
-    freedom: float,
+    blocks: list[tuple[int, Array]], fit: tuple[Array, Array], variance: Array, freedom: float
 ) -> Agreement:
-    """Return the ratios; each of `blocks` has its log and weighted factor R (q+1, q+1) of [H C y].
+    """Return the ratios; each of `blocks` has its log and weighted factor R (p+1, p+1) of [H y].
 
-    `inverse` (p, p) is (H^T W^2 H)^-1, `fit` (theta, root) that of [H C] to y with root root^T the
-    inverse of its normal equations, `variance` (p,) that by autocorrelation, with its degrees of
-    `freedom`.
+    `fit` (theta, root) is the whole fit, with root root^T the inverse of its normal equations,
+    `variance` (p,) that by autocorrelation, with its degrees of `freedom`.
     """
     theta, root = fit
-    p, q = len(inverse), len(theta)
+    inverse = root @ root.T
     sums, removed = [], []
     for _, R in blocks:
-        influence = inverse @ R[:, :p].T
+        influence = inverse @ R[:, :-1].T
         sums.append(influence @ (R @ np.append(-theta, 1.0)))
-        removed.append(influence @ (R[:, :q] @ root))
+        removed.append(influence @ (R[:, :-1] @ root))
     logs = np.array([log for log, _ in blocks])
-    ratios, count = np.ones(p), len(blocks)
+    ratios, count = np.ones(len(theta)), len(blocks)
     for parts in (np.arange(len(blocks)), logs):
         groups = [np.flatnonzero(parts == one) for one in np.unique(parts)]
         between = sum(np.sum([sums[i] for i in own], axis=0) ** 2 for own in groups)

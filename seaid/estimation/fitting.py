@@ -30,13 +30,11 @@ from seaid.estimation.least_squares import (
     estimate_of_rows,
     left_of,
     ordinary,
-    residual_fit,
     score_factors,
     settled_weights,
     solve,
     weighted,
     with_blocks,
-    with_propagated,
 )
 from seaid.estimation.qr_factor import QRFactor, combined, qr_factor_of
 from seaid.estimation.robust import huber, tukey, without_outliers
@@ -164,15 +162,9 @@ def stored_estimate(
     qr_factor = combined(qr_factor_of(rows) for _, rows in stored.pieces(change))
     weights = weigh(qr_factor)
     solution = solve(qr_factor, weights)
-    widen = with_propagated if propagated is not None else lambda rows: rows
-    wide = (
-        replace(widen(rows), run=np.full(len(rows.y), log)) for log, rows in stored.pieces(change)
-    )
-    blocks = block_factors(wide, stored.spans)
-    noise = residual_fit(combined(one for _, one in blocks), weights)
 
     def factors(rows: Regression) -> Array:
-        return score_factors(widen(rows), qr_factor, weights, noise.values)
+        return score_factors(rows, qr_factor, weights, solution.values)
 
     pieces = ((log, rows) for log, rows in stored.pieces(change) if len(rows.y))
     scores = (
@@ -184,9 +176,11 @@ def stored_estimate(
     )
     long, left = long_run(scores, instants), None
     if instants <= MOST_INSTANTS:
-        left = left_of(widen(_whole(stored, change)), qr_factor, weights, solution, noise)
+        left = left_of(_whole(stored, change), weights, qr_factor, solution)
     own = estimate_of(qr_factor, weights, long, None, solution, left)
-    estimate = with_blocks(qr_factor, weights, (solution, noise), own, blocks, propagated)
+    numbered = (replace(rows, run=np.full(len(rows.y), log)) for log, rows in stored.pieces(change))
+    blocks = block_factors(numbered, stored.spans)
+    estimate = with_blocks(qr_factor, weights, solution, own, blocks, propagated)
     return estimate, qr_factor, weights
 
 

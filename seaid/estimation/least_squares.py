@@ -14,13 +14,12 @@ from seaid.errors import ExcitationError, Finding, IdentificationError
 from seaid.estimation.blocks import agreement, block_factors, spans_of
 from seaid.estimation.covariance import LongRun, left_by_fit, left_of_mean, long_run_of
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.qr_factor import QRFactor, combined, determining_joints, qr_factor_of
+from seaid.estimation.qr_factor import QRFactor, determining_joints, qr_factor_of
 from seaid.estimation.singular_directions import (
     RANK_TOLERANCE,
     Directions,
     directions,
     first_term,
-    scaled_svd,
 )
 
 if TYPE_CHECKING:
@@ -327,30 +326,24 @@ def estimate_of_rows(
 ) -> Estimate:
     """Return the estimate with weights (E,) of the equations, from rows and their QR factor."""
     solution = solve(qr_factor, weights)
-    wide = rows if propagated is None else with_propagated(rows)
-    blocks = block_factors([wide], spans_of(wide))
-    noise = residual_fit(combined(one for _, one in blocks), weights)
-    factors = score_factors(wide, qr_factor, weights, noise.values)
+    factors = score_factors(rows, qr_factor, weights, solution.values)
     scores = long_run_of(rows.H, factors, rows.time, rows.run)
     short = scores.instants <= MOST_INSTANTS
-    left = left_of(wide, qr_factor, weights, solution, noise) if short else None
+    left = left_of(rows, weights, qr_factor, solution) if short else None
     own = estimate_of(qr_factor, weights, scores, None, solution, left)
-    return with_blocks(qr_factor, weights, (solution, noise), own, blocks, propagated)
+    blocks = block_factors([rows], spans_of(rows))
+    return with_blocks(qr_factor, weights, solution, own, blocks, propagated)
 
 
 def with_blocks(
     qr_factor: QRFactor,
     weights: Array,
-    fits: tuple[Solution, Solution],
+    solution: Solution,
     estimate: Estimate,
     blocks: list[tuple[int, QRFactor]],
     propagated: Array | None,
 ) -> Estimate:
-    """Return the estimate with a covariance enlarged where blocks disagree, and the propagated one.
-
-    `fits` are the solution and the residual's fit.
-    """
-    solution, noise = fits
+    """Return the estimate, its covariance enlarged where blocks disagree, and by `propagated`."""
     factors = [
         (log, one.weighted_factor(weights[np.searchsorted(qr_factor.equations, one.equations)]))
         for log, one in blocks
@@ -358,7 +351,7 @@ def with_blocks(
     own = estimate.degrees_of_freedom
     freedom = np.inf if own is None else float(np.min(own, initial=np.inf))
     variance = np.diag(estimate.covariance)
-    found = agreement(factors, solution.inverse, (noise.values, noise.root), variance, freedom)
+    found = agreement(factors, (solution.values, solution.root), variance, freedom)
     scale = np.sqrt(found.factors)
     fewer = np.where(scale > 1, float(found.blocks - 1), np.inf)
     enlarged = replace(
@@ -392,34 +385,10 @@ def _with_targets(
     )
 
 
-def with_propagated(rows: Regression) -> Regression:
-    """Return the rows with the propagated columns in H: what these explain is not noise."""
-    s = rows.propagated.shape[1]
-    return replace(
-        rows,
-        names=(*rows.names, *map(str, range(s))),
-        units=(*rows.units, *s * ("",)),
-        H=np.hstack([rows.H, rows.propagated]),
-        propagated=rows.propagated[:, :0],
-    )
-
-
-def residual_fit(qr_factor: QRFactor, weights: Array) -> Solution:
-    """Return the least-squares solution, the smallest if columns depend on each other."""
-    R, q = qr_factor.weighted_factor(weights), len(qr_factor.names)
-    svd = scaled_svd(R[:q, :q], "the residual")
-    m = svd.rank(RANK_TOLERANCE)
-    root = (svd.vectors[:m].T / svd.sizes[:m]) / svd.norms[:, None]
-    return Solution(root @ (svd.left.T[:m] @ R[:q, q]), root, np.inf)
-
-
-def left_of(
-    wide: Regression, qr_factor: QRFactor, weights: Array, solution: Solution, noise: Solution
-) -> Array:
-    """Return `left_by_fit` of rows with propagated columns, whose solution is `noise`."""
-    weight = weights[np.searchsorted(qr_factor.equations, wide.joint)][:, None]
-    influence = weight * (wide.H[:, : len(qr_factor.names)] @ solution.inverse)
-    return left_by_fit(influence, weight * (wide.H @ noise.root), wide.time, wide.run)
+def left_of(rows: Regression, weights: Array, qr_factor: QRFactor, solution: Solution) -> Array:
+    """Return `left_by_fit` of rows with a solution."""
+    H = weights[np.searchsorted(qr_factor.equations, rows.joint)][:, None] * rows.H
+    return left_by_fit(H @ solution.inverse, H @ solution.root, rows.time, rows.run)
 
 
 def _unidentifiable(qr_factor: QRFactor, found: Directions) -> str:
