@@ -23,7 +23,7 @@ from seaid.errors import (
     checked,
 )
 from seaid.estimation import RANK_TOLERANCE, scaled_svd
-from seaid.identification.datasets import Source, datasets_of, first_motion, sources_of
+from seaid.identification.datasets import Source, datasets_by_log, first_motion, sources_of
 from seaid.identification.experiment import Experiment, experiment_of
 from seaid.identification.setup_hypotheses import encoder_slope, mistakes
 from seaid.log import Log, Motion, column_name
@@ -126,10 +126,11 @@ def check(
     first = log_findings(robot, in_memory)
     if any(one.code == "time-unit" for one in first):
         return SetupCheck(tuple(first), {})
-    motions = [first_motion(one) for one in datasets_of(robot, sources, cutoff_hz, None, False)]
+    groups = datasets_by_log(robot, sources, cutoff_hz, None, False)
+    motions = [[first_motion(one) for one in group] for group in groups]
     given = experiment_of(robot, motions)
     found = [*first, *setup_findings(given, first)]
-    return SetupCheck(by_severity(found), _joints(given, motions))
+    return SetupCheck(by_severity(found), _joints(given, [one for own in motions for one in own]))
 
 
 def _joints(given: Experiment, motions: Sequence[Motion]) -> dict[str, JointCheck]:
@@ -288,19 +289,19 @@ def offset_findings(given: Experiment) -> Iterator[Finding]:
     The angle between the encoders is the deflection, in proportion to the torque of the spring
     (that of the motor but for friction), and an offset of each log.
     """
-    robot, runs = given.robot, np.unique(given.run).tolist()
-    for j in np.flatnonzero(given.both).tolist() if len(runs) > 1 else ():
+    robot, logs = given.robot, np.unique(given.log).tolist()
+    for j in np.flatnonzero(given.both).tolist() if len(logs) > 1 else ():
         joint = robot.joint_names[j]
         is_elastic = robot.drives[joint].is_elastic
         y = given.motor[0][:, j] / given.lever[j] - given.joint[0][:, j]
-        H = np.equal.outer(given.run, runs).astype(float)
+        H = np.equal.outer(given.log, logs).astype(float)
         if is_elastic and j in given.used:
             H = np.column_stack([H, given.target[:, j], given.friction[j][:, :2]])
         x = scaled_svd(H).solve(y)
         noise = float(np.std(y - H @ x)) / np.sqrt(_INDEPENDENT)
-        size = float(np.std(H[:, len(runs) :] @ x[len(runs) :])) if is_elastic else 0.0
+        size = float(np.std(H[:, len(logs) :] @ x[len(logs) :])) if is_elastic else 0.0
         least = _APART * size if is_elastic else _LEAST_OFFSET
-        for number, change in enumerate((x[1 : len(runs)] - x[0]).tolist(), 2):
+        for number, change in enumerate((x[1 : len(logs)] - x[0]).tolist(), 2):
             if abs(change) > least + _SURE * noise:
                 yield _offset(given, j, number, change, size)
 

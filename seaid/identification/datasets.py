@@ -53,14 +53,14 @@ def sources_of(logs: Source | Sequence[Source]) -> list[Source]:
     return found
 
 
-def datasets_of(
+def datasets_by_log(
     robot: Robot,
     sources: Sequence[Source],
     cutoff_hz: float | None,
     executor: Executor | None,
     progress: bool,
-) -> list[Dataset]:
-    """Return the motions of all logs with one cutoff: the given one, or the lowest one proposed.
+) -> list[list[Dataset]]:
+    """Return the motions of each log with one cutoff: the given one, or the lowest one proposed.
 
     The common cutoff is not below the limit of the shortest log. A log with gaps in time has one
     motion per stretch between them. The executor reconstructs one log per task.
@@ -78,6 +78,18 @@ def datasets_of(
     redone = _mapped(partial(_datasets, robot, common), again, executor, progress, _FILTER)
     for place, group in zip(others, redone, strict=True):
         groups[place] = [_in_common(dataset) for dataset in group]
+    return groups
+
+
+def datasets_of(
+    robot: Robot,
+    sources: Sequence[Source],
+    cutoff_hz: float | None,
+    executor: Executor | None,
+    progress: bool,
+) -> list[Dataset]:
+    """Return the motions of all logs of `datasets_by_log` in one list."""
+    groups = datasets_by_log(robot, sources, cutoff_hz, executor, progress)
     return [dataset for group in groups for dataset in group]
 
 

@@ -35,7 +35,7 @@ one encoder by the other."""
 class Experiment:
     """A motion at R instants, below the cutoff, with what was given about the robot.
 
-    `run` (R,): number of the motion; `rate_hz`: sampling rate; `motor` and `joint` (3, R, n):
+    `log` (R,): number of the log, from 0; `rate_hz`: sampling rate; `motor` and `joint` (3, R, n):
     position, velocity and acceleration of both sides; `direction` (R, n): the sign of the motor
     speed; `torque`, its derivative `torque_rate`, and `sensed` (R, n): of motor and joint, NaN
     without the sensor; `both` (n,): whether both encoders were logged; `ratio`, `inertia` (n,):
@@ -43,7 +43,7 @@ class Experiment:
     """
 
     robot: Robot
-    run: IndexArray
+    log: IndexArray
     rate_hz: float
     motor: Array
     joint: Array
@@ -183,9 +183,9 @@ class Experiment:
         return float(np.nansum(np.log(np.minimum(misfit, 2.0) ** 2 + _FLOORS[kind] ** 2)))
 
 
-def experiment_of(robot: Robot, motions: Sequence[Motion]) -> Experiment:
-    """Return the experiment at `INSTANTS` instants of all motions."""
-    split = [_windows(motion) for motion in motions]
+def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
+    """Return the experiment at `INSTANTS` instants of the motions of each log."""
+    split = [[part for motion in motions for part in _windows(motion)] for motions in logs]
     windows = [part for parts in split for part in parts]
     numbers = np.repeat(np.arange(len(split)), [len(parts) for parts in split])
     parts = [_sampled(robot, part, max(1, INSTANTS // len(windows))) for part in windows]
@@ -200,9 +200,9 @@ def experiment_of(robot: Robot, motions: Sequence[Motion]) -> Experiment:
     bodies = robot.parameters + robot.payload_parameters
     if not np.any(robot.parameters):
         bodies = np.full_like(bodies, np.nan)  # a robot file without inertias
-    run, rate_hz = np.repeat(numbers, [len(one[2]) for one in parts]), motions[0].rate_hz
+    log, rate_hz = np.repeat(numbers, [len(one[2]) for one in parts]), logs[0][0].rate_hz
     signals = motor, joint, direction, torque, rate, sensed
-    return Experiment(robot, run, rate_hz, *signals, both, ratio, inertia, bodies)
+    return Experiment(robot, log, rate_hz, *signals, both, ratio, inertia, bodies)
 
 
 def _windows(motion: Motion) -> list[Motion]:

@@ -38,7 +38,7 @@ from seaid.identification.checking import (
 from seaid.identification.datasets import (
     Dataset,
     Source,
-    datasets_of,
+    datasets_by_log,
     first_motion,
     processing_of,
     sources_of,
@@ -273,12 +273,13 @@ def identify(
     logs_in_memory = [source for source in sources if isinstance(source, Log)]
     findings = log_findings(robot, logs_in_memory)
     with explained(findings):
-        datasets = datasets_of(robot, sources, cutoff_hz, executor, progress)
+        groups = datasets_by_log(robot, sources, cutoff_hz, executor, progress)
+        datasets = [one for group in groups for one in group]
         in_memory = [part for log in logs_in_memory for part in stretches(usable(log))]
         if len(logs_in_memory) == len(sources):
             check_excitation(robot, in_memory)
         check_channels(logs_in_memory)
-        experiment = experiment_of(robot, [first_motion(one) for one in datasets])
+        experiment = experiment_of(robot, [list(map(first_motion, group)) for group in groups])
         findings += setup_findings(experiment, findings)
         used = joints_with_torque(robot, datasets) if torque_joints is None else selected
         declared, robot = robot, with_rigid_gears(robot, deflection_joints(robot, datasets))

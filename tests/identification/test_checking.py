@@ -271,6 +271,19 @@ def test_encoder_offsets_that_differ_between_logs() -> None:
     assert seaid.check(leg(TEST_MASS), logs).warnings == ()
 
 
+def test_offsets_after_a_log_with_a_hole_are_those_of_the_second_log() -> None:
+    first, second = leg_log(1), leg_log(2)
+    seen = (first.time < 2.4) | (first.time > 3.2)
+    own: dict[str, Any] = {name: x[seen] for name, x in first.sensors().items()}
+    first = replace(first, time=first.time[seen], **own)
+    moved = np.array([0.0, 0.0, 0.0, 2.5, 0.0])
+    logs = [first, replace(second, motor_position=second.motor_position + moved)]
+    (finding,) = seaid.check(leg(TEST_MASS), logs).warnings
+    assert (finding.code, finding.joint) == ("encoder-offsets-differ", "knee_pitch")
+    logs[1] = described(logs[1], finding.remedy, number=2)
+    assert seaid.check(leg(TEST_MASS), logs).warnings == ()
+
+
 def test_identify_has_the_findings_and_a_verdict() -> None:
     wrong = of_joint(leg_log(), 3, motor_torque=-1.0)
     found = seaid.identify(leg(TEST_MASS), wrong)
