@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from seaid._arrays import check_rate, finite, frozen, seed_of
+from seaid._arrays import check_rate, finite, frozen, seed_of, white_noise
 from seaid.errors import LogError, RobotError, SeaidError
 
 
@@ -67,3 +67,13 @@ def test_a_rate_that_is_none_is_refused(rate: object, words: str) -> None:
     check_rate(2.5e6, 4.0)
     with pytest.raises(RobotError, match=r"rate_hz must be more than 0\.1, found 1e-320"):
         check_rate(1e-320, 4.0, 0.1, RobotError)
+
+
+def test_the_noise_of_a_channel_is_found_below_its_motion_and_its_jumps() -> None:
+    time = np.linspace(0.0, 10.0, 10_000)
+    noisy = np.sin(time) + np.random.default_rng(0).normal(0.0, 1e-3, len(time))
+    assert white_noise(noisy) == pytest.approx(1e-3, rel=0.05)
+    assert white_noise(noisy, robust=True) == pytest.approx(1e-3, rel=0.05)
+    noisy[::500] += 1.0
+    assert white_noise(noisy, robust=True) == pytest.approx(1e-3, rel=0.05)
+    assert white_noise(noisy) > 0.03

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seaid._arrays import Array, is_constant
+from seaid._arrays import Array, is_constant, white_noise
 from seaid._progress import Result, counted
 from seaid.errors import (
     ExcitationError,
@@ -481,7 +481,7 @@ def check_excitation(robot: Robot, logs: Sequence[Log]) -> None:
             widest = max(float(np.ptp(position)) for position in positions)
             raise ExcitationError(
                 f"the motor of '{joint}' stands still (it moves {widest:.3g} rad, noise "
-                f"{_noise(positions[0]):.2g} rad), so that its friction and spring are "
+                f"{white_noise(positions[0]):.2g} rad), so that its friction and spring are "
                 "unidentifiable; move the joint, or exclude it with joints=[...] of load_robot",
                 "joints=[...] of load_robot",
             )
@@ -525,9 +525,4 @@ def _check_alive(joint: str, name: str, values: Array, other: str, moved: Array)
 
 
 def _moves(position: Array) -> bool:
-    return bool(np.ptp(position) > _LEAST_RANGE * _noise(position))
-
-
-def _noise(position: Array) -> float:
-    """Return the standard deviation of white noise, from second differences of 6-fold variance."""
-    return float(np.std(np.diff(position, 2)) / np.sqrt(6))
+    return bool(np.ptp(position) > _LEAST_RANGE * white_noise(position))

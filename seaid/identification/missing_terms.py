@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from seaid._arrays import white_noise
 from seaid.drives import DefaultTerms, Drive, key_of, unit_of
 from seaid.errors import Finding, Severity
 from seaid.identification.datasets import Dataset
@@ -121,8 +122,7 @@ def encoder_widths(robot: Robot, logs: Sequence[Log]) -> dict[str, float]:
     """Return {joint: motor speed [rad/s] of one encoder step per sample}, from the noise of logs.
 
     Below this speed the direction of the motion is not resolved. The step is that of a quantised
-    position of the same noise, whose standard deviation is step / sqrt(12); second differences of
-    white noise have six times its variance.
+    position of the same noise, whose standard deviation is step / sqrt(12).
     """
     widths = {}
     for place, joint in enumerate(robot.joint_names):
@@ -131,7 +131,7 @@ def encoder_widths(robot: Robot, logs: Sequence[Log]) -> dict[str, float]:
             motor, ratio = log.motor_position[:, place], 1.0
             if not np.all(np.isfinite(motor)):
                 motor, ratio = log.joint_position[:, place], robot.drives[joint].ratio
-            noise = float(np.nanstd(np.diff(motor, 2))) / np.sqrt(6.0)
+            noise = white_noise(motor)
             speeds.append(ratio * np.sqrt(12.0) * noise / float(np.median(np.diff(log.time))))
         width = float(np.median(speeds)) if speeds else 0.0
         if np.isfinite(width) and width > 0:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray, resolution, runs
+from seaid._arrays import Array, BoolArray, resolution, runs, white_noise
 from seaid.errors import LogError
 from seaid.log.log import MINIMUM_SAMPLES, Log
 from seaid.log.repair.clocks import longest_bridge, typical_step
@@ -87,8 +87,7 @@ def _rest_s(time: Array, values: Array, least: float, count: int) -> float:
     It rests while its means of `count` samples are within `least` and their noise of the first.
     """
     first = values[: max(3, int(np.searchsorted(time, time[0] + REST_S)))]
-    # second differences of white noise: deviation sqrt(1 + 4 + 1) sigma, median 0.6745 of it
-    noise = float(np.median(np.abs(np.diff(first, 2)))) / (0.6745 * np.sqrt(6 * count))
+    noise = white_noise(first, robust=True) / np.sqrt(count)  # of a mean of `count` samples
     means = _moving_mean(values, min(count, len(values)))
     moved = np.abs(means - np.mean(first)) > max(_NOISES * noise, least)
     return float(time[np.argmax(moved)] - time[0]) if np.any(moved) else np.inf

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from seaid._arrays import Array, BoolArray
+from seaid._arrays import Array, BoolArray, white_noise
 from seaid.log.filtering import low_pass
 from seaid.log.repair.clocks import longest_bridge, longest_step, typical_step
 from seaid.log.repair.data import is_position
@@ -123,8 +123,7 @@ def gap_error(
     if not np.any(taken):
         return 0.0
     bridged = interpolated(time[~taken], values[~taken], time[taken], smooth=True)
-    # second differences of white noise: deviation sqrt(1 + 4 + 1) sigma, median 0.6745 of it
-    noise = float(np.median(np.abs(np.diff(values, 2)))) / (0.6745 * math.sqrt(6))
+    noise = white_noise(values, robust=True)
     error = float(np.sqrt(np.mean((bridged - values[taken]) ** 2)))
     share = float(np.sum(gaps)) / duration
     return max(error - _NOISES * noise, 0.0) / spread * math.sqrt(share)
