@@ -366,7 +366,7 @@ def delay_findings(given: Experiment) -> Iterator[Finding]:
 
     A torque that is late by d is, to first order, the torque minus d times its derivative.
     """
-    delays = _delays(given)
+    delays = torque_delays(given)
     if not delays:
         return
     values, errors = np.array(list(delays.values())).T
@@ -411,7 +411,7 @@ def _delay(given: Experiment, joints: Sequence[int], delay: float, error: float)
     )
 
 
-def _delays(given: Experiment) -> dict[int, tuple[float, float]]:
+def torque_delays(given: Experiment) -> dict[int, tuple[float, float]]:
     """Return {joint: delay of its motor torque and its standard error [s]}.
 
     From the motor equation (7) of spring joints, and from the motion with any bodies of others.

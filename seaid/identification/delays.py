@@ -306,40 +306,32 @@ class _Shifted:
         """Return the sum of squared residuals for a delay."""
         return float(np.sum(self.fit(delay)[1] ** 2))
 
-    def step(self, at: float) -> tuple[float, float, float]:
-        """Return the Gauss-Newton step of the delay, its standard error, and the curvature.
+    def standard_error(self, found: float) -> float:
+        """Return the standard error of the best delay, infinite if it is not determined.
 
-        The step is the score over the curvature: nearly zero at the best delay, and at zero the
-        first estimate of a small one. The error has autocorrelation, the parameters that were
-        fitted (two rows per period of the cutoff are independent), and the disagreement of blocks.
+        It has autocorrelation, the parameters that were fitted (two rows per period of the cutoff
+        are independent), and the disagreement of blocks.
         """
-        basis, residual = self.fit(at)
-        shifted, rates = self.spline(self.time - at), self.spline(self.time - at, 1)
+        basis, residual = self.fit(found)
+        shifted, rates = self.spline(self.time - found), self.spline(self.time - found, 1)
         svd = scaled_svd(shifted[:, 1:], _WHAT, LogError)
         target = self.channel + shifted[:, 0]
-        theta = svd.solve(target)
-        slope = _residual(basis, rates[:, 1:] @ theta - rates[:, 0])
+        slope = _residual(basis, rates[:, 1:] @ svd.solve(target) - rates[:, 0])
         curvature, power = float(slope @ slope), float(np.sum((target - np.mean(target)) ** 2))
         free = 1.0 - basis.shape[1] / (_INDEPENDENT * len(target))
-        if curvature <= 0 or free <= 0 or residual @ residual > (1 - _LEAST_EXPLAINED) * power:
-            return 0.0, math.inf, curvature
-        step = -float(slope @ residual) / curvature
-        terms = slope * (residual + step * slope)  # after the step
+        fall = self.cost(0.0) - self.cost(found)
+        unexplained = float(residual @ residual) / max(power, 1e-300)
+        if curvature <= 0 or free <= 0 or fall <= 0 or unexplained > 1 - _LEAST_EXPLAINED:
+            return math.inf
+        terms = slope * (residual - slope * float(slope @ residual) / curvature)
         scores = newey_west(terms[:, None], self.time, np.zeros(len(self.time)))
         # sums over B blocks have together that variance, if they are independent (Birge 1932)
         blocks = sum(float(np.sum(one)) ** 2 for one in np.array_split(terms, _BLOCKS))
         variance = max(float(scores[0, 0]), blocks) / free
-        return step, math.sqrt(variance) / curvature, curvature
-
-    def standard_error(self, found: float) -> float:
-        """Return the standard error of the best delay, infinite if it is not determined."""
-        _, error, curvature = self.step(found)
-        fall = self.cost(0.0) - self.cost(found)
-        if not math.isfinite(error) or fall <= 0:
-            return math.inf
         # a minimum of the noise has curvature too: the fall of the cost from no delay, which is
         # delay^2 curvature if the cost is quadratic, must confirm it
-        return error * max(1.0, abs(found) * math.sqrt(curvature / fall))
+        confirmed = max(1.0, abs(found) * math.sqrt(curvature / fall))
+        return confirmed * math.sqrt(variance) / curvature
 
 
 def _shifted(motion: Motion, relation: _Relation, largest_s: float) -> _Shifted:
@@ -374,20 +366,6 @@ def _fitted(motion: Motion, relation: _Relation, largest_s: float) -> Delay:
     found = float(minimize_scalar(shifted.cost, bounds=ends, method="bounded", options=options).x)
     error = shifted.standard_error(found)
     return replace(unknown, delay_s=found, standard_error_s=error) if error < math.inf else unknown
-
-
-def delay_scores(robot: Robot, motion: Motion) -> tuple[Delay, ...]:
-    """Return the delays of `estimate_delays` to first order, without a search, from a motion.
-
-    Each is one Gauss-Newton step from no delay: the score of the column d tau / dt over its
-    curvature. Late positions are not corrected before the torques are looked at.
-    """
-    found = []
-    for relation in (*_of_positions(robot, motion), *_of_torques(robot, motion)):
-        step, error, _ = _shifted(motion, relation, 0.0).step(0.0)
-        delay = Delay(relation.joint, relation.channel, relation.against, step, error)
-        found.append(delay)
-    return tuple(found)
 
 
 def _residual(basis: Array, signal: Array) -> Array:
