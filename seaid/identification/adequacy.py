@@ -204,18 +204,16 @@ def _block_errors(fit: FittedRows) -> dict[int, float]:
         masks = time_blocks(rows)
     except IdentificationError:  # too few rows
         return {}
-    equations = np.unique(rows.joint).tolist()
-    weight = dict(zip(fit.qr_factor.equations, fit.weights, strict=True))
-    factors = []
-    for mask in masks:
-        part = qr_factor_of(rows.at(mask))
-        own = np.array([weight.get(one, 0.0) for one in part.equations])
-        factors.append(part.weighted_factor(own))
+    parts = [qr_factor_of(rows.at(mask)) for mask in masks]
+    weights = [
+        fit.weights[np.searchsorted(fit.qr_factor.equations, one.equations)] for one in parts
+    ]
+    factors = [one.weighted_factor(own) for one, own in zip(parts, weights, strict=True)]
     computed = np.empty(len(rows.y))
     for place, mask in enumerate(masks):
         R = np.concatenate([one for other, one in enumerate(factors) if other != place])
         computed[mask] = rows.H[mask] @ scaled_svd(R[:, :-1]).solve(R[:, -1])
-    return _errors(rows, computed) if equations else {}
+    return _errors(rows, computed)
 
 
 def fit_findings(
