@@ -7,12 +7,12 @@ use, a robot at rest or a dead channel, is an error.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from seaid._arrays import Array, is_constant, white_noise
+from seaid._arrays import Array, FrozenMapping, is_constant, white_noise
 from seaid._progress import Result, counted
 from seaid.errors import (
     ExcitationError,
@@ -83,7 +83,7 @@ class SetupCheck(Result):
     table_name = "setup_table"
 
     warnings: tuple[Finding, ...]
-    joints: dict[str, JointCheck]
+    joints: Mapping[str, JointCheck]
 
     def _in_short(self) -> str:
         return f"{counted(len(self.joints), 'joint')}, {counted(len(self.warnings), 'warning')}"
@@ -125,12 +125,13 @@ def check(
     in_memory = [one for one in sources if isinstance(one, Log)]
     first = log_findings(robot, in_memory)
     if any(one.code == "time-unit" for one in first):
-        return SetupCheck(tuple(first), {})
+        return SetupCheck(tuple(first), FrozenMapping({}, "joint"))
     groups = datasets_by_log(robot, sources, cutoff_hz, None, False)
     motions = [[first_motion(one) for one in group] for group in groups]
     given = experiment_of(robot, motions)
     found = [*first, *setup_findings(given, first)]
-    return SetupCheck(by_severity(found), _joints(given, [one for own in motions for one in own]))
+    every = [one for own in motions for one in own]
+    return SetupCheck(by_severity(found), FrozenMapping(_joints(given, every), "joint"))
 
 
 def _joints(given: Experiment, motions: Sequence[Motion]) -> dict[str, JointCheck]:

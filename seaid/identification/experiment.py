@@ -179,6 +179,7 @@ class Experiment:
 
     def cost(self, kind: str) -> float:
         """Return the sum of the log squares of one kind of misfit."""
+        # `misfits` costs a fit of each kind, and every hypothesis is asked for its nominal cost
         misfit = self.nominal if kind == "nominal" else self.misfits[kind]
         return float(np.nansum(np.log(np.minimum(misfit, 2.0) ** 2 + _FLOORS[kind] ** 2)))
 

@@ -299,6 +299,15 @@ def test_identify_has_the_findings_and_a_verdict() -> None:
     assert [one["code"] for one in content["warnings"]] == [one.code for one in right.warnings]
 
 
+def test_the_numbers_of_the_joints_are_read_only_and_say_which_joints_there_are() -> None:
+    joints = seaid.check(leg(TEST_MASS), leg_log()).joints
+    assert joints["knee_pitch"].encoder_slope == pytest.approx(1.0, abs=0.05)
+    with pytest.raises(KeyError, match="no joint is named 'knee'"):
+        joints["knee"]
+    with pytest.raises(TypeError, match="does not support item assignment"):
+        joints["knee"] = joints["knee_pitch"]  # type: ignore[index]
+
+
 def test_findings_are_sorted_and_their_codes_are_known() -> None:
     notes = [Finding("holes", "a", severity="note"), Finding("sign", "b", severity="wrong")]
     assert [one.code for one in by_severity([*notes, notes[0]])] == ["sign", "holes"]
