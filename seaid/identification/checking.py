@@ -26,7 +26,7 @@ from seaid.estimation import RANK_TOLERANCE, scaled_svd
 from seaid.identification.datasets import Source, datasets_by_log, first_motion, sources_of
 from seaid.identification.experiment import Experiment, experiment_of
 from seaid.identification.setup_hypotheses import encoder_slope, mistakes
-from seaid.log import Log, Motion, column_name
+from seaid.log import Log, Motion, changed_source
 from seaid.regressor import INPUT_FIELDS
 from seaid.robot import Robot
 
@@ -183,7 +183,11 @@ def _time(log: Log) -> Iterator[Finding]:
     text = "is its time in seconds?"
     if unit:
         text = f"its time seems to be in {unit}, which gives {rate / _UNITS_OF_TIME[unit]:.4g} Hz"
-        remedy = f'in the description of the log:\ntime = {{ column = "time_s", unit = "{unit}" }}'
+        clock = (log.description or {}).get("time", "time_s")
+        column = clock if isinstance(clock, str) else clock.get("column", "time_s")
+        remedy = (
+            f'in the description of the log:\ntime = {{ column = "{column}", unit = "{unit}" }}'
+        )
     yield Finding(
         "time-unit",
         f"the log has {rate:.3g} samples per second: {text}",
@@ -309,9 +313,8 @@ def offset_findings(given: Experiment) -> Iterator[Finding]:
 
 def _offset(given: Experiment, j: int, number: int, change: float, size: float) -> Finding:
     """Return the finding for encoder offsets that changed between log 1 and another one."""
-    robot, joint = given.robot, given.robot.joint_names[j]
+    joint = given.robot.joint_names[j]
     wanted = "motor_position" if size else "joint_position"
-    column = column_name(joint, robot.is_prismatic[j], wanted)
     offset = -change * given.lever[j] if size else change
     times = f", {abs(change) / size:.2g} times the deflection of its spring (rms)" if size else ""
     return Finding(
@@ -322,7 +325,7 @@ def _offset(given: Experiment, j: int, number: int, change: float, size: float) 
         "wrong" if size else "doubtful",
         {"difference at the joint": change},
         f"in the description of log {number}:\n[joints.{joint}]\n"
-        f'{wanted} = {{ column = "{column}", offset = {offset:.6g} }}',
+        f"{wanted} = {changed_source(given.source(j, wanted, number - 1), offset=offset)}",
         "certain" if size else "likely",
     )
 
@@ -397,9 +400,9 @@ def _delay(given: Experiment, joints: Sequence[int], delay: float, error: float)
     robot = given.robot
     lines = ["in the description of the log:"]
     for j in joints:
-        column = column_name(robot.joint_names[j], robot.is_prismatic[j], "motor_torque")
         lines.append(f"[joints.{robot.joint_names[j]}]")
-        lines.append(f'motor_torque = {{ column = "{column}", delay_s = {delay:.5f} }}')
+        source = changed_source(given.source(j, "motor_torque"), delay_s=round(delay, 5))
+        lines.append(f"motor_torque = {source}")
     names = ", ".join(robot.joint_names[j] for j in joints)
     return Finding(
         "delay",

@@ -8,15 +8,16 @@ well the encoders of both sides agree. Friction that would drive the joint count
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid.estimation import RANK_TOLERANCE, scaled_svd
-from seaid.log import Motion, in_band, in_band_at, row_samples
+from seaid.log import Motion, column_name, in_band, in_band_at, row_samples
 from seaid.regressor import INPUT_FIELDS, regressor_at_drives
 from seaid.robot import Robot, torques_at_drives
 
@@ -39,7 +40,8 @@ class Experiment:
     position, velocity and acceleration of both sides; `direction` (R, n): the sign of the motor
     speed; `torque`, its derivative `torque_rate`, and `sensed` (R, n): of motor and joint, NaN
     without the sensor; `both` (n,): whether both encoders were logged; `ratio`, `inertia` (n,):
-    gear ratios and rotor inertias; `bodies` (10n,): standard parameters with payloads.
+    gear ratios and rotor inertias; `bodies` (10n,): standard parameters with payloads;
+    `descriptions`: that of each log, as plain data.
     """
 
     robot: Robot
@@ -55,6 +57,15 @@ class Experiment:
     ratio: Array
     inertia: Array
     bodies: Array
+    descriptions: tuple[Mapping[str, Any], ...]
+
+    def source(self, j: int, quantity: str, log: int = 0) -> str | Mapping[str, Any]:
+        """Return how a quantity of joint j was read: its column, or its entry in a description."""
+        joint = self.robot.joint_names[j]
+        described = self.descriptions[log].get("joints", {}).get(joint, {})
+        own = column_name(joint, self.robot.is_prismatic[j], quantity)
+        found: str | Mapping[str, Any] = described.get(quantity, own)
+        return found
 
     @cached_property
     def lever(self) -> Array:
@@ -203,7 +214,9 @@ def experiment_of(robot: Robot, logs: Sequence[Sequence[Motion]]) -> Experiment:
         bodies = np.full_like(bodies, np.nan)  # a robot file without inertias
     log, rate_hz = np.repeat(numbers, [len(one[2]) for one in parts]), logs[0][0].rate_hz
     signals = motor, joint, direction, torque, rate, sensed
-    return Experiment(robot, log, rate_hz, *signals, both, ratio, inertia, bodies)
+    first = [motions[0].processing for motions in logs]
+    descriptions = tuple((one and one.description) or {} for one in first)
+    return Experiment(robot, log, rate_hz, *signals, both, ratio, inertia, bodies, descriptions)
 
 
 def _windows(motion: Motion) -> list[Motion]:

@@ -19,7 +19,7 @@ from seaid._arrays import Array
 from seaid.errors import Certainty, Finding, Severity
 from seaid.estimation import scaled_svd
 from seaid.identification.experiment import Experiment
-from seaid.log import column_name
+from seaid.log import changed_source
 from seaid.regressor import regressor_at_drives
 from seaid.robot import Robot
 
@@ -165,20 +165,19 @@ def hypotheses(given: Experiment) -> Iterator[Hypothesis]:
         yield from _swaps(given, i, j)
 
 
-def _entry(given: Experiment, j: int, quantities: Sequence[str], keys: str) -> str:
-    """Return the lines of a description that change quantities of a joint."""
+def _entry(given: Experiment, j: int, quantities: Sequence[str], factor: float) -> str:
+    """Return the lines of a description that multiply quantities of a joint by a factor."""
+    lines = [f"{one} = {changed_source(given.source(j, one), factor=factor)}" for one in quantities]
     joint = given.robot.joint_names[j]
-    name_of = partial(column_name, joint, given.robot.is_prismatic[j])
-    lines = [f'{one} = {{ column = "{name_of(one)}", {keys} }}' for one in quantities]
     return "\n".join(["in the description of the log:", f"[joints.{joint}]", *lines])
 
 
-def _entries(given: Experiment, joints: Sequence[int], channels: str, keys: str) -> str:
+def _entries(given: Experiment, joints: Sequence[int], channels: str, factor: float) -> str:
     """Return the lines of a description that change logged channels of several joints."""
     entries = []
     for j in joints:
         logged = "".join(one for one in channels if one != "q" or given.both[j])
-        entries.append(_entry(given, j, _quantities(given, j, logged), keys))
+        entries.append(_entry(given, j, _quantities(given, j, logged), factor))
     return "\n".join([entries[0], *(one.split("\n", 1)[1] for one in entries[1:])])
 
 
@@ -228,7 +227,7 @@ def _signs(given: Experiment, j: int) -> Iterator[Hypothesis]:
                 "torque have the opposite sign",
                 partial(flipped, j=j, channels="mt"),
                 joint,
-                _entry(given, j, _quantities(given, j, "mt"), "sign = -1"),
+                _entry(given, j, _quantities(given, j, "mt"), -1.0),
                 evidence={"given ratio": float(given.ratio[j])},
             )
     for channels in choices:
@@ -240,7 +239,7 @@ def _signs(given: Experiment, j: int) -> Iterator[Hypothesis]:
             whole if channels == "qmt" else f"the {words} of {joint} has the opposite sign",
             partial(flipped, j=j, channels=channels),
             joint,
-            _entry(given, j, _quantities(given, j, logged), "sign = -1"),
+            _entry(given, j, _quantities(given, j, logged), -1.0),
             penalty=0.0 if channels in ("t", "qmt", "q", "m") else 1.0,
         )
 
@@ -275,7 +274,7 @@ def _positions(given: Experiment, j: int) -> Iterator[Hypothesis]:
             f"the positions of {joint} are in {unit}",
             partial(scaled, j=j, factors=dict.fromkeys("qm", factor)),
             joint,
-            _entry(given, j, _quantities(given, j, sides), f"scale = {factor:.10g}"),
+            _entry(given, j, _quantities(given, j, sides), factor),
         )
     if given.both[j]:
         yield from _encoders(given, j)
@@ -321,7 +320,7 @@ def _encoders(given: Experiment, j: int) -> Iterator[Hypothesis]:
                     f"the {_WORDS[channel]} of {joint} is in {unit}",
                     partial(scaled, j=j, factors={channel: factor}),
                     joint,
-                    _entry(given, j, _quantities(given, j, channel), f"scale = {factor:.10g}"),
+                    _entry(given, j, _quantities(given, j, channel), factor),
                     evidence={"slope between the encoders over the gear ratio": slope},
                 )
     for factor in _near(slope):
@@ -409,13 +408,10 @@ def _factor(
     unit = min(_UNITS, key=lambda name: abs(math.log(slope / _UNITS[name])))
     is_unit = abs(math.log(slope)) > math.log(_FAR_FACTOR)
     exact = is_unit and abs(math.log(slope / _UNITS[unit])) < math.log(2.0)
-    keys = f"scale = {1 / _UNITS[unit]:g}" if exact else f"scale = {1 / slope:.4g}"
+    factor = 1 / _UNITS[unit] if exact else float(f"{1 / slope:.4g}")
     text = f"in {unit}" if exact else f"{slope:.3g} times too large"
-
-    undo = partial(
-        _all_scaled, joints=joints, factors={"t": 1 / (_UNITS[unit] if exact else slope)}
-    )
-    remedy = _entries(given, joints, "t", keys)
+    undo = partial(_all_scaled, joints=joints, factors={"t": factor})
+    remedy = _entries(given, joints, "t", factor)
     return Hypothesis(
         "unit" if is_unit else "torque-scale",
         f"{words} {'are' if not joint else 'is'} {text}",
@@ -468,11 +464,9 @@ def swapped(given: Experiment, pair: list[int], channels: str) -> Experiment:
 def _swap_remedy(given: Experiment, pair: tuple[int, int], channels: str) -> str:
     lines = ["in the description of the log:"]
     for own, other in (pair, pair[::-1]):
-        name = given.robot.joint_names[other]
-        name_of = partial(column_name, name, given.robot.is_prismatic[other])
         lines.append(f"[joints.{given.robot.joint_names[own]}]")
         lines += [
-            f'{one} = {{ column = "{name_of(one)}" }}'
+            f"{one} = {changed_source(given.source(other, one))}"
             for one in _quantities(given, other, channels)
         ]
     return "\n".join(lines)
@@ -485,7 +479,7 @@ def _whole(given: Experiment) -> Iterator[Hypothesis]:
             "sign",
             "the torques of all joints have the opposite sign",
             partial(_all_scaled, joints=given.used, factors={"t": -1.0}),
-            remedy=_entries(given, given.used, "t", "sign = -1"),
+            remedy=_entries(given, given.used, "t", -1.0),
         )
         yield from _all_angles(given)
     yield from _times(given)
@@ -537,7 +531,7 @@ def _all_angles(given: Experiment) -> Iterator[Hypothesis]:
                     "unit",
                     f"the {words} of all joints are in {unit}",
                     partial(_all_scaled, joints=joints, factors=dict.fromkeys(channels, factor)),
-                    remedy=_entries(given, joints, channels, f"scale = {factor:.10g}"),
+                    remedy=_entries(given, joints, channels, factor),
                 )
 
 

@@ -1,4 +1,5 @@
 from .description import LogDescription as LogDescription
+from .description import changed_source as changed_source
 from .filtering import CutoffSelection as CutoffSelection
 from .filtering import decimation as decimation
 from .filtering import low_pass as low_pass

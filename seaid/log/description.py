@@ -209,6 +209,36 @@ def _short(table: dict[str, Any]) -> Any:
     return table["column"] if list(table) == ["column"] else table
 
 
+def changed_source(
+    source: str | Mapping[str, Any],
+    *,
+    factor: float = 1.0,
+    offset: float = 0.0,
+    delay_s: float = 0.0,
+) -> str:
+    """Return the TOML of a source whose values become factor * value + offset, `delay_s` earlier.
+
+    What the source has already is multiplied or added, so that the text replaces it.
+    """
+    found: dict[str, Any] = {"column": source} if isinstance(source, str) else dict(source)
+    if factor < 0:
+        found["sign"] = -found.get("sign", 1)
+    if abs(factor) != 1:
+        found["scale"] = _rounded(abs(factor) * found.get("scale", 1.0))
+    old = found.get("offset", 0.0)
+    if factor * old + offset != old:
+        found["offset"] = _rounded(factor * old + offset)
+    if delay_s:
+        found["delay_s"] = _rounded(found.get("delay_s", 0.0) + delay_s)
+    return _toml(found)
+
+
+def _rounded(value: float) -> float | int:
+    """Return a number with ten digits, an integer if it is one."""
+    found = float(f"{value:.10g}")
+    return int(found) if found.is_integer() else found
+
+
 def _key(name: str) -> str:
     bare = name.isascii() and name.replace("_", "").replace("-", "").isalnum()
     return name if bare else _text(name)

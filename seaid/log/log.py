@@ -161,6 +161,8 @@ class Log(Display):
         One entry per joint; default: all revolute.
     report : tuple of Repair
         Faults found in the file, and their repairs.
+    description : mapping or None
+        The description by which the file was read, as plain data.
 
     Raises
     ------
@@ -187,6 +189,7 @@ class Log(Display):
     motor_voltage: Array | None = None
     deflection: Array | None = None
     report: tuple[Repair, ...] = ()
+    description: Mapping[str, Any] | None = None
 
     def _in_short(self) -> str:
         logged = [name for name, x in self.sensors().items() if not np.all(np.isnan(x))]

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -51,6 +51,8 @@ class Processing:
         Filter transient that is excluded at both ends [s].
     repairs : tuple of Repair
         Repairs made when the log was read, and samples that were excluded afterwards.
+    description : mapping or None
+        The description by which the log was read, as plain data.
     """
 
     logged_rate_hz: float
@@ -60,6 +62,7 @@ class Processing:
     cutoff_selection: CutoffSelection
     transient_s: float
     repairs: tuple[Repair, ...] = ()
+    description: Mapping[str, Any] | None = None
 
     @property
     def warnings(self) -> tuple[Finding, ...]:
@@ -321,6 +324,7 @@ def _motion(
             cutoff_selection=cutoff,
             transient_s=float(1.0 / cutoff_hz),
             repairs=log.report,
+            description=log.description,
         ),
     )
 

@@ -97,6 +97,7 @@ def read_log(
     if described is not None:
         channels = channels_of(path, table, described, robot)
         log = _repaired(path, channels, repair or described.repair, robot, table.names, described)
+        log = replace(log, description=described.to_dict())
     else:
         log = _by_names(path, table, robot, columns or {}, repair)
     _warn_of_degrees(path, log, robot)

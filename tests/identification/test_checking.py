@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -149,6 +151,64 @@ def test_exchanged_joints(i: int, j: int, channels: str) -> None:
 
 def with_drive(robot: Robot, joint: str, **values: Any) -> Robot:
     return robot.with_drives({joint: replace(robot.drives[joint], **values)})
+
+
+def custom(folder: Path, log: Log) -> tuple[Path, dict[str, Any]]:
+    """Write a log with custom columns, in degrees and mN m with other signs; return its TOML."""
+    columns, joints = {"t": log.time}, dict[str, Any]()
+    for j, joint in enumerate(log.joint_names):
+        columns |= {f"q{j}": -10 - np.rad2deg(log.joint_position[:, j])}
+        columns |= {f"m{j}": log.motor_position[:, j], f"i{j}": log.motor_torque[:, j] / 0.05}
+        joints[joint] = {
+            "joint_position": {
+                "column": f"q{j}",
+                "unit": "deg",
+                "sign": -1,
+                "offset": -np.deg2rad(10),
+            },
+            "motor_position": f"m{j}",
+            "motor_torque": {"column": f"i{j}", "unit": "A", "torque_constant_Nm_per_A": 0.05},
+        }
+    np.savez(folder / "run.npz", **columns)  # type: ignore[arg-type]
+    return folder / "run.npz", {"time": "t", "joints": joints}
+
+
+@pytest.mark.parametrize(
+    ("quantity", "change", "code"),
+    [
+        ("joint_position", {"sign": 1, "offset": np.deg2rad(10)}, "sign"),
+        ("joint_position", {"scale": np.pi / 180, "offset": -np.deg2rad(10) * np.pi / 180}, "unit"),
+        ("motor_torque", {"sign": -1}, "sign"),
+        ("motor_torque", {"sign": -1, "scale": -1000.0, "delay_s": 0.002}, "unit"),
+        ("motor_torque", {"delay_s": -0.02}, "delay"),
+    ],
+)
+def test_a_remedy_replaces_what_a_description_says_of_the_channel(
+    tmp_path: Path, quantity: str, change: dict[str, Any], code: str
+) -> None:
+    robot, (path, right) = leg(TEST_MASS), custom(tmp_path, leg_log())
+    assert seaid.check(robot, seaid.read_log(path, robot, description=right)).warnings == ()
+    wrong = deepcopy(right)
+    wrong["joints"]["knee_pitch"][quantity] |= change
+    finding = worst(robot, seaid.read_log(path, robot, description=wrong))
+    assert (finding.code, finding.joint) == (code, "knee_pitch")
+    pasted = tomllib.loads(finding.remedy.split("\n", 1)[1])["joints"]["knee_pitch"]
+    wrong["joints"]["knee_pitch"] |= pasted
+    assert seaid.check(robot, seaid.read_log(path, robot, description=wrong)).warnings == ()
+
+
+def test_exchanged_channels_keep_what_a_description_says_of_them(tmp_path: Path) -> None:
+    robot, (path, right) = leg(TEST_MASS), custom(tmp_path, leg_log())
+    wrong = deepcopy(right)
+    names = ["hip_pitch", "knee_pitch"]
+    for own, other in (names, names[::-1]):
+        wrong["joints"][own] = right["joints"][other]
+    finding = worst(robot, seaid.read_log(path, robot, description=wrong))
+    assert finding.code == "swapped-joints"
+    assert tomllib.loads(finding.remedy.split("\n", 1)[1])["joints"] == {
+        one: right["joints"][one] | {"motor_position": {"column": f"m{robot.index(one)}"}}
+        for one in names
+    }
 
 
 @pytest.mark.parametrize("joint", leg().joint_names)
