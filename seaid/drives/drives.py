@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any, ClassVar, Self, get_args
 
 from seaid._arrays import FrozenMapping, number
@@ -299,7 +300,7 @@ class _Parameters(Display):
         harmonic = (name for one in self.harmonics for name in one.names)
         return (*(name for name in PARAMETERS if name in names), *harmonic)
 
-    @property
+    @cached_property
     def own_values(self) -> Mapping[str, float]:
         """{parameter: known or nominal value} of all parameters that have one, as in the TOML."""
         values: dict[str, float] = {}
@@ -313,7 +314,7 @@ class _Parameters(Display):
                 values.update(zip(one.names, one.amplitudes, strict=True))
         return FrozenMapping(values)
 
-    @property
+    @cached_property
     def values(self) -> Mapping[str, float]:
         """`own_values` as the equations have them.
 

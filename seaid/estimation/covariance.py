@@ -160,7 +160,7 @@ def slots(time: Array, start_s: float, step_s: float) -> IndexArray:
 def at_slots(H: Array, factor: Array, slot: IndexArray) -> Array:
     """Return the scores, rows of `H` (R, p) times `factor` (R,), summed per slot."""
     shape = (int(np.max(slot)) + 1, len(H))
-    gather = sparse.csr_array((factor, (slot, np.arange(len(slot)))), shape=shape)
+    gather = sparse.csc_array((factor, slot, np.arange(len(slot) + 1)), shape=shape)
     return np.asarray(gather @ H)
 
 

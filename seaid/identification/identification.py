@@ -73,7 +73,7 @@ from seaid.identification.sensitivity import sensitivity_findings
 from seaid.identification.simultaneous import estimate_simultaneous
 from seaid.identification.transmission_error import periodic_findings
 from seaid.identification.two_step import RobotEstimate, estimate_two_step, joints_with_torque
-from seaid.log import Log, Motion, Processing, stretches, usable
+from seaid.log import Log, Motion, Processing, stretches
 from seaid.regressor import (
     BaseParameters,
     LoadModel,
@@ -275,7 +275,7 @@ def identify(
     with explained(findings):
         groups = datasets_by_log(robot, sources, cutoff_hz, executor, progress)
         datasets = [one for group in groups for one in group]
-        in_memory = [part for log in logs_in_memory for part in stretches(usable(log))]
+        in_memory = [part for log in logs_in_memory for part in stretches(log)]
         if len(logs_in_memory) == len(sources):
             check_excitation(robot, in_memory)
         check_channels(logs_in_memory)

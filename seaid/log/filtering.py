@@ -32,19 +32,29 @@ def low_pass(signals: Array, rate_hz: float, cutoff_hz: float) -> Array:
     """Return columns (T, any) after a zero-phase Butterworth low pass; unchanged near Nyquist."""
     if cutoff_hz >= 0.8 * rate_hz / 2:
         return signals
-    from scipy.signal import sosfiltfilt
+    from scipy.signal import sosfilt
 
-    sections = _sections(float(rate_hz), float(cutoff_hz))
-    pad = min(len(signals) - 1, round(3 * rate_hz / cutoff_hz))
-    return np.asarray(sosfiltfilt(sections, signals, axis=0, padtype="odd", padlen=pad))
+    sections, start = _sections(float(rate_hz), float(cutoff_hz))
+    count = len(signals)
+    pad = min(count - 1, round(3 * rate_hz / cutoff_hz))
+    x = np.ascontiguousarray(signals.T)
+    before, after = 2 * x[:, :1] - x[:, pad:0:-1], 2 * x[:, -1:] - x[:, -2 : -pad - 2 : -1]
+    x = np.concatenate([before, x, after], axis=1)  # odd: a line stays a line
+    for _ in range(2):  # forward, then backward
+        x = sosfilt(sections, x, zi=start * x[:, :1])[0][:, ::-1]
+    return np.asarray(x[:, pad : pad + count].T)
 
 
 @cache
-def _sections(rate_hz: float, cutoff_hz: float) -> Array:
-    """Return the low pass as second-order sections; cached, a search filters hundreds of times."""
-    from scipy.signal import butter
+def _sections(rate_hz: float, cutoff_hz: float) -> tuple[Array, Array]:
+    """Return the low pass as second-order sections and their state (s, 1, 2) at a constant of 1.
 
-    return np.asarray(butter(_ORDER // 2, cutoff_hz, fs=rate_hz, output="sos"))
+    They are cached, because a search filters hundreds of times.
+    """
+    from scipy.signal import butter, sosfilt_zi
+
+    sections = np.asarray(butter(_ORDER // 2, cutoff_hz, fs=rate_hz, output="sos"))
+    return sections, np.asarray(sosfilt_zi(sections))[:, None]
 
 
 def decimation(rate_hz: float, cutoff_hz: float) -> int:
@@ -218,9 +228,9 @@ def _moving_spectra(
 
 
 def _spectrum(samples: Array, rate_hz: float, order: int) -> _Spectrum:
-    from scipy.signal import detrend, periodogram
-
-    frequency, power = periodogram(detrend(samples), fs=rate_hz, window="hann")
+    placed = samples - np.mean(samples)
+    ramp = np.arange(len(samples)) - 0.5 * (len(samples) - 1)
+    frequency, power = _periodogram(placed - (placed @ ramp) / (ramp @ ramp) * ramp, rate_hz)
     # periodogram ordinates of white noise are chi^2_2: the median is log 2 times the mean
     white = float(np.median(power[frequency > 0.25 * rate_hz])) / np.log(2)
     of_steps, rounding = _noise_of_steps(samples, rate_hz)
@@ -229,7 +239,7 @@ def _spectrum(samples: Array, rate_hz: float, order: int) -> _Spectrum:
     seen = (smooth >= _OUTSTANDING * floor) & (frequency <= rate_hz / _RATES)
     signal = np.where(seen, np.maximum(power - floor, 0.0), 0.0)
     # a sweep moves too, so the power of the position keeps the linear trend
-    moving = periodogram(samples, fs=rate_hz, window="hann", detrend="constant")[1]
+    moving = _periodogram(placed, rate_hz)[1]
     place = np.where(seen | (frequency <= frequency[2]), np.maximum(moving - floor, 0.0), 0.0)
     # white noise of density S, differentiated k times: int_0^f S nu^2k dnu = S f^(2k+1) / (2k+1)
     exponent = 2 * order
@@ -248,6 +258,15 @@ def _spectrum(samples: Array, rate_hz: float, order: int) -> _Spectrum:
         floor=floor,
         moves=bool(np.sum(place) * frequency[1] >= _MOVING**2 * variance),
     )
+
+
+def _periodogram(samples: Array, rate_hz: float) -> tuple[Array, Array]:
+    """Return frequencies [Hz] and the one-sided power spectral density, with a Hann window."""
+    count = len(samples)
+    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(count) / count)
+    power = np.abs(np.fft.rfft(window * samples)) ** 2 / (rate_hz * (window @ window))
+    power[1 : (count + 1) // 2] *= 2  # both signs, of all but the mean and half of the rate
+    return np.fft.rfftfreq(count, 1 / rate_hz), power
 
 
 def _limit(frequency: Array, noise: Array, moved: Array) -> float:
