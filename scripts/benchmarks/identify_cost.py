@@ -34,11 +34,10 @@ PARTS = (
 
 def write_experiments(folder: Path) -> None:
     """Write the files of each robot of `NAMES`."""
-    sys.path[:0] = [str(ROOT), str(ROOT / "scripts")]
-    import gauntlet_robots
-    import identify_philips_arm as philips
-    import identify_tulip_leg as tulip
-
+    sys.path.insert(0, str(ROOT))
+    from scripts import gauntlet_robots
+    from scripts import identify_philips_arm as philips
+    from scripts import identify_tulip_leg as tulip
     from seaid._files import read_toml
     from seaid.errors import RobotError
 
@@ -77,7 +76,7 @@ def read_experiment(path: Path) -> tuple[seaid.Robot, seaid.Log]:
 def identified(robot: seaid.Robot, log: seaid.Log) -> Any:
     """Return all warnings of an identification; "flags" before they had codes."""
     found = seaid.identify(robot, log)
-    return found.warnings if hasattr(found, "warnings") else found.flags
+    return getattr(found, "warnings" if hasattr(found, "warnings") else "flags")
 
 
 def serve(folder: Path) -> None:

@@ -266,7 +266,7 @@ def _periodogram(samples: Array, rate_hz: float) -> tuple[Array, Array]:
     window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(count) / count)
     power = np.abs(np.fft.rfft(window * samples)) ** 2 / (rate_hz * (window @ window))
     power[1 : (count + 1) // 2] *= 2  # both signs, of all but the mean and half of the rate
-    return np.fft.rfftfreq(count, 1 / rate_hz), power
+    return np.asarray(np.fft.rfftfreq(count, 1 / rate_hz)), power
 
 
 def _limit(frequency: Array, noise: Array, moved: Array) -> float:
