@@ -31,7 +31,8 @@ Level = Literal["good", "good but", "do not use"]
 
 _NOTHING, _PART = 0.9, 0.5
 """Error of excluded blocks, over that of a constant torque, from which a model is of no use;
-if it is below the second one in the own logs, it fits these only."""
+if it is below the second one in the own logs, it fits these only. A motor equation whose error is
+below the second one holds."""
 
 _BETTER, _MATTERS = 0.7, 0.1
 """The nominal bodies are better if their error is below this multiple of that of the
@@ -133,6 +134,9 @@ def explained(findings: Sequence[Finding]) -> Iterator[None]:
 
 def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> Verdict:
     """Return the verdict that follows from the warnings of a result."""
+    loads = _load_sides(warnings, joints)
+    if loads:
+        return Verdict("do not use", loads, joints)
     for severity, level, start in (
         ("wrong", "do not use", "do not use this result"),
         ("doubtful", "good but", "usable with care"),
@@ -144,6 +148,21 @@ def verdict_of(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> V
             )
             return Verdict(level, f"{start}: {', '.join(names)}", joints)  # type: ignore[arg-type]
     return Verdict("good", "good: no warning contradicts the set-up or the model", joints)
+
+
+def _load_sides(warnings: Sequence[Finding], joints: Mapping[str, JointFit]) -> str:
+    """Return the sentence if only load sides of spring joints are wrong, "" otherwise."""
+    wrong = [one for one in warnings if one.severity == "wrong"]
+    motors = {one.joint: joints[one.joint].motor for one in wrong if one.joint in joints}
+    if any(one.code != "no-fit" or np.isnan(motors.get(one.joint, np.nan)) for one in wrong):
+        return ""
+    drives = []
+    for joint in (one for one, error in motors.items() if error < _PART):
+        care = [one.code for one in warnings if (one.joint, one.severity) == (joint, "doubtful")]
+        reasons = f"usable with care: {', '.join(dict.fromkeys(care))}" if care else "good"
+        drives.append(f"the drive of {joint} is {reasons}")
+    loads = f"do not use the load side of {listed(motors)}: no-fit"
+    return "; ".join([loads, *drives]) if motors else ""
 
 
 def joint_fits(
@@ -223,12 +242,13 @@ def fit_findings(
     for joint, one in joints.items():
         error = one.blocks if np.isfinite(one.blocks) else one.own
         evidence = {"error": one.own, "error of excluded blocks": one.blocks}
+        holds = f"; its motor equation holds, with an error of {one.motor:.1%}"
         if error > _NOTHING and one.own > _PART:
             yield Finding(
                 "no-fit",
                 f"the model explains nothing of the torque on the load of {joint}: its error is "
                 f"{one.own:.0%} of the torque in the own logs and {error:.0%} in excluded blocks, "
-                "that of a constant 100%",
+                f"that of a constant 100%{holds if one.motor < _PART else ''}",
                 joint,
                 "wrong",
                 evidence,

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 import seaid
 from seaid.identification.adequacy import unused_findings
 from seaid.log.reading import Log
 from seaid.simulation.simulation import measure
-from tests.experiments import LEG_SENSORS, leg, leg_motion
+from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion, true_value
 
 
 def leg_log(seed: int = 1) -> Log:
@@ -68,6 +69,47 @@ def test_torques_that_are_noise_are_named() -> None:
     ]
     assert found.joint_fits["hip_roll"].blocks > 0.9
     assert found.verdict.level == "do not use"
+
+
+def pushed_log(*joints: str) -> Log:
+    """Return the log of a leg that hands push at the links of some joints all the time.
+
+    The spring carries the push too, with the angle, inertia and friction of the motor by (4), (7).
+    """
+    motion = leg_motion(TEST_MASS)
+    motor, torque = motion.motor_position.copy(), motion.motor_torque.copy()
+    for place, joint in enumerate(joints):
+        j, drive = leg().index(joint), leg().drives[joint]
+        waves = [np.sin(2 * np.pi * hz * motion.time + 5 * hz + place) for hz in (0.7, 1.1, 1.9)]
+        push = 3 * np.std(motion.joint_torque[:, j]) * np.sum(waves, axis=0)
+        gear = drive.motor_radius / drive.ratio
+        angle = push / (gear * drive.values["stiffness"] * drive.load_radius)
+        speed = np.gradient(angle, motion.time)
+        before, after = motion.motor_velocity[:, j], motion.motor_velocity[:, j] + speed
+        motor[:, j] += angle
+        torque[:, j] += (
+            drive.values["motor_inertia"] * np.gradient(speed, motion.time)
+            + drive.values["viscous_friction"] * speed
+            + drive.values["coulomb_friction"] * (np.sign(after) - np.sign(before))
+            + gear / drive.load_radius * push
+        )
+    pushed = replace(motion, motor_position=motor, motor_torque=torque)
+    return measure(leg(TEST_MASS), pushed, LEG_SENSORS, 1)
+
+
+def test_a_load_side_that_hands_move_is_not_to_be_used_and_its_drive_is_good() -> None:
+    found = seaid.identify(leg(TEST_MASS), pushed_log("knee_pitch"))
+    knee = found.drives["knee_pitch"]
+    assert knee.value("stiffness") == pytest.approx(
+        true_value(leg(), "knee_pitch", "stiffness"), abs=4 * knee.standard_error("stiffness")
+    )
+    (finding,) = [one for one in found.warnings if one.code == "no-fit"]
+    assert (finding.joint, finding.severity) == ("knee_pitch", "wrong")
+    assert "; its motor equation holds, with an error of " in finding.message
+    sentence = "do not use the load side of knee_pitch: no-fit; the drive of knee_pitch is good"
+    assert (found.verdict.level, found.verdict.sentence) == ("do not use", sentence)
+    assert found.to_dict()["verdict"]["sentence"] == sentence
+    assert sentence in found.summary()
 
 
 def test_a_contact_is_named_with_its_time() -> None:
