@@ -120,7 +120,7 @@ ONE_IMPORTER = {
     ),
     "functions that users call": (
         *("identification.physical.consistency", "log.long_log"),
-        *("regressor.exact.base", "report.figures", "report.text", "symbolic.expression_text"),
+        *("regressor.exact.base", "report.figures", "symbolic.expression_text"),
     ),
     "one part of the page or window each": (
         *("report.html_experiment", "report.html_maps", "report.html_verdict"),

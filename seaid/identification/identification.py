@@ -57,6 +57,7 @@ from seaid.identification.instrumental import estimate_instrumental
 from seaid.identification.known_constants import (
     check_known_std,
     constants_of,
+    exact_constants,
     with_known_std,
 )
 from seaid.identification.linearisation import linearised_robot
@@ -127,6 +128,8 @@ class Identification(Result):
         Findings about the set-up, and about the fit of the whole robot.
     joint_fits : mapping {joint: JointFit}
         How much of the torque of each joint the model explains.
+    exact_constants : mapping {constant: float}
+        Constants that were taken as exact, by their names in `known_std`, with typical tolerances.
     """
 
     table_name = "identification_table"
@@ -148,6 +151,7 @@ class Identification(Result):
     motions: tuple[Motion, ...] = ()
     findings: tuple[Finding, ...] = ()
     joint_fits: Mapping[str, JointFit] = field(default_factory=dict)
+    exact_constants: Mapping[str, float] = field(default_factory=dict)
 
     def _in_short(self) -> str:
         drives = counted(len(self.drives), "drive")
@@ -315,7 +319,8 @@ def identify(
     bodies = result.robot.parameters + robot.payload_parameters
     fits = joint_fits(robot.joint_names, found, experiment, bodies)
     findings += consequences(findings, fit_findings(robot.joint_names, found, fits))
-    return replace(result, findings=tuple(findings), joint_fits=fits)
+    exact = exact_constants(robot, known_std)
+    return replace(result, findings=tuple(findings), joint_fits=fits, exact_constants=exact)
 
 
 def _two_step(

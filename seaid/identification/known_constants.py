@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array
-from seaid.drives import STD_OF_TORQUE
+from seaid.drives import IDEAL_DRIVE, STD_OF_TORQUE
 from seaid.errors import Finding, IdentificationError, unknown_name
 from seaid.estimation import Estimate
 from seaid.identification.datasets import Dataset
@@ -33,6 +33,17 @@ KNOWN_STD = {
     "load_pulley_radius_m": "load pulley radii",
 }
 """Names in `known_std`: relative standard deviations of what."""
+
+TYPICAL_STD = {
+    "torque": 0.03,
+    "payload": 0.01,
+    "motor_inertia_kg_m2": 0.05,
+    "gear_ratio": 0.001,
+    "motor_pulley_radius_m": 0.005,
+    "load_pulley_radius_m": 0.005,
+}
+"""Values that the output proposes: tolerances of data sheets (of K_t, of inertias), of scales, and
+of turned pulleys with their cable."""
 
 _STEP = 1e-3
 """Relative change of a constant in difference quotients."""
@@ -65,6 +76,19 @@ def check_known_std(known_std: Mapping[str, float]) -> None:
                 f"{std}",
                 "known_std=",
             )
+
+
+def exact_constants(robot: Robot, known_std: Mapping[str, float]) -> dict[str, float]:
+    """Return the constants in use without a standard deviation, with their `TYPICAL_STD`."""
+    drives = [drive for drive in robot.drives.values() if drive != IDEAL_DRIVE]
+    names = {name for drive in drives for name in KNOWN_STD if getattr(drive, name, None)}
+    names = {name for name in names if any(name not in drive.std for drive in drives)}
+    if not drives or any(STD_OF_TORQUE not in drive.std for drive in drives):
+        names.add("torque")
+    if np.any(robot.payload_parameters):
+        names.add("payload")
+    names -= {name for name, std in known_std.items() if std}
+    return {name: std for name, std in TYPICAL_STD.items() if name in names}
 
 
 def constants_of(

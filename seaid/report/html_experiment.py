@@ -14,6 +14,7 @@ import numpy as np
 from seaid.drives import IDEAL_DRIVE, JointParameter, drive_table, readable
 from seaid.log import has_holes, row_samples
 from seaid.report.html_tables import seconds, short
+from seaid.report.text import exact_text
 from seaid.robot import at_drives
 
 if TYPE_CHECKING:
@@ -126,6 +127,7 @@ def settings_facts(found: Identification) -> list[tuple[str, str]]:
         ("Known bodies", ", ".join(robot.known_bodies) or "none"),
         ("Gravity", " ".join(f"{one:.5g}" for one in robot.model.gravity.linear) + " m/s²"),
     ]
+    facts += [("Constants", text) for text in exact_text(found)]
     if robot.elastic_joints:
         method = "simultaneous" if "both" in found.checks else "two-step: springs, then the load"
         facts.insert(2, ("Method", method))

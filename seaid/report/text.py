@@ -204,6 +204,7 @@ def identification_table(found: Identification) -> Text:
         f"{found.robot.name}: {len(found.load.values)} base parameters from the torques at "
         f"{', '.join(found.model.torque_joints)}; cutoff {found.cutoff_hz:.3g} Hz",
         *_processing_text(found),
+        *(f"constants: {text}" for text in exact_text(found)),
         drive_table("Drives", found),
         load_table("Base parameters", found),
         checks_table(found),
@@ -270,6 +271,12 @@ def _processing_text(found: Identification) -> list[str]:
     kind = "stretches" if has_holes(found.processing) else "logs"
     more = f" (first of {others + 1} {kind})" if others > 0 else ""
     return [f"processing{more}: {one}" for one in found.processing[:1]]
+
+
+def exact_text(found: Identification) -> list[str]:
+    """Return one line on the constants whose tolerances are in no standard error, if any."""
+    option = ",".join(f"{name}={std:g}" for name, std in found.exact_constants.items())
+    return [f"taken as exact; to include typical tolerances: --known-std {option}"] * bool(option)
 
 
 def checks_table(found: Identification) -> Text:

@@ -12,6 +12,7 @@ from seaid.drives.drives import SeriesElasticDrive, StiffDrive
 from seaid.drives.toml import drive_table, drives_from_mapping
 from seaid.errors import IdentificationError, RobotError
 from seaid.identification.identification import Identification, identify
+from seaid.report.html_experiment import settings_facts
 from seaid.simulation.simulation import measure
 from tests.experiments import ELASTIC, LEG_SENSORS, TEST_MASS, leg, leg_motion, true_value
 
@@ -46,6 +47,22 @@ def test_a_common_scale_moves_all_parameters_together_and_is_said_once() -> None
     assert [one.severity for one in notes] == ["note"]
     assert "all torques share a scale error of 0.05" in notes[0].message
     np.testing.assert_allclose(stated.load.values, plain.load.values)
+
+
+def test_the_summary_names_the_constants_that_were_taken_as_exact() -> None:
+    stated, plain = found(known_std={"torque": 0.05, "payload": 0.02}), found()
+    radii = {"motor_pulley_radius_m": 0.005, "load_pulley_radius_m": 0.005}
+    rest = {"motor_inertia_kg_m2": 0.05, "gear_ratio": 0.001, **radii}
+    assert stated.exact_constants == rest
+    assert plain.exact_constants == {"torque": 0.03, "payload": 0.01, **rest}
+    option = "--known-std torque=0.03,payload=0.01,motor_inertia_kg_m2=0.05,gear_ratio=0.001,"
+    assert sum(option in line for line in plain.summary().splitlines()) == 1
+    assert [text for name, text in settings_facts(plain) if name == "Constants"] == [
+        f"taken as exact; to include typical tolerances: {option}"
+        "motor_pulley_radius_m=0.005,load_pulley_radius_m=0.005"
+    ]
+    everything = replace(plain, exact_constants={})
+    assert "taken as exact" not in everything.summary()
 
 
 def test_a_payload_of_uncertain_mass_moves_the_foot() -> None:
