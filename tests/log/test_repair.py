@@ -258,11 +258,60 @@ def test_repeated_samples_are_taken_once() -> None:
     assert off(grid, values[POSITION]) < 1e-6
 
 
-def test_stamps_with_too_few_digits_are_refused() -> None:
+def few_digits(time: Array) -> Array:
+    return np.array([float(f"{stamp:.10g}") for stamp in 1.7e9 + time])
+
+
+@pytest.mark.parametrize(
+    ("coarse", "tolerance"),
+    [
+        (lambda time: np.round(time, 2), 1e-4),
+        (lambda time: np.floor(time / 0.016) * 0.016, 1e-4),
+        (few_digits, 1e-3),
+    ],
+)
+def test_stamps_with_too_few_digits_are_replaced_by_a_regular_clock(
+    coarse: Callable[[Array], Array], tolerance: float
+) -> None:
     time = regular()
-    coarse = np.round(time, 2)
-    with pytest.raises(LogError, match="the time has all its digits"):
-        repaired_channels([Channel(POSITION, coarse, angle(time))])
+    wrong = [Channel(one.name, coarse(time), one.values) for one in pair(time)]
+    grid, values, found = repaired_channels(wrong)
+    assert np.array_equal(values[TORQUE], wrong[1].values)
+    assert np.diff(grid) == pytest.approx(1 / RATE, rel=tolerance)
+    assert list(kinds(found)) == ["stamps with too few digits"]
+    assert "replaced by a regular clock of " in str(found[0])
+    rate = float(str(found[0]).split(" clock of ")[1].split()[0])
+    assert rate == pytest.approx(RATE, rel=tolerance)
+
+
+def test_coarse_stamps_of_uneven_samples_are_refused_with_their_mean_rate() -> None:
+    time = np.cumsum(np.random.default_rng(0).uniform(0.001, 0.003, 4000))
+    with pytest.raises(LogError, match=r"all its digits.* time = \{ rate_hz = (499|50[01])"):
+        repaired_channels([Channel(POSITION, np.round(time, 1), angle(time))])
+
+
+def test_stamps_without_any_digits_are_refused_and_ask_for_the_rate() -> None:
+    time = regular()
+    stamps = (1.7e9 + time).astype(np.float32).astype(float)
+    with pytest.raises(LogError, match=r"all its digits.* time = \{ rate_hz = \.\.\. \}"):
+        repaired_channels([Channel(POSITION, stamps, angle(time))])
+
+
+def test_rows_that_each_repeat_the_stamp_and_the_values_of_another_are_no_coarse_clock() -> None:
+    time = regular()
+    rows = np.repeat(np.arange(len(time)), 2)
+    twice = [Channel(one.name, one.time[rows], one.values[rows]) for one in pair(time)]
+    grid, _, found = repaired_channels(twice)
+    assert kinds(found) == {"repeated stamps": len(time)}
+    assert grid == pytest.approx(time)
+    in_turn = [  # each row has a new value of one sensor
+        Channel(
+            one.name, one.time[rows], one.values[(np.arange(2 * len(time)) + place) // 2 % 4000]
+        )
+        for place, one in enumerate(pair(time))
+    ]
+    with pytest.raises(LogError, match="repeated with other values"):
+        repaired_channels(in_turn)
 
 
 @given(back=st.floats(0.004, 3.0), place=st.integers(200, 3800))

@@ -29,6 +29,11 @@ _ALIKE, _MOST = 0.01, 0.8
 _GAP, _REGULAR = 5.0, 1e-3
 """A longer step, in typical steps, is a gap; relative tolerance of regular steps."""
 
+_FEWEST_CHANGES, _EVEN, _LIVE = 5, 2.0, 0.5
+"""Changes of coarse stamps from which their samples have a rate; largest range of the changes about
+a regular clock, in steps: one by the stamps, one by the samples; share of the samples in which a
+channel changes both within a stamp and from one to the next."""
+
 LONGEST_BRIDGE_S = 0.1
 """Up to this time, or five typical steps if that is more, missing samples are interpolated.
 
@@ -232,6 +237,38 @@ def is_paired(line: ClockLine, step: float) -> bool:
     return line.jitter_s < _PAIRED * step
 
 
+def with_regular_clock(
+    group: Sequence[Channel], limits: Repairs, found: list[Repair]
+) -> list[Channel]:
+    """Return channels with a regular clock if their stamps have too few digits, and it is plain.
+
+    The stamp changes at the first sample behind each multiple of its resolution. If samples are
+    equidistant, time over number of these samples is a line, within one step.
+    """
+    time, values = group[0].time, np.column_stack([one.values for one in group])
+    if not np.all(np.isfinite(time)):
+        return list(group)
+    repeats = np.diff(time) == 0
+    changes = np.flatnonzero(~repeats) + 1
+    is_coarse = np.sum(repeats) > limits.most_disordered * len(time) and np.all(np.diff(time) >= 0)
+    if not is_coarse or len(changes) < _FEWEST_CHANGES:
+        return list(group)
+    # without a change within a stamp, each sample is there several times
+    moved = np.diff(np.nan_to_num(values, posinf=0.0, neginf=0.0), axis=0) != 0
+    live = np.minimum(np.mean(moved[repeats], axis=0), np.mean(moved[~repeats], axis=0))
+    step, start = np.polyfit(changes, time[changes] - time[0], 1)
+    off = time[changes] - time[0] - (start + step * changes)
+    if np.max(live) < _LIVE or np.ptp(off) > _EVEN * step:
+        return list(group)
+    text = f"replaced by a regular clock of {1 / step:.6g} Hz, by the number of samples per stamp"
+    first = float(time[np.argmax(repeats)])
+    found.append(
+        Repair(_clock_name(group), "stamps with too few digits", int(np.sum(repeats)), first, text)
+    )
+    regular = time[0] + start + step * np.arange(len(time))
+    return [replace(one, time=regular) for one in group]
+
+
 def clocks_of(channels: Sequence[Channel]) -> list[list[Channel]]:
     """Return the channels grouped by their clock."""
     clocks: list[list[Channel]] = []
@@ -345,8 +382,18 @@ def _check_disorder(
             f"the clock of {name}: {len(rows)} of {len(raw)} stamps are late, repeated with other "
             f"values or not finite, the first near t = {first:.6g} s; "
             f"allowed is a share of {limits.most_disordered:g} (Repairs.most_disordered): check "
-            "that the time has all its digits, log finer stamps, or sort the log"
+            "that the time has all its digits, log finer stamps, sort the log, or, if the samples "
+            "are equidistant, give their rate in the description of the log: "
+            f"time = {{ rate_hz = {_mean_rate(raw)} }}"
         )
+
+
+def _mean_rate(raw: Array) -> str:
+    """Return the mean rate of samples [Hz] as text, "..." if their stamps hardly change."""
+    finite = raw[np.isfinite(raw)]
+    if len(np.unique(finite)) < _FEWEST_CHANGES:
+        return "..."
+    return f"{(len(finite) - 1) / float(np.ptp(finite)):.4g}"
 
 
 def _report_steps(name: str, time: Array, limits: Repairs, found: list[Repair]) -> None:

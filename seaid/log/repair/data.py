@@ -83,6 +83,7 @@ Fault = Literal[
     "stamps that are not finite",
     "late samples",
     "repeated stamps",
+    "stamps with too few digits",
     "clock jumps",
     "irregular steps",
     "gaps",

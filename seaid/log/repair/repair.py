@@ -19,6 +19,7 @@ from seaid.log.repair.clocks import (
     irregular_steps,
     repaired_group,
     typical_step,
+    with_regular_clock,
 )
 from seaid.log.repair.data import FEWEST, Channel, Repair, Repairs, is_position
 from seaid.log.repair.resampling import in_gap, resampled
@@ -39,6 +40,9 @@ def repaired(
         raise LogError("no channels to repair: a log needs one at least")
     clocks = clocks_of(channels)
     found: list[Repair] = []
+    if len(clocks) == 1:
+        channels = with_regular_clock(channels, limits, found)
+        clocks = [channels]
     usable = _repaired_channels(clocks, limits, found)
     if len(clocks) == 1 and limits.rate_hz is None and not _changed(channels, usable):
         time, values_of = channels[0].time, {one.name: one.values for one in channels}
