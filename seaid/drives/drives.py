@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, ClassVar, Self, get_args
 
 from seaid._arrays import FrozenMapping, number
@@ -61,8 +61,13 @@ def term_fields(drive: Drive | type[Drive]) -> tuple[str, ...]:
 
 def _field_of(drive: Any, name: str) -> str | None:
     """Return the field with the value of a parameter, None if its value is in `nominal`."""
-    key = key_of(name, unit_of(drive, name))
+    key = _key(name, drive.spring_units, drive.joint_units)
     return key if hasattr(drive, key) else None
+
+
+@cache
+def _key(name: str, spring: tuple[str, str], joint: tuple[str, str]) -> str:
+    return key_of(name, parameter_named(name).unit_for(spring, joint))
 
 
 _LEAST_DIVISOR = 1e-12

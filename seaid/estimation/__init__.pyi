@@ -32,6 +32,7 @@ from .least_squares import ordinary as ordinary
 from .least_squares import settled_weights as settled_weights
 from .least_squares import solve as solve
 from .least_squares import weights_at as weights_at
+from .model_comparison import LEAST_EXPLAINED as LEAST_EXPLAINED
 from .model_comparison import Alternative as Alternative
 from .model_comparison import ModelComparison as ModelComparison
 from .model_comparison import best_supported as best_supported

@@ -116,8 +116,9 @@ def compare_models(
     """Compare the model of the rows with each of the larger `alternatives`.
 
     `weights` (E,) of the equations are kept; `asked` is the number of models compared. With
-    `only_promising` blocks are predicted by the alternatives that the criterion supports; those of
-    others count as unchanged. Raises IdentificationError for too few rows.
+    `only_promising` independent rows are counted for alternatives that explain enough, and blocks
+    are predicted by those that the criterion supports too; others count as unchanged. Raises
+    IdentificationError for too few rows.
     """
     p = len(rows.names)
     replaced = sorted({place for one in alternatives for place in one.replaced})
@@ -139,11 +140,12 @@ def compare_models(
         kept = [k for k, place in enumerate(replaced) if place not in one.replaced]
         larger = [*kept, *(k - len(core) for k in own)]
         growth = _squares(whole, base) / max(_squares(whole, larger), 1e-300)
-        count = _independent_rows(rows, left[:, [k - p for k in own]], left[:, -1])
+        explained, count = 1 - 1 / max(growth, 1e-300), 1.0
+        if not only_promising or explained > LEAST_EXPLAINED:
+            count = _independent_rows(rows, left[:, [k - p for k in own]], left[:, -1])
         freedom = max(count - p - one.parameters, 1.0)
         penalty = one.parameters * math.log(count) + 2 * math.log(max(asked, 1))
         bic = freedom * math.log(max(growth, 1e-300)) - penalty  # Chen and Chen 2008
-        explained = 1 - 1 / max(growth, 1e-300)
         without = within = np.zeros(len(factors))
         if not only_promising or (bic > 0 and explained > LEAST_EXPLAINED):
             without, within = blocks.errors(base), blocks.errors(larger)

@@ -293,14 +293,14 @@ def identify(
         options = solver, encoder_offset_std, executor, progress
         model, found = _two_step(robot, datasets, used, options)
     widths = encoder_widths(robot, logs_in_memory)
+    terms = supported_terms(robot, datasets, found, widths)
     for _ in range(MOST_ROUNDS):
-        terms = supported_terms(robot, datasets, found, widths, only_open=True)
         robot, given, notes = with_default_terms(robot, given, terms)
         if not notes:
             break
         findings += notes
         model, found = _two_step(robot, datasets, used, options)
-    terms = supported_terms(robot, datasets, found, widths)
+        terms = supported_terms(robot, datasets, found, widths)
     findings += consequences(findings, missing_terms(robot, terms))
     found = _continued(robot, datasets, model, found, (method, estimator), options)
 

@@ -7,7 +7,8 @@ every other drive a finding names the best term.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,13 +18,14 @@ from seaid.drives import DefaultTerms, Drive, key_of, unit_of
 from seaid.errors import Finding, Severity
 from seaid.identification.datasets import Dataset
 from seaid.identification.term_columns import (
-    DriveRows,
     TermComparison,
     actuator_drive,
     best_term,
+    coarse_motions,
     compared_columns,
     load_drive,
     possible_terms,
+    promising_terms,
     with_term,
 )
 from seaid.identification.two_step import RobotEstimate
@@ -59,54 +61,60 @@ def supported_terms(
     datasets: Sequence[Dataset],
     found: RobotEstimate,
     widths: Mapping[str, float],
-    only_open: bool = False,
 ) -> dict[str, list[TermComparison]]:
     """Return {joint: comparisons of terms that its drive lacks}, none of rows not in memory.
 
-    `only_open` are drives whose friction nobody named: their `DEFAULTS` are asked for, and other
-    terms only compete, which the criterion does not count.
-
-    `widths` {joint: width of Coulomb friction} that the encoders resolve.
+    Terms that explain little at coarse samples have no comparison. The criterion is that of one
+    comparison alone, see `_among`. `widths` {joint: width of Coulomb friction} that the encoders
+    resolve.
     """
     motions = [one for one in datasets if isinstance(one, Motion)]
     if len(motions) < len(datasets) or found.fit.rows is None:
         return {}
-    sides = []
-    for joint, fitted in found.actuators.items():
-        if fitted.rows is not None:
-            theta = fitted.estimate.values
-            drive = actuator_drive(robot, motions, joint, fitted.rows, theta)
-            sides.append((fitted, [drive]))
     stiff = [
-        load_drive(robot, motions, joint, found.fit.rows, found.fit.estimate.values)
+        joint
         for place, joint in enumerate(robot.joint_names)
         if joint not in robot.elastic_joints and np.any(found.fit.rows.joint == place)
     ]
-    sides.append((found.fit, stiff))
-    whole = [
-        (fitted, [one for one in drives if one.is_whole and (_is_open(one) or not only_open)])
-        for fitted, drives in sides
-    ]
-    asked = {one.joint: _candidates(one) for _, drives in whole for one in drives}
-    counted = [key for of in asked.values() for key in of if not only_open or key[1] in DEFAULTS]
+    sides = [(fitted, [joint]) for joint, fitted in found.actuators.items()]
     grids = {joint: {"coulomb_width": _widths(width)} for joint, width in widths.items()}
-    comparisons = [
-        one
-        for fitted, drives in whole
-        if drives
-        for one in compared_columns(
-            drives, fitted, asked, len(counted), grids=grids, only_promising=True
-        )
-    ]
+    asked = {joint: _candidates(robot.drives[joint]) for joint in (*found.actuators, *stiff)}
+    coarse, comparisons = coarse_motions(motions), []
+    for fitted, joints in (*sides, (found.fit, stiff)):
+        rows, theta, is_whole = fitted.rows, fitted.estimate.values, fitted.settled is not None
+        if rows is None or not joints or not (is_whole or fitted.equal):  # robust ones lack rows
+            continue
+        of_joint = actuator_drive if joints[0] in found.actuators else load_drive
+        few = [of_joint(robot, motions, joint, rows, theta, coarse) for joint in joints]
+        terms = promising_terms(few, fitted, asked, grids)
+        drives = [of_joint(robot, motions, joint, rows, theta) for joint in joints if terms[joint]]
+        comparisons += compared_columns(drives, fitted, terms, 1, grids=grids, only_promising=True)
     return {joint: [one for one in comparisons if one.joint == joint] for joint in asked}
 
 
-def _is_open(one: DriveRows) -> bool:
-    return isinstance(one.robot.drives[one.joint].friction, DefaultTerms)
+def _among(
+    robot: Robot,
+    terms: Mapping[str, Sequence[TermComparison]],
+    counted: Callable[[Drive, str], bool],
+) -> dict[str, list[TermComparison]]:
+    """Return comparisons whose criterion allows for the number of those that are `counted`."""
+    count = sum(
+        counted(robot.drives[joint], term)
+        for joint in terms
+        for _, term in _candidates(robot.drives[joint])
+    )
+    penalty = 2 * math.log(max(count, 1))  # Chen and Chen 2008
+    return {
+        joint: [
+            replace(one, comparison=replace(one.comparison, bic=one.comparison.bic - penalty))
+            for one in found
+            if one.comparison is not None
+        ]
+        for joint, found in terms.items()
+    }
 
 
-def _candidates(one: DriveRows) -> list[tuple[str, str]]:
-    drive = one.robot.drives[one.joint]
+def _candidates(drive: Drive) -> list[tuple[str, str]]:
     return list(possible_terms(drive, _ELASTIC if drive.is_elastic else _STIFF))
 
 
@@ -147,11 +155,12 @@ def with_default_terms(
     The same drives stand in the robot as it was `given`.
 
     An offset is included if it is supported, a width of Coulomb friction if no other term is
-    supported better: it is that of the comparison, as a known value.
+    supported better: it is that of the comparison, as a known value. Other terms only compete: the
+    criterion does not count them.
     """
     drives: dict[str, Drive] = {}
     notes = []
-    for joint, found in terms.items():
+    for joint, found in _among(robot, terms, _is_default).items():
         best = best_term(found)
         if not isinstance(robot.drives[joint].friction, DefaultTerms):
             continue
@@ -180,6 +189,10 @@ def with_default_terms(
     return robot, given, notes
 
 
+def _is_default(drive: Drive, term: str) -> bool:
+    return isinstance(drive.friction, DefaultTerms) and term in DEFAULTS
+
+
 def with_closed_terms(robot: Robot, identified: Robot) -> Robot:
     """Return the robot with the terms of an `identified` one where nobody named friction terms."""
     drives: dict[str, Drive] = {}
@@ -196,7 +209,7 @@ def with_closed_terms(robot: Robot, identified: Robot) -> Robot:
 
 def missing_terms(robot: Robot, terms: Mapping[str, Sequence[TermComparison]]) -> Iterator[Finding]:
     """Yield the best supported term of each drive that lacks it."""
-    for joint, found in terms.items():
+    for joint, found in _among(robot, terms, lambda *_: True).items():
         best = best_term(found)
         if best is None or best.comparison is None or best.comparison.bic < _STRONG:
             continue

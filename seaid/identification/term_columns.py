@@ -16,17 +16,18 @@ from seaid._arrays import Array, BoolArray, FrozenMapping, IndexArray
 from seaid.drives import COULOMB, PARAMETERS, Drive, DriveRegressor, parameter_of, term_fields
 from seaid.errors import IdentificationError, RobotError
 from seaid.estimation import (
+    LEAST_EXPLAINED,
     Alternative,
     FittedRows,
     ModelComparison,
     best_supported,
     compare_models,
+    scaled_svd,
 )
 from seaid.log import Motion, in_band_at, row_samples
 from seaid.regressor import (
     Regression,
     actuator_equation,
-    actuator_rows,
     input_signals,
     joint_regressor,
     load_signals,
@@ -84,7 +85,9 @@ class DriveRows:
 
     `values` are the fitted ones of the drive. `regressor` derives the equation of the side, which
     is that of the motor or of the spring; `signals` evaluate it. `placed` are the parts of the
-    drive's columns in the equations: places among the rows, samples of each motion, factor.
+    drive's columns in the equations: places among the rows, samples of each motion, factor. If
+    `is_coarse`, samples are places between those of motions with fewer samples, and changed columns
+    are given as their changes.
     """
 
     robot: Robot
@@ -94,12 +97,8 @@ class DriveRows:
     values: Mapping[str, float]
     regressor: Callable[[Robot, str], DriveRegressor]
     signals: Sequence[Mapping[str, Array]]
-    placed: Sequence[tuple[BoolArray, Sequence[IndexArray], float]]
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether no row is missing: robust estimators exclude some."""
-        return all(int(np.sum(mine)) == sum(map(len, samples)) for mine, samples, _ in self.placed)
+    placed: Sequence[tuple[BoolArray, Sequence[IndexArray | Array], float]]
+    is_coarse: bool = False
 
     def terms(
         self, field: str, term: str, given: Mapping[str, Sequence[float]] | None = None
@@ -124,9 +123,11 @@ class DriveRows:
             for place, name in enumerate(self.rows.names)
             if parameter_of(name) in changed and getattr(name, "joint", self.joint) == self.joint
         ]
+        before = self._columns(old, values, changed) if self.is_coarse else 0.0
         for point in product(*grid.values()):
             at = dict(zip(grid, point, strict=True))
             columns = self._columns(new, values | at, [*changed, *added])
+            columns[:, : len(changed)] -= before
             more = len(added) + len(grid)
             zero = {name: values[name] for name in ("deflection_zero",) if name in extra}
             yield TermColumns(field, term, at | zero, Alternative(columns, more, tuple(places)))
@@ -181,22 +182,45 @@ def _changed(
 
 
 def actuator_drive(
-    robot: Robot, motions: Sequence[Motion], joint: str, rows: Regression, theta: Array
+    robot: Robot,
+    motions: Sequence[Motion],
+    joint: str,
+    rows: Regression,
+    theta: Array,
+    coarse: Sequence[Motion] = (),
 ) -> DriveRows:
-    """Return an elastic drive at the rows of its actuator side (10), with its fit `theta`."""
-    regressor = actuator_equation(robot, motions[0], joint)[0]
-    samples = [actuator_rows(robot, motion, joint, regressor)[0] for motion in motions]
-    is_motor = regressor == motor_regressor(robot, joint)
+    """Return an elastic drive at the rows of its actuator side (10), with its fit `theta`.
+
+    `coarse` motions, with fewer samples, are those of the signals if given.
+    """
+    equations = [actuator_equation(robot, one, joint) for one in coarse or motions]
+    is_motor = equations[0][0] == motor_regressor(robot, joint)
+    every = np.ones(len(rows.y), dtype=bool)
     return DriveRows(
         robot=robot,
-        motions=motions,
+        motions=coarse or motions,
         joint=joint,
         rows=rows,
         values={**robot.drives[joint].values, **dict(zip(rows.names, theta.tolist(), strict=True))},
         regressor=motor_regressor if is_motor else spring_regressor,
-        signals=[actuator_equation(robot, motion, joint)[1] for motion in motions],
-        placed=[(np.ones(len(rows.y), dtype=bool), samples, 1.0)],
+        signals=[signals for _, signals in equations],
+        placed=[(every, _samples(motions, rows, every, coarse), 1.0)],
+        is_coarse=bool(coarse),
     )
+
+
+def _samples(
+    motions: Sequence[Motion], rows: Regression, mine: BoolArray, coarse: Sequence[Motion]
+) -> list[IndexArray | Array]:
+    """Return the samples of each motion that are rows of `mine`, or their places in `coarse`."""
+    found: list[IndexArray | Array] = [
+        np.searchsorted(motion.time, rows.time[mine & (rows.run == run)])
+        for run, motion in enumerate(motions)
+    ]
+    return [
+        samples / decimated_by(motion) if coarse else samples
+        for samples, motion in zip(found, motions, strict=True)
+    ]
 
 
 def load_drive(
@@ -205,6 +229,7 @@ def load_drive(
     joint: str,
     rows: Regression,
     theta: Array,
+    coarse: Sequence[Motion] = (),
     *,
     at_joint: bool = False,
 ) -> DriveRows:
@@ -218,28 +243,78 @@ def load_drive(
     share = np.eye(n)[index] * robot.drives[joint].ratio
     if at_joint:
         share = torques_at_drives(robot.transmission, np.eye(n)[index])
-    seen = [k for k in range(n) if share[k] and np.any(rows.joint == k)]
+    of_joint = {k: np.asarray(rows.joint == k) for k in range(n) if share[k]}
     signals_of = load_signals if at_joint else input_signals
-    by_motion = [signals_of(robot, motion, index) for motion in motions]
+    by_motion = [signals_of(robot, motion, index) for motion in coarse or motions]
     if at_joint:
         by_motion = [one | {name: one[f"own_{name}"] for name in _JOINT} for one in by_motion]
     return DriveRows(
         robot=robot,
-        motions=motions,
+        motions=coarse or motions,
         joint=joint,
         rows=rows,
         values={**robot.drives[joint].values, **own},
         regressor=joint_regressor if at_joint else motor_regressor,
         signals=by_motion,
         placed=[
-            (
-                np.asarray(rows.joint == k),
-                [load_samples(robot, motion, robot.joint_names[k]) for motion in motions],
-                float(share[k]),
-            )
-            for k in seen
+            (mine, _samples(motions, rows, mine, coarse), float(share[k]))
+            for k, mine in of_joint.items()
+            if np.any(mine)
         ],
+        is_coarse=bool(coarse),
     )
+
+
+_COARSE = 40.0
+"""Samples per period of the cutoff at which terms are screened."""
+
+_PROMISING = 0.5 * LEAST_EXPLAINED
+"""Part of the squared residual that a term explains at coarse samples, to be compared at all: half
+of what supports it, since narrow widths are coarsely sampled."""
+
+
+_LOST = 1e-6
+"""Part of a column below which nothing is left of it next to the others but interpolation."""
+
+
+def decimated_by(motion: Motion) -> int:
+    """Return the number of samples of a motion per coarse one."""
+    return max(1, int(motion.rate_hz / (_COARSE * motion.cutoff_hz)))
+
+
+def coarse_motions(motions: Sequence[Motion]) -> list[Motion]:
+    """Return motions with as many samples as screening needs."""
+    return [one.samples(slice(None, None, decimated_by(one))) for one in motions]
+
+
+def promising_terms(
+    drives: Sequence[DriveRows],
+    fitted: FittedRows,
+    asked: Mapping[str, Sequence[tuple[str, str]]],
+    grids: Mapping[str, Mapping[str, Sequence[float]]],
+) -> dict[str, list[tuple[str, str]]]:
+    """Return the terms {joint: (field, term)} that may explain enough of the residual.
+
+    The drives are coarse. A term in place of columns explains no more than its changes of them do
+    next to all columns.
+    """
+    rows = drives[0].rows
+    weight = fitted.weights[np.searchsorted(np.unique(rows.joint), rows.joint)]
+    basis = np.linalg.qr(weight[:, None] * rows.H)[0]
+    y = weight * rows.y
+    y -= basis @ (basis.T @ y)
+    found: dict[str, list[tuple[str, str]]] = {drive.joint: [] for drive in drives}
+    for drive in drives:
+        for field, term in asked[drive.joint]:
+            for one in drive.terms(field, term, grids.get(drive.joint)):
+                whole = weight[:, None] * one.alternative.columns
+                columns = whole - basis @ (basis.T @ whole)
+                left = np.linalg.norm(columns, axis=0) > _LOST * np.linalg.norm(whole, axis=0)
+                span = scaled_svd(columns[:, left]).span()
+                if np.sum((span.T @ y) ** 2) > _PROMISING * (y @ y):
+                    found[drive.joint].append((field, term))
+                    break
+    return found
 
 
 _JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")

@@ -42,12 +42,21 @@ def in_band(motion: Motion, columns: Array) -> Array:
     return in_band_at(motion, columns, np.arange(len(columns)))
 
 
-def in_band_at(motion: Motion, columns: Array, samples: IndexArray) -> Array:
-    """Return some samples of `in_band`; zero columns, half of those of a chain, are skipped."""
+def in_band_at(motion: Motion, columns: Array, samples: IndexArray | Array) -> Array:
+    """Return some samples of `in_band`, or places between samples by straight lines.
+
+    Zero columns, half of those of a chain, are skipped.
+    """
     flat = columns.reshape(len(columns), -1)
     used = np.flatnonzero(np.any(flat != 0, axis=0))
     found = np.zeros((len(samples), flat.shape[1]))
-    found[:, used] = low_pass(flat[:, used], motion.rate_hz, motion.cutoff_hz)[samples]
+    filtered = low_pass(flat[:, used], motion.rate_hz, motion.cutoff_hz)
+    if samples.dtype.kind == "f":
+        before = np.minimum(samples.astype(np.intp), len(columns) - 2)
+        step = filtered[before + 1] - filtered[before]
+        found[:, used] = filtered[before] + (samples - before)[:, None] * step
+    else:
+        found[:, used] = filtered[samples]
     return found.reshape(len(samples), *columns.shape[1:])
 
 
