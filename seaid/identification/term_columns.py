@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -41,6 +42,7 @@ _DIRECTED = ("coulomb_friction", "load_friction", "stribeck_friction", "stribeck
 """Parameters of friction whose columns have the sign of the speed, or its tanh."""
 
 
+@lru_cache(256)
 def with_term(drive: Drive, field: str, term: str) -> Drive:
     """Return the drive with one more term, without the values of parameters that it then lacks.
 
@@ -123,13 +125,14 @@ class DriveRows:
             for place, name in enumerate(self.rows.names)
             if parameter_of(name) in changed and getattr(name, "joint", self.joint) == self.joint
         ]
-        before = self._columns(old, values, changed) if self.is_coarse else 0.0
-        for point in product(*grid.values()):
-            at = dict(zip(grid, point, strict=True))
-            columns = self._columns(new, values | at, [*changed, *added])
-            columns[:, : len(changed)] -= before
-            more = len(added) + len(grid)
-            zero = {name: values[name] for name in ("deflection_zero",) if name in extra}
+        points = [dict(zip(grid, one, strict=True)) for one in product(*grid.values())]
+        wanted = [(new, values | at, [*changed, *added]) for at in points]
+        *found, before = self._columns([*wanted, (old, values, changed)])
+        more = len(added) + len(grid)
+        zero = {name: values[name] for name in ("deflection_zero",) if name in extra}
+        for at, columns in zip(points, found, strict=True):
+            if self.is_coarse:
+                columns[:, : len(changed)] -= before
             yield TermColumns(field, term, at | zero, Alternative(columns, more, tuple(places)))
 
     def _grid(
@@ -152,15 +155,18 @@ class DriveRows:
         }
 
     def _columns(
-        self, regressor: DriveRegressor, values: Mapping[str, float], names: Sequence[str]
-    ) -> Array:
-        """Return the columns (R, names) of some parameters at all rows of the side."""
-        parts = [regressor.columns(one, values, names) for one in self.signals]
-        found = np.zeros((len(self.rows.y), len(names)))
+        self, wanted: Sequence[tuple[DriveRegressor, Mapping[str, float], Sequence[str]]]
+    ) -> list[Array]:
+        """Return the columns (R, names) of (regressor, values, names) at all rows of the side."""
+        parts = [
+            np.hstack([of.columns(one, values, names) for of, values, names in wanted])
+            for one in self.signals
+        ]
+        found = np.zeros((len(self.rows.y), parts[0].shape[1]))
         for mine, samples, factor in self.placed:
             banded = map(in_band_at, self.motions, parts, samples)
             found[mine] = factor * np.concatenate(list(banded))
-        return found
+        return np.split(found, np.cumsum([len(names) for _, _, names in wanted])[:-1], axis=1)
 
 
 def _dense(starts: Sequence[float]) -> list[float]:
@@ -265,6 +271,9 @@ def load_drive(
     )
 
 
+_JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
+
+
 _COARSE = 40.0
 """Samples per period of the cutoff at which terms are screened."""
 
@@ -303,21 +312,34 @@ def promising_terms(
     basis = np.linalg.qr(weight[:, None] * rows.H)[0]
     y = weight * rows.y
     y -= basis @ (basis.T @ y)
-    found: dict[str, list[tuple[str, str]]] = {drive.joint: [] for drive in drives}
+    found: dict[str, list[tuple[str, str]]] = {}
     for drive in drives:
-        for field, term in asked[drive.joint]:
-            for one in drive.terms(field, term, grids.get(drive.joint)):
-                whole = weight[:, None] * one.alternative.columns
-                columns = whole - basis @ (basis.T @ whole)
-                left = np.linalg.norm(columns, axis=0) > _LOST * np.linalg.norm(whole, axis=0)
-                span = scaled_svd(columns[:, left]).span()
-                if np.sum((span.T @ y) ** 2) > _PROMISING * (y @ y):
-                    found[drive.joint].append((field, term))
-                    break
+        terms = [
+            one
+            for field, term in asked[drive.joint]
+            for one in drive.terms(field, term, grids.get(drive.joint))
+        ]
+        whole = [weight[:, None] * one.alternative.columns for one in terms]
+        columns = np.hstack([*whole, np.zeros((len(y), 0))])
+        left = columns - basis @ (basis.T @ columns)
+        left[:, np.linalg.norm(left, axis=0) <= _LOST * np.linalg.norm(columns, axis=0)] = 0.0
+        own = np.split(left, np.cumsum([one.shape[1] for one in whole])[:-1], axis=1)
+        found[drive.joint] = list(
+            dict.fromkeys(
+                (one.field, one.term)
+                for one, part in zip(terms, own, strict=False)
+                if _explained(part, y) > _PROMISING * (y @ y)
+            )
+        )
     return found
 
 
-_JOINT = ("theta_L", "theta_L_dot", "theta_L_ddot")
+def _explained(columns: Array, y: Array) -> float:
+    """Return the part of the squares of y (R,) that columns (R, c) explain."""
+    if columns.shape[1] > 1:
+        return float(np.sum((scaled_svd(columns).span().T @ y) ** 2))
+    column = columns[:, 0]
+    return float((column @ y) ** 2) / max(float(column @ column), 1e-300)
 
 
 @dataclass(frozen=True)
