@@ -12,14 +12,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seaid._arrays import Array, IndexArray
+from seaid._arrays import Array
 from seaid.errors import Finding, IdentificationError
 from seaid.estimation import Alternative, best_supported, compare_models, scaled_svd
+from seaid.identification.term_columns import (
+    LEAST_TORQUE,
+    PROMISING,
+    coarse_motions,
+    decimated_by,
+    explained_squares,
+)
 from seaid.log import in_band_at
 from seaid.regressor import (
     actuator_equation,
     actuator_regression,
-    actuator_rows,
     motor_regressor,
     stacked,
 )
@@ -62,23 +68,39 @@ def _finding(found: Identification, joint: str) -> Finding | None:
     rows = stacked([actuator_regression(found.known, one, joint) for one in found.motions])
     if not set(rows.names) <= set(found.drive_side[joint].names):
         return None
-    columns = _columns(found, joint)
     basis = np.linalg.qr(rows.H / np.maximum(np.linalg.norm(rows.H, axis=0), 1e-300))[0]
-    selected: dict[_Order, float] = {}
     whole = residual = _beside(basis, rows.y)
+    least = len(rows.y) * (LEAST_TORQUE * float(np.std(rows.y))) ** 2
+    if whole @ whole < least:
+        return None
+    angles = [_angles(found, motion, joint) for motion in found.motions]
+    orders = _orders(found, joint, angles)
+    if not orders:
+        return None
+    pairs = _pairs(found.motions, rows, angles, orders, coarse_motions(found.motions))
+    selected: dict[_Order, float] = {}
     while len(selected) < _MOST_ORDERS:
-        tried = {order: pair for order, pair in columns.items() if _is_left(basis, pair)}
+        needed = max(PROMISING * float(residual @ residual), least)
+        promising = [
+            one
+            for one, pair in pairs.items()
+            if explained_squares(_beside(basis, pair), residual) > needed
+        ]
+        if not promising:
+            break
+        exact = _pairs(found.motions, rows, angles, promising)
+        tried = {one: pair for one, pair in exact.items() if _is_left(basis, pair)}
         best = _supported(rows, tried, len(_ORDERS))
         if best is None:
             break
-        pair = columns.pop(best)
+        del pairs[best]
         rows = replace(
             rows,
             names=(*rows.names, *(f"{best} {part}" for part in ("cos", "sin"))),
             units=(*rows.units, "", ""),
-            H=np.hstack([rows.H, pair]),
+            H=np.hstack([rows.H, tried[best]]),
         )
-        own = _beside(basis, pair)
+        own = _beside(basis, tried[best])
         selected[best] = float(np.linalg.norm(scaled_svd(own).solve(residual)))
         basis = np.linalg.qr(np.hstack([basis, own]))[0]
         residual = _beside(basis, rows.y)
@@ -92,48 +114,56 @@ def _supported(rows: Regression, columns: Mapping[_Order, Array], asked: int) ->
     """Return the best order that criterion and prediction support, None without any."""
     try:
         alternatives = [Alternative(pair, 2) for pair in columns.values()]
-        place = best_supported(compare_models(rows, np.ones(1), alternatives, asked))
+        compared = compare_models(rows, np.ones(1), alternatives, asked, only_promising=True)
     except IdentificationError:  # too few rows
         return None
+    place = best_supported(compared)
     return None if place is None else list(columns)[place]
 
 
-def _columns(found: Identification, joint: str) -> dict[_Order, Array]:
-    """Return cosine and sine (R, 2) of the orders that the drive lacks and the motion covers."""
-    parts = [_angles(found, motion, joint) for motion in found.motions]
-    drive = found.known.drives[joint]
-    own = {(one.angle, one.order) for one in drive.harmonics}
-    wide = {
-        name: max(float(np.ptp(angles[name])) for angles, _, _ in parts) for name in parts[0][0]
-    }
-    return {
-        (name, order): np.vstack(
-            [
-                in_band_at(motion, np.column_stack([np.cos(x), np.sin(x)]), kept)
-                for angles, kept, motion in parts
-                for x in [order * angles[name]]
-            ]
-        )
+def _orders(
+    found: Identification, joint: str, angles: Sequence[Mapping[str, Array]]
+) -> list[_Order]:
+    """Return the orders that the drive lacks and the motion covers."""
+    own = {(one.angle, one.order) for one in found.known.drives[joint].harmonics}
+    wide = {name: max(float(np.ptp(one[name])) for one in angles) for name in angles[0]}
+    return [
+        (name, order)
         for name, order in _ORDERS
         if name in wide
         and (name, order) not in own
         and order * wide[name] >= 2 * np.pi * _LEAST_PERIODS
-    }
+    ]
 
 
-def _angles(
-    found: Identification, motion: Motion, joint: str
-) -> tuple[dict[str, Array], IndexArray, Motion]:
-    """Return the angles (T,) by name, the samples of the rows, and the motion."""
-    robot, drive = found.known, found.known.drives[joint]
-    regressor, signals = actuator_equation(robot, motion, joint)
-    kept, _ = actuator_rows(robot, motion, joint, regressor)
+def _pairs(
+    motions: Sequence[Motion],
+    rows: Regression,
+    angles: Sequence[Mapping[str, Array]],
+    orders: Sequence[_Order],
+    coarse: Sequence[Motion] = (),
+) -> dict[_Order, Array]:
+    """Return cosine and sine (R, 2) of orders at the rows, of `coarse` motions if given."""
+    parts = []
+    for run, (motion, by_name) in enumerate(zip(motions, angles, strict=True)):
+        step = decimated_by(motion) if coarse else 1
+        x = [order * by_name[name][::step] for name, order in orders]
+        columns = np.column_stack([part for one in x for part in (np.cos(one), np.sin(one))])
+        kept = np.searchsorted(motion.time, rows.time[rows.run == run])
+        used, places = (coarse[run], kept / step) if coarse else (motion, kept)
+        parts.append(in_band_at(used, columns, places))
+    return dict(zip(orders, np.split(np.vstack(parts), len(orders), axis=1), strict=True))
+
+
+def _angles(found: Identification, motion: Motion, joint: str) -> dict[str, Array]:
+    """Return the angles (T,) by name."""
+    drive, signals = found.known.drives[joint], actuator_equation(found.known, motion, joint)[1]
     angles = {"motor": signals["theta_M"]}
     if drive.joint_units[1] == "rad":
         angles["joint"] = signals["theta_L"]
     if np.ptp(signals["theta_M"]) / drive.ratio >= 2 * np.pi:  # else the same as the motor's
         angles["mesh"] = signals["theta_M"] * (1 - 1 / drive.ratio)
-    return angles, kept, motion
+    return angles
 
 
 def _beside(basis: Array, columns: Array) -> Array:
