@@ -133,9 +133,10 @@ def encoder_widths(robot: Robot, logs: Sequence[Log]) -> dict[str, float]:
     position of the same noise, whose standard deviation is step / sqrt(12).
     """
     widths = {}
-    for place, joint in enumerate(robot.joint_names):
+    for joint in robot.joint_names:
         speeds = []
         for log in logs:
+            place = log.joint_names.index(joint)
             motor, ratio = log.motor_position[:, place], 1.0
             if not np.all(np.isfinite(motor)):
                 motor, ratio = log.joint_position[:, place], robot.drives[joint].ratio

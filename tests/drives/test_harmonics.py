@@ -24,7 +24,7 @@ from seaid.identification.identification import Identification, identify
 from seaid.log.motion import Motion
 from seaid.regressor import identifiability
 from seaid.robot.robot import Robot
-from seaid.simulation.simulation import measure, simulate_motion
+from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import ARM_SENSORS, arm, arm_motion, wiggle
 
 ERROR = {"motor": {1: (1e-3, 5e-4)}, "joint": {3: (0.0, 2e-3)}}
@@ -271,3 +271,20 @@ def test_load_friction_of_a_spring_with_an_error() -> None:
     assert one.value("stiffness") == pytest.approx(250.0, abs=1.0)
     assert one.value("transmission_error_joint_3_sin") == pytest.approx(2e-3, rel=0.1)
     assert abs(one.value("load_friction")) < 3 * one.standard_error("load_friction")
+
+
+@pytest.mark.parametrize(("error_rad", "is_named"), [(1e-3, True), (2e-5, False)])
+def test_an_error_is_named_if_its_torque_matters(error_rad: float, is_named: bool) -> None:
+    """Without noise 0.02 mrad is most of the residual, and less than 0.1 % of the torque."""
+    true, index, drive = arm_motion(), arm().index("shoulder"), arm().drives["shoulder"]
+    torque = true.motor_torque.copy()
+    lever = drive.motor_radius / drive.ratio * drive.values["stiffness"]
+    torque[:, index] += lever * error_rad * np.cos(3 * true.joint_position[:, index])
+    log = measure(arm(), replace(true, motor_torque=torque), Noise())
+    one = identify(arm().without_nominal(), log)
+    flags = [flag for flag in one.warnings if flag.code == "transmission-error"]
+    assert bool(flags) == is_named
+    if is_named:
+        assert "joint = [3]" in flags[0].remedy
+        assert flags[0].evidence["amplitude"] == pytest.approx(error_rad, rel=0.2)
+        assert one.joint_fits["shoulder"].motor == pytest.approx(0.025, rel=0.1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -16,12 +17,22 @@ from seaid.drives.drives import DefaultTerms
 from seaid.drives.terms import FrictionTerm
 from seaid.drives.toml import drive_table, drives_from_mapping
 from seaid.errors import Finding
+from seaid.identification import term_columns
 from seaid.identification.identification import Identification, identify
 from seaid.identification.missing_terms import encoder_widths
 from seaid.log.reading import Log
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import measure
-from tests.experiments import ARM_SENSORS, LEG_SENSORS, TEST_MASS, arm, arm_motion, leg, leg_motion
+from tests.experiments import (
+    ARM_SENSORS,
+    LEG_SENSORS,
+    TEST_MASS,
+    arm,
+    arm_motion,
+    leg,
+    leg_motion,
+    perfect_log,
+)
 from tests.one_joint import one_joint
 
 CODES = ("missing-term", "nonlinear-spring")
@@ -103,10 +114,13 @@ def test_a_hardening_spring_is_named_with_the_term_that_repairs_it(power: int, t
     assert abs(errors[1]) < 0.015
 
 
-def test_missing_friction_is_named() -> None:
+def stribeck() -> Log:
     w = speed("knee_pitch")
-    stribeck = 0.02 * np.exp(-((w / 60.0) ** 2)) * np.sign(w)
-    (finding,) = findings(identify(named(), with_torque("knee_pitch", stribeck)))
+    return with_torque("knee_pitch", 0.02 * np.exp(-((w / 60.0) ** 2)) * np.sign(w))
+
+
+def test_missing_friction_is_named() -> None:
+    (finding,) = findings(identify(named(), stribeck()))
     assert (finding.code, finding.joint) == ("missing-term", "knee_pitch")
     assert tomllib.loads(finding.remedy.partition("\n")[2])["knee_pitch"]["friction"] == [
         *NAMED,
@@ -170,3 +184,48 @@ def test_the_width_that_encoders_resolve_is_one_step_per_sample(tmp_path: Path) 
     )
     (width,) = encoder_widths(robot, [sensed]).values()
     assert width == pytest.approx(10.0 * 0.002 * 200.0, rel=0.2)
+
+
+def test_the_width_is_that_of_the_joint_in_a_log_of_another_order() -> None:
+    sensors = replace(LEG_SENSORS, motor_resolution_rad=tuple(np.geomspace(1e-3, 1e-2, 5)))
+    plain = measure(leg(TEST_MASS), leg_motion(TEST_MASS), sensors, 0)
+    turned = replace(
+        plain,
+        joint_names=plain.joint_names[::-1],
+        **{name: values[:, ::-1] for name, values in plain.sensors().items()},
+    )
+    widths = encoder_widths(leg(), [plain])
+    assert widths["ankle_pitch"] > 5 * widths["hip_yaw"]
+    assert encoder_widths(leg(), [turned]) == widths
+
+
+PERFECT = {
+    "leg": (lambda: (leg(TEST_MASS), leg_motion(TEST_MASS))),
+    "free foot": (lambda: (leg(), leg_motion(seed=2))),
+    "arm": (lambda: (arm(), arm_motion())),
+}
+
+
+@pytest.mark.parametrize("name", PERFECT)
+def test_what_the_low_pass_leaves_without_noise_is_no_missing_term(name: str) -> None:
+    """The friction of the arm is not named: a term of 0.1 % of the torque is not added either."""
+    truth, motion = PERFECT[name]()
+    found = identify(truth.without_nominal(), perfect_log(truth, motion))
+    assert {one.code for one in found.warnings}.isdisjoint({*CODES, "transmission-error"})
+    assert found.known.drives == truth.without_nominal().drives
+
+
+@pytest.mark.parametrize("make", [log, stribeck, lambda: with_torque("hip_pitch", cubic())])
+def test_screening_excludes_no_term_that_a_comparison_supports(
+    make: Callable[[], Log], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    screened = identify(open_robot(), make())
+    monkeypatch.setattr(term_columns, "PROMISING", 0.0)
+    monkeypatch.setattr(term_columns, "LEAST_TORQUE", 0.0)
+    whole = identify(open_robot(), make())
+    assert [str(one) for one in screened.warnings] == [str(one) for one in whole.warnings]
+    assert screened.known.drives == whole.known.drives
+
+
+def cubic() -> Array:
+    return spring_part("hip_pitch", 3, 0.3)
