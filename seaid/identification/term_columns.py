@@ -285,9 +285,9 @@ of what supports it, since narrow widths are coarsely sampled."""
 LEAST_TORQUE = 0.004
 """Least rms of what a term adds, over that of the changes of the joint's torque, to be compared.
 
-Less does not matter, and is what the low pass leaves at reversals: 0.22 % at most in nine noise-free
-logs of the simulated leg and arm of the tests. An error of 1 mrad between the encoders is 0.6 to
-1.3 % of the torques of that leg."""
+Less does not matter, and is what the low pass leaves at reversals: at most 0.22 % in nine logs
+without noise of the simulated leg and arm of the tests. An error of 1 mrad between the encoders is
+0.6 to 1.3 % of the torques of that leg."""
 
 _LOST = 1e-6
 """Part of a column below which nothing is left of it next to the others but interpolation."""
