@@ -20,6 +20,7 @@ from seaid.errors import Finding
 from seaid.identification import term_columns
 from seaid.identification.identification import Identification, identify
 from seaid.identification.missing_terms import encoder_widths
+from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Robot
 from seaid.simulation.simulation import measure
@@ -189,17 +190,14 @@ def test_the_width_that_encoders_resolve_is_one_step_per_sample(tmp_path: Path) 
 def test_the_width_is_that_of_the_joint_in_a_log_of_another_order() -> None:
     sensors = replace(LEG_SENSORS, motor_resolution_rad=tuple(np.geomspace(1e-3, 1e-2, 5)))
     plain = measure(leg(TEST_MASS), leg_motion(TEST_MASS), sensors, 0)
-    turned = replace(
-        plain,
-        joint_names=plain.joint_names[::-1],
-        **{name: values[:, ::-1] for name, values in plain.sensors().items()},
-    )
+    turned: dict[str, Any] = {name: values[:, ::-1] for name, values in plain.sensors().items()}
+    turned["joint_names"] = plain.joint_names[::-1]
     widths = encoder_widths(leg(), [plain])
     assert widths["ankle_pitch"] > 5 * widths["hip_yaw"]
-    assert encoder_widths(leg(), [turned]) == widths
+    assert encoder_widths(leg(), [replace(plain, **turned)]) == widths
 
 
-PERFECT = {
+PERFECT: dict[str, Callable[[], tuple[Robot, Motion]]] = {
     "leg": (lambda: (leg(TEST_MASS), leg_motion(TEST_MASS))),
     "free foot": (lambda: (leg(), leg_motion(seed=2))),
     "arm": (lambda: (arm(), arm_motion())),
