@@ -91,6 +91,9 @@ if TYPE_CHECKING:
 
 Method = Literal["two-step", "simultaneous"]
 
+_FAR_M = 1e4
+"""Distance of a centre of mass from which a body has no mass but for rounding."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Identification(Result):
@@ -404,12 +407,18 @@ def _identified_robot(robot: Robot, base: BaseParameters, sides: RobotEstimate) 
     """Return the robot with the identified values, its standard parameters nearest to the file's.
 
     Nearest in the Euclidean norm, from 1 kg per body if the robot has no masses: they have the
-    estimated base parameters but need not be physically consistent.
+    estimated base parameters but need not be physically consistent. A body without mass cannot have
+    first moments in Pinocchio: where it gets some, it starts from 1 kg too.
     """
     prior = robot.parameters.copy()
     prior[::10][np.isnan(prior[::10])] = 1.0
     prior = np.nan_to_num(prior)
     correction = base.least(sides.load.values - base.project(prior))
+    bodies = np.abs((prior + correction).reshape(-1, 10))
+    least_kg = np.maximum(np.max(bodies[:, 1:4], axis=1) / _FAR_M, bodies[:, 4:].max(1) / _FAR_M**2)
+    if np.any(bodies[:, 0] < least_kg):
+        prior[::10][prior[::10] == 0] = 1.0
+        correction = base.least(sides.load.values - base.project(prior))
     drives = sides.drives
     found = {
         joint: with_estimate(drive, drives[joint]) if joint in drives else drive

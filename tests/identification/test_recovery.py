@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pinocchio
 import pytest
 
 from seaid._arrays import Array
@@ -19,6 +20,7 @@ from seaid.log.reading import Log
 from seaid.regressor.base import base_parameters
 from seaid.regressor.load import load_model, load_regression
 from seaid.regressor.regression import actuator_regression
+from seaid.regressor.rigid_body import regressor_at_drives
 from seaid.robot.robot import Robot, load_robot
 from seaid.simulation.simulation import Noise, measure, simulate_motion
 from tests.experiments import (
@@ -169,6 +171,23 @@ def _doubled(drive: StiffDrive | SeriesElasticDrive) -> StiffDrive | SeriesElast
     if isinstance(drive, SeriesElasticDrive):
         wrong["stiffness_N_per_m" if drive.is_linear_spring else "stiffness_Nm_per_rad"] = 1.0
     return replace(drive, **wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("massless", [("hip_yaw", "hip_roll"), leg().joint_names])
+def test_bodies_without_mass_keep_their_first_moments(massless: tuple[str, ...]) -> None:
+    bodies = leg().parameters.reshape(-1, 10).copy()
+    bodies[[leg().index(joint) for joint in massless]] = 0.0
+    bare = leg().with_values(bodies.ravel(), leg().drives)
+    found = identify(bare, measure(leg(), leg_motion(), LEG_SENSORS, 1))
+    robot, states = found.robot, [one[::100] for one in leg_motion().joint_states]
+    assert found.base.project(robot.parameters) == pytest.approx(found.load.values, abs=1e-9)
+    expected = regressor_at_drives(robot, *states) @ robot.parameters
+    order, data = list(robot.model_order), robot.model.createData()
+    torques = [
+        pinocchio.rnea(robot.model, data, *(one[order] for one in state))
+        for state in zip(*states, strict=True)
+    ]
+    assert np.array(torques) == pytest.approx(expected[:, order], abs=1e-6)
 
 
 # Other sensors, other knowledge.
