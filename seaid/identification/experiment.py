@@ -31,6 +31,13 @@ _FLOORS = {"nominal": 0.05, "free": 0.03, "motor": 0.03, "encoders": 0.02}
 """Misfits that count as none: by bodies of the robot file, by any bodies, of the motor equation, of
 one encoder by the other."""
 
+_PROPERTIES = {
+    "nominal": "nominal",
+    "free": "free",
+    "motor": "of_motors",
+    "encoders": "of_encoders",
+}
+
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
@@ -158,8 +165,7 @@ class Experiment:
     @cached_property
     def misfits(self) -> dict[str, Array]:
         """All misfits (n,) by kind."""
-        own = {"nominal": self.nominal, "free": self.free}
-        return own | {"motor": self.of_motors, "encoders": self.of_encoders}
+        return {kind: getattr(self, name) for kind, name in _PROPERTIES.items()}
 
     @property
     def _elastic(self) -> list[int]:
@@ -190,8 +196,8 @@ class Experiment:
 
     def cost(self, kind: str) -> float:
         """Return the sum of the log squares of one kind of misfit."""
-        # `misfits` costs a fit of each kind, and every hypothesis is asked for its nominal cost
-        misfit = self.nominal if kind == "nominal" else self.misfits[kind]
+        # not by `misfits`, which computes all kinds: of most hypotheses only cheap ones are needed
+        misfit = getattr(self, _PROPERTIES[kind])
         return float(np.nansum(np.log(np.minimum(misfit, 2.0) ** 2 + _FLOORS[kind] ** 2)))
 
 

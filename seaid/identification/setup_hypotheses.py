@@ -44,7 +44,7 @@ _TIE = 1.0
 """Hypotheses whose gains differ by less are not distinguishable."""
 
 _SHORTLIST = 12
-"""Hypotheses, best by the nominal bodies, whose other misfits are computed too."""
+"""Hypotheses, best by the nominal bodies and the encoders, whose other misfits are computed too."""
 
 _ANGLES = {"deg": math.pi / 180, "turn": 2 * math.pi, "rad": 180 / math.pi}
 """{unit of an angle: the factor that repairs it}; "rad" where degrees were declared."""
@@ -87,9 +87,9 @@ def _is_suspicious(one: Experiment) -> bool:
 
 def _best(given: Experiment) -> tuple[Finding, Experiment] | None:
     """Return the finding of the hypothesis that explains most, and the experiment without it."""
-    quick = "nominal" if np.any(np.isfinite(given.nominal)) else "free"
+    quick = ("nominal" if np.any(np.isfinite(given.nominal)) else "free", "encoders")
     tried = [(one, one.undo(given)) for one in hypotheses(given)]
-    tried.sort(key=lambda pair: pair[1].cost(quick) + pair[0].penalty)
+    tried.sort(key=lambda pair: sum(map(pair[1].cost, quick)) + pair[0].penalty)
     gains = [
         (_gain(given, changed) - one.penalty, one, changed)
         for one, changed in tried[:_SHORTLIST]
@@ -119,8 +119,11 @@ _EXPLAINED = 0.6
 
 
 def _left(one: Hypothesis, changed: Experiment) -> float:
-    """Return the misfit that a hypothesis leaves at its joint, or at the middle one of all."""
-    misfit = changed.nominal if np.any(np.isfinite(changed.nominal)) else changed.free
+    """Return the misfit that a hypothesis leaves at its joint, or at the middle one of all.
+
+    Any bodies count as well as the nominal ones, which another mistake may contradict.
+    """
+    misfit = np.fmin(changed.nominal, changed.free)
     own = misfit[changed.robot.index(one.joint)] if one.joint else np.nan
     return float(own if np.isfinite(own) else np.nanmedian(misfit))
 

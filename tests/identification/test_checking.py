@@ -276,6 +276,25 @@ def test_two_mistakes_are_both_named() -> None:
     }
 
 
+@pytest.mark.parametrize("case", CASES)
+def test_a_unit_of_all_torques_does_not_hide_exchanged_encoders(case: str) -> None:
+    robot, log = CASES[case][0](), CASES[case][1]()
+    i, j = (2, 3) if case == "leg" else (1, 3)
+    order = np.arange(robot.n)
+    order[[i, j]] = order[[j, i]]
+    wrong = replace(
+        changed(log, {"motor_torque": 1e3}), joint_position=log.joint_position[:, order]
+    )
+    warnings = seaid.check(robot, wrong).warnings
+    assert {(one.code, one.joint) for one in warnings} == {
+        ("unit", ""),
+        ("swapped-joints", robot.joint_names[i]),
+    }
+    for one in warnings:
+        wrong = described(wrong, one.remedy)
+    assert seaid.check(robot, wrong).warnings == ()
+
+
 def test_nominal_masses_that_are_nonsense_are_noted_only() -> None:
     robot = leg(TEST_MASS)
     other = robot.with_values(100 * robot.parameters, robot.drives)
