@@ -16,6 +16,11 @@ A result is right if its predictions of an unseen motion are: at each joint the 
 (without payloads, against the true one) and the motor torque of the drive, with an error of at most
 1.5 times that of the right set-up plus 3 % of the torque. A remedy repairs if the result is right
 and no finding of severity "wrong" with a right code is left.
+
+A payload, a factor on torques in an arbitrary unit, or a tilt can only be estimated from the masses
+of the robot file, which are off by up to 15 % here: no log tells a payload from the body that
+carries it. After such a remedy the errors may be twice those of the right set-up plus 3 %, or
+within what these masses leave open, 15 % of the torque. (Decided before the runs.)
 """
 
 from __future__ import annotations
@@ -52,10 +57,21 @@ from seaid.report.text import table
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from scripts.gauntlet_mistakes import HELD_OUT, Case, Mistake, Setup, mistakes
-from scripts.gauntlet_robots import Sensors, columns, load, subjects, true_motion, true_robot
+from scripts.gauntlet_robots import (
+    MASSES_OFF,
+    Sensors,
+    columns,
+    load,
+    subjects,
+    true_motion,
+    true_robot,
+)
 
 WORSE, FLOOR = 1.5, 0.03
 """A result is right up to this multiple of the error of the right set-up plus this share."""
+
+WORSE_BY_MASSES = 2.0
+"""The same multiple after a remedy whose value rests on nominal masses, or up to `MASSES_OFF`."""
 
 ROUNDS = 3
 """Remedies that a user applies one after the other."""
@@ -218,11 +234,23 @@ def _reference(truth: str) -> str:
     return "plain" if truth in _MOVING_LITTLE else truth
 
 
-def is_right(case: Case, errors: Array | None, logs: int = 1, truth: str = "plain") -> bool:
-    """Return whether predictions are about as good as those of the right set-up."""
+def is_right(
+    case: Case,
+    errors: Array | None,
+    logs: int = 1,
+    truth: str = "plain",
+    *,
+    by_masses: bool = False,
+) -> bool:
+    """Return whether predictions are about as good as those of the right set-up.
+
+    Errors are larger if a repaired value could only come `by_masses` of the robot file.
+    """
     if errors is None:
         return False
     best = right_errors(case.subject.name, case.seed, logs, _reference(truth))
+    if by_masses:
+        return bool(np.all(errors <= np.maximum(WORSE_BY_MASSES * best + FLOOR, MASSES_OFF)))
     return bool(np.all(errors <= WORSE * best + FLOOR))
 
 
@@ -266,7 +294,7 @@ def judge(case: Case, mistake: Mistake) -> Outcome | None:
         return replace(outcome, letter="D")
     last = _repaired(case, mistake, right, setup, first)
     left = [one for one in last.said if one.severity == "wrong" and names_it(mistake, one)]
-    repaired = last is not first and _is_fine(case, mistake, last) and not left
+    repaired = last is not first and _is_fine(case, mistake, last, mistake.by_masses) and not left
     return replace(
         outcome,
         letter="R" if repaired else "N",
@@ -276,8 +304,8 @@ def judge(case: Case, mistake: Mistake) -> Outcome | None:
     )
 
 
-def _is_fine(case: Case, mistake: Mistake, one: Run) -> bool:
-    return is_right(case, one.errors, mistake.logs, mistake.truth)
+def _is_fine(case: Case, mistake: Mistake, one: Run, by_masses: bool = False) -> bool:
+    return is_right(case, one.errors, mistake.logs, mistake.truth, by_masses=by_masses)
 
 
 def _worst(errors: Array | None) -> float:

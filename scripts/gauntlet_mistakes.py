@@ -102,6 +102,8 @@ class Mistake:
         Whether a description, a drives file or an option can repair it.
     harmless : bool
         The result is right all the same, so that nothing else than `codes` may be flagged.
+    by_masses : bool
+        What repairs it is a value that only the nominal masses of the robot file tell.
     """
 
     name: str
@@ -113,6 +115,7 @@ class Mistake:
     logs: int = 1
     repairable: bool = True
     harmless: bool = False
+    by_masses: bool = False
 
     @property
     def title(self) -> str:
@@ -516,7 +519,7 @@ def _units() -> list[Mistake]:
         *_pair("torques in mN m", _UNIT, _TORQUE_WORDS,
                scaled(torque, 1e3, True), scaled(torque, 1e3, False)),
         *_pair("currents in mA as torques", _SCALE, _TORQUE_WORDS,
-               scaled(torque, 1e3 * kt, True), scaled(torque, kt, False)),
+               scaled(torque, 1e3 * kt, True), scaled(torque, kt, False), by_masses=True),
         *_pair("torques in kN m", _UNIT, _TORQUE_WORDS,
                scaled(torque, 1e-3, True), scaled(torque, 1e-3, False)),
         *_pair("time in ms, or twice too fast", _TIME, ("time",), clock(1e3), clock(0.5)),
@@ -557,16 +560,16 @@ def _files() -> list[Mistake]:
                (payload(lambda one: (one.payload,)), "bare"),
                (payload(lambda one: (heavier(one.payload, 0.25),)), "bare")),
         *_pair("payload not named", load, ("payload",),
-               payload(lambda one: ()), (payload(lambda one: ()), "light")),
+               payload(lambda one: ()), (payload(lambda one: ()), "light"), by_masses=True),
         *_pair("payload doubled, or 20 % heavier", load, ("payload",),
                payload(lambda one: (heavier(one.payload, 2.0),)),
-               payload(lambda one: (heavier(one.payload, 1.2),))),
+               payload(lambda one: (heavier(one.payload, 1.2),)), by_masses=True),
         *_pair("payload on the wrong link, or 8 cm off", load, ("payload",),
-               payload(lambda one: (one.misplaced,)), payload(_displaced)),
+               payload(lambda one: (one.misplaced,)), payload(_displaced), by_masses=True),
         *_pair("gravity along x, or base tilted by 30 deg", {"gravity"}, ("gravity",),
                gravity(9.81, 0.0, 0.0), tilted(30.0)),
         *_pair("base tilted by 20 deg, or 5 deg", {"gravity"}, ("gravity",),
-               tilted(20.0), tilted(5.0)),
+               tilted(20.0), tilted(5.0), by_masses=True),
         *_pair("no drives, or one missing", {"missing-drives"}, ("drive", "drives"),
                without_drives(True), without_drives(False)),
         *_pair("rotor inertia times 10, or 2", {"rotor-inertia"}, ("inertia",),
@@ -583,7 +586,7 @@ def _physics() -> list[Mistake]:
         *_pair("torque late by 20 ms, or 1 ms", late_ms, ("late", "delay"), late(0.02), late(1e-3)),
         *_pair("torque late by 5 ms", late_ms, ("late", "delay"), late(5e-3), None),
         *_pair("torque constant off by 20 %, or 5 %", _SCALE, _TORQUE_WORDS,
-               scaled("motor_torque", 1.2, False), scaled("motor_torque", 1.05, False)),
+               scaled(_ALL[2], 1.2, False), scaled(_ALL[2], 1.05, False), by_masses=True),
         *_pair("torque offset of 10 %, or 2 %", {"torque-offset", "missing-term"}, ("offset",),
                offset(0.1), offset(0.02)),
         *_pair("drift of 10 %, or 3 %", {"drift", "blocks-disagree"}, ("drift",),
@@ -621,7 +624,7 @@ def _bad_input() -> list[Mistake]:
                both(flipped(_ALL[1:2], False), late(0.02)), None),
         *_pair("two: gear ratio halved, payload doubled", {"gear-ratio", "payload"}, (),
                both(drive_value("gear_ratio", 0.5),
-                    payload(lambda one: (heavier(one.payload, 2.0),))), None),
+                    payload(lambda one: (heavier(one.payload, 2.0),))), None, by_masses=True),
         *_pair("nominal masses times 100, or zero", {"nominal-values"}, (),
                nonsense(100.0), nonsense(0.0), harmless=True, repairable=False),
     ]  # fmt: skip

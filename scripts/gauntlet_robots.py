@@ -398,7 +398,11 @@ def columns(name: str, truth: str, motion: int, sensors: Sensors) -> Columns:
     return {"time_s": np.array(log.time), **channels}
 
 
-def nominal_urdf(urdf: str, rng: np.random.Generator, spread: float = 0.15) -> str:
+MASSES_OFF = 0.15
+"""Largest relative error of a nominal mass."""
+
+
+def nominal_urdf(urdf: str, rng: np.random.Generator, spread: float = MASSES_OFF) -> str:
     """Return a URDF whose masses and inertias are off by a share, as those of CAD are."""
     tree = ElementTree.fromstring(urdf)
     for body in tree.iter("inertial"):
