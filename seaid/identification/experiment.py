@@ -24,6 +24,9 @@ from seaid.robot import Robot, torques_at_drives
 INSTANTS = 200
 """Instants at which hypotheses are compared."""
 
+_MASS_STD = 0.1
+"""Relative standard deviation of the mass of a body in a robot file, as of CAD."""
+
 _WINDOWS, _WINDOW_SAMPLES = 5, 4000
 """Windows of a longer motion from which these instants are taken, evenly over its time."""
 
@@ -166,6 +169,39 @@ class Experiment:
     def misfits(self) -> dict[str, Array]:
         """All misfits (n,) by kind."""
         return {kind: getattr(self, name) for kind, name in _PROPERTIES.items()}
+
+    @cached_property
+    def _errors(self) -> tuple[list[Array], Array, Array]:
+        """Friction (R, 3) of each used joint, and errors of nominal masses, as orthonormal columns.
+
+        Returns both, and what is left (k,) of the second ones in units of the noise: with columns B
+        for one standard deviation of each mass, (sigma^2 1 + B B^T)^(-1/2) sigma.
+        """
+        friction = [np.linalg.qr(self.friction[j])[0] for j in self.used]
+        masses = np.moveaxis(self.regressor * self.robot.parameters, 1, 0)[self.used]
+        by_body = np.add.reduceat(masses, np.arange(0, masses.shape[-1], 10), axis=-1)
+        B = np.concatenate(
+            [self._scaled(by_body[k], j, friction[k]) for k, j in enumerate(self.used)]
+        )
+        U, sizes, _ = np.linalg.svd(_MASS_STD * B / _FLOORS["free"], full_matrices=False)
+        return friction, U, 1 / np.hypot(1, sizes)
+
+    def _scaled(self, torque: Array, j: int, friction: Array) -> Array:
+        """Return a torque (R, ...) over the size of that of joint j, without friction."""
+        return (torque - friction @ (friction.T @ torque)) / np.std(self.target[:, j])
+
+    def weighed(self, torque: Array) -> Array:
+        """Return torques (R, n) as one column, weighed by the errors of a nominal model.
+
+        What friction explains is taken out; noise and errors of the nominal masses weigh by their
+        variance (generalised least squares), so that a joint whose torque is mostly that of a known
+        payload says more about it than one that carries the whole robot.
+        """
+        friction, U, left = self._errors
+        y = np.concatenate(
+            [self._scaled(torque[:, j], j, own) for j, own in zip(self.used, friction, strict=True)]
+        )
+        return np.asarray(y - U @ ((1 - left) * (U.T @ y)))
 
     @property
     def _elastic(self) -> list[int]:

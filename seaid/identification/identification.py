@@ -63,8 +63,8 @@ from seaid.identification.known_constants import (
 from seaid.identification.linearisation import linearised_robot
 from seaid.identification.missing_terms import (
     MOST_ROUNDS,
-    encoder_widths,
     missing_terms,
+    resolved_widths,
     supported_terms,
     with_default_terms,
 )
@@ -295,7 +295,7 @@ def identify(
             robot, datasets = linearised_robot(robot, datasets, used)
         options = solver, encoder_offset_std, executor, progress
         model, found = _two_step(robot, datasets, used, options)
-    widths = encoder_widths(robot, logs_in_memory)
+    widths = resolved_widths(robot, logs_in_memory, datasets)
     terms = supported_terms(robot, datasets, found, widths)
     for _ in range(MOST_ROUNDS):
         robot, given, notes = with_default_terms(robot, given, terms)
@@ -304,7 +304,7 @@ def identify(
         findings += notes
         model, found = _two_step(robot, datasets, used, options)
         terms = supported_terms(robot, datasets, found, widths)
-    findings += consequences(findings, missing_terms(robot, terms))
+    findings += consequences(findings, missing_terms(robot, terms, widths))
     found = _continued(robot, datasets, model, found, (method, estimator), options)
 
     def again(robot: Robot, datasets: Sequence[Dataset]) -> RobotEstimate:

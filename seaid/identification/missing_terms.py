@@ -126,13 +126,17 @@ def _widths(resolved: float) -> list[float]:
     return [multiple * resolved for multiple in _MULTIPLES]
 
 
-def encoder_widths(robot: Robot, logs: Sequence[Log]) -> dict[str, float]:
-    """Return {joint: motor speed [rad/s] of one encoder step per sample}, from the noise of logs.
+def resolved_widths(
+    robot: Robot, logs: Sequence[Log], datasets: Sequence[Dataset]
+) -> dict[str, float]:
+    """Return {joint: motor speed [rad/s] below which logs do not resolve the direction of motion}.
 
-    Below this speed the direction of the motion is not resolved. The step is that of a quantised
-    position of the same noise, whose standard deviation is step / sqrt(12).
+    One encoder step per sample, and the change of the speed within a sample at a reversal. The step
+    is that of a quantised position of the same noise, whose standard deviation is step / sqrt(12);
+    second differences of white noise have six times its variance.
     """
     widths = {}
+    motions = [one for one in datasets if isinstance(one, Motion)]
     for joint in robot.joint_names:
         speeds = []
         for log in logs:
@@ -140,12 +144,21 @@ def encoder_widths(robot: Robot, logs: Sequence[Log]) -> dict[str, float]:
             motor, ratio = log.motor_position[:, place], 1.0
             if not np.all(np.isfinite(motor)):
                 motor, ratio = log.joint_position[:, place], robot.drives[joint].ratio
-            noise = white_noise(motor)
+            noise = float(np.nanstd(np.diff(motor, 2))) / np.sqrt(6.0)
             speeds.append(ratio * np.sqrt(12.0) * noise / float(np.median(np.diff(log.time))))
         width = float(np.median(speeds)) if speeds else 0.0
         if np.isfinite(width) and width > 0:
-            widths[joint] = width
+            turns = [_change_at_reversal(one, robot.index(joint)) for one in motions]
+            widths[joint] = float(np.hypot(width, np.median(turns) if turns else 0.0))
     return widths
+
+
+def _change_at_reversal(motion: Motion, place: int) -> float:
+    """Return the median change of a motor's speed [rad/s] within a sample at its reversals."""
+    speed = motion.motor_velocity[:, place]
+    reversals = np.flatnonzero(speed[1:] * speed[:-1] < 0)
+    changes = np.abs(motion.motor_acceleration[reversals, place]) / motion.rate_hz
+    return float(np.median(changes)) if len(changes) else 0.0
 
 
 def with_default_terms(
@@ -208,15 +221,24 @@ def with_closed_terms(robot: Robot, identified: Robot) -> Robot:
     return robot.with_drives(drives)
 
 
-def missing_terms(robot: Robot, terms: Mapping[str, Sequence[TermComparison]]) -> Iterator[Finding]:
-    """Yield the best supported term of each drive that lacks it."""
+_UNRESOLVED = 2.0
+"""Width of Coulomb friction, over the one that the logs resolve, up to which it is that of the
+sampling: of an encoder step, or of a sample in which the speed changes its sign."""
+
+
+def missing_terms(
+    robot: Robot, terms: Mapping[str, Sequence[TermComparison]], widths: Mapping[str, float]
+) -> Iterator[Finding]:
+    """Yield the best supported term of each drive that lacks it; `widths` are resolved by logs."""
     for joint, found in _among(robot, terms, lambda *_: True).items():
         best = best_term(found)
         if best is None or best.comparison is None or best.comparison.bic < _STRONG:
             continue
         drive, share = robot.drives[joint], best.comparison.explained
         is_spring = best.field == "spring"
-        severity: Severity = "doubtful" if is_spring or share > _MATTERS else "note"
+        is_sampled = best.values.get("coulomb_width", np.inf) <= _UNRESOLVED * widths.get(joint, 0)
+        matters = is_spring or (share > _MATTERS and not is_sampled)
+        severity: Severity = "doubtful" if matters else "note"
         what = f"the spring of {joint} is not linear" if is_spring else f"{joint} lacks a term"
         message = (
             f"{what}: '{best.term}' in its {best.field} would explain {share:.0%} of the squared "

@@ -407,7 +407,8 @@ def _with_inertia(given: Experiment, inertia: Array) -> Experiment:
 def _factor(
     given: Experiment, joints: Sequence[int], slope: float, words: str, joint: str
 ) -> Hypothesis:
-    """Return the hypothesis of a factor on the torques of some joints."""
+    """Return the hypothesis of a factor on the torques of some joints, near a first estimate."""
+    slope *= _refinement(_all_scaled(given, joints, {"t": 1 / slope}), joints)
     unit = min(_UNITS, key=lambda name: abs(math.log(slope / _UNITS[name])))
     is_unit = abs(math.log(slope)) > math.log(_FAR_FACTOR)
     exact = is_unit and abs(math.log(slope / _UNITS[unit])) < math.log(2.0)
@@ -424,6 +425,20 @@ def _factor(
         "wrong" if is_unit else "doubtful",
         {"factor": slope},
     )
+
+
+def _refinement(given: Experiment, joints: Sequence[int]) -> float:
+    """Return the factor on the torques of some joints that the nominal bodies of all suggest.
+
+    Nominal torques are the instrument: noise of the logged ones would bias least squares.
+    """
+    nominal, own = given.regressor @ given.bodies, np.zeros_like(given.target)
+    own[:, joints] = nominal[:, joints]
+    z, own = given.weighed(own), np.zeros_like(own)
+    own[:, joints] = (given.target + given.lever * given.inertia * given.motor[2])[:, joints]
+    size = float(z @ given.weighed(own))
+    inverse = 1 + float(z @ given.weighed(nominal - given.target)) / size if size else 1.0
+    return 1 / inverse if 0.5 < inverse < 2.0 else 1.0
 
 
 def _swaps(given: Experiment, i: int, j: int) -> Iterator[Hypothesis]:
@@ -617,8 +632,8 @@ def _best_gravity(given: Experiment) -> Array | None:
         regressor_at_drives(_with_gravity(given, size * axis).robot, *zero) @ given.bodies
         for axis in np.eye(3)
     ]
-    A = np.column_stack([_without_friction(given, one) for one in columns])
-    left = _without_friction(given, given.target - given.regressor @ given.bodies)
+    A = np.column_stack([given.weighed(one) for one in columns])
+    left = given.weighed(given.target - given.regressor @ given.bodies)
     now = np.array(given.robot.model.gravity.linear) / size
     found = now + scaled_svd(A).solve(left, _SEEN)  # what the motion does not show stays as given
     norm = float(np.linalg.norm(found))
@@ -639,11 +654,9 @@ def _lengths(given: Experiment) -> Iterator[Hypothesis]:
         if changed is given:
             continue
         slope = (changed.regressor @ given.bodies - before) / _LENGTH_STEP
-        x = _without_friction(given, slope)
+        x = given.weighed(slope)
         size = float(x @ x)
-        factor = (
-            1 + float(x @ _without_friction(given, given.target - before)) / size if size else 1
-        )
+        factor = 1 + float(x @ given.weighed(given.target - before)) / size if size else 1
         if abs(factor - 1) < _LEAST_LENGTH or not 0.3 < factor < 3.0:
             continue
         yield Hypothesis(
@@ -735,12 +748,12 @@ def _point_mass(given: Experiment, bodies: Array, body: int, mass: float | None)
     before.
     """
     columns = [given.regressor[:, :, 10 * body + place] for place in range(4)]
-    A = np.column_stack([_without_friction(given, one) for one in columns])
-    left = _without_friction(given, given.target - given.regressor @ bodies)
+    A = np.column_stack([given.weighed(one) for one in columns])
+    left = given.weighed(given.target - given.regressor @ bodies)
     point = np.zeros(10)
     for _ in range(_STEPS):
         inertia = given.regressor[:, :, 10 * body + 4 : 10 * body + 10] @ point[4:]
-        y = left - _without_friction(given, inertia)
+        y = left - given.weighed(inertia)
         if mass is None:
             point[:4] = scaled_svd(A).solve(y, 1e-3)
         else:
@@ -760,18 +773,9 @@ _LEAST_PAYLOAD = 0.1
 def _share(given: Experiment, part: Array) -> float:
     """Return the multiple of a part (10n,) of the bodies that explains the torques best."""
     rest = given.target - given.regressor @ (given.bodies - part)
-    y, x = _without_friction(given, rest), _without_friction(given, given.regressor @ part)
+    y, x = given.weighed(rest), given.weighed(given.regressor @ part)
     size = float(x @ x)
     return float(x @ y) / size if size > 0 else 1.0
-
-
-def _without_friction(given: Experiment, torque: Array) -> Array:
-    """Return torques (R, n) of the used joints without what friction explains, in equal weights."""
-    parts = []
-    for j in given.used:
-        Q = np.linalg.qr(given.friction[j])[0]
-        parts.append((torque[:, j] - Q @ (Q.T @ torque[:, j])) / np.std(given.target[:, j]))
-    return np.concatenate(parts)
 
 
 def _with_bodies(given: Experiment, bodies: Array) -> Experiment:
