@@ -25,6 +25,7 @@ from .gauss_newton import Step as Step
 from .gauss_newton import gauss_newton_step as gauss_newton_step
 from .gauss_newton import joined as joined
 from .instrumental_variables import instrumental as instrumental
+from .least_squares import FEWEST_INDEPENDENT as FEWEST_INDEPENDENT
 from .least_squares import equal_weights as equal_weights
 from .least_squares import estimate_of as estimate_of
 from .least_squares import estimate_of_rows as estimate_of_rows

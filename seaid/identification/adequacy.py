@@ -7,6 +7,7 @@ excluded from the fit.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -15,10 +16,17 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from seaid._arrays import Array, FrozenMapping
+from seaid._arrays import Array, BoolArray, FrozenMapping
 from seaid._progress import Display
 from seaid.errors import Finding, IdentificationError, SeaidError, listed
-from seaid.estimation import FittedRows, qr_factor_of, scaled_svd, time_blocks
+from seaid.estimation import (
+    FEWEST_INDEPENDENT,
+    RANK_TOLERANCE,
+    FittedRows,
+    qr_factor_of,
+    scaled_svd,
+    time_blocks,
+)
 from seaid.regressor import INPUT_FIELDS, motor_regressor
 
 if TYPE_CHECKING:
@@ -42,6 +50,10 @@ _BURST, _WINDOW_S, _MOST_BURSTS, _LEAST_BURST, _SCATTERED = 6.0, 0.25, 0.2, 0.05
 """A contact is where the residual of a window exceeds so many times that of the median window
 (rms), unless it does so in more than a part of the windows, is a small part of the torque, or is
 scattered over so many times as many windows."""
+
+_SUSPECT, _CORRELATED = 3.0, 4.0
+"""Multiple of the median window from which windows are predicted by the others; rows per
+independent one."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -277,28 +289,45 @@ def fit_findings(
                 {"identified bodies": one.identified, "nominal bodies": one.nominal},
                 "record a longer motion that moves this joint and those behind it more",
             )
-    rows = found.fit.rows
-    if rows is not None:
-        residual = rows.y - rows.H @ found.fit.estimate.values
-        yield from _contacts(joint_names, rows, residual)
+    yield from _overfitted(joints)
+    yield from _contacts(joint_names, found.fit)
 
 
-def _contacts(joint_names: Sequence[str], rows: Regression, residual: Array) -> Iterator[Finding]:
-    """Yield the times at which residuals of several windows are far beyond those of the others."""
-    bursts: dict[float, set[str]] = {}
-    for j, joint in enumerate(joint_names):
-        for run in np.unique(rows.run[rows.joint == j]).tolist():
-            mine = (rows.joint == j) & (rows.run == run)
-            window = np.floor(rows.time[mine] / _WINDOW_S)
-            starts = np.unique(window)
-            size = np.array(
-                [np.sqrt(np.mean(residual[mine][window == start] ** 2)) for start in starts]
-            )
-            least = _LEAST_BURST * float(np.std(rows.y[mine]))
-            far = size > max(_BURST * float(np.median(size)), least)
-            if len(size) >= 8 and np.sum(far) > 1 and np.mean(far) < _MOST_BURSTS:
-                for start in starts[far].tolist():
-                    bursts.setdefault(start * _WINDOW_S, set()).add(joint)
+_OVERFITTED = math.sqrt((1 + 8 / 7 / FEWEST_INDEPENDENT) / (1 - 1 / FEWEST_INDEPENDENT))
+"""Error of excluded blocks over that of the own logs for the fewest independent rows per parameter,
+r: the squared errors are (1 + 8 / (7 r)) and (1 - 1 / r) times the noise for a fit to 7 of 8
+blocks and to all."""
+
+
+def _overfitted(joints: Mapping[str, JointFit]) -> Iterator[Finding]:
+    """Yield the finding for logs too short for their parameters, by errors of excluded blocks."""
+    ratios = [one.blocks / one.own for one in joints.values() if one.own > 0]
+    ratio = float(np.median(ratios)) if ratios else 0.0
+    if ratio > _OVERFITTED:
+        yield Finding(
+            "few-rows",
+            f"excluded blocks of the logs have {ratio:.2g} times the error of the own logs (median "
+            "of the joints): the logs are too short for so many parameters",
+            evidence={"error of excluded blocks over that of the own logs": ratio},
+            remedy="record a longer motion, or remove terms of the drives",
+        )
+
+
+def _contacts(joint_names: Sequence[str], fit: FittedRows) -> Iterator[Finding]:
+    """Yield the times at which residuals of several windows are far beyond those of the others.
+
+    A contact pulls the fit towards itself: the rows of suspicious windows are predicted by a fit of
+    the others, in units of the error of a prediction.
+    """
+    rows = fit.rows
+    if rows is None:
+        return
+    residual = rows.y - rows.H @ fit.estimate.values
+    suspects = _bursts(joint_names, rows, residual, _SUSPECT)
+    apart = np.isin(np.floor(rows.time / _WINDOW_S), np.array(list(suspects)) / _WINDOW_S)
+    if np.any(apart) and np.mean(apart) < _MOST_BURSTS:
+        residual = _deleted_residual(fit, rows, apart)
+    bursts = _bursts(joint_names, rows, residual, _BURST)
     times = sorted(bursts)
     span = times[-1] + _WINDOW_S - times[0] if times else 0.0
     if not times or span > _SCATTERED * _WINDOW_S * len(times):
@@ -312,8 +341,46 @@ def _contacts(joint_names: Sequence[str], rows: Regression, residual: Array) -> 
         joints[0],
         "doubtful",
         {"start [s]": start, "end [s]": end},
-        f"in the description of the log:\nexclude_s = [[{start:.3f}, {end:.3f}]]",
+        f"in the description of the log:\n"  # a contact begins and ends softly
+        f"exclude_s = [[{max(start - _WINDOW_S, 0):.3f}, {end + _WINDOW_S:.3f}]]",
     )
+
+
+def _bursts(
+    joint_names: Sequence[str], rows: Regression, residual: Array, times: float
+) -> dict[float, set[str]]:
+    """Return {start of a window: joints whose residual exceeds that of their median window}."""
+    bursts: dict[float, set[str]] = {}
+    for j, joint in enumerate(joint_names):
+        for run in np.unique(rows.run[rows.joint == j]).tolist():
+            mine = (rows.joint == j) & (rows.run == run)
+            window = np.floor(rows.time[mine] / _WINDOW_S)
+            starts = np.unique(window)
+            size = np.array(
+                [np.sqrt(np.mean(residual[mine][window == start] ** 2)) for start in starts]
+            )
+            least = _LEAST_BURST * float(np.std(rows.y[mine]))
+            far = size > max(times * float(np.median(size)), least)
+            if len(size) >= 8 and np.sum(far) > 1 and np.mean(far) < _MOST_BURSTS:
+                for start in starts[far].tolist():
+                    bursts.setdefault(start * _WINDOW_S, set()).add(joint)
+    return bursts
+
+
+def _deleted_residual(fit: FittedRows, rows: Regression, apart: BoolArray) -> Array:
+    """Return the residual of a fit without the rows `apart`; theirs by the error of prediction.
+
+    A row h that is not in the fit is predicted with (1 + c h (H^T H)^-1 h^T) times the variance of
+    the noise, c for autocorrelated rows.
+    """
+    weight = np.asarray(fit.weights)[np.searchsorted(fit.qr_factor.equations, rows.joint)]
+    H = weight[:, None] * rows.H
+    svd = scaled_svd(H[~apart])
+    residual = rows.y - rows.H @ svd.solve((weight * rows.y)[~apart], RANK_TOLERANCE)
+    sizes = np.maximum(svd.sizes, RANK_TOLERANCE * svd.sizes[0])
+    reach = (H[apart] / svd.norms) @ svd.vectors.T / sizes
+    residual[apart] /= np.sqrt(1 + _CORRELATED * np.sum(reach**2, axis=1))
+    return np.asarray(residual)
 
 
 _CHANNELS = (*INPUT_FIELDS.values(), "joint_torque")

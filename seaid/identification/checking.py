@@ -218,7 +218,9 @@ def _missing_drives(robot: Robot, log: Log) -> Iterator[Finding]:
         ratio, zero, *_ = scaled_svd(np.column_stack(columns)).solve(motor).tolist()
         apart = float(np.std(motor / ratio - position - zero / ratio)) / moved
         kind = "series_elastic" if apart > _ELASTIC else "stiff"
-        tables.append(f'[{joint}]\ntype = "{kind}"\ngear_ratio = {abs(ratio):.4g}')
+        is_linear = robot.is_prismatic[robot.index(joint)] and kind == "stiff"
+        key = "gear_ratio_rad_per_m" if is_linear else "gear_ratio"
+        tables.append(f'[{joint}]\ntype = "{kind}"\n{key} = {abs(ratio):.4g}')
         times.append((joint, abs(ratio)))
     if tables:
         yield Finding(
@@ -229,7 +231,7 @@ def _missing_drives(robot: Robot, log: Log) -> Iterator[Finding]:
             times[0][0],
             "wrong",
             {"motor over joint motion": times[0][1]},
-            "\n".join(["in the drives file:", *tables]),
+            "\n".join(["option: --drives FILE. A first sketch,", "in the drives file:", *tables]),
             "certain",
         )
 

@@ -24,9 +24,6 @@ from seaid.robot import Robot, torques_at_drives
 INSTANTS = 200
 """Instants at which hypotheses are compared."""
 
-_MASS_STD = 0.1
-"""Relative standard deviation of the mass of a body in a robot file, as of CAD."""
-
 _WINDOWS, _WINDOW_SAMPLES = 5, 4000
 """Windows of a longer motion from which these instants are taken, evenly over its time."""
 
@@ -40,6 +37,10 @@ _PROPERTIES = {
     "motor": "of_motors",
     "encoders": "of_encoders",
 }
+
+_MASS_STD, _PLACE_STD_M, NOISE = 0.1, 0.01, _FLOORS["free"]
+"""Standard deviations of the mass of a body in a robot file, relative, and of its centre of mass,
+as of CAD; of a torque, over its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,19 +173,27 @@ class Experiment:
 
     @cached_property
     def _errors(self) -> tuple[list[Array], Array, Array]:
-        """Friction (R, 3) of each used joint, and errors of nominal masses, as orthonormal columns.
+        """Friction (R, 3) of each used joint, and the effect of errors of nominal bodies.
 
-        Returns both, and what is left (k,) of the second ones in units of the noise: with columns B
-        for one standard deviation of each mass, (sigma^2 1 + B B^T)^(-1/2) sigma.
+        Both as orthonormal columns, with what is left (k,) of the second: of columns B for one
+        standard deviation each, over the noise, (1 + B B^T)^(-1/2) leaves 1 / sqrt(1 + s^2) along
+        each singular direction.
         """
         friction = [np.linalg.qr(self.friction[j])[0] for j in self.used]
-        masses = np.moveaxis(self.regressor * self.robot.parameters, 1, 0)[self.used]
-        by_body = np.add.reduceat(masses, np.arange(0, masses.shape[-1], 10), axis=-1)
-        B = np.concatenate(
-            [self._scaled(by_body[k], j, friction[k]) for k, j in enumerate(self.used)]
-        )
-        U, sizes, _ = np.linalg.svd(_MASS_STD * B / _FLOORS["free"], full_matrices=False)
-        return friction, U, 1 / np.hypot(1, sizes)
+        n, bodies = self.robot.n, self.robot.parameters.reshape(-1, 10)
+        spread = np.zeros((n, 10, 4))
+        spread[:, :, 0] = _MASS_STD * bodies
+        spread[:, 1:4, 1:] = _PLACE_STD_M * bodies[:, :1, None] * np.eye(3)
+        effect = np.einsum("rjbp,bpe->jrbe", self.regressor.reshape(-1, n, n, 10), spread)
+        parts = [
+            self._scaled(effect[j].reshape(-1, 4 * n), j, own)
+            for j, own in zip(self.used, friction, strict=True)
+        ]
+        B = np.concatenate(parts) / NOISE
+        squares, V = np.linalg.eigh(B.T @ B)
+        kept = squares > RANK_TOLERANCE * squares[-1]
+        sizes = np.sqrt(squares[kept])
+        return friction, B @ V[:, kept] / sizes, 1 / np.hypot(1, sizes)
 
     def _scaled(self, torque: Array, j: int, friction: Array) -> Array:
         """Return a torque (R, ...) over the size of that of joint j, without friction."""
@@ -193,8 +202,8 @@ class Experiment:
     def weighed(self, torque: Array) -> Array:
         """Return torques (R, n) as one column, weighed by the errors of a nominal model.
 
-        What friction explains is taken out; noise and errors of the nominal masses weigh by their
-        variance (generalised least squares), so that a joint whose torque is mostly that of a known
+        What friction explains is taken out; noise and errors of the nominal bodies weigh by their
+        variance (generalised least squares), so that a joint whose torque is mostly that of a
         payload says more about it than one that carries the whole robot.
         """
         friction, U, left = self._errors
@@ -202,6 +211,12 @@ class Experiment:
             [self._scaled(torque[:, j], j, own) for j, own in zip(self.used, friction, strict=True)]
         )
         return np.asarray(y - U @ ((1 - left) * (U.T @ y)))
+
+    @cached_property
+    def chi_square(self) -> float:
+        """Sum of squares of what the nominal bodies leave, over the noise, with their errors."""
+        left = self.weighed(self.target - self.regressor @ self.bodies)
+        return float(left @ left) / NOISE**2
 
     @property
     def _elastic(self) -> list[int]:

@@ -295,15 +295,15 @@ def identify(
             robot, datasets = linearised_robot(robot, datasets, used)
         options = solver, encoder_offset_std, executor, progress
         model, found = _two_step(robot, datasets, used, options)
-    widths = resolved_widths(robot, logs_in_memory, datasets)
-    terms = supported_terms(robot, datasets, found, widths)
-    for _ in range(MOST_ROUNDS):
-        robot, given, notes = with_default_terms(robot, given, terms)
-        if not notes:
-            break
-        findings += notes
-        model, found = _two_step(robot, datasets, used, options)
+        widths = resolved_widths(robot, logs_in_memory, datasets)
         terms = supported_terms(robot, datasets, found, widths)
+        for _ in range(MOST_ROUNDS):
+            robot, given, notes = with_default_terms(robot, given, terms)
+            if not notes:
+                break
+            findings += notes
+            model, found = _two_step(robot, datasets, used, options)
+            terms = supported_terms(robot, datasets, found, widths)
     findings += consequences(findings, missing_terms(robot, terms, widths))
     found = _continued(robot, datasets, model, found, (method, estimator), options)
 

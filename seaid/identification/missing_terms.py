@@ -132,8 +132,7 @@ def resolved_widths(
     """Return {joint: motor speed [rad/s] below which logs do not resolve the direction of motion}.
 
     One encoder step per sample, and the change of the speed within a sample at a reversal. The step
-    is that of a quantised position of the same noise, whose standard deviation is step / sqrt(12);
-    second differences of white noise have six times its variance.
+    is that of a quantised position of the same noise, whose standard deviation is step / sqrt(12).
     """
     widths = {}
     motions = [one for one in datasets if isinstance(one, Motion)]
@@ -144,7 +143,7 @@ def resolved_widths(
             motor, ratio = log.motor_position[:, place], 1.0
             if not np.all(np.isfinite(motor)):
                 motor, ratio = log.joint_position[:, place], robot.drives[joint].ratio
-            noise = float(np.nanstd(np.diff(motor, 2))) / np.sqrt(6.0)
+            noise = white_noise(motor)
             speeds.append(ratio * np.sqrt(12.0) * noise / float(np.median(np.diff(log.time))))
         width = float(np.median(speeds)) if speeds else 0.0
         if np.isfinite(width) and width > 0:

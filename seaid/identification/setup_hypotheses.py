@@ -11,14 +11,14 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 
 from seaid._arrays import Array
 from seaid.errors import Certainty, Finding, Severity
 from seaid.estimation import scaled_svd
-from seaid.identification.experiment import Experiment
+from seaid.identification.experiment import NOISE, Experiment
 from seaid.log import changed_source
 from seaid.regressor import regressor_at_drives
 from seaid.robot import Robot
@@ -67,8 +67,9 @@ class Hypothesis:
 def mistakes(given: Experiment) -> tuple[list[Finding], Experiment]:
     """Return the mistakes that explain an experiment far better, and it without them."""
     found: list[Finding] = []
-    while len(found) < _MOST_MISTAKES and _is_suspicious(given):
-        best = _best(given)
+    while len(found) < _MOST_MISTAKES:
+        best = _best(given) if _is_suspicious(given) else None
+        best = best or _significant(given)
         if best is None:
             break
         finding, given = best
@@ -114,6 +115,47 @@ def _best(given: Experiment) -> tuple[Finding, Experiment] | None:
     return finding, changed
 
 
+_CORRELATED_ROWS = 4.0
+"""Instants per independent one: those of a joint are about eight per period of the cutoff."""
+
+_SIGNIFICANT = 6.0
+"""Standard errors of a value, errors of the nominal bodies included, from which it is wrong."""
+
+
+def _significant(given: Experiment) -> tuple[Finding, Experiment] | None:
+    """Return the value about bodies or torques that is wrong by most standard errors, if any is.
+
+    Where no misfit is suspicious, chi-square by the nominal bodies decides: it tells a value that
+    is off by little from errors of nominal masses.
+    """
+    if not np.all(np.isfinite(given.bodies)) or not given.used:
+        return None
+    tried = [(one, one.undo(given)) for one in chain(_factors(given), _bodies(given))]
+    scores = [(_score(given, changed) - one.penalty, one, changed) for one, changed in tried]
+    score, one, changed = max(scores, key=lambda entry: entry[0], default=(0.0, None, given))
+    if one is None or score < 0.5 * _SIGNIFICANT**2:
+        return None
+    errors = math.sqrt(2 * score)
+    message = (
+        f"{one.message}: the torques contradict the value given by {errors:.0f} standard errors, "
+        "errors of the masses in the robot file included"
+    )
+    evidence = {**one.evidence, "standard errors": errors}
+    severity: Severity = "note" if one.severity == "note" else "doubtful"
+    return Finding(one.code, message, one.joint, severity, evidence, one.remedy), changed
+
+
+def _score(given: Experiment, changed: Experiment) -> float:
+    """Return the gain of the log likelihood, with as much noise as the change leaves at least."""
+    rows = len(given.used) * len(given.target)
+    noise = max(changed.chi_square / rows, 1.0) * _CORRELATED_ROWS
+    return (given.chi_square - changed.chi_square) / (2 * noise)
+
+
+def _factors(given: Experiment) -> Iterator[Hypothesis]:
+    return (one for j in given.used for one in _torques(given, j))
+
+
 _EXPLAINED = 0.6
 """Misfit above which a hypothesis does not explain the torque either."""
 
@@ -153,8 +195,7 @@ def _worst(one: Experiment) -> float:
 
 def hypotheses(given: Experiment) -> Iterator[Hypothesis]:
     """Yield the mistakes that are possible."""
-    for j in given.used:
-        yield from _torques(given, j)
+    yield from _factors(given)
     yield from _bodies(given)
     if max(np.nanmax(one, initial=0.0) for one in given.misfits.values()) < _SEVERE:
         return
@@ -372,8 +413,9 @@ def _slopes(given: Experiment, j: int) -> tuple[float, float]:
 _UNITS = {"mNm": 1e3, "kNm": 1e-3}
 """{unit of a torque: its value over that in N m}."""
 
-_FAR_FACTOR = 20.0
-"""A factor on a torque beyond this is a unit, not an error of a constant."""
+_FAR_FACTOR, _LEAST_FACTOR, _LEAST_ROTOR = 20.0, 0.05, 0.2
+"""A factor on a torque beyond this is a unit, not an error of a constant; relative errors of torque
+constants and of rotor inertias that are usual."""
 
 
 def _torques(given: Experiment, j: int) -> Iterator[Hypothesis]:
@@ -383,8 +425,10 @@ def _torques(given: Experiment, j: int) -> Iterator[Hypothesis]:
     joint = given.robot.joint_names[j]
     slope, rotor = _slopes(given, j)
     if slope > 0:
-        yield _factor(given, [j], slope, f"the torque of {joint}", joint)
-    if not (math.isfinite(rotor) and rotor > 0):
+        every = _factor(given, [j], slope, f"the torque of {joint}", joint)
+        if abs(every.evidence["factor"] - 1) > _LEAST_FACTOR:
+            yield every
+    if not (math.isfinite(rotor) and rotor > 0) or abs(rotor - 1) < _LEAST_ROTOR:
         return
     for factor in _near(rotor, given.lever[j] ** 2):
         inertia = given.inertia.copy()
@@ -408,7 +452,8 @@ def _factor(
     given: Experiment, joints: Sequence[int], slope: float, words: str, joint: str
 ) -> Hypothesis:
     """Return the hypothesis of a factor on the torques of some joints, near a first estimate."""
-    slope *= _refinement(_all_scaled(given, joints, {"t": 1 / slope}), joints)
+    if joint:
+        slope *= _refinement(scaled(given, joints[0], {"t": 1 / slope}), joints[0])
     unit = min(_UNITS, key=lambda name: abs(math.log(slope / _UNITS[name])))
     is_unit = abs(math.log(slope)) > math.log(_FAR_FACTOR)
     exact = is_unit and abs(math.log(slope / _UNITS[unit])) < math.log(2.0)
@@ -427,16 +472,15 @@ def _factor(
     )
 
 
-def _refinement(given: Experiment, joints: Sequence[int]) -> float:
-    """Return the factor on the torques of some joints that the nominal bodies of all suggest.
+def _refinement(given: Experiment, j: int) -> float:
+    """Return the factor on the torque of a joint that the nominal bodies of all joints suggest.
 
-    Nominal torques are the instrument: noise of the logged ones would bias least squares.
+    Nominal torques are the instrument: noise of the logged one would bias least squares.
     """
-    nominal, own = given.regressor @ given.bodies, np.zeros_like(given.target)
-    own[:, joints] = nominal[:, joints]
-    z, own = given.weighed(own), np.zeros_like(own)
-    own[:, joints] = (given.target + given.lever * given.inertia * given.motor[2])[:, joints]
-    size = float(z @ given.weighed(own))
+    nominal, own = given.regressor @ given.bodies, np.arange(given.robot.n) == j
+    torque = given.target + given.lever * given.inertia * given.motor[2]
+    z, x = given.weighed(own * nominal), given.weighed(own * torque)
+    size = float(z @ x)
     inverse = 1 + float(z @ given.weighed(nominal - given.target)) / size if size else 1.0
     return 1 / inverse if 0.5 < inverse < 2.0 else 1.0
 
@@ -694,10 +738,11 @@ def _payloads(given: Experiment) -> Iterator[Hypothesis]:
         mass, name = own[body, 0], robot.body_names[body]
         com = ",".join(f"{x:.4g}" for x in own[body, 1:4] / mass + 0.0)
         text = f"the payload of {mass:.4g} kg on {name}"
-        factor = _share(given, own.ravel())
+        factor, error = _share(given, own.ravel())
         absent = f"option: without --payload {name}:{mass:g}:{com}"
         choices = [(-own, f"{text} is not there", absent, 0.0)]
-        for other in _near(factor) if factor > 0 and abs(factor - 1) > _LEAST_PAYLOAD else ():
+        is_there = factor > max(_LEAST_PAYLOAD, 2 * error)
+        for other in _near(factor) if is_there and abs(factor - 1) > _LEAST_PAYLOAD else ():
             heavier = f"option: --payload {name}:{other * mass:.3g}:{com}"
             words = f"{text} has {other * mass:.3g} kg"
             choices.append(((other - 1) * own, words, heavier, _penalty(other, factor)))
@@ -770,12 +815,13 @@ _LEAST_PAYLOAD = 0.1
 """Relative error of a payload's mass below which it is not distinguished from those of the file."""
 
 
-def _share(given: Experiment, part: Array) -> float:
-    """Return the multiple of a part (10n,) of the bodies that explains the torques best."""
+def _share(given: Experiment, part: Array) -> tuple[float, float]:
+    """Return the multiple of a part (10n,) of the bodies in the torques, and its standard error."""
     rest = given.target - given.regressor @ (given.bodies - part)
     y, x = given.weighed(rest), given.weighed(given.regressor @ part)
     size = float(x @ x)
-    return float(x @ y) / size if size > 0 else 1.0
+    error = NOISE * math.sqrt(_CORRELATED_ROWS / max(size, 1e-300))
+    return float(x @ y) / size if size > 0 else 1.0, error
 
 
 def _with_bodies(given: Experiment, bodies: Array) -> Experiment:
