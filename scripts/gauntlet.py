@@ -18,7 +18,7 @@ A result is right if its predictions of an unseen motion are: at each joint the 
 and no finding of severity "wrong" with a right code is left.
 
 A payload, a factor on torques in an arbitrary unit, or a tilt can only be estimated from the masses
-of the robot file, which are off by up to 15 % here: no log tells a payload from the body that
+of the robot file, which are off by up to 15 % here: no log separates a payload from the body that
 carries it. After such a remedy the errors may be twice those of the right set-up plus 3 %, or
 within what these masses leave open, 15 % of the torque. (Decided before the runs.)
 """

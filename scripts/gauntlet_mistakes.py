@@ -103,7 +103,7 @@ class Mistake:
     harmless : bool
         The result is right all the same, so that nothing else than `codes` may be flagged.
     by_masses : bool
-        What repairs it is a value that only the nominal masses of the robot file tell.
+        What repairs it is a value that only nominal masses of the robot file give.
     """
 
     name: str

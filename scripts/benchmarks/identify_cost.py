@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 NAMES = ("leg", "stiff", "scara", "arm", "elastic arm")
 PARTS = (
     *("datasets_by_log", "check_excitation", "check_channels", "experiment_of", "setup_findings"),
-    *("log_findings", "base_parameters", "estimate_two_step", "encoder_widths", "supported_terms"),
+    *("log_findings", "base_parameters", "estimate_two_step", "resolved_widths", "supported_terms"),
     *("sensitivity_findings", "with_known_std", "identification_of", "joint_fits", "fit_findings"),
     "periodic_findings",
 )

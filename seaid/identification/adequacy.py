@@ -289,8 +289,8 @@ def fit_findings(
                 {"identified bodies": one.identified, "nominal bodies": one.nominal},
                 "record a longer motion that moves this joint and those behind it more",
             )
-    yield from _overfitted(joints)
-    yield from _contacts(joint_names, found.fit)
+    contacts = list(_contacts(joint_names, found.fit))
+    yield from contacts or _overfitted(joints)
 
 
 _OVERFITTED = math.sqrt((1 + 8 / 7 / FEWEST_INDEPENDENT) / (1 - 1 / FEWEST_INDEPENDENT))
@@ -300,15 +300,20 @@ blocks and to all."""
 
 
 def _overfitted(joints: Mapping[str, JointFit]) -> Iterator[Finding]:
-    """Yield the finding for logs too short for their parameters, by errors of excluded blocks."""
-    ratios = [one.blocks / one.own for one in joints.values() if one.own > 0]
-    ratio = float(np.median(ratios)) if ratios else 0.0
-    if ratio > _OVERFITTED:
+    """Yield the joint with too few rows for its parameters, by its error in excluded blocks."""
+    ratios = {
+        joint: one.blocks / max(one.own, 1e-300)
+        for joint, one in joints.items()
+        if one.blocks > _NEGLIGIBLE
+    }
+    joint = max(ratios, key=ratios.__getitem__, default="")
+    if joint and ratios[joint] > _OVERFITTED:
         yield Finding(
             "few-rows",
-            f"excluded blocks of the logs have {ratio:.2g} times the error of the own logs (median "
-            "of the joints): the logs are too short for so many parameters",
-            evidence={"error of excluded blocks over that of the own logs": ratio},
+            f"excluded blocks of the logs have {ratios[joint]:.2g} times the error of the own logs "
+            f"at {joint}: the logs are too short for so many parameters",
+            joint,
+            evidence={"error of excluded blocks over that of the own logs": ratios[joint]},
             remedy="record a longer motion, or remove terms of the drives",
         )
 

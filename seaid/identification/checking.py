@@ -231,7 +231,7 @@ def _missing_drives(robot: Robot, log: Log) -> Iterator[Finding]:
             times[0][0],
             "wrong",
             {"motor over joint motion": times[0][1]},
-            "\n".join(["option: --drives FILE. A first sketch,", "in the drives file:", *tables]),
+            "\n".join(["option: --drives FILE, or without one", "in the drives file:", *tables]),
             "certain",
         )
 

@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from seaid._arrays import Array, IndexArray
+from seaid._arrays import Array, IndexArray, safely
+from seaid.errors import IdentificationError
 from seaid.estimation import RANK_TOLERANCE, scaled_svd
 from seaid.log import Motion, column_name, in_band, in_band_at, row_samples
 from seaid.regressor import INPUT_FIELDS, regressor_at_drives
@@ -190,7 +191,9 @@ class Experiment:
             for j, own in zip(self.used, friction, strict=True)
         ]
         B = np.concatenate(parts) / NOISE
-        squares, V = np.linalg.eigh(B.T @ B)
+        squares, V = safely(
+            np.linalg.eigh, B.T @ B, what="nominal bodies", error=IdentificationError
+        )
         kept = squares > RANK_TOLERANCE * squares[-1]
         sizes = np.sqrt(squares[kept])
         return friction, B @ V[:, kept] / sizes, 1 / np.hypot(1, sizes)

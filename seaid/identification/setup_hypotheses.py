@@ -125,8 +125,8 @@ _SIGNIFICANT = 6.0
 def _significant(given: Experiment) -> tuple[Finding, Experiment] | None:
     """Return the value about bodies or torques that is wrong by most standard errors, if any is.
 
-    Where no misfit is suspicious, chi-square by the nominal bodies decides: it tells a value that
-    is off by little from errors of nominal masses.
+    Where no misfit is suspicious, chi-square by the nominal bodies decides: it distinguishes a
+    value that is off by little from errors of nominal masses.
     """
     if not np.all(np.isfinite(given.bodies)) or not given.used:
         return None

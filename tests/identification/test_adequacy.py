@@ -123,3 +123,22 @@ def test_a_contact_is_named_with_its_time() -> None:
     assert 1.5 <= contact.evidence["start [s]"] <= 2.1
     assert 2.5 <= contact.evidence["end [s]"] <= 3.1
     assert "exclude_s = [[" in contact.remedy
+
+
+def test_a_contact_that_pulls_the_fit_is_named_all_the_same() -> None:
+    log = leg_log()
+    size = 0.1 * np.ptp(log.motor_torque[:, :2], axis=0)
+    bump = np.where(np.abs(log.time - 3.0) < 0.5, np.cos(np.pi * (log.time - 3.0)) ** 2, 0.0)
+    torque = log.motor_torque.copy()
+    torque[:, :2] += size * bump[:, None]
+    found = seaid.identify(leg(), replace(log, motor_torque=torque))
+    (contact,) = [one for one in found.warnings if one.code == "contact"]
+    assert 2.2 <= contact.evidence["start [s]"] < 3.0 < contact.evidence["end [s]"] <= 3.8
+
+
+def test_a_log_too_short_for_its_parameters_is_named() -> None:
+    log = leg_log()
+    found = seaid.identify(leg(), log.between(2.0, 3.0))
+    (few,) = [one for one in found.warnings if one.code == "few-rows"]
+    assert few.severity == "doubtful"
+    assert few.evidence["error of excluded blocks over that of the own logs"] > 2.3

@@ -264,7 +264,46 @@ def test_payloads_that_are_absent_or_elsewhere() -> None:
     assert finding.remedy == "option: --payload foot:2:0.15,0,0"
     finding = worst(leg(), leg_log())
     assert (finding.code, finding.severity) == ("payload", "doubtful")
-    assert finding.remedy.startswith("option: --payload foot:1.9")
+    _, mass, com = finding.remedy.removeprefix("option: ").split(":")
+    assert float(mass) == pytest.approx(2.0, rel=0.03)
+    assert [*map(float, com.split(","))] == pytest.approx([0.15, 0.0, 0.0], abs=0.01)
+
+
+def with_masses_of_cad(robot: Robot, seed: int) -> Robot:
+    """Return the robot with masses that are off by up to 15 %."""
+    factors = np.repeat(np.random.default_rng(seed).uniform(0.85, 1.15, robot.n), 10)
+    return robot.with_values(robot.parameters * factors, robot.drives)
+
+
+@pytest.mark.parametrize("seed", [11, 12])
+def test_a_tilt_of_few_degrees_is_distinguished_from_errors_of_nominal_masses(seed: int) -> None:
+    nominal, angle = with_masses_of_cad(arm(), seed), np.deg2rad(4.0)
+    assert seaid.check(nominal, arm_log(seed)).warnings == ()
+    tilted = with_gravity(nominal, 9.81 * np.sin(angle), 0.0, -9.81 * np.cos(angle))
+    (finding,) = seaid.check(tilted, arm_log(seed)).warnings
+    assert (finding.code, finding.severity) == ("gravity", "doubtful")
+    assert finding.evidence["standard errors"] > 6
+    assert finding.evidence["tilt [deg]"] == pytest.approx(4.0, abs=2.0)
+    assert "standard errors" in finding.message
+
+
+@pytest.mark.parametrize("seed", [11, 12])
+@pytest.mark.parametrize("joint", ["hip_roll", "knee_pitch"])
+def test_a_torque_constant_is_estimated_from_the_bodies_of_all_joints(
+    joint: str, seed: int
+) -> None:
+    wrong = of_joint(leg_log(seed), leg().index(joint), motor_torque=1.25)
+    finding = worst(with_masses_of_cad(leg(TEST_MASS), seed), wrong)
+    assert (finding.code, finding.joint) == ("torque-scale", joint)
+    assert finding.evidence["factor"] == pytest.approx(1.25, rel=0.03)
+
+
+def test_a_payload_is_estimated_where_nominal_masses_matter_least() -> None:
+    robot = leg(Payload("foot", 4.0, (0.15, 0.0, 0.0)))
+    finding = worst(with_masses_of_cad(robot, 5), leg_log(5))
+    assert finding.code == "payload"
+    mass = float(finding.remedy.split(":")[2])
+    assert mass == pytest.approx(2.0, rel=0.02)
 
 
 def test_two_mistakes_are_both_named() -> None:
@@ -314,7 +353,10 @@ def test_motor_channels_without_drives() -> None:
     robot = seaid.load_robot(str(leg().urdf))
     finding = worst(robot, leg_log())
     assert finding.code == "missing-drives"
-    tables = tomllib.loads(finding.remedy.split("\n", 1)[1])
+    option, header, text = finding.remedy.split("\n", 2)
+    assert option.startswith("option: --drives FILE")
+    assert header == "in the drives file:"
+    tables = tomllib.loads(text)
     assert list(tables) == list(leg().joint_names)
     assert tables["hip_yaw"]["gear_ratio"] == pytest.approx(86.0, rel=1e-3)
 

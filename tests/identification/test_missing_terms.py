@@ -12,14 +12,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from seaid._arrays import Array
+import seaid
+from seaid._arrays import Array, FrozenMapping
 from seaid.drives.drives import DefaultTerms
 from seaid.drives.terms import FrictionTerm
 from seaid.drives.toml import drive_table, drives_from_mapping
 from seaid.errors import Finding
+from seaid.estimation.model_comparison import ModelComparison
 from seaid.identification import term_columns
 from seaid.identification.identification import Identification, identify
-from seaid.identification.missing_terms import encoder_widths
+from seaid.identification.missing_terms import missing_terms, resolved_widths
+from seaid.identification.term_columns import TermComparison
 from seaid.log.motion import Motion
 from seaid.log.reading import Log
 from seaid.robot.robot import Robot
@@ -183,8 +186,36 @@ def test_the_width_that_encoders_resolve_is_one_step_per_sample(tmp_path: Path) 
         motor_position=np.full_like(position, np.nan),
         motor_torque=position,
     )
-    (width,) = encoder_widths(robot, [sensed]).values()
+    (width,) = resolved_widths(robot, [sensed], []).values()
     assert width == pytest.approx(10.0 * 0.002 * 200.0, rel=0.2)
+    # sampled rarely, the speed changes by 10 sin(t) / 5 rad/s within a sample at its reversals
+    rare = replace(
+        sensed,
+        time=time[::40],
+        joint_position=np.sin(time)[::40, None],
+        motor_position=10 * np.sin(time)[::40, None],
+        motor_torque=position[::40],
+    )
+    motion = seaid.reconstruct_motion(robot, rare, cutoff_hz=1.0)
+    alone, both = (resolved_widths(robot, [sensed], one)["arm"] for one in ([], [motion]))
+    assert both == pytest.approx(np.hypot(alone, 10.0 / 5), rel=0.1)
+
+
+def test_a_width_that_the_sampling_explains_is_noted_only() -> None:
+    robot, term = leg(), next(iter(terms_of_a_smooth_leg()))
+    for resolved, severity in ((4.0, "note"), (8.0, "note"), (2.0, "doubtful")):
+        (finding,) = missing_terms(robot, {"hip_roll": [term]}, {"hip_roll": resolved})
+        assert finding.severity == severity
+
+
+def terms_of_a_smooth_leg() -> list[TermComparison]:
+    """Return a supported width of 8 rad/s at the hip."""
+    support = ModelComparison(
+        bic=50.0, F=90.0, explained=0.5, improvement=0.5, improvement_std=0.1, better=8, blocks=8,
+        t=9.0, independent=200.0, parameters=1,
+    )  # fmt: skip
+    values = FrozenMapping({"coulomb_width": 8.0})
+    return [TermComparison("hip_roll", "friction", "smooth_coulomb", 0, support, values=values)]
 
 
 def test_the_width_is_that_of_the_joint_in_a_log_of_another_order() -> None:
@@ -192,9 +223,9 @@ def test_the_width_is_that_of_the_joint_in_a_log_of_another_order() -> None:
     plain = measure(leg(TEST_MASS), leg_motion(TEST_MASS), sensors, 0)
     turned: dict[str, Any] = {name: values[:, ::-1] for name, values in plain.sensors().items()}
     turned["joint_names"] = plain.joint_names[::-1]
-    widths = encoder_widths(leg(), [plain])
+    widths = resolved_widths(leg(), [plain], [])
     assert widths["ankle_pitch"] > 5 * widths["hip_yaw"]
-    assert encoder_widths(leg(), [replace(plain, **turned)]) == widths
+    assert resolved_widths(leg(), [replace(plain, **turned)], []) == widths
 
 
 PERFECT: dict[str, Callable[[], tuple[Robot, Motion]]] = {
