@@ -478,7 +478,7 @@ def _refinement(given: Experiment, j: int) -> float:
     Nominal torques are the instrument: noise of the logged one would bias least squares.
     """
     nominal, own = given.regressor @ given.bodies, np.arange(given.robot.n) == j
-    torque = given.target + given.lever * given.inertia * given.motor[2]
+    torque = np.where(np.isnan(given.torque), given.sensed, given.lever * given.torque)
     z, x = given.weighed(own * nominal), given.weighed(own * torque)
     size = float(z @ x)
     inverse = 1 + float(z @ given.weighed(nominal - given.target)) / size if size else 1.0
