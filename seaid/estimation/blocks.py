@@ -103,22 +103,21 @@ def spans_of(rows: Regression) -> dict[int, tuple[float, float]]:
 
 
 def agreement(
-    blocks: list[tuple[int, Array]], fit: tuple[Array, Array], variance: Array, freedom: float
+    blocks: list[tuple[int, Array]], values: Array, root: Array, variance: Array, freedom: float
 ) -> Agreement:
-    """Return the ratios; each of `blocks` has its log and weighted factor R (p+1, p+1) of [H y].
+    """Return the ratios; each of `blocks` has its log and weighted factor R (q+1, q+1) of [H C y].
 
-    `fit` (theta, root) is the whole fit, with root root^T the inverse of its normal equations,
-    `variance` (p,) that by autocorrelation, with its degrees of `freedom`.
+    `values` (q,) are those of the whole fit, `root` (p, p) with root root^T the inverse of its
+    normal equations, `variance` (p,) that by autocorrelation, with its degrees of `freedom`.
     """
-    theta, root = fit
-    inverse = root @ root.T
+    inverse, p = root @ root.T, len(root)
     sums, removed = [], []
     for _, R in blocks:
-        influence = inverse @ R[:, :-1].T
-        sums.append(influence @ (R @ np.append(-theta, 1.0)))
-        removed.append(influence @ (R[:, :-1] @ root))
+        influence = inverse @ R[:, :p].T
+        sums.append(influence @ (R @ np.append(-values, 1.0)))
+        removed.append(influence @ (R[:, :p] @ root))
     logs = np.array([log for log, _ in blocks])
-    ratios, count = np.ones(len(theta)), len(blocks)
+    ratios, count = np.ones(p), len(blocks)
     for parts in (np.arange(len(blocks)), logs):
         groups = [np.flatnonzero(parts == one) for one in np.unique(parts)]
         between = sum(np.sum([sums[i] for i in own], axis=0) ** 2 for own in groups)

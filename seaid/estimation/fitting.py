@@ -30,11 +30,13 @@ from seaid.estimation.least_squares import (
     estimate_of_rows,
     left_of,
     ordinary,
+    residual_fit,
     score_factors,
     settled_weights,
     solve,
     weighted,
     with_blocks,
+    with_propagated,
 )
 from seaid.estimation.qr_factor import QRFactor, combined, qr_factor_of
 from seaid.estimation.robust import huber, tukey, without_outliers
@@ -162,9 +164,15 @@ def stored_estimate(
     qr_factor = combined(qr_factor_of(rows) for _, rows in stored.pieces(change))
     weights = weigh(qr_factor)
     solution = solve(qr_factor, weights)
+    numbered = (
+        replace(with_propagated(rows, propagated), run=np.full(len(rows.y), log))
+        for log, rows in stored.pieces(change)
+    )
+    blocks = block_factors(numbered, stored.spans)
+    noise = residual_fit(combined(one for _, one in blocks), weights, solution)
 
     def factors(rows: Regression) -> Array:
-        return score_factors(rows, qr_factor, weights, solution.values)
+        return score_factors(with_propagated(rows, propagated), qr_factor, weights, noise)
 
     pieces = ((log, rows) for log, rows in stored.pieces(change) if len(rows.y))
     scores = (
@@ -178,9 +186,7 @@ def stored_estimate(
     if instants <= MOST_INSTANTS:
         left = left_of(_whole(stored, change), weights, qr_factor, solution)
     own = estimate_of(qr_factor, weights, long, None, solution, left)
-    numbered = (replace(rows, run=np.full(len(rows.y), log)) for log, rows in stored.pieces(change))
-    blocks = block_factors(numbered, stored.spans)
-    estimate = with_blocks(qr_factor, weights, solution, own, blocks, propagated)
+    estimate = with_blocks(qr_factor, weights, (solution, noise), own, blocks, propagated)
     return estimate, qr_factor, weights
 
 

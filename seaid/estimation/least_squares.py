@@ -14,7 +14,7 @@ from seaid.errors import ExcitationError, Finding, IdentificationError
 from seaid.estimation.blocks import agreement, block_factors, spans_of
 from seaid.estimation.covariance import LongRun, left_by_fit, left_of_mean, long_run_of
 from seaid.estimation.estimate import Estimate
-from seaid.estimation.qr_factor import QRFactor, determining_joints, qr_factor_of
+from seaid.estimation.qr_factor import QRFactor, combined, determining_joints, qr_factor_of
 from seaid.estimation.singular_directions import (
     RANK_TOLERANCE,
     Directions,
@@ -326,24 +326,30 @@ def estimate_of_rows(
 ) -> Estimate:
     """Return the estimate with weights (E,) of the equations, from rows and their QR factor."""
     solution = solve(qr_factor, weights)
-    factors = score_factors(rows, qr_factor, weights, solution.values)
+    wide = with_propagated(rows, propagated)
+    blocks = block_factors([wide], spans_of(wide))
+    noise = residual_fit(combined(one for _, one in blocks), weights, solution)
+    factors = score_factors(wide, qr_factor, weights, noise)
     scores = long_run_of(rows.H, factors, rows.time, rows.run)
     short = scores.instants <= MOST_INSTANTS
     left = left_of(rows, weights, qr_factor, solution) if short else None
     own = estimate_of(qr_factor, weights, scores, None, solution, left)
-    blocks = block_factors([rows], spans_of(rows))
-    return with_blocks(qr_factor, weights, solution, own, blocks, propagated)
+    return with_blocks(qr_factor, weights, (solution, noise), own, blocks, propagated)
 
 
 def with_blocks(
     qr_factor: QRFactor,
     weights: Array,
-    solution: Solution,
+    fits: tuple[Solution, Array],
     estimate: Estimate,
     blocks: list[tuple[int, QRFactor]],
     propagated: Array | None,
 ) -> Estimate:
-    """Return the estimate, its covariance enlarged where blocks disagree, and by `propagated`."""
+    """Return the estimate, its covariance enlarged where blocks disagree, and by `propagated`.
+
+    `fits` are the solution and that of `residual_fit`.
+    """
+    solution, noise = fits
     factors = [
         (log, one.weighted_factor(weights[np.searchsorted(qr_factor.equations, one.equations)]))
         for log, one in blocks
@@ -351,7 +357,7 @@ def with_blocks(
     own = estimate.degrees_of_freedom
     freedom = np.inf if own is None else float(np.min(own, initial=np.inf))
     variance = np.diag(estimate.covariance)
-    found = agreement(factors, (solution.values, solution.root), variance, freedom)
+    found = agreement(factors, noise, solution.root, variance, freedom)
     scale = np.sqrt(found.factors)
     fewer = np.where(scale > 1, float(found.blocks - 1), np.inf)
     enlarged = replace(
@@ -383,6 +389,48 @@ def _with_targets(
         covariance=estimate.covariance + 0.5 * (from_targets + from_targets.T),
         white_standard_errors=np.sqrt(white**2 + np.diag(from_targets)),
     )
+
+
+def with_propagated(rows: Regression, propagated: Array | None) -> Regression:
+    """Return the rows with the propagated columns C in H: their errors are no noise.
+
+    The columns are those of independent errors u of variance one: C L, L L^T = `propagated`.
+    """
+    if propagated is None:
+        return rows
+    sizes, vectors = np.linalg.eigh(propagated)
+    root = vectors * np.sqrt(np.maximum(sizes, 0.0))
+    s = root.shape[1]
+    return replace(
+        rows,
+        names=(*rows.names, *map(str, range(s))),
+        units=(*rows.units, *s * ("",)),
+        H=np.hstack([rows.H, rows.propagated @ root]),
+        propagated=rows.propagated[:, :0],
+    )
+
+
+_MOST_DEVIATIONS = 3.0
+"""Largest error of a propagated parameter that counts as such, in its standard deviations."""
+
+
+def residual_fit(qr_factor: QRFactor, weights: Array, solution: Solution) -> Array:
+    """Return (theta, u) whose residual is the noise, of rows `with_propagated`.
+
+    u minimises |W (y - H theta - C L u)|^2 / s^2 + |u|^2, with s^2 the variance of the residual of
+    `solution`. Columns with noise of their own, such as a deflection, could take away that noise
+    with a u of many standard deviations: it is clipped.
+    """
+    p, q = len(solution.values), len(qr_factor.names)
+    R = qr_factor.weighted_factor(weights)
+    columns, y = R[p:, p:q], R[p:, q]  # of C L and y, without their part in H
+    variance = float(y @ y) / qr_factor.count
+    if p == q or variance == 0:
+        return np.append(solution.values, np.zeros(q - p))
+    u = np.linalg.solve(columns.T @ columns + variance * np.eye(q - p), columns.T @ y)
+    u = np.clip(u, -_MOST_DEVIATIONS, _MOST_DEVIATIONS)
+    theta = solution.values - solution.inverse @ (R[:p, :p].T @ (R[:p, p:q] @ u))
+    return np.append(theta, u)
 
 
 def left_of(rows: Regression, weights: Array, qr_factor: QRFactor, solution: Solution) -> Array:

@@ -164,10 +164,26 @@ def test_what_propagated_columns_explain_is_not_noise_too() -> None:
     data = experiment(5)
     direction = np.sin(np.arange(len(data.y)) / 7.0)[:, None]
     rows_of = replace(data, propagated=direction, y=data.y + 10.0 * direction[:, 0])
-    found = ordinary(rows_of, np.array([[1e-12]]))
-    exact = ordinary(replace(data, propagated=direction), np.array([[1e-12]]))
-    assert found.standard_errors == pytest.approx(exact.standard_errors, rel=1e-6)
-    assert np.all(ordinary(rows_of).standard_errors > 2 * found.standard_errors)
+    exact = ordinary(data).standard_errors
+    noise = np.sqrt(
+        np.diag(ordinary(rows_of, np.array([[100.0]])).covariance) - _propagated(rows_of)
+    )
+    assert noise == pytest.approx(exact, rel=0.05)
+    assert np.all(ordinary(rows_of).standard_errors > 2 * exact)
+
+
+def _propagated(rows_of: Regression) -> Array:
+    """Return the variances (p,) by a propagated standard deviation of ten."""
+    return np.square(10.0 * np.linalg.lstsq(rows_of.H, rows_of.propagated[:, 0], rcond=None)[0])
+
+
+def test_columns_with_noise_of_their_own_do_not_take_it_away() -> None:
+    """y = k d with noise in d: the column d explains all of it, with a k of zero."""
+    data = experiment(5)
+    rows_of = replace(data, propagated=data.y[:, None] / 50.0)
+    noise = ordinary(data).standard_errors
+    found = ordinary(rows_of, np.array([[25.0]]))
+    assert np.all(found.standard_errors > 0.9 * noise)
 
 
 def test_few_independent_rows_are_flagged() -> None:
