@@ -349,8 +349,8 @@ def promising_terms(
 
 def explained_squares(columns: Array, y: Array) -> float:
     """Return the sum of squares of y (R,) that columns (R, c) explain."""
-    if columns.shape[1] > 1:
-        return float(np.sum((scaled_svd(columns).span().T @ y) ** 2))
+    if columns.shape[1] != 1:
+        return float(np.sum((scaled_svd(columns).span().T @ y) ** 2)) if columns.size else 0.0
     column = columns[:, 0]
     return float((column @ y) ** 2) / max(float(column @ column), 1e-300)
 

@@ -619,18 +619,18 @@ def test_a_sensor_at_one_joint_of_a_group_is_not_enough() -> None:
         )
 
 
-@pytest.mark.slow  # 75 identifications, each load side twice
+@pytest.mark.slow  # 120 identifications, each load side twice
 def test_shifted_zeros_are_as_far_off_as_the_standard_errors_say() -> None:
-    """They are 12 % too large in two steps."""
+    """They are 9 % too large in two steps."""
     case, scores = elastic_differential(), []
     motion, known = true_motion(case), case.robot.without_nominal()
-    for seed in range(75):
+    for seed in range(120):
         log = log_of(motion, torque=0.003, seed=seed)
         zeros = 0.02 * np.random.default_rng(seed + 1000).normal(size=3)
         moved = replace(log, joint_position=log.joint_position + zeros)
         found = identify(known, moved, cutoff_hz=10.0, encoder_offset_std=0.02)
         scores.append((found.load.values - true_load(case, found)) / found.load.standard_errors)
-    check_scores(scores, 0.88, band=1.2)
+    check_scores(scores, 0.91, band=1.2)
 
 
 @pytest.mark.parametrize("method", ["two-step", "simultaneous"])
