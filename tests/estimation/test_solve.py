@@ -165,16 +165,10 @@ def test_what_propagated_columns_explain_is_not_noise_too() -> None:
     direction = np.sin(np.arange(len(data.y)) / 7.0)[:, None]
     rows_of = replace(data, propagated=direction, y=data.y + 10.0 * direction[:, 0])
     exact = ordinary(data).standard_errors
-    noise = np.sqrt(
-        np.diag(ordinary(rows_of, np.array([[100.0]])).covariance) - _propagated(rows_of)
-    )
-    assert noise == pytest.approx(exact, rel=0.05)
+    slopes = 10.0 * np.linalg.lstsq(rows_of.H, direction[:, 0], rcond=None)[0]
+    variances = np.diag(ordinary(rows_of, np.array([[100.0]])).covariance) - slopes**2
+    assert np.sqrt(variances) == pytest.approx(exact, rel=0.05)
     assert np.all(ordinary(rows_of).standard_errors > 2 * exact)
-
-
-def _propagated(rows_of: Regression) -> Array:
-    """Return the variances (p,) by a propagated standard deviation of ten."""
-    return np.square(10.0 * np.linalg.lstsq(rows_of.H, rows_of.propagated[:, 0], rcond=None)[0])
 
 
 def test_columns_with_noise_of_their_own_do_not_take_it_away() -> None:
