@@ -398,7 +398,7 @@ def with_propagated(rows: Regression, propagated: Array | None) -> Regression:
     """
     if propagated is None:
         return rows
-    sizes, vectors = np.linalg.eigh(propagated)
+    sizes, vectors = safely(np.linalg.eigh, propagated, what="the propagated covariance")
     root = vectors * np.sqrt(np.maximum(sizes, 0.0))
     s = root.shape[1]
     return replace(
@@ -427,7 +427,8 @@ def residual_fit(qr_factor: QRFactor, weights: Array, solution: Solution) -> Arr
     variance = float(y @ y) / qr_factor.count
     if p == q or variance == 0:
         return np.append(solution.values, np.zeros(q - p))
-    u = np.linalg.solve(columns.T @ columns + variance * np.eye(q - p), columns.T @ y)
+    moments = columns.T @ columns + variance * np.eye(q - p)
+    u = safely(np.linalg.solve, moments, columns.T @ y, what="the residual")
     u = np.clip(u, -_MOST_DEVIATIONS, _MOST_DEVIATIONS)
     theta = solution.values - solution.inverse @ (R[:p, :p].T @ (R[:p, p:q] @ u))
     return np.append(theta, u)
