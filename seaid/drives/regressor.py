@@ -183,7 +183,7 @@ def _evaluate(
     """Return zeta (T,) and the columns (T, wanted), with nonlinear parameters at `near`."""
     columns = tuple(regressor.row[regressor.names.index(name)] for name in wanted)
     function, names = _compiled(regressor.zeta, columns)
-    given = dict(signals) | {str(symbol_of(name)): value for name, value in near.items()}
+    given = dict(signals) | {symbol_of(name).name: value for name, value in near.items()}
     given |= regressor.known
     missing = [name for name in names if name not in given]
     if missing:

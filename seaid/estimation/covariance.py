@@ -117,9 +117,10 @@ def left_by_fit(x: Array, Q: Array, time: Array, run: Array) -> Array:
     lost, logs = np.zeros(x.shape[1]), _instants(time, run)
     lags = automatic_lags(sum(int(np.max(slot)) + 1 for _, slot in logs))
     for rows, slot in logs:
-        own = x[rows]
+        own, gather = x[rows], _gather(np.ones(len(slot)), slot)
         for q in Q[rows].T:
-            lost += np.sum(_windows(at_slots(own, q, slot), lags) ** 2, axis=0) / (lags + 1)
+            summed = np.asarray(gather @ (q[:, None] * own))
+            lost += np.sum(_windows(summed, lags) ** 2, axis=0) / (lags + 1)
     whole = np.sum(x**2, axis=0)
     return np.asarray(np.maximum(1 - lost / np.where(whole > 0, whole, 1.0), _LEAST_LEFT))
 
@@ -159,9 +160,13 @@ def slots(time: Array, start_s: float, step_s: float) -> IndexArray:
 
 def at_slots(H: Array, factor: Array, slot: IndexArray) -> Array:
     """Return the scores, rows of `H` (R, p) times `factor` (R,), summed per slot."""
-    shape = (int(np.max(slot)) + 1, len(H))
-    gather = sparse.csc_array((factor, slot, np.arange(len(slot) + 1)), shape=shape)
-    return np.asarray(gather @ H)
+    return np.asarray(_gather(factor, slot) @ H)
+
+
+def _gather(factor: Array, slot: IndexArray) -> sparse.csc_array:
+    """Return the matrix (T, R) that sums rows, times `factor` (R,), per slot."""
+    shape = (int(np.max(slot)) + 1, len(slot))
+    return sparse.csc_array((factor, slot, np.arange(len(slot) + 1)), shape=shape)
 
 
 def long_run(runs: Iterable[Iterable[Array]], instants: int) -> LongRun:

@@ -190,7 +190,7 @@ def joint_fits(
     theta = found.fit.estimate.values  # with those of torque offsets
     own, blocks = _errors(rows, rows.H @ theta), _block_errors(found.fit)
     motors = {joint: _motor_error(joint, found, own, n) for joint in joint_names}
-    identified = replace(given, bodies=bodies).nominal
+    identified = given.of_bodies(bodies)
     return FrozenMapping(
         {
             joint: JointFit(

@@ -111,9 +111,13 @@ class Experiment:
     @cached_property
     def nominal(self) -> Array:
         """Misfit (n,) of the nominal bodies with any friction, NaN without nominal bodies."""
+        return self.of_bodies(self.bodies)
+
+    def of_bodies(self, bodies: Array) -> Array:
+        """Return the misfit (n,) of bodies (10n,) with any friction, NaN for unknown ones."""
         found = np.full(self.robot.n, np.nan)
-        if np.all(np.isfinite(self.bodies)):
-            left = self.target - self.regressor @ self.bodies
+        if np.all(np.isfinite(bodies)):
+            left = self.target - self.regressor @ bodies
             for j in self.used:
                 found[j] = self._misfit(j, left[:, j], self.friction[j])
         return found

@@ -7,7 +7,7 @@ influences of the rows. A difference beyond it is a bias of one of the estimates
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -31,10 +31,9 @@ from seaid.identification.two_step import LOAD, RobotEstimate, with_unit_constan
 from seaid.log import POSITION_BAND, Motion, low_pass
 from seaid.regressor import (
     LoadModel,
-    Regress,
     Regression,
     actuator_regression,
-    load_regression,
+    load_regressions,
     stacked,
 )
 from seaid.robot import Robot
@@ -224,21 +223,19 @@ def _of_cutoffs(
     few = [_decimated(motion) for motion in motions]
     cutoff_hz = few[0].cutoff_hz
     ways = [f"a cutoff of {factor * cutoff_hz:.3g} Hz" for factor in (1.0, WIDER)]
-    load = partial(load_regression, robot, model=model, springs=found.springs)
-    equations: dict[str, tuple[Regress, FittedRows]] = {
-        joint: (partial(_actuator_rows, robot, joint=joint, fit=fit), fit)
+    cutoffs_hz = [cutoff_hz, WIDER * cutoff_hz]
+    load = partial(
+        load_regressions, robot, model=model, springs=found.springs, cutoffs_hz=cutoffs_hz
+    )
+    equations: dict[str, tuple[Callable[[Motion], list[Regression]], FittedRows]] = {
+        joint: (partial(_actuator_rows, robot, cutoffs_hz=cutoffs_hz, joint=joint, fit=fit), fit)
         for joint, fit in found.actuators.items()
         if not has_only_spring_torque(robot, motions, joint)
     }
     for joint, (regress, fit) in (equations | {LOAD: (load, found.fit)}).items():
         weights = equal_weights(fit.qr_factor) if ordinary or joint != LOAD else fit.weights
-        fits = [
-            fit_of(
-                stacked([regress(replace(one, cutoff_hz=factor * cutoff_hz)) for one in few]),
-                weights,
-            )
-            for factor in (1.0, WIDER)
-        ]
+        by_cutoff = zip(*map(regress, few), strict=True)
+        fits = [fit_of(stacked(parts), weights) for parts in by_cutoff]
         springs = found.fit.propagated if joint == LOAD else None
         stated = found.load_side if joint == LOAD else fit.estimate
         scores = _scores(fits, stated.standard_errors, springs)
@@ -251,10 +248,14 @@ def _of_cutoffs(
         yield from _finding("cutoff-sensitive", joint, fits, scores, ways, remedy)
 
 
-def _actuator_rows(robot: Robot, motion: Motion, joint: str, fit: FittedRows) -> Regression:
+def _actuator_rows(
+    robot: Robot, motion: Motion, cutoffs_hz: Sequence[float], joint: str, fit: FittedRows
+) -> list[Regression]:
     """Return the rows of (10) in the columns of a fit, which may be that of a unit constant."""
-    rows = actuator_regression(robot, motion, joint)
-    return rows if rows.names == fit.qr_factor.names else with_unit_constant(rows)
+    at_cutoffs = [replace(motion, cutoff_hz=cutoff_hz) for cutoff_hz in cutoffs_hz]
+    found = [actuator_regression(robot, one, joint) for one in at_cutoffs]
+    same = found[0].names == fit.qr_factor.names
+    return found if same else list(map(with_unit_constant, found))
 
 
 def _decimated(motion: Motion) -> Motion:

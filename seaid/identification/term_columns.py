@@ -23,7 +23,6 @@ from seaid.estimation import (
     ModelComparison,
     best_supported,
     compare_models,
-    scaled_svd,
 )
 from seaid.log import Motion, in_band_at, row_samples
 from seaid.regressor import (
@@ -349,10 +348,9 @@ def promising_terms(
 
 def explained_squares(columns: Array, y: Array) -> float:
     """Return the sum of squares of y (R,) that columns (R, c) explain."""
-    if columns.shape[1] != 1:
-        return float(np.sum((scaled_svd(columns).span().T @ y) ** 2)) if columns.size else 0.0
-    column = columns[:, 0]
-    return float((column @ y) ** 2) / max(float(column @ column), 1e-300)
+    norms = np.linalg.norm(columns, axis=0)
+    span = np.linalg.qr(columns / np.maximum(norms, 1e-300))[0]
+    return float(np.sum((span.T @ y) ** 2))
 
 
 @dataclass(frozen=True)

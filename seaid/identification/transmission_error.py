@@ -60,11 +60,12 @@ _MOST_ORDERS = 4
 def periodic_findings(found: Identification) -> tuple[Finding, ...]:
     """Return findings on joints whose residual of (10) is periodic in motor, joint or mesh."""
     joints = [joint for joint in found.known.elastic_joints if joint in found.drive_side]
-    findings = (_finding(found, joint) for joint in joints if found.motions)
+    coarse = coarse_motions(found.motions) if joints else []
+    findings = (_finding(found, joint, coarse) for joint in joints if found.motions)
     return tuple(one for one in findings if one is not None)
 
 
-def _finding(found: Identification, joint: str) -> Finding | None:
+def _finding(found: Identification, joint: str, coarse: Sequence[Motion]) -> Finding | None:
     rows = stacked([actuator_regression(found.known, one, joint) for one in found.motions])
     if not set(rows.names) <= set(found.drive_side[joint].names):
         return None
@@ -77,7 +78,7 @@ def _finding(found: Identification, joint: str) -> Finding | None:
     orders = _orders(found, joint, angles)
     if not orders:
         return None
-    pairs = _pairs(found.motions, rows, angles, orders, coarse_motions(found.motions))
+    pairs = _pairs(found.motions, rows, angles, orders, coarse)
     selected: dict[_Order, float] = {}
     while len(selected) < _MOST_ORDERS:
         needed = max(PROMISING * float(residual @ residual), least)

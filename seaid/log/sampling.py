@@ -50,7 +50,7 @@ def in_band_at(motion: Motion, columns: Array, samples: IndexArray | Array) -> A
     flat = columns.reshape(len(columns), -1)
     used = np.flatnonzero(np.any(flat != 0, axis=0))
     found = np.zeros((len(samples), flat.shape[1]))
-    filtered = low_pass(flat[:, used], motion.rate_hz, motion.cutoff_hz)
+    filtered = low_pass(flat.T[used].T, motion.rate_hz, motion.cutoff_hz)  # copied once
     if samples.dtype.kind == "f":
         before = np.minimum(samples.astype(np.intp), len(columns) - 2)
         step = filtered[before + 1] - filtered[before]

@@ -20,6 +20,7 @@ from .load import check_offset_std as check_offset_std
 from .load import load_columns as load_columns
 from .load import load_model as load_model
 from .load import load_regression as load_regression
+from .load import load_regressions as load_regressions
 from .load import load_signals as load_signals
 from .load import offset_sensitivity as offset_sensitivity
 from .load import unknown_friction as unknown_friction

@@ -18,7 +18,14 @@ import numpy as np
 from seaid._arrays import Array, BoolArray, frozen
 from seaid.drives import LEVEL_OF, JointParameter, is_dry
 from seaid.errors import IdentificationError, LogError
-from seaid.log import in_band_at, joint_standstill, row_samples, standstill, still_share
+from seaid.log import (
+    PIECE_SAMPLES,
+    in_band_at,
+    joint_standstill,
+    row_samples,
+    standstill,
+    still_share,
+)
 from seaid.regressor.base import grouped_text, left_to_right, negligible, random_states
 from seaid.regressor.drive_signals import (
     INPUTS,
@@ -224,14 +231,35 @@ def load_regression(
     that it does not contain takes its joint torque from the log. The torque of known bodies and
     payloads is on the known side y.
     """
-    return rows_by_pieces(motion, lambda piece: _load_rows(robot, piece, model, springs))
+    (rows,) = load_regressions(robot, motion, model, springs, [motion.cutoff_hz])
+    return rows
+
+
+def load_regressions(
+    robot: Robot,
+    motion: Motion,
+    model: LoadModel,
+    springs: Mapping[str, Array],
+    cutoffs_hz: Sequence[float],
+) -> list[Regression]:
+    """Return the `load_regression` at several cutoffs; a short motion's columns are shared."""
+    motions = [replace(motion, cutoff_hz=cutoff_hz) for cutoff_hz in cutoffs_hz]
+    columns = partial(load_columns, robot, model=model, springs=springs)
+    if len(motion.time) <= PIECE_SAMPLES:
+        shared = columns(motion)
+        return [_load_rows(robot, one, model, shared) for one in motions]
+
+    def regress(piece: Motion) -> Regression:
+        return _load_rows(robot, piece, model, columns(piece))
+
+    return [rows_by_pieces(one, regress) for one in motions]
 
 
 def _load_rows(
-    robot: Robot, motion: Motion, model: LoadModel, springs: Mapping[str, Array]
+    robot: Robot, motion: Motion, model: LoadModel, columns: tuple[Array, Array, Array, Array]
 ) -> Regression:
-    """Return the rows of `load_regression` of one piece of a motion."""
-    torque, payload, H, propagated = load_columns(robot, motion, model, springs)
+    """Return the rows of one piece of a motion, whose `load_columns` are given."""
+    torque, payload, H, propagated = columns
     rows = row_samples(motion)
     y, H, propagated = (
         in_band_at(motion, part, rows) for part in (torque - payload, H, propagated)
