@@ -20,6 +20,7 @@ from seaid.drives import readable
 from seaid.errors import ExcitationError, Finding, IdentificationError, listed
 from seaid.estimation import (
     FittedRows,
+    QRFactor,
     equal_weights,
     first_term,
     long_run_of,
@@ -74,9 +75,9 @@ class Fit:
     by_propagated: Array
 
 
-def fit_of(rows: Regression, weights: Array) -> Fit:
-    """Fit rows with weights (E,) of their equations."""
-    qr_factor = qr_factor_of(rows)
+def fit_of(rows: Regression, weights: Array, qr_factor: QRFactor | None = None) -> Fit:
+    """Fit rows with weights (E,) of their equations; `qr_factor` is theirs if it is known."""
+    qr_factor = qr_factor or qr_factor_of(rows)
     solution = solve(qr_factor, weights)
     squares = weights[np.searchsorted(qr_factor.equations, rows.joint)] ** 2
     residual = squares * (rows.y - rows.H @ solution.values)
@@ -200,7 +201,7 @@ def _of_estimators(fit: FittedRows, ordinary: bool, cutoff_hz: float) -> Iterato
         return
     weights = {"wls": fit.weights, "ols": equal_weights(fit.qr_factor)}
     ways = ("ols", "wls") if ordinary else ("wls", "ols")
-    fits = [fit_of(fit.rows, weights[name]) for name in ways]
+    fits = [fit_of(fit.rows, weights[name], fit.qr_factor) for name in ways]
     scores = _scores(fits, fit.estimate.standard_errors, fit.propagated)
     yield from _finding(
         "estimator-disagrees",

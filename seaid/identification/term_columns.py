@@ -349,6 +349,8 @@ def promising_terms(
 def explained_squares(columns: Array, y: Array) -> float:
     """Return the sum of squares of y (R,) that columns (R, c) explain."""
     norms = np.linalg.norm(columns, axis=0)
+    if len(norms) == 1:
+        return float(columns[:, 0] @ y / max(norms[0], 1e-300)) ** 2
     span = np.linalg.qr(columns / np.maximum(norms, 1e-300))[0]
     return float(np.sum((span.T @ y) ** 2))
 
