@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import product
 
 import numpy as np
@@ -143,15 +143,17 @@ class DriveRows:
         ]
         if not searched:
             return {}
-        is_elastic = self.robot.drives[self.joint].is_elastic
-        scale = (deflection_scale if is_elastic else speed_scale)(
-            self.robot, self.motions, self.joint
-        )
         return {
             name: given.get(name)
-            or [part * size_of(name, scale) for part in _dense(PARAMETERS[name].starts)]
+            or [part * size_of(name, self._scale) for part in _dense(PARAMETERS[name].starts)]
             for name in searched
         }
+
+    @cached_property
+    def _scale(self) -> Scale:
+        is_elastic = self.robot.drives[self.joint].is_elastic
+        scale_of = deflection_scale if is_elastic else speed_scale
+        return scale_of(self.robot, self.motions, self.joint)
 
     def _columns(
         self, wanted: Sequence[tuple[DriveRegressor, Mapping[str, float], Sequence[str]]]
