@@ -104,12 +104,12 @@ def _best(given: Experiment) -> tuple[Finding, Experiment] | None:
         other for value, other, _ in gains[1:] if value > gain - _TIE and other.code != one.code
     ]
     certainty: Certainty = "possible" if close else "likely" if gain < 3 * _GAIN else "certain"
-    before, after = (_worst(misfit) for misfit in (given, changed))
+    what, joint, before, after = _fall(given, changed)
     evidence = {**one.evidence, "misfit as given": before, "misfit without it": after}
     instead = f"; or {close[0].message}" if close else ""
     message = (
-        f"{one.message}: what is left unexplained falls from {before:.0%} to {after:.0%} of the "
-        f"torque at the worst joint{instead}"
+        f"{one.message}: the part of the {what} of {joint} that is left unexplained falls from "
+        f"{before:.0%} to {after:.0%}{instead}"
     )
     finding = Finding(one.code, message, one.joint, one.severity, evidence, one.remedy, certainty)
     return finding, changed
@@ -131,7 +131,11 @@ def _significant(given: Experiment) -> tuple[Finding, Experiment] | None:
     if not np.all(np.isfinite(given.bodies)) or not given.used:
         return None
     tried = [(one, one.undo(given)) for one in chain(_factors(given), _bodies(given))]
-    scores = [(_score(given, changed) - one.penalty, one, changed) for one, changed in tried]
+    scores = [
+        (_score(given, changed) - one.penalty, one, changed)
+        for one, changed in tried
+        if np.nanmedian(changed.nominal) < _EXPLAINED
+    ]
     score, one, changed = max(scores, key=lambda entry: entry[0], default=(0.0, None, given))
     if one is None or score < 0.5 * _SIGNIFICANT**2:
         return None
@@ -188,9 +192,24 @@ def _gain(given: Experiment, changed: Experiment) -> float:
     return sum(gains) if min(gains) > -_WORSE else -math.inf
 
 
-def _worst(one: Experiment) -> float:
-    """Return the largest misfit of any joint, by the nominal bodies if there are any."""
-    return float(max(np.nanmax(misfit, initial=0.0) for misfit in one.misfits.values()))
+_EXPLAINED_BY = {
+    "nominal": "torque (by the bodies of the robot file)",
+    "free": "torque (by any bodies)",
+    "motor": "motor torque",
+    "encoders": "motion between the encoders",
+}
+
+
+def _fall(given: Experiment, changed: Experiment) -> tuple[str, str, float, float]:
+    """Return the misfit that falls most, of what and of which joint, as given and changed."""
+    ratios = {
+        (kind, j): changed.misfits[kind][j] / before[j]
+        for kind, before in given.misfits.items()
+        for j in np.flatnonzero(before > _SUSPICIOUS).tolist()
+    }
+    kind, j = min(ratios, key=lambda key: float(np.nan_to_num(ratios[key], nan=np.inf)))
+    before, after = (float(one.misfits[kind][j]) for one in (given, changed))
+    return _EXPLAINED_BY[kind], given.robot.joint_names[j], before, after
 
 
 def hypotheses(given: Experiment) -> Iterator[Hypothesis]:
@@ -308,11 +327,24 @@ def _is_linear(robot: Robot, j: int) -> bool:
     return robot.is_prismatic[j] and not robot.drives[robot.joint_names[j]].is_elastic
 
 
+_LEAST_TURN, _MOST_TURN = 0.1, 4 * math.pi
+"""Range of a joint [rad] in an experiment: one in degrees is 57 times smaller than it seems, so
+that a joint that seems to move by a radian would hardly move."""
+
+
+def _turns(given: Experiment, joints: Sequence[int], factor: float) -> bool:
+    """Whether a factor on the positions leaves the ranges of joints possible, by their median."""
+    moved = factor * float(np.median(np.ptp(given.joint[0][:, joints], axis=0)))
+    return _LEAST_TURN < moved < _MOST_TURN
+
+
 def _positions(given: Experiment, j: int) -> Iterator[Hypothesis]:
     """Yield units of angles and gear ratios."""
     joint = given.robot.joint_names[j]
     sides = "qm" if given.both[j] else "m"
     for unit, factor in {} if given.robot.is_prismatic[j] else _ANGLES.items():
+        if not _turns(given, [j], factor):
+            continue
         yield Hypothesis(
             "unit",
             f"the positions of {joint} are in {unit}",
@@ -588,7 +620,7 @@ def _all_angles(given: Experiment) -> Iterator[Hypothesis]:
     choices.append(("m", both, "motor encoders"))
     for unit, factor in _ANGLES.items():
         for channels, joints, words in choices:
-            if len(joints) > 1:
+            if len(joints) > 1 and (channels != "qm" or _turns(given, joints, factor)):
                 yield Hypothesis(
                     "unit",
                     f"the {words} of all joints are in {unit}",

@@ -16,7 +16,11 @@ import pytest
 import seaid
 from seaid._arrays import Array
 from seaid.errors import CODES, Finding, SeaidError, by_severity
+from seaid.identification.checking import check
+from seaid.identification.experiment import experiment_of
+from seaid.identification.setup_hypotheses import hypotheses
 from seaid.log.log import Log
+from seaid.log.motion import reconstruct_motions
 from seaid.robot.robot import Payload, Robot
 from seaid.simulation.simulation import measure
 from tests.experiments import (
@@ -438,3 +442,22 @@ def test_findings_are_sorted_and_their_codes_are_known() -> None:
     ):
         Finding("sine", "a")
     assert all(code == code.lower() and " " not in code for code in CODES)
+
+
+def test_joints_that_move_by_a_radian_are_not_in_degrees() -> None:
+    """In degrees they would hardly move, so that bodies in the fit explain less, not more."""
+    log = of_joint(leg_log(), 2, motor_torque=1000.0)
+    given = experiment_of(leg(TEST_MASS), [reconstruct_motions(leg(TEST_MASS), log)])
+    messages = [one.message for one in hypotheses(given)]
+    assert not [one for one in messages if "positions" in one and one.endswith(" in deg")]
+    slow = of_joint(leg_log(), 2, motor_position=180 / np.pi, joint_position=180 / np.pi)
+    given = experiment_of(leg(TEST_MASS), [reconstruct_motions(leg(TEST_MASS), slow)])
+    assert "the positions of hip_pitch are in deg" in [one.message for one in hypotheses(given)]
+
+
+def test_values_are_judged_only_by_bodies_that_explain_the_torques() -> None:
+    """Torques that are noise contradict every value of the robot file."""
+    log, rng = leg_log(), np.random.default_rng(0)
+    noise = rng.normal(size=log.motor_torque.shape) * np.nanstd(log.motor_torque, axis=0)
+    found = check(leg(TEST_MASS), replace(log, motor_torque=noise)).warnings
+    assert not {"gravity", "payload", "torque-scale", "geometry"} & {one.code for one in found}
