@@ -304,7 +304,7 @@ def _overfitted(joints: Mapping[str, JointFit]) -> Iterator[Finding]:
     ratios = {
         joint: one.blocks / max(one.own, 1e-300)
         for joint, one in joints.items()
-        if one.blocks > _NEGLIGIBLE
+        if _NEGLIGIBLE < one.blocks <= _NOTHING  # others have no fit
     }
     joint = max(ratios, key=ratios.__getitem__, default="")
     if joint and ratios[joint] > _OVERFITTED:
@@ -322,17 +322,18 @@ def _contacts(joint_names: Sequence[str], fit: FittedRows) -> Iterator[Finding]:
     """Yield the times at which residuals of several windows are far beyond those of the others.
 
     A contact pulls the fit towards itself: the rows of suspicious windows are predicted by a fit of
-    the others, in units of the error of a prediction.
+    the others, in units of the error of a prediction. That counts if it shows at two joints.
     """
     rows = fit.rows
     if rows is None:
         return
     residual = rows.y - rows.H @ fit.estimate.values
+    bursts = _bursts(joint_names, rows, residual, _BURST)
     suspects = _bursts(joint_names, rows, residual, _SUSPECT)
     apart = np.isin(np.floor(rows.time / _WINDOW_S), np.array(list(suspects)) / _WINDOW_S)
     if np.any(apart) and np.mean(apart) < _MOST_BURSTS:
-        residual = _deleted_residual(fit, rows, apart)
-    bursts = _bursts(joint_names, rows, residual, _BURST)
+        others = _bursts(joint_names, rows, _deleted_residual(fit, rows, apart), _BURST)
+        bursts = others if len(set().union(*others.values())) > 1 else bursts
     times = sorted(bursts)
     span = times[-1] + _WINDOW_S - times[0] if times else 0.0
     if not times or span > _SCATTERED * _WINDOW_S * len(times):

@@ -125,10 +125,10 @@ _SIGNIFICANT = 6.0
 def _significant(given: Experiment) -> tuple[Finding, Experiment] | None:
     """Return the value about bodies or torques that is wrong by most standard errors, if any is.
 
-    Where no misfit is suspicious, chi-square by the nominal bodies decides: it distinguishes a
-    value that is off by little from errors of nominal masses.
+    Where no misfit is large, chi-square by the nominal bodies decides: it distinguishes a value
+    that is off by little from errors of nominal masses.
     """
-    if not np.all(np.isfinite(given.bodies)) or not given.used:
+    if not np.all(np.isfinite(given.bodies)) or not np.nanmax(given.nominal) < _SEVERE:
         return None
     tried = [(one, one.undo(given)) for one in chain(_factors(given), _bodies(given))]
     scores = [
