@@ -490,7 +490,8 @@ def _factor(
     is_unit = abs(math.log(slope)) > math.log(_FAR_FACTOR)
     exact = is_unit and abs(math.log(slope / _UNITS[unit])) < math.log(2.0)
     factor = 1 / _UNITS[unit] if exact else float(f"{1 / slope:.4g}")
-    text = f"in {unit}" if exact else f"{slope:.3g} times too large"
+    off = f"{slope:.3g} times too large" if slope > 1 else f"{1 / slope:.3g} times too small"
+    text = f"in {unit}" if exact else off
     undo = partial(_all_scaled, joints=joints, factors={"t": factor})
     remedy = _entries(given, joints, "t", factor)
     return Hypothesis(
