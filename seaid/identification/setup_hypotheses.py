@@ -17,7 +17,7 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.errors import Certainty, Finding, Severity
-from seaid.estimation import scaled_svd
+from seaid.estimation import scaled_svd, triangle
 from seaid.identification.experiment import NOISE, Experiment
 from seaid.log import changed_source
 from seaid.regressor import regressor_at_drives
@@ -814,34 +814,53 @@ def _placed(
 _UNNAMED = 4.0
 """Penalty of a payload that was not named, which resembles an error of the nominal bodies."""
 
-_LEAST_SHARE, _FARTHEST_M, _STEPS = 0.3, 5.0, 4
+_LEAST_SHARE, _FARTHEST_M, _STEPS, _STARTS = 0.3, 5.0, 8, (0.3, 30.0, 5)
 """Mass over that of its body from which a payload is looked for; its largest distance from the
-joint; steps of its estimate."""
+joint; steps of its estimate; first, last and number of the masses from which an unknown one is
+searched, over that of its body."""
 
 
 def _point_mass(given: Experiment, bodies: Array, body: int, mass: float | None) -> Array:
     """Return the ten parameters of the point mass on a body that explains the torques best.
 
-    Mass and first moments are linear columns; the inertia m (c^2 1 - c c^T) is that of the step
-    before.
+    They are [m, m c, m (c^2 1 - c c^T)] for a mass m at c. An unknown mass has several starts.
     """
-    columns = [given.regressor[:, :, 10 * body + place] for place in range(4)]
-    A = np.column_stack([given.weighed(one) for one in columns])
-    left = given.weighed(given.target - given.regressor @ bodies)
-    point = np.zeros(10)
+    columns = given.regressor[:, :, 10 * body : 10 * body + 10]
+    X = [given.weighed(columns[:, :, place]) for place in range(10)]
+    R = triangle(np.column_stack([*X, given.weighed(given.target - given.regressor @ bodies)]))
+    starts = [mass] if mass else max(abs(bodies[10 * body]), 0.1) * np.geomspace(*_STARTS)
+    points = [_fitted_point(R, float(start), free=mass is None) for start in starts]
+    return min(points, key=lambda point: float(np.linalg.norm(R[:, :10] @ point - R[:, 10])))
+
+
+def _fitted_point(R: Array, m: float, *, free: bool) -> Array:
+    """Return a point mass by Gauss-Newton steps in its place, and if it is `free` in its mass m.
+
+    `R` (11, 11) is the triangular factor of the ten columns and of the torque.
+    """
+    c, places = np.zeros(3), slice(0 if free else 1, None)
     for _ in range(_STEPS):
-        inertia = given.regressor[:, :, 10 * body + 4 : 10 * body + 10] @ point[4:]
-        y = left - given.weighed(inertia)
-        if mass is None:
-            point[:4] = scaled_svd(A).solve(y, 1e-3)
-        else:
-            point[:4] = mass, *scaled_svd(A[:, 1:]).solve(y - mass * A[:, 0], 1e-3)
-        if point[0] <= 0 or np.linalg.norm(point[1:4]) > _FARTHEST_M * point[0]:
+        by_place = [
+            _parameters(0.0, m * e, m * (2 * (c @ e) * np.eye(3) - np.outer(e, c) - np.outer(c, e)))
+            for e in np.eye(3)
+        ]
+        point = _point(m, c)
+        slopes, step = np.column_stack([point / m, *by_place])[:, places], np.zeros(4)
+        step[places] = scaled_svd(R[:, :10] @ slopes).solve(R[:, 10] - R[:, :10] @ point, 1e-3)
+        m, c = m + float(step[0]), c + step[1:]
+        if m <= 0 or np.linalg.norm(c) > _FARTHEST_M:
             return np.zeros(10)
-        c = point[1:4] / point[0]
-        J = point[0] * ((c @ c) * np.eye(3) - np.outer(c, c))
-        point[4:] = J[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]  # the order of Pinocchio
-    return point
+    return _point(m, c)
+
+
+def _point(m: float, c: Array) -> Array:
+    """Return the ten parameters of a mass m at c."""
+    return _parameters(m, m * c, m * ((c @ c) * np.eye(3) - np.outer(c, c)))
+
+
+def _parameters(mass: float, moments: Array, J: Array) -> Array:
+    """Return ten parameters in the order of Pinocchio."""
+    return np.array([mass, *moments, *J[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
 
 
 _LEAST_PAYLOAD = 0.1
