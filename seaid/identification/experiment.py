@@ -39,9 +39,9 @@ _PROPERTIES = {
     "encoders": "of_encoders",
 }
 
-_MASS_STD, _PLACE_STD_M, NOISE = 0.1, 0.01, _FLOORS["free"]
-"""Standard deviations of the mass of a body in a robot file, relative, and of its centre of mass,
-as of CAD; of a torque, over its own."""
+_MASS_STD, _PLACE_STD_M, _INERTIA_STD, _NOISE = 0.1, 0.01, 0.2, 0.01
+"""Standard deviations of the mass of a body in a robot file, relative, of its centre of mass, and
+of its inertia, relative, as of CAD; least one of a torque, over its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,8 @@ class Experiment:
     speed; `torque`, its derivative `torque_rate`, and `sensed` (R, n): of motor and joint, NaN
     without the sensor; `both` (n,): whether both encoders were logged; `ratio`, `inertia` (n,):
     gear ratios and rotor inertias; `bodies` (10n,): standard parameters with payloads;
-    `descriptions`: that of each log, as plain data.
+    `descriptions`: that of each log, as plain data; `left` (n,): misfit of any bodies that counts
+    as noise, None for the own one.
     """
 
     robot: Robot
@@ -70,6 +71,7 @@ class Experiment:
     inertia: Array
     bodies: Array
     descriptions: tuple[Mapping[str, Any], ...]
+    left: Array | None = None
 
     def source(self, j: int, quantity: str, log: int = 0) -> str | Mapping[str, Any]:
         """Return how a quantity of joint j was read: its column, or its entry in a description."""
@@ -186,15 +188,16 @@ class Experiment:
         """
         friction = [np.linalg.qr(self.friction[j])[0] for j in self.used]
         n, bodies = self.robot.n, self.robot.parameters.reshape(-1, 10)
-        spread = np.zeros((n, 10, 4))
+        spread = np.zeros((n, 10, 5))
         spread[:, :, 0] = _MASS_STD * bodies
-        spread[:, 1:4, 1:] = _PLACE_STD_M * bodies[:, :1, None] * np.eye(3)
+        spread[:, 4:, 4] = _INERTIA_STD * bodies[:, 4:]
+        spread[:, 1:4, 1:4] = _PLACE_STD_M * bodies[:, :1, None] * np.eye(3)
         effect = np.einsum("rjbp,bpe->jrbe", self.regressor.reshape(-1, n, n, 10), spread)
         parts = [
-            self._scaled(effect[j].reshape(-1, 4 * n), j, own)
+            self._scaled(effect[j].reshape(-1, 5 * n), j, own)
             for j, own in zip(self.used, friction, strict=True)
         ]
-        B = np.concatenate(parts) / NOISE
+        B = np.concatenate(parts)
         squares, V = safely(
             np.linalg.eigh, B.T @ B, what="nominal bodies", error=IdentificationError
         )
@@ -203,8 +206,14 @@ class Experiment:
         return friction, B @ V[:, kept] / sizes, 1 / np.hypot(1, sizes)
 
     def _scaled(self, torque: Array, j: int, friction: Array) -> Array:
-        """Return a torque (R, ...) over the size of that of joint j, without friction."""
-        return (torque - friction @ (friction.T @ torque)) / np.std(self.target[:, j])
+        """Return a torque (R, ...) of joint j without friction, over its noise."""
+        noise = self.noise[j] * np.std(self.target[:, j])
+        return np.asarray((torque - friction @ (friction.T @ torque)) / noise)
+
+    @cached_property
+    def noise(self) -> Array:
+        """Standard deviation (n,) of torques over their size: what any bodies leave."""
+        return np.asarray(np.maximum(self.free if self.left is None else self.left, _NOISE))
 
     def weighed(self, torque: Array) -> Array:
         """Return torques (R, n) as one column, weighed by the errors of a nominal model.
@@ -221,9 +230,9 @@ class Experiment:
 
     @cached_property
     def chi_square(self) -> float:
-        """Sum of squares of what the nominal bodies leave, over the noise, with their errors."""
+        """Mean square of what the nominal bodies leave, over noise and errors of these bodies."""
         left = self.weighed(self.target - self.regressor @ self.bodies)
-        return float(left @ left) / NOISE**2
+        return float(left @ left) / len(left)
 
     @property
     def _elastic(self) -> list[int]:

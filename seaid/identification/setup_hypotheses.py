@@ -18,7 +18,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.errors import Certainty, Finding, Severity
 from seaid.estimation import scaled_svd, triangle
-from seaid.identification.experiment import NOISE, Experiment
+from seaid.identification.experiment import Experiment
 from seaid.log import changed_source
 from seaid.regressor import regressor_at_drives
 from seaid.robot import Robot
@@ -68,6 +68,7 @@ def mistakes(given: Experiment) -> tuple[list[Finding], Experiment]:
     """Return the mistakes that explain an experiment far better, and it without them."""
     found: list[Finding] = []
     while len(found) < _MOST_MISTAKES:
+        given = replace(given, left=given.free)  # one noise for all that is compared
         best = _best(given) if _is_suspicious(given) else None
         best = best or _significant(given)
         if best is None:
@@ -151,9 +152,8 @@ def _significant(given: Experiment) -> tuple[Finding, Experiment] | None:
 
 def _score(given: Experiment, changed: Experiment) -> float:
     """Return the gain of the log likelihood, with as much noise as the change leaves at least."""
-    rows = len(given.used) * len(given.target)
-    noise = max(changed.chi_square / rows, 1.0) * _CORRELATED_ROWS
-    return (given.chi_square - changed.chi_square) / (2 * noise)
+    rows, noise = len(given.used) * len(given.target), max(changed.chi_square, 1.0)
+    return rows * (given.chi_square - changed.chi_square) / (2 * noise * _CORRELATED_ROWS)
 
 
 def _factors(given: Experiment) -> Iterator[Hypothesis]:
@@ -872,7 +872,7 @@ def _share(given: Experiment, part: Array) -> tuple[float, float]:
     rest = given.target - given.regressor @ (given.bodies - part)
     y, x = given.weighed(rest), given.weighed(given.regressor @ part)
     size = float(x @ x)
-    error = NOISE * math.sqrt(_CORRELATED_ROWS / max(size, 1e-300))
+    error = math.sqrt(_CORRELATED_ROWS / max(size, 1e-300))
     return float(x @ y) / size if size > 0 else 1.0, error
 
 
