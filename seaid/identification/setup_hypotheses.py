@@ -129,14 +129,11 @@ def _significant(given: Experiment) -> tuple[Finding, Experiment] | None:
     Where no misfit is large, chi-square by the nominal bodies decides: it distinguishes a value
     that is off by little from errors of nominal masses.
     """
-    if not np.all(np.isfinite(given.bodies)) or not np.nanmax(given.nominal) < _SEVERE:
+    largest = float(np.nanmax(given.nominal, initial=0.0))
+    if not given.used or not np.all(np.isfinite(given.bodies)) or largest >= _SEVERE:
         return None
     tried = [(one, one.undo(given)) for one in chain(_factors(given), _bodies(given))]
-    scores = [
-        (_score(given, changed) - one.penalty, one, changed)
-        for one, changed in tried
-        if np.nanmedian(changed.nominal) < _EXPLAINED
-    ]
+    scores = [(_score(given, changed) - one.penalty, one, changed) for one, changed in tried]
     score, one, changed = max(scores, key=lambda entry: entry[0], default=(0.0, None, given))
     if one is None or score < 0.5 * _SIGNIFICANT**2:
         return None

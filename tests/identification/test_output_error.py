@@ -348,7 +348,8 @@ def test_refining_again_changes_nothing() -> None:
 
 
 def test_joint_zeros_are_estimated_where_they_are_uncertain() -> None:
-    shifted_log = measure(SPRINGS, motion(), Noise(joint_offset_rad=(0.01, 0.0)))
+    sensors = Noise(joint_offset_rad=(0.01, 0.0), torque_std_Nm=0.002)
+    shifted_log = measure(SPRINGS, motion(), sensors)
     start = identify(SPRINGS.without_nominal(), shifted_log)
     trusting, doubting = (refine(start, shifted_log, encoder_offset_std=std) for std in (0.0, 0.01))
     assert base_error(doubting, SPRINGS) < 0.5 * base_error(trusting, SPRINGS)
