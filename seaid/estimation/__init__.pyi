@@ -5,6 +5,8 @@ from .diagnostics import ModelChecks as ModelChecks
 from .diagnostics import TermTest as TermTest
 from .diagnostics import independent_rows as independent_rows
 from .diagnostics import term_test as term_test
+from .drift import drifts_of as drifts_of
+from .drift import with_drifts as with_drifts
 from .estimate import Estimate as Estimate
 from .feasible import WEIGHTS as WEIGHTS
 from .feasible import FeasiblePoint as FeasiblePoint

@@ -22,6 +22,7 @@ from seaid.errors import LogError, reason_of
 from seaid.estimation.blocks import block_factors
 from seaid.estimation.covariance import at_slots, long_run, slots
 from seaid.estimation.diagnostics import ModelChecks, model_checks, whiteness
+from seaid.estimation.drift import drifts_of
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import (
     MOST_INSTANTS,
@@ -269,11 +270,13 @@ def fit(
     propagated: Array | None = None,
     change: Change | None = None,
     check: Callable[[QRFactor], None] = lambda _: None,
+    cutoff_hz: float | None = None,
 ) -> FittedRows:
     """Fit rows after `change`, with the covariance (s, s) of the propagated parameters.
 
     `check` may refuse the QR factor of the rows. Stored rows need an estimator that weights
-    equations. Raises as `ordinary` does.
+    equations. With the `cutoff_hz` of rows in memory their drift is in the covariance. Raises as
+    `ordinary` does.
     """
     weigh = estimator.weigh
 
@@ -294,7 +297,8 @@ def fit(
             in_memory = estimator.effective_rows(in_memory, estimate)
             qr_factor = qr_factor_of(in_memory)
         else:
-            estimate = estimate_of_rows(in_memory, qr_factor, weights, propagated)
+            drifts = () if cutoff_hz is None else drifts_of(in_memory, weights, cutoff_hz)
+            estimate = estimate_of_rows(in_memory, qr_factor, weights, propagated, drifts)
     settled = weights if weigh is settled_weights else None
     equal = weigh is equal_weights
     return FittedRows(estimate, qr_factor, in_memory, propagated, settled, equal)

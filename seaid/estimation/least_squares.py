@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ from seaid._arrays import Array, safely
 from seaid.errors import ExcitationError, Finding, IdentificationError
 from seaid.estimation.blocks import agreement, block_factors, spans_of
 from seaid.estimation.covariance import LongRun, left_by_fit, left_of_mean, long_run_of
+from seaid.estimation.drift import Drift, with_drifts
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.qr_factor import QRFactor, combined, determining_joints, qr_factor_of
 from seaid.estimation.singular_directions import (
@@ -322,9 +324,16 @@ def _freedom(independent: float, p: int) -> float:
 
 
 def estimate_of_rows(
-    rows: Regression, qr_factor: QRFactor, weights: Array, propagated: Array | None
+    rows: Regression,
+    qr_factor: QRFactor,
+    weights: Array,
+    propagated: Array | None,
+    drifts: Sequence[Drift] = (),
 ) -> Estimate:
-    """Return the estimate with weights (E,) of the equations, from rows and their QR factor."""
+    """Return the estimate with weights (E,) of the equations, from rows and their QR factor.
+
+    Its covariance has the `drifts` of the rows, found with the same weights.
+    """
     solution = solve(qr_factor, weights)
     wide = with_propagated(rows, propagated)
     blocks = block_factors([wide], spans_of(wide))
@@ -334,7 +343,8 @@ def estimate_of_rows(
     short = scores.instants <= MOST_INSTANTS
     left = left_of(rows, weights, qr_factor, solution) if short else None
     own = estimate_of(qr_factor, weights, scores, None, solution, left)
-    return with_blocks(qr_factor, weights, (solution, noise), own, blocks, propagated)
+    found = with_blocks(qr_factor, weights, (solution, noise), own, blocks, propagated)
+    return with_drifts(found, solution.inverse, drifts, rows.joint_names)
 
 
 def with_blocks(

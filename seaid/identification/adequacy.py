@@ -102,7 +102,10 @@ def consequences(setup: Sequence[Finding], found: Iterable[Finding]) -> list[Fin
     return [replace(one, severity="note") if is_wrong(setup) else one for one in found]
 
 
-_ECHOES = ("nonlinear-spring", "missing-term", "transmission-error", "estimator-disagrees")
+_ECHOES = (
+    *("nonlinear-spring", "missing-term", "transmission-error", "estimator-disagrees"),
+    "drift",
+)
 """Findings that noise alone raises where the deflection of a spring is mostly noise."""
 
 

@@ -30,10 +30,13 @@ from seaid.estimation import (
     Estimate,
     Estimator,
     FittedRows,
+    drifts_of,
     estimate_of_rows,
     qr_factor_of,
     settled_weights,
+    solve,
     weights_at,
+    with_drifts,
 )
 from seaid.identification.datasets import Dataset, rows_in_memory
 from seaid.identification.drive_estimates import spring_of, with_warnings
@@ -261,10 +264,13 @@ def estimate_simultaneous(
         rows = rows_in_memory(datasets, {"": shifted}, executor)[""]
         zeros = encoder_offset_std**2 * np.eye(robot.n)
         whole, _ = settled(robot, rows, theta, estimation(estimator, zeros))
-    drives, load, load_side = split_estimate(robot, model, whole)
     solved = estimator.effective_rows(whitened(robot, rows, whole.values), whole)
     qr_factor = qr_factor_of(solved)
     weights = weights_at(qr_factor, whole.values)
+    if estimator.weigh is settled_weights:
+        drifts = drifts_of(solved, weights, datasets[0].cutoff_hz)
+        whole = with_drifts(whole, solve(qr_factor, weights).inverse, drifts, robot.joint_names)
+    drives, load, load_side = split_estimate(robot, model, whole)
     both = FittedRows(whole, qr_factor, solved, zeros, weights)
     optional = [
         name

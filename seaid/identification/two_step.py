@@ -144,7 +144,7 @@ def estimate_two_step(
     and that its `effective_rows` converts to the plain ones; torque offsets then count as 0.
     """
     joints = spring_torque_joints(robot, datasets, model)
-    free = equations is None
+    free, cutoff_hz = equations is None, datasets[0].cutoff_hz
     equations = equations or two_step_equations(robot, model, joints)
     stored = estimator.weigh is not None
     with rows_of_equations(datasets, equations, stored, executor, progress) as rows:
@@ -156,7 +156,9 @@ def estimate_two_step(
                 if joint not in joints:
                     raise
                 unscaled[joint] = problem
-                actuators[joint] = fit(rows[joint], estimator, change=with_unit_constant)
+                actuators[joint] = fit(
+                    rows[joint], estimator, change=with_unit_constant, cutoff_hz=cutoff_hz
+                )
         found = {joint: side.estimate for joint, side in actuators.items()}
         if unscaled:
             found |= scaled_by_load(robot, found, joints, rows[LOAD], estimator, unscaled)
@@ -165,7 +167,7 @@ def estimate_two_step(
             for joint, side in actuators.items()
         }
         springs = {joint: spring_of(robot, drives[joint], joint) for joint in joints}
-        load = fit_load(robot, rows[LOAD], springs, estimator, free=free)
+        load = fit_load(robot, rows[LOAD], springs, estimator, cutoff_hz, free=free)
         if encoder_offset_std > 0:
             known = {joint: spring.values for joint, spring in springs.items()}
             regress = partial(
@@ -178,7 +180,7 @@ def estimate_two_step(
             offsets = encoder_offset_std**2 * np.eye(robot.n)
             again = rows_of_equations(datasets, {LOAD: regress}, stored, executor, progress)
             with again as shifted:
-                load = fit_load(robot, shifted[LOAD], springs, estimator, offsets, free)
+                load = fit_load(robot, shifted[LOAD], springs, estimator, cutoff_hz, offsets, free)
     drives = with_torque_offsets(robot, load, drives, springs)
     load_side = load.estimate.part(range(len(model.names)), model.names)
     base, load_drives = split_load_side(model, load_side)
@@ -222,7 +224,7 @@ def fit_actuator(
     robot: Robot, datasets: Sequence[Dataset], joint: str, rows: Rows, estimator: Estimator
 ) -> FittedRows:
     """Fit (10) of an elastic joint, by errors in variables if the spring torque was measured."""
-    found = fit(rows, estimator, check=check_scale)
+    found = fit(rows, estimator, check=check_scale, cutoff_hz=datasets[0].cutoff_hz)
     plain = found.estimate.names == ("stiffness", "spring_offset")
     if not plain or not estimator.weigh or found.rows is None:
         return found
@@ -322,6 +324,7 @@ def fit_load(
     rows: Rows,
     springs: Mapping[str, Estimate],
     estimator: Estimator,
+    cutoff_hz: float,
     offsets: Array | None = None,
     free: bool = True,
 ) -> FittedRows:
@@ -337,7 +340,7 @@ def fit_load(
         columns = partial(with_torque_columns, robot, springs, freed)
         freed = identifiable_offsets(qr_factor_of_rows(rows, columns), freed)
     change = partial(with_torque_columns, robot, springs, freed)
-    return fit(rows, estimator, propagated, change, check_scale)
+    return fit(rows, estimator, propagated, change, check_scale, cutoff_hz)
 
 
 def with_offset_columns(

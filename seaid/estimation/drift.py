@@ -1,0 +1,234 @@
+"""Slow drift of a torque: found in the residual of each equation, and added to the covariance.
+
+Noise with a flat spectrum and a random walk have together the spectrum s^2 (1 + (f_c/f)^2): below
+the corner f_c drift outweighs noise. Autocorrelation within the bandwidth of the covariance does
+not show it, and the parameters of slow signals (gravity, offsets) take most of it out of the
+residual. The restricted likelihood (Patterson and Thompson 1971) of the lowest cosines of the rows
+allows for that: its maximum is f_c. What drift adds to the error of the estimate follows from f_c.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.fft import dct
+
+from seaid._arrays import Array
+from seaid.errors import Finding
+from seaid.estimation.covariance import at_slots, row_step, slots
+from seaid.estimation.estimate import Estimate
+from seaid.estimation.qr_factor import triangle
+
+if TYPE_CHECKING:
+    from seaid.regressor import Regression
+
+_FLAT, _HIGHEST = 0.7, 0.25
+"""Parts of the cutoff below which the spectrum of the noise is flat, and corners are sought."""
+
+_CORNERS = 8
+"""Corners that are compared, a factor of about 1.6 apart in a log of six seconds."""
+
+_SIGNIFICANT, _CERTAIN = 4.0, 20.0
+"""Ratios of likelihoods (twice their logarithm) from which drift is in the covariance, and from
+which there is a finding: encoders that move slowly have slow errors too."""
+
+_LEAST_SHARE, _LARGEST_SHARE = 1e-3, 0.2
+"""Drift as a part of the rms torque below which it is a numerical error, or harmless, and from
+which it has no finding: it is then rather the model that lacks something."""
+
+_FEWEST = 8
+"""Fewest cosines above the highest corner, which determine the noise."""
+
+_DOUBTFUL = 2.0
+"""Factor on a variance from which a drift is more than a note, as where blocks disagree."""
+
+_DEPENDENT = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """The drift of one equation.
+
+    `influence` (p, K) times normal numbers is its effect on the right-hand side of the weighted
+    normal equations; `share` its rms over that of the torque, without its mean; `ratio` twice the
+    logarithm of the ratio of likelihoods with and without it.
+    """
+
+    equation: int
+    corner_hz: float
+    share: float
+    ratio: float
+    influence: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Band:
+    """Weighted rows [H C y] (K, c) of an equation in cosines of `frequency_hz` (K,)."""
+
+    equation: int
+    frequency_hz: Array
+    rows: Array
+
+
+def drifts_of(rows: Regression, weights: Array, cutoff_hz: float) -> tuple[Drift, ...]:
+    """Return the significant drifts, the clearest first; `weights` (E,) are of the equations.
+
+    Equations share parameters, so that the drift of one is in the residuals of others: each is
+    sought with those before it known.
+    """
+    bands = [
+        _band(rows, int(equation), weight, _FLAT * cutoff_hz)
+        for equation, weight in zip(np.unique(rows.joint), weights, strict=True)
+    ]
+    highest_hz = _HIGHEST * cutoff_hz
+    if any(np.sum(one.frequency_hz > highest_hz) < _FEWEST for one in bands):
+        return ()
+    levels = _levels(bands, highest_hz)
+    if not np.all(levels > 0):  # a log without noise
+        return ()
+    scaled = [
+        replace(band, rows=band.rows / level) for band, level in zip(bands, levels, strict=True)
+    ]
+    found: list[Drift] = []
+    left = list(range(len(bands)))
+    while left:
+        likely = {place: _corner(place, scaled, highest_hz) for place in left}
+        best = max(left, key=lambda place: likely[place][1])
+        corner_hz, ratio = likely[best]
+        drift = _drift(rows, bands[best], corner_hz, ratio, levels[best], weights[best])
+        if ratio < _SIGNIFICANT or drift.share < _LEAST_SHARE:
+            break
+        found.append(drift)
+        left.remove(best)
+        scaled[best] = _whitened(scaled[best], corner_hz)
+    return tuple(found)
+
+
+def _band(rows: Regression, equation: int, weight: float, highest_hz: float) -> _Band:
+    """Return the weighted rows of an equation in cosines below a frequency, by log."""
+    frequency, found = [], []
+    for run in np.unique(rows.run):
+        mine = (rows.joint == equation) & (rows.run == run)
+        if not np.any(mine):
+            continue
+        part = rows.at(mine)
+        start, step = float(np.min(part.time)), row_step(np.unique(part.time))
+        columns = np.column_stack([part.H, part.propagated, part.y])
+        signal = at_slots(columns, np.full(len(columns), weight), slots(part.time, start, step))
+        count = min(len(signal), math.ceil(2 * len(signal) * step * highest_hz))
+        order = np.maximum(np.arange(count), 0.5)  # the mean is half a step from the first cosine
+        frequency.append(order / (2 * len(signal) * step))
+        found.append(dct(signal, axis=0, norm="ortho")[:count])
+    return _Band(equation, np.concatenate(frequency), np.concatenate(found))
+
+
+def _levels(bands: Sequence[_Band], highest_hz: float) -> Array:
+    """Return the standard deviation (E,) of the residual above the highest corner."""
+    every = np.concatenate([band.rows for band in bands])
+    norms = np.linalg.norm(every[:, :-1], axis=0)
+    Q, R = np.linalg.qr(every[:, :-1] / np.where(norms > 0, norms, 1.0))
+    Q = Q[:, np.abs(np.diag(R)) > _DEPENDENT]
+    residual, left = every[:, -1] - Q @ (Q.T @ every[:, -1]), 1 - np.sum(Q**2, axis=1)
+    noise = np.concatenate([band.frequency_hz > highest_hz for band in bands])
+    ends = np.cumsum([0, *(len(band.rows) for band in bands)])
+    found = []
+    for start, end in itertools.pairwise(ends):
+        own = slice(start, end)
+        squares = float(np.sum(residual[own][noise[own]] ** 2))
+        found.append(math.sqrt(squares / max(float(np.sum(left[own][noise[own]])), 1.0)))
+    return np.array(found)
+
+
+def _spectrum(band: _Band, corner_hz: float) -> Array:
+    """Return noise and drift (K,) over noise."""
+    return 1 + (corner_hz / band.frequency_hz) ** 2
+
+
+def _whitened(band: _Band, corner_hz: float) -> _Band:
+    """Return the rows divided by the standard deviation of noise and drift."""
+    return replace(band, rows=band.rows / np.sqrt(_spectrum(band, corner_hz))[:, None])
+
+
+def _corner(place: int, bands: Sequence[_Band], highest_hz: float) -> tuple[float, float]:
+    """Return the most likely corner [Hz] of the drift of one of the equations, and its ratio."""
+    band, others = bands[place], [*bands[:place], *bands[place + 1 :]]
+    corners = np.append(0.0, np.geomspace(np.min(band.frequency_hz), highest_hz, _CORNERS))
+    every = np.concatenate([one.rows for one in bands])
+    norms = np.linalg.norm(every, axis=0)
+    norms[norms == 0] = 1.0
+    rest = triangle(np.concatenate([np.empty((0, len(norms))), *(one.rows for one in others)]))
+    found = []
+    for corner in corners:
+        own = _whitened(band, corner).rows
+        diagonal = np.abs(np.diag(triangle(np.concatenate([rest, own]) / norms)))
+        kept = diagonal[:-1][diagonal[:-1] > _DEPENDENT]
+        # -2 log of the restricted likelihood: log|V| + log|H^T V^-1 H| + m log(r^T V^-1 r)
+        freedom = len(every) - len(kept)
+        volumes = np.sum(np.log(_spectrum(band, corner))) + 2 * np.sum(np.log(kept))
+        found.append(volumes + 2 * freedom * math.log(diagonal[-1]))
+    best = int(np.argmin(found))
+    return float(corners[best]), float(found[0] - found[best])
+
+
+def _drift(
+    rows: Regression, band: _Band, corner_hz: float, ratio: float, level: float, weight: float
+) -> Drift:
+    """Return the drift of an equation from its weighted rows and the `level` of their noise."""
+    std = level * corner_hz / band.frequency_hz
+    y = rows.y[rows.joint == band.equation]
+    changing = std[band.frequency_hz > np.min(band.frequency_hz)]  # without the mean
+    rms = float(np.linalg.norm(changing)) / math.sqrt(len(y)) / weight
+    share = rms / max(float(np.std(y)), 1e-300)
+    influence = band.rows[:, : len(rows.names)].T * std
+    return Drift(band.equation, corner_hz, share, ratio, influence)
+
+
+def with_drifts(
+    estimate: Estimate, inverse: Array, drifts: Sequence[Drift], joint_names: Sequence[str]
+) -> Estimate:
+    """Return the estimate with the drifts in its covariance, and a finding for each drift.
+
+    `inverse` (p, p) is that of the weighted normal equations.
+    """
+    added = np.zeros_like(inverse)
+    for one in drifts:
+        change = inverse @ one.influence
+        added += change @ change.T
+    before = np.diag(estimate.covariance)
+    growth = float(np.max(1 + np.diag(added) / before)) if drifts else 1.0
+    findings = (
+        _finding(one, growth, joint_names)
+        for one in drifts
+        if one.ratio > _CERTAIN and one.share < _LARGEST_SHARE
+    )
+    return replace(
+        estimate,
+        covariance=estimate.covariance + added,
+        warnings=(*estimate.warnings, *findings),
+    )
+
+
+def _finding(drift: Drift, growth: float, joint_names: Sequence[str]) -> Finding:
+    """Return the finding of a drift, with the largest `growth` of a variance by all drifts."""
+    joint = joint_names[drift.equation % len(joint_names)] if joint_names else ""
+    return Finding(
+        "drift",
+        f"the torque of {joint or 'the joint'} drifts by about {drift.share:.1%} of its rms: below "
+        f"{drift.corner_hz:.2g} Hz the drift is larger than the noise; the standard errors were "
+        f"enlarged by it, up to {math.sqrt(growth):.2g} times",
+        joint,
+        "doubtful" if growth > _DOUBTFUL else "note",
+        {
+            "share of the torque": drift.share,
+            "corner_hz": drift.corner_hz,
+            "time constant [s]": 1 / (2 * math.pi * drift.corner_hz),
+            "likelihood ratio": drift.ratio,
+        },
+        "let the drives and amplifiers warm up and zero the torque or current sensor before the "
+        "log; move faster, or longer",
+    )

@@ -1,0 +1,151 @@
+"""Slow drift of a torque: found where it is, its share and corner, and right standard errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from seaid._arrays import Array
+from seaid.estimation.drift import Drift, drifts_of
+from seaid.estimation.estimate import Estimate
+from seaid.estimation.fitting import ESTIMATORS, fit
+from seaid.regressor.regression import Regression
+
+TRUTH = np.array([2.0, -1.0, 0.5])
+STEP_S, CUTOFF_HZ = 0.05, 5.0
+NOISE = 0.1
+
+
+def slow(rng: np.random.Generator, instants: int) -> Array:
+    """Return a first-order Gauss-Markov process of 2 s and standard deviation one."""
+    a = np.exp(-STEP_S / 2.0)
+    white = rng.normal(size=instants + 1000) * np.sqrt(1 - a**2)
+    return np.asarray(lfilter([1.0], [1.0, -a], white)[1000:])
+
+
+def data(seed: int, drift: tuple[float, ...] = (0.0,), logs: int = 1) -> Regression:
+    """Return rows of equations with a gravity-like column, a fast one, and a constant."""
+    rng, instants = np.random.default_rng(seed), 200
+    rows = []
+    for log in range(logs):
+        time = STEP_S * np.arange(instants)
+        for joint, size in enumerate(drift):
+            # three slow waves: a motion, the same in all draws
+            phases = np.random.default_rng(10 * log + joint).uniform(0, 2 * np.pi, (2, 3))
+            waves = [
+                sum(np.sin(2 * np.pi * f * time + p) for f, p in zip(hz, own, strict=True))
+                for hz, own in zip([(0.1, 0.23, 0.41), (0.5, 0.9, 1.7)], phases, strict=True)
+            ]
+            H = np.column_stack([*waves, np.ones(instants)])
+            y = H @ TRUTH + NOISE * rng.normal(size=instants) + size * slow(rng, instants)
+            rows.append((H, y, np.full(instants, joint), time, np.full(instants, log)))
+    H, y, joint, time, run = (np.concatenate(part) for part in zip(*rows, strict=True))
+    return Regression(
+        names=("gravity", "inertia", "offset"),
+        units=("", "", ""),
+        H=H,
+        y=y,
+        joint=joint.astype(float),
+        time=time,
+        run=run.astype(float),
+        excluded=0,
+        propagated=np.empty((len(y), 0)),
+        joint_names=("hip", "knee"),
+    )
+
+
+def fitted(rows: Regression, cutoff_hz: float | None = CUTOFF_HZ) -> Estimate:
+    return fit(rows, ESTIMATORS["wls"], cutoff_hz=cutoff_hz).estimate
+
+
+def found(rows: Regression) -> tuple[Drift, ...]:
+    return drifts_of(rows, np.ones(len(np.unique(rows.joint))), CUTOFF_HZ)
+
+
+def held(estimate: Estimate) -> Array:
+    """Return whether the 95 % intervals of gravity and offset hold."""
+    lower, upper = estimate.interval().T
+    return np.asarray((lower <= TRUTH) & (upper >= TRUTH))[[0, 2]]
+
+
+def test_intervals_hold_where_a_torque_drifts() -> None:
+    """Of gravity 79 % hold without drift in the covariance, and of the offset 56 %."""
+    draws = [data(seed, (0.1,)) for seed in range(80)]
+    with_drift = np.mean([held(fitted(rows)) for rows in draws], axis=0)
+    assert np.all(with_drift > 0.88)
+    without = np.mean([held(fitted(rows, None)) for rows in draws], axis=0)
+    assert np.mean(without) < 0.8
+
+
+@pytest.mark.parametrize("drift", [(0.0,), (0.0, 0.0)])
+def test_noise_is_no_drift(drift: tuple[float, ...]) -> None:
+    """By chance 2 % of the equations have a likelihood ratio above 4, none one above 20."""
+    rows = [data(seed, drift) for seed in range(60)]
+    ratios = [one.ratio for each in rows for one in found(each)]
+    assert len(ratios) <= 3 * len(drift)
+    assert max(ratios, default=0.0) < 15
+    grown = [fitted(one).standard_errors / fitted(one, None).standard_errors for one in rows[:30]]
+    assert np.mean(grown) < 1.08
+
+
+def test_the_joint_that_drifts_is_named() -> None:
+    names = []
+    for seed in range(20):
+        warnings = fitted(data(seed, (0.0, 0.2), logs=2)).warnings
+        names += [one.joint for one in warnings if one.code == "drift"]
+    assert names.count("knee") >= 18
+    assert names.count("hip") == 0
+
+
+def test_share_and_corner_are_those_of_the_drift() -> None:
+    """Spectra of drift 4 tau s^2 / (1 + (2 pi f tau)^2) and noise 2 n^2 step are equal at f_c."""
+    shares, corners = [], []
+    for seed in range(30):
+        for one in found(data(seed, (0.2,))):
+            shares.append(one.share * np.std(data(seed).y))
+            corners.append(one.corner_hz)
+    tau = 2.0
+    ratio = 4 * tau * 0.2**2 / (2 * NOISE**2 * STEP_S)
+    assert np.median(corners) == pytest.approx(np.sqrt(ratio) / (2 * np.pi * tau), rel=0.4)
+    assert 0.1 < np.median(shares) < 0.3  # of 0.2, less its mean over 10 s
+
+
+def test_a_linear_trend_is_drift_too() -> None:
+    rows = data(3)
+    trend = replace(rows, y=rows.y + 0.2 * (rows.time / np.max(rows.time) - 0.5))
+    assert not found(rows)
+    (one,) = found(trend)
+    assert one.ratio > 20
+    finding = next(x for x in fitted(trend).warnings if x.code == "drift")
+    assert finding.joint == "hip"
+    assert finding.severity == "doubtful"
+    assert "the torque of hip drifts by about" in finding.message
+    assert finding.evidence["corner_hz"] == one.corner_hz
+    assert finding.evidence["time constant [s]"] == pytest.approx(1 / (2 * np.pi * one.corner_hz))
+    assert "zero the torque or current sensor" in finding.remedy
+
+
+def test_a_weight_of_the_equation_changes_nothing() -> None:
+    rows = data(1, (0.2, 0.2))
+    plain, heavy = (drifts_of(rows, weights, CUTOFF_HZ) for weights in (np.ones(2), np.full(2, 7)))
+    for one, other in zip(plain, heavy, strict=True):
+        assert (one.corner_hz, one.share) == pytest.approx((other.corner_hz, other.share))
+        np.testing.assert_allclose(49 * one.influence, other.influence, atol=1e-9)
+
+
+def test_rows_without_noise_and_short_logs_have_no_drift() -> None:
+    rows = data(0)
+    exact = replace(rows, y=rows.H @ TRUTH + 1e-6 * rows.time)
+    assert not found(exact)
+    assert not found(replace(rows, y=np.zeros(len(rows.y))))
+    assert not found(rows.at(rows.time < 1.0))
+
+
+def test_excluded_rows_are_gaps() -> None:
+    rows = data(2, (0.2,))
+    kept = np.abs(np.sin(rows.time)) > 0.2
+    (one,), (other,) = found(rows), found(rows.at(kept))
+    assert other.corner_hz == pytest.approx(one.corner_hz, rel=0.7)

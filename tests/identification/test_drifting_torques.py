@@ -1,0 +1,39 @@
+"""A slow drift of motor torques: the joints are named, by both methods, and right logs are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from seaid.identification.identification import Identification, Method, identify
+from seaid.simulation.simulation import measure
+from tests.experiments import LEG_SENSORS, TEST_MASS, leg, leg_motion
+
+DRIFTING = ("hip_yaw", "knee_pitch")
+
+
+def found(trend_Nm: float, method: Method = "two-step") -> Identification:
+    """Return the identification of the leg whose torques of two joints have a linear trend."""
+    robot = leg(TEST_MASS)
+    log = measure(robot, leg_motion(TEST_MASS), LEG_SENSORS, 5)
+    ramp = np.linspace(-trend_Nm, trend_Nm, len(log.time))[:, None]
+    drifts = np.array([joint in DRIFTING for joint in log.joint_names])
+    log = replace(log, motor_torque=log.motor_torque + ramp * drifts)
+    return identify(robot.without_nominal(), log, method=method)
+
+
+@pytest.mark.parametrize("method", ["two-step", "simultaneous"])
+def test_the_drifting_joints_are_named(method: Method) -> None:
+    drifting = found(2e-3, method)
+    assert {one.joint for one in drifting.warnings if one.code == "drift"} == set(DRIFTING)
+    assert not any(one.code == "drift" for one in found(0.0, method).warnings)
+
+
+def test_the_drift_is_in_the_standard_errors_of_its_joint() -> None:
+    drifting, steady = found(2e-3), found(0.0)
+    for joint, factor in (("hip_yaw", 1.5), ("knee_pitch", 1.5), ("hip_pitch", 1.0)):
+        ratio = drifting.drives[joint].standard_errors / steady.drives[joint].standard_errors
+        friction = ratio[drifting.drives[joint].names.index("coulomb_friction")]
+        assert friction > factor if factor > 1 else friction == pytest.approx(1.0, rel=1e-6)
