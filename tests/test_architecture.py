@@ -112,7 +112,8 @@ def test_no_module_imports_one_that_imports_it() -> None:
 
 ONE_IMPORTER = {
     "a method with a source of its own, read and tested alone": (
-        *("estimation.feasible", "estimation.gauss_newton", "estimation.robust"),
+        *("estimation.drift", "estimation.feasible"),
+        *("estimation.gauss_newton", "estimation.robust"),
         *("estimation.variable_projection", "identification.sensitivity"),
         *("identification.instrumental", "identification.simultaneous"),
         "identification.transmission_error",

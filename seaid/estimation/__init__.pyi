@@ -5,8 +5,6 @@ from .diagnostics import ModelChecks as ModelChecks
 from .diagnostics import TermTest as TermTest
 from .diagnostics import independent_rows as independent_rows
 from .diagnostics import term_test as term_test
-from .drift import drifts_of as drifts_of
-from .drift import with_drifts as with_drifts
 from .estimate import Estimate as Estimate
 from .feasible import WEIGHTS as WEIGHTS
 from .feasible import FeasiblePoint as FeasiblePoint
@@ -35,6 +33,7 @@ from .least_squares import ordinary as ordinary
 from .least_squares import settled_weights as settled_weights
 from .least_squares import solve as solve
 from .least_squares import weights_at as weights_at
+from .least_squares import with_drifts_of as with_drifts_of
 from .model_comparison import LEAST_EXPLAINED as LEAST_EXPLAINED
 from .model_comparison import Alternative as Alternative
 from .model_comparison import ModelComparison as ModelComparison

@@ -47,7 +47,7 @@ _FEWEST = 8
 _DOUBTFUL = 2.0
 """Factor on a variance from which a drift is more than a note, as where blocks disagree."""
 
-_DEPENDENT = 1e-7
+_DEPENDENT, _ROUNDING = 1e-7, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +88,12 @@ def drifts_of(rows: Regression, weights: Array, cutoff_hz: float) -> tuple[Drift
     highest_hz = _HIGHEST * cutoff_hz
     if any(np.sum(one.frequency_hz > highest_hz) < _FEWEST for one in bands):
         return ()
-    levels = _levels(bands, highest_hz)
+    scaled = _independent(bands)
+    levels = _levels(scaled, highest_hz)
     if not np.all(levels > 0):  # a log without noise
         return ()
     scaled = [
-        replace(band, rows=band.rows / level) for band, level in zip(bands, levels, strict=True)
+        replace(band, rows=band.rows / level) for band, level in zip(scaled, levels, strict=True)
     ]
     found: list[Drift] = []
     left = list(range(len(bands)))
@@ -120,19 +121,30 @@ def _band(rows: Regression, equation: int, weight: float, highest_hz: float) -> 
         start, step = float(np.min(part.time)), row_step(np.unique(part.time))
         columns = np.column_stack([part.H, part.propagated, part.y])
         signal = at_slots(columns, np.full(len(columns), weight), slots(part.time, start, step))
-        count = min(len(signal), math.ceil(2 * len(signal) * step * highest_hz))
+        count = min(len(signal), math.ceil(2 * len(signal) * step * highest_hz - _ROUNDING))
         order = np.maximum(np.arange(count), 0.5)  # the mean is half a step from the first cosine
         frequency.append(order / (2 * len(signal) * step))
         found.append(dct(signal, axis=0, norm="ortho")[:count])
     return _Band(equation, np.concatenate(frequency), np.concatenate(found))
 
 
+def _independent(bands: Sequence[_Band]) -> list[_Band]:
+    """Return the equations with columns of at most unit norm, without dependent ones.
+
+    The column of a torque offset is a multiple of the propagated one of the spring offset.
+    """
+    every = np.concatenate([band.rows for band in bands])
+    norms = np.linalg.norm(every, axis=0)
+    norms[norms == 0] = norms[-1] = 1.0
+    diagonal = np.abs(np.diag(triangle(every / norms)))
+    kept = [*np.flatnonzero(diagonal[:-1] > _DEPENDENT), every.shape[1] - 1]
+    return [replace(band, rows=(band.rows / norms)[:, kept]) for band in bands]
+
+
 def _levels(bands: Sequence[_Band], highest_hz: float) -> Array:
     """Return the standard deviation (E,) of the residual above the highest corner."""
     every = np.concatenate([band.rows for band in bands])
-    norms = np.linalg.norm(every[:, :-1], axis=0)
-    Q, R = np.linalg.qr(every[:, :-1] / np.where(norms > 0, norms, 1.0))
-    Q = Q[:, np.abs(np.diag(R)) > _DEPENDENT]
+    Q = np.linalg.qr(every[:, :-1])[0]
     residual, left = every[:, -1] - Q @ (Q.T @ every[:, -1]), 1 - np.sum(Q**2, axis=1)
     noise = np.concatenate([band.frequency_hz > highest_hz for band in bands])
     ends = np.cumsum([0, *(len(band.rows) for band in bands)])
@@ -158,18 +170,15 @@ def _corner(place: int, bands: Sequence[_Band], highest_hz: float) -> tuple[floa
     """Return the most likely corner [Hz] of the drift of one of the equations, and its ratio."""
     band, others = bands[place], [*bands[:place], *bands[place + 1 :]]
     corners = np.append(0.0, np.geomspace(np.min(band.frequency_hz), highest_hz, _CORNERS))
-    every = np.concatenate([one.rows for one in bands])
-    norms = np.linalg.norm(every, axis=0)
-    norms[norms == 0] = 1.0
-    rest = triangle(np.concatenate([np.empty((0, len(norms))), *(one.rows for one in others)]))
+    count, width = sum(len(one.rows) for one in bands), band.rows.shape[1]
+    rest = triangle(np.concatenate([np.empty((0, width)), *(one.rows for one in others)]))
     found = []
     for corner in corners:
         own = _whitened(band, corner).rows
-        diagonal = np.abs(np.diag(triangle(np.concatenate([rest, own]) / norms)))
-        kept = diagonal[:-1][diagonal[:-1] > _DEPENDENT]
+        diagonal = np.abs(np.diag(triangle(np.concatenate([rest, own]))))
         # -2 log of the restricted likelihood: log|V| + log|H^T V^-1 H| + m log(r^T V^-1 r)
-        freedom = len(every) - len(kept)
-        volumes = np.sum(np.log(_spectrum(band, corner))) + 2 * np.sum(np.log(kept))
+        freedom = count - width + 1
+        volumes = np.sum(np.log(_spectrum(band, corner))) + 2 * np.sum(np.log(diagonal[:-1]))
         found.append(volumes + 2 * freedom * math.log(diagonal[-1]))
     best = int(np.argmin(found))
     return float(corners[best]), float(found[0] - found[best])

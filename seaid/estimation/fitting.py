@@ -22,7 +22,6 @@ from seaid.errors import LogError, reason_of
 from seaid.estimation.blocks import block_factors
 from seaid.estimation.covariance import at_slots, long_run, slots
 from seaid.estimation.diagnostics import ModelChecks, model_checks, whiteness
-from seaid.estimation.drift import drifts_of
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.least_squares import (
     MOST_INSTANTS,
@@ -37,6 +36,7 @@ from seaid.estimation.least_squares import (
     solve,
     weighted,
     with_blocks,
+    with_drifts_of,
     with_propagated,
 )
 from seaid.estimation.qr_factor import QRFactor, combined, qr_factor_of
@@ -155,12 +155,13 @@ def stored_estimate(
     weigh: Callable[[QRFactor], Array],
     propagated: Array | None = None,
     change: Change | None = None,
+    cutoff_hz: float | None = None,
 ) -> tuple[Estimate, QRFactor, Array]:
     """Return the estimate from stored rows, their QR factor and the weights, as in memory.
 
     `weigh` gives the weights of the equations (`settled_weights` or `equal_weights`); `propagated`
-    as in `ordinary`; `change` transforms the stored rows, at the same instants. Raises as
-    `ordinary` does.
+    as in `ordinary`; `change` transforms the stored rows, at the same instants; `cutoff_hz` as in
+    `estimate_of_rows`. Raises as `ordinary` does.
     """
     qr_factor = combined(qr_factor_of(rows) for _, rows in stored.pieces(change))
     weights = weigh(qr_factor)
@@ -183,11 +184,12 @@ def stored_estimate(
     instants = sum(
         round((end - start) / stored.steps_s[log]) + 1 for log, (start, end) in stored.spans.items()
     )
-    long, left = long_run(scores, instants), None
-    if instants <= MOST_INSTANTS:
-        left = left_of(_whole(stored, change), weights, qr_factor, solution)
-    own = estimate_of(qr_factor, weights, long, None, solution, left)
+    whole = _whole(stored, change) if instants <= MOST_INSTANTS else None
+    left = None if whole is None else left_of(whole, weights, qr_factor, solution)
+    own = estimate_of(qr_factor, weights, long_run(scores, instants), None, solution, left)
     estimate = with_blocks(qr_factor, weights, (solution, noise), own, blocks, propagated)
+    if whole is not None:
+        estimate = with_drifts_of(whole, weights, solution, estimate, cutoff_hz)
     return estimate, qr_factor, weights
 
 
@@ -275,7 +277,7 @@ def fit(
     """Fit rows after `change`, with the covariance (s, s) of the propagated parameters.
 
     `check` may refuse the QR factor of the rows. Stored rows need an estimator that weights
-    equations. With the `cutoff_hz` of rows in memory their drift is in the covariance. Raises as
+    equations. With the `cutoff_hz` of the rows their drift is in the covariance. Raises as
     `ordinary` does.
     """
     weigh = estimator.weigh
@@ -287,7 +289,7 @@ def fit(
     in_memory = None
     if isinstance(rows, StoredRows):
         assert weigh is not None
-        estimate, qr_factor, weights = stored_estimate(rows, checked, propagated, change)
+        estimate, qr_factor, weights = stored_estimate(rows, checked, propagated, change, cutoff_hz)
     else:
         in_memory = rows if change is None else change(rows)
         qr_factor = qr_factor_of(in_memory)
@@ -297,8 +299,7 @@ def fit(
             in_memory = estimator.effective_rows(in_memory, estimate)
             qr_factor = qr_factor_of(in_memory)
         else:
-            drifts = () if cutoff_hz is None else drifts_of(in_memory, weights, cutoff_hz)
-            estimate = estimate_of_rows(in_memory, qr_factor, weights, propagated, drifts)
+            estimate = estimate_of_rows(in_memory, qr_factor, weights, propagated, cutoff_hz)
     settled = weights if weigh is settled_weights else None
     equal = weigh is equal_weights
     return FittedRows(estimate, qr_factor, in_memory, propagated, settled, equal)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -14,7 +13,7 @@ from seaid._arrays import Array, safely
 from seaid.errors import ExcitationError, Finding, IdentificationError
 from seaid.estimation.blocks import agreement, block_factors, spans_of
 from seaid.estimation.covariance import LongRun, left_by_fit, left_of_mean, long_run_of
-from seaid.estimation.drift import Drift, with_drifts
+from seaid.estimation.drift import drifts_of, with_drifts
 from seaid.estimation.estimate import Estimate
 from seaid.estimation.qr_factor import QRFactor, combined, determining_joints, qr_factor_of
 from seaid.estimation.singular_directions import (
@@ -328,11 +327,11 @@ def estimate_of_rows(
     qr_factor: QRFactor,
     weights: Array,
     propagated: Array | None,
-    drifts: Sequence[Drift] = (),
+    cutoff_hz: float | None = None,
 ) -> Estimate:
     """Return the estimate with weights (E,) of the equations, from rows and their QR factor.
 
-    Its covariance has the `drifts` of the rows, found with the same weights.
+    With the `cutoff_hz` of the rows their drift is in its covariance.
     """
     solution = solve(qr_factor, weights)
     wide = with_propagated(rows, propagated)
@@ -344,7 +343,21 @@ def estimate_of_rows(
     left = left_of(rows, weights, qr_factor, solution) if short else None
     own = estimate_of(qr_factor, weights, scores, None, solution, left)
     found = with_blocks(qr_factor, weights, (solution, noise), own, blocks, propagated)
-    return with_drifts(found, solution.inverse, drifts, rows.joint_names)
+    return with_drifts_of(rows, weights, solution, found, cutoff_hz) if short else found
+
+
+def with_drifts_of(
+    rows: Regression,
+    weights: Array,
+    solution: Solution,
+    estimate: Estimate,
+    cutoff_hz: float | None,
+) -> Estimate:
+    """Return the estimate with the drift of rows in its covariance, if their cutoff is given."""
+    if cutoff_hz is None:
+        return estimate
+    drifts = drifts_of(rows, weights, cutoff_hz)
+    return with_drifts(estimate, solution.inverse, drifts, rows.joint_names)
 
 
 def with_blocks(

@@ -30,13 +30,12 @@ from seaid.estimation import (
     Estimate,
     Estimator,
     FittedRows,
-    drifts_of,
     estimate_of_rows,
     qr_factor_of,
     settled_weights,
     solve,
     weights_at,
-    with_drifts,
+    with_drifts_of,
 )
 from seaid.identification.datasets import Dataset, rows_in_memory
 from seaid.identification.drive_estimates import spring_of, with_warnings
@@ -268,8 +267,8 @@ def estimate_simultaneous(
     qr_factor = qr_factor_of(solved)
     weights = weights_at(qr_factor, whole.values)
     if estimator.weigh is settled_weights:
-        drifts = drifts_of(solved, weights, datasets[0].cutoff_hz)
-        whole = with_drifts(whole, solve(qr_factor, weights).inverse, drifts, robot.joint_names)
+        cutoff_hz = datasets[0].cutoff_hz
+        whole = with_drifts_of(solved, weights, solve(qr_factor, weights), whole, cutoff_hz)
     drives, load, load_side = split_estimate(robot, model, whole)
     both = FittedRows(whole, qr_factor, solved, zeros, weights)
     optional = [
