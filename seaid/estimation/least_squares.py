@@ -353,8 +353,8 @@ def with_drifts_of(
     estimate: Estimate,
     cutoff_hz: float | None,
 ) -> Estimate:
-    """Return the estimate with the drift of rows in its covariance, if their cutoff is given."""
-    if cutoff_hz is None:
+    """Return the estimate with the drift of rows in its covariance, if they have a cutoff."""
+    if cutoff_hz is None or not np.isfinite(cutoff_hz):
         return estimate
     drifts = drifts_of(rows, weights, cutoff_hz)
     return with_drifts(estimate, solution.inverse, drifts, rows.joint_names)

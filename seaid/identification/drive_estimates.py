@@ -132,7 +132,7 @@ def with_warnings(estimate: Estimate, joint: str, qr_factor: QRFactor | None) ->
                 message = f"{text} is negative, {value:.3g}: check signs and offsets of the log"
                 severity = "doubtful" if value < -_SURE * error else "note"
                 warnings.append(Finding("negative-parameter", message, joint, severity, evidence))
-    return replace(estimate, warnings=(*estimate.warnings, *warnings))
+    return replace(estimate, warnings=tuple(warnings))
 
 
 def _has_linear_spring(estimate: Estimate) -> bool:

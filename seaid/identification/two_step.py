@@ -162,10 +162,11 @@ def estimate_two_step(
         found = {joint: side.estimate for joint, side in actuators.items()}
         if unscaled:
             found |= scaled_by_load(robot, found, joints, rows[LOAD], estimator, unscaled)
-        drives = {
-            joint: with_warnings(found[joint], joint, side.qr_factor)
-            for joint, side in actuators.items()
-        }
+        drives = {}
+        for joint, side in actuators.items():
+            drive = with_warnings(found[joint], joint, side.qr_factor)
+            of_fit = side.estimate.warnings
+            drives[joint] = replace(drive, warnings=(*of_fit, *drive.warnings))
         springs = {joint: spring_of(robot, drives[joint], joint) for joint in joints}
         load = fit_load(robot, rows[LOAD], springs, estimator, cutoff_hz, free=free)
         if encoder_offset_std > 0:
