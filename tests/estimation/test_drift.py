@@ -42,15 +42,16 @@ def data(seed: int, drift: tuple[float, ...] = (0.0,), logs: int = 1) -> Regress
             H = np.column_stack([*waves, np.ones(instants)])
             y = H @ TRUTH + NOISE * rng.normal(size=instants) + size * slow(rng, instants)
             rows.append((H, y, np.full(instants, joint), time, np.full(instants, log)))
-    H, y, joint, time, run = (np.concatenate(part) for part in zip(*rows, strict=True))
+    parts = [np.concatenate(part).astype(float) for part in zip(*rows, strict=True)]
+    H, y, joints, times, runs = parts
     return Regression(
         names=("gravity", "inertia", "offset"),
         units=("", "", ""),
         H=H,
         y=y,
-        joint=joint.astype(float),
-        time=time,
-        run=run.astype(float),
+        joint=joints,
+        time=times,
+        run=runs,
         excluded=0,
         propagated=np.empty((len(y), 0)),
         joint_names=("hip", "knee"),
