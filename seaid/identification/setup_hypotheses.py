@@ -673,7 +673,9 @@ def _gravities(given: Experiment) -> Iterator[Hypothesis]:
     size = float(np.linalg.norm(now))
     if size == 0:
         return
-    choices = [(size * sign * axis, 0.0) for axis in np.eye(3) for sign in (1.0, -1.0)]
+    down = -size * np.eye(3)[2]  # the usual one, where a torque does not have the sign of gravity
+    choices = [(size * sign * axis, _ROUND) for axis in np.eye(3) for sign in (1.0, -1.0)]
+    choices[-1] = down, 0.0
     best = _best_gravity(given)
     if best is not None:
         choices.append((size * best, 0.5))

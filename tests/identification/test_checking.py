@@ -255,6 +255,15 @@ def test_another_direction_of_gravity(gravity: tuple[float, float, float]) -> No
     assert finding.remedy.startswith("option: --gravity 0,0,-9.8")
 
 
+def test_gravity_points_down_where_its_sign_makes_no_difference() -> None:
+    """A vertical slide has the weight as a constant torque, like a friction offset."""
+    robot, log = arm(), arm_log()
+    given = experiment_of(with_gravity(robot, 9.81, 0, 0), [[seaid.reconstruct_motion(robot, log)]])
+    penalties = {one.remedy: one.penalty for one in hypotheses(given) if one.code == "gravity"}
+    down = "option: --gravity 0,0,-9.81"
+    assert all(penalties[down] < one for remedy, one in penalties.items() if remedy != down)
+
+
 def test_payloads_that_are_absent_or_elsewhere() -> None:
     absent = measure(leg(), leg_motion(), LEG_SENSORS, seed=0)
     finding = worst(leg(TEST_MASS), absent)
