@@ -39,7 +39,7 @@ which there is a finding: encoders that move slowly have slow errors too."""
 
 _LEAST_SHARE, _LARGEST_SHARE = 1e-3, 0.2
 """Drift as a part of the rms torque below which it is a numerical error, or harmless, and from
-which it has no finding: it is then rather the model that lacks something."""
+which it is none: the model lacks something then, or the stiffness of a spring is far off."""
 
 _FEWEST = 8
 """Fewest cosines above the highest corner, which determine the noise."""
@@ -104,7 +104,8 @@ def drifts_of(rows: Regression, weights: Array, cutoff_hz: float) -> tuple[Drift
         drift = _drift(rows, bands[best], corner_hz, ratio, levels[best], weights[best])
         if ratio < _SIGNIFICANT or drift.share < _LEAST_SHARE:
             break
-        found.append(drift)
+        if drift.share < _LARGEST_SHARE:
+            found.append(drift)
         left.remove(best)
         scaled[best] = _whitened(scaled[best], corner_hz)
     return tuple(found)
@@ -210,11 +211,7 @@ def with_drifts(
         added += change @ change.T
     before = np.diag(estimate.covariance)
     growth = float(np.max(1 + np.diag(added) / before)) if drifts else 1.0
-    findings = (
-        _finding(one, growth, joint_names)
-        for one in drifts
-        if one.ratio > _CERTAIN and one.share < _LARGEST_SHARE
-    )
+    findings = (_finding(one, growth, joint_names) for one in drifts if one.ratio > _CERTAIN)
     return replace(
         estimate,
         covariance=estimate.covariance + added,
