@@ -427,31 +427,40 @@ def torque_delays(given: Experiment) -> dict[int, tuple[float, float]]:
     stiff = [j for j in driven if not robot.drives[robot.joint_names[j]].is_elastic]
     for j in (one for one in driven if one not in stiff):
         stretch = given.motor[0][:, j] / given.lever[j] - given.joint[0][:, j]
-        columns = np.column_stack([given.torque_rate[:, j], given.friction[j], stretch])
+        columns = np.column_stack([given.torque_rate[:, j], _friction(given, j), stretch])
         y = given.torque[:, j] - given.inertia[j] * given.motor[2][:, j]
         moving = np.abs(given.direction[:, j]) > _MOVING
         if np.sum(moving) > 3 * columns.shape[1]:
             found[j] = _first(columns[moving], y[moving])[0]
     if not stiff:
         return found
-    H = np.zeros((len(stiff), len(given.target), 14 * n))
+    H = np.zeros((len(stiff), len(given.target), 15 * n))
     H[:, :, : 10 * n] = given.regressor[:, stiff].swapaxes(0, 1)
     for place, j in enumerate(stiff):
-        H[place, :, 10 * n + 3 * j : 10 * n + 3 * j + 3] = given.friction[j]
-        H[place, :, 13 * n + j] = given.lever[j] * given.torque_rate[:, j]
+        H[place, :, 10 * n + 4 * j : 10 * n + 4 * j + 4] = _friction(given, j)
+        H[place, :, 14 * n + j] = given.lever[j] * given.torque_rate[:, j]
     weight = 1.0 / np.std(given.target[:, stiff], axis=0)
     moving = (np.abs(given.direction[:, stiff]) > _MOVING).T.astype(float)
     A = H * weight[:, None, None] * moving[:, :, None]
     y = given.target[:, stiff].T * weight[:, None] * moving
-    order = [13 * n + j for j in stiff]
-    order += [place for place in range(13 * n) if np.any(np.abs(A[:, :, place]) > _TINY)]
+    order = [14 * n + j for j in stiff]
+    order += [place for place in range(14 * n) if np.any(np.abs(A[:, :, place]) > _TINY)]
     columns = A[:, :, order].reshape(-1, len(order))
     return found | dict(zip(stiff, _first(columns, y.ravel(), len(stiff)), strict=True))
 
 
+def _friction(given: Experiment, j: int) -> Array:
+    """Return columns (R, 4) of friction, with one that changes gradually near reversals."""
+    gradual = np.tanh(given.friction[j][:, 0] / _WIDTH)  # the first column is the speed, up to 1
+    return np.column_stack([given.friction[j], gradual])
+
+
+_WIDTH = 0.1
+"""Speed over the largest one at which friction may have another shape than Coulomb's."""
+
 _TINY = 1e-9
 
-_MOVING = 0.95
+_MOVING = 0.99
 """Mean sign of the speed behind the low pass below which a motor may have stuck: friction then
 changes before the motion does, like an early torque."""
 
@@ -461,8 +470,9 @@ def _first(columns: Array, y: Array, count: int = 1) -> list[tuple[float, float]
     svd = scaled_svd(columns)
     rank = svd.rank(RANK_TOLERANCE)
     x = svd.solve(y, RANK_TOLERANCE)
-    left = y - columns @ x
-    sizes = left.reshape(count, -1).std(axis=1)
+    left = (y - columns @ x).reshape(count, -1)
+    rows = np.sum(left != 0, axis=1)  # others are excluded
+    sizes = np.linalg.norm(left, axis=1) / np.sqrt(np.maximum(rows - rank / count, 1))
     inverse = (svd.vectors[:rank] / svd.sizes[:rank, None]) / svd.norms
     errors = sizes * np.sqrt(np.sum(inverse[:, :count] ** 2, axis=0))
     return list(zip((-x[:count]).tolist(), (_CORRELATED * errors).tolist(), strict=True))
