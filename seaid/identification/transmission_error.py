@@ -126,8 +126,11 @@ def _orders(
     found: Identification, joint: str, angles: Sequence[Mapping[str, Array]]
 ) -> list[_Order]:
     """Return the orders that the drive lacks and the motion covers."""
-    own = {(one.angle, one.order) for one in found.known.drives[joint].harmonics}
+    drive = found.known.drives[joint]
+    own = {(one.angle, one.order) for one in drive.harmonics}
     wide = {name: max(float(np.ptp(one[name])) for one in angles) for name in angles[0]}
+    if wide["motor"] < 2 * np.pi * drive.ratio:  # the mesh has the orders of the motor
+        del wide["mesh"]
     return [
         (name, order)
         for name, order in _ORDERS
@@ -159,11 +162,9 @@ def _pairs(
 def _angles(found: Identification, motion: Motion, joint: str) -> dict[str, Array]:
     """Return the angles (T,) by name."""
     drive, signals = found.known.drives[joint], actuator_equation(found.known, motion, joint)[1]
-    angles = {"motor": signals["theta_M"]}
+    angles = {"motor": signals["theta_M"], "mesh": signals["theta_M"] * (1 - 1 / drive.ratio)}
     if drive.joint_units[1] == "rad":
         angles["joint"] = signals["theta_L"]
-    if np.ptp(signals["theta_M"]) / drive.ratio >= 2 * np.pi:  # else the same as the motor's
-        angles["mesh"] = signals["theta_M"] * (1 - 1 / drive.ratio)
     return angles
 
 

@@ -191,6 +191,17 @@ def test_remedy_as_printed_repairs_the_result() -> None:
     assert "transmission-error" not in {flag.code for flag in one.warnings}
 
 
+def test_a_second_log_may_turn_the_gear_less_than_once() -> None:
+    """The slide's gear turns 2.6 times in the whole log and 0.7 times in a part of it."""
+    log = measure(arm(), arm_motion(), ARM_SENSORS, 0)
+    slip = 0.05 * np.ptp(log.motor_torque[:, 2]) * np.sin(log.motor_position[:, 2])
+    torque = log.motor_torque + np.eye(4)[2] * slip[:, None]
+    log = replace(log, motor_torque=torque)
+    found = identify(arm().without_nominal(), [log, log.between(2.0, 3.0)])
+    (flag,) = [one for one in found.warnings if one.code == "transmission-error"]
+    assert flag.joint == "telescope"
+
+
 @pytest.mark.slow  # four simulated motions
 def test_right_drive_has_no_such_finding() -> None:
     """Over seeds and encoders; more logs are in docs/results.md."""
