@@ -236,5 +236,6 @@ def _finding(drift: Drift, growth: float, joint_names: Sequence[str]) -> Finding
             "likelihood ratio": drift.ratio,
         },
         "let the drives and amplifiers warm up and zero the torque or current sensor before the "
-        "log; move faster, or longer",
+        "log; move faster, or longer; noisy joint encoders bias the fit and look like this: then "
+        "compare with the estimator iv",
     )

