@@ -1,7 +1,11 @@
+from .comparison import Comparison as Comparison
+from .comparison import Difference as Difference
+from .comparison import comparison_of as comparison_of
 from .figures import save_sensitivity_figure as save_sensitivity_figure
 from .figures import sensitivity_table as sensitivity_table
 from .html import write_report as write_report
 from .text import base_table as base_table
+from .text import comparison_table as comparison_table
 from .text import condition_lines as condition_lines
 from .text import conditions_table as conditions_table
 from .text import cross_check_text as cross_check_text

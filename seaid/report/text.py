@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     )
     from seaid.log import Log
     from seaid.regressor import BaseParameters, CrossCheck, Identifiability
+    from seaid.report.comparison import Comparison
     from seaid.robot import Robot
 
 
@@ -352,6 +353,38 @@ def validation_table(result: Validation) -> Text:
         for index, joint in enumerate(result.joints)
     ]
     return table(title, header, rows)
+
+
+def comparison_table(result: Comparison) -> Text:
+    """Return the parameters of two identifications side by side, with their differences."""
+    first, second = result.names
+    header = ["parameter", first, second, "change", "", "std. error", "change/s.e.", "p", "unit"]
+    rows = [
+        [
+            cut(one.text),
+            f"{number(one.first)} +- {one.first_error:.2g}",
+            f"{number(one.second)} +- {one.second_error:.2g}",
+            number(one.change),
+            percent(one.relative_change),
+            f"{one.error:.2g}",
+            f"{one.significance:+.1f}{' *' if one.is_significant else ''}",
+            f"{one.p_value:.2g}",
+            one.unit,
+        ]
+        for one in result.differences
+    ]
+    title = f"{first} and {second}: value +- standard error; * differs significantly"
+    tests = [
+        f"{'base parameters' if group == 'load' else f'drive of {group}'} as a whole: chi-square "
+        f"{number(one.chi_square)} for {counted(one.freedom, 'parameter')}, p {one.p_value:.2g}"
+        for group, one in result.groups.items()
+    ]
+    only = [
+        f"only in {name}: {', '.join(map(cut, found))}"
+        for name, found in zip(result.names, result.only, strict=True)
+        if found
+    ]
+    return joined([table(title, header, rows), *tests, *only, result.sentence])
 
 
 def number(value: float) -> str:

@@ -1,0 +1,289 @@
+"""Two identifications side by side, with the significance of the difference of each parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import inf, nan, sqrt
+from typing import Literal
+
+import numpy as np
+from scipy.special import chdtrc, stdtr
+
+from seaid._progress import Display, Result, counted
+from seaid.drives import JointParameter, readable
+from seaid.errors import IdentificationError, checked
+from seaid.estimation import Estimate, scaled_svd
+from seaid.identification import Identification
+from seaid.log import Motion
+from seaid.regressor import INPUT_FIELDS
+
+Dependence = Literal["independent", "correlated", "unknown"]
+
+_LEVEL = 0.05
+"""Probability that any parameter of two equal robots is called significant (Bonferroni)."""
+
+_COMMON = 0.5
+"""Part of the common instants with exactly equal torques from which two motions are of one log."""
+
+_SENTENCES: dict[Dependence, str] = {
+    "independent": "The estimates are independent: they rest on different logs, so that the "
+    "squares of their standard errors add.",
+    "correlated": "The estimates are correlated, because they have logs in common. The standard "
+    "errors are those of independent estimates, and thus an upper bound for a positive "
+    "correlation: differences can be more significant than stated here.",
+    "unknown": "The estimates are taken as independent: the motions of logs read in pieces are "
+    "not kept, so that common logs cannot be detected.",
+}
+
+
+@dataclass(frozen=True, repr=False)
+class Difference(Display):
+    """A parameter in two identifications, second minus first.
+
+    Attributes
+    ----------
+    name, joint, unit : str
+        The parameter; `joint` is that of its drive, "" for a base parameter.
+    first, second, first_error, second_error : float
+        Both values and their standard errors.
+    p_value : float
+        Probability of a difference as large as this one if the true values are equal.
+    is_significant : bool
+        Whether `p_value` times the number of parameters is below 0.05.
+    """
+
+    name: str
+    joint: str
+    unit: str
+    first: float
+    second: float
+    first_error: float
+    second_error: float
+    p_value: float = nan
+    is_significant: bool = False
+
+    @property
+    def change(self) -> float:
+        """The second value minus the first."""
+        return self.second - self.first
+
+    @property
+    def error(self) -> float:
+        """The standard error of the change, of independent estimates."""
+        return sqrt(self.first_error**2 + self.second_error**2)
+
+    @property
+    def relative_change(self) -> float:
+        """The change over the first value."""
+        return self.change / abs(self.first) if self.first else nan
+
+    @property
+    def significance(self) -> float:
+        """The change over its standard error."""
+        return self.change / self.error if self.error > 0 else nan
+
+    @property
+    def text(self) -> str:
+        """The parameter with its joint: "stiffness of knee"."""
+        return readable(JointParameter(self.name, self.joint)) if self.joint else self.name
+
+
+@dataclass(frozen=True)
+class GroupTest:
+    """Whether the parameters of a drive, or all base parameters, differ: chi-square test."""
+
+    chi_square: float
+    freedom: int
+    p_value: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Result):
+    """Two identifications side by side.
+
+    Attributes
+    ----------
+    names : (str, str)
+        Of the identifications, such as ("cold", "warm").
+    differences : tuple of Difference
+        All parameters that both have: of the drives, then the base parameters.
+    only : (tuple of str, tuple of str)
+        Parameters that only the first, and only the second, has.
+    groups : mapping {joint or "load": GroupTest}
+        Whether the parameters of a drive, or the base parameters, differ as a whole.
+    dependence : {"independent", "correlated", "unknown"}
+        Whether both have a log in common.
+    """
+
+    table_name = "comparison_table"
+
+    names: tuple[str, str]
+    differences: tuple[Difference, ...]
+    only: tuple[tuple[str, ...], tuple[str, ...]]
+    groups: dict[str, GroupTest]
+    dependence: Dependence
+
+    def _in_short(self) -> str:
+        significant = sum(one.is_significant for one in self.differences)
+        total = counted(len(self.differences), "parameter")
+        return f"{self.names[0]}, {self.names[1]}: {significant} of {total} differ significantly"
+
+    @property
+    def sentence(self) -> str:
+        """How many parameters differ, and what the standard errors of the differences assume."""
+        significant = [one.text for one in self.differences if one.is_significant]
+        total = counted(len(self.differences), "parameter")
+        found = f"{len(significant)} of {total} differ significantly"
+        return f"{found}. {_SENTENCES[self.dependence]}"
+
+
+@checked(IdentificationError)
+def comparison_of(
+    first: Identification,
+    second: Identification,
+    *,
+    names: tuple[str, str] = ("first", "second"),
+) -> Comparison:
+    """Compare the parameters of two identifications, such as cold and warm, or before and after.
+
+    Parameters
+    ----------
+    first, second : Identification
+        Two identifications of one robot, or of robots with joints in common.
+    names : (str, str)
+        How tables name them.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    IdentificationError
+        If they have no parameter in common.
+
+    Examples
+    --------
+    >>> for one in seaid.report.comparison_of(cold, warm).differences:
+    ...     print(one.text, one.first, one.second, one.significance)
+    """
+    groups: dict[str, GroupTest] = {}
+    differences: list[Difference] = []
+    for group, one, other in _pairs(first, second):
+        shared = [name for name in one.names if name in other.names]
+        if shared:
+            both = [x.part([x.names.index(name) for name in shared], shared) for x in (one, other)]
+            groups[group or "load"] = _group_test(*both)
+            differences += _differences(group, *both)
+    if not differences:
+        raise IdentificationError(
+            f"'{first.robot.name}' and '{second.robot.name}' have no parameter in common: compare "
+            "identifications of one robot, with the same known bodies"
+        )
+    mine, theirs = (_all_names(one) for one in (first, second))
+    return Comparison(
+        names=names,
+        differences=_with_significance(differences),
+        only=(
+            tuple(name for name in mine if name not in theirs),
+            tuple(name for name in theirs if name not in mine),
+        ),
+        groups=groups,
+        dependence=_dependence(first, second),
+    )
+
+
+def _pairs(
+    first: Identification, second: Identification
+) -> Iterator[tuple[str, Estimate, Estimate]]:
+    """Yield (joint, both estimates of its drive), then ("", both of the base parameters)."""
+    for joint, estimate in first.drives.items():
+        if joint in second.drives:
+            yield joint, estimate, second.drives[joint]
+    yield "", first.load, second.load
+
+
+def _all_names(found: Identification) -> list[str]:
+    drives = [
+        readable(JointParameter(name, joint))
+        for joint, estimate in found.drives.items()
+        for name in estimate.names
+    ]
+    return [*drives, *found.load.names]
+
+
+def _differences(joint: str, one: Estimate, other: Estimate) -> Iterator[Difference]:
+    for place, name in enumerate(one.names):
+        errors = [float(x.standard_errors[place]) for x in (one, other)]
+        change = float(other.values[place] - one.values[place])
+        yield Difference(
+            name=name,
+            joint=joint,
+            unit=one.units[place],
+            first=float(one.values[place]),
+            second=float(other.values[place]),
+            first_error=errors[0],
+            second_error=errors[1],
+            p_value=_p_value(change, errors, [_freedom(x, place) for x in (one, other)]),
+        )
+
+
+def _freedom(estimate: Estimate, place: int) -> float:
+    freedom = estimate.degrees_of_freedom
+    return inf if freedom is None else float(freedom[place])
+
+
+def _p_value(change: float, errors: Sequence[float], freedoms: Sequence[float]) -> float:
+    """Return the two-sided probability by Welch's test, 1 where neither has a standard error."""
+    variance = sum(one**2 for one in errors)
+    if not variance > 0:
+        return nan if variance != 0 else float(change == 0)
+    # Welch and Satterthwaite: (s1^2 + s2^2)^2 / (s1^4 / nu1 + s2^4 / nu2)
+    spread = sum((one**2 / variance) ** 2 / nu for one, nu in zip(errors, freedoms, strict=True))
+    return float(2 * stdtr(1 / spread if spread else 1e12, -abs(change) / sqrt(variance)))
+
+
+def _with_significance(differences: Sequence[Difference]) -> tuple[Difference, ...]:
+    count = len(differences)
+    return tuple(replace(one, is_significant=one.p_value * count < _LEVEL) for one in differences)
+
+
+def _group_test(one: Estimate, other: Estimate) -> GroupTest:
+    """Return d' (C1 + C2)^-1 d of the differences d, with their covariances."""
+    change = other.values - one.values
+    covariance = one.covariance + other.covariance
+    there = np.isfinite(change) & np.isfinite(np.diag(covariance)) & (np.diag(covariance) > 0)
+    if not np.any(there):
+        return GroupTest(nan, 0, nan)
+    scale = np.sqrt(np.diag(covariance)[there])
+    solved = scaled_svd(covariance[np.ix_(there, there)] / np.outer(scale, scale))
+    scores = change[there] / scale
+    chi_square = float(scores @ solved.solve(scores))
+    rank = solved.rank()
+    return GroupTest(chi_square, rank, float(chdtrc(rank, max(chi_square, 0.0))))
+
+
+def _dependence(first: Identification, second: Identification) -> Dependence:
+    if not (first.motions and second.motions):
+        return "unknown"
+    shared = any(_of_one_log(one, other) for one in first.motions for other in second.motions)
+    return "correlated" if shared else "independent"
+
+
+def _of_one_log(one: Motion, other: Motion) -> bool:
+    """Return whether the unfiltered torques of two motions are equal at their common instants.
+
+    Positions would not do: the same planned motion is recorded cold and warm.
+    """
+    _, mine, theirs = np.intersect1d(one.time, other.time, return_indices=True)
+    if not len(mine) or one.joint_names != other.joint_names:
+        return False
+    pairs = [(getattr(one, name), getattr(other, name)) for name in INPUT_FIELDS.values()]
+    pairs.append((one.joint_torque, other.joint_torque))
+    equal = [
+        np.isclose(a[mine], b[theirs], rtol=1e-9, atol=0)[np.isfinite(a[mine]) & (a[mine] != 0)]
+        for a, b in pairs
+        if a is not None and b is not None
+    ]
+    return bool(np.any([np.mean(one) > _COMMON for one in equal if len(one)]))

@@ -1,0 +1,114 @@
+"""comparison_of: a change that is there is significant, one that is not there is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from seaid.errors import IdentificationError
+from seaid.estimation.estimate import Estimate
+from seaid.identification.identification import Identification, identify
+from seaid.log.log import Log
+from seaid.report.comparison import comparison_of
+from seaid.simulation.simulation import measure
+from tests.experiments import ARM_SENSORS, arm, arm_motion
+from tests.report_pages import arm_found
+
+WARM = 0.3
+"""Part of the viscous friction that the warm shoulder lacks."""
+
+
+@cache
+def warm() -> Identification:
+    """Return the arm identified from the same motion with a warm shoulder."""
+    log = measure(arm(), arm_motion(), ARM_SENSORS, seed=7)
+    return identify(arm().without_nominal(), _warm(log))
+
+
+def _warm(log: Log) -> Log:
+    friction = np.zeros(4)
+    friction[1] = WARM * arm().drives["shoulder"].values["viscous_friction"]
+    return replace(log, motor_torque=log.motor_torque - friction * arm_motion().motor_velocity)
+
+
+def test_what_changed_is_significant_and_nothing_else() -> None:
+    result = comparison_of(arm_found(), warm(), names=("cold", "warm"))
+    (changed,) = [one for one in result.differences if one.is_significant]
+    assert (changed.name, changed.joint) == ("viscous_friction", "shoulder")
+    assert changed.text == "viscous friction of shoulder"
+    assert changed.relative_change == pytest.approx(-WARM, abs=4 * changed.error / changed.first)
+    assert changed.significance < -5
+    assert result.groups["shoulder"].p_value < 1e-6
+    assert result.groups["telescope"].p_value > 1e-3
+    assert result.dependence == "independent"
+    count = sum(len(one.names) for one in (*warm().drives.values(), warm().load))
+    assert len(result.differences) == count
+
+
+def test_a_log_in_common_makes_estimates_correlated() -> None:
+    """The same planned motion recorded twice is not the same log."""
+    log = measure(arm(), arm_motion(), ARM_SENSORS, seed=1)  # that of arm_found
+    again = identify(arm().without_nominal(), log, cutoff_hz=7.0)
+    assert comparison_of(arm_found(), again).dependence == "correlated"
+    assert "upper bound" in comparison_of(arm_found(), again).sentence
+    unkept = replace(again, motions=())
+    assert comparison_of(arm_found(), unkept).dependence == "unknown"
+
+
+def made(values: list[float], errors: list[float], freedom: float) -> Estimate:
+    names = tuple(f"m_{k}" for k in range(len(values)))
+    return Estimate(
+        names,
+        np.array(values),
+        np.diag(np.square(errors)),
+        ("kg",) * len(values),
+        0.1,
+        3.0,
+        degrees_of_freedom=np.full(len(values), freedom),
+    )
+
+
+def of_loads(one: Estimate, other: Estimate) -> tuple[Identification, Identification]:
+    nothing = replace(arm_found(), drive_side={}, gears={})
+    return replace(nothing, load=one), replace(nothing, load=other, motions=())
+
+
+def test_numbers_are_those_of_welch_and_of_chi_square() -> None:
+    """Independent route: scipy's test of two means with the same variances of the means."""
+    from scipy import stats
+
+    first, second = made([1.0, 5.0], [0.3, 0.1], 9.0), made([2.0, 5.0], [0.4, 0.2], 9.0)
+    result = comparison_of(*of_loads(first, second))
+    scale = np.sqrt(10.0)
+    expected = stats.ttest_ind_from_stats(
+        1.0, 0.3 * scale, 10, 2.0, 0.4 * scale, 10, equal_var=False
+    )
+    one, same = result.differences
+    assert one.p_value == pytest.approx(expected.pvalue)
+    assert (one.change, one.error, one.significance) == pytest.approx((1.0, 0.5, 2.0))
+    assert same.p_value == pytest.approx(1.0)
+    assert result.groups["load"].chi_square == pytest.approx(4.0)
+    assert result.groups["load"].p_value == pytest.approx(stats.chi2.sf(4.0, 2))
+
+
+def test_parameters_of_one_alone_are_named_and_none_in_common_is_refused() -> None:
+    first = made([1.0, 2.0], [0.1, 0.1], np.inf)
+    result = comparison_of(*of_loads(first, first.part([1], ["m_1"])))
+    assert result.only == (("m_0",), ())
+    assert [one.name for one in result.differences] == ["m_1"]
+    with pytest.raises(IdentificationError, match="have no parameter in common: compare"):
+        comparison_of(*of_loads(first.part([0], ["a"]), first.part([0], ["b"])))
+
+
+def test_table_has_every_parameter_and_says_what_the_errors_assume() -> None:
+    result = comparison_of(arm_found(), warm(), names=("cold", "warm"))
+    text = result.summary()
+    (line,) = [x for x in text.splitlines() if x.strip().startswith("viscous friction of shoulder")]
+    assert " *" in line
+    assert "independent: they rest on different logs" in text
+    assert "drive of shoulder as a whole: chi-square" in text
+    assert "cold and warm" in text
+    assert repr(result).startswith("Comparison(cold, warm: 1 of ")
