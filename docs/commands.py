@@ -11,12 +11,9 @@ MARK = "<!-- commands -->"
 
 def markdown() -> str:
     """Return a section for each command: usage, help, arguments and options."""
-    import typer
+    from seaid.cli.commands import COMMANDS, command_of
 
-    from seaid.cli.commands import app
-
-    group: Any = typer.main.get_command(app)
-    sections = (_section(name, command) for name, command in group.commands.items())
+    sections = (_section(name, command_of(name)) for name in COMMANDS)
     return "\n".join(line for section in sections for line in section)
 
 

@@ -141,8 +141,8 @@ ONE_IMPORTER = {
 }
 """{reason: modules that only one other module imports}."""
 
-DISPATCHERS = ("seaid.cli.commands", "seaid.log.readers.opening")
-"""Modules that import one module per command, and one per file format."""
+DISPATCHERS = ("seaid.__main__", "seaid.log.readers.opening")
+"""Modules that import the command line, and one module per file format."""
 
 ONE_PER_FORMAT = ("seaid.cli.", "seaid.export.", "seaid.log.readers.")
 """Packages that a new command or format makes larger, and no harder to understand."""

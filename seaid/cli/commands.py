@@ -1,17 +1,15 @@
-"""The commands of `seaid`, in the order of the work."""
+"""The commands of `seaid` in the order of the work; their modules are loaded on use."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from importlib import import_module
 from inspect import cleandoc
 from typing import Any
 
 import typer
 from typer.core import TyperGroup
 
-from seaid.cli import excite, export, identify, inspect, report, view
 from seaid.cli.messages import reported
-from seaid.cli.options import with_groups
 
 _HELP = """Identify robots with springs in their joints: from a URDF and a log to motor friction,
 spring stiffness and inertias, each with its standard error.
@@ -33,14 +31,55 @@ to stderr. Exit codes: 0 success, 1 failure (one line states the reason and the 
 usage, 3 warnings of --fail-on. Files are written completely or not at all, and overwritten only
 with --force."""
 
+COMMANDS = {
+    "inspect": "Show a robot: tree, drives, base parameters, and the identifiability by sensors.",
+    "crosscheck": "Compare numeric base parameters with exact ones, computed over the rationals.",
+    "excite": "Plan a motion within limits that excites the parameters.",
+    "simulate": "Simulate the robot on a trajectory, and write the log of its sensors.",
+    "view": "Show a robot and its motions in the browser, at the address in the last line.",
+    "describe": "Infer the meaning of custom columns, as a log description in TOML.",
+    "check": "Check units, signs, ratios, gravity and payloads of an experiment before a fit.",
+    "identify": "Identify drives and bodies from one log or several.",
+    "validate": "Identify from some logs, and predict the torques of another one.",
+    "terms": "Compare which further terms of friction and springs the logs support.",
+    "report": "Identify, validate, and write the results with their reliability as one HTML page.",
+    "export": "Write the identified robot as URDF or MuJoCo model.",
+}
+"""{command: first line of its docstring}; its function has its name, in a module of that name."""
+
 
 class _Commands(TyperGroup):
-    """Commands whose warnings and errors are printed in one line each."""
+    """Commands that are loaded on use, whose warnings and errors are printed in one line each."""
+
+    def __init__(self, **attributes: Any) -> None:
+        """Make the group, without its commands."""
+        super().__init__(**{**attributes, "commands": dict.fromkeys(COMMANDS)})
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Load a command."""
+        return command_of(cmd_name) if cmd_name in COMMANDS else None
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """List the commands without loading them."""
+        with formatter.section("Commands"):
+            formatter.write_dl([*COMMANDS.items()])
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
         with reported():
             return super().invoke(ctx)
+
+
+def command_of(name: str) -> Any:
+    """Load a command; its help is the docstring, with one line per example."""
+    from seaid.cli.options import with_groups
+
+    word = name.replace("-", "_")
+    function = getattr(import_module(f"seaid.cli.{word}"), word)
+    text = cleandoc(function.__doc__ or "").replace("\n\nseaid ", "\n\n\b\nseaid ")
+    alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+    alone.command(name, help=text)(with_groups(function))
+    return typer.main.get_command(alone)
 
 
 app = typer.Typer(
@@ -50,6 +89,7 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
@@ -68,23 +108,3 @@ def _options(
     ),
 ) -> None:
     pass
-
-
-def _add(name: str, function: Callable[..., None]) -> None:
-    """Add a command; its help is the docstring, with one line per example."""
-    text = cleandoc(function.__doc__ or "")
-    app.command(name, help=text.replace("\n\nseaid ", "\n\n\b\nseaid "))(with_groups(function))
-
-
-_add("inspect", inspect.inspect)
-_add("crosscheck", inspect.crosscheck)
-_add("excite", excite.excite)
-_add("simulate", excite.simulate)
-_add("view", view.view)
-_add("describe", inspect.describe)
-_add("check", identify.check)
-_add("identify", identify.identify)
-_add("validate", identify.validate)
-_add("terms", identify.terms)
-_add("report", report.report)
-_add("export", export.export)

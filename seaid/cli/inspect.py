@@ -1,16 +1,14 @@
-"""Commands inspect, crosscheck and describe: facts about a robot or a log."""
+"""Command inspect: facts about a robot."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option
+from typer import Option
 
 from seaid.cli.messages import show
-from seaid.cli.options import AsJson, Drives, Joints, ResultOptions, RobotOptions, Urdf, names
+from seaid.cli.options import AsJson, RobotOptions, names
 
 if TYPE_CHECKING:
     from seaid.regressor import BaseParameters, Identifiability
@@ -153,65 +151,3 @@ def _identifiability_table(found: dict[str, Identifiability]) -> str:
         for name, one in found.items()
     ]
     return table("\nIdentifiability by sensors (--sensors lists the names)", header, rows)
-
-
-def crosscheck(
-    urdf: Urdf, drives: Drives = None, joints: Joints = None, as_json: AsJson = False
-) -> None:
-    """Compare numeric base parameters with exact ones, computed over the rationals.
-
-    The exit code is 1 if they differ: then angles in the file are rounded, or the robot is badly
-    conditioned.
-
-    seaid crosscheck arm.urdf
-    """
-    from seaid import symbolic
-    from seaid.errors import SeaidError
-    from seaid.regressor import base_parameters, cross_check
-
-    robot = RobotOptions(urdf, drives, joints).robot()
-    numeric = base_parameters(robot)
-    found = cross_check(numeric, symbolic.base_parameters(robot))
-    show(f"{robot.name}: {found.summary()}", asdict(found), as_json)
-    if not found.agree:
-        raise SeaidError(
-            f"numeric and exact base parameters of '{robot.name}' differ: look for rounded angles "
-            "in the URDF; the exact ones hold for the file as written"
-        )
-
-
-def describe(
-    log: Annotated[Path, Argument(help="A log with custom columns.", metavar="LOG")],
-    urdf: Annotated[
-        Path | None, Option(help="The robot, for joint names and units of angles.")
-    ] = None,
-    drives: Drives = None,
-    joints: Joints = None,
-    *,
-    output: Annotated[
-        Path | None, Option("--output", "-o", help="File for the TOML; default: on stdout.")
-    ] = None,
-    result: ResultOptions,
-) -> None:
-    """Infer the meaning of custom columns, as a log description in TOML.
-
-    Check it, above all the uncertain choices, and correct it by hand. Next to the log under its
-    name (run.toml for run.csv) it is used by default.
-
-    seaid describe run.csv
-    seaid describe run.csv --urdf arm.urdf --drives arm.toml -o run.toml
-    """
-    from seaid._files import write_whole
-    from seaid.log import describe_log
-
-    result.check(output, read=(log, urdf, drives))
-    robot = None if urdf is None else RobotOptions(urdf, drives, joints).robot()
-    guess = describe_log(log, robot)
-    content = {
-        "description": guess.description.to_dict(),
-        "unsure": guess.unsure,
-        "unused": guess.unused,
-    }
-    if output is not None:
-        write_whole(output, guess.to_toml())
-    result.show(str(guess) if output is not None else guess.to_toml().rstrip(), content, output)

@@ -1,0 +1,44 @@
+"""Time of short commands, over that of Python and of its `import numpy` in the same minute.
+
+python scripts/benchmarks/start_up.py
+"""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+LEG = ("models/tulip_leg.urdf", "--drives", "models/tulip_leg.toml")
+REFERENCES = {"python -c pass": ("-c", "pass"), "import numpy": ("-c", "import numpy")}
+COMMANDS = {
+    "seaid --help": ("-m", "seaid", "--help"),
+    "seaid identify --help": ("-m", "seaid", "identify", "--help"),
+    "seaid inspect tulip_leg": ("-m", "seaid", "inspect", *LEG),
+}
+ROUNDS = 9
+
+
+def seconds(arguments: tuple[str, ...]) -> float:
+    """Return the time of one process of Python."""
+    begin = time.perf_counter()
+    subprocess.run([sys.executable, *arguments], cwd=ROOT, check=True, capture_output=True)
+    return time.perf_counter() - begin
+
+
+def main() -> None:
+    """Print medians of alternating runs."""
+    tried = REFERENCES | COMMANDS
+    runs = [{name: seconds(arguments) for name, arguments in tried.items()} for _ in range(ROUNDS)]
+    found = {name: statistics.median(run[name] for run in runs) for name in tried}
+    bare, numpy = (found[name] for name in REFERENCES)
+    print(f"{'':25} {'s':>6} {'over python':>12} {'over numpy':>11}")
+    for name, one in found.items():
+        print(f"{name:25} {one:6.3f} {one / bare:12.1f} {one / numpy:11.1f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,28 @@
+"""Command check: what is wrong with a set-up, before a fit."""
+
+from __future__ import annotations
+
+from seaid.cli.messages import show
+from seaid.cli.options import AsJson, FailOn, LogOptions, Logs, check_fail_on, fail_on_warnings
+
+
+def check(
+    given: LogOptions,
+    logs: Logs,
+    *,
+    fail_on: FailOn = None,
+    as_json: AsJson = False,
+) -> None:
+    """Check units, signs, ratios, gravity and payloads of an experiment before a fit.
+
+    seaid check leg.urdf run.csv --drives leg.toml
+    seaid check arm.urdf a.csv b.csv --drives arm.toml --fail-on doubtful
+    """
+    from seaid.identification import check as checked
+
+    check_fail_on(fail_on)
+    robot = given.robot(given.known_body or ())
+    found = checked(robot, given.logs(logs, robot), cutoff_hz=given.cutoff_hz)
+    content = {"warnings": found.warnings, "joints": found.joints}
+    show(found.summary(), content, as_json)
+    fail_on_warnings(found.warnings, fail_on)

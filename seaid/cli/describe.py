@@ -1,0 +1,47 @@
+"""Command describe: what the custom columns of a log mean."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option
+
+from seaid.cli.options import Drives, Joints, ResultOptions, RobotOptions
+
+
+def describe(
+    log: Annotated[Path, Argument(help="A log with custom columns.", metavar="LOG")],
+    urdf: Annotated[
+        Path | None, Option(help="The robot, for joint names and units of angles.")
+    ] = None,
+    drives: Drives = None,
+    joints: Joints = None,
+    *,
+    output: Annotated[
+        Path | None, Option("--output", "-o", help="File for the TOML; default: on stdout.")
+    ] = None,
+    result: ResultOptions,
+) -> None:
+    """Infer the meaning of custom columns, as a log description in TOML.
+
+    Check it, above all the uncertain choices, and correct it by hand. Next to the log under its
+    name (run.toml for run.csv) it is used by default.
+
+    seaid describe run.csv
+    seaid describe run.csv --urdf arm.urdf --drives arm.toml -o run.toml
+    """
+    from seaid._files import write_whole
+    from seaid.log import describe_log
+
+    result.check(output, read=(log, urdf, drives))
+    robot = None if urdf is None else RobotOptions(urdf, drives, joints).robot()
+    guess = describe_log(log, robot)
+    content = {
+        "description": guess.description.to_dict(),
+        "unsure": guess.unsure,
+        "unused": guess.unused,
+    }
+    if output is not None:
+        write_whole(output, guess.to_toml())
+    result.show(str(guess) if output is not None else guess.to_toml().rstrip(), content, output)

@@ -1,0 +1,60 @@
+"""Command terms: which further terms of the drives the logs support."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Option
+
+from seaid.cli.messages import is_terminal
+from seaid.cli.options import LogOptions, Logs, ResultOptions, names
+
+if TYPE_CHECKING:
+    from seaid.identification import TermComparison
+
+
+def terms(
+    given: LogOptions,
+    logs: Logs,
+    *,
+    of: Annotated[
+        str | None, Option(help="Joints whose terms are compared, as a,b,c; default: all.")
+    ] = None,
+    output: Annotated[
+        Path | None, Option("--output", "-o", help="TOML with the drives and recommended terms.")
+    ] = None,
+    result: ResultOptions,
+) -> None:
+    """Compare which further terms of friction and springs the logs support.
+
+    seaid terms leg.urdf run.csv --drives leg.toml -o leg_with_terms.toml
+    seaid terms leg.urdf run.csv --drives leg.toml --of knee_pitch
+    """
+    from seaid.drives import write_drives
+    from seaid.identification import compare_terms
+
+    result.check(output, read=(*given.files, *logs))
+    robot = given.robot(given.known_body or ())
+    selection = compare_terms(
+        robot,
+        given.logs(logs, robot),
+        joints=names(of),
+        torque_joints=names(given.torque_joints),
+        cutoff_hz=given.cutoff_hz,
+        progress=is_terminal(),
+    )
+    if output is not None:
+        write_drives(selection.robot.drives, output)
+    content = {
+        "recommended": selection.recommended,
+        "comparisons": [_comparison_facts(one) for one in selection.comparisons],
+    }
+    result.show(str(selection), content, output)
+
+
+def _comparison_facts(one: TermComparison) -> dict[str, object]:
+    facts = {"joint": one.joint, "field": one.field, "term": one.term, "step": one.step + 1}
+    facts |= {"supported": one.is_supported, "selected": one.selected, "reason": one.reason}
+    return facts | {"significance": None if one.comparison is None else asdict(one.comparison)}
