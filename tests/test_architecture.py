@@ -136,7 +136,7 @@ ONE_IMPORTER = {
         "robot.pinocchio_model",
     ),
     "one stage of reading each, which most logs do not pass": (
-        *("log.custom_columns", "log.repair.repair"),
+        *("log.column_meaning", "log.custom_columns", "log.repair.repair"),
     ),
 }
 """{reason: modules that only one other module imports}."""

@@ -1,20 +1,18 @@
 """Inference of a log description from the names and values of custom columns.
 
-`meaning_of` reads quantity, side, joint and unit from a name, `quantities_of` selects the columns
-of one joint, and `describe_log` composes the description and notes the uncertain choices.
+`quantities_of` selects the columns of one joint by their meanings and samples, and `describe_log`
+composes the description and notes the uncertain choices.
 """
 
 from __future__ import annotations
 
 import math
 import re
-import unicodedata
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
+from difflib import SequenceMatcher
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -23,152 +21,22 @@ import numpy as np
 from seaid._arrays import Array
 from seaid._progress import Display, counted
 from seaid.errors import LogError, checked, in_one_line, listed, shortened
+from seaid.log.column_meaning import Meaning, meaning_of
 from seaid.log.description import Clock, LogDescription, Source
+from seaid.log.log import UNIT_FACTORS
 from seaid.log.readers.opening import open_table
 from seaid.log.readers.table import Block, Table
 from seaid.log.repair.data import LARGEST
 from seaid.robot import Robot
-
-_QUANTITIES = {
-    "time": "t time stamp timestamp ts clock seconds sec nanosec",
-    "position": "pos position angle q theta phi ang enc encoder positions qpos",
-    "velocity": "vel velocity speed dq qd qdot omega dtheta velocities rpm qvel",
-    "acceleration": "acc accel acceleration ddq qdd qddot",
-    "deflection": "defl deflection twist",
-    "torque": "tau torque eff effort trq moment force torques frc",
-    "current": "cur current amps iq curr currents i",
-    "voltage": "volt volts voltage u voltages",
-    "duty": "pwm duty",
-    "temperature": "temp temperature wtemp",
-}
-_WORDS = {word: kind for kind, words in _QUANTITIES.items() for word in words.split()}
-_PRECEDENCE = (
-    *("acceleration", "velocity", "temperature", "duty", "voltage", "current", "deflection"),
-    "position torque",
-    "time",
-)
-"""Quantities by how they rank if a name has words of several; in one rank the first word counts."""
-_RANK = {kind: rank for rank, kinds in enumerate(_PRECEDENCE) for kind in kinds.split()}
-_MOTOR = {"m", "motor", "mot", "rotor", "drive", "winding"}
-_JOINT = {"joint", "link", "load", "out", "output", "l", "arm", "sensor", "external"}
-_ROLES = {
-    "commanded": "cmd command commanded goal target des desired ref reference setpoint con",
-    "derived": "filt filtered fric friction est estimated model ff error err",
-    "filler": "meas measured raw state states header actual act value data of the w bus",
-}
-_COMMANDED, _DERIVED, _FILLER = (set(words.split()) for words in _ROLES.values())
-_UNITS = {
-    **dict.fromkeys(("rad", "rads", "radians"), "rad"),
-    **dict.fromkeys(("deg", "degs", "degree", "degrees"), "deg"),
-    **dict.fromkeys(("turn", "turns", "rev", "revs"), "turn"),
-    **dict.fromkeys(("count", "counts", "ticks", "inc"), "counts"),
-    **{"nm": "Nm", "mnm": "mNm", "n": "N", "a": "A", "ma": "mA", "v": "V", "mv": "mV", "mm": "mm"},
-    **{"s": "s", "ms": "ms", "us": "us", "ns": "ns", "nsec": "ns", "usec": "us", "msec": "ms"},
-}
-_COMPUTED = _COMMANDED | _DERIVED
-_GENERIC = {*_WORDS, *_MOTOR, *_FILLER, *_JOINT}
-_NO_LABEL = {*_WORDS, *_MOTOR, *_COMPUTED, *_FILLER, *_UNITS}
-"""Words that say what a column is; the others are the label of its joint."""
-_BRACKETED = re.compile(r"(.*)\[([^\[\]]*)\]")
-_SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+|[^\W\d_]+")
-_GREEK = {"θ": "theta", "φ": "phi", "ω": "omega", "τ": "tau", "μ": "u"}
-_DOTS = (
-    (re.compile("[qθφ]\N{COMBINING DOT ABOVE}"), "velocity"),
-    (re.compile("[qθφ]\N{COMBINING DIAERESIS}"), "acceleration"),
-)
-"""Letters with the dots of a derivative, and the quantities that they stand for."""
-
-
-@dataclass(frozen=True)
-class Meaning:
-    """The meaning of a column name; `is_raw` is False for commands and derived signals.
-
-    `quantity` is "position", ... or "" if unknown; `side` is "motor", "joint" or ""; `joint` is the
-    remainder of the name; `unit` may be None.
-    """
-
-    quantity: str
-    side: str
-    joint: str
-    unit: str | None
-    is_raw: bool
-
-
-def meaning_of(name: str) -> Meaning:
-    """Return the meaning of a name: "mpos_0", "/joint_states/position[elbow]", "tau_meas1"."""
-    bracketed = _BRACKETED.fullmatch(name)
-    head, label = bracketed.groups() if bracketed else (name, "")
-    if head.startswith("/"):  # a topic: use the field only
-        head = head.rsplit("/", 1)[1]
-    words = [word for one in _SPLIT.findall(_in_latin(head)) for word in _split(one.lower())]
-    side = _side(words)
-    units = {**_UNITS, "m": "m"} if side == "joint" else _UNITS  # "pos_m" is at the motor
-    return Meaning(
-        quantity=min(
-            (_WORDS[one] for one in words if one in _WORDS), key=_RANK.__getitem__, default=""
-        ),
-        side=side,
-        joint=label or "_".join(_label(words)),
-        unit=units.get("".join(words[-1:])),
-        is_raw=_COMPUTED.isdisjoint(words),
-    )
-
-
-def _side(words: list[str]) -> str:
-    """Return the side: "joint_position_m" is in metres, "motor_elbow_joint" at the motor."""
-    at_joint = _is_at_joint(words)
-    if not _MOTOR.isdisjoint(words) and not (at_joint and words[-1] == "m"):
-        return "motor"
-    return "joint" if at_joint else ""
-
-
-def _label(words: list[str]) -> list[str]:
-    """Return the words of a joint's name, or its number if the other words are generic."""
-    rest = [
-        word
-        for word, following in pairwise([*words, ""])
-        if word not in _NO_LABEL and not (word in _JOINT and following in _WORDS)
-    ]
-    digits = [word for word in rest if word.isdigit()]
-    return digits if set(rest) <= {*digits, *_JOINT} else rest
-
-
-def _in_latin(name: str) -> str:
-    """Return a name with Greek letters spelled out and without accents: θ is theta."""
-    if name.isascii():
-        return name
-    text = unicodedata.normalize("NFKD", name)
-    for dotted, word in _DOTS:
-        text = dotted.sub(f" {word} ", text)
-    for letter, word in _GREEK.items():
-        text = text.replace(letter, f" {word} " if len(word) > 1 else word)
-    return "".join(one for one in text if not unicodedata.combining(one))
-
-
-def _is_at_joint(words: list[str]) -> bool:
-    """Return True for a side ("joint_position", "pos_link"), False for a name ("elbow_joint")."""
-    others = [word for word in words if not word.isdigit() and word not in _UNITS]
-    if any(word in _JOINT and following in _WORDS for word, following in pairwise(others)):
-        return True
-    return _GENERIC.issuperset(others) and not _JOINT.isdisjoint(others)
-
-
-def _split(word: str) -> list[str]:
-    """Split a word into known words: "mpos" into m and pos, "wcur" into w and cur."""
-    if word in _WORDS or word in _UNITS or len(word) < 2:
-        return [word]
-    if word[0] in "mlw" and word[1:] in _WORDS:
-        return [word[0], word[1:]]
-    if word[-1] in "ml" and word[:-1] in _WORDS:
-        return [word[:-1], word[-1]]
-    return [word]
-
 
 _SAME = 0.99
 """Correlation above which one channel counts as computed from another."""
 
 _STIFF = 0.999
 """Squared correlation above which the slope of two positions is a gear ratio."""
+
+_SIMILAR = 0.7
+"""Similarity of two names from which one is taken for the other, with a note."""
 
 _LISTED = 100
 """Most columns named in one note."""
@@ -329,7 +197,8 @@ def _add_torques(inference: Inference, tag: str, found: Sources) -> None:
     for name in inference.having("torque", tag):
         meaning = inference.meanings[name]
         side, arguments = meaning.side, {"column": name}
-        if meaning.unit in ("A", "mA"):
+        if meaning.unit in UNIT_FACTORS["A"]:
+            inference.note(name, "a torque in amperes: describe it with torque_constant_Nm_per_A")
             continue
         if twists and abs(_correlation(inference.data[name], inference.data[twists[0]])) > _SAME:
             side = "joint"
@@ -344,12 +213,16 @@ def _add_torques(inference: Inference, tag: str, found: Sources) -> None:
                 "taken for the motor's torque converted to the joint, which includes friction: "
                 "name it joint_torque if a sensor behind the gear measures it",
             )
-        if meaning.unit in ("mNm", "N"):
-            arguments["unit"] = meaning.unit
+        arguments |= _unit(meaning, "Nm")
         if f"{side}_torque" in found:
             inference.note(name, f"a second {side}_torque: excluded")
             continue
         found[f"{side}_torque"] = arguments
+
+
+def _unit(meaning: Meaning, usual: str) -> dict[str, str]:
+    """Return the argument for the unit of a source, none for the usual one."""
+    return {} if meaning.unit in (None, usual) else {"unit": meaning.unit}
 
 
 def _correlation(one: Array, other: Array) -> float:
@@ -365,18 +238,20 @@ def _correlation(one: Array, other: Array) -> float:
 def _add_electric(inference: Inference, tag: str, found: Sources) -> None:
     currents = sorted(inference.having("current", tag), key=lambda name: "w" not in name.lower())
     if currents:
-        unit = inference.meanings[currents[0]].unit
-        found["motor_current"] = {"column": currents[0], **({"unit": unit} if unit == "mA" else {})}
+        unit = _unit(inference.meanings[currents[0]], "A")
+        found["motor_current"] = {"column": currents[0], **unit}
         if len(currents) > 1:
             inference.note(currents[0], f"selected from {len(currents)} currents as the winding's")
     duties = inference.having("duty", tag)
     for name in inference.having("voltage", tag):
         values = inference.finite(name)
         if np.min(values) < 0 < np.max(values):
-            found["motor_voltage"] = {"column": name}
+            found["motor_voltage"] = {"column": name, **_unit(inference.meanings[name], "V")}
             return
         if duties:
-            found["motor_voltage"] = {"column": duties[0], "times": name}
+            factor = UNIT_FACTORS["V"][inference.meanings[name].unit or "V"]
+            scale = {} if factor == 1 else {"scale": factor}
+            found["motor_voltage"] = {"column": duties[0], "times": name, **scale}
             inference.note(f"{duties[0]} times {name}", "taken for the voltage of the motor")
             return
         inference.note(name, "has one sign: a supply, not the voltage of the motor")
@@ -477,7 +352,8 @@ def describe_log(path: str | Path, robot: Robot | None = None) -> Description:
     """
     path = Path(path)
     table = open_table(path)
-    inference = Inference({}, {name: meaning_of(name) for name in table.names})
+    joints_known = robot.joint_names if robot is not None else ()
+    inference = Inference({}, {name: meaning_of(name, joints_known) for name in table.names})
     inference.data |= _with_signal(_all_samples(table, inference), inference)
     clocks = {} if table.clocks else _clocks(inference)
     tags = _joints(inference)
@@ -488,7 +364,7 @@ def describe_log(path: str | Path, robot: Robot | None = None) -> Description:
         )
     names = _joint_names(tags, robot, inference)
     joints = {}
-    for tag in tags:
+    for tag in names:
         own = clocks.get(tag) if tag else None
         sources = quantities_of(inference, tag, names[tag], robot)
         joints[names[tag]] = {name: Source(**one, time=own) for name, one in sources.items()}
@@ -606,18 +482,42 @@ def _is_number(tag: str) -> bool:
 
 
 def _joint_names(tags: Sequence[str], robot: Robot | None, inference: Inference) -> dict[str, str]:
-    """Return {label: joint name}, matched to the robot's joints by name or by order."""
+    """Return {label: joint name} by exact name, by number, by similar name, or by order."""
     if robot is None:
         return {tag: f"joint_{tag}" if _is_number(tag) else tag or "joint" for tag in tags}
-    near = {
-        tag: names[0]
-        for tag in tags
-        if (names := get_close_matches(tag, robot.joint_names, 1, 0.7))
-    }
-    if len(set(near.values())) == len(tags):
-        return near
+    found = {tag: tag for tag in tags if tag in robot.joint_names}
+    free = [joint for joint in robot.joint_names if joint not in found]
+    others = [tag for tag in tags if tag not in found]
+    numbers = {_number_in(joint): joint for joint in free}
+    if others and len(numbers) == len(free) and {_number_in(tag) for tag in others} <= set(numbers):
+        return found | {tag: numbers[_number_in(tag)] for tag in others}
+    similar = _similar(others, free)
+    for tag, joint in similar.items():
+        inference.note(tag, f"taken for {joint}, the most similar name of a joint")
+    others = [tag for tag in others if tag not in similar]
+    if not others or found or similar:
+        for tag in others:
+            inference.note(tag, "no joint of the robot has such a name: excluded")
+        return found | similar
     if len(tags) > robot.n:
         inference.note(", ".join(tags), f"{len(tags)} joints in the log, {robot.n} in the robot")
-    inference.note(", ".join(tags), "taken for the robot's joints in their order")
-    extra = [f"joint_{tag}" for tag in tags[robot.n :]]
-    return dict(zip(tags, [*robot.joint_names[: len(tags)], *extra], strict=True))
+    inference.note(", ".join(tags[: robot.n]), "taken for the robot's joints in their order")
+    return dict(zip(tags, robot.joint_names, strict=False))
+
+
+def _number_in(name: str) -> str:
+    """Return the only number of a joint's name if nothing but "joint" or a letter is with it."""
+    found = re.fullmatch(r"(?:joint|jnt|axis|[a-z])?_?0*(\d+)(?:_joint)?", name.lower(), re.ASCII)
+    return found[1] if found else f"no number: {name}"
+
+
+def _similar(tags: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
+    """Return {label: joint} for similar names, one to one, the most similar first."""
+    pairs = [
+        (SequenceMatcher(None, tag, joint).ratio(), tag, joint) for tag in tags for joint in joints
+    ]
+    found: dict[str, str] = {}
+    for ratio, tag, joint in sorted(pairs, key=lambda one: -one[0]):
+        if ratio >= _SIMILAR and tag not in found and joint not in found.values():
+            found[tag] = joint
+    return found

@@ -28,12 +28,15 @@ Column = str | tuple[str, float | str]
 """A custom column: its name, or its name with its unit or with the factor to the SI unit."""
 
 UNIT_FACTORS = {
-    "rad": {"rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180, "turn": 2 * np.pi},
+    "rad": {
+        **{"rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180, "mdeg": np.pi / 180e3},
+        "turn": 2 * np.pi,
+    },
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
-    "Nm": {"Nm": 1.0, "mNm": 1e-3, "kNm": 1e3},
+    "Nm": {"Nm": 1.0, "Ncm": 1e-2, "mNm": 1e-3, "Nmm": 1e-3, "uNm": 1e-6, "kNm": 1e3},
     "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
-    "A": {"A": 1.0, "mA": 1e-3},
-    "V": {"V": 1.0, "mV": 1e-3},
+    "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6, "kA": 1e3},
+    "V": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
 }
 """{SI unit at the end of a column name: {unit: factor to the SI unit}}."""

@@ -11,10 +11,11 @@ import pytest
 from seaid._arrays import Array
 from seaid.errors import LogError
 from seaid.log import infer_columns as describe
-from seaid.log.infer_columns import Description, describe_log, meaning_of
+from seaid.log.column_meaning import meaning_of
+from seaid.log.infer_columns import Description, describe_log
 from seaid.log.readers.table import Table
 from seaid.log.reading import read_log
-from seaid.robot.robot import load_robot
+from seaid.robot.robot import Robot, load_robot
 from tests.measured import LOGS
 from tests.one_joint import BODY
 
@@ -56,6 +57,30 @@ def plain(found: Description) -> dict[str, Any]:
         ("/drives/motor.angle[2]", "position", "motor", "2", None),
         ("input_volts", "voltage", "", "input", None),
         ("timestamp_ms", "time", "", "", "ms"),
+        ("knee_motor_current_mA", "current", "motor", "knee", "mA"),
+        ("knee_torque_mNm", "torque", "", "knee", "mNm"),
+        ("TORQUE_MNM_2", "torque", "", "2", "mNm"),
+        ("slide_force_kN", "torque", "", "slide", "kN"),
+        ("torque1mNm", "torque", "", "1", "mNm"),
+        ("currentmA", "current", "", "", "mA"),
+        ("vbus mV", "voltage", "", "vbus", "mV"),
+        ("slide.link_pos_um", "position", "joint", "slide", "um"),
+        ("knee_enc_mrad", "position", "", "knee", "mrad"),
+        ("pos_mdeg_3", "position", "", "3", "mdeg"),
+        ("enc_counts", "position", "", "", "counts"),
+        ("hip_yaw_motor_rad", "position", "motor", "hip_yaw", "rad"),
+        ("hip_yaw_rpm", "velocity", "", "hip_yaw", "rpm"),
+        ("vel_deg_s", "velocity", "", "", "deg/s"),
+        ("dq1 [rad/s]", "velocity", "", "1", "rad/s"),
+        ("acc_2 (m/s^2)", "acceleration", "", "2", "m/s^2"),
+        ("q[1](rad)", "position", "", "1", "rad"),
+        ("tau (measured) [Nm]", "torque", "", "", "Nm"),
+        ("position[A]", "position", "", "A", None),
+        ("ang_left_s0", "position", "", "left_s0", None),
+        ("current_position", "position", "", "", None),
+        ("/joint_states/elbow/position", "position", "", "elbow", None),
+        ("sample_count", "", "", "sample", None),
+        ("firmware_rev", "", "", "firmware", None),
         ("θ_m1", "position", "motor", "1", None),
         ("τ_knee", "torque", "", "knee", None),
         ("\N{MATHEMATICAL ITALIC SMALL THETA}2", "position", "", "2", None),
@@ -77,6 +102,102 @@ def test_name_of_a_column_is_read(
     found = meaning_of(name)
     assert (found.quantity, found.side, found.joint, found.unit) == (quantity, side, joint, unit)
     assert found.is_raw
+
+
+@pytest.mark.parametrize(
+    ("name", "joint", "quantity", "side"),
+    [
+        ("ang_left_s0", "left_s0", "position", ""),
+        ("left_w0_motor_pos", "left_w0", "position", "motor"),
+        ("LEFT_S0_TORQUE", "left_s0", "torque", ""),
+        ("elbow_vel", "elbow_joint", "velocity", ""),
+        ("position[elbow_joint]", "elbow_joint", "position", ""),
+        ("position[elbow]", "elbow_joint", "position", ""),
+        ("tau_motor_arm", "motor_arm", "torque", ""),
+        ("/joint_states/left_s0/effort", "left_s0", "torque", ""),
+        ("q1", "1", "position", ""),  # the joint q1: without its name there would be no quantity
+        ("q1_torque", "q1", "torque", ""),
+    ],
+)
+def test_the_name_of_a_joint_of_the_robot_is_read_as_nothing_else(
+    name: str, joint: str, quantity: str, side: str
+) -> None:
+    joints = ("left_s0", "left_w0", "elbow_joint", "motor_arm", "q1")
+    found = meaning_of(name, joints)
+    assert (found.joint, found.quantity, found.side) == (joint, quantity, side)
+
+
+def robot_of(folder: Path, *joints: str, limit: float = 3.0) -> Robot:
+    """Return a chain of revolute joints with these names."""
+    limits = f'<limit lower="{-limit}" upper="{limit}" effort="9" velocity="9"/>'
+    links = ["base", *(f"link_of_{joint}" for joint in joints)]
+    chain = "".join(
+        f'<link name="{child}">{BODY}</link><joint name="{joint}" type="revolute">{limits}'
+        f'<parent link="{parent}"/><child link="{child}"/></joint>'
+        for joint, parent, child in zip(joints, links[:-1], links[1:], strict=True)
+    )
+    path = folder / "robot.urdf"
+    path.write_text(f'<robot name="robot"><link name="base"/>{chain}</robot>')
+    return load_robot(path)
+
+
+@pytest.mark.parametrize(
+    ("labels", "joints", "expected", "note"),
+    [
+        (("left_s0", "left_w0"), ("left_w0", "left_s0"), ("left_s0", "left_w0"), ""),
+        (("hip_yaw", "hip_yow"), ("hip_yow", "hip_yaw"), ("hip_yaw", "hip_yow"), ""),
+        (("hip_jaw",), ("hip_yaw", "hip_roll"), ("hip_yaw",), "hip_jaw: taken for hip_yaw"),
+        (("hip_yaw", "gripper"), ("hip_yaw",), ("hip_yaw",), "gripper: no joint of the robot has"),
+        (("j2", "j1"), ("joint1", "joint2"), ("joint2", "joint1"), ""),
+        (("0", "1"), ("joint1", "joint2"), ("joint1", "joint2"), "0, 1: taken for the robot's"),
+        (("1", "2"), ("hip", "knee"), ("hip", "knee"), "1, 2: taken for the robot's joints in"),
+        (("a", "b", "c"), ("hip", "knee"), ("hip", "knee"), "3 joints in the log, 2 in the robot"),
+    ],
+)
+def test_an_exact_name_of_a_joint_wins_over_a_similar_one(
+    tmp_path: Path,
+    labels: tuple[str, ...],
+    joints: tuple[str, ...],
+    expected: tuple[str, ...],
+    note: str,
+) -> None:
+    columns = {f"ang_{one}": wave(0.3 + 0.1 * k) for k, one in enumerate(labels)}
+    columns |= {f"tau_{one}_Nm": wave(0.35 + 0.1 * k) for k, one in enumerate(labels)}
+    np.savez(tmp_path / "log.npz", t=TIME, **columns)  # type: ignore[arg-type]
+    found = describe_log(tmp_path / "log.npz", robot_of(tmp_path, *joints))
+    positions = {joint: one["joint_position"] for joint, one in plain(found).items()}
+    named = zip(expected, labels, strict=False)
+    assert positions == {joint: f"ang_{label}" for joint, label in named}
+    text = "\n".join(found.unsure)
+    assert note in text
+    assert note or not ("most similar" in text or "in their order" in text)
+
+
+def test_units_with_prefixes_reach_the_description(tmp_path: Path) -> None:
+    found = guess(
+        tmp_path,
+        t_ms=1e3 * TIME,
+        knee_motor_mdeg=wave(0.5, 9e4),
+        knee_joint_mrad=wave(0.5, 900.0),
+        knee_torque_mNm=wave(0.6, 5.0),
+        knee_current_mA=wave(0.7, 5.0),
+        knee_voltage_mV=wave(0.7, 5.0),
+    )
+    assert {name: one["unit"] for name, one in plain(found)["knee"].items()} == {
+        **{"motor_position": "mdeg", "joint_position": "mrad", "motor_torque": "mNm"},
+        **{"motor_current": "mA", "motor_voltage": "mV"},
+    }
+    path = tmp_path / "log.npz"
+    path.with_suffix(".toml").write_text(found.to_toml())
+    log = read_log(path, robot_of(tmp_path, "knee"))
+    assert log.motor_voltage is not None
+    np.testing.assert_allclose(log.motor_voltage[:, 0], wave(0.7, 5e-3), atol=1e-12)
+    np.testing.assert_allclose(log.motor_position[:, 0], np.deg2rad(wave(0.5, 90.0)), atol=1e-9)
+
+
+def test_a_torque_in_amperes_needs_a_constant_and_is_noted(tmp_path: Path) -> None:
+    found = guess(tmp_path, t=TIME, q=wave(0.5), tau_mA=wave(0.6))
+    assert "tau_mA: a torque in amperes: describe it with torque_constant_Nm_per_A" in found.unsure
 
 
 @pytest.mark.parametrize("name", ["pos_cmd_0", "goal_position", "tau_fric1", "q_des", "pos_filt2"])
@@ -202,14 +323,7 @@ def test_log_without_positions_is_refused(tmp_path: Path) -> None:
 
 
 def test_robot_names_the_joints_and_tells_degrees(tmp_path: Path) -> None:
-    limits = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
-    joints = "".join(
-        f'<link name="{child}">{BODY}</link><joint name="{joint}" type="revolute">{limits}'
-        f'<parent link="{parent}"/><child link="{child}"/></joint>'
-        for joint, parent, child in (("hip_pitch", "base", "a"), ("knee_pitch", "a", "b"))
-    )
-    (tmp_path / "leg.urdf").write_text(f'<robot name="leg"><link name="base"/>{joints}</robot>')
-    robot = load_robot(tmp_path / "leg.urdf")
+    robot = robot_of(tmp_path, "hip_pitch", "knee_pitch", limit=1.0)
     path = tmp_path / "log.npz"
     columns = {"t": TIME, "q_knee": wave(0.5, 5.0), "tau_knee": wave(1.0)}
     np.savez(path, q_hip=wave(0.5), tau_hip=wave(0.9), **columns)  # type: ignore[arg-type]

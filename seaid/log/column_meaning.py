@@ -1,0 +1,354 @@
+"""The meaning of the name of a column: quantity, side of the gear, joint and unit.
+
+`meaning_of` reads it from the words of the name; the names of a robot's joints are looked for
+first, so that their words are not taken for anything else.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import pairwise
+
+_QUANTITIES = {
+    "time": "t time stamp timestamp ts clock seconds sec nanosec",
+    "position": "pos position angle q theta phi ang enc encoder positions qpos",
+    "velocity": "vel velocity speed dq qd qdot omega dtheta velocities rpm qvel",
+    "acceleration": "acc accel acceleration ddq qdd qddot",
+    "deflection": "defl deflection twist",
+    "torque": "tau torque eff effort trq moment force torques frc",
+    "current": "cur current amps iq curr currents i",
+    "voltage": "volt volts voltage u voltages",
+    "duty": "pwm duty",
+    "temperature": "temp temperature wtemp",
+}
+_WORDS = {word: kind for kind, words in _QUANTITIES.items() for word in words.split()}
+_PRECEDENCE = (
+    *("acceleration", "velocity", "temperature", "duty", "voltage", "current", "deflection"),
+    "position torque",
+    "time",
+)
+"""Quantities by how they rank if a name has words of several; in one rank the first word counts."""
+_RANK = {kind: rank for rank, kinds in enumerate(_PRECEDENCE) for kind in kinds.split()}
+_MOTOR = {"m", "motor", "mot", "rotor", "drive", "winding"}
+_JOINT = {"joint", "link", "load", "out", "output", "l", "arm", "sensor", "external"}
+_ROLES = {
+    "commanded": "cmd command commanded goal target des desired ref reference setpoint con",
+    "derived": "filt filtered fric friction est estimated model ff error err",
+    "filler": "meas measured raw state states header actual act value data of the w bus",
+}
+_COMMANDED, _DERIVED, _FILLER = (set(words.split()) for words in _ROLES.values())
+
+_SPELLINGS = {
+    "position": {
+        "rad": "rad rads radian radians",
+        "mrad": "mrad millirad",
+        "deg": "deg degs degree degrees °",
+        "mdeg": "mdeg millideg",
+        "turn": "turn turns rev revs revolution revolutions",
+        "counts": "count counts cts tick ticks inc incs increments pulses lsb",
+        "mm": "mm millimeter millimetre millimeters millimetres",
+        **{"cm": "cm", "um": "um micron microns", "m": "m"},
+    },
+    "torque": {
+        **{"Nm": "Nm N.m N·m N*m NM newtonmeter", "mNm": "mNm mN.m mN·m", "uNm": "uNm"},
+        **{"kNm": "kNm kN.m", "Ncm": "Ncm N.cm", "Nmm": "Nmm N.mm"},
+        **{"N": "N newton newtons", "mN": "mN", "kN": "kN"},
+    },
+    "current": {"A": "A amp ampere amperes", "mA": "mA milliamp milliamps", "uA": "uA", "kA": "kA"},
+    "voltage": {"V": "V", "mV": "mV millivolt millivolts", "uV": "uV", "kV": "kV"},
+    "time": {
+        **{"s": "s sec secs second seconds", "ms": "ms msec millis milliseconds"},
+        **{"us": "us usec micros microseconds", "ns": "ns nsec nanosec nanos nanoseconds"},
+    },
+    "velocity": {"rpm": "rpm", "deg/s": "dps", "rad/s": "radps"},
+    "temperature": {"degC": "degC celsius C"},
+}
+"""{quantity: {unit: its spellings}}. A column of a torque may be in amperes, too."""
+
+_UNITS = {
+    spelling: (quantity, unit)
+    for quantity, units in _SPELLINGS.items()
+    for unit, spellings in units.items()
+    for spelling in spellings.split()
+}
+_UNITS_SMALL = {one.lower(): found for one, found in reversed(_UNITS.items())}
+"""Units by their spelling, and by that in small letters, as in "TORQUE_MNM"."""
+
+_BY_UNIT = {
+    *("rad", "mrad", "deg", "mdeg", "Nm", "mNm", "kNm", "Ncm", "mA", "mV", "rpm"),
+    *("deg/s", "rad/s"),
+}
+"""Units that say the quantity if no word of the name does: "hip_yaw_motor_rad" is a position."""
+
+_RATE = re.compile(
+    r"(?<![^\W_])(m?rad|m?deg|turns?|revs?|counts?|[mc]?m|°)"
+    r"(?:_per_| ?/ ?|(?<=rad)_|(?<=deg)_)(s|sec|min)(\^?2|²|s)?(?![^\W_])"
+)
+"""A unit of a velocity or an acceleration: "rad/s", "deg_per_s", "m/s^2"."""
+
+_COMPUTED = _COMMANDED | _DERIVED
+_GENERIC = {*_WORDS, *_MOTOR, *_FILLER, *_JOINT}
+_NO_LABEL = {*_WORDS, *_MOTOR, *_COMPUTED, *_FILLER}
+"""Words that say what a column is; the others, except its unit, are the label of its joint."""
+_ANY_JOINT = {"joint", "jnt", "link"}
+"""Words that a column may lack of the name of its joint: "elbow_pos" is of elbow_joint."""
+_BRACKETED = re.compile(r"(.*)([\[(])([^\[\]()]*)[\])]\s*", re.DOTALL)
+_RUN = re.compile(r"[^\W_]+|°")
+_SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+|[^\W\d_]+|°")
+_GREEK = {"θ": "theta", "φ": "phi", "ω": "omega", "τ": "tau", "μ": "u"}
+_DOTS = (
+    (re.compile("[qθφ]\N{COMBINING DOT ABOVE}"), "velocity"),
+    (re.compile("[qθφ]\N{COMBINING DIAERESIS}"), "acceleration"),
+)
+"""Letters with the dots of a derivative, and the quantities that they stand for."""
+
+_Unit = tuple[str, str]
+"""A quantity, and a unit of it."""
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """The meaning of a column name; `is_raw` is False for commands and derived signals.
+
+    `quantity` is "position", ... or "" if unknown; `side` is "motor", "joint" or ""; `joint` is the
+    name of the robot's joint, or the remainder of the name; `unit` may be None.
+    """
+
+    quantity: str
+    side: str
+    joint: str
+    unit: str | None
+    is_raw: bool
+
+
+@dataclass(frozen=True)
+class _Word:
+    """A word in small letters, and the unit that it may be.
+
+    `is_glued`: a number that follows the word before without a separator, as in "arm1".
+    """
+
+    text: str
+    unit: _Unit | None = None
+    is_glued: bool = False
+
+
+def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
+    """Return the meaning of a name: "mpos_0", "/joint_states/position[elbow]", "tau_meas1".
+
+    The words of one of the `joints` of a robot are its name, and nothing else.
+    """
+    head, label, unit = _without_brackets(name)
+    path = head.split("/") if head.startswith("/") else [head]  # a topic: use the field only
+    head, rate = _without_rate(_in_latin(path[-1]))
+    joint = _joint_of(label, joints) if label else ""
+    found, words = ("", _words(head)) if joint else _joint_in(_words(head), joints)
+    joint = joint or found
+    texts = [one.text for one in words]
+    quantity = _quantity(texts)
+    if not quantity and (by_unit := _unit_of(words, "", "")):  # the unit stands for the quantity
+        words = [replace(one, text=by_unit[0]) if one.unit == by_unit else one for one in words]
+    side = _side(words)
+    if rate and quantity in ("", "velocity", "acceleration"):
+        unit = rate
+    if unit is None or not _fits(unit, quantity):
+        label = label or (unit[1] if unit else "")
+        unit = _unit_of(words, quantity, side)
+    joint = joint or label or _label(words, unit)
+    if not joint and len(path) > 3:  # "/joint_states/elbow/position"
+        joint = _joint_of(path[-2], joints) if joints else _label(_words(path[-2]), None)
+    return Meaning(
+        quantity=quantity or (unit[0] if unit else ""),
+        side=side,
+        joint=joint,
+        unit=unit[1] if unit else None,
+        is_raw=_COMPUTED.isdisjoint(texts),
+    )
+
+
+def _without_brackets(name: str) -> tuple[str, str, _Unit | None]:
+    """Return a name without brackets, and the label and the unit in them: "q[1] (rad)"."""
+    label, unit = "", None
+    while found := _BRACKETED.fullmatch(name):
+        head, bracket, inside = found.groups()
+        one = _known_unit(_in_latin(inside).strip())
+        if one is not None:
+            name, unit = head, one
+        elif bracket == "[" or inside.isdigit():
+            name, label = head, inside
+        else:
+            name = f"{head} {inside}"
+    return name, label, unit
+
+
+def _without_rate(head: str) -> tuple[str, _Unit | None]:
+    """Return a name without the unit of a velocity or an acceleration, and that unit."""
+    found = _RATE.search(head)
+    if found is None:
+        return head, None
+    length, time, square = found.groups()
+    _, length = _known_unit(length) or ("", length)
+    rate = ("acceleration", f"{length}/s^2") if square else ("velocity", f"{length}/{time[0]}")
+    return head[: found.start()] + head[found.end() :], rate
+
+
+def _known_unit(text: str) -> _Unit | None:
+    """Return the unit that a text is, in the spelling of the table or in that of small letters."""
+    if _RATE.fullmatch(text):
+        return _without_rate(text)[1]
+    return _UNITS.get(text, _UNITS_SMALL.get(text.lower()))
+
+
+def _words(text: str) -> list[_Word]:
+    """Return the words of a name; a unit such as mA is one word."""
+    found: list[_Word] = []
+    for run in _RUN.findall(text):
+        head, unit = _without_unit(run)
+        for number, part in enumerate(_SPLIT.findall(head)):
+            glued = number > 0 and part.isdigit()
+            found += [_Word(one, _known_unit(part), glued) for one in _split(part.lower())]
+        if unit:
+            found.append(_Word(unit.lower(), _known_unit(unit)))
+    return found
+
+
+def _without_unit(run: str) -> tuple[str, str]:
+    """Return letters and numbers without the unit at their end: "currentmA", "torque1mNm"."""
+    if _known_unit(run):
+        return "", run
+    for start in range(1, len(run) - 1):
+        before = (_SPLIT.findall(run[:start]) or [""])[-1].lower()
+        if run[start:] in _UNITS and (before.isdigit() or before in _WORDS):
+            return run[:start], run[start:]
+    return run, ""
+
+
+def _split(word: str) -> list[str]:
+    """Split a word into known words: "mpos" into m and pos, "wcur" into w and cur."""
+    if word in _WORDS or word in _UNITS_SMALL or len(word) < 2:
+        return [word]
+    if word[0] in "mlw" and word[1:] in _WORDS:
+        return [word[0], word[1:]]
+    if word[-1] in "ml" and word[:-1] in _WORDS:
+        return [word[:-1], word[-1]]
+    return [word]
+
+
+def _quantity(texts: Sequence[str]) -> str:
+    """Return the quantity; "current" before another one means the present: current_position."""
+    kinds = [
+        _WORDS[one]
+        for one, following in pairwise([*texts, ""])
+        if one in _WORDS and not (one == "current" and _WORDS.get(following, one) != one)
+    ]
+    return min(kinds, key=_RANK.__getitem__, default="")
+
+
+def _fits(unit: _Unit, quantity: str) -> bool:
+    """Return whether a quantity may have a unit; without a quantity only what is unmistakable."""
+    if not quantity:
+        return unit[1] in _BY_UNIT
+    return (quantity, unit[0]) in {("torque", "current"), ("deflection", "position")} or (
+        quantity == unit[0]
+    )
+
+
+def _unit_of(words: Sequence[_Word], quantity: str, side: str) -> _Unit | None:
+    """Return the unit: the last word that is one. One of a single letter is the very last word."""
+    named = [one for one in words if not one.text.isdigit()]
+    for place, word in enumerate(reversed(named)):
+        is_last = place == 0 and len(named) > 1
+        if word.unit is None or not (is_last or (quantity and len(word.text) > 1)):
+            continue
+        if word.text == "m" and side != "joint":  # "pos_m" is at the motor
+            continue
+        if _fits(word.unit, quantity):
+            return word.unit
+    return None
+
+
+def _side(words: Sequence[_Word]) -> str:
+    """Return the side: "joint_position_m" is in metres, "motor_elbow_joint" at the motor."""
+    texts = [one.text for one in words]
+    at_joint = _is_at_joint(words)
+    if not _MOTOR.isdisjoint(texts) and not (at_joint and texts[-1] == "m"):
+        return "motor"
+    return "joint" if at_joint else ""
+
+
+def _is_at_joint(words: Sequence[_Word]) -> bool:
+    """Return True for a side ("joint_position", "pos_link"), False for a name ("elbow_joint")."""
+    others = [
+        one.text
+        for one in words
+        if not one.text.isdigit() and (one.unit is None or one.text in _GENERIC)
+    ]
+    if any(word in _JOINT and following in _WORDS for word, following in pairwise(others)):
+        return True
+    return _GENERIC.issuperset(others) and not _JOINT.isdisjoint(others)
+
+
+def _label(words: Sequence[_Word], unit: _Unit | None) -> str:
+    """Return the words of a joint's name, or its number if the other words are generic."""
+    label, others, last = "", False, -1
+    digits = []
+    for place, (word, following) in enumerate(pairwise([*words, _Word("")])):
+        text = word.text
+        is_unit = word.unit is not None and (len(text) > 1 or word.unit == unit)
+        if is_unit or text in _NO_LABEL or (text in _JOINT and following.text in _WORDS):
+            continue
+        digits += [text] if text.isdigit() else []
+        others = others or not (text.isdigit() or text in _JOINT)
+        label += text if not label or (word.is_glued and last == place - 1) else f"_{text}"
+        last = place
+    return label if others else "_".join(digits)
+
+
+def _joint_of(label: str, joints: Sequence[str]) -> str:
+    """Return the joint of a label that is nothing else, or the label itself."""
+    texts = [one.text for one in _words(_in_latin(label))]
+    return next((joint for known, joint in _known(tuple(joints)) if list(known) == texts), label)
+
+
+def _joint_in(words: list[_Word], joints: Sequence[str]) -> tuple[str, list[_Word]]:
+    """Return the joint whose words are in a name, "" if none, and the other words."""
+    texts = tuple(one.text for one in words)
+    for known, joint in _known(tuple(joints)):
+        for start in range(len(texts) - len(known) + 1):
+            end = start + len(known)
+            others = texts[:start] + texts[end:]
+            if texts[start:end] != known or not others:
+                continue
+            if _WORDS.keys().isdisjoint(known) or not _WORDS.keys().isdisjoint(others):
+                return joint, words[:start] + words[end:]
+    return "", words
+
+
+@cache
+def _known(joints: tuple[str, ...]) -> list[tuple[tuple[str, ...], str]]:
+    """Return the words of each joint, whole and without "joint", the longest first."""
+    found: dict[tuple[str, ...], str] = {}
+    for joint in joints:
+        texts = tuple(one.text for one in _words(_in_latin(joint)))
+        short = tuple(one for one in texts if one not in _ANY_JOINT)
+        is_name = any(not one.isdigit() and len(one) > 1 for one in short) or len(short) > 1
+        if is_name and short not in found:
+            found[short] = joint
+        found[texts] = joint
+    return sorted(found.items(), key=lambda one: -len(one[0]))
+
+
+def _in_latin(name: str) -> str:
+    """Return a name with Greek letters spelled out and without accents: θ is theta."""
+    if name.isascii():
+        return name
+    text = unicodedata.normalize("NFKD", name)
+    for dotted, word in _DOTS:
+        text = dotted.sub(f" {word} ", text)
+    for letter, word in _GREEK.items():
+        text = text.replace(letter, f" {word} " if len(word) > 1 else word)
+    return "".join(one for one in text if not unicodedata.combining(one))
