@@ -245,7 +245,7 @@ def test_one_foreign_column_may_serve_two_sensors(
         ),
         (
             {"arm.motor_torque_Nm": (NAMES[3], "rad")},
-            "no unit of this quantity is named 'rad'; allowed: Nm, mNm",
+            "no unit of this quantity is named 'rad'; allowed: Nm, Ncm, mNm",
         ),
         ({NAMES[1]: (NAMES[1], 0.0)}, "the factor must be finite and not zero, found 0.0"),
         ({NAMES[1]: (NAMES[1], np.nan)}, "the factor must be finite and not zero, found nan"),
