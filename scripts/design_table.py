@@ -1,7 +1,7 @@
-"""The table of docs/experiment_design.md: how long, which rate, which encoders, how stiff.
+"""The tables of docs/experiment_design.md: how long, which rate, which encoders, how stiff.
 
-A bench of one series elastic joint. For each row `seaid.design_excitation` plans a motion,
-`seaid.simulate` makes logs with other draws of the torque noise and of the encoder offsets, and
+The robot is a bench with one series elastic joint. For each row `seaid.design_excitation` plans a
+motion, a simulation makes logs with other draws of the torque noise and of the encoder offsets, and
 `seaid.identify` estimates the drive and the link. The script prints the median of the stated
 standard errors and, in brackets, the rms of the true errors, both relative to the true values.
 """
@@ -9,7 +9,6 @@ standard errors and, in brackets, the rms of the true errors, both relative to t
 from __future__ import annotations
 
 import argparse
-import sys
 import tempfile
 import warnings
 from dataclasses import dataclass, replace
@@ -44,21 +43,37 @@ class Bench:
 
 
 DEFAULT = Bench()
-ROWS: dict[str, list[Bench]] = {
-    "duration": [replace(DEFAULT, duration_s=time) for time in (3.0, 10.0, 30.0, 60.0)],
-    "rate": [replace(DEFAULT, rate_hz=rate) for rate in (100.0, 200.0, 500.0, 1000.0)],
-    "bits of the joint encoder": [
-        replace(DEFAULT, joint_bits=bits) for bits in (11, 12, 13, 14, 16, 18)
-    ],
-    "bits of the motor encoder": [replace(DEFAULT, motor_bits=bits) for bits in (8, 10, 12)],
-    "stiffness": [
-        replace(DEFAULT, stiffness_Nm_per_rad=k) for k in (30.0, 100.0, 300.0, 1e3, 3e3, 1e4, 3e4)
-    ],
-    "stiffness, 18 bits": [
-        replace(DEFAULT, stiffness_Nm_per_rad=k, joint_bits=18) for k in (1e3, 3e3, 1e4, 3e4)
-    ],
-    "mass at the arm": [replace(DEFAULT, mass_kg=mass) for mass in (0.1, 0.5, 2.0)],
+TABLES: dict[str, tuple[str, list[Bench]]] = {
+    "duration [s]": (
+        "duration_s",
+        [replace(DEFAULT, duration_s=time) for time in (3.0, 10.0, 30.0, 60.0)],
+    ),
+    "rate [Hz]": (
+        "rate_hz",
+        [replace(DEFAULT, rate_hz=rate) for rate in (100.0, 200.0, 500.0, 1000.0)],
+    ),
+    "joint encoder [bits per turn]": (
+        "joint_bits",
+        [replace(DEFAULT, joint_bits=bits) for bits in (10, 11, 12, 13, 14, 16, 18)],
+    ),
+    "motor encoder [bits per turn]": (
+        "motor_bits",
+        [replace(DEFAULT, motor_bits=bits) for bits in (6, 8, 12)],
+    ),
+    "stiffness [N m/rad], 14 bits": (
+        "stiffness_Nm_per_rad",
+        [replace(DEFAULT, stiffness_Nm_per_rad=k) for k in (30.0, 100.0, 300.0, 1e3, 3e3, 1e4)],
+    ),
+    "stiffness [N m/rad], 18 bits": (
+        "stiffness_Nm_per_rad",
+        [replace(DEFAULT, stiffness_Nm_per_rad=k, joint_bits=18) for k in (1e3, 3e3, 1e4)],
+    ),
+    "mass of the link [kg]": (
+        "mass_kg",
+        [replace(DEFAULT, mass_kg=mass) for mass in (0.02, 0.1, 0.5, 2.0)],
+    ),
 }
+"""{what a table changes: its field, and the rows}."""
 
 
 def robot_of(bench: Bench) -> seaid.Robot:
@@ -88,8 +103,11 @@ def noise_of(bench: Bench, seed: int) -> seaid.Noise:
     )
 
 
-def errors_of(bench: Bench, draws: int) -> tuple[Array, Array]:
-    """Return stated standard errors and true errors, relative to the truth (draws, parameters)."""
+def errors_of(bench: Bench, draws: int) -> tuple[float, Array, Array]:
+    """Return the deflection, and stated and true errors (draws, parameters).
+
+    The deflection is its rms without the mean, in steps of the joint encoder. Errors are relative.
+    """
     robot = robot_of(bench)
     plan = seaid.design_excitation(
         robot, bench.duration_s, drive_parameters=True, starts=1, iterations=30
@@ -106,7 +124,9 @@ def errors_of(bench: Bench, draws: int) -> tuple[Array, Array]:
         errors = np.array([*map(drive.standard_error, PARAMETERS), _inertia(robot, found)[1]])
         stated.append(errors / np.abs(truth))
         true.append((values - truth) / np.abs(truth))
-    return np.array(stated), np.array(true)
+    deflection = np.std(motion.joint_torque[:, 0]) / bench.stiffness_Nm_per_rad
+    step = 2 * np.pi / 2**bench.joint_bits
+    return float(deflection / step), np.array(stated), np.array(true)
 
 
 def _inertia(robot: seaid.Robot, found: seaid.Identification) -> tuple[float, float, float]:
@@ -121,24 +141,27 @@ def _inertia(robot: seaid.Robot, found: seaid.Identification) -> tuple[float, fl
 
 
 def main(draws: int, only: str) -> None:
-    """Print the rows as Markdown."""
+    """Print the tables as Markdown."""
     warnings.simplefilter("ignore", seaid.SeaidWarning)  # short searches of the plan
-    done: dict[Bench, tuple[Array, Array]] = {}
-    print("| changed | value | k | F_v | F_C | inertia |\n|---|---:|---:|---:|---:|---:|")
-    rows = [(what, bench) for what, benches in ROWS.items() for bench in benches if only in what]
-    for what, bench in track(rows, "rows", True):
-        if bench not in done:
-            done[bench] = errors_of(bench, draws)
-        stated, true = done[bench]
-        median, rms = np.median(stated, axis=0), np.sqrt(np.mean(true**2, axis=0))
-        cells = [f"{a:.2g} ({b:.2g})" for a, b in zip(100 * median, 100 * rms, strict=True)]
-        print(f"| {what} | {bench} | {' | '.join(cells)} |", flush=True)
+    done: dict[Bench, tuple[float, Array, Array]] = {}
+    for title, (field, benches) in TABLES.items():
+        if only not in title:
+            continue
+        print(f"\n| {title} | deflection [steps] | k | F_v | F_C | inertia |")
+        print("|---:|---:|---:|---:|---:|---:|")
+        for bench in track(benches, title, True):
+            if bench not in done:
+                done[bench] = errors_of(bench, draws)
+            steps, stated, true = done[bench]
+            median, rms = np.median(stated, axis=0), np.sqrt(np.mean(true**2, axis=0))
+            cells = [f"{a:.2g} % ({b:.2g} %)" for a, b in zip(100 * median, 100 * rms, strict=True)]
+            value = f"{getattr(bench, field):g}"
+            print(f"| {value} | {steps:.2g} | {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--draws", type=int, default=8, help="logs per row")
-    parser.add_argument("--only", default="", help="rows whose heading contains this")
+    parser.add_argument("--draws", type=int, default=24, help="logs per row")
+    parser.add_argument("--only", default="", help="tables whose title contains this")
     given = parser.parse_args()
     main(given.draws, given.only)
-    sys.exit()

@@ -7,9 +7,11 @@ import re
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import seaid
+from scripts import design_table
 from seaid.drives.terms import PARAMETERS_OF
 from seaid.drives.toml import drives_from_mapping
 from seaid.errors import CODES
@@ -61,8 +63,9 @@ ALL_BLOCKS = [
 
 def test_every_code_of_a_finding_is_explained() -> None:
     text = (ROOT / "docs/warnings.md").read_text("utf-8")
-    rows = dict(re.findall(r"^\| `([a-z-]+)` \| ([^|]+) \|$", text, re.MULTILINE))
-    assert rows == dict(CODES)
+    rows = re.findall(r"^\| `([a-z-]+)` \| (.+) \| (.+) \| (.+) \|$", text, re.MULTILINE)
+    assert {code: meaning for code, meaning, _, _ in rows} == dict(CODES)
+    assert [code for code, *rest in rows if min(map(len, rest)) < 10] == []  # cause and remedy
 
 
 def of_language(*languages: str) -> list[object]:
@@ -189,6 +192,34 @@ def test_every_command_is_in_the_reference_with_its_options() -> None:
         assert f"## seaid {name}\n" in text
         for option in (option for one in command_of(name).params for option in one.opts):
             assert option in text or not option.startswith("-")
+
+
+def design_rows(title: str) -> dict[str, list[float]]:
+    """Return {value: numbers} of a table of the page on the design of experiments."""
+    text = PAGES["docs/experiment_design.md"].read_text("utf-8")
+    table = text.split(f"| {title} |")[1].split("\n\n")[0].splitlines()[2:]
+    cells = ([cell.strip() for cell in row.strip("| ").split("|")] for row in table)
+    return {
+        one: [float(x) for x in re.findall(r"[\d.e+]+", " ".join(rest))] for one, *rest in cells
+    }
+
+
+@pytest.mark.parametrize("title", design_table.TABLES)
+def test_tables_of_the_design_are_those_of_the_script(title: str) -> None:
+    field, benches = design_table.TABLES[title]
+    assert list(design_rows(title)) == [f"{getattr(bench, field):g}" for bench in benches]
+
+
+@pytest.mark.slow  # plans a motion and identifies twelve logs
+@pytest.mark.filterwarnings("ignore::seaid.SeaidWarning")  # a short search
+def test_a_row_of_the_design_tables_is_found_again() -> None:
+    bench = design_table.TABLES["duration [s]"][1][0]
+    steps, stated, true = design_table.errors_of(bench, 12)
+    rms = np.sqrt(np.mean(true**2, axis=0))
+    wanted = design_rows("duration [s]")["3"]
+    assert steps == pytest.approx(wanted[0], rel=0.2)  # where a search ends depends on rounding
+    assert 100 * np.median(stated, axis=0) == pytest.approx(wanted[1::2], rel=0.3)
+    assert 100 * rms == pytest.approx(wanted[2::2], rel=0.6)
 
 
 # The reader of pages
