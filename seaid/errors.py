@@ -242,8 +242,9 @@ def unknown_name(kind: str, name: object, allowed: Iterable[str]) -> str:
     names = list(allowed)
     name = shortened(name)
     comparable = (one for one in names if len(one) <= _LONGEST_NAME)
-    near = difflib.get_close_matches(name, islice(comparable, _COMPARED), n=1, cutoff=0.5)
-    hint = f"did you mean '{near[0]}'? " if near else ""
+    lower = {one.lower(): one for one in islice(comparable, _COMPARED)}
+    near = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.5)
+    hint = f"did you mean '{lower[near[0]]}'? " if near else ""
     return f"no {kind} is named '{name}'; {hint}allowed: {listed(names, _ALLOWED) or 'none'}"
 
 

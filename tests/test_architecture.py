@@ -144,7 +144,7 @@ ONE_IMPORTER = {
 DISPATCHERS = ("seaid.__main__", "seaid.log.readers.opening")
 """Modules that import the command line, and one module per file format."""
 
-ONE_PER_FORMAT = ("seaid.cli.", "seaid.export.", "seaid.log.readers.")
+ONE_PER_FORMAT = ("seaid.cli.", "seaid.export.", "seaid.log.readers.", "seaid.robot.mjcf")
 """Packages that a new command or format makes larger, and no harder to understand."""
 
 

@@ -37,8 +37,13 @@ SYMPIFY = {"symbolic/from_sympy.py"}
 PARSE = {"symbolic/expression_text.py"}
 """`ast.parse` makes a tree and runs nothing."""
 
-IMPORT_MODULE = {"log/readers/table.py", "log/readers/child_process.py"}
-"""Names of seaid's own modules, and of readers listed in `log/readers`; none is of a file."""
+IMPORT_MODULE = {
+    "log/readers/table.py",
+    "log/readers/child_process.py",
+    "robot/robot_file.py",
+}
+"""Names of seaid's own modules, of readers listed in `log/readers`, of two optional packages, and
+of robots in the list of robot_descriptions; none is of a file."""
 
 LOAD = {"log/readers/child_process.py", "estimation/fitting.py"}
 """`np.load` refuses objects unless `allow_pickle` is given, which occurs as False only."""

@@ -45,7 +45,7 @@ def inspect(
     from seaid.robot import reread_urdf
 
     robot = given.robot()
-    tree = reread_urdf(given.urdf)
+    tree = reread_urdf(robot.urdf or given.urdf)
     inconsistent = _inconsistent_links(tree)
     base = base_parameters(robot)
     choices = (tuple(names(sensors) or ()),) if sensors is not None else _CHOICES

@@ -65,7 +65,7 @@ def error_text(problem: BaseException | None) -> str:
 
 def option_of(argument: str) -> str:
     """Return the option for an argument: '--method "two-step"' for 'method="two-step"'."""
-    name, _, value = argument.partition("=")
+    name, _, value = argument.removeprefix("Limits(").partition("=")
     option = f"--{name.replace('_', '-')}"
     has_value = value.startswith(("'", '"'))
     return _OPTIONS.get(argument, f"{option} {value}" if has_value else option)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -32,6 +34,13 @@ _OF_SPRING = ("spring_offset", "deflection_zero")
 
 def read_drives(path: str | Path) -> dict[str, Drive]:
     """Read a drive TOML as {joint: drive}. Raises RobotError naming joint and key."""
+    if Path(path).is_file():
+        with suppress(OSError), open(path, "rb") as file:
+            if file.read(64).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
+                raise RobotError(
+                    f"drives '{path}' is XML, as a URDF is: the drives are a TOML file with a "
+                    "table for each joint, and the URDF is the first argument"
+                )
     tables = read_toml(path, "drives", RobotError)
     return {
         joint: _drive(f"{path}: [{shortened(joint)}]", table) for joint, table in tables.items()
@@ -62,6 +71,9 @@ def _drive(where: str, table: Any) -> Drive:
 
 
 def _kind_of(table: Mapping[str, Any]) -> type[Drive]:
+    inner = next((name for name, one in table.items() if isinstance(one, Mapping)), None)
+    if "type" not in table and inner is not None and "type" in table[inner]:
+        raise RobotError(f"the tables of joints stand at the top: write [{inner}] for [...{inner}]")
     if "type" not in table:
         raise RobotError(f"key 'type' is missing; allowed: {', '.join(_TYPES)}")
     if not isinstance(table["type"], str) or table["type"] not in _TYPES:
@@ -79,6 +91,8 @@ def _with_new_keys(table: Mapping[str, Any]) -> dict[str, Any]:
 def _of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
     """Return the drive of a table: fields of the kind by name, parameters by names with units."""
     keys = [field.name for field in fields(kind)]
+    for key in _RATIOS.intersection(others):
+        _check_ratio(key, others[key])
     stds = {f"{name}_std": name for name in (STD_OF_TORQUE, *CONSTANTS)}
     given = {name: others.pop(key) for key, name in stds.items() if key in others}
     if given:
@@ -97,6 +111,18 @@ def _of_table(kind: type[Drive], others: dict[str, Any]) -> Drive:
         if name in bare.nominal:
             raise RobotError(f"found two values of '{name}': one in nominal, one by its key")
     return replace(bare, known=values.get("known", ()), nominal={**bare.nominal, **more})
+
+
+def _check_ratio(key: str, value: Any) -> None:
+    """Raise RobotError for a ratio as text, such as "100:1", with the number to write."""
+    if isinstance(value, str):
+        found = re.fullmatch(r"\s*([\d.]+)\s*[:/]\s*([\d.]+)\s*", value)
+        with suppress(ValueError, ZeroDivisionError):
+            remedy = float(found[1]) / float(found[2]) if found else float(value)
+            raise RobotError(
+                f"{key} must be a number without quotes, found {shown(value)}: write "
+                f"{key} = {remedy!r}"
+            )
 
 
 def _check_keys(found: Iterable[str], keys: list[str], named: Mapping[str, str]) -> None:

@@ -200,7 +200,9 @@ def limit_values(
             found = "missing" if given is None else f"{value}, which is not finite"
             raise ExcitationError(
                 f"joint '{joint}' of '{robot.name}': {name} limit is {found}; give it by "
-                f"Limits({name}=...), one for all joints, one per joint or {{'{joint}': ...}}"
+                f"Limits({name}=...), one for all joints, one per joint or one for "
+                f"'{joint}' by its name",
+                f"Limits({name}=...)",
             )
         if np.isfinite(value) and abs(value) > _LARGEST:
             raise ExcitationError(

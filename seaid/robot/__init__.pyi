@@ -15,6 +15,9 @@ from .pinocchio_model import Payload as Payload
 from .robot import Robot as Robot
 from .robot import check_kind as check_kind
 from .robot import load_robot as load_robot
+from .robot_file import read_urdf as read_urdf
+from .robot_file import reread_urdf as reread_urdf
+from .robot_file import urdf_text as urdf_text
 from .transmission import at_drives as at_drives
 from .transmission import at_joints as at_joints
 from .transmission import check_transmission as check_transmission
@@ -27,7 +30,4 @@ from .transmission import torques_at_drives as torques_at_drives
 from .transmission import torques_at_joints as torques_at_joints
 from .urdf import UrdfTree as UrdfTree
 from .urdf import find_mesh as find_mesh
-from .urdf import read_urdf as read_urdf
-from .urdf import reread_urdf as reread_urdf
 from .urdf import search_folders as search_folders
-from .urdf import urdf_text as urdf_text

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from seaid._arrays import Array, finite, number, safely
 from seaid._progress import Display
-from seaid.errors import RobotError, unknown_name
+from seaid.errors import RobotError, listed, unknown_name
 from seaid.robot.inertia import (
     LARGEST_KG,
     LARGEST_KG_M2,
@@ -102,9 +102,11 @@ def moving_joints(tree: UrdfTree, joints: Sequence[str] | None) -> tuple[str, ..
     for name in names:
         kind = tree.joints[name].type
         if kind not in _MOVING:
+            movable = listed(j.name for j in tree.joints.values() if j.type in _MOVING)
             raise RobotError(
                 f"'{tree.name}': joint '{name}' is {kind}; seaid moves {', '.join(_MOVING)} joints "
-                "of a robot with a fixed base: exclude it from joints=[...] to lock it at zero",
+                "of a robot with a fixed base: name the joints that move with joints=[...], which "
+                f"locks '{name}' and all others at zero; there are {movable or 'none'}",
                 "joints=[...]",
             )
     if not names:
@@ -116,7 +118,9 @@ def _given_joints(tree: UrdfTree, joints: Sequence[str]) -> list[str]:
     names = list(joints)
     for name in names:
         if name not in tree.joints:
-            raise RobotError(f"'{tree.name}': " + unknown_name("joint", name, tree.joints))
+            raise RobotError(
+                f"joints=: '{tree.name}': " + unknown_name("joint", name, tree.joints), "joints="
+            )
     if len(set(names)) < len(names):
         raise RobotError(f"joints= names a joint twice: {names}", "joints=")
     return names
@@ -169,7 +173,9 @@ def assemble(
             own[order[parent - 1]] += in_parent_frame(tree.links[joint.child], placement)
     for payload in payloads:
         if payload.link not in tree.links:
-            raise RobotError("payload: " + unknown_name("link", payload.link, tree.links))
+            raise RobotError(
+                "payloads=: " + unknown_name("link", payload.link, tree.links), "payloads="
+            )
         parent, placement = frames[payload.link]
         if not parent:
             raise RobotError(f"payload on '{payload.link}': no joint moves this link")

@@ -17,8 +17,9 @@ from seaid.drives import IDEAL_DRIVE, Drive, drives_from_mapping, read_drives
 from seaid.errors import RobotError, SeaidWarning, checked, unknown_name
 from seaid.robot.inertia import parameter_names, to_pinocchio
 from seaid.robot.pinocchio_model import TURNING, Assembly, Payload, assemble, moving_joints
+from seaid.robot.robot_file import read_urdf, urdf_path
 from seaid.robot.transmission import check_transmission, transmission_matrix
-from seaid.robot.urdf import SNAP_RAD, UrdfTree, read_urdf
+from seaid.robot.urdf import SNAP_RAD, UrdfTree
 
 __all__ = ["Payload", "Robot", "load_robot"]
 
@@ -180,7 +181,7 @@ def load_robot(
         Gravity [m/s^2] in the base frame.
     snap_tolerance_rad : float, default 2e-3
         Rounded angles in joint origins become the multiples of pi/2 that they mean, such as 1.5708,
-        if they are closer than this; 0 keeps all angles. See `seaid.robot.urdf.read_urdf`.
+        if they are closer than this; 0 keeps all angles. See `seaid.robot.robot_file.read_urdf`.
 
     Returns
     -------
@@ -196,6 +197,7 @@ def load_robot(
     >>> robot = seaid.load_robot("models/tulip_leg.urdf", "models/tulip_leg.toml")
     >>> robot.joint_names, robot.elastic_joints
     """
+    urdf = urdf_path(urdf)
     tree = read_urdf(urdf, snap_tolerance_rad)
     moving = moving_joints(tree, joints)
     mimics = [joint for joint in moving if tree.joints[joint].is_mimic]
@@ -207,7 +209,7 @@ def load_robot(
         )
     by_joint = _drives(tree, moving, drives)
     built = assemble(tree, moving, payloads, finite("gravity", gravity, (3,), RobotError))
-    robot = replace(_robot(tree, moving, by_joint, built), urdf=Path(urdf))
+    robot = replace(_robot(tree, moving, by_joint, built), urdf=urdf)
     return replace(robot, known_bodies=_known_bodies(robot, tree, known_bodies))
 
 
@@ -261,10 +263,11 @@ def _drives(
         given = read_drives(drives)
     else:
         given = drives_from_mapping(drives)
+    file = f" of '{drives}'" if isinstance(drives, str | Path) else ""
     for name in given:
         if name not in tree.joints:
             raise RobotError(
-                f"drives for '{tree.name}': " + unknown_name("joint", name, tree.joints)
+                f"drives{file} for '{tree.name}': " + unknown_name("joint", name, tree.joints)
             )
     for name in moving:
         check_kind(name, tree.joints[name].type, given.get(name, IDEAL_DRIVE))

@@ -1,6 +1,6 @@
 """A URDF file as a tree of joints and link inertias, checked, with rounded angles made exact.
 
-`read_urdf` parses the XML with limits on its size, checks the elements that matter for the
+`urdf_tree` parses the XML with limits on its size, checks the elements that matter for the
 dynamics (names, types, links, numbers), snaps angles such as 1.5708 to the multiples of pi/2 that
 they mean, and lets yourdfpy read the rest. `find_mesh` locates mesh files; none is opened here.
 """
@@ -24,8 +24,8 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array
-from seaid._files import real_path, working_folder
-from seaid.errors import RobotError, SeaidWarning, reason_of, shortened, unknown_name
+from seaid._files import real_path
+from seaid.errors import RobotError, SeaidWarning, shortened, unknown_name
 from seaid.robot.inertia import (
     LARGEST_KG,
     LARGEST_KG_M2,
@@ -205,9 +205,6 @@ def _meant_angle(text: str, tolerance: float) -> float | None:
     return exact if 4e-16 * max(1.0, abs(exact)) < abs(value - exact) <= allowed else None
 
 
-LARGEST_BYTES = 64_000_000
-"""Limit on the size of a URDF file."""
-
 MOST_JOINTS, MOST_ELEMENTS = 5_000, 500_000
 """Limits on the joints (and links less one) and on the elements of all kinds.
 
@@ -255,13 +252,15 @@ def _check_counts(path: Path, counts: dict[str, int], elements: int) -> None:
 
 
 def search_folders(urdf: Path, package_dirs: str | Path | Sequence[str | Path]) -> list[Path]:
-    """Return the folders to search for meshes: the given ones, and all above the file."""
+    """Return the folders to search for meshes: the given ones, all above the file, and ROS's."""
     several = [package_dirs] if isinstance(package_dirs, str | Path) else package_dirs
     given = [real_path(folder) for folder in several]
     for folder in given:
         if not os.path.isdir(folder):
             raise RobotError(f"package_dirs: there is no folder '{folder}'")
-    return [*given, *real_path(urdf).parents]
+    ros = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
+    ros += [f"{one}/share" for one in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)]
+    return [*given, *real_path(urdf).parents, *(Path(one) for one in ros if os.path.isabs(one))]
 
 
 def find_mesh(name: str, folders: Sequence[Path]) -> Path | None:
@@ -330,47 +329,8 @@ class UrdfTree:
         return below
 
 
-def reread_urdf(path: str | Path, text: bytes | None = None) -> UrdfTree:
-    """Read a loaded robot's URDF, or its `text`, without a second warning about angles."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SeaidWarning)
-        return _urdf_of(Path(path), urdf_text(Path(path)) if text is None else text, SNAP_RAD)
-
-
-def read_urdf(path: str | Path, snap_tolerance_rad: float) -> UrdfTree:
-    """Read a URDF file, with angles snapped to the multiples of pi/2 that they mean.
-
-    An angle means a multiple of pi/2 if it agrees with it within the tolerance and either to the
-    digits in the file (1.57, 1.5708, 3.14159) or to float noise (1e-6 rad). One warning lists
-    them; tolerance 0 keeps all angles. Raises RobotError for a file that is missing, broken or not
-    a tree.
-    """
-    path = Path(path)
-    if not 0 <= snap_tolerance_rad < math.pi / 4:
-        raise RobotError(
-            f"snap_tolerance_rad must be between 0 and pi/4, found {snap_tolerance_rad}"
-        )
-    return _urdf_of(path, urdf_text(path), snap_tolerance_rad)
-
-
-def urdf_text(path: Path) -> bytes:
-    """Return the bytes of a URDF file. Raises RobotError if it is missing or too large."""
-    missing = f"no URDF file at '{shortened(str(path), 500)}' ({working_folder()})"
-    try:
-        if not path.is_file():
-            raise RobotError(missing)
-        size = path.stat().st_size
-        if size > LARGEST_BYTES:
-            raise RobotError(
-                f"URDF '{path}' is too large: {size:,} bytes, allowed are {LARGEST_BYTES:,}"
-            )
-        return path.read_bytes()
-    except OSError as problem:
-        raise RobotError(f"{missing}: {reason_of(problem)}") from None
-
-
-def _urdf_of(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
-    """Return the tree of a URDF's text; see `read_urdf`."""
+def urdf_tree(path: Path, text: bytes, snap_tolerance_rad: float) -> UrdfTree:
+    """Return the tree of a URDF's text; see `read_urdf`. `path` is for messages."""
     root = _parse_urdf(path, text)
     _check_elements(path, root)
     joints_as_written = root.findall("joint")

@@ -111,7 +111,10 @@ def _loaded(named: Any, folders: Sequence[Path]) -> Iterator[tuple[Any, Color | 
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # a damaged file makes a note
     path = find_mesh(named.filename, folders)
     if path is None:
-        raise _NoMeshError(f"mesh '{named.filename}' is not found")
+        raise _NoMeshError(
+            f"mesh '{named.filename}' is not found; name the folder with its package by "
+            "package_dirs= (--package-dir), or set ROS_PACKAGE_PATH"
+        )
     try:
         parts = [one for one in trimesh.load_scene(path).dump() if isinstance(one, trimesh.Trimesh)]
     except Exception as problem:  # readers of a dozen formats raise any exception

@@ -10,7 +10,7 @@ import pytest
 
 from seaid.errors import RobotError, SeaidWarning
 from seaid.robot.robot import Robot, load_robot
-from seaid.robot.urdf import read_urdf
+from seaid.robot.robot_file import read_urdf
 from tests.one_joint import BODY
 
 Write = Callable[[str], Path]
@@ -29,11 +29,6 @@ def load_error(path: Path) -> str:
 # Files that are no URDF
 
 
-def test_missing_file_names_path_and_working_folder(tmp_path: Path) -> None:
-    for path in (tmp_path / "no.urdf", tmp_path):
-        assert load_error(path) == f"no URDF file at '{path}' (working folder {Path.cwd()})"
-
-
 @pytest.mark.parametrize("content", [b"", b"<robot", b"\x00\xff\x01", b"name: robot", b"<robot>"])
 def test_broken_xml_is_said_with_file_and_place(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "broken.urdf"
@@ -45,8 +40,8 @@ def test_broken_xml_is_said_with_file_and_place(tmp_path: Path, content: bytes) 
 
 def test_xml_that_is_no_robot_names_its_root_tag(tmp_path: Path) -> None:
     path = tmp_path / "scene.urdf"
-    path.write_text("<mujoco/>")
-    assert load_error(path) == f"'{path}' is not a URDF: its root tag is <mujoco>, not <robot>"
+    path.write_text("<scene/>")
+    assert load_error(path) == f"'{path}' is not a URDF: its root tag is <scene>, not <robot>"
 
 
 def test_robot_without_name_is_named_after_its_file(tmp_path: Path) -> None:

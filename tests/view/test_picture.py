@@ -15,7 +15,7 @@ from seaid._arrays import Array
 from seaid.errors import RobotError
 from seaid.robot.pinocchio_model import Payload
 from seaid.robot.robot import Robot, load_robot
-from seaid.robot.urdf import reread_urdf
+from seaid.robot.robot_file import reread_urdf
 from seaid.view.picture import GREY, Picture, link_places, picture_of
 
 ROBOTS = [
@@ -190,7 +190,11 @@ def test_meshes_are_scaled_and_searched_in_package_dirs(
     mesh = visual(f'<mesh filename="package://arms/meshes/a.{ending}" scale="0.1 0.1 0.01"/>')
     missing = shown(write_urdf, mesh)
     assert missing.shapes == ()
-    assert missing.notes == (f"mesh 'package://arms/meshes/a.{ending}' is not found (link 'arm')",)
+    assert len(missing.notes) == 1
+    assert missing.notes[0].startswith(f"mesh 'package://arms/meshes/a.{ending}' is not found; ")
+    assert missing.notes[0].endswith(
+        "package_dirs= (--package-dir), or set ROS_PACKAGE_PATH (link 'arm')"
+    )
     assert missing.bare_bodies == ("arm",)
     found = shown(write_urdf, mesh, package_dirs=packages)
     np.testing.assert_allclose(np.ptp(found.shapes[0].vertices, axis=0), [0.1, 0.2, 0.03])

@@ -97,7 +97,10 @@ def test_missing_meshes_are_notes(tmp_path: Path) -> None:
     (tmp_path / "leg.urdf").write_text(text.replace(box, '<mesh filename="package://a/b.stl"/>'))
     said = run(tmp_path / "leg.urdf", *AT_ONCE)
     assert said.exit_code == 0
-    assert said.stderr == "note: mesh 'package://a/b.stl' is not found (link 'trunk')\n"
+    assert said.stderr == (
+        "note: mesh 'package://a/b.stl' is not found; name the folder with its package by "
+        "package_dirs= (--package-dir), or set ROS_PACKAGE_PATH (link 'trunk')\n"
+    )
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,166 @@
+"""The text of a robot's description: what a path or a name stands for, and what it must be instead.
+
+`urdf_path` resolves names of the package robot_descriptions; `urdf_text` reads a URDF, expands a
+xacro file where the package xacro is installed, converts a MuJoCo model, and says for any other
+file what it is and what turns it into a URDF.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import math
+import re
+import warnings
+from pathlib import Path
+
+from seaid._files import working_folder
+from seaid.errors import RobotError, SeaidWarning, listed, reason_of, shortened, unknown_name
+from seaid.robot.urdf import SNAP_RAD, UrdfTree, urdf_tree
+
+LARGEST_BYTES = 64_000_000
+"""Limit on the size of a URDF file."""
+
+_SUFFIXES = (".urdf", ".xacro", ".xml", ".mjcf")
+_DESCRIPTION = re.compile(r"[a-z0-9_]+_description")
+_MOST_NAMED = 5
+"""Files of a folder that a message names."""
+
+_PACKED = {b"\x1f\x8b": "gunzip -k", b"PK\x03\x04": "unzip", b"\xfd7zXZ": "unxz -k"}
+"""{first bytes of a compressed file: the command that unpacks it}."""
+
+
+def urdf_path(given: str | Path) -> Path:
+    """Return the file of a path, or of a name of robot_descriptions such as 'go2_description'."""
+    path = Path(given)
+    name = str(given)
+    if not _DESCRIPTION.fullmatch(name) or path.exists():
+        return path
+    try:
+        known = importlib.import_module("robot_descriptions").DESCRIPTIONS
+    except ImportError:
+        raise RobotError(
+            f"{_missing(path)}; if it is a name of the package robot_descriptions, install that "
+            "package: pip install robot_descriptions"
+        ) from None
+    if name not in known:
+        raise RobotError(unknown_name("robot of robot_descriptions", name, known))
+    try:
+        module = importlib.import_module(f"robot_descriptions.{name}")
+    except Exception as problem:  # what cloning a repository raises
+        raise RobotError(
+            f"robot_descriptions cannot get '{name}': {reason_of(problem)}; it clones a repository "
+            "into $ROBOT_DESCRIPTIONS_CACHE (default ~/.cache/robot_descriptions) at the first use"
+        ) from None
+    for kind in ("URDF_PATH", "XACRO_PATH", "MJCF_PATH"):
+        if hasattr(module, kind):
+            return Path(getattr(module, kind))
+    raise RobotError(f"robot_descriptions has neither a URDF nor an MJCF of '{name}'")
+
+
+def urdf_text(path: Path) -> bytes:
+    """Return a file as the text of a URDF. Raises RobotError, with the remedy, if it is none."""
+    text = _content(path)
+    for start, command in _PACKED.items():
+        if text.startswith(start):
+            raise RobotError(
+                f"'{path}' is compressed: unpack it ({command} {path.name}) and name the URDF"
+            )
+    head = text.lstrip(b"\xef\xbb\xbf \t\r\n")[:4096]
+    if path.suffix.lower() == ".toml" or (head and _is_toml(path, text)):
+        raise RobotError(
+            f"'{path}' is TOML, not a URDF: the robot's URDF comes first, and its drives as "
+            "drives=",
+            "drives=",
+        )
+    if b"<xacro:" in text and b"<xacro:" in re.sub(rb"<!--.*?-->", b"", text, flags=re.DOTALL):
+        return _expanded(path)  # an expanded file keeps the namespace, and comments
+    root = re.search(rb"<(mujoco|sdf)[\s>/]", head)
+    if root is None:
+        return text
+    if root[1] == b"mujoco":
+        from seaid.robot.mjcf import urdf_of_mjcf
+
+        return urdf_of_mjcf(path)
+    raise RobotError(
+        f"'{path}' is SDF, which seaid does not read: convert it to URDF (the ROS 2 package "
+        "sdformat_urdf, or sdf2urdf of pysdf), or name the URDF from which it was made"
+    )
+
+
+def _content(path: Path) -> bytes:
+    """Return the bytes of a file. Raises RobotError if it is missing or too large."""
+    try:
+        if not path.is_file():
+            raise RobotError(_missing(path))
+        size = path.stat().st_size
+        if size > LARGEST_BYTES:
+            raise RobotError(
+                f"URDF '{path}' is too large: {size:,} bytes, allowed are {LARGEST_BYTES:,}"
+            )
+        return path.read_bytes()
+    except OSError as problem:
+        raise RobotError(f"{_missing(path)}: {reason_of(problem)}") from None
+
+
+def _missing(path: Path) -> str:
+    """Return that there is no such file, and which robots are in its folder."""
+    text = f"no URDF file at '{shortened(str(path), 500)}' ({working_folder()})"
+    try:
+        is_folder = path.is_dir()
+        folder = path if is_folder else path.parent
+        there = sorted(one.name for one in folder.iterdir() if one.suffix.lower() in _SUFFIXES)
+    except (OSError, ValueError):
+        return text
+    near = there if is_folder else difflib.get_close_matches(path.name, there, 3, 0.6)
+    if not near:
+        return text
+    found = listed([str(folder / name) for name in near], _MOST_NAMED)
+    return f"{text}: it is a folder; in it: {found}" if is_folder else f"{text}; there is {found}"
+
+
+def _is_toml(path: Path, text: bytes) -> bool:
+    """Whether a file without an XML element has the table header of a TOML file."""
+    return b"<" not in text[:4096] and re.search(rb"^\s*\[[^\]]+\]\s*$", text, re.M) is not None
+
+
+def _expanded(path: Path) -> bytes:
+    """Return the URDF of a xacro file by the package xacro, or raise with the command."""
+    command = f"xacro {path.name} > {path.name.split('.')[0]}.urdf"
+    try:
+        xacro = importlib.import_module("xacro")
+    except ImportError:
+        raise RobotError(
+            f"'{path}' is a xacro file, not a URDF: expand it ({command}) and name the URDF, or "
+            "install the package that reads it here (pip install xacro)"
+        ) from None
+    try:
+        return bytes(xacro.process_file(str(path)).toxml(encoding="utf-8"))
+    except Exception as problem:  # xacro lets through what its expressions raise
+        raise RobotError(
+            f"xacro cannot expand '{path}': {reason_of(problem)}; expand it with its arguments in "
+            f"the ROS workspace ({command} name:=value) and name the URDF"
+        ) from None
+
+
+def reread_urdf(path: str | Path, text: bytes | None = None) -> UrdfTree:
+    """Read a loaded robot's URDF, or its `text`, without a second warning about angles."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SeaidWarning)
+        return urdf_tree(Path(path), urdf_text(Path(path)) if text is None else text, SNAP_RAD)
+
+
+def read_urdf(path: str | Path, snap_tolerance_rad: float) -> UrdfTree:
+    """Read a URDF file, with angles snapped to the multiples of pi/2 that they mean.
+
+    An angle means a multiple of pi/2 if it agrees with it within the tolerance and either to the
+    digits in the file (1.57, 1.5708, 3.14159) or to float noise (1e-6 rad). One warning lists
+    them; tolerance 0 keeps all angles. Raises RobotError for a file that is missing, broken or not
+    a tree.
+    """
+    path = Path(path)
+    if not 0 <= snap_tolerance_rad < math.pi / 4:
+        raise RobotError(
+            f"snap_tolerance_rad must be between 0 and pi/4, found {snap_tolerance_rad}"
+        )
+    return urdf_tree(path, urdf_text(path), snap_tolerance_rad)

@@ -1,0 +1,241 @@
+"""What is given for a robot: a path, a name, a file of another kind, each read or refused."""
+
+import gzip
+import sys
+import types
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seaid.errors import RobotError
+from seaid.robot import Robot, load_robot, search_folders
+
+MODELS = Path(__file__).resolve().parents[2] / "models"
+LEG = MODELS / "tulip_leg.urdf"
+DRIVES = MODELS / "tulip_leg.toml"
+
+
+def refusal(urdf: str | Path, drives: str | Path | None = None) -> str:
+    with pytest.raises(RobotError) as caught:
+        load_robot(urdf, drives)
+    return str(caught.value)
+
+
+def same(one: Robot, two: Robot) -> None:
+    assert one.joint_names == two.joint_names
+    np.testing.assert_allclose(one.parameters, two.parameters, rtol=1e-12, atol=1e-15)
+
+
+# Files that are not there
+
+
+def test_a_missing_file_names_path_working_folder_and_the_nearest_names(tmp_path: Path) -> None:
+    path = tmp_path / "tulip_lge.urdf"
+    start = f"no URDF file at '{path}' (working folder {Path.cwd()})"
+    assert refusal(path) == start
+    (tmp_path / "tulip_leg.urdf").write_bytes(b"")
+    (tmp_path / "other.urdf").write_bytes(b"")
+    assert refusal(path) == f"{start}; there is {tmp_path}/tulip_leg.urdf"
+    folder = f"no URDF file at '{tmp_path}' (working folder {Path.cwd()}): it is a folder; in it: "
+    assert refusal(tmp_path) == f"{folder}{tmp_path}/other.urdf, {tmp_path}/tulip_leg.urdf"
+
+
+# Files of another kind
+
+
+def test_urdf_and_drives_in_each_others_place_are_named() -> None:
+    assert refusal(DRIVES) == (
+        f"'{DRIVES}' is TOML, not a URDF: the robot's URDF comes first, and its drives as drives="
+    )
+    assert refusal(LEG, LEG) == (
+        f"drives '{LEG}' is XML, as a URDF is: the drives are a TOML file with a table for each "
+        "joint, and the URDF is the first argument"
+    )
+
+
+@pytest.mark.parametrize(
+    ("content", "name", "words"),
+    [
+        (gzip.compress(b"<robot/>"), "a.urdf.gz", "is compressed: unpack it (gunzip -k a.urdf.gz)"),
+        (b"PK\x03\x04...", "a.zip", "is compressed: unpack it (unzip a.zip) and name the URDF"),
+        (b"<?xml version='1.0'?>\n<sdf version='1.9'/>", "a.sdf", "is SDF, which seaid does not"),
+        (b"<sdf version='1.9'/>", "a.urdf", "sdformat_urdf, or sdf2urdf of pysdf"),
+        (b"# drives\n[knee]\ntype = 'stiff'\n", "knee.txt", "is TOML, not a URDF"),
+    ],
+)
+def test_a_file_of_another_kind_says_what_makes_it_a_urdf(
+    tmp_path: Path, content: bytes, name: str, words: str
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    assert f"'{path}' {words}" in refusal(path) or words in refusal(path)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_a_byte_order_mark_is_no_problem(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "leg.urdf"
+    text = LEG.read_text().replace('encoding="utf-8"', f'encoding="{encoding[:6].rstrip("-")}"')
+    path.write_bytes(text.encode(encoding))
+    same(load_robot(path), load_robot(LEG))
+
+
+# xacro
+
+XACRO = """<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:property name="length" value="0.5"/>
+<link name="base"/><link name="rod"><inertial><origin xyz="${length / 2} 0 0"/><mass value="2"/>
+<inertia ixx="0" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="pivot" type="continuous"><parent link="base"/><child link="rod"/></joint>
+</robot>"""
+
+
+def test_xacro_is_named_with_its_command_where_its_package_is_not_installed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "xacro", None)
+    path = tmp_path / "arm.urdf.xacro"
+    path.write_text(XACRO)
+    assert refusal(path) == (
+        f"'{path}' is a xacro file, not a URDF: expand it (xacro arm.urdf.xacro > arm.urdf) and "
+        "name the URDF, or install the package that reads it here (pip install xacro)"
+    )
+
+
+def test_xacro_is_expanded_where_its_package_is_installed(tmp_path: Path) -> None:
+    pytest.importorskip("xacro")
+    path = tmp_path / "arm.urdf"
+    path.write_text(XACRO)
+    robot = load_robot(path)
+    assert robot.joint_names == ("pivot",)
+    np.testing.assert_allclose(robot.parameters[:2], [2.0, 0.5])
+    path.write_text(XACRO.replace("length /", "lenght /"))
+    text = refusal(path)
+    assert f"xacro cannot expand '{path}': " in text
+    assert "lenght" in text
+    assert "xacro arm.urdf > arm.urdf name:=value" in text
+
+
+def test_what_xacro_has_expanded_is_a_urdf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its root keeps the namespace, and comments keep what was in them."""
+    monkeypatch.setitem(sys.modules, "xacro", None)
+    path = tmp_path / "leg.urdf"
+    text = LEG.read_text().replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ')
+    path.write_text(text.replace("<link", "<!-- <xacro:include/> -->\n<link", 1))
+    same(load_robot(path), load_robot(LEG))
+
+
+# Names of robot_descriptions
+
+
+@pytest.fixture
+def descriptions(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Stand in for the package robot_descriptions, which clones repositories."""
+
+    def fake(**attributes: object) -> None:
+        package = types.ModuleType("robot_descriptions")
+        package.DESCRIPTIONS = {"leg_description": None, "go2_description": None}  # type: ignore[attr-defined]
+        package.__path__ = []
+        monkeypatch.setitem(sys.modules, "robot_descriptions", package)
+        module = types.ModuleType("robot_descriptions.leg_description")
+        vars(module).update(attributes)
+        monkeypatch.setitem(sys.modules, "robot_descriptions.leg_description", module)
+
+    return fake
+
+
+def test_a_name_of_robot_descriptions_is_its_file(
+    descriptions: Callable[..., None], tmp_path: Path
+) -> None:
+    descriptions(URDF_PATH=str(LEG))
+    robot = load_robot("leg_description", DRIVES)
+    assert robot.urdf == LEG
+    same(robot, load_robot(LEG))
+    assert refusal("lge_description").startswith(
+        "no robot of robot_descriptions is named 'lge_description'; did you mean 'leg_description'"
+    )
+    assert refusal("go2_description").startswith(
+        "robot_descriptions cannot get 'go2_description': No module named"
+    )
+    assert "$ROBOT_DESCRIPTIONS_CACHE" in refusal("go2_description")
+    descriptions()
+    assert refusal("leg_description") == (
+        "robot_descriptions has neither a URDF nor an MJCF of 'leg_description'"
+    )
+
+
+def test_a_name_without_the_package_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "robot_descriptions", None)
+    assert refusal("go2_description").endswith(
+        "if it is a name of the package robot_descriptions, install that package: "
+        "pip install robot_descriptions"
+    )
+
+
+# Drives
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ('gear_ratio = "100:1"', "found '100:1': write gear_ratio = 100.0"),
+        ('gear_ratio = "121/2"', "found '121/2': write gear_ratio = 60.5"),
+        ('gear_ratio = "86"', "found '86': write gear_ratio = 86.0"),
+        ('gear_ratio = "fast"', "gear_ratio must be a number, found 'fast'"),
+        ("gear_ration = 100", "no key is named 'gear_ration'; did you mean 'gear_ratio'?"),
+        ("gear_ratio = ", "is not valid TOML: Invalid value (at line 3, column 14)"),
+    ],
+)
+def test_a_mistake_in_a_table_of_a_drive_says_what_to_write(
+    tmp_path: Path, table: str, words: str
+) -> None:
+    path = tmp_path / "drives.toml"
+    path.write_text(f'[knee_pitch]\ntype = "stiff"\n{table}\n')
+    text = refusal(LEG, path)
+    assert str(path) in text
+    assert words in text
+
+
+def test_tables_of_drives_stand_at_the_top_and_have_the_names_of_joints(tmp_path: Path) -> None:
+    path = tmp_path / "drives.toml"
+    path.write_text('[drives.knee_pitch]\ntype = "stiff"\ngear_ratio = 2.0\n')
+    assert "write [knee_pitch] for [...knee_pitch]" in refusal(LEG, path)
+    path.write_text('[Knee_Pitch]\ntype = "stiff"\ngear_ratio = 2.0\n')
+    assert refusal(LEG, path).startswith(
+        f"drives of '{path}' for 'tulip_leg': no joint is named 'Knee_Pitch'; did you mean "
+        "'knee_pitch'?"
+    )
+
+
+# Links of frames and of the world
+
+
+def test_world_links_and_frames_without_inertia_are_read_without_a_word(
+    write_urdf: Callable[[str], Path],
+) -> None:
+    """As Drake's models have them; warnings are errors here."""
+    body = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial>'
+    joints = {
+        "weld": ("fixed", "world", "base_link"),
+        "elbow": ("revolute", "base_link", "arm"),
+        "flange": ("fixed", "arm", "tool0"),
+        "camera": ("fixed", "tool0", "camera_frame"),
+    }
+    links = {"world": "", "base_link": "", "arm": body, "tool0": "", "camera_frame": ""}
+    text = "".join(f'<link name="{name}">{inside}</link>' for name, inside in links.items())
+    for name, (kind, parent, child) in joints.items():
+        text += f'<joint name="{name}" type="{kind}"><parent link="{parent}"/>'
+        text += f'<child link="{child}"/><axis xyz="0 0 1"/></joint>'
+    robot = load_robot(write_urdf(text))
+    assert robot.joint_names == ("elbow",)
+    assert robot.body_names == ("arm",)
+
+
+def test_meshes_are_searched_where_ros_has_its_packages(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_PACKAGE_PATH", f"{tmp_path / 'src'}:relative")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "install"))
+    found = search_folders(LEG, ())
+    assert found[-2:] == [tmp_path / "src", tmp_path / "install" / "share"]
