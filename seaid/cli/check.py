@@ -23,6 +23,6 @@ def check(
     check_fail_on(fail_on)
     robot = given.robot(given.known_body or ())
     found = checked(robot, given.logs(logs, robot), cutoff_hz=given.cutoff_hz)
-    content = {"warnings": found.warnings, "joints": found.joints}
-    show(found.summary(), content, as_json)
+    facts = {"robot": robot.name, "warnings": found.warnings}
+    show(found.summary(), {"joints": found.joints}, as_json, **facts)
     fail_on_warnings(found.warnings, fail_on)

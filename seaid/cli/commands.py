@@ -9,7 +9,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from seaid.cli.messages import reported
+from seaid.cli.messages import begin, reported
 
 _HELP = """Identify robots with springs in their joints: from a URDF and a log to motor friction,
 spring stiffness and inertias, each with its standard error.
@@ -63,6 +63,11 @@ class _Commands(TyperGroup):
         """List the commands without loading them."""
         with formatter.section("Commands"):
             formatter.write_dl([*COMMANDS.items()])
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command that runs."""
+        begin(args[0] if args[0] in COMMANDS else "seaid", args)
+        return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""

@@ -25,7 +25,7 @@ def crosscheck(
     robot = RobotOptions(urdf, drives, joints).robot()
     numeric = base_parameters(robot)
     found = cross_check(numeric, symbolic.base_parameters(robot))
-    show(f"{robot.name}: {found.summary()}", asdict(found), as_json)
+    show(f"{robot.name}: {found.summary()}", asdict(found), as_json, robot=robot.name)
     if not found.agree:
         raise SeaidError(
             f"numeric and exact base parameters of '{robot.name}' differ: look for rounded angles "

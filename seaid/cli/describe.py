@@ -7,6 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
+from seaid.cli.messages import is_stdout
 from seaid.cli.options import Drives, Joints, ResultOptions, RobotOptions
 
 
@@ -42,6 +43,8 @@ def describe(
         "unsure": guess.unsure,
         "unused": guess.unused,
     }
-    if output is not None:
+    if output is not None and not is_stdout(output):
         write_whole(output, guess.to_toml())
-    result.show(str(guess) if output is not None else guess.to_toml().rstrip(), content, output)
+        result.show(str(guess), content, output)
+    else:
+        result.show(guess.to_toml().rstrip(), content)

@@ -10,7 +10,7 @@ import typer
 from typer import Option
 
 import seaid
-from seaid.cli.messages import is_terminal
+from seaid.cli.messages import is_stdout, is_terminal, written
 from seaid.cli.options import (
     Description,
     Output,
@@ -118,7 +118,8 @@ def excite(
     """
     from seaid.excitation import add_run_in, design_excitation
 
-    set_points = checked_suffix(output, ".json").with_suffix(".csv")
+    checked_suffix(output, ".json")
+    set_points = None if is_stdout(output) else output.with_suffix(".csv")
     asked, rate_hz = limits.limits(), motion.rate_hz
     if not rate_hz > 0:
         raise typer.BadParameter(f"{rate_hz:g} is not more than zero", param_hint="--rate-hz")
@@ -143,12 +144,13 @@ def excite(
     planned = plan.trajectory
     if motion.ends_in_motion:
         planned = add_run_in(planned, robot, asked)
-    planned.save(output)
-    planned.save_set_points(set_points, rate_hz)
+    with written(output, ".json") as file:
+        planned.save(file)
+    if set_points is not None:
+        planned.save_set_points(set_points, rate_hz)
     if joint_trajectory is not None:
         planned.save_joint_trajectory(joint_trajectory)
     content = {
-        "robot": robot.name,
         "duration_s": planned.duration,
         "main_interval_s": planned.main_interval,
         "condition_number": plan.condition_number,
@@ -158,12 +160,9 @@ def excite(
             {"name": name, "unit": unit, "standard_error": error}
             for name, unit, error in zip(plan.names, plan.units, plan.standard_errors, strict=True)
         ],
-        "trajectory": output,
-        "set_points": set_points,
-        "joint_trajectory": joint_trajectory,
     }
     text = _plan_text(robot.name, plan, planned)
-    result.show(text, content, output, set_points, joint_trajectory)
+    result.show(text, content, output, set_points, joint_trajectory, robot=robot.name)
 
 
 def _plan_text(name: str, plan: Excitation, motion: Trajectory) -> str:

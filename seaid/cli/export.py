@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Option
 
-from seaid.cli.messages import option_of
-from seaid.cli.options import FEASIBLE, FROM, IdentifyOptions, ResultOptions, checked_suffix
-from seaid.errors import Finding
+from seaid.cli.messages import is_stdout, note, option_of, written
+from seaid.cli.options import (
+    FEASIBLE,
+    FROM,
+    IdentifyOptions,
+    ResultOptions,
+    checked_suffix,
+    facts_of,
+)
 
 if TYPE_CHECKING:
     from seaid.robot import Robot
@@ -51,7 +57,7 @@ def export(
     toml = output.with_suffix(".toml") if output.suffix.lower() == ".urdf" else None
     result.check(output, toml, read=(*given.files, parameters, *(from_logs or ())))
     robot = given.robot(given.known_body or ())
-    warnings: tuple[Finding, ...] = ()
+    facts: dict[str, Any] = {"robot": robot.name}
     if parameters is not None:
         from seaid.export import read_parameters
 
@@ -59,14 +65,19 @@ def export(
     else:
         logs = given.logs(from_logs or [], robot)
         found = given.identify(robot, logs, feasible=feasible)
-        robot, warnings = found.robot, found.warnings
-    tables, notes = _WRITERS[output.suffix.lower()](robot, output, allow_inconsistent)
-    for note in notes:
-        typer.echo(f"note: {note.replace('payloads=', option_of('payloads='))}", err=True)
-    content = {"robot": output, "drives": tables, "notes": notes, "warnings": warnings}
-    text = [f"{robot.name}: {robot.n} bodies and their drives written"]
-    text += warning_lines(warnings)
-    result.show("\n".join(text), content, output, tables)
+        robot, facts = found.robot, facts_of(found)
+    kind = ".urdf" if is_stdout(output) else output.suffix.lower()
+    with written(output, kind) as file:
+        tables, notes = _WRITERS[kind](robot, file, allow_inconsistent)
+    for text in notes:
+        note(text.replace("payloads=", option_of("payloads=")))
+    if is_stdout(output):
+        tables = None
+        note("stdout has the URDF without its drives: --output writes both")
+    lines = [f"{robot.name}: {robot.n} bodies and their drives written"]
+    lines += warning_lines(facts.get("warnings", ()))
+    content = {"bodies": robot.body_names, "drives": [*robot.drives]}
+    result.show("\n".join(lines), content, output, tables, **facts)
 
 
 _Written = tuple[Path | None, tuple[str, ...]]
@@ -75,8 +86,8 @@ _Written = tuple[Path | None, tuple[str, ...]]
 def _urdf(robot: Robot, output: Path, allow_inconsistent: bool) -> _Written:
     from seaid.export import write_urdf
 
-    written = write_urdf(robot, output, force=allow_inconsistent)
-    return written.drives, written.notes
+    files = write_urdf(robot, output, force=allow_inconsistent)
+    return files.drives, files.notes
 
 
 def _mjcf(robot: Robot, output: Path, allow_inconsistent: bool) -> _Written:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from typer import Option
 
+from seaid.cli.messages import written
 from seaid.cli.options import (
     FEASIBLE,
     FailOn,
@@ -16,6 +17,7 @@ from seaid.cli.options import (
     Output,
     ResultOptions,
     check_fail_on,
+    facts_of,
     fail_on_warnings,
 )
 
@@ -53,6 +55,7 @@ def identify(
     robot = given.robot(given.known_body or ())
     known = logs if in_pieces else given.logs(logs, robot)
     found = given.identify(robot, known, feasible=feasible)
-    found.save(output)
-    result.show(found.summary(), found.to_dict(), output)
+    with written(output, ".json") as file:
+        found.save(file)
+    result.show(found.summary(), found.to_dict(), output, **facts_of(found))
     fail_on_warnings(found.warnings, fail_on)

@@ -51,7 +51,6 @@ def inspect(
     choices = (tuple(names(sensors) or ()),) if sensors is not None else _CHOICES
     found = {", ".join(one): identifiability(robot, one) for one in choices}  # type: ignore[arg-type]
     content = {
-        "robot": robot.name,
         "joints": _joint_facts(robot),
         "inconsistent_links": inconsistent,
         "base_parameters": list(base.expressions),
@@ -61,7 +60,7 @@ def inspect(
     text = [*_tree_lines(robot, tree, tree.root), *_link_lines(inconsistent), *_base_lines(base)]
     details = [str(one) for one in found.values()]
     text += details if sensors is not None else [_identifiability_table(found)]
-    show("\n".join(text), content, as_json)
+    show("\n".join(text), content, as_json, robot=robot.name)
 
 
 def _joint_facts(robot: Robot) -> list[dict[str, Any]]:

@@ -11,9 +11,12 @@ import json
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, TextIO
 
 import typer
@@ -30,27 +33,102 @@ _OPTIONS = {
 """Arguments whose option has another name: {argument as an error names it: option}."""
 
 
+FORMAT = 1
+"""Number of the format of `--json`: it rises when a key changes its name or meaning."""
+
+
+@dataclass
+class _Call:
+    """The command that runs, and what it has printed."""
+
+    command: str = "seaid"
+    as_json: bool = False
+    notes: list[str] = field(default_factory=list)
+    has_result: bool = False
+
+
+_CALL: ContextVar[_Call] = ContextVar("_CALL")
+_CALL.set(_Call())
+
+
+def begin(command: str, arguments: Sequence[str]) -> None:
+    """Note which command runs, so that errors in its arguments can be JSON too."""
+    own = list(arguments)[: list(arguments).index("--")] if "--" in arguments else arguments
+    _CALL.set(_Call(command, "--json" in own))
+
+
+def note(text: str) -> None:
+    """Print a note on stderr, once; it is in the JSON of the result too."""
+    call, line = _CALL.get(), " ".join(text.split())
+    if line not in call.notes:
+        call.notes.append(line)
+        typer.echo(f"note: {line}", err=True)
+
+
 @contextmanager
 def reported() -> Iterator[None]:
-    """Print warnings of seaid once as `note:` lines, and errors as `error:` with exit code 1."""
-    printed: set[str] = set()
+    """Print warnings of seaid as `note:` lines, and errors as `error:` with exit code 1."""
 
-    def note(message: Warning | str, category: type[Warning], *place: Any) -> None:
-        if not issubclass(category, SeaidWarning):
+    def noted(message: Warning | str, category: type[Warning], *place: Any) -> None:
+        if issubclass(category, SeaidWarning):
+            note(str(message))
+        else:
             other(message, category, *place)
-        elif str(message) not in printed:
-            printed.add(str(message))
-            typer.echo(f"note: {' '.join(str(message).split())}", err=True)
 
     with warnings.catch_warnings():
         other = warnings.showwarning
         warnings.simplefilter("always", SeaidWarning)
-        warnings.showwarning = note  # type: ignore[assignment]
+        warnings.showwarning = noted  # type: ignore[assignment]
         try:
             yield
         except SeaidError as problem:
+            _print_error_json(error_text(problem), 1)
             typer.echo(f"error: {error_text(problem)}", err=True)
             raise typer.Exit(1) from None
+        except _USAGE_ERROR as problem:
+            _print_error_json(problem.format_message(), problem.exit_code)
+            raise
+
+
+_USAGE_ERROR: Any = typer.BadParameter.__mro__[1]
+"""What Typer raises for wrong usage, which it does not export."""
+
+
+def _print_error_json(message: str, exit_code: int) -> None:
+    """Print an error as JSON on stdout if the command has --json and printed no result."""
+    call = _CALL.get()
+    if call.as_json and not call.has_result:
+        typer.echo(_json(envelope(error={"message": message, "exit_code": exit_code})))
+
+
+def envelope(
+    result: Any = None,
+    *,
+    robot: str | None = None,
+    verdict: Any = None,
+    warnings: Sequence[Any] = (),
+    files: Sequence[Path] = (),
+    error: dict[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Return what --json prints, the same keys for all commands: docs/reference/commands.md."""
+    call = _CALL.get()
+    return {
+        "format": f"seaid {call.command} {FORMAT}",
+        "command": call.command,
+        "robot": robot,
+        "verdict": verdict,
+        "warnings": warnings,
+        "notes": call.notes,
+        "result": result,
+        "files": files,
+        "error": error,
+    }
+
+
+def _json(content: Any) -> str:
+    from seaid._files import plain
+
+    return json.dumps(plain(content), indent=1, allow_nan=False, ensure_ascii=False)
 
 
 def error_text(problem: BaseException | None) -> str:
@@ -71,18 +149,36 @@ def option_of(argument: str) -> str:
     return _OPTIONS.get(argument, f"{option} {value}" if has_value else option)
 
 
-def show(text: str, content: Any, as_json: bool, *paths: Path | None) -> None:
-    """Print the text for people, or the content as JSON for machines, on stdout.
+def show(text: str, result: Any, as_json: bool, *paths: Path | None, **facts: Any) -> None:
+    """Print the text for people, or the result as JSON for machines, on stdout.
 
-    The last line names the files of the results; it is on stderr if stdout is JSON.
+    `facts` are robot, verdict and warnings of the `envelope`. The last line names the files of the
+    results. It is on stderr if stdout is JSON; so is the text if a result is on stdout itself.
     """
-    from seaid._files import plain
-
+    files = [path for path in paths if path is not None and not is_stdout(path)]
+    to_stderr = any(path is not None and is_stdout(path) for path in paths)
     if as_json:
-        text = json.dumps(plain(content), indent=1, allow_nan=False, ensure_ascii=False)
-    typer.echo(text)
-    if there := ", ".join(map(str, filter(None, paths))):
-        typer.echo(f"Results: {there}", err=as_json)
+        text = _json(envelope(result, files=files, **facts))
+    typer.echo(text, err=to_stderr)
+    _CALL.get().has_result = True
+    if files:
+        typer.echo(f"Results: {', '.join(map(str, files))}", err=as_json or to_stderr)
+
+
+def is_stdout(path: Path | None) -> bool:
+    """Return whether `-o -` asks for a result on stdout."""
+    return str(path) == "-"
+
+
+@contextmanager
+def written(path: Path, suffix: str) -> Iterator[Path]:
+    """Yield where to write a result: `path`, or for `-` a temporary file that goes to stdout."""
+    if not is_stdout(path):
+        yield path
+        return
+    with TemporaryDirectory() as folder:
+        yield (file := Path(folder, f"result{suffix}"))
+        typer.echo(file.read_bytes().decode(), nl=False)
 
 
 def is_terminal() -> bool:
@@ -99,7 +195,7 @@ def check_outputs(*paths: Path | None, force: bool, read: Iterable[Path | None])
     from seaid._files import is_replaced, real_path, result_folder
 
     sources = {real_path(path) for path in filter(None, read)}
-    for path in filter(None, paths):
+    for path in (one for one in paths if one is not None and not is_stdout(one)):
         target = real_path(path)
         if target in sources:
             raise SeaidError(f"'{path}' is read by this command: name another file for the results")

@@ -15,7 +15,7 @@ import typer
 from typer import Argument, Option
 
 import seaid
-from seaid.cli.messages import check_outputs, is_terminal, show
+from seaid.cli.messages import check_outputs, is_stdout, is_terminal, show
 from seaid.errors import SEVERITIES, SeaidError, unknown_name
 
 if TYPE_CHECKING:
@@ -63,8 +63,8 @@ def one_of(name: str, text: str, choice: Callable[[], Any]) -> Any:
     return Option(help=text, callback=checked)
 
 
-Output = Annotated[Path, Option("--output", "-o", help="File for the result.")]
-AsJson = Annotated[bool, Option("--json", help="JSON on stdout.")]
+Output = Annotated[Path, Option("--output", "-o", help="File for the result; - for stdout.")]
+AsJson = Annotated[bool, Option("--json", help="The result as JSON on stdout; errors too.")]
 
 FailOn = Annotated[
     str | None,
@@ -199,11 +199,13 @@ class ResultOptions:
 
     def check(self, *paths: Path | None, read: Iterable[Path | None]) -> None:
         """Raise SeaidError before a long computation if a result cannot be written."""
+        if self.as_json and any(map(is_stdout, paths)):
+            raise typer.BadParameter("stdout has the JSON: name a file", param_hint="--output")
         check_outputs(*paths, force=self.force, read=read)
 
-    def show(self, text: str, content: Any, *paths: Path | None) -> None:
-        """Print the result and the paths of its files."""
-        show(text, content, self.as_json, *paths)
+    def show(self, text: str, result: Any, *paths: Path | None, **facts: Any) -> None:
+        """Print the result and the paths of its files; `facts` as of `show`."""
+        show(text, result, self.as_json, *paths, **facts)
 
 
 def with_groups(command: Callable[..., None]) -> Callable[..., None]:
@@ -310,9 +312,14 @@ def check_validation_logs(unseen: Sequence[Path], from_logs: Sequence[Path]) -> 
             raise SeaidError(f"'{log}' is used for the identification: validate on another log")
 
 
+def facts_of(found: Identification) -> dict[str, Any]:
+    """Return robot, verdict and warnings of an identification, for `show`."""
+    return {"robot": found.robot.name, "verdict": found.verdict, "warnings": found.warnings}
+
+
 def checked_suffix(path: Path, *allowed: str) -> Path:
-    """Return the path if its suffix is allowed. Raises BadParameter otherwise."""
-    if path.suffix.lower() not in allowed:
+    """Return the path if its suffix is allowed, or stdout. Raises BadParameter otherwise."""
+    if path.suffix.lower() not in allowed and not is_stdout(path):
         raise typer.BadParameter(
             f"'{path}' must end in {' or '.join(allowed)}", param_hint="--output"
         )

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from typer import Option
 
+from seaid.cli.messages import written
 from seaid.cli.options import (
     FEASIBLE,
     FromLogs,
@@ -14,6 +15,7 @@ from seaid.cli.options import (
     ResultOptions,
     check_validation_logs,
     checked_suffix,
+    facts_of,
 )
 
 _DIGEST = 12
@@ -56,11 +58,12 @@ def report(
     facts = _facts(given, from_logs, unseen)
     offsets = f"{given.encoder_offset_std:g} rad or m"
     options = {"Estimator": given.estimator, "Standard deviation of encoder offsets": offsets}
-    write_report(found, results, output, facts={**facts, **options})
-    content = {"report": output, "validations": [one.to_dict() for one in results]}
+    with written(output, ".html") as file:
+        write_report(found, results, file, facts={**facts, **options})
+    content = {"validations": [one.to_dict() for one in results]}
     text = [f"{robot.name}: {len(found.load.values)} base parameters and its drives reported"]
     text += warning_lines(found.warnings)
-    result.show("\n".join(text), {**content, "warnings": found.warnings}, output)
+    result.show("\n".join(text), content, output, **facts_of(found))
 
 
 def _facts(given: IdentifyOptions, from_logs: list[Path], unseen: list[Path]) -> dict[str, str]:

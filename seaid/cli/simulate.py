@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from seaid.cli.messages import is_terminal
+from seaid.cli.messages import is_terminal, written
 from seaid.cli.options import Output, ResultOptions, RobotOptions, checked_suffix
 
 
@@ -42,15 +42,17 @@ def simulate(
         joint_resolution_rad=joint_resolution,
         torque_std_Nm=torque_std,
     )
+    robot = given.robot()
     log = simulated(
-        given.robot(),
+        robot,
         load_trajectory(trajectory),
         rate_hz=rate_hz,
         noise=noise,
         seed=seed,
         progress=is_terminal(),
     )
-    write_log(log, output)
-    content = {"log": output, "samples": len(log.time), "joints": log.joint_names}
+    with written(output, ".csv") as file:
+        write_log(log, file)
+    content = {"samples": len(log.time), "joints": log.joint_names}
     text = f"{len(log.time)} samples of {', '.join(log.joint_names)}, {log.time[-1]:.4g} s"
-    result.show(text, content, output)
+    result.show(text, content, output, robot=robot.name)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from seaid.cli.messages import is_terminal
+from seaid.cli.messages import is_terminal, written
 from seaid.cli.options import LogOptions, Logs, ResultOptions, names
 
 if TYPE_CHECKING:
@@ -46,12 +46,13 @@ def terms(
         progress=is_terminal(),
     )
     if output is not None:
-        write_drives(selection.robot.drives, output)
+        with written(output, ".toml") as file:
+            write_drives(selection.robot.drives, file)
     content = {
         "recommended": selection.recommended,
         "comparisons": [_comparison_facts(one) for one in selection.comparisons],
     }
-    result.show(str(selection), content, output)
+    result.show(str(selection), content, output, robot=robot.name)
 
 
 def _comparison_facts(one: TermComparison) -> dict[str, object]:

@@ -7,7 +7,14 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from seaid.cli.options import FromLogs, IdentifyOptions, ResultOptions, check_validation_logs
+from seaid.cli.messages import written
+from seaid.cli.options import (
+    FromLogs,
+    IdentifyOptions,
+    ResultOptions,
+    check_validation_logs,
+    facts_of,
+)
 
 
 def validate(
@@ -35,6 +42,7 @@ def validate(
     found = given.identify(robot, known)
     validation = validated(found, unseen)
     if output is not None:
-        found.save(output, validation)
+        with written(output, ".json") as file:
+            found.save(file, validation)
     text = [validation.summary(), *warning_lines(found.warnings)]
-    result.show("\n".join(text), {**validation.to_dict(), "warnings": found.warnings}, output)
+    result.show("\n".join(text), validation.to_dict(), output, **facts_of(found))

@@ -128,7 +128,7 @@ def test_walk_from_a_plan_to_the_identified_robot(arm: Path, tmp_path: Path) -> 
     assert stiffness["standard_error"] < 10.0
 
     validated = done("validate", *robot, "--from", log, arm / "other.csv", "--json")
-    errors = json.loads(validated.out)
+    errors = json.loads(validated.out)["result"]
     assert errors["load"]["elbow"]["relative_error"] < 0.05
     assert errors["actuator"]["shoulder"]["relative_error"] is None
 
@@ -165,7 +165,7 @@ def test_export_of_saved_parameters_writes_the_same_files(arm: Path, tmp_path: P
 def test_export_of_a_mujoco_model(arm: Path, tmp_path: Path) -> None:
     model = tmp_path / "found.xml"
     said = done("export", *robot_and_drives(arm), "--from", arm / "run.csv", "-o", model, "--json")
-    assert json.loads(said.out)["drives"] is None
+    assert json.loads(said.out)["files"] == [str(model)]
     assert "note: " in said.err
     assert said.err.splitlines()[-1] == f"Results: {model}"
     assert 'name="elbow_spring"' in model.read_text()
@@ -189,7 +189,7 @@ def test_inspect_of_given_sensors_is_in_detail(arm: Path) -> None:
 
 
 def test_inspect_as_json_is_what_the_library_says(arm: Path) -> None:
-    content = json.loads(done("inspect", *robot_and_drives(arm), "--json").out)
+    content = json.loads(done("inspect", *robot_and_drives(arm), "--json").out)["result"]
     robot = seaid.load_robot(arm / "arm.urdf", arm / "arm.toml")
     assert content["base_parameters"] == list(seaid.base_parameters(robot).expressions)
     assert [one["joint"] for one in content["joints"]] == ["shoulder", "elbow"]
@@ -208,7 +208,7 @@ def test_inspect_lists_inconsistent_links(arm: Path, tmp_path: Path) -> None:
     said = done("inspect", path)
     assert "Physically inconsistent links" in said.out
     assert "  upper has a principal moment of inertia above the sum of the other two" in said.out
-    content = json.loads(done("inspect", path, "--json").out)
+    content = json.loads(done("inspect", path, "--json").out)["result"]
     assert list(content["inconsistent_links"]) == ["upper"]
 
 
@@ -220,7 +220,7 @@ def test_joints_that_are_not_asked_for_are_said_not_to_move(arm: Path) -> None:
 
 def test_crosscheck_agrees(arm: Path) -> None:
     assert "they agree" in done("crosscheck", arm / "arm.urdf").out
-    assert json.loads(done("crosscheck", arm / "arm.urdf", "--json").out)["agree"] is True
+    assert json.loads(done("crosscheck", arm / "arm.urdf", "--json").out)["result"]["agree"] is True
 
 
 def test_crosscheck_that_fails_says_so_in_its_exit_code(
@@ -230,7 +230,7 @@ def test_crosscheck_that_fails_says_so_in_its_exit_code(
     monkeypatch.setattr("seaid.regressor.cross_check", lambda *_: apart)
     said = run("crosscheck", arm / "arm.urdf", "--json")
     assert said.code == 1
-    assert json.loads(said.out)["max_difference"] is None
+    assert json.loads(said.out)["result"]["max_difference"] is None
     assert "error: numeric and exact base parameters of 'small_arm' differ" in said.err
 
 
@@ -250,7 +250,7 @@ def test_description_on_stdout_is_toml_and_reads_the_log(arm: Path, tmp_path: Pa
 def test_terms_writes_drives_that_load(arm: Path, tmp_path: Path) -> None:
     arguments = (*robot_and_drives(arm), arm / "run.csv", "--of", "elbow", "--json")
     said = done("terms", *arguments, "-o", tmp_path / "drives.toml")
-    content = json.loads(said.out)
+    content = json.loads(said.out)["result"]
     assert {one["joint"] for one in content["comparisons"]} == {"elbow"}
     assert f"Results: {tmp_path / 'drives.toml'}" in said.err
     loaded = seaid.load_robot(arm / "arm.urdf", tmp_path / "drives.toml")
@@ -261,7 +261,7 @@ def test_json_of_identify_is_what_it_writes(arm: Path, tmp_path: Path) -> None:
     file = tmp_path / "parameters.json"
     payload = ("--payload", "lower:0.5:0,0,-0.2", "--torque-joints", "shoulder,elbow")
     said = done("identify", *robot_and_drives(arm), arm / "run.csv", *payload, "-o", file, "--json")
-    assert json.loads(said.out) == json.loads(file.read_text())
+    assert json.loads(said.out)["result"] == json.loads(file.read_text())
     assert said.err.splitlines()[-1] == f"Results: {file}"
 
 
@@ -280,7 +280,7 @@ def test_check_names_a_mistake_and_fails_on_request(arm: Path, tmp_path: Path) -
     assert '    motor_torque = { column = "elbow.motor_torque_Nm", scale = 0.001 }' in said.out
     content = json.loads(run("check", *robot_and_drives(arm), wrong, "--json").out)
     assert [(one["code"], one["severity"]) for one in content["warnings"]] == [("unit", "wrong")]
-    assert set(content["joints"]) == {"shoulder", "elbow"}
+    assert set(content["result"]["joints"]) == {"shoulder", "elbow"}
     output = ("-o", tmp_path / "found.json", "--fail-on", "wrong")
     said = run("identify", *robot_and_drives(arm), wrong, *output)
     assert (said.code, said.out.splitlines()[0]) == (

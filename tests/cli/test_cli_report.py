@@ -36,8 +36,8 @@ def test_report_without_validation_says_so_and_is_json_for_machines(
     options = ("--from", arm / "run.csv", "--feasible", "--cutoff-hz", "6", "--json")
     said = done("report", *robot_and_drives(arm), *options, "-o", page)
     content = json.loads(said.out)
-    assert content["report"] == str(page)
-    assert content["validations"] == []
+    assert content["files"] == [str(page)]
+    assert content["result"]["validations"] == []
     assert said.err.splitlines()[-1] == f"Results: {page}"
     text = page.read_text(encoding="utf-8")
     assert "Not validated on an unseen motion" in text

@@ -1,0 +1,145 @@
+"""The JSON of all commands, results on stdout, and errors as JSON."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from seaid.cli.commands import COMMANDS, command_of
+from tests.cli.test_cli import arm, done, refused, robot_and_drives, run
+
+__all__ = ["arm"]
+
+KEYS = ["format", "command", "robot", "verdict", "warnings", "notes", "result", "files", "error"]
+
+ARGUMENTS = {
+    "inspect": "arm.urdf --drives arm.toml",
+    "crosscheck": "arm.urdf",
+    "excite": "arm.urdf --duration 2 --starts 1 --iterations 3",
+    "simulate": "arm.urdf run_plan.json --drives arm.toml",
+    "describe": "run.csv",
+    "check": "arm.urdf run.csv --drives arm.toml",
+    "identify": "arm.urdf run.csv --drives arm.toml",
+    "validate": "arm.urdf other.csv --from run.csv --drives arm.toml",
+    "terms": "arm.urdf run.csv --drives arm.toml --of elbow",
+    "report": "arm.urdf --from run.csv --drives arm.toml",
+    "export": "arm.urdf --from run.csv --drives arm.toml",
+}
+"""A line for each command, without its output."""
+
+SUFFIX = {"excite": "json", "simulate": "csv", "identify": "json", "report": "html"}
+READ: dict[str, Callable[[str], object]] = {
+    "json": json.loads,
+    "toml": tomllib.loads,
+    "urdf": ElementTree.fromstring,
+    "csv": lambda text: np.loadtxt(text.splitlines(), delimiter=",", skiprows=1),
+    "html": str.split,
+}
+SUFFIX |= {"describe": "toml", "terms": "toml", "export": "urdf", "validate": "json"}
+
+
+def test_every_command_but_the_view_is_tried_here() -> None:
+    assert {*ARGUMENTS} == {*COMMANDS} - {"view"}
+    outputs = {
+        name for name in ARGUMENTS if any("--output" in one.opts for one in command_of(name).params)
+    }
+    assert outputs == {*SUFFIX}
+
+
+@pytest.mark.parametrize("command", ARGUMENTS)
+def test_json_has_the_same_keys_for_every_command(
+    arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    monkeypatch.chdir(arm)
+    output = ("-o", tmp_path / f"out.{SUFFIX[command]}") if command in SUFFIX else ()
+    content = json.loads(done(command, *ARGUMENTS[command].split(), *output, "--json").out)
+    assert [*content] == KEYS
+    assert content["format"] == f"seaid {command} 1"
+    assert content["command"] == command
+    assert content["robot"] == (None if command == "describe" else "small_arm")
+    assert content["error"] is None
+    assert isinstance(content["result"], dict)
+    assert {*content["files"]} == {str(one) for one in tmp_path.iterdir()}
+    has_verdict = command in ("identify", "validate", "report", "export")
+    assert (content["verdict"] is not None) == has_verdict
+
+
+@pytest.mark.parametrize("command", SUFFIX)
+def test_a_dash_writes_the_result_to_stdout_and_the_text_to_stderr(
+    arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    monkeypatch.chdir(arm)
+    before = {*arm.iterdir()}
+    line, file = ARGUMENTS[command].split(), tmp_path / f"out.{SUFFIX[command]}"
+    printed = done(command, *line, "-o", "-")
+    done(command, *line, "-o", file)
+    if command != "report":
+        assert printed.out.rstrip("\n") == file.read_text().rstrip("\n")
+    READ[SUFFIX[command]](printed.out)
+    assert "Results: " not in printed.out + printed.err
+    assert {*arm.iterdir()} == before
+    said = run(command, *line, "-o", "-", "--json")
+    assert said.code == 2
+    assert "stdout has the JSON: name a file" in said.err
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "words"),
+    [
+        ("inspect no.urdf", 1, "no URDF file at 'no.urdf'"),
+        ("identify arm.urdf run.csv --method both", 1, "--method: no method is named 'both'"),
+        ("identify arm.urdf", 2, "Missing argument"),
+        ("inspect arm.urdf --payload lower", 2, "is not link:mass:x,y,z"),
+        ("check arm.urdf run.csv --colour", 2, "No such option: --colour"),
+    ],
+)
+def test_errors_are_json_on_stdout_as_well(
+    arm: Path, monkeypatch: pytest.MonkeyPatch, line: str, code: int, words: str
+) -> None:
+    monkeypatch.chdir(arm)
+    said, plain = run(*line.split(), "--json"), run(*line.split())
+    content = json.loads(said.out)
+    assert [*content] == KEYS
+    assert content["error"]["exit_code"] == said.code == plain.code == code
+    assert words in " ".join(content["error"]["message"].split())
+    assert content["result"] is None
+    assert content["format"] == f"seaid {line.split()[0]} 1"
+    assert (said.err, plain.out) == (plain.err, "")
+
+
+def test_an_unknown_command_is_an_error_in_json(arm: Path) -> None:
+    said = run("identfy", "--json")
+    content = json.loads(said.out)
+    assert (said.code, content["command"]) == (2, "seaid")
+    assert "Did you mean 'identify'?" in content["error"]["message"]
+
+
+def test_a_failed_comparison_prints_one_json(arm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import seaid
+
+    apart = seaid.CrossCheck(False, False, float("inf"), 1.0, (6, 7))
+    monkeypatch.setattr("seaid.regressor.cross_check", lambda *_: apart)
+    said = run("crosscheck", arm / "arm.urdf", "--json")
+    assert json.loads(said.out)["result"]["agree"] is False
+    assert said.code == 1
+
+
+def test_notes_are_in_the_json(arm: Path, tmp_path: Path) -> None:
+    rounded = (arm / "arm.urdf").read_text()
+    rounded = rounded.replace('xyz="0 0 -0.3"', 'xyz="0 0 -0.3" rpy="1.5708 0 0"')
+    (tmp_path / "rounded.urdf").write_text(rounded)
+    said = done("inspect", tmp_path / "rounded.urdf", "--json")
+    (note,) = json.loads(said.out)["notes"]
+    assert "1.5708" in note
+    assert said.err == f"note: {note}\n"
+
+
+def test_a_folder_for_the_output_is_refused_before_the_work(arm: Path) -> None:
+    words = refused("identify", *robot_and_drives(arm), arm / "run.csv", "-o", arm)
+    assert "is a folder: name a file in it" in words
