@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import sys
+import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,6 +25,10 @@ def view(
     trajectory: Annotated[
         list[Path] | None, Option(help="Trajectory of seaid excite to play. May be repeated.")
     ] = None,
+    parameters: Annotated[
+        Path | None,
+        Option(help="Identified parameters to compare with: parameters.json of seaid identify."),
+    ] = None,
     description: Description = None,
     repair: Repair = False,
     package_dir: Annotated[
@@ -34,26 +41,55 @@ def view(
     seconds: Annotated[
         float | None, Option(help="Time to show it [s]; default: until Ctrl-C.")
     ] = None,
+    no_browser: Annotated[
+        bool, Option("--no-browser", help="Print the address without opening the browser.")
+    ] = False,
 ) -> None:
     """Show a robot and its motions in the browser, at the address in the last line.
 
     The colour of an elastic joint shows its deflection. Logs come first, then trajectories; another
-    motion can be shown next to the one that plays. Without motions, joints have sliders. Needs
-    pip install 'seaid[view]'.
+    motion can be shown next to the one that plays. Without motions, joints have sliders. With
+    --parameters, identified masses, centres of mass and inertia are drawn next to the nominal ones.
+    On a desktop the browser opens by itself. Needs pip install 'seaid[view]'.
 
     seaid view leg.urdf --drives leg.toml --log run.csv --trajectory plan.json
+    seaid view leg.urdf --drives leg.toml --log run.csv --parameters parameters.json
     seaid view arm.urdf --package-dir ~/ros/src --port 0
     """
+    from seaid.export import read_parameters
     from seaid.view import view_robot
 
     robot = given.robot()
     motions = _motions(robot, log or [], trajectory or [], description, repair)
-    shown = view_robot(robot, motions, package_dirs=package_dir or (), host=host, port=port)
+    identified = None if parameters is None else read_parameters(parameters, robot)
+    shown = view_robot(
+        robot,
+        motions,
+        identified=identified,
+        package_dirs=package_dir or (),
+        host=host,
+        port=port,
+    )
     with shown, contextlib.suppress(KeyboardInterrupt):
         for note in shown.picture.notes:
             typer.echo(f"note: {note}", err=True)
         typer.echo(shown.url)
+        if not no_browser and has_display():
+            webbrowser.open(shown.url)
         shown.wait(seconds)
+
+
+def has_display() -> bool:
+    """Return whether somebody at a terminal of this machine would see a browser that opens."""
+    if not is_shown() or "SSH_CONNECTION" in os.environ:
+        return False
+    displays = ("DISPLAY", "WAYLAND_DISPLAY")
+    return sys.platform in ("win32", "darwin") or any(map(os.environ.get, displays))
+
+
+def is_shown() -> bool:
+    """Return whether stdout, which has the address, is a terminal."""
+    return sys.stdout.isatty()
 
 
 def _motions(

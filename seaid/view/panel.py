@@ -11,10 +11,11 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid.view.picture import NEUTRAL, gradient, hexadecimal
-from seaid.view.stage import fade, show
+from seaid.view.stage import IDENTIFIED, NOMINAL, WRONG, fade, show
 
 if TYPE_CHECKING:
     from seaid.robot import Robot
+    from seaid.view.ellipsoids import Ellipsoid
     from seaid.view.picture import Color, Picture
     from seaid.view.playback import Playback
     from seaid.view.stage import Stage
@@ -34,8 +35,7 @@ def legend(robot: Robot, limits: Array) -> str:
         return f'<div style="{_TEXT}">Joints are grey: {reason}.</div>'
     return (
         f'<div style="{_TEXT}"><b>Spring deflection about its mean</b>{"".join(bars)}'
-        "motor side, reflected through the gear, minus joint side. Encoder offsets are unknown, so "
-        f"each mean is subtracted. {_chip(NEUTRAL)} no spring</div>"
+        f"motor side (through the gear) minus joint side. {_chip(NEUTRAL)} no spring</div>"
     )
 
 
@@ -49,15 +49,22 @@ def table(robot: Robot, position: Array, deflection: Array, colors: Sequence[Col
         cells = [_number(position[index], ".3f", "m" if slides else "rad")]
         if springs:
             cells.append(_number(1e3 * deflection[index], ".2f", "mm" if slides else "mrad"))
-        name = f"<td>{_chip(colors[index])} {escape(joint)}</td>"
-        numbers = "".join(f'<td style="text-align:right">{text}</td>' for text in cells)
-        rows.append(f"<tr>{name}{numbers}</tr>")
-    heads = ["position", "deflection"] if springs else ["position"]
-    head = "".join(f'<th style="text-align:right">{word}</th>' for word in heads)
-    return (
-        f'<div style="{_TEXT}"><table style="width:100%;font-variant-numeric:tabular-nums">'
-        f'<tr><th style="text-align:left">joint</th>{head}</tr>{"".join(rows)}</table></div>'
-    )
+        rows.append([f"{_chip(colors[index])} {escape(joint)}", *cells])
+    heads = ["joint", "position", "deflection"] if springs else ["joint", "position"]
+    return f'<div style="{_TEXT}">{_table(heads, rows)}</div>'
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table of HTML cells, the first column aligned left and the others right."""
+
+    def row(tag: str, cells: Sequence[str]) -> str:
+        sides = ("left", *("right" for _ in cells[1:]))
+        both = zip(sides, cells, strict=True)
+        return "".join(f'<{tag} style="text-align:{side}">{cell}</{tag}>' for side, cell in both)
+
+    body = "".join(f"<tr>{row('td', cells)}</tr>" for cells in rows)
+    style = "width:100%;font-variant-numeric:tabular-nums"
+    return f'<table style="{style}"><tr>{row("th", heads)}</tr>{body}</table>'
 
 
 def plain_text(lines: Sequence[str]) -> str:
@@ -101,7 +108,6 @@ _SHOWN = (
     ("joints", "joints", True),
     ("names", "names of joints", True),
     ("payloads", "known payloads", True),
-    ("centers", "centres of mass", False),
 )
 
 
@@ -147,6 +153,9 @@ def put_panel(
     table = gui.add_html("")
     notes = gui.add_html("")
     joints = () if playbacks else _joint_sliders(gui, picture)
+    if picture.nominal or picture.identified:
+        with gui.add_folder("Masses and inertia", expand_by_default=bool(picture.identified)):
+            _bodies(gui, picture, stage)
     with gui.add_folder("Show", expand_by_default=False):
         _choices(gui, picture, stage)
     return Panel(run, time, play, speed, compared, joints, table, notes)
@@ -175,10 +184,66 @@ def _joint_sliders(gui: Any, picture: Picture) -> tuple[Any, ...]:
     return tuple(sliders)
 
 
+def bodies_table(picture: Picture) -> str:
+    """Return the colours of ellipsoids, and each body's mass [kg] and shift of its centre [mm]."""
+    chips = [
+        f"{_chip(color)} {name}"
+        for name, color in (("nominal (wire)", NOMINAL), ("identified (solid)", IDENTIFIED))
+        if getattr(picture, name.split()[0])
+    ]
+    nominal = {one.body: one for one in picture.nominal}
+    identified = {one.body: one for one in picture.identified}
+    rows = []
+    for body, name in enumerate(picture.robot.body_names, 1):
+        before, after = nominal.get(body), identified.get(body)
+        cells = [_mass(before), _mass(after)] if identified else [_mass(before)]
+        if identified:
+            cells.append(_shift(before, after))
+        rows.append([escape(name), *cells])
+    heads = ["body", "nominal", "identified", "moved"] if identified else ["body", "mass"]
+    return (
+        f'<div style="{_TEXT}">Centre of mass, and the solid ellipsoid of uniform density with the '
+        f"same mass and inertia: {', '.join(chips)}.{_table(heads, rows)}</div>"
+    )
+
+
+def _mass(body: Ellipsoid | None) -> str:
+    """Return a mass, in red for a physically inconsistent body."""
+    if body is None:
+        return ""
+    text = f"{body.mass:.3g} kg".replace("-", "−")
+    if body.problem is None:
+        return text
+    color, reason = hexadecimal(WRONG), escape(body.problem)
+    return f'<span style="color:{color}" title="{reason}">✕ {text}</span>'
+
+
+def _shift(before: Ellipsoid | None, after: Ellipsoid | None) -> str:
+    """Return the distance between two centres of mass."""
+    if before is None or after is None or min(before.mass, after.mass) <= 0:
+        return ""
+    return f"{1e3 * float(np.linalg.norm(after.center - before.center)):.3g} mm"
+
+
+def _bodies(gui: Any, picture: Picture, stage: Stage) -> None:
+    """Add a checkbox per kind of ellipsoids and their table."""
+    for group in ("nominal", "identified"):
+        if stage.groups[group]:
+            _checkbox(gui, group, stage.groups[group], bool(picture.identified))
+    gui.add_html(bodies_table(picture))
+
+
+def _checkbox(gui: Any, label: str, nodes: Sequence[Any], shown: bool) -> None:
+    box = gui.add_checkbox(label, shown)
+    show(nodes, shown)
+    box.on_update(lambda _: show(nodes, box.value))
+
+
 def _choices(gui: Any, picture: Picture, stage: Stage) -> None:
     """Add the choice of visible parts; lines are visible if a body has no shape."""
     if stage.groups["bodies"]:
         initial = 0.6 if picture.robot.elastic_joints else 1.0
+        initial = 0.25 if picture.identified else initial
         opacity = gui.add_slider("bodies", 0.0, 1.0, 0.05, initial)
         opacity.on_update(lambda _: fade(stage.groups["bodies"], opacity.value))
         fade(stage.groups["bodies"], initial)
@@ -190,6 +255,4 @@ def _choices(gui: Any, picture: Picture, stage: Stage) -> None:
             shown = shown or bool(picture.bare_bodies)
         if group == "names":
             shown = nodes[0].visible
-        box = gui.add_checkbox(label, shown)
-        show(nodes, shown)
-        box.on_update(lambda _, nodes=nodes, box=box: show(nodes, box.value))
+        _checkbox(gui, label, nodes, shown)

@@ -17,8 +17,10 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, IndexArray, finite, frozen
+from seaid._progress import counted
 from seaid.errors import RobotError
 from seaid.robot import Robot, UrdfTree, find_mesh, reread_urdf, search_folders
+from seaid.view.ellipsoids import Ellipsoid, ellipsoids_of
 
 Color = tuple[int, int, int]
 
@@ -59,7 +61,7 @@ def shapes_of(
     materials = tree.elements.materials
     palette = {one.name: _rgb(one) for one in materials if one.color is not None}
     shapes: list[Shape] = []
-    missing: dict[str, str] = {}
+    missing: dict[str, list[str]] = {}
     for link in tree.elements.links:
         body, placement = places[link.name]
         for visual in link.visuals:
@@ -67,19 +69,43 @@ def shapes_of(
             try:
                 parts = list(_parts(visual.geometry, folders))
             except _NoMeshError as problem:
-                missing[str(problem)] = link.name
+                missing.setdefault(problem.remedy, []).append(f"{problem} (link '{link.name}')")
                 continue
             origin = np.eye(4) if visual.origin is None else visual.origin
             whole = placement.homogeneous @ origin
             for mesh, painted in parts:
                 moved = mesh.apply_transform(whole)
                 shapes.append(_shape(link.name, body, moved, painted or wanted))
-    notes = tuple(f"{problem} (link '{link}')" for problem, link in missing.items())
-    return tuple(shapes), notes
+    return tuple(shapes), tuple(_missing_text(*one) for one in missing.items())
 
 
 class _NoMeshError(Exception):
     """A mesh is missing or cannot be read."""
+
+    def __init__(self, text: str, remedy: str) -> None:
+        super().__init__(text)
+        self.remedy = remedy
+
+
+def _missing_text(remedy: str, problems: list[str]) -> str:
+    """Return one note on the meshes with the same remedy."""
+    others = len(dict.fromkeys(problems)) - 1
+    more = f", and {counted(others, 'other')} likewise" if others else ""
+    return f"{problems[0]}{more}: {remedy}"
+
+
+def _not_found(name: str) -> _NoMeshError:
+    scheme, _, rest = name.rpartition("://")
+    option = "with --package-dir (package_dirs=)"
+    if scheme == "package":
+        package = rest.partition("/")[0]
+        remedy = f"name the folder that contains the package '{package}' {option}"
+        remedy += ", or set ROS_PACKAGE_PATH"
+    elif scheme == "file":
+        remedy = "put the file there, or correct the path in the URDF"
+    else:
+        remedy = f"put it in the folder of the URDF, or name the folder of its path {option}"
+    return _NoMeshError(f"mesh '{name}' is not found", remedy)
 
 
 def _shape(link: str, body: int, mesh: Any, color: Color) -> Shape:
@@ -88,6 +114,9 @@ def _shape(link: str, body: int, mesh: Any, color: Color) -> Shape:
     vertices.setflags(write=False)
     faces.setflags(write=False)
     return Shape(link, body, vertices, faces, color)
+
+
+_CONVERT = "replace it by an STL, OBJ, PLY, glTF or Collada file with triangles"
 
 
 def _parts(geometry: Any, folders: Sequence[Path]) -> Iterator[tuple[Any, Color | None]]:
@@ -111,17 +140,14 @@ def _loaded(named: Any, folders: Sequence[Path]) -> Iterator[tuple[Any, Color | 
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # a damaged file makes a note
     path = find_mesh(named.filename, folders)
     if path is None:
-        raise _NoMeshError(
-            f"mesh '{named.filename}' is not found; name the folder with its package by "
-            "package_dirs= (--package-dir), or set ROS_PACKAGE_PATH"
-        )
+        raise _not_found(named.filename)
     try:
         parts = [one for one in trimesh.load_scene(path).dump() if isinstance(one, trimesh.Trimesh)]
     except Exception as problem:  # readers of a dozen formats raise any exception
         reason = f"{type(problem).__name__}: {problem}"
-        raise _NoMeshError(f"mesh '{path}' cannot be read, {reason}") from None
+        raise _NoMeshError(f"mesh '{path}' cannot be read, {reason}", _CONVERT) from None
     if not any(len(part.faces) for part in parts):
-        raise _NoMeshError(f"mesh '{path}' has no triangles")
+        raise _NoMeshError(f"mesh '{path}' has no triangles", _CONVERT)
     scale = np.eye(4)
     scale[:3, :3] *= 1.0 if named.scale is None else named.scale
     for part in parts:
@@ -173,7 +199,8 @@ class Picture:
     (S, 2, 3) [m] are lines between joints, along prismatic axes and to payloads, on the bodies
     `segment_bodies` (S,);
     `axes` (n, 3) are the joints' axes in their bodies' frames. `up` (3,) points against gravity.
-    `payloads` and `centers` of mass are marks. `notes` list parts that could not be shown.
+    `payloads` are marks; `nominal` and `identified` bodies (empty without an identified robot) are
+    ellipsoids. `notes` list parts that could not be shown.
     """
 
     robot: Robot
@@ -182,7 +209,8 @@ class Picture:
     segment_bodies: tuple[int, ...]
     axes: Array
     payloads: tuple[Mark, ...]
-    centers: tuple[Mark, ...]
+    nominal: tuple[Ellipsoid, ...]
+    identified: tuple[Ellipsoid, ...]
     up: Array
     notes: tuple[str, ...]
 
@@ -247,20 +275,28 @@ class Picture:
         return [np.concatenate(points) for points in found]
 
 
-def picture_of(robot: Robot, *, package_dirs: str | Path | Sequence[str | Path] = ()) -> Picture:
+def picture_of(
+    robot: Robot,
+    *,
+    identified: Robot | None = None,
+    package_dirs: str | Path | Sequence[str | Path] = (),
+) -> Picture:
     """Return the picture of a robot from load_robot, with the visual shapes of its URDF.
 
-    Meshes are searched in `package_dirs`, the folder of the file and those above it. Raises
-    RobotError for a robot without its file and for missing folders.
+    `identified` is the same robot with other inertial parameters. Meshes are searched in
+    `package_dirs`, the folder of the file and those above it. Raises RobotError for a robot without
+    its file and for missing folders.
     """
     tree = _tree_of(robot)
     places = link_places(tree, robot)
     assert robot.urdf is not None
     shapes, notes = shapes_of(robot.urdf, tree, places, package_dirs)
-    payloads = _marks("payload on", robot, robot.payload_parameters)
+    payloads = _payloads(robot)
     segments, bodies = _segments(tree, robot, places, payloads)
     gravity = robot.model.gravity.linear
     strength = float(np.linalg.norm(gravity))
+    nominal = ellipsoids_of(robot)
+    found = () if identified is None else ellipsoids_of(identified)
     up = np.array([0.0, 0.0, 1.0]) if strength == 0.0 else -gravity / strength
     return Picture(
         robot=robot,
@@ -269,9 +305,10 @@ def picture_of(robot: Robot, *, package_dirs: str | Path | Sequence[str | Path] 
         segment_bodies=bodies,
         axes=_axes(robot),
         payloads=payloads,
-        centers=_marks("body of", robot, robot.parameters),
+        nominal=nominal,
+        identified=found,
         up=frozen("up", up, (3,)),
-        notes=notes,
+        notes=(*notes, *_inconsistent("nominal", nominal), *_inconsistent("identified", found)),
     )
 
 
@@ -348,15 +385,31 @@ def _lines(
             yield body, start, placement.act(np.array(moment) / mass)
 
 
-def _marks(what: str, robot: Robot, parameters: Array) -> tuple[Mark, ...]:
-    """Return the centres of mass of the bodies with known mass."""
-    marks = []
-    for index, values in enumerate(parameters.reshape(-1, 10)):
-        if np.all(np.isfinite(values[:4])) and values[0] > 0:
-            center = frozen("center", values[1:4] / values[0], (3,))
-            name = f"{what} {robot.body_names[index]}"
-            marks.append(Mark(name, index + 1, center, float(values[0])))
-    return tuple(marks)
+def _payloads(robot: Robot) -> tuple[Mark, ...]:
+    """Return the known masses on the bodies."""
+    return tuple(
+        Mark(f"payload on {name}", body, frozen("center", ten[1:4] / ten[0], (3,)), float(ten[0]))
+        for body, (name, ten) in enumerate(
+            zip(robot.body_names, robot.payload_parameters.reshape(-1, 10), strict=True), 1
+        )
+        if ten[0] > 0
+    )
+
+
+_REMEDY = {
+    "nominal": "correct the inertial parameters of the URDF",
+    "identified": "identify with feasible=True (--feasible)",
+}
+
+
+def _inconsistent(which: str, bodies: Sequence[Ellipsoid]) -> Iterator[str]:
+    """Yield a note for each physically inconsistent body, which has a cross in the scene."""
+    for body in bodies:
+        if body.problem is not None:
+            yield (
+                f"the {which} body '{body.name}' is physically inconsistent and has no ellipsoid: "
+                f"{body.problem}; {_REMEDY[which]}"
+            )
 
 
 NEUTRAL: Color = (88, 94, 102)

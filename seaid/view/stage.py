@@ -4,24 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, IndexArray
-from seaid.view.picture import NEUTRAL, Color, Mark, Picture
+from seaid.view.picture import NEUTRAL, Color, Picture
+
+if TYPE_CHECKING:
+    from seaid.view.ellipsoids import Ellipsoid
 
 LINES: Color = (60, 66, 74)
 GHOST: Color = (240, 130, 30)
 PAYLOAD: Color = (150, 60, 160)
-CENTER: Color = (30, 150, 110)
+NOMINAL: Color = (70, 76, 86)
+IDENTIFIED: Color = (0, 150, 110)
+WRONG: Color = (215, 25, 30)
+"""Colours of nominal bodies (wire), identified ones (solid), and inconsistent ones (crosses)."""
 
 _STEEL_KG_PER_M3 = 7850.0
 """Density of the sphere that represents a payload."""
 
 _DRUM, _STIFF_DRUM, _LINE, _POINT = 0.03, 0.016, 0.006, 0.012
 """Radii of the cylinders of joints, of lines and of points, relative to the picture's size."""
+
+_THIN = 0.1
+"""Least semi-axis of an ellipsoid relative to the ball at its centre: thin bodies stay visible."""
 
 _FIELD_OF_VIEW_RAD = 0.7
 
@@ -55,7 +64,8 @@ def put_on_stage(server: Any, picture: Picture) -> Stage:
         "joints": joints,
         "names": _names(server, picture),
         "payloads": _payloads(server, picture),
-        "centers": _centers(server, picture),
+        "nominal": _ellipsoids(server, picture, "nominal", NOMINAL),
+        "identified": _ellipsoids(server, picture, "identified", IDENTIFIED),
     }
     return Stage(bodies, ghost, joints, groups)
 
@@ -208,27 +218,46 @@ def _payloads(server: Any, picture: Picture) -> tuple[Any, ...]:
     nodes = []
     for mark in picture.payloads:
         radius = float(np.cbrt(3 * mark.mass / (4 * np.pi * _STEEL_KG_PER_M3)))
-        nodes += [_ball(server, mark, "payload", radius, PAYLOAD)]
         nodes += [
+            server.scene.add_icosphere(
+                f"/robot/{mark.body}/payload", radius, PAYLOAD, position=tuple(mark.center)
+            ),
             server.scene.add_label(
                 f"/robot/{mark.body}/payload_name",
                 f"{mark.mass:.4g} kg",
                 position=tuple(mark.center),
                 font_screen_scale=0.9,
                 anchor="top-left",
-            )
+            ),
         ]
     return tuple(nodes)
 
 
-def _centers(server: Any, picture: Picture) -> tuple[Any, ...]:
-    radius = _POINT * picture.size
-    nodes = [_ball(server, mark, "center", radius, CENTER) for mark in picture.centers]
-    show(nodes, False)
+def _ellipsoids(server: Any, picture: Picture, which: str, color: Color) -> tuple[Any, ...]:
+    """Add the ellipsoids of bodies with their centres of mass, crosses for inconsistent bodies."""
+    nodes, radius = [], _POINT * picture.size
+    bodies: tuple[Ellipsoid, ...] = getattr(picture, which)
+    for one in bodies:
+        name = f"/robot/{one.body}/{which}"
+        if one.problem is not None:
+            ends = 3.0 * radius * np.array([np.diag([1, 1, 1]), -np.diag([1, 1, 1])])
+            lines = np.swapaxes(one.center + ends, 0, 1)
+            nodes.append(server.scene.add_line_segments(name, lines, WRONG, thickness=radius / 2))
+            continue
+        x, y, z, w = pin.Quaternion(one.rotation).normalized().coeffs()
+        nodes += [
+            server.scene.add_icosphere(
+                name,
+                1.0,
+                color,
+                scale=tuple(np.maximum(one.semi_axes, _THIN * radius)),
+                subdivisions=2 if which == "nominal" else 4,
+                wireframe=which == "nominal",
+                opacity=0.35 if which == "nominal" else 0.6,
+                wxyz=(w, x, y, z),
+                position=tuple(one.center),
+                cast_shadow=False,
+            ),
+            server.scene.add_icosphere(f"{name}_center", radius, color, position=tuple(one.center)),
+        ]
     return tuple(nodes)
-
-
-def _ball(server: Any, mark: Mark, what: str, radius: float, color: Color) -> Any:
-    return server.scene.add_icosphere(
-        f"/robot/{mark.body}/{what}", radius, color, position=tuple(mark.center)
-    )

@@ -17,16 +17,17 @@ import numpy as np
 
 from seaid._arrays import Array
 from seaid._progress import Display, counted
-from seaid.errors import SeaidError, checked, reason_of, unknown_name
+from seaid.errors import RobotError, SeaidError, checked, reason_of, unknown_name
 from seaid.excitation import Excitation, Trajectory
 from seaid.log import Log, Motion
+from seaid.robot import Robot
 from seaid.view.panel import NOTHING, notes_of, put_panel, slider_end, table
 from seaid.view.picture import deflection_colors, picture_of
 from seaid.view.playback import playback_of, scales
 from seaid.view.stage import paint, place, put_on_stage, set_the_view, show
 
 if TYPE_CHECKING:
-    from seaid.robot import Robot
+    from seaid.identification import Identification
     from seaid.view.panel import Panel
     from seaid.view.picture import Picture
     from seaid.view.playback import Playback, Shown
@@ -226,6 +227,7 @@ def view_robot(
     robot: Robot,
     motions: Mapping[str, Shown] | Sequence[Shown] | Shown = (),
     *,
+    identified: Robot | Identification | None = None,
     package_dirs: str | Path | Sequence[str | Path] = (),
     host: str = "127.0.0.1",
     port: int = 8080,
@@ -238,6 +240,8 @@ def view_robot(
     ----------
     robot : Robot
     motions : Log, Motion, Trajectory, Excitation, a sequence of them, or {name: motion}
+    identified : Robot or Identification, optional
+        The identified robot, whose bodies are compared with those of `robot`.
     package_dirs : path or sequence of paths
         Folders to search for meshes, besides the folder of the file and those above it.
     host : str
@@ -255,7 +259,7 @@ def view_robot(
     SeaidError
         If viser is not installed or the port is not available.
     RobotError
-        For a robot without its URDF.
+        For a robot without its URDF, and an identified robot with other joints.
     LogError, ExcitationError
         For motions of other joints.
 
@@ -266,7 +270,8 @@ def view_robot(
     ...     view.wait()
     """
     server_of = _viser_server()
-    picture = picture_of(robot, package_dirs=package_dirs)
+    found = _same_robot(robot, identified)
+    picture = picture_of(robot, identified=found, package_dirs=package_dirs)
     playbacks = [playback_of(robot, one, name) for name, one in _by_name(motions).items()]
     _check_port(host, port)
     with quietly():
@@ -296,6 +301,21 @@ def _viser_server() -> Any:
             "to view a robot, the package viser is needed: get it with pip install 'seaid[view]'"
         ) from None
     return ViserServer
+
+
+def _same_robot(robot: Robot, identified: Robot | Identification | None) -> Robot | None:
+    """Return the identified robot. Raises RobotError for one with other joints or bodies."""
+    if identified is None:
+        return None
+    found = identified if isinstance(identified, Robot) else identified.robot
+    names = robot.joint_names, robot.body_names
+    if (found.joint_names, found.body_names) != names:
+        raise RobotError(
+            f"identified: it has the joints {', '.join(found.joint_names)}, but '{robot.name}' has "
+            f"{', '.join(robot.joint_names)}; load both with the same joints=",
+            "joints=",
+        )
+    return found
 
 
 def _by_name(motions: Mapping[str, Shown] | Sequence[Shown] | Shown) -> dict[str, Shown]:

@@ -190,10 +190,9 @@ def test_meshes_are_scaled_and_searched_in_package_dirs(
     mesh = visual(f'<mesh filename="package://arms/meshes/a.{ending}" scale="0.1 0.1 0.01"/>')
     missing = shown(write_urdf, mesh)
     assert missing.shapes == ()
-    assert len(missing.notes) == 1
-    assert missing.notes[0].startswith(f"mesh 'package://arms/meshes/a.{ending}' is not found; ")
-    assert missing.notes[0].endswith(
-        "package_dirs= (--package-dir), or set ROS_PACKAGE_PATH (link 'arm')"
+    assert missing.notes == (
+        f"mesh 'package://arms/meshes/a.{ending}' is not found (link 'arm'): name the folder that "
+        "contains the package 'arms' with --package-dir (package_dirs=), or set ROS_PACKAGE_PATH",
     )
     assert missing.bare_bodies == ("arm",)
     found = shown(write_urdf, mesh, package_dirs=packages)
@@ -208,10 +207,28 @@ def test_mesh_that_cannot_be_read_makes_a_note(
     both = visual('<mesh filename="bad.stl"/>') + visual('<box size="1 1 1"/>')
     picture = shown(write_urdf, both)
     assert len(picture.shapes) == 1
-    assert picture.notes == (f"mesh '{tmp_path / 'bad.stl'}' has no triangles (link 'arm')",)
+    assert picture.notes == (
+        f"mesh '{tmp_path / 'bad.stl'}' has no triangles (link 'arm'): replace it by an STL, OBJ, "
+        "PLY, glTF or Collada file with triangles",
+    )
     (tmp_path / "bad.dae").write_text("no mesh at all")
     (note,) = shown(write_urdf, visual('<mesh filename="bad.dae"/>')).notes
     assert f"mesh '{tmp_path / 'bad.dae'}' cannot be read" in note
+
+
+@pytest.mark.parametrize(
+    ("name", "remedy"),
+    [
+        ("file:///gone/a.stl", "put the file there, or correct the path in the URDF"),
+        ("meshes/a.stl", "put it in the folder of the URDF, or name the folder of its path with"),
+    ],
+)
+def test_note_on_a_missing_mesh_has_its_remedy(
+    write_urdf: Callable[[str], Path], name: str, remedy: str
+) -> None:
+    several = "".join(visual(f'<mesh filename="{name}{number}"/>') for number in (1, 2, 3))
+    (note,) = shown(write_urdf, several).notes
+    assert f"mesh '{name}1' is not found (link 'arm'), and 2 others likewise: {remedy}" in note
 
 
 def test_folder_that_is_not_there_is_refused(write_urdf: Callable[[str], Path]) -> None:
@@ -242,7 +259,7 @@ def test_lines_join_joints_rails_and_payloads(write_chain: Callable[..., Path]) 
 def test_leaf_has_a_line_to_its_centre_of_mass(write_chain: Callable[..., Path]) -> None:
     robot = load_robot(write_chain({"a": "continuous"}))
     picture = picture_of(robot)
-    (center,) = picture.centers
+    (center,) = picture.nominal
     assert picture.segment_bodies == (0, 1)
     np.testing.assert_allclose(picture.segments[1], [np.zeros(3), center.center], atol=1e-12)
     assert center.mass == pytest.approx(robot.parameters[0])
@@ -256,9 +273,24 @@ def test_payloads_are_marked_where_they_are(tulip_urdf: Path) -> None:
     np.testing.assert_allclose(mark.center, [0.175, 0.0, 0.0])
 
 
-def test_unknown_bodies_have_no_centre(tulip_leg: Robot) -> None:
-    assert len(picture_of(tulip_leg).centers) == 5
-    assert picture_of(tulip_leg.without_nominal()).centers == ()
+def test_unknown_bodies_have_no_ellipsoid(tulip_leg: Robot) -> None:
+    assert len(picture_of(tulip_leg).nominal) == 5
+    assert picture_of(tulip_leg.without_nominal()).nominal == ()
+
+
+def test_inconsistent_bodies_are_notes_with_a_remedy(tulip_leg: Robot) -> None:
+    values = np.array(tulip_leg.parameters)
+    values[14] = -1.0
+    wrong = tulip_leg.with_values(values, tulip_leg.drives)
+    body = tulip_leg.body_names[1]
+    for picture, which, remedy in (
+        (picture_of(tulip_leg, identified=wrong), "identified", "feasible=True (--feasible)"),
+        (picture_of(wrong), "nominal", "correct the inertial parameters of the URDF"),
+    ):
+        (note,) = picture.notes
+        assert f"the {which} body '{body}' is physically inconsistent" in note
+        assert "a negative principal moment of inertia" in note
+        assert note.endswith(remedy)
 
 
 def test_up_is_against_gravity(tulip_urdf: Path) -> None:

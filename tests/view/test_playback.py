@@ -247,7 +247,7 @@ def test_legend_says_units_and_what_is_not_known(robot: Robot) -> None:
     assert "−4" in text
     assert "+4 mm" in text
     assert "about its mean" in text
-    assert "Encoder offsets are unknown" in text
+    assert "motor side (through the gear) minus joint side" in text
     assert "no deflection is known" in legend(robot, np.zeros(3))
     rigid = robot.with_drives({"turn": STIFF, "slide": StiffDrive()})
     assert "no joint has a spring" in legend(rigid, np.zeros(3))

@@ -19,7 +19,9 @@ from typer.testing import CliRunner, Result
 from seaid.cli.commands import app
 from seaid.excitation.trajectory import polynomial_trajectory
 from seaid.log.reading import Log, write_log
+from seaid.view.ellipsoids import ellipsoids_of
 from seaid.view.window import View, view_robot
+from tests.report_pages import arm_found
 
 MODELS = Path(__file__).parents[2] / "models"
 LEG = (str(MODELS / "tulip_leg.urdf"), "--drives", str(MODELS / "tulip_leg.toml"))
@@ -98,9 +100,54 @@ def test_missing_meshes_are_notes(tmp_path: Path) -> None:
     said = run(tmp_path / "leg.urdf", *AT_ONCE)
     assert said.exit_code == 0
     assert said.stderr == (
-        "note: mesh 'package://a/b.stl' is not found; name the folder with its package by "
-        "package_dirs= (--package-dir), or set ROS_PACKAGE_PATH (link 'trunk')\n"
+        "note: mesh 'package://a/b.stl' is not found (link 'trunk'): name the folder that contains "
+        "the package 'a' with --package-dir (package_dirs=), or set ROS_PACKAGE_PATH\n"
     )
+
+
+def test_identified_parameters_are_compared(tmp_path: Path, opened: list[View]) -> None:
+    found = arm_found()
+    found.save(tmp_path / "parameters.json")
+    assert found.robot.urdf is not None
+    urdf, parameters = found.robot.urdf, tmp_path / "parameters.json"
+    drives = urdf.with_suffix(".toml")
+    said = run(urdf, "--drives", drives, "--parameters", parameters, *AT_ONCE)
+    assert said.exit_code == 0, said.stderr
+    for one, other in zip(opened[0].picture.identified, ellipsoids_of(found.robot), strict=True):
+        np.testing.assert_allclose(one.semi_axes, other.semi_axes, rtol=1e-9)
+
+
+DESKTOP = {"DISPLAY": ":0"}
+
+
+@pytest.mark.parametrize(
+    ("environment", "is_terminal", "options", "count"),
+    [
+        (DESKTOP, True, (), 1),
+        ({"WAYLAND_DISPLAY": "wayland-0"}, True, (), 1),
+        (DESKTOP, True, ("--no-browser",), 0),
+        ({}, True, (), 0),
+        (DESKTOP, False, (), 0),
+        ({**DESKTOP, "SSH_CONNECTION": "10.0.0.1 1 10.0.0.2 22"}, True, (), 0),
+    ],
+)
+def test_browser_opens_where_somebody_sees_it(
+    environment: dict[str, str],
+    is_terminal: bool,
+    options: tuple[str, ...],
+    count: int,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    visited: list[str] = []
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SSH_CONNECTION"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr("webbrowser.open", visited.append)
+    monkeypatch.setattr("seaid.cli.view.is_shown", lambda: is_terminal)
+    said = run(*LEG, *AT_ONCE, *options)
+    assert said.exit_code == 0, said.stderr
+    assert visited == [said.stdout.strip()] * count
 
 
 @pytest.mark.parametrize(

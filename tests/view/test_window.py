@@ -18,14 +18,15 @@ import pytest
 
 import seaid
 from seaid._arrays import Array
-from seaid.errors import SeaidError
+from seaid.errors import RobotError, SeaidError
 from seaid.excitation import Trajectory
 from seaid.excitation.trajectory import polynomial_trajectory
 from seaid.log.reading import Log
 from seaid.robot.pinocchio_model import Payload
 from seaid.robot.robot import Robot, load_robot
-from seaid.view.picture import NEUTRAL, deflection_colors
-from seaid.view.stage import GHOST, LINES
+from seaid.view.panel import bodies_table
+from seaid.view.picture import NEUTRAL, deflection_colors, picture_of
+from seaid.view.stage import GHOST, IDENTIFIED, LINES, NOMINAL, WRONG
 from seaid.view.window import View, view_robot
 
 SETTLED_S = 5.0
@@ -125,7 +126,8 @@ def test_payloads_shapes_names_and_lines_are_there(view: View) -> None:
     lines = node(view, "/robot/3/lines")
     np.testing.assert_allclose(lines.points[0], [[0.0] * 3, [0.0, 0.0, -0.275]], atol=1e-7)
     assert not lines.visible  # shapes show the bodies
-    assert not node(view, "/robot/3/center").visible
+    assert not node(view, "/robot/3/nominal").visible
+    assert view.stage.groups["identified"] == ()
 
 
 def test_robot_without_shapes_has_its_lines(leg: Robot, write_chain: Callable[..., Path]) -> None:
@@ -146,7 +148,7 @@ def test_what_is_shown_is_chosen_in_the_panel(view: View) -> None:
         ("joints", "joints"),
         ("names of joints", "names"),
         ("known payloads", "payloads"),
-        ("centres of mass", "centers"),
+        ("nominal", "nominal"),
     ):
         before = boxes[label].value
         boxes[label].value = not before
@@ -157,6 +159,54 @@ def test_what_is_shown_is_chosen_in_the_panel(view: View) -> None:
     assert {one.opacity for one in view.stage.groups["bodies"]} == {None}
     boxes["bodies"].value = 0.0
     assert {one.visible for one in view.stage.groups["bodies"]} == {False}
+
+
+def identified_leg(robot: Robot) -> Robot:
+    """Return the robot with the masses doubled, and a second body that no body can be."""
+    values = 2.0 * robot.parameters
+    values[10] = -3.0
+    return robot.with_values(values, robot.drives)
+
+
+def test_identified_bodies_are_drawn_beside_the_nominal_ones(leg: Robot) -> None:
+    with view_robot(leg, identified=identified_leg(leg), port=0) as shown:
+        nominal, found = (node(shown, f"/robot/1/{which}") for which in ("nominal", "identified"))
+        np.testing.assert_allclose(nominal.scale, found.scale)  # the same size, twice as heavy
+        np.testing.assert_allclose(nominal.position, found.position)
+        assert nominal.wireframe
+        assert not found.wireframe
+        assert tuple(nominal.color) == NOMINAL != IDENTIFIED == tuple(found.color)
+        cross = node(shown, "/robot/2/identified")
+        np.testing.assert_array_equal(np.ravel(cross.colors)[:3], WRONG)
+        assert node(shown, "/robot/2/identified_center") is None
+        assert "a negative mass, -3 kg" in shown.panel.notes.content
+        boxes = {
+            handle.label: handle for handle in shown.server.gui._gui_input_handle_from_uuid.values()
+        }
+        for which in ("nominal", "identified"):
+            nodes = shown.stage.groups[which]
+            assert {one.visible for one in nodes} == {True}
+            boxes[which].value = False
+            assert {one.visible for one in nodes} == {False}
+
+
+def test_bodies_are_compared_in_a_table(leg: Robot) -> None:
+    found = np.array(leg.parameters)
+    found[1] += 0.01 * found[0]  # the first centre of mass 10 mm along x
+    picture = picture_of(leg, identified=leg.with_values(found, leg.drives))
+    text = bodies_table(picture)
+    mass = f"{found[0]:.3g} kg</td>"
+    assert text.count(mass) == 2
+    assert "10 mm</td>" in text
+    wrong = bodies_table(picture_of(leg, identified=identified_leg(leg)))
+    assert "✕ −3 kg" in wrong
+    assert "identified" not in bodies_table(picture_of(leg))
+
+
+def test_identified_robot_with_other_joints_is_refused(leg: Robot) -> None:
+    other = load_robot(leg.urdf, joints=["knee_pitch"]) if leg.urdf else leg
+    with pytest.raises(RobotError, match="load both with the same joints="):
+        view_robot(leg, identified=other, port=0)
 
 
 def test_another_motion_is_shown_within_its_time(view: View) -> None:
