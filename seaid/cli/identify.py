@@ -22,6 +22,7 @@ from seaid.cli.options import (
 )
 
 PIECES = "Read logs with the column names of seaid in pieces: they may be larger than memory."
+VERBOSE = "Print base parameters, processing and checks as well."
 
 
 def identify(
@@ -30,6 +31,7 @@ def identify(
     *,
     in_pieces: Annotated[bool, Option("--in-pieces", help=PIECES)] = False,
     feasible: Annotated[bool, Option("--feasible", help=FEASIBLE)] = False,
+    verbose: Annotated[bool, Option("--verbose", "-v", help=VERBOSE)] = False,
     output: Output = Path("parameters.json"),
     fail_on: FailOn = None,
     result: ResultOptions,
@@ -37,8 +39,9 @@ def identify(
     """Identify drives and bodies from one log or several.
 
     Of the files only geometry, ratios, radii, rotor inertias and the parameters named as known are
-    used; other numbers are nominal. The first lines say whether to use the result. Warnings have a
-    code and a remedy: '!' wrong, '?' doubtful, '-' for information.
+    used; other numbers are nominal. The first line says whether to use the result. Then follow the
+    warnings with their remedies ('!' wrong, '?' doubtful, '-' for information), the drives with
+    their nominal values, and how much of the torque of each joint is unexplained.
 
     seaid identify leg.urdf run.csv --drives leg.toml --payload foot:2.0:0.15,0,0
     seaid identify arm.urdf a.csv b.csv --drives arm.toml --method simultaneous -o arm.json
@@ -50,6 +53,8 @@ def identify(
             "logs that are read in pieces are not changed: no --repair, no --description",
             param_hint="--in-pieces",
         )
+    from seaid.report import short_text
+
     check_fail_on(fail_on)
     result.check(output, read=(*given.files, *logs))
     robot = given.robot(given.known_body or ())
@@ -57,5 +62,5 @@ def identify(
     found = given.identify(robot, known, feasible=feasible)
     with written(output, ".json") as file:
         found.save(file)
-    result.show(found.summary(), found.to_dict(), output, **facts_of(found))
+    result.show(short_text(found, robot, verbose), found.to_dict(), output, **facts_of(found))
     fail_on_warnings(found.warnings, fail_on)

@@ -18,6 +18,7 @@ from .text import log_table as log_table
 from .text import robot_table as robot_table
 from .text import sensors_table as sensors_table
 from .text import setup_table as setup_table
+from .text import short_text as short_text
 from .text import table as table
 from .text import terms_table as terms_table
 from .text import validation_table as validation_table

@@ -167,18 +167,23 @@ def condition_lines(plan: Excitation) -> list[str]:
     ]
 
 
-def drive_table(title: str, found: Identification, truth: Robot | None = None) -> Text:
-    """Return Table 1 of the paper: drive parameters with standard errors, and true values."""
+def drive_table(
+    title: str,
+    found: Identification,
+    known: Robot | None = None,
+    compared: tuple[str, str] = ("true", "off by"),
+) -> Text:
+    """Return Table 1 of the paper: drive parameters with standard errors, and known values."""
     header = ["joint", "parameter", "estimated", "std. error", "rel."]
     rows = []
     for joint, estimate in found.drives.items():
-        true = {} if truth is None else truth.drives[joint].own_values
+        values = {} if known is None else known.drives[joint].own_values
         for name, value, error, unit in _entries(estimate):
-            exact = true.get(name, np.nan)
-            compared = [] if truth is None else [number(exact), percent(value / exact - 1)]
+            exact = values.get(name, np.nan)
+            off = [number(exact), percent(value / exact - 1 if exact else np.nan)]
             numbers = [number(value), number(error), percent(error / abs(value))]
-            rows.append([joint, name, *numbers, *compared, unit])
-    return table(title, [*header, *([] if truth is None else ["true", "off by"]), "unit"], rows)
+            rows.append([joint, name, *numbers, *([] if known is None else off), unit])
+    return table(title, [*header, *([] if known is None else compared), "unit"], rows)
 
 
 def load_table(title: str, found: Identification, truth: Robot | None = None) -> Text:
@@ -200,18 +205,38 @@ def load_table(title: str, found: Identification, truth: Robot | None = None) ->
 
 def identification_table(found: Identification) -> Text:
     """Return the summary of an identification: verdict, warnings, parameters and checks."""
-    parts = [
-        *verdict_text(found),
-        f"{found.robot.name}: {len(found.load.values)} base parameters from the torques at "
-        f"{', '.join(found.model.torque_joints)}; cutoff {found.cutoff_hz:.3g} Hz",
+    return joined([*verdict_text(found), *_details(found, drive_table("Drives", found))])
+
+
+def short_text(found: Identification, nominal: Robot, details: bool = False) -> Text:
+    """Return verdict, warnings, drives next to their nominal values, and the fit of each joint.
+
+    With `details` base parameters, processing and checks follow.
+    """
+    given = {joint: drive.own_values for joint, drive in nominal.drives.items()}
+    compares = any({*one.names} & {*given[joint]} for joint, one in found.drives.items())
+    drives = drive_table("Drives", found, nominal if compares else None, ("nominal", "change"))
+    parts = [*_verdict_lines(found), drives, *_fit_tables(found)]
+    return joined([*parts, *(_details(found) if details else [_sources_text(found)])])
+
+
+def _details(found: Identification, *drives: Text) -> list[str]:
+    return [
+        _sources_text(found),
         *_processing_text(found),
         *(f"constants: {text}" for text in exact_text(found)),
-        drive_table("Drives", found),
+        *drives,
         load_table("Base parameters", found),
         checks_table(found),
         *(_feasible_text(found.feasible) if found.feasible is not None else []),
     ]
-    return joined(parts)
+
+
+def _sources_text(found: Identification) -> str:
+    return (
+        f"{found.robot.name}: {len(found.load.values)} base parameters from the torques at "
+        f"{', '.join(found.model.torque_joints)}; cutoff {found.cutoff_hz:.3g} Hz"
+    )
 
 
 def warning_lines(warnings: Iterable[Finding]) -> list[str]:
@@ -227,9 +252,15 @@ def warning_lines(warnings: Iterable[Finding]) -> list[str]:
 
 def verdict_text(found: Identification) -> list[str]:
     """Return the verdict, the warnings, and per joint how much of its torque is unexplained."""
-    lines = [f"{found.robot.name}: {found.verdict.sentence}", *warning_lines(found.warnings)]
-    if not found.joint_fits:
-        return lines
+    return [*_verdict_lines(found), *_fit_tables(found)]
+
+
+def _verdict_lines(found: Identification) -> list[str]:
+    return [f"{found.robot.name}: {found.verdict.sentence}", *warning_lines(found.warnings)]
+
+
+def _fit_tables(found: Identification) -> list[Text]:
+    """Return the table of the unexplained torques, if there is one."""
     header = [
         "joint",
         "own logs",
@@ -246,7 +277,7 @@ def verdict_text(found: Identification) -> list[str]:
         for joint, one in found.joint_fits.items()
     ]
     title = "Unexplained torque, of that without its mean (rms)"
-    return [*lines, table(title, header, rows)]
+    return [table(title, header, rows)] * bool(rows)
 
 
 def setup_table(found: SetupCheck) -> Text:

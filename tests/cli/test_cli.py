@@ -296,10 +296,39 @@ def test_check_names_a_mistake_and_fails_on_request(arm: Path, tmp_path: Path) -
 def test_options_of_identify_reach_it(arm: Path, tmp_path: Path) -> None:
     options = ("--method", "simultaneous", "--estimator", "huber", "--feasible", "--cutoff-hz", "6")
     robot, file = (*robot_and_drives(arm), "--encoder-offset-std", "0"), tmp_path / "p.json"
-    said = done("identify", *robot, arm / "run.csv", *options, "-o", file)
+    said = done("identify", *robot, arm / "run.csv", *options, "-o", file, "-v")
     assert "cutoff 6 Hz" in said.out
     assert "both sides" in said.out
     assert "physically consistent parameters" in said.out
+
+
+def test_identify_prints_what_decides_first_and_the_rest_with_verbose(
+    arm: Path, tmp_path: Path
+) -> None:
+    identify = (
+        "identify",
+        *robot_and_drives(arm),
+        arm / "run.csv",
+        "--force",
+        "-o",
+        tmp_path / "p",
+    )
+    short, whole = (done(*identify, *option).out for option in ((), ("--verbose",)))
+    found = seaid.load_robot(arm / "arm.urdf", arm / "arm.toml")
+    robot = seaid.identify(found, seaid.read_log(arm / "run.csv", found))
+    verdict, drives, fit = (
+        short.index(text) for text in ("small_arm: ", "\nDrives\n", "\nUnexplained torque")
+    )
+    assert 0 == verdict < drives < fit
+    (stiffness,) = (line.split() for line in short.splitlines() if "  stiffness" in line)
+    change = robot.drives["elbow"].value("stiffness") / 250.0 - 1
+    assert stiffness[-5] == "250"
+    assert float(stiffness[-4]) == pytest.approx(100 * change, rel=0.05)
+    assert "Base parameters\n" not in short
+    assert "autocorrelation" not in short
+    assert whole.startswith(short.partition("small_arm: 6 base")[0])
+    assert "Base parameters\n" in whole
+    assert "autocorrelation" in whole
 
 
 def test_logs_read_in_pieces_give_the_same(arm: Path, tmp_path: Path) -> None:
