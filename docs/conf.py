@@ -13,6 +13,7 @@ from docutils.utils.math.latex2mathml import tex2mathml
 sys.path.insert(0, str(Path(__file__).parent))
 
 import commands
+import notebooks
 
 import seaid
 
@@ -98,9 +99,12 @@ def _skip_children(visit: Any) -> Any:
 
 
 def _fill(app: Any, name: str, source: list[str]) -> None:
-    """Put what the command line says of itself in the place of its mark."""
+    """Put what the command line says of itself, and the notebook, in the place of their marks."""
     if commands.MARK in source[0]:
         source[0] = source[0].replace(commands.MARK, commands.markdown())
+    if mark := notebooks.MARK.search(source[0]):
+        page = notebooks.markdown(Path(__file__).parent / mark[1])
+        source[0] = source[0].replace(mark[0], page)
 
 
 _ARRAY = re.compile(

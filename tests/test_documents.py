@@ -17,6 +17,7 @@ from seaid.drives.toml import drives_from_mapping
 from seaid.errors import CODES
 from seaid.log.description import description_for
 from seaid.log.readers.opening import READERS
+from tests import notebook
 from tests.pages import (
     ROOT,
     SHELLS,
@@ -192,6 +193,18 @@ def test_every_command_is_in_the_reference_with_its_options() -> None:
         assert f"## seaid {name}\n" in text
         for option in (option for one in command_of(name).params for option in one.opts):
             assert option in text or not option.startswith("-")
+
+
+@pytest.mark.rounding
+def test_notebook_runs_and_prints_what_it_shows(tmp_path: Path) -> None:
+    prepare(tmp_path)
+    for cell, printed, figures in notebook.run(
+        notebook.read(ROOT / "docs/first_result.ipynb"), tmp_path
+    ):
+        said = notebook.printed_by(cell)
+        assert same(said, printed), f"{''.join(cell['source'])}\nprints\n{printed}\nnot\n{said}"
+        assert len(figures) == len(notebook.pictures_of(cell))
+    assert (tmp_path / "out/hebi_arm_2.html").is_file()
 
 
 def design_rows(title: str) -> dict[str, list[float]]:
