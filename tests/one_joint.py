@@ -21,3 +21,17 @@ def one_joint(folder: Path, kind: str = "revolute", drive: dict[str, Any] | None
         f'type="{kind}"><parent link="base"/><child link="body"/></joint></robot>'
     )
     return load_robot(path, {"arm": drive} if drive else None)
+
+
+def chain(folder: Path, *joints: str, limit: float = 3.0) -> Robot:
+    """Return a chain of revolute joints with these names."""
+    limits = f'<limit lower="{-limit}" upper="{limit}" effort="9" velocity="9"/>'
+    links = ["base", *(f"link_of_{joint}" for joint in joints)]
+    body = "".join(
+        f'<link name="{child}">{BODY}</link><joint name="{joint}" type="revolute">{limits}'
+        f'<parent link="{parent}"/><child link="{child}"/></joint>'
+        for joint, parent, child in zip(joints, links[:-1], links[1:], strict=True)
+    )
+    path = folder / "robot.urdf"
+    path.write_text(f'<robot name="robot"><link name="base"/>{body}</robot>')
+    return load_robot(path)

@@ -17,7 +17,7 @@ _QUANTITIES = {
     "time": "t time stamp timestamp ts clock seconds sec nanosec",
     "position": "pos position angle q theta phi ang enc encoder positions qpos",
     "velocity": "vel velocity speed dq qd qdot omega dtheta velocities rpm qvel",
-    "acceleration": "acc accel acceleration ddq qdd qddot",
+    "acceleration": "acc accel acceleration ddq qdd qddot ddtheta",
     "deflection": "defl deflection twist",
     "torque": "tau torque eff effort trq moment force torques frc",
     "current": "cur current amps iq curr currents i",
@@ -36,11 +36,17 @@ _RANK = {kind: rank for rank, kinds in enumerate(_PRECEDENCE) for kind in kinds.
 _MOTOR = {"m", "motor", "mot", "rotor", "drive", "winding"}
 _JOINT = {"joint", "link", "load", "out", "output", "l", "arm", "sensor", "external"}
 _ROLES = {
-    "commanded": "cmd command commanded goal target des desired ref reference setpoint con",
-    "derived": "filt filtered fric friction est estimated model ff error err",
-    "filler": "meas measured raw state states header actual act value data of the w bus",
+    "commanded": "cmd command commanded goal target des desired ref reference setpoint con demand",
+    "derived": "filt filtered fric friction est estimated model ff error err expected predicted "
+    "gravity coriolis constraint nullspace limit limits max min threshold hat",
+    "elsewhere": "tcp ee eef tool cart cartesian task wrench imu gyro foot battery batt bms",
+    "filler": "meas measured raw state states header actual act value data of the w bus actuator "
+    "servo axis",
 }
-_COMMANDED, _DERIVED, _FILLER = (set(words.split()) for words in _ROLES.values())
+"""Words of commands, of what is computed, of what is not at a joint, and words without meaning."""
+_COMMANDED, _DERIVED, _ELSEWHERE, _FILLER = (set(words.split()) for words in _ROLES.values())
+_OUTSIDE = {"external", "ext"}
+"""An external encoder is at the joint; an external torque is computed."""
 
 _SPELLINGS = {
     "position": {
@@ -90,7 +96,7 @@ _RATE = re.compile(
 )
 """A unit of a velocity or an acceleration: "rad/s", "deg_per_s", "m/s^2"."""
 
-_COMPUTED = _COMMANDED | _DERIVED
+_COMPUTED = _COMMANDED | _DERIVED | _ELSEWHERE
 _GENERIC = {*_WORDS, *_MOTOR, *_FILLER, *_JOINT}
 _NO_LABEL = {*_WORDS, *_MOTOR, *_COMPUTED, *_FILLER}
 """Words that say what a column is; the others, except its unit, are the label of its joint."""
@@ -166,8 +172,24 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
         side=side,
         joint=joint,
         unit=unit[1] if unit else None,
-        is_raw=_COMPUTED.isdisjoint(texts),
+        is_raw=_is_raw(texts, quantity),
     )
+
+
+def joint_alone(name: str, joints: Sequence[str]) -> str:
+    """Return the joint of a name with nothing else but words without meaning, or an empty text."""
+    texts = tuple(one.text for one in _words(_in_latin(name)))
+    bare = tuple(one for one in texts if one not in _FILLER)
+    return next((joint for known, joint in _known(tuple(joints)) if known in (texts, bare)), "")
+
+
+def _is_raw(texts: Sequence[str], quantity: str) -> bool:
+    """Return False for a command ("q_d", "goal_position") and what is not measured at a joint."""
+    is_desired = any(
+        one == "d" and before in (*_WORDS, "j") for before, one in pairwise(["", *texts])
+    )
+    is_outside = quantity == "torque" and not _OUTSIDE.isdisjoint(texts)
+    return _COMPUTED.isdisjoint(texts) and not is_desired and not is_outside
 
 
 def _without_brackets(name: str) -> tuple[str, str, _Unit | None]:

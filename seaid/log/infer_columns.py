@@ -10,7 +10,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import SequenceMatcher
 from functools import cached_property
 from pathlib import Path
@@ -21,7 +21,7 @@ import numpy as np
 from seaid._arrays import Array
 from seaid._progress import Display, counted
 from seaid.errors import LogError, checked, in_one_line, listed, shortened
-from seaid.log.column_meaning import Meaning, meaning_of
+from seaid.log.column_meaning import Meaning, joint_alone, meaning_of
 from seaid.log.description import Clock, LogDescription, Source
 from seaid.log.log import UNIT_FACTORS
 from seaid.log.readers.opening import open_table
@@ -88,9 +88,9 @@ class Inference:
         return tuple(map(in_one_line, sentences))
 
 
-def quantities_of(inference: Inference, tag: str, joint: str, robot: Robot | None) -> Sources:
-    """Return {quantity: arguments of its Source} of the joint with this label."""
-    found = _positions(inference, tag, joint)
+def quantities_of(inference: Inference, joint: str, robot: Robot | None) -> Sources:
+    """Return {quantity: arguments of its Source} of a joint."""
+    found = _positions(inference, joint)
     for quantity, source in reversed(found.items()):
         source |= _position_unit(inference, str(source["column"]), quantity, joint, robot)
     units = [source.get("unit") for source in found.values()]
@@ -98,17 +98,17 @@ def quantities_of(inference: Inference, tag: str, joint: str, robot: Robot | Non
         found["motor_position"]["unit"] = "deg"
         column = str(found["motor_position"]["column"])
         inference.note(column, "taken for degrees, like the joint's")
-    _add_deflection(inference, tag, found)
-    _add_torques(inference, tag, found)
-    _add_electric(inference, tag, found)
+    _add_deflection(inference, joint, found)
+    _add_torques(inference, joint, found)
+    _add_electric(inference, joint, found)
     if not any(name.startswith("motor_") or name.endswith("torque") for name in found):
         inference.note(joint, "no torque, current or voltage found")
     return found
 
 
-def _positions(inference: Inference, tag: str, joint: str) -> Sources:
-    motor = inference.having("position", tag, "motor")
-    load = inference.having("position", tag, "joint", "")
+def _positions(inference: Inference, joint: str) -> Sources:
+    motor = inference.having("position", joint, "motor")
+    load = inference.having("position", joint, "joint", "")
     if load and not motor:
         motor, load = _sides_by_range(inference, load)
     found: Sources = {}
@@ -118,7 +118,7 @@ def _positions(inference: Inference, tag: str, joint: str) -> Sources:
         if len(group) > 1:
             inference.note(group[0], f"selected from the positions {', '.join(group)}")
     if len(found) == 2:
-        _note_ratio(inference, tag, joint, inference.data[motor[0]], inference.data[load[0]])
+        _note_ratio(inference, joint, inference.data[motor[0]], inference.data[load[0]])
     return found
 
 
@@ -135,9 +135,9 @@ def _sides_by_range(inference: Inference, names: list[str]) -> tuple[list[str], 
     return [], names
 
 
-def _note_ratio(inference: Inference, tag: str, joint: str, motor: Array, load: Array) -> None:
+def _note_ratio(inference: Inference, joint: str, motor: Array, load: Array) -> None:
     """Note the gear ratio if motor position and joint position (plus deflection) correlate."""
-    twists = [inference.data[name] for name in inference.having("deflection", tag)]
+    twists = [inference.data[name] for name in inference.having("deflection", joint)]
     sides = [load] + [load + sign * twist for twist in twists for sign in (1.0, -1.0)]
     best = max(sides, key=lambda side: _correlation(motor, side) ** 2)
     if _correlation(motor, best) ** 2 > _STIFF:
@@ -177,14 +177,14 @@ def _farthest_rad(joint: str, robot: Robot | None) -> float | None:
     return min(2 * float(robot.upper_limits[index] - robot.lower_limits[index]), 4 * np.pi)
 
 
-def _add_deflection(inference: Inference, tag: str, found: Sources) -> None:
-    names = inference.having("deflection", tag)
+def _add_deflection(inference: Inference, joint: str, found: Sources) -> None:
+    names = inference.having("deflection", joint)
     if not names:
         return
     if len(found) == 2:
         inference.note(names[0], "redundant, because both positions are there")
     elif found:
-        torques = inference.having("torque", tag)[:1]
+        torques = inference.having("torque", joint)[:1]
         twist = inference.data[names[0]]
         pulls = sum(_correlation(inference.data[name], twist) for name in torques)
         found["deflection"] = {"column": names[0], "sign": -1 if pulls < 0 else 1}
@@ -192,9 +192,9 @@ def _add_deflection(inference: Inference, tag: str, found: Sources) -> None:
         inference.note(names[0], f"check its sign (motor side minus joint side){origin}")
 
 
-def _add_torques(inference: Inference, tag: str, found: Sources) -> None:
-    twists = inference.having("deflection", tag)
-    for name in inference.having("torque", tag):
+def _add_torques(inference: Inference, joint: str, found: Sources) -> None:
+    twists = inference.having("deflection", joint)
+    for name in inference.having("torque", joint):
         meaning = inference.meanings[name]
         side, arguments = meaning.side, {"column": name}
         if meaning.unit in UNIT_FACTORS["A"]:
@@ -235,15 +235,15 @@ def _correlation(one: Array, other: Array) -> float:
     return float(np.corrcoef(one[good], other[good])[0, 1])
 
 
-def _add_electric(inference: Inference, tag: str, found: Sources) -> None:
-    currents = sorted(inference.having("current", tag), key=lambda name: "w" not in name.lower())
+def _add_electric(inference: Inference, joint: str, found: Sources) -> None:
+    currents = sorted(inference.having("current", joint), key=lambda name: "w" not in name.lower())
     if currents:
         unit = _unit(inference.meanings[currents[0]], "A")
         found["motor_current"] = {"column": currents[0], **unit}
         if len(currents) > 1:
             inference.note(currents[0], f"selected from {len(currents)} currents as the winding's")
-    duties = inference.having("duty", tag)
-    for name in inference.having("voltage", tag):
+    duties = inference.having("duty", joint)
+    for name in inference.having("voltage", joint):
         values = inference.finite(name)
         if np.min(values) < 0 < np.max(values):
             found["motor_voltage"] = {"column": name, **_unit(inference.meanings[name], "V")}
@@ -354,20 +354,23 @@ def describe_log(path: str | Path, robot: Robot | None = None) -> Description:
     table = open_table(path)
     joints_known = robot.joint_names if robot is not None else ()
     inference = Inference({}, {name: meaning_of(name, joints_known) for name in table.names})
+    _with_bare_names(inference, joints_known)
     inference.data |= _with_signal(_all_samples(table, inference), inference)
     clocks = {} if table.clocks else _clocks(inference)
-    tags = _joints(inference)
+    tags = _with_motor(inference, _joints(inference))
     if not tags:
         raise LogError(
             f"'{path}': no column looks like the position of a joint; columns are "
             f"{listed(table.names)}"
         )
     names = _joint_names(tags, robot, inference)
+    _label_by_joint(inference, names)
     joints = {}
-    for tag in names:
+    for tag, joint in names.items():
         own = clocks.get(tag) if tag else None
-        sources = quantities_of(inference, tag, names[tag], robot)
-        joints[names[tag]] = {name: Source(**one, time=own) for name, one in sources.items()}
+        if joint not in joints or own:
+            sources = quantities_of(inference, joint, robot)
+            joints[joint] = {name: Source(**one, time=own) for name, one in sources.items()}
     common = None if table.clocks else _common_clock(inference, clocks, tags)
     description = LogDescription(joints, common)
     used = description.columns()
@@ -481,6 +484,60 @@ def _is_number(tag: str) -> bool:
     return tag.isascii() and tag.isdecimal()
 
 
+def _with_motor(inference: Inference, tags: list[str]) -> list[str]:
+    """Return the labels of joints; a motor without a label is that of the only one with a label."""
+    nameless = [name for name, one in inference.meanings.items() if not one.joint and one.is_raw]
+    positions = [name for name in nameless if inference.meanings[name].quantity == "position"]
+    if len(tags) != 2 or "" not in tags:
+        return tags
+    if any(inference.meanings[name].side != "motor" for name in positions):
+        return tags
+    other = next(tag for tag in tags if tag)
+    for name in nameless:
+        meaning = inference.meanings[name]
+        if meaning.quantity in _MEASURED:
+            inference.meanings[name] = replace(meaning, joint=other)
+            inference.note(name, f"taken for the motor of {other}")
+    return [other]
+
+
+def _with_bare_names(inference: Inference, joints: Sequence[str]) -> None:
+    """Take columns with nothing but the name of a joint for its position, if it has no other."""
+    located = {
+        one.joint
+        for one in inference.meanings.values()
+        if one.quantity == "position" and one.is_raw
+    }
+    for name, meaning in inference.meanings.items():
+        joint = joint_alone(name, joints)
+        if joint and joint not in located and not meaning.quantity:
+            inference.meanings[name] = replace(meaning, quantity="position", joint=joint)
+            inference.note(name, "has the name of a joint and no quantity: taken for its position")
+
+
+def _label_by_joint(inference: Inference, names: Mapping[str, str]) -> None:
+    """Replace the labels of columns by the names of joints.
+
+    A column with a number and unknown words is one of the joint with this number, if that has none
+    of its quantity.
+    """
+    labelled = {
+        (one.quantity, names[one.joint])
+        for one in inference.meanings.values()
+        if one.joint in names and one.is_raw
+    }
+    for name, meaning in inference.meanings.items():
+        number = re.search(r"(?<=_)\d+$", meaning.joint)
+        joint = names.get(meaning.joint)
+        if joint is None and number and meaning.is_raw and meaning.quantity in _MEASURED:
+            joint = names.get(number[0])
+            if joint is None or (meaning.quantity, joint) in labelled:
+                continue
+            inference.note(name, f"taken for joint {joint} by its number")
+        if joint is not None:
+            inference.meanings[name] = replace(meaning, joint=joint)
+
+
 def _joint_names(tags: Sequence[str], robot: Robot | None, inference: Inference) -> dict[str, str]:
     """Return {label: joint name} by exact name, by number, by similar name, or by order."""
     if robot is None:
@@ -488,30 +545,42 @@ def _joint_names(tags: Sequence[str], robot: Robot | None, inference: Inference)
     found = {tag: tag for tag in tags if tag in robot.joint_names}
     free = [joint for joint in robot.joint_names if joint not in found]
     others = [tag for tag in tags if tag not in found]
-    numbers = {_number_in(joint): joint for joint in free}
-    if others and len(numbers) == len(free) and {_number_in(tag) for tag in others} <= set(numbers):
-        return found | {tag: numbers[_number_in(tag)] for tag in others}
-    similar = _similar(others, free)
-    for tag, joint in similar.items():
-        inference.note(tag, f"taken for {joint}, the most similar name of a joint")
-    others = [tag for tag in others if tag not in similar]
-    if not others or found or similar:
-        for tag in others:
+    found |= _numbered(others, free)
+    found |= _similar([tag for tag in others if tag not in found], free, inference)
+    others = [tag for tag in others if tag not in found]
+    if not found:
+        found = _in_order(others, robot, inference)
+    for tag in others:
+        if tag not in found:
             inference.note(tag, "no joint of the robot has such a name: excluded")
-        return found | similar
+    return found
+
+
+def _numbered(tags: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
+    """Return {label: joint} if the labels with numbers, such as j1, have those of the joints."""
+    numbers = {number: joint for joint in joints if (number := _number_in(joint))}
+    wanted = {tag: number for tag in tags if (number := _number_in(tag))}
+    if len(numbers) < len(joints) or not set(wanted.values()) <= set(numbers):
+        return {}
+    return {tag: numbers[number] for tag, number in wanted.items()}
+
+
+def _number_in(name: str) -> str:
+    """Return the number at the end of a joint's name, an empty text if there is another one."""
+    found = re.fullmatch(r"\D*?0*(\d+)(?:_joint)?", name, re.ASCII)
+    return found[1] if found else ""
+
+
+def _in_order(tags: Sequence[str], robot: Robot, inference: Inference) -> dict[str, str]:
+    """Return {label: joint} in the order of the robot: of the labels that are numbers, if any."""
+    tags = sorted(filter(_is_number, tags), key=int) or list(tags)
     if len(tags) > robot.n:
         inference.note(", ".join(tags), f"{len(tags)} joints in the log, {robot.n} in the robot")
     inference.note(", ".join(tags[: robot.n]), "taken for the robot's joints in their order")
     return dict(zip(tags, robot.joint_names, strict=False))
 
 
-def _number_in(name: str) -> str:
-    """Return the only number of a joint's name if nothing but "joint" or a letter is with it."""
-    found = re.fullmatch(r"(?:joint|jnt|axis|[a-z])?_?0*(\d+)(?:_joint)?", name.lower(), re.ASCII)
-    return found[1] if found else f"no number: {name}"
-
-
-def _similar(tags: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
+def _similar(tags: Sequence[str], joints: Sequence[str], inference: Inference) -> dict[str, str]:
     """Return {label: joint} for similar names, one to one, the most similar first."""
     pairs = [
         (SequenceMatcher(None, tag, joint).ratio(), tag, joint) for tag in tags for joint in joints
@@ -520,4 +589,5 @@ def _similar(tags: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
     for ratio, tag, joint in sorted(pairs, key=lambda one: -one[0]):
         if ratio >= _SIMILAR and tag not in found and joint not in found.values():
             found[tag] = joint
+            inference.note(tag, f"taken for {joint}, the most similar name of a joint")
     return found

@@ -15,9 +15,8 @@ from seaid.log.column_meaning import meaning_of
 from seaid.log.infer_columns import Description, describe_log
 from seaid.log.readers.table import Table
 from seaid.log.reading import read_log
-from seaid.robot.robot import Robot, load_robot
 from tests.measured import LOGS
-from tests.one_joint import BODY
+from tests.one_joint import chain
 
 TIME = np.arange(500) / 200
 Columns = dict[str, Array]
@@ -127,20 +126,6 @@ def test_the_name_of_a_joint_of_the_robot_is_read_as_nothing_else(
     assert (found.joint, found.quantity, found.side) == (joint, quantity, side)
 
 
-def robot_of(folder: Path, *joints: str, limit: float = 3.0) -> Robot:
-    """Return a chain of revolute joints with these names."""
-    limits = f'<limit lower="{-limit}" upper="{limit}" effort="9" velocity="9"/>'
-    links = ["base", *(f"link_of_{joint}" for joint in joints)]
-    chain = "".join(
-        f'<link name="{child}">{BODY}</link><joint name="{joint}" type="revolute">{limits}'
-        f'<parent link="{parent}"/><child link="{child}"/></joint>'
-        for joint, parent, child in zip(joints, links[:-1], links[1:], strict=True)
-    )
-    path = folder / "robot.urdf"
-    path.write_text(f'<robot name="robot"><link name="base"/>{chain}</robot>')
-    return load_robot(path)
-
-
 @pytest.mark.parametrize(
     ("labels", "joints", "expected", "note"),
     [
@@ -164,7 +149,7 @@ def test_an_exact_name_of_a_joint_wins_over_a_similar_one(
     columns = {f"ang_{one}": wave(0.3 + 0.1 * k) for k, one in enumerate(labels)}
     columns |= {f"tau_{one}_Nm": wave(0.35 + 0.1 * k) for k, one in enumerate(labels)}
     np.savez(tmp_path / "log.npz", t=TIME, **columns)  # type: ignore[arg-type]
-    found = describe_log(tmp_path / "log.npz", robot_of(tmp_path, *joints))
+    found = describe_log(tmp_path / "log.npz", chain(tmp_path, *joints))
     positions = {joint: one["joint_position"] for joint, one in plain(found).items()}
     named = zip(expected, labels, strict=False)
     assert positions == {joint: f"ang_{label}" for joint, label in named}
@@ -189,7 +174,7 @@ def test_units_with_prefixes_reach_the_description(tmp_path: Path) -> None:
     }
     path = tmp_path / "log.npz"
     path.with_suffix(".toml").write_text(found.to_toml())
-    log = read_log(path, robot_of(tmp_path, "knee"))
+    log = read_log(path, chain(tmp_path, "knee"))
     assert log.motor_voltage is not None
     np.testing.assert_allclose(log.motor_voltage[:, 0], wave(0.7, 5e-3), atol=1e-12)
     np.testing.assert_allclose(log.motor_position[:, 0], np.deg2rad(wave(0.5, 90.0)), atol=1e-9)
@@ -323,7 +308,7 @@ def test_log_without_positions_is_refused(tmp_path: Path) -> None:
 
 
 def test_robot_names_the_joints_and_tells_degrees(tmp_path: Path) -> None:
-    robot = robot_of(tmp_path, "hip_pitch", "knee_pitch", limit=1.0)
+    robot = chain(tmp_path, "hip_pitch", "knee_pitch", limit=1.0)
     path = tmp_path / "log.npz"
     columns = {"t": TIME, "q_knee": wave(0.5, 5.0), "tau_knee": wave(1.0)}
     np.savez(path, q_hip=wave(0.5), tau_hip=wave(0.9), **columns)  # type: ignore[arg-type]

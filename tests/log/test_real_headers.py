@@ -1,0 +1,160 @@
+"""describe_log on the headers of 50 real logs: what each column is, or that it is doubtful."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from seaid._arrays import Array
+from seaid.errors import LogError
+from seaid.log.column_meaning import meaning_of
+from seaid.log.infer_columns import Description, describe_log
+from tests.one_joint import chain
+
+HEADERS = tomllib.loads(
+    (Path(__file__).parents[1] / "data" / "headers" / "headers.toml").read_text("utf-8")
+)["header"]
+DEVELOP = [one for one in HEADERS if one.get("develop")]
+HELD_OUT = [one for one in HEADERS if not one.get("develop")]
+TIME = np.arange(400) / 100
+LEAST = 0.9
+"""Share of the columns that must be right."""
+
+SIZES = {"rad": 1.0, "deg": 57.3, "turn": 0.159, "counts": 652.0, "s": 1.0, "ms": 1e3, "us": 1e6}
+SIZES["ns"] = 1e9
+NEVER_READ = ("velocity", "acceleration", "temperature")
+"""Quantities that are never read from a log, so that it is all one whether they are commands."""
+SI = {"position": "rad", "torque": "Nm", "current": "A", "voltage": "V", "time": "s"}
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What a column is; see the head of the file of headers."""
+
+    column: str
+    joint: str
+    quantity: str
+    side: str
+    unit: str
+    role: str
+    doubtful: bool
+
+
+def truths(header: dict[str, Any]) -> Iterator[Truth]:
+    """Yield the truth of every column of a header."""
+    for pattern, text in header["columns"].items():
+        main, *more = text.split(", ")
+        words, _, unit = main.partition(" in ")
+        quantity, side = (*words.split(), "")[:2]
+        named = "{}" in pattern
+        pairs = zip(header["joints"], header["labels"], strict=True)
+        for joint, label in pairs if named else [(header["joints"][0], "")]:
+            yield Truth(
+                column=pattern.replace("{}", label),
+                joint=joint if named or len(header["joints"]) == 1 else "",
+                quantity="" if quantity in ("other", "doubtful") else quantity,
+                side=side,
+                unit=unit,
+                role=next((one for one in more if one != "doubtful"), ""),
+                doubtful="doubtful" in (quantity, *more),
+            )
+
+
+def samples(truth: Truth, number: int) -> Array:
+    """Return samples as such a column has them; the side of the motor turns fifty times as far."""
+    size = SIZES.get(truth.unit, 1.0)
+    if truth.quantity == "time":
+        return TIME * size
+    if truth.quantity == "temperature":
+        return 40 + 0.01 * np.arange(len(TIME)) * (number % 3)
+    if truth.quantity == "position":
+        size *= 50.0 if truth.side == "motor" else 1.0
+    seed = np.random.default_rng(number)
+    wave = np.sin(2 * np.pi * seed.uniform(0.3, 0.9) * TIME + seed.uniform(0, 6))
+    return np.asarray(size * wave + 1e-3 * seed.standard_normal(len(TIME)))
+
+
+def described(header: dict[str, Any], folder: Path) -> Description:
+    """Return the inference for a log with this header and likely samples."""
+    robot = chain(folder, *header["joints"])
+    columns = {one.column: samples(one, k) for k, one in enumerate(truths(header))}
+    names = ",".join(f'"{name}"' for name in columns)
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(folder / "log.csv", table, fmt="%.9g", delimiter=",", header=names, comments="")
+    return describe_log(folder / "log.csv", robot)
+
+
+def used_as(found: Description) -> dict[str, tuple[str, str, str | None]]:
+    """Return {column: (joint, quantity, unit)} of the columns that a description uses."""
+    used: dict[str, tuple[str, str, str | None]] = {}
+    for joint, sources in found.description.joints.items():
+        for quantity, source in sources.items():
+            for column in source.columns():
+                used[column] = (joint, quantity, source.unit)
+            if source.time is not None and source.time.column:
+                used[source.time.column] = ("", "time", source.time.unit)
+    clock = found.description.time
+    if clock is not None and clock.column:
+        used[clock.column] = ("", "time", clock.unit)
+    return used
+
+
+def is_right(
+    header: dict[str, Any], truth: Truth, used: tuple[str, str, str | None] | None
+) -> bool:
+    """Return whether a column was read and used as what it is."""
+    is_raw = truth.quantity != "" and (not truth.role or truth.quantity in NEVER_READ)
+    if used is None:
+        meaning = meaning_of(truth.column, header["joints"])
+        is_needed = is_raw and truth.quantity in ("position", "torque", "current")
+        is_role_read = meaning.is_raw == is_raw or truth.quantity in NEVER_READ
+        is_read = meaning.quantity == truth.quantity and is_role_read
+        return not truth.quantity or (is_read and not is_needed)
+    joint, quantity, unit = used
+    side, kind = quantity.split("_") if "_" in quantity else ("", quantity)
+    wanted_side = truth.side if kind in ("position", "torque") else ""
+    return (
+        is_raw
+        and kind == truth.quantity
+        and (joint == truth.joint or kind == "time")
+        and wanted_side in ("", side)
+        and (unit or SI[kind]) == (truth.unit or unit or SI[kind])
+    )
+
+
+def judged(header: dict[str, Any], folder: Path) -> list[tuple[Truth, bool, bool]]:
+    """Return each column, whether it is right, and whether it is listed as doubtful."""
+    result = []
+    try:
+        found = described(header, folder)
+        used, text = used_as(found), "\n".join(found.unsure)
+    except LogError as problem:  # no column that looks like a position: all are listed
+        used, text = {}, str(problem)
+    for truth in truths(header):
+        listed = re.search(rf"(?<![\w.]){re.escape(truth.column)}(?![\w.])", text) is not None
+        right = truth.doubtful and (listed or truth.column not in used)
+        result.append((truth, right or is_right(header, truth, used.get(truth.column)), listed))
+    return result
+
+
+@pytest.mark.parametrize("header", HEADERS, ids=[one["name"] for one in HEADERS])
+def test_no_column_of_a_real_header_is_wrong_without_being_listed(
+    header: dict[str, Any], tmp_path: Path
+) -> None:
+    wrong = [one.column for one, right, listed in judged(header, tmp_path) if not right | listed]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("headers", [DEVELOP, HELD_OUT], ids=["developed on", "held out"])
+def test_most_columns_of_real_headers_are_right(
+    headers: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    found = [right for header in headers for _, right, _ in judged(header, tmp_path)]
+    assert np.mean(found) >= LEAST
