@@ -14,16 +14,16 @@ from functools import cache
 from itertools import pairwise
 
 _QUANTITIES = {
-    "time": "t time stamp timestamp ts clock seconds sec nanosec",
+    "time": "t time stamp timestamp ts clock seconds sec nanosec elapsed",
     "position": "pos position angle q theta phi ang enc encoder positions qpos",
     "velocity": "vel velocity speed dq qd qdot omega dtheta velocities rpm qvel",
     "acceleration": "acc accel acceleration ddq qdd qddot ddtheta",
     "deflection": "defl deflection twist",
-    "torque": "tau torque eff effort trq moment force torques frc",
+    "torque": "tau torque eff effort trq tq moment force torques frc",
     "current": "cur current amps iq curr currents i",
     "voltage": "volt volts voltage u voltages",
     "duty": "pwm duty",
-    "temperature": "temp temperature wtemp",
+    "temperature": "temp temperature wtemp temperatures temps",
 }
 _WORDS = {word: kind for kind, words in _QUANTITIES.items() for word in words.split()}
 _PRECEDENCE = (
@@ -36,15 +36,21 @@ _RANK = {kind: rank for rank, kinds in enumerate(_PRECEDENCE) for kind in kinds.
 _MOTOR = {"m", "motor", "mot", "rotor", "drive", "winding"}
 _JOINT = {"joint", "link", "load", "out", "output", "l", "arm", "sensor", "external"}
 _ROLES = {
-    "commanded": "cmd command commanded goal target des desired ref reference setpoint con demand",
-    "derived": "filt filtered fric friction est estimated model ff error err expected predicted "
+    "commanded": "cmd command commanded goal target des desired ref reference setpoint stpt con "
+    "demand",
+    "estimated": "est estimated",
+    "derived": "filt filtered fric friction model ff error err expected predicted "
     "gravity coriolis constraint nullspace limit limits max min threshold hat",
     "elsewhere": "tcp ee eef tool cart cartesian task wrench imu gyro foot battery batt bms",
     "filler": "meas measured raw state states header actual act value data of the w bus actuator "
     "servo axis",
 }
 """Words of commands, of what is computed, of what is not at a joint, and words without meaning."""
-_COMMANDED, _DERIVED, _ELSEWHERE, _FILLER = (set(words.split()) for words in _ROLES.values())
+_COMMANDED, _ESTIMATED, _DERIVED, _ELSEWHERE, _FILLER = (
+    set(words.split()) for words in _ROLES.values()
+)
+_BEFORE_D = {*_WORDS, "j", "m", "l"}
+"""Words after which d says that a value is desired."""
 _OUTSIDE = {"external", "ext"}
 """An external encoder is at the joint; an external torque is computed."""
 
@@ -98,7 +104,7 @@ _RATE = re.compile(
 
 _COMPUTED = _COMMANDED | _DERIVED | _ELSEWHERE
 _GENERIC = {*_WORDS, *_MOTOR, *_FILLER, *_JOINT}
-_NO_LABEL = {*_WORDS, *_MOTOR, *_COMPUTED, *_FILLER}
+_NO_LABEL = {*_WORDS, *_MOTOR, *_COMPUTED, *_ESTIMATED, *_FILLER}
 """Words that say what a column is; the others, except its unit, are the label of its joint."""
 _ANY_JOINT = {"joint", "jnt", "link"}
 """Words that a column may lack of the name of its joint: "elbow_pos" is of elbow_joint."""
@@ -120,6 +126,7 @@ _Unit = tuple[str, str]
 class Meaning:
     """The meaning of a column name; `is_raw` is False for commands and derived signals.
 
+    Of these, `is_estimate` is True for what the drive estimates, as a torque from its current.
     `quantity` is "position", ... or "" if unknown; `side` is "motor", "joint" or ""; `joint` is the
     name of the robot's joint, or the remainder of the name; `unit` may be None.
     """
@@ -129,6 +136,7 @@ class Meaning:
     joint: str
     unit: str | None
     is_raw: bool
+    is_estimate: bool = False
 
 
 @dataclass(frozen=True)
@@ -156,23 +164,32 @@ def meaning_of(name: str, joints: Sequence[str] = ()) -> Meaning:
     joint = joint or found
     texts = [one.text for one in words]
     quantity = _quantity(texts)
-    if not quantity and (by_unit := _unit_of(words, "", "")):  # the unit stands for the quantity
+    if not quantity and (
+        by_unit := _unit_of(words, "", "", joint)
+    ):  # the unit stands for the quantity
         words = [replace(one, text=by_unit[0]) if one.unit == by_unit else one for one in words]
     side = _side(words)
     if rate and quantity in ("", "velocity", "acceleration"):
         unit = rate
     if unit is None or not _fits(unit, quantity):
         label = label or (unit[1] if unit else "")
-        unit = _unit_of(words, quantity, side)
+        unit = _unit_of(words, quantity, side, joint)
     joint = joint or label or _label(words, unit)
-    if not joint and len(path) > 3:  # "/joint_states/elbow/position"
-        joint = _joint_of(path[-2], joints) if joints else _label(_words(path[-2]), None)
+    for part in reversed(path[1:-1]):  # "/joint_states/elbow/position", "/elbow/position"
+        own = joint or _joint_of(part, joints)
+        joint = own if own in joints or joint else ""
+    if not joint and not joints and len(path) > 3:
+        joint = _label(_words(path[-2]), None)
+    is_measured = _is_measured(texts, quantity)
+    if quantity == "time" and not is_measured:  # "T_des" is a torque
+        quantity = "torque"
     return Meaning(
         quantity=quantity or (unit[0] if unit else ""),
         side=side,
         joint=joint,
         unit=unit[1] if unit else None,
-        is_raw=_is_raw(texts, quantity),
+        is_raw=is_measured and _ESTIMATED.isdisjoint(texts),
+        is_estimate=is_measured and not _ESTIMATED.isdisjoint(texts),
     )
 
 
@@ -183,13 +200,10 @@ def joint_alone(name: str, joints: Sequence[str]) -> str:
     return next((joint for known, joint in _known(tuple(joints)) if known in (texts, bare)), "")
 
 
-def _is_raw(texts: Sequence[str], quantity: str) -> bool:
-    """Return False for a command ("q_d", "goal_position") and what is not measured at a joint."""
-    is_desired = any(
-        one == "d" and before in (*_WORDS, "j") for before, one in pairwise(["", *texts])
-    )
+def _is_measured(texts: Sequence[str], quantity: str) -> bool:
+    """Return False for a command and for what is not measured at a joint."""
     is_outside = quantity == "torque" and not _OUTSIDE.isdisjoint(texts)
-    return _COMPUTED.isdisjoint(texts) and not is_desired and not is_outside
+    return _COMPUTED.isdisjoint(texts) and not is_outside
 
 
 def _without_brackets(name: str) -> tuple[str, str, _Unit | None]:
@@ -230,12 +244,18 @@ def _words(text: str) -> list[_Word]:
     found: list[_Word] = []
     for run in _RUN.findall(text):
         head, unit = _without_unit(run)
-        for number, part in enumerate(_SPLIT.findall(head)):
+        parts = _SPLIT.findall(head)
+        if "".join(parts[:-1]).lower() in _WORDS:  # "dQ1"
+            parts = ["".join(parts[:-1]), parts[-1]]
+        for number, part in enumerate(parts):
             glued = number > 0 and part.isdigit()
             found += [_Word(one, _known_unit(part), glued) for one in _split(part.lower())]
         if unit:
             found.append(_Word(unit.lower(), _known_unit(unit)))
-    return found
+    return [  # the d of "q_d", "tau_J_d" and "theta_md"
+        replace(one, text="desired") if one.text == "d" and before in _BEFORE_D else one
+        for before, one in zip(["", *(one.text for one in found)], found, strict=False)
+    ]
 
 
 def _without_unit(run: str) -> tuple[str, str]:
@@ -253,7 +273,7 @@ def _split(word: str) -> list[str]:
     """Split a word into known words: "mpos" into m and pos, "wcur" into w and cur."""
     if word in _WORDS or word in _UNITS_SMALL or len(word) < 2:
         return [word]
-    if word[0] in "mlw" and word[1:] in _WORDS:
+    if word[0] in "mlw" and (word[1:] in _WORDS or word[1:] == "d"):
         return [word[0], word[1:]]
     if word[-1] in "ml" and word[:-1] in _WORDS:
         return [word[:-1], word[-1]]
@@ -279,11 +299,11 @@ def _fits(unit: _Unit, quantity: str) -> bool:
     )
 
 
-def _unit_of(words: Sequence[_Word], quantity: str, side: str) -> _Unit | None:
+def _unit_of(words: Sequence[_Word], quantity: str, side: str, joint: str) -> _Unit | None:
     """Return the unit: the last word that is one. One of a single letter is the very last word."""
     named = [one for one in words if not one.text.isdigit()]
     for place, word in enumerate(reversed(named)):
-        is_last = place == 0 and len(named) > 1
+        is_last = place == 0 and (len(named) > 1 or joint != "")
         if word.unit is None or not (is_last or (quantity and len(word.text) > 1)):
             continue
         if word.text == "m" and side != "joint":  # "pos_m" is at the motor

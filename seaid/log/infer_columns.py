@@ -194,7 +194,16 @@ def _add_deflection(inference: Inference, joint: str, found: Sources) -> None:
 
 def _add_torques(inference: Inference, joint: str, found: Sources) -> None:
     twists = inference.having("deflection", joint)
-    for name in inference.having("torque", joint):
+    names = inference.having("torque", joint)
+    if not names and not inference.having("current", joint):
+        names = [
+            name
+            for name, one in inference.meanings.items()
+            if one.is_estimate and (one.quantity, one.joint) == ("torque", joint)
+        ]
+        for name in names:
+            inference.note(name, "an estimate of the drive, taken as there is no other torque")
+    for name in names:
         meaning = inference.meanings[name]
         side, arguments = meaning.side, {"column": name}
         if meaning.unit in UNIT_FACTORS["A"]:
@@ -526,11 +535,11 @@ def _label_by_joint(inference: Inference, names: Mapping[str, str]) -> None:
         for one in inference.meanings.values()
         if one.joint in names and one.is_raw
     }
+    numbers = {_number_in(tag): joint for tag, joint in names.items()}
     for name, meaning in inference.meanings.items():
-        number = re.search(r"(?<=_)\d+$", meaning.joint)
-        joint = names.get(meaning.joint)
+        number, joint = _number_in(meaning.joint), names.get(meaning.joint)
         if joint is None and number and meaning.is_raw and meaning.quantity in _MEASURED:
-            joint = names.get(number[0])
+            joint = numbers.get(number) if len(numbers) == len(names) else None
             if joint is None or (meaning.quantity, joint) in labelled:
                 continue
             inference.note(name, f"taken for joint {joint} by its number")

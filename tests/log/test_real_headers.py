@@ -78,7 +78,8 @@ def samples(truth: Truth, number: int) -> Array:
         size *= 50.0 if truth.side == "motor" else 1.0
     seed = np.random.default_rng(number)
     wave = np.sin(2 * np.pi * seed.uniform(0.3, 0.9) * TIME + seed.uniform(0, 6))
-    return np.asarray(size * wave + 1e-3 * seed.standard_normal(len(TIME)))
+    noisy: Array = size * wave + 1e-3 * seed.standard_normal(len(TIME))
+    return noisy
 
 
 def described(header: dict[str, Any], folder: Path) -> Description:
