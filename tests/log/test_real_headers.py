@@ -23,7 +23,7 @@ HEADERS = tomllib.loads(
 )["header"]
 DEVELOP = [one for one in HEADERS if one.get("develop")]
 HELD_OUT = [one for one in HEADERS if not one.get("develop")]
-TIME = np.arange(400) / 100
+TIME: Array = np.arange(400) / 100
 LEAST = 0.9
 """Share of the columns that must be right."""
 
