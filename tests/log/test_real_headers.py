@@ -71,7 +71,8 @@ def samples(truth: Truth, number: int) -> Array:
     """Return samples as such a column has them; the side of the motor turns fifty times as far."""
     size = SIZES.get(truth.unit, 1.0)
     if truth.quantity == "time":
-        return TIME * size
+        clock: Array = TIME * size
+        return clock
     if truth.quantity == "temperature":
         return 40 + 0.01 * np.arange(len(TIME)) * (number % 3)
     if truth.quantity == "position":
