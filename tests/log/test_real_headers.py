@@ -23,7 +23,7 @@ HEADERS = tomllib.loads(
 )["header"]
 DEVELOP = [one for one in HEADERS if one.get("develop")]
 HELD_OUT = [one for one in HEADERS if not one.get("develop")]
-TIME: Array = np.arange(400) / 100
+TIME: Array = np.linspace(0.0, 3.99, 400)
 LEAST = 0.9
 """Share of the columns that must be right."""
 
@@ -71,16 +71,14 @@ def samples(truth: Truth, number: int) -> Array:
     """Return samples as such a column has them; the side of the motor turns fifty times as far."""
     size = SIZES.get(truth.unit, 1.0)
     if truth.quantity == "time":
-        clock: Array = TIME * size
-        return clock
+        return size * TIME
     if truth.quantity == "temperature":
-        return 40 + 0.01 * np.arange(len(TIME)) * (number % 3)
+        return 40 + 0.1 * (number % 3) * TIME
     if truth.quantity == "position":
         size *= 50.0 if truth.side == "motor" else 1.0
     seed = np.random.default_rng(number)
     wave = np.sin(2 * np.pi * seed.uniform(0.3, 0.9) * TIME + seed.uniform(0, 6))
-    noisy: Array = size * wave + 1e-3 * seed.standard_normal(len(TIME))
-    return noisy
+    return size * wave + 1e-3 * seed.standard_normal(len(TIME))
 
 
 def described(header: dict[str, Any], folder: Path) -> Description:

@@ -6,6 +6,7 @@ HEBI's library aborts the process on some damaged files, so it runs in a child p
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +70,7 @@ def read_fields(path: str) -> Answer:
     log: Any = util.load_log(path, load=False)
     kinds = dict.fromkeys(_FIELDS, np.float64) | dict.fromkeys(_CLOCKS.values(), np.int64)
     data = {field: bytearray() for field in kinds}
-    for feedback in log.feedback_iterate:
+    for feedback in _samples(log):
         for field, kind in kinds.items():
             data[field] += np.asarray(getattr(feedback, field)).astype(kind).tobytes()
     modules = int(log.number_of_modules)
@@ -77,6 +78,22 @@ def read_fields(path: str) -> Answer:
         field: np.frombuffer(data[field], dtype=kind).reshape(-1, modules)
         for field, kind in kinds.items()
     }
+
+
+def _samples(log: Any) -> Iterator[Any]:
+    """Yield the samples of a log, from the second on as HEBI's own iterator does.
+
+    That makes an object of 13 arrays per sample; one object for all halves the time.
+    """
+    samples = log.feedback_iterate
+    following = getattr(log, "_get_next_feedback", lambda _: next(samples))
+    feedback = next(samples, None)
+    while feedback is not None:
+        yield feedback
+        try:
+            feedback = following(feedback)
+        except StopIteration:
+            return
 
 
 def _column(fields: Any, name: str) -> Any:
