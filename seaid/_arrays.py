@@ -120,7 +120,7 @@ def seed_of(seed: Any, error: type[SeaidError] = SeaidError) -> int:
     except TypeError:
         found = -1
     if isinstance(seed, bool) or found < 0:
-        raise error(f"seed must be a whole number, zero or more, found {shown(seed)}")
+        raise error(f"seed must be a whole number, zero or more, found {shown(seed)}", "seed")
     return found
 
 
@@ -131,7 +131,7 @@ def check_rate(
     rate = number("rate_hz", rate_hz, error)
     if not least < rate < math.inf:
         bound = f"{least:g}" if 0 < rate <= least else "zero"
-        raise error(f"rate_hz must be more than {bound}, found {rate}")
+        raise error(f"rate_hz must be more than {bound}, found {rate}", "rate_hz")
     if duration * rate > MOST_SAMPLES:
         raise error(
             f"rate_hz of {rate:g} makes more than {MOST_SAMPLES:,} samples of {duration:.4g} s, "

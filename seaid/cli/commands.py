@@ -38,12 +38,19 @@ COMMANDS = {
     "simulate": "Simulate the robot on a trajectory, and write the log of its sensors.",
     "view": "Show a robot and its motions in the browser, at the address in the last line.",
     "describe": "Infer the meaning of custom columns, as a log description in TOML.",
+    "delays": "Estimate by how much the channels of a log are late or early.",
+    "gear-ratio": "Estimate the gear ratios from the angles on both sides of the gears.",
     "check": "Check units, signs, ratios, gravity and payloads of an experiment before a fit.",
     "identify": "Identify drives and bodies from one log or several.",
     "validate": "Identify from some logs, and predict the torques of another one.",
+    "refine": "Refine an identification to the maximum-likelihood estimate of both sides at once.",
+    "cross-validate": "Validate each log on the model identified from all the others.",
+    "conditions": "Identify several conditions together, such as cold and warm.",
+    "compare": "Compare two identifications: which parameters differ significantly.",
     "terms": "Compare which further terms of friction and springs the logs support.",
     "report": "Identify, validate, and write the results with their reliability as one HTML page.",
     "export": "Write the identified robot as URDF or MuJoCo model.",
+    "codegen": "Write the regressor of a robot as one file of Python or C.",
 }
 """{command: first line of its docstring}; its function has its name, in a module of that name."""
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from seaid.cli.messages import show
-from seaid.cli.options import AsJson, Drives, Joints, RobotOptions, Urdf
+from seaid.cli.options import AsJson, RobotOptions
 
 
-def crosscheck(
-    urdf: Urdf, drives: Drives = None, joints: Joints = None, as_json: AsJson = False
-) -> None:
+def crosscheck(given: RobotOptions, as_json: AsJson = False) -> None:
     """Compare numeric base parameters with exact ones, computed over the rationals.
 
     The exit code is 1 if they differ: then angles in the file are rounded, or the robot is badly
@@ -22,7 +20,7 @@ def crosscheck(
     from seaid.errors import SeaidError
     from seaid.regressor import base_parameters, cross_check
 
-    robot = RobotOptions(urdf, drives, joints).robot()
+    robot = given.robot()
     numeric = base_parameters(robot)
     found = cross_check(numeric, symbolic.base_parameters(robot))
     show(f"{robot.name}: {found.summary()}", asdict(found), as_json, robot=robot.name)

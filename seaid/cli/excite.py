@@ -61,6 +61,12 @@ class LimitOptions:
         str | None, Option(help=f"Joint torque limit [N m or N], {_OF_ALL}.")
     ] = None
 
+    motor_torque: Annotated[str | None, Option(help=f"Motor torque limit [N m], {_OF_ALL}.")] = None
+    motor_speed: Annotated[str | None, Option(help=f"Motor speed limit [rad/s], {_OF_ALL}.")] = None
+    deflection: Annotated[
+        str | None, Option(help=f"Limit of the spring deflection [m or rad], {_OF_ALL}.")
+    ] = None
+
     def limits(self) -> Limits:
         """Return the limits."""
         from seaid.excitation import Limits

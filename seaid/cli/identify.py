@@ -11,6 +11,7 @@ from typer import Option
 from seaid.cli.messages import written
 from seaid.cli.options import (
     FEASIBLE,
+    VERBOSE,
     FailOn,
     IdentifyOptions,
     Logs,
@@ -22,7 +23,6 @@ from seaid.cli.options import (
 )
 
 PIECES = "Read logs with the column names of seaid in pieces: they may be larger than memory."
-VERBOSE = "Print base parameters, processing and checks as well."
 
 
 def identify(

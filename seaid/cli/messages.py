@@ -26,6 +26,8 @@ from seaid.errors import SeaidError, SeaidWarning, reason_of
 _OPTIONS = {
     "payloads=": "--payload",
     "known_bodies=": "--known-body",
+    "known_bodies:": "--known-body:",
+    "condition_specific=": "--specific",
     "repair=seaid.Repairs()": "--repair",
     "write it with force=True": "add --allow-inconsistent",
     "force=True": "--allow-inconsistent",

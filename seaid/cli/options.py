@@ -75,6 +75,7 @@ FailOn = Annotated[
     ),
 ]
 
+VERBOSE = "Print base parameters, processing and checks as well."
 FEASIBLE = "Physically consistent bodies nearest to the estimate."
 
 
@@ -99,6 +100,11 @@ class RobotOptions:
     gravity: Annotated[str, Option(help="Gravity in the base frame [m/s^2].", metavar="X,Y,Z")] = (
         "0,0,-9.81"
     )
+
+    @property
+    def files(self) -> tuple[Path | None, ...]:
+        """The files of these options, which a command reads."""
+        return self.urdf, self.drives
 
     def robot(self, known_bodies: Sequence[str] = ()) -> Robot:
         """Load the robot."""
@@ -136,7 +142,7 @@ class LogOptions(RobotOptions):
     @property
     def files(self) -> tuple[Path | None, ...]:
         """The files of these options, which a command reads."""
-        return self.urdf, self.drives, self.description
+        return *super().files, self.description
 
     def logs(self, paths: Sequence[Path], robot: Robot) -> list[Log]:
         """Read logs."""
@@ -175,19 +181,20 @@ class IdentifyOptions(LogOptions):
         """Identify a robot from logs."""
         from seaid.identification import identify
 
+        options = self.keywords()
+        return identify(robot, logs, feasible=feasible, progress=is_terminal(), **options)
+
+    def keywords(self) -> dict[str, Any]:
+        """Return the keyword arguments of `seaid.identify`."""
         known_std = values("--known-std", self.known_std)
-        return identify(
-            robot,
-            logs,
-            torque_joints=names(self.torque_joints),
-            method=self.method,  # type: ignore[arg-type]  # checked by one_of
-            estimator=self.estimator,  # type: ignore[arg-type]
-            feasible=feasible,
-            cutoff_hz=self.cutoff_hz,
-            encoder_offset_std=self.encoder_offset_std,
-            known_std=known_std if isinstance(known_std, dict) else {"torque": known_std or 0.0},
-            progress=is_terminal(),
-        )
+        return {
+            "torque_joints": names(self.torque_joints),
+            "method": self.method,
+            "estimator": self.estimator,
+            "cutoff_hz": self.cutoff_hz,
+            "encoder_offset_std": self.encoder_offset_std,
+            "known_std": known_std if isinstance(known_std, dict) else {"torque": known_std or 0.0},
+        }
 
 
 @dataclass(frozen=True)

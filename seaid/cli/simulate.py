@@ -2,13 +2,52 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
 from seaid.cli.messages import is_terminal, written
-from seaid.cli.options import Output, ResultOptions, RobotOptions, checked_suffix
+from seaid.cli.options import Output, ResultOptions, RobotOptions, checked_suffix, values
+
+if TYPE_CHECKING:
+    from seaid.robot import Robot
+    from seaid.simulation import Noise
+
+
+_OF_ALL = "for all joints, or as knee=2,hip=1"
+
+
+@dataclass(frozen=True)
+class NoiseOptions:
+    """The errors of the simulated sensors."""
+
+    torque_std: Annotated[str, Option(help=f"Noise of motor torques [N m], {_OF_ALL}.")] = "0"
+    motor_resolution: Annotated[str, Option(help=f"Motor encoder step [rad], {_OF_ALL}.")] = "0"
+    joint_resolution: Annotated[str, Option(help=f"Joint encoder step [rad or m], {_OF_ALL}.")] = (
+        "0"
+    )
+    motor_offset: Annotated[str, Option(help=f"Motor encoder offset [rad], {_OF_ALL}.")] = "0"
+    joint_offset: Annotated[str, Option(help=f"Joint encoder offset [rad or m], {_OF_ALL}.")] = "0"
+
+    def noise(self, robot: Robot) -> Noise:
+        """Return the errors, with zero for joints that are not named."""
+        from seaid.errors import SeaidError, unknown_name
+        from seaid.simulation import Noise
+
+        found: dict[str, tuple[float, ...]] = {}
+        for name, text in vars(self).items():
+            option = f"--{name.replace('_', '-')}"
+            number = values(option, text)
+            given = number if isinstance(number, dict) else dict.fromkeys(robot.joint_names, number)
+            for joint in given:
+                if joint not in robot.joint_names:
+                    wrong = unknown_name("joint", joint, robot.joint_names)
+                    raise SeaidError(f"{option}: {wrong}")
+            unit = "Nm" if name == "torque_std" else "rad"
+            found[f"{name}_{unit}"] = tuple(given.get(one) or 0.0 for one in robot.joint_names)
+        return Noise(**found)
 
 
 def simulate(
@@ -16,9 +55,7 @@ def simulate(
     trajectory: Annotated[Path, Argument(help="Trajectory of seaid excite.", metavar="TRAJECTORY")],
     *,
     rate_hz: Annotated[float, Option(help="Rate of controller and log [Hz].")] = 1000.0,
-    torque_std: Annotated[float, Option(help="Noise of motor torques [N m].")] = 0.0,
-    motor_resolution: Annotated[float, Option(help="Motor encoder step [rad].")] = 0.0,
-    joint_resolution: Annotated[float, Option(help="Joint encoder step [rad or m].")] = 0.0,
+    sensors: NoiseOptions,
     seed: Annotated[int, Option(help="Seed of the noise.")] = 0,
     output: Output = Path("log.csv"),
     result: ResultOptions,
@@ -28,21 +65,17 @@ def simulate(
     All terms of the drives act with their nominal values, which the TOML must contain.
 
     seaid simulate leg.urdf plan.json --drives leg.toml -o run.csv
+    seaid simulate leg.urdf plan.json --drives leg.toml --joint-offset knee_pitch=0.01 -o run.csv
     seaid simulate leg.urdf plan.json --drives leg.toml --payload foot:2.0:0.15,0,0 -o loaded.npz
     """
     from seaid.excitation import load_trajectory
     from seaid.log import WRITTEN, write_log
-    from seaid.simulation import Noise
     from seaid.simulation import simulate as simulated
 
     checked_suffix(output, *WRITTEN)
     result.check(output, read=(given.urdf, given.drives, trajectory))
-    noise = Noise(
-        motor_resolution_rad=motor_resolution,
-        joint_resolution_rad=joint_resolution,
-        torque_std_Nm=torque_std,
-    )
     robot = given.robot()
+    noise = sensors.noise(robot)
     log = simulated(
         robot,
         load_trajectory(trajectory),

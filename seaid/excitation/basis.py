@@ -236,10 +236,13 @@ def make_basis(name: BasisName, duration: float, coefficients: int) -> Basis:
     if name not in BASES:
         raise ExcitationError(unknown_name("basis", name, BASES))
     if not (np.isfinite(duration) and duration > 0):
-        raise ExcitationError(f"duration must be more than zero seconds, found {duration}")
+        raise ExcitationError(
+            f"duration must be more than zero seconds, found {duration}", "duration"
+        )
     if not _SHORTEST_S <= duration <= _LONGEST_S:
         raise ExcitationError(
-            f"duration must be from {_SHORTEST_S:g} to {_LONGEST_S:g} s, found {duration:g}"
+            f"duration must be from {_SHORTEST_S:g} to {_LONGEST_S:g} s, found {duration:g}",
+            "duration",
         )
     if coefficients != int(coefficients) or coefficients < _LEAST[name]:
         raise ExcitationError(

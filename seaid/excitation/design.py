@@ -182,7 +182,7 @@ def design_excitation(
     measure = CRITERIA[criterion]
     for name, count in (("starts", starts), ("iterations", iterations)):
         if count < 1:
-            raise ExcitationError(f"{name} must be at least 1, found {count}")
+            raise ExcitationError(f"{name} must be at least 1, found {count}", name)
     seed = seed_of(seed, ExcitationError)
     count = _coefficients(robot, basis, duration) if coefficients is None else coefficients
     function = make_basis(basis, duration, count)

@@ -257,7 +257,9 @@ def polynomial_trajectory(
     """
     powers = frozen("coefficients", coefficients, (None, len(joint_names)), ExcitationError)
     if not (np.isfinite(duration) and duration > 0):
-        raise ExcitationError(f"duration must be more than zero seconds, found {duration}")
+        raise ExcitationError(
+            f"duration must be more than zero seconds, found {duration}", "duration"
+        )
     knots = np.repeat([0.0, duration], len(powers))
     basis = SplineBasis(len(powers) - 1, knots)
     return Trajectory(

@@ -99,15 +99,8 @@ def read_parameters(path: str | Path, robot: Robot) -> Robot:
     >>> seaid.write_urdf(identified, "identified.urdf")
     """
     path = Path(path)
-    content = read_json(path, "parameters", RobotError)
-    found = content.get("format") if isinstance(content, dict) else None
-    if found != _FORMAT:
-        raise RobotError(
-            f"'{path}' is no file of identified parameters: 'format' is {shown(found)}, not "
-            f"{_FORMAT!r}; give one written by seaid identify or Identification.save"
-        )
+    content = parameters_content(path)
     try:
-        _check_keys("", content, _KEYS)
         _check_robot(content["joints"], _table("bodies", content["bodies"]), robot)
         values = np.array([_body(link, table) for link, table in content["bodies"].items()]).ravel()
         _check_keys("drive_tables", content["drive_tables"], robot.joint_names)
@@ -121,6 +114,22 @@ def read_parameters(path: str | Path, robot: Robot) -> Robot:
     except RobotError as problem:
         raise RobotError(f"'{path}': {problem}") from None
     return robot.with_values(values, drives)
+
+
+def parameters_content(path: Path) -> dict[str, Any]:
+    """Read a `parameters.json` as plain data; raise RobotError for a file of another kind."""
+    content = read_json(path, "parameters", RobotError)
+    found = content.get("format") if isinstance(content, dict) else None
+    if found != _FORMAT:
+        raise RobotError(
+            f"'{path}' is no file of identified parameters: 'format' is {shown(found)}, not "
+            f"{_FORMAT!r}; give one written by seaid identify or Identification.save"
+        )
+    try:
+        _check_keys("", content, _KEYS)
+    except RobotError as problem:
+        raise RobotError(f"'{path}': {problem}") from None
+    return dict(content)
 
 
 def _check_robot(joints: Any, bodies: Mapping[str, Any], robot: Robot) -> None:

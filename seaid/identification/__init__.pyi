@@ -3,6 +3,7 @@ from .adequacy import Verdict as Verdict
 from .checking import JointCheck as JointCheck
 from .checking import SetupCheck as SetupCheck
 from .checking import check as check
+from .conditions import CONDITION_SPECIFIC as CONDITION_SPECIFIC
 from .conditions import Conditions as Conditions
 from .conditions import identify_conditions as identify_conditions
 from .cutoff_sweep import CutoffSensitivity as CutoffSensitivity

@@ -430,11 +430,13 @@ def _check_specific(robot: Robot, specific: Sequence[str]) -> None:
         parameter, _, joint = name.partition(" of ")
         if parameter not in allowed:
             raise IdentificationError(
-                "condition_specific=: " + unknown_name("parameter", parameter, allowed)
+                "condition_specific=: " + unknown_name("parameter", parameter, allowed),
+                "condition_specific=",
             )
         if joint and joint not in robot.joint_names:
             raise IdentificationError(
-                "condition_specific=: " + unknown_name("joint", joint, robot.joint_names)
+                "condition_specific=: " + unknown_name("joint", joint, robot.joint_names),
+                "condition_specific=",
             )
 
 

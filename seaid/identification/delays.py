@@ -157,7 +157,8 @@ def estimate_delays(
         motion = _longest_motion(robot, log, wider)
     if not 0 < largest_s < (motion.time[-1] - motion.time[0]) / 10:
         raise LogError(
-            f"largest_s must be above 0 and below a tenth of the log, found {largest_s:g} s"
+            f"largest_s must be above 0 and below a tenth of the log, found {largest_s:g} s",
+            "largest_s",
         )
     positions = [_fitted(motion, one, largest_s) for one in _of_positions(robot, motion)]
     if any(delay.is_significant for delay in positions):

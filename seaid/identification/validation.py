@@ -351,7 +351,9 @@ def cross_validate(
 def _cut(log: Log, parts: int) -> list[Log]:
     """Return a log in consecutive parts of equal length."""
     if not (parts >= 2 and parts == int(parts)):
-        raise IdentificationError(f"parts must be a whole number of at least 2, found {parts}")
+        raise IdentificationError(
+            f"parts must be a whole number of at least 2, found {parts}", "parts"
+        )
     edges = np.linspace(log.time[0], log.time[-1], int(parts) + 1)
     edges[-1] = np.inf
     return [log.between(start, end) for start, end in pairwise(edges)]

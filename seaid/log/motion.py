@@ -420,7 +420,8 @@ def check_cutoff(cutoff_hz: float, rate_hz: float) -> None:
     if not 0 < cutoff_hz < rate_hz / 2:
         raise LogError(
             f"cutoff_hz must be between 0 and half the sampling rate, {rate_hz / 2:.4g} Hz, "
-            f"found {cutoff_hz}"
+            f"found {cutoff_hz}",
+            "cutoff_hz",
         )
 
 
@@ -428,5 +429,6 @@ def _check_duration(cutoff_hz: float, duration_s: float, fewest: float = FEWEST_
     if duration_s * cutoff_hz < fewest:
         raise LogError(
             f"the log is too short: {duration_s:.3g} s are fewer than {fewest:g} periods of the "
-            f"cutoff, {cutoff_hz:.3g} Hz; record more, or raise cutoff_hz"
+            f"cutoff, {cutoff_hz:.3g} Hz; record more, or raise cutoff_hz",
+            "cutoff_hz",
         )

@@ -362,7 +362,8 @@ def check_offset_std(encoder_offset_std: float) -> None:
     if not 0 <= encoder_offset_std <= _LARGEST_STD:
         raise IdentificationError(
             f"encoder_offset_std must be from 0 to {_LARGEST_STD:g} rad or m, found "
-            f"{encoder_offset_std}"
+            f"{encoder_offset_std}",
+            "encoder_offset_std",
         )
 
 

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import inf, nan, sqrt
-from typing import Literal
+from math import inf, isfinite, nan, sqrt
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
-from scipy.special import chdtrc, stdtr
+from scipy.special import chdtrc, stdtr, stdtridf
 
 from seaid._progress import Display, Result, counted
 from seaid.drives import JointParameter, readable
 from seaid.errors import IdentificationError, checked
 from seaid.estimation import Estimate, scaled_svd
+from seaid.export import parameters_content
 from seaid.identification import Identification
 from seaid.log import Motion
 from seaid.regressor import INPUT_FIELDS
@@ -32,8 +34,8 @@ _SENTENCES: dict[Dependence, str] = {
     "correlated": "The estimates are correlated, because they have logs in common. The standard "
     "errors are those of independent estimates, and thus an upper bound for a positive "
     "correlation: differences can be more significant than stated here.",
-    "unknown": "The estimates are taken as independent: the motions of logs read in pieces are "
-    "not kept, so that common logs cannot be detected.",
+    "unknown": "The estimates are taken as independent: without the motions (of logs read in "
+    "pieces, and in parameters.json) common logs cannot be detected.",
 }
 
 
@@ -192,6 +194,79 @@ def comparison_of(
         groups=groups,
         dependence=_dependence(first, second),
     )
+
+
+def comparison_of_parameters(
+    first: str | Path, second: str | Path, *, names: tuple[str, str] = ("first", "second")
+) -> Comparison:
+    """Compare the parameters of two files `parameters.json`, which have no covariances.
+
+    So there is no test of a drive or of the base parameters as a whole.
+    """
+    mine, theirs = (_parameters(Path(path)) for path in (first, second))
+    differences = [
+        _difference(joint, name, value, theirs[joint, name])
+        for (joint, name), value in mine.items()
+        if (joint, name) in theirs
+    ]
+    if not differences:
+        raise IdentificationError(
+            f"'{first}' and '{second}' have no parameter in common: compare files of one robot"
+        )
+    only = [
+        tuple(readable(JointParameter(name, joint)) if joint else name for joint, name in found)
+        for found in ([x for x in mine if x not in theirs], [x for x in theirs if x not in mine])
+    ]
+    return Comparison(names, _with_significance(differences), (only[0], only[1]), {}, "unknown")
+
+
+_Value = dict[str, Any]
+
+
+def _parameters(path: Path) -> dict[tuple[str, str], _Value]:
+    """Return {(joint, parameter): value} of a file; the joint of a base parameter is ""."""
+    content = parameters_content(path)
+    try:
+        both = [(joint, *x) for joint, table in content["drives"].items() for x in table.items()]
+        both += [("", x["expression"], x) for x in content["load"]]
+        return {
+            (joint, name): {
+                "unit": str(x["unit"]),
+                "value": _or_nan(x["value"]),
+                "standard_error": _or_nan(x["standard_error"]),
+                "interval_95": [_or_nan(end) for end in x["interval_95"]],
+            }
+            for joint, name, x in both
+        }
+    except (AttributeError, KeyError, TypeError, ValueError):
+        raise IdentificationError(
+            f"'{path}': its drives or base parameters are not as seaid identify writes them"
+        ) from None
+
+
+def _or_nan(value: Any) -> float:
+    return nan if value is None else float(value)
+
+
+def _difference(joint: str, name: str, one: _Value, other: _Value) -> Difference:
+    values, errors = ([x[key] for x in (one, other)] for key in ("value", "standard_error"))
+    freedoms = [
+        _freedom_of(x["interval_95"], error) for x, error in zip((one, other), errors, strict=True)
+    ]
+    first, second = values
+    p_value = _p_value(second - first, errors, freedoms)
+    return Difference(name, joint, one["unit"], first, second, errors[0], errors[1], p_value)
+
+
+def _freedom_of(interval: Sequence[float], error: float) -> float:
+    """Return the degrees of freedom of Student's t, whose 97.5 % point is half width over error."""
+    low, high = interval
+    found = float(stdtridf(0.975, (high - low) / (2 * error))) if error > 0 else nan
+    return found if isfinite(found) and found < _NORMAL else inf
+
+
+_NORMAL = 1e6
+"""Degrees of freedom from which Student's t is taken as the normal distribution."""
 
 
 def _pairs(

@@ -245,12 +245,16 @@ def _known_bodies(robot: Robot, tree: UrdfTree, names: Sequence[str]) -> tuple[s
         if name in tree.links and name not in robot.body_names:
             raise RobotError(
                 f"known_bodies: no moving joint carries '{name}' as its own link; the bodies are "
-                f"{', '.join(robot.body_names)}, each with the links fixed to it"
+                f"{', '.join(robot.body_names)}, each with the links fixed to it",
+                "known_bodies:",
             )
         if name not in robot.body_names:
-            raise RobotError("known_bodies: " + unknown_name("body", name, robot.body_names))
+            wrong = unknown_name("body", name, robot.body_names)
+            raise RobotError(f"known_bodies: {wrong}", "known_bodies:")
         if not np.any(bodies[robot.body_names.index(name)]):
-            raise RobotError(f"known_bodies: '{name}' has no inertial parameters in the URDF")
+            raise RobotError(
+                f"known_bodies: '{name}' has no inertial parameters in the URDF", "known_bodies:"
+            )
     return tuple(dict.fromkeys(names))
 
 

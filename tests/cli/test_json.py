@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import tomllib
 from collections.abc import Callable
@@ -15,6 +16,14 @@ from seaid.cli.commands import COMMANDS, command_of
 from tests.cli.test_cli import arm, done, refused, robot_and_drives, run
 
 __all__ = ["arm"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def parameters(arm: Path) -> None:
+    """Write the files that `compare` reads."""
+    for name in ("run", "other"):
+        done("identify", *robot_and_drives(arm), arm / f"{name}.csv", "-o", arm / f"{name}.json")
+
 
 KEYS = ["format", "command", "robot", "verdict", "warnings", "notes", "result", "files", "error"]
 
@@ -30,6 +39,13 @@ ARGUMENTS = {
     "terms": "arm.urdf run.csv --drives arm.toml --of elbow",
     "report": "arm.urdf --from run.csv --drives arm.toml",
     "export": "arm.urdf --from run.csv --drives arm.toml",
+    "refine": "arm.urdf run.csv --drives arm.toml",
+    "delays": "arm.urdf run.csv --drives arm.toml",
+    "gear-ratio": "arm.urdf run.csv --drives arm.toml",
+    "cross-validate": "arm.urdf run.csv other.csv --drives arm.toml",
+    "conditions": "arm.urdf --drives arm.toml --condition a=run.csv --condition b=other.csv",
+    "compare": "run.json other.json",
+    "codegen": "arm.urdf",
 }
 """A line for each command, without its output."""
 
@@ -40,8 +56,10 @@ READ: dict[str, Callable[[str], object]] = {
     "urdf": ElementTree.fromstring,
     "csv": lambda text: np.loadtxt(text.splitlines(), delimiter=",", skiprows=1),
     "html": str.split,
+    "py": ast.parse,
 }
 SUFFIX |= {"describe": "toml", "terms": "toml", "export": "urdf", "validate": "json"}
+SUFFIX |= {"refine": "json", "delays": "csv", "conditions": "json", "codegen": "py"}
 
 
 def test_every_command_but_the_view_is_tried_here() -> None:
@@ -66,7 +84,7 @@ def test_json_has_the_same_keys_for_every_command(
     assert content["error"] is None
     assert isinstance(content["result"], dict)
     assert {*content["files"]} == {str(one) for one in tmp_path.iterdir()}
-    has_verdict = command in ("identify", "validate", "report", "export")
+    has_verdict = command in ("identify", "validate", "report", "export", "refine")
     assert (content["verdict"] is not None) == has_verdict
 
 

@@ -1,0 +1,79 @@
+"""Command gear-ratio: gear ratios from the encoders on both sides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from seaid.cli.messages import show
+from seaid.cli.options import AsJson, LogOptions, Logs
+from seaid.errors import LogError
+
+if TYPE_CHECKING:
+    from seaid.log import Log
+    from seaid.robot import Robot
+
+
+def gear_ratio(given: LogOptions, logs: Logs, *, as_json: AsJson = False) -> None:
+    """Estimate the gear ratios from the angles on both sides of the gears.
+
+    Each log has its own encoder offsets. Behind a gear with a spring the angle is that of the joint
+    plus the measured deflection, which the log must have.
+
+    seaid gear-ratio leg.urdf run.csv --drives leg.toml
+    seaid gear-ratio arm.urdf a.csv b.csv --drives arm.toml
+    """
+    from seaid.report import table
+
+    robot = given.robot(given.known_body or ())
+    read = given.logs(logs, robot)
+    found = {joint: _ratio(robot, read, joint) for joint in robot.joint_names}
+    header = ["joint", "ratio", "std. error", "by the drives", "misfit", "unit"]
+    keys = ("ratio", "standard_error", "of_drives", "misfit")
+    rows = [
+        [joint, *(f"{one[key]:.6g}" for key in keys), one["unit"]]
+        for joint, one in found.items()
+        if "ratio" in one
+    ]
+    reasons = [f"{joint}: {one['reason']}" for joint, one in found.items() if "reason" in one]
+    if not rows:
+        raise LogError(f"no gear ratio is determined: {'; '.join(reasons)}")
+    text = [table("Motor motion per motion behind the gear", header, rows), *reasons]
+    show("\n".join(text), {"joints": found}, as_json, robot=robot.name)
+
+
+def _ratio(robot: Robot, logs: Sequence[Log], joint: str) -> dict[str, Any]:
+    """Return the ratio of a joint, or the reason why there is none."""
+    import numpy as np
+
+    from seaid.log import gear_ratio as ratio_of
+
+    drive = robot.drives[joint]
+    if np.count_nonzero(robot.transmission[robot.index(joint)]) > 1:
+        return {"reason": "its motor turns several joints"}
+    lever = drive.load_radius / drive.motor_radius  # r_L/r_M theta_L is the angle behind the gear
+    motor, output = [], []
+    for log in logs:
+        place = log.joint_names.index(joint)
+        behind = log.joint_position[:, place]
+        if drive.is_elastic:
+            if log.deflection is None or not np.all(np.isfinite(log.deflection[:, place])):
+                return {"reason": "its spring lies between the encoders; log its deflection too"}
+            behind = behind + log.deflection[:, place]
+        pair = log.motor_position[:, place], lever * behind
+        if not all(np.all(np.isfinite(one)) for one in pair):
+            return {"reason": "a log has not both of its encoders"}
+        motor.append(pair[0])
+        output.append(pair[1])
+    try:
+        found = ratio_of(motor, output)
+    except LogError as problem:
+        return {"reason": str(problem).removeprefix("gear_ratio: ")}
+    units = ("rad/m", "m") if robot.is_prismatic[robot.index(joint)] else ("rad/rad", "rad")
+    return {
+        "ratio": found.value,
+        "standard_error": found.standard_error,
+        "of_drives": drive.ratio,
+        "misfit": found.misfit_rad,
+        "unit": units[0],
+    }

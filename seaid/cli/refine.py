@@ -1,0 +1,60 @@
+"""Command refine: maximum likelihood of both sides, by output error."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from typer import Option
+
+from seaid.cli.messages import is_terminal, written
+from seaid.cli.options import (
+    VERBOSE,
+    FailOn,
+    IdentifyOptions,
+    Logs,
+    Output,
+    ResultOptions,
+    check_fail_on,
+    facts_of,
+    fail_on_warnings,
+)
+
+
+def refine(
+    given: IdentifyOptions,
+    logs: Logs,
+    *,
+    iterations: Annotated[int, Option(help="Iteration limit of Gauss-Newton.")] = 20,
+    verbose: Annotated[bool, Option("--verbose", "-v", help=VERBOSE)] = False,
+    output: Output = Path("parameters.json"),
+    fail_on: FailOn = None,
+    result: ResultOptions,
+) -> None:
+    """Refine an identification to the maximum-likelihood estimate of both sides at once.
+
+    The logs are identified first. From there output error simulates the joints behind springs, and
+    fits encoders and torques at once; it needs joints with springs. The result of the start is kept
+    if it predicts the logs better. The output is that of identify.
+
+    seaid refine leg.urdf run.csv --drives leg.toml -o refined.json
+    seaid refine leg.urdf run.csv --drives leg.toml --encoder-offset-std 0.01
+    """
+    from seaid.identification import refine as refined
+    from seaid.report import short_text
+
+    check_fail_on(fail_on)
+    result.check(output, read=(*given.files, *logs))
+    robot = given.robot(given.known_body or ())
+    read = given.logs(logs, robot)
+    found = refined(
+        given.identify(robot, read),
+        read,
+        encoder_offset_std=given.encoder_offset_std,
+        iterations=iterations,
+        progress=is_terminal(),
+    )
+    with written(output, ".json") as file:
+        found.save(file)
+    result.show(short_text(found, robot, verbose), found.to_dict(), output, **facts_of(found))
+    fail_on_warnings(found.warnings, fail_on)

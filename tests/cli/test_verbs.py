@@ -1,0 +1,255 @@
+"""Commands that pass on a function of the library: their results are the library's own."""
+
+from __future__ import annotations
+
+import json
+import runpy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import seaid
+from tests.cli.test_cli import arm, done, refused, robot_and_drives, run
+
+__all__ = ["arm"]
+
+
+def robot_of(arm: Path) -> seaid.Robot:
+    return seaid.load_robot(arm / "arm.urdf", arm / "arm.toml")
+
+
+def log_of(arm: Path, name: str = "run.csv") -> seaid.Log:
+    return seaid.read_log(arm / name, robot_of(arm))
+
+
+def result_of(*arguments: str | Path) -> dict[str, object]:
+    content = json.loads(done(*arguments, "--json").out)["result"]
+    assert isinstance(content, dict)
+    return content
+
+
+def test_refine_is_that_of_the_library(arm: Path, tmp_path: Path) -> None:
+    log, file = log_of(arm), tmp_path / "refined.json"
+    said = done("refine", *robot_and_drives(arm), arm / "run.csv", "-o", file)
+    refined = seaid.refine(seaid.identify(robot_of(arm), log), log)
+    assert json.loads(file.read_text())["drives"] == refined.to_dict()["drives"]
+    assert "\nDrives\n" in said.out
+    assert said.out.splitlines()[-1] == f"Results: {file}"
+    iterations = ("--iterations", "0", "-o", tmp_path / "no.json")
+    assert "did not converge" in refused(
+        "refine", *robot_and_drives(arm), arm / "run.csv", *iterations
+    )
+
+
+def test_delays_are_those_of_the_library_and_are_corrected(arm: Path, tmp_path: Path) -> None:
+    log = log_of(arm)
+    late = np.array(log.motor_position)
+    late[5:, 0] = late[:-5, 0]  # the motor encoder of the shoulder is 5 ms late
+    seaid.write_log(replace(log, motor_position=late), tmp_path / "late.csv")
+    output = tmp_path / "corrected.csv"
+    line = ("delays", *robot_and_drives(arm), tmp_path / "late.csv", "--largest-s", "0.02")
+    found = result_of(*line, "-o", output)["delays"]
+    robot = robot_of(arm)
+    own = seaid.estimate_delays(robot, seaid.read_log(tmp_path / "late.csv", robot), largest_s=0.02)
+    assert isinstance(found, list)
+    assert [one["delay_s"] for one in found] == pytest.approx([one.delay_s for one in own])
+    assert [one["is_significant"] for one in found] == [one.is_significant for one in own]
+    assert found[0]["channel"] == "motor_position"
+    assert found[0]["delay_s"] == pytest.approx(0.005, abs=5e-4)
+    corrected = seaid.read_log(output, robot)
+    place = corrected.time.searchsorted(1.0)
+    time = corrected.time[place : place + 500]
+    true = np.interp(time, log.time, log.motor_position[:, 0])
+    np.testing.assert_allclose(
+        corrected.motor_position[place : place + 500, 0], true, atol=0.05 * np.ptp(true)
+    )
+    assert "is 5" in done(*line).out
+
+
+def test_gear_ratios_are_those_of_the_library(arm: Path) -> None:
+    found = result_of("gear-ratio", *robot_and_drives(arm), arm / "run.csv", arm / "other.csv")
+    logs = [log_of(arm), log_of(arm, "other.csv")]
+    own = seaid.gear_ratio(
+        [log.motor_position[:, 0] for log in logs], [log.joint_position[:, 0] for log in logs]
+    )
+    joints = found["joints"]
+    assert isinstance(joints, dict)
+    assert joints["shoulder"]["ratio"] == pytest.approx(own.value)
+    assert joints["shoulder"]["ratio"] == pytest.approx(50.0, rel=1e-3)
+    assert joints["shoulder"]["of_drives"] == 50.0
+    assert "log its deflection too" in joints["elbow"]["reason"]
+    text = done("gear-ratio", *robot_and_drives(arm), arm / "run.csv").out
+    assert "elbow: its spring lies between the encoders" in text
+    assert "no gear ratio is determined: elbow: its spring" in refused(
+        *("gear-ratio", *robot_and_drives(arm), "--joints", "elbow", arm / "run.csv")
+    )
+
+
+def test_gear_ratio_behind_a_spring_uses_its_deflection(arm: Path, tmp_path: Path) -> None:
+    log = log_of(arm)
+    deflection = log.motor_position / [50.0, 100.0] - log.joint_position
+    deflection[:, 0] = np.nan
+    seaid.write_log(replace(log, deflection=deflection), tmp_path / "both.csv")
+    found = result_of("gear-ratio", *robot_and_drives(arm), tmp_path / "both.csv")["joints"]
+    assert isinstance(found, dict)
+    assert found["elbow"]["ratio"] == pytest.approx(100.0)
+
+
+def test_cross_validation_is_that_of_the_library(arm: Path) -> None:
+    robot, logs = robot_of(arm), [log_of(arm), log_of(arm, "other.csv")]
+    options = ("--estimator", "ols", "--cutoff-hz", "6")
+    files = (arm / "run.csv", arm / "other.csv")
+    found = result_of("cross-validate", *robot_and_drives(arm), *files, *options)["validations"]
+    own = seaid.cross_validate(robot, logs, estimator="ols", cutoff_hz=6.0)
+    assert isinstance(found, list)
+    assert [one.pop("log") for one in found] == list(map(str, files))
+    assert found == [json.loads(json.dumps(one.to_dict())) for one in own]
+    parts = ("--parts", "2", "--cutoff-hz", "12")
+    text = done("cross-validate", *robot_and_drives(arm), arm / "run.csv", *parts).out
+    assert f"part 2 of {arm / 'run.csv'}\n" in text
+    assert "--parts must be a whole number of at least 2, found 1" in refused(
+        *("cross-validate", *robot_and_drives(arm), arm / "run.csv", "--parts", "1")
+    )
+
+
+def test_conditions_are_those_of_the_library(arm: Path, tmp_path: Path) -> None:
+    output = tmp_path / "conditions.json"
+    both = ("--condition", f"cold={arm / 'run.csv'}", "--condition", f"warm={arm / 'other.csv'}")
+    line = ("conditions", *robot_and_drives(arm), *both, "--specific", "viscous_friction")
+    found = result_of(*line, "-o", output)
+    robot = robot_of(arm)
+    own = seaid.identify_conditions(
+        {"cold": (robot, log_of(arm)), "warm": (robot, log_of(arm, "other.csv"))},
+        condition_specific=("viscous_friction",),
+    )
+    conditions = found["conditions"]
+    assert isinstance(conditions, dict)
+    for name, one in own.identifications.items():
+        assert conditions[name]["drives"] == one.to_dict()["drives"]
+    assert json.loads(output.read_text()) == found
+    differences = found["differences"]
+    assert isinstance(differences, list)
+    assert {one["parameter"] for one in differences} == {str(name) for name in own.differences}
+    assert "2 conditions: condition-specific parameters" in done(*line).out
+
+
+@pytest.mark.parametrize(
+    ("conditions", "words"),
+    [
+        (("cold",), "'cold' is not NAME=LOG, as warm=run.csv"),
+        (("=run.csv",), "is not NAME=LOG"),
+        (("cold=run.csv", "cold=other.csv"), "it takes two conditions at least, found cold"),
+    ],
+)
+def test_wrong_conditions(
+    arm: Path, monkeypatch: pytest.MonkeyPatch, conditions: tuple[str, ...], words: str
+) -> None:
+    monkeypatch.chdir(arm)
+    options = [part for one in conditions for part in ("--condition", one)]
+    said = run("conditions", "arm.urdf", *options)
+    assert said.code == 2
+    assert words in " ".join(said.err.split())
+
+
+def test_comparison_of_files_is_that_of_the_identifications(arm: Path, tmp_path: Path) -> None:
+    robot = robot_of(arm)
+    one, other = (seaid.identify(robot, log_of(arm, name)) for name in ("run.csv", "other.csv"))
+    files = tmp_path / "cold.json", tmp_path / "warm.json"
+    for found, file in zip((one, other), files, strict=True):
+        found.save(file)
+    content = result_of("compare", *files)
+    own = seaid.report.comparison_of(one, other)
+    assert content["names"] == ["cold", "warm"]
+    differences = content["differences"]
+    assert isinstance(differences, list)
+    assert [x["name"] for x in differences] == [x.name for x in own.differences]
+    for key in ("first", "second", "first_error", "second_error", "significance"):
+        np.testing.assert_allclose(
+            [np.nan if x[key] is None else x[key] for x in differences],
+            [getattr(x, key) for x in own.differences],
+        )
+    np.testing.assert_allclose(
+        [x["p_value"] for x in differences], [x.p_value for x in own.differences], rtol=1e-4
+    )
+    assert [x["is_significant"] for x in differences] == [x.is_significant for x in own.differences]
+    text = done("compare", *files).out
+    assert "cold and warm: value +- standard error" in text
+    assert "stiffness of elbow" in text
+
+
+def test_what_cannot_be_compared_is_said(arm: Path, tmp_path: Path) -> None:
+    file = tmp_path / "a.json"
+    found = seaid.identify(robot_of(arm), log_of(arm))
+    found.save(file)
+    assert "is no file of identified parameters" in refused("compare", arm / "run_plan.json", file)
+    other = json.loads(file.read_text())
+    other["drives"], other["load"] = {}, []
+    (tmp_path / "b.json").write_text(json.dumps(other))
+    assert "have no parameter in common" in refused("compare", file, tmp_path / "b.json")
+    other["load"] = [{"expression": "m_upper"}]
+    (tmp_path / "c.json").write_text(json.dumps(other))
+    assert "are not as seaid identify writes them" in refused("compare", file, tmp_path / "c.json")
+
+
+@pytest.mark.parametrize("suffix", [".py", ".c"])
+def test_code_is_that_of_the_library(arm: Path, tmp_path: Path, suffix: str) -> None:
+    output, own = tmp_path / f"arm{suffix}", tmp_path / f"own{suffix}"
+    content = result_of("codegen", arm / "arm.urdf", "-o", output)
+    form = seaid.symbolic.rigid_body(seaid.load_robot(arm / "arm.urdf"))
+    (seaid.symbolic.export_c if suffix == ".c" else seaid.symbolic.export_numpy)(form, own)
+    assert output.read_text() == own.read_text()
+    assert content["base_parameters"] == list(form.base.expressions)
+    if suffix == ".py":
+        robot, module = seaid.load_robot(arm / "arm.urdf"), runpy.run_path(str(output))
+        states = np.random.default_rng(5).normal(size=(3, 4, 2))
+        torques = module["regressor"](*states) @ robot.parameters
+        expected = seaid.regressor.rigid_body_regressor(robot, *states) @ robot.parameters
+        np.testing.assert_allclose(np.ravel(torques), np.ravel(expected), atol=1e-12)
+    assert "must end in .py or .c" in run("codegen", arm / "arm.urdf", "-o", "arm.m").err
+
+
+def test_encoder_offsets_of_a_simulation(arm: Path, tmp_path: Path) -> None:
+    line = ("simulate", *robot_and_drives(arm), arm / "run_plan.json")
+    noise = ("--joint-offset", "elbow=0.02", "--motor-offset", "0.3", "--torque-std", "0.001")
+    done(*line, *noise, "--seed", "1", "-o", tmp_path / "off.csv")
+    robot, plan = robot_of(arm), seaid.load_trajectory(arm / "run_plan.json")
+    off = seaid.read_log(tmp_path / "off.csv", robot)
+    motors = seaid.Noise(motor_offset_rad=(0.3, 0.3), torque_std_Nm=0.001)
+    own = seaid.simulate(robot, plan, noise=motors, seed=1)
+    np.testing.assert_allclose(off.motor_position, own.motor_position)
+    np.testing.assert_allclose(off.motor_torque, own.motor_torque)
+    shift = off.joint_position - own.joint_position
+    np.testing.assert_allclose(shift, np.tile([0.0, 0.02], (len(shift), 1)), atol=1e-9)
+    assert "--joint-offset: no joint is named 'elbo'; did you mean 'elbow'?" in refused(
+        *line, "--joint-offset", "elbo=1", "-o", tmp_path / "no.csv"
+    )
+
+
+def test_every_limit_of_the_library_is_an_option(arm: Path, tmp_path: Path) -> None:
+    from dataclasses import fields
+
+    help_text = done("excite", "--help").out
+    for one in fields(seaid.Limits):
+        assert f"--{one.name.replace('_', '-')} " in help_text
+    search = ("--duration", "2", "--starts", "1", "--iterations", "3", "--seed", "1")
+    limits = ("--motor-speed", "elbow=60", "--deflection", "elbow=0.02")
+    done("excite", *robot_and_drives(arm), *search, *limits, "-o", tmp_path / "plan.json")
+    robot, plan = robot_of(arm), seaid.load_trajectory(tmp_path / "plan.json")
+    simulated = seaid.simulate(robot, plan)
+    speed = np.gradient(simulated.motor_position[:, 1], simulated.time)
+    assert np.max(np.abs(speed)) < 62
+    wide = np.gradient(log_of(arm).motor_position[:, 1], log_of(arm).time)
+    assert np.max(np.abs(wide)) > 62
+
+
+def test_gravity_is_an_option_where_the_robot_is(arm: Path) -> None:
+    from seaid.cli.commands import COMMANDS, command_of
+
+    for name in COMMANDS:
+        options = {option for one in command_of(name).params for option in one.opts}
+        assert ("--gravity" in options) == ("urdf" in options), name
+    none = result_of("crosscheck", arm / "arm.urdf", "--gravity", "0,0,0")["counts"]
+    some = result_of("crosscheck", arm / "arm.urdf")["counts"]
+    assert none != some
