@@ -15,7 +15,6 @@ from seaid._progress import Display, Result, counted
 from seaid.drives import JointParameter, readable
 from seaid.errors import IdentificationError, checked
 from seaid.estimation import Estimate, scaled_svd
-from seaid.export import parameters_content
 from seaid.identification import Identification
 from seaid.log import Motion
 from seaid.regressor import INPUT_FIELDS
@@ -225,6 +224,8 @@ _Value = dict[str, Any]
 
 def _parameters(path: Path) -> dict[tuple[str, str], _Value]:
     """Return {(joint, parameter): value} of a file; the joint of a base parameter is ""."""
+    from seaid.export import parameters_content
+
     content = parameters_content(path)
     try:
         both = [(joint, *x) for joint, table in content["drives"].items() for x in table.items()]

@@ -433,7 +433,7 @@ def test_a_full_disk_leaves_the_old_file(
         ("excite no.urdf --basis furier", "--basis: no basis is named 'furier'; did you mean"),
         ("excite no.urdf --criterion condition", "did you mean 'condition_number'?"),
         ("simulate arm.urdf no.json", "cannot read trajectory 'no.json'"),
-        ("simulate arm.urdf run_plan.json --rate-hz 0", "rate_hz must be more than zero"),
+        ("simulate arm.urdf run_plan.json --rate-hz 0", "--rate-hz must be more than zero"),
         ("validate arm.urdf run.csv --from run.csv", "is used for the identification: validate on"),
         ("describe run_plan.json", "no column looks like the position of a joint"),
     ],
