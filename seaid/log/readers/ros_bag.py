@@ -31,7 +31,7 @@ _LONGEST_ARRAY = 1_000
 _SECONDS, _BYTES_PER_SECOND = 15.0, 2e4
 """Smallest limit of processor time of the child, and the slowest rate of reading."""
 
-_NAMES = ("name", "names", "joint_names", "joint_name")
+_NAMES = ("name", "names", "joint_names", "joint_name", "interface_names")
 
 
 def open_bag(path: Path) -> Table:

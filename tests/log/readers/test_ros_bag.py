@@ -187,3 +187,29 @@ def test_folder_without_a_bag_and_bag_without_messages_are_named(
         writer.add_connection(JOINTS, "sensor_msgs/msg/JointState", typestore=store(2))
     with pytest.raises(LogError, match="bag' has no message with numbers"):
         read_log(tmp_path / "bag", arm)
+
+
+def test_interfaces_of_ros2_control_have_their_names(tmp_path: Path) -> None:
+    types = get_typestore(Stores.ROS2_JAZZY)
+    value, state = "control_msgs/msg/InterfaceValue", "control_msgs/msg/DynamicJointState"
+    types.register(get_types_from_msg("string[] interface_names\nfloat64[] values", value))
+    types.register(
+        get_types_from_msg(
+            "std_msgs/Header header\nstring[] joint_names\n"
+            "control_msgs/InterfaceValue[] interface_values",
+            state,
+        )
+    )
+    stamp = types.types["builtin_interfaces/msg/Time"]
+    with Writer2(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection("/dynamic_joint_states", state, typestore=types)
+        for step in range(3):
+            time = START_NS + step * 10_000_000
+            values = types.types[value](
+                ["position", "motor_position"], np.array([0.1, 10.0 + step])
+            )
+            header = types.types["std_msgs/msg/Header"](stamp(*divmod(time, 10**9)), "")
+            message = types.types[state](header, ["knee"], [values])
+            writer.write(topic, time, types.serialize_cdr(message, state))
+    name = "/dynamic_joint_states/interface_values[knee].values[motor_position]"
+    np.testing.assert_array_equal(open_table(tmp_path / "bag").load([name])[name], [10, 11, 12])
