@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
-from inspect import cleandoc
+from inspect import cleandoc, signature
 from typing import Any
 
 import typer
@@ -84,13 +84,18 @@ class _Commands(TyperGroup):
 
 def command_of(name: str) -> Any:
     """Load a command; its help is the docstring, with one line per example."""
+    from seaid.cli.completion import completer_of
     from seaid.cli.options import with_groups
 
     word = name.replace("-", "_")
     function = getattr(import_module(f"seaid.cli.{word}"), word)
     text = cleandoc(function.__doc__ or "").replace("\n\nseaid ", "\n\n\b\nseaid ")
+    command = with_groups(function)
+    for parameter in signature(command).parameters.values():
+        for option in getattr(parameter.annotation, "__metadata__", ()):
+            option.autocompletion = completer_of(parameter.name)
     alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-    alone.command(name, help=text)(with_groups(function))
+    alone.command(name, help=text)(command)
     return typer.main.get_command(alone)
 
 

@@ -549,22 +549,6 @@ def test_console_script_is_the_command_line() -> None:
     assert getattr(importlib.import_module(module), name) is main
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_shell_completion_knows_the_commands(shell: str) -> None:
-    def completed(text: str, **variables: str) -> str:
-        """Return what the program says to a shell that asks."""
-        environment = {**os.environ, "_SEAID_COMPLETE": text, **variables}
-        command = [sys.executable, "-m", "seaid"]
-        said = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-        return said.stdout
-
-    assert "_SEAID_COMPLETE=complete_" + shell in completed(f"source_{shell}")
-    asked = {"COMP_WORDS": "seaid va", "COMP_CWORD": "1"}
-    asked |= {"_TYPER_COMPLETE_ARGS": "seaid va", "_TYPER_COMPLETE_FISH_ACTION": "get-args"}
-    assert "validate" in completed(f"complete_{shell}", **asked)
-    assert "simulate" not in completed(f"complete_{shell}", **asked)
-
-
 def test_nothing_heavy_is_imported_for_the_help() -> None:
     code = "import sys; sys.argv = ['seaid', '--help']\nfrom seaid.cli import main\ntry: main()\n"
     code += "except SystemExit: print(*sys.modules)"
