@@ -125,7 +125,7 @@ ONE_IMPORTER = {
     ),
     "one part of the page or window each": (
         *("report.html_experiment", "report.html_maps", "report.html_verdict"),
-        *("view.ellipsoids", "view.panel", "view.playback"),
+        *("view.panel", "view.playback", "view.plots"),
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (
         *("excitation.run_in", "excitation.search", "export.mjcf_drives"),

@@ -15,9 +15,9 @@ from seaid.view.stage import IDENTIFIED, NOMINAL, WRONG, fade, show
 
 if TYPE_CHECKING:
     from seaid.robot import Robot
-    from seaid.view.ellipsoids import Ellipsoid
-    from seaid.view.picture import Color, Picture
+    from seaid.view.picture import Picture
     from seaid.view.playback import Playback
+    from seaid.view.shapes import Color, Ellipsoid
     from seaid.view.stage import Stage
 
 _TEXT = "font-size:0.8em;line-height:1.45;margin:0 0.6em 0.5em"
@@ -35,7 +35,8 @@ def legend(robot: Robot, limits: Array) -> str:
         return f'<div style="{_TEXT}">Joints are grey: {reason}.</div>'
     return (
         f'<div style="{_TEXT}"><b>Spring deflection about its mean</b>{"".join(bars)}'
-        f"motor side (through the gear) minus joint side. {_chip(NEUTRAL)} no spring</div>"
+        "motor side (through the gear) minus joint side. "
+        f'<span style="white-space:nowrap">{_chip(NEUTRAL)} no spring</span></div>'
     )
 
 
@@ -185,7 +186,7 @@ def _joint_sliders(gui: Any, picture: Picture) -> tuple[Any, ...]:
 
 
 def bodies_table(picture: Picture) -> str:
-    """Return the colours of ellipsoids, and each body's mass [kg] and shift of its centre [mm]."""
+    """Return the colours of ellipsoids, each body's mass [kg] and the shift of its centre [mm]."""
     chips = [
         f"{_chip(color)} {name}"
         for name, color in (("nominal (wire)", NOMINAL), ("identified (solid)", IDENTIFIED))
@@ -200,7 +201,7 @@ def bodies_table(picture: Picture) -> str:
         if identified:
             cells.append(_shift(before, after))
         rows.append([escape(name), *cells])
-    heads = ["body", "nominal", "identified", "moved"] if identified else ["body", "mass"]
+    heads = ["body", "nominal kg", "identified kg", "moved mm"] if identified else ["body", "kg"]
     return (
         f'<div style="{_TEXT}">Centre of mass, and the solid ellipsoid of uniform density with the '
         f"same mass and inertia: {', '.join(chips)}.{_table(heads, rows)}</div>"
@@ -211,7 +212,7 @@ def _mass(body: Ellipsoid | None) -> str:
     """Return a mass, in red for a physically inconsistent body."""
     if body is None:
         return ""
-    text = f"{body.mass:.3g} kg".replace("-", "−")
+    text = f"{body.mass:.3g}".replace("-", "−")
     if body.problem is None:
         return text
     color, reason = hexadecimal(WRONG), escape(body.problem)
@@ -222,7 +223,7 @@ def _shift(before: Ellipsoid | None, after: Ellipsoid | None) -> str:
     """Return the distance between two centres of mass."""
     if before is None or after is None or min(before.mass, after.mass) <= 0:
         return ""
-    return f"{1e3 * float(np.linalg.norm(after.center - before.center)):.3g} mm"
+    return f"{1e3 * float(np.linalg.norm(after.center - before.center)):.3g}"
 
 
 def _bodies(gui: Any, picture: Picture, stage: Stage) -> None:

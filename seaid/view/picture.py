@@ -1,184 +1,23 @@
 """Picture: the visible parts of a robot, the placements of its bodies, and colours of deflections.
 
-Meshes and primitive shapes of a URDF become triangles with a colour. The colour scale is symmetric
-about zero and safe for colour-blind users.
+The colour scale is symmetric about zero and safe for colour-blind users.
 """
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from seaid._arrays import Array, IndexArray, finite, frozen
-from seaid._progress import counted
-from seaid.errors import RobotError
-from seaid.robot import Robot, UrdfTree, find_mesh, reread_urdf, search_folders
-from seaid.view.ellipsoids import Ellipsoid, ellipsoids_of
-
-Color = tuple[int, int, int]
-
-GREY: Color = (168, 174, 182)
-"""Colour of shapes without one in their files."""
-
-_SHARP_RAD = 0.6
-"""Angle between faces of STL files above which shading keeps the edge."""
-
-
-@dataclass(frozen=True, eq=False)
-class Shape:
-    """Triangles of one colour on a link: `vertices` (V, 3) [m] in its body's frame, `faces` (F, 3).
-
-    `body` is 0 for the base, i + 1 for the body of joint i; `color` is red, green, blue, 0 to 255.
-    """
-
-    link: str
-    body: int
-    vertices: Array
-    faces: IndexArray
-    color: Color
-
-
-def shapes_of(
-    urdf: Path,
-    tree: UrdfTree,
-    places: Mapping[str, tuple[int, pin.SE3]],
-    package_dirs: str | Path | Sequence[str | Path] = (),
-) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
-    """Return the visual shapes of a valid URDF, and notes on missing or unreadable meshes.
-
-    `places` has the body of every link and its placement there. Meshes are searched in
-    `package_dirs`, the folder of the file and those above it. Raises RobotError for a missing
-    folder.
-    """
-    folders = search_folders(urdf, package_dirs)
-    materials = tree.elements.materials
-    palette = {one.name: _rgb(one) for one in materials if one.color is not None}
-    shapes: list[Shape] = []
-    missing: dict[str, list[str]] = {}
-    for link in tree.elements.links:
-        body, placement = places[link.name]
-        for visual in link.visuals:
-            wanted = _own_color(visual.material, palette)
-            try:
-                parts = list(_parts(visual.geometry, folders))
-            except _NoMeshError as problem:
-                missing.setdefault(problem.remedy, []).append(f"{problem} (link '{link.name}')")
-                continue
-            origin = np.eye(4) if visual.origin is None else visual.origin
-            whole = placement.homogeneous @ origin
-            for mesh, painted in parts:
-                moved = mesh.apply_transform(whole)
-                shapes.append(_shape(link.name, body, moved, painted or wanted))
-    return tuple(shapes), tuple(_missing_text(*one) for one in missing.items())
-
-
-class _NoMeshError(Exception):
-    """A mesh is missing or cannot be read."""
-
-    def __init__(self, text: str, remedy: str) -> None:
-        super().__init__(text)
-        self.remedy = remedy
-
-
-def _missing_text(remedy: str, problems: list[str]) -> str:
-    """Return one note on the meshes with the same remedy."""
-    others = len(dict.fromkeys(problems)) - 1
-    more = f", and {counted(others, 'other')} likewise" if others else ""
-    return f"{problems[0]}{more}: {remedy}"
-
-
-def _not_found(name: str) -> _NoMeshError:
-    scheme, _, rest = name.rpartition("://")
-    option = "with --package-dir (package_dirs=)"
-    if scheme == "package":
-        package = rest.partition("/")[0]
-        remedy = f"name the folder that contains the package '{package}' {option}"
-        remedy += ", or set ROS_PACKAGE_PATH"
-    elif scheme == "file":
-        remedy = "put the file there, or correct the path in the URDF"
-    else:
-        remedy = f"put it in the folder of the URDF, or name the folder of its path {option}"
-    return _NoMeshError(f"mesh '{name}' is not found", remedy)
-
-
-def _shape(link: str, body: int, mesh: Any, color: Color) -> Shape:
-    vertices = np.array(mesh.vertices, dtype=np.float64)
-    faces = np.array(mesh.faces, dtype=np.intp)
-    vertices.setflags(write=False)
-    faces.setflags(write=False)
-    return Shape(link, body, vertices, faces, color)
-
-
-_CONVERT = "replace it by an STL, OBJ, PLY, glTF or Collada file with triangles"
-
-
-def _parts(geometry: Any, folders: Sequence[Path]) -> Iterator[tuple[Any, Color | None]]:
-    """Yield the meshes of a geometry, each with the colour of its file."""
-    import trimesh
-
-    if geometry.box is not None:
-        yield trimesh.creation.box(np.asarray(geometry.box.size, dtype=float)), None
-    elif geometry.sphere is not None:
-        yield trimesh.creation.icosphere(3, radius=geometry.sphere.radius), None
-    elif geometry.cylinder is not None:
-        cylinder = geometry.cylinder
-        yield trimesh.creation.cylinder(radius=cylinder.radius, height=cylinder.length), None
-    elif geometry.mesh is not None:
-        yield from _loaded(geometry.mesh, folders)
-
-
-def _loaded(named: Any, folders: Sequence[Path]) -> Iterator[tuple[Any, Color | None]]:
-    import trimesh
-
-    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # a damaged file makes a note
-    path = find_mesh(named.filename, folders)
-    if path is None:
-        raise _not_found(named.filename)
-    try:
-        parts = [one for one in trimesh.load_scene(path).dump() if isinstance(one, trimesh.Trimesh)]
-    except Exception as problem:  # readers of a dozen formats raise any exception
-        reason = f"{type(problem).__name__}: {problem}"
-        raise _NoMeshError(f"mesh '{path}' cannot be read, {reason}", _CONVERT) from None
-    if not any(len(part.faces) for part in parts):
-        raise _NoMeshError(f"mesh '{path}' has no triangles", _CONVERT)
-    scale = np.eye(4)
-    scale[:3, :3] *= 1.0 if named.scale is None else named.scale
-    for part in parts:
-        painted = _painted(part.visual)
-        if path.suffix.lower() == ".stl":  # it has no normals, and its edges were merged
-            part = trimesh.graph.smooth_shade(part, angle=_SHARP_RAD)
-        yield part.apply_transform(scale), painted
-
-
-def _painted(visual: Any) -> Color | None:
-    """Return the main colour of a mesh, None if its file has none."""
-    if not visual.defined:
-        return None
-    material = getattr(visual, "material", None)
-    color = visual.main_color if material is None else material.main_color
-    return None if color is None else _color(color[:3])
-
-
-def _own_color(material: Any, palette: Mapping[str, Color]) -> Color:
-    if material is None:
-        return GREY
-    return _rgb(material) if material.color is not None else palette.get(material.name, GREY)
-
-
-def _rgb(material: Any) -> Color:
-    return _color(np.clip(np.asarray(material.color.rgba[:3], dtype=float), 0.0, 1.0) * 255)
-
-
-def _color(values: Any) -> Color:
-    red, green, blue = (round(float(value)) for value in values)
-    return red, green, blue
+from seaid._arrays import Array, finite, frozen
+from seaid._progress import MOST_NAMES
+from seaid.errors import RobotError, listed
+from seaid.robot import Robot, UrdfTree, reread_urdf
+from seaid.view.shapes import Color, Ellipsoid, Shape, ellipsoids_of, shapes_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -402,14 +241,17 @@ _REMEDY = {
 }
 
 
-def _inconsistent(which: str, bodies: Sequence[Ellipsoid]) -> Iterator[str]:
-    """Yield a note for each physically inconsistent body, which has a cross in the scene."""
-    for body in bodies:
-        if body.problem is not None:
-            yield (
-                f"the {which} body '{body.name}' is physically inconsistent and has no ellipsoid: "
-                f"{body.problem}; {_REMEDY[which]}"
-            )
+def _inconsistent(which: str, bodies: Sequence[Ellipsoid]) -> tuple[str, ...]:
+    """Return a note on the physically inconsistent bodies, which have crosses in the scene."""
+    wrong = [body for body in bodies if body.problem is not None]
+    if not wrong:
+        return ()
+    names = listed([f"'{body.name}'" for body in wrong], MOST_NAMES)
+    several = f"bodies {names} are" if len(wrong) > 1 else f"body {names} is"
+    return (
+        f"the {which} {several} physically inconsistent, marked by a cross: '{wrong[0].name}' has "
+        f"{wrong[0].problem}; {_REMEDY[which]}",
+    )
 
 
 NEUTRAL: Color = (88, 94, 102)

@@ -12,7 +12,8 @@ from seaid._arrays import Array, frozen
 from seaid.errors import ExcitationError, LogError, SeaidError
 from seaid.excitation import Excitation, Trajectory
 from seaid.log import Log, Motion
-from seaid.robot import at_drives, at_joints, torques_at_drives
+from seaid.robot import at_drives, at_joints
+from seaid.view.traces import NOMINAL, Traces, logged_traces, predicted, traces_of
 
 if TYPE_CHECKING:
     from seaid.robot import Robot
@@ -35,6 +36,7 @@ class Playback:
     time: Array
     position: Array
     deflection: Array
+    traces: Traces
     notes: tuple[str, ...] = ()
 
     @property
@@ -54,9 +56,13 @@ class Playback:
         return position, deflection
 
 
-def playback_of(robot: Robot, motion: Shown, name: str) -> Playback:
+def playback_of(
+    robot: Robot, motion: Shown, name: str, identified: Robot | None = None
+) -> Playback:
     """Return the playback of a log, a motion, a trajectory or a plan.
 
+    Its traces have the torques and deflections by the values of `robot` and of the `identified`
+    one.
     The position of a joint without an encoder is that of its motor, through gear and transmission.
     The deflection of a planned motion is that of the nominal model. Raises LogError or
     ExcitationError for a motion of other joints, or without any position of a joint.
@@ -64,9 +70,9 @@ def playback_of(robot: Robot, motion: Shown, name: str) -> Playback:
     if isinstance(motion, Excitation):
         motion = motion.trajectory
     if isinstance(motion, Trajectory):
-        return _planned(robot, motion, name)
+        return _planned(robot, motion, name, identified)
     if isinstance(motion, Log | Motion):
-        return _logged(robot, motion, name)
+        return _logged(robot, motion, name, identified)
     raise SeaidError(
         f"cannot show '{name}', a {type(motion).__name__}: give a Log of read_log, a Motion or a "
         "Trajectory of load_trajectory"
@@ -84,34 +90,23 @@ def scales(playbacks: Sequence[Playback], is_prismatic: Sequence[bool]) -> Array
     return found
 
 
-def _planned(robot: Robot, trajectory: Trajectory, name: str) -> Playback:
+def _planned(robot: Robot, trajectory: Trajectory, name: str, identified: Robot | None) -> Playback:
     columns = _columns(robot, trajectory.joint_names, f"trajectory '{name}'", ExcitationError)
     count = max(2, int(np.ceil(trajectory.duration * _PLAN_RATE_HZ)) + 1)
     time = np.linspace(0.0, trajectory.duration, count)
     q, v, a = (state[:, columns] for state in trajectory.sample(time))
-    deflection, notes = np.full(q.shape, np.nan), ["planned"]
+    part, unknown = predicted(robot, identified, time, (q, v, a), None, (True,) * robot.n)
+    deflection = part[2].get(NOMINAL, np.full(q.shape, np.nan))
+    notes = ["planned"]
     if robot.elastic_joints:
-        try:
-            deflection = _nominal_deflection(robot, (q, v, a))
-            notes = ["planned; deflections are those of the nominal model"]
-        except ExcitationError as problem:
-            notes = [f"planned; deflections are unknown: {problem}"]
-    return _playback(robot, name, time, q, deflection, notes)
+        reason = unknown.get(NOMINAL)
+        text = f"are unknown: {reason}" if reason else "are those of the nominal model"
+        notes = [f"planned; deflections {text}"]
+    traces = traces_of([part], (True,) * robot.n)
+    return _playback(robot, name, time, q, deflection, traces, notes)
 
 
-def _nominal_deflection(robot: Robot, states: tuple[Array, Array, Array]) -> Array:
-    from seaid.excitation import check_nominal_bodies, load_torques, parallel_elements, transmission
-
-    drives = transmission(robot)
-    check_nominal_bodies(robot)
-    parallel = parallel_elements(robot, np.max(np.abs(states[1]), axis=0), robot.elastic_joints)
-    torque = torques_at_drives(robot.transmission, load_torques(robot, parallel, states))
-    radius = [robot.drives[joint].load_radius for joint in robot.joint_names]
-    deflection: Array = drives.spring_deflection(torque)[0] / np.array(radius)
-    return deflection
-
-
-def _logged(robot: Robot, motion: Log | Motion, name: str) -> Playback:
+def _logged(robot: Robot, motion: Log | Motion, name: str, identified: Robot | None) -> Playback:
     columns = _columns(robot, motion.joint_names, f"log '{name}'", LogError)
     joint, motor = motion.joint_position[:, columns], motion.motor_position[:, columns]
     behind_spring = motor / _ratios(robot)
@@ -125,8 +120,12 @@ def _logged(robot: Robot, motion: Log | Motion, name: str) -> Playback:
         for joint in robot.elastic_joints
         if unseen[robot.index(joint)]
     ]
+    time = motion.time - motion.time[0]
     deflection = behind_spring - at_drives(robot.transmission, joint)
-    return _playback(robot, name, motion.time - motion.time[0], position, deflection, notes)
+    traces, unknown = logged_traces(robot, identified, motion, columns, deflection)
+    if identified is not None:
+        notes += unknown
+    return _playback(robot, name, time, position, deflection, traces, notes)
 
 
 def _ratios(robot: Robot) -> Array:
@@ -147,7 +146,13 @@ def _columns(robot: Robot, names: Sequence[str], what: str, error: type[SeaidErr
 
 
 def _playback(
-    robot: Robot, name: str, time: Array, position: Array, deflection: Array, notes: Sequence[str]
+    robot: Robot,
+    name: str,
+    time: Array,
+    position: Array,
+    deflection: Array,
+    traces: Traces,
+    notes: Sequence[str],
 ) -> Playback:
     """Return the playback with the deflections of springs about their means, NaN elsewhere."""
     elastic = [joint in robot.elastic_joints for joint in robot.joint_names]
@@ -158,5 +163,6 @@ def _playback(
         frozen("time", time, (None,)),
         frozen("position", position, shape),
         frozen("deflection", about_mean, shape),
+        traces,
         tuple(notes),
     )

@@ -10,10 +10,11 @@ import numpy as np
 import pinocchio as pin
 
 from seaid._arrays import Array, IndexArray
-from seaid.view.picture import NEUTRAL, Color, Picture
+from seaid.view.picture import NEUTRAL, Picture
+from seaid.view.shapes import Color
 
 if TYPE_CHECKING:
-    from seaid.view.ellipsoids import Ellipsoid
+    from seaid.view.shapes import Ellipsoid
 
 LINES: Color = (60, 66, 74)
 GHOST: Color = (240, 130, 30)
@@ -34,8 +35,11 @@ _THIN = 0.1
 
 _FIELD_OF_VIEW_RAD = 0.7
 
-_LEFT_OF_PANEL = 0.35
-"""Shift of the picture for the panel at the right, relative to its radius."""
+_PANEL_PX, _SMALL_PX = 345, 576
+"""Width of viser's panel, and of the pages on which it covers the lower part instead."""
+
+_WINDOW_PX = 900, 800
+"""Size of the scene until a browser reports its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,19 +108,13 @@ def set_the_view(server: Any, picture: Picture, postures: Array) -> None:
     middle = (np.min(points, axis=0) + np.max(points, axis=0)) / 2
     radius = float(np.max(np.linalg.norm(points - middle, axis=1))) or 0.5
     server.scene.set_up_direction(tuple(up))
-    across = np.eye(3)[int(np.argmin(np.abs(up)))]
-    front = across - (across @ up) * up
-    front /= np.linalg.norm(front)
-    side = np.cross(up, front)
-    away = 1.15 * radius / np.sin(_FIELD_OF_VIEW_RAD / 2)
-    direction = 0.75 * front - 0.60 * side + 0.28 * up
-    right = np.cross(up, direction) / np.linalg.norm(np.cross(up, direction))
-    target = middle + _LEFT_OF_PANEL * radius * right
-    camera = server.initial_camera
-    camera.position = tuple(target + away * direction)
-    camera.look_at = tuple(target)
-    camera.fov = _FIELD_OF_VIEW_RAD
-    camera.near, camera.far = away / 100, away * 50
+    aim(server.initial_camera, points - middle, middle, up, _WINDOW_PX)
+
+    @server.on_client_connect  # type: ignore[untyped-decorator]
+    def _(client: Any) -> None:
+        window_px = client.camera.image_width, client.camera.image_height
+        aim(client.camera, points - middle, middle, up, window_px)
+
     server.scene.configure_default_lights(cast_shadow=False)
     cell = _round_length(radius / 2)
     turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), up)
@@ -132,6 +130,36 @@ def set_the_view(server: Any, picture: Picture, postures: Array) -> None:
         position=tuple(floor),
         wxyz=(turn.w, turn.x, turn.y, turn.z),
     )
+
+
+def aim(camera: Any, points: Array, middle: Array, up: Array, window_px: tuple[int, int]) -> None:
+    """Place a camera so that points (., 3) about the middle fill the part without the panel."""
+    width, height = window_px
+    small = width < _SMALL_PX
+    # the free part, from -1 to 1 across and up the window
+    left, right = (-0.8, 0.8) if small else (-0.9, max(1.0 - 2.0 * _PANEL_PX / width, 0.0))
+    low, high = (0.3, 0.9) if small else (-0.85, 0.9)
+    across = np.eye(3)[int(np.argmin(np.abs(up)))]
+    front = across - (across @ up) * up
+    front /= np.linalg.norm(front)
+    back = 0.75 * front - 0.60 * np.cross(up, front) + 0.28 * up
+    back /= np.linalg.norm(back)
+    aside = np.cross(up, back) / np.linalg.norm(np.cross(up, back))
+    above = np.cross(back, aside)
+    x, y, depth = points @ aside, points @ above, points @ back
+    rise = np.tan(_FIELD_OF_VIEW_RAD / 2)
+    run = rise * width / height
+    # a point is seen at x / (run (away - depth)): all of them within half of the free part
+    sizes = np.maximum(
+        np.abs(x) / (run * (right - left) / 2), np.abs(y) / (rise * (high - low) / 2)
+    )
+    away = float(np.max(sizes + depth)) or 1.0
+    shift = run * (left + right) / 2 * aside + rise * (low + high) / 2 * above
+    target = middle - away * shift
+    camera.position = tuple(target + away * back)
+    camera.look_at = tuple(target)
+    camera.fov = _FIELD_OF_VIEW_RAD
+    camera.near, camera.far = away / 100, away * 50
 
 
 def _round_length(length: float) -> float:

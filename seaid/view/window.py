@@ -24,6 +24,7 @@ from seaid.robot import Robot
 from seaid.view.panel import NOTHING, notes_of, put_panel, slider_end, table
 from seaid.view.picture import deflection_colors, picture_of
 from seaid.view.playback import playback_of, scales
+from seaid.view.plots import draw_plots, put_plots
 from seaid.view.stage import paint, place, put_on_stage, set_the_view, show
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from seaid.view.panel import Panel
     from seaid.view.picture import Picture
     from seaid.view.playback import Playback, Shown
+    from seaid.view.plots import Plots
     from seaid.view.stage import Stage
 
 _FRAMES_HZ = 30.0
@@ -50,8 +52,8 @@ class View(Display):
         The motions that it can play.
     limits : array (n,)
         The ends of the colour scale of deflections [rad or m].
-    server, stage, panel
-        The server and the handles of viser.
+    server, stage, panel, plots
+        The server and the handles of viser; there are no plots without a motion.
     """
 
     server: Any
@@ -59,6 +61,7 @@ class View(Display):
     playbacks: tuple[Playback, ...]
     stage: Stage
     panel: Panel
+    plots: Plots | None
     limits: Array
     _drawing: Any = field(default_factory=threading.RLock, init=False, repr=False)
     _playing: threading.Event = field(default_factory=threading.Event, init=False, repr=False)
@@ -161,6 +164,8 @@ class View(Display):
         if self.playbacks:
             panel.time.on_update(lambda _: self._draw())
             panel.run.on_update(lambda _: self._change_motion())
+            if self.plots is not None:
+                self.plots.joint.on_update(lambda _: self._draw())
             panel.play.on_click(lambda _: self.pause() if self._playing.is_set() else self.play())
         if panel.compared is not None:
             panel.compared.on_update(lambda _: self._draw())
@@ -184,6 +189,8 @@ class View(Display):
             if self.playbacks:
                 text = table(self.picture.robot, position, deflection, colors)
                 self.panel.table.content = text
+            if self.playback is not None and self.plots is not None:
+                draw_plots(self.plots, self.picture.robot, self.playback, self.time)
             other = None if self.panel.compared is None else self.panel.compared.value
             show(self.stage.groups["ghost"], other not in (None, NOTHING))
             if other not in (None, NOTHING):
@@ -272,7 +279,7 @@ def view_robot(
     server_of = _viser_server()
     found = _same_robot(robot, identified)
     picture = picture_of(robot, identified=found, package_dirs=package_dirs)
-    playbacks = [playback_of(robot, one, name) for name, one in _by_name(motions).items()]
+    playbacks = [playback_of(robot, one, name, found) for name, one in _by_name(motions).items()]
     _check_port(host, port)
     with quietly():
         server = server_of(host=host, port=port, verbose=False)
@@ -290,7 +297,8 @@ def _opened(server: Any, picture: Picture, playbacks: tuple[Playback, ...]) -> V
     set_the_view(server, picture, np.concatenate(sampled or [picture.rest_posture[None]]))
     stage = put_on_stage(server, picture)
     panel = put_panel(server, picture, stage, playbacks, limits)
-    return View(server, picture, playbacks, stage, panel, limits)
+    plots = put_plots(server, picture.robot, playbacks) if playbacks else None
+    return View(server, picture, playbacks, stage, panel, plots, limits)
 
 
 def _viser_server() -> Any:

@@ -10,13 +10,23 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from playwright.sync_api import ConsoleMessage, Locator, Page, Request, sync_playwright
+from playwright.sync_api import (
+    Browser,
+    ConsoleMessage,
+    Locator,
+    Page,
+    Request,
+    sync_playwright,
+)
 
 from seaid.excitation.trajectory import polynomial_trajectory
 from seaid.log.reading import Log
+from seaid.robot.inertia import in_parent_frame
 from seaid.robot.pinocchio_model import Payload
 from seaid.robot.robot import Robot, load_robot
+from seaid.view.playback import Shown
 from seaid.view.window import View, view_robot
 
 pytestmark = pytest.mark.browser
@@ -54,7 +64,13 @@ def view(leg: Robot) -> Iterator[View]:
     powers = np.zeros((4, leg.n))
     powers[2:] = [[0.6] * leg.n, [-0.4] * leg.n]
     plan = polynomial_trajectory(leg.joint_names, 1.0, powers)
-    with view_robot(leg, {"<i>run</i>": log, "plan {1}": plan}, port=0) as shown:
+    bodies = leg.parameters.reshape(-1, 10)
+    moved = pin.SE3(np.eye(3), np.array([0.02, 0.01, -0.03]))
+    values = 1.1 * np.array([in_parent_frame(one, moved) for one in bodies])
+    values[1, 4] = -1.0  # no body can be that
+    identified = leg.with_values(values.ravel(), leg.drives)
+    motions: dict[str, Shown] = {"<i>run</i>": log, "plan {1}": plan}
+    with view_robot(leg, motions, identified=identified, port=0) as shown:
         yield shown
 
 
@@ -65,11 +81,20 @@ def wrong() -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def page(view: View, wrong: list[str]) -> Iterator[Page]:
+def browser() -> Iterator[Browser]:
     executable = next(filter(None, map(shutil.which, NAMES)), None)
     if executable is None:
         pytest.skip("no Chromium: make test-browser installs it")
     PICTURES.mkdir(parents=True, exist_ok=True)
+
+    with sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=executable, args=SOFTWARE)
+        yield opened
+        opened.close()
+
+
+def opened_page(browser: Browser, view: View, wrong: list[str], width: int, height: int) -> Page:
+    """Return the page of the view in a window of this size, without viser's word on graphics."""
 
     def said(message: ConsoleMessage) -> None:
         if message.type == "error":
@@ -79,23 +104,29 @@ def page(view: View, wrong: list[str]) -> Iterator[Page]:
         if not request.url.startswith((view.url, "data:", "blob:")):
             wrong.append(f"request of {request.url}")
 
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=executable, args=SOFTWARE)
-        opened = browser.new_page(viewport={"width": 900, "height": 560})
-        opened.set_default_timeout(PATIENCE_MS)
-        opened.on("console", said)
-        opened.on("pageerror", lambda problem: wrong.append(str(problem)))
-        opened.on("request", asked)
-        opened.goto(view.url)
-        opened.wait_for_selector("canvas")
-        opened.get_by_text("knee_pitch").first.wait_for()
-        yield opened
-        browser.close()
+    opened = browser.new_page(viewport={"width": width, "height": height})
+    opened.set_default_timeout(PATIENCE_MS)
+    opened.on("console", said)
+    opened.on("pageerror", lambda problem: wrong.append(str(problem)))
+    opened.on("request", asked)
+    opened.goto(view.url)
+    opened.wait_for_selector("canvas")
+    opened.get_by_text("knee_pitch").first.wait_for()
+    notice = opened.locator(".mantine-Notification-closeButton")
+    opened.wait_for_timeout(1000)
+    if notice.count():
+        notice.first.click()
+    return opened
+
+
+@pytest.fixture(scope="module")
+def page(browser: Browser, view: View, wrong: list[str]) -> Page:
+    return opened_page(browser, view, wrong, 1280, 800)
 
 
 def drawn(page: Page, name: str) -> bytes:
     """Return a screenshot of the scene once it stands still."""
-    clip = {"x": 320.0, "y": 0.0, "width": 250.0, "height": 560.0}  # without panel and hints
+    clip = {"x": 400.0, "y": 0.0, "width": 500.0, "height": 800.0}  # without panels
     before = b""
     for _ in range(40):
         page.wait_for_timeout(500)
@@ -144,4 +175,56 @@ def test_buttons_and_choices_of_the_page_move_the_robot(
     page.get_by_text("deflections are those of the nominal model").wait_for()
     assert view.playback is view.playbacks[1]
     assert chosen(page, "plan {1}").is_visible()
+    assert wrong == []
+
+
+def test_plots_and_bodies_are_there(page: Page, view: View, wrong: list[str]) -> None:
+    view.show("<i>run</i>")
+    view.seek(0.7)
+    assert view.plots is not None
+    view.plots.joint.value = "knee_pitch"
+    page.get_by_text("spring deflection of knee_pitch [mrad]").wait_for()
+    assert page.locator(".uplot canvas").count() == 2
+    for name in ("measured", "nominal", "identified"):
+        assert page.get_by_text(name, exact=True).locator("visible=true").count() >= 1
+    before = drawn(page, "bodies")
+    page.get_by_label("identified").first.uncheck()
+    assert drawn(page, "nominal") != before
+    page.get_by_label("identified").first.check()
+    assert wrong == []
+
+
+def test_small_page_has_its_controls_below_the_robot(
+    browser: Browser, view: View, wrong: list[str]
+) -> None:
+    """At 390 px nothing is wider than the page, the panel collapses, and the plots open."""
+    small = opened_page(browser, view, wrong, 390, 844)
+    play = small.get_by_role("button", name="Play")
+    box = play.bounding_box()
+    assert box is not None
+    assert 0 <= box["x"] < box["x"] + box["width"] <= 390
+    assert box["y"] > 0.4 * 844  # the robot is above
+    small.screenshot(path=PICTURES / "view_390.png")
+    assert small.evaluate("document.documentElement.scrollWidth") <= 390
+    plots = small.get_by_role("button", name="Expand panel Plots")
+    plots.scroll_into_view_if_needed()
+    plots.click()
+    chart = small.locator(".uplot canvas").first
+    chart.scroll_into_view_if_needed()
+    small.wait_for_timeout(500)
+    wide = chart.bounding_box()
+    assert wide is not None
+    assert 200 < wide["width"] <= 320
+    small.screenshot(path=PICTURES / "view_390_plots.png")
+    small.mouse.move(200, 700)
+    small.mouse.wheel(0, -5000)
+    small.wait_for_timeout(300)
+    small.get_by_text("tulip_leg").click()  # the head of the panel
+    small.wait_for_timeout(600)
+    assert not play.is_visible() or (play.bounding_box() or box)["y"] > 844 - 60
+    small.screenshot(path=PICTURES / "view_390_collapsed.png")
+    small.get_by_text("tulip_leg").click()
+    small.wait_for_timeout(600)
+    play.click(trial=True)
+    small.close()
     assert wrong == []

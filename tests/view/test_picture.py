@@ -16,7 +16,8 @@ from seaid.errors import RobotError
 from seaid.robot.pinocchio_model import Payload
 from seaid.robot.robot import Robot, load_robot
 from seaid.robot.robot_file import reread_urdf
-from seaid.view.picture import GREY, Picture, link_places, picture_of
+from seaid.view.picture import Picture, link_places, picture_of
+from seaid.view.shapes import GREY
 
 ROBOTS = [
     "ur5_robot.urdf",
@@ -280,17 +281,27 @@ def test_unknown_bodies_have_no_ellipsoid(tulip_leg: Robot) -> None:
 
 def test_inconsistent_bodies_are_notes_with_a_remedy(tulip_leg: Robot) -> None:
     values = np.array(tulip_leg.parameters)
-    values[14] = -1.0
+    values[[14, 24]] = -1.0
     wrong = tulip_leg.with_values(values, tulip_leg.drives)
-    body = tulip_leg.body_names[1]
+    names = tulip_leg.body_names[1:3]
     for picture, which, remedy in (
         (picture_of(tulip_leg, identified=wrong), "identified", "feasible=True (--feasible)"),
         (picture_of(wrong), "nominal", "correct the inertial parameters of the URDF"),
     ):
         (note,) = picture.notes
-        assert f"the {which} body '{body}' is physically inconsistent" in note
-        assert "a negative principal moment of inertia" in note
+        several = ", ".join(f"'{name}'" for name in names)
+        assert f"the {which} bodies {several} are physically inconsistent, marked" in note
+        assert f"'{names[0]}' has a negative principal moment of inertia" in note
         assert note.endswith(remedy)
+
+
+def test_one_inconsistent_body_is_named(tulip_leg: Robot) -> None:
+    values = np.array(tulip_leg.parameters)
+    values[10] = -3.0
+    (note,) = picture_of(tulip_leg.with_values(values, tulip_leg.drives)).notes
+    name = tulip_leg.body_names[1]
+    assert f"nominal body '{name}' is physically inconsistent, marked by a cross: '{name}' " in note
+    assert "has a negative mass, -3 kg; correct" in note
 
 
 def test_up_is_against_gravity(tulip_urdf: Path) -> None:

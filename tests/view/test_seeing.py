@@ -17,7 +17,7 @@ from typer.testing import CliRunner, Result
 from seaid.cli.commands import app, command_of
 from seaid.excitation.trajectory import polynomial_trajectory
 from seaid.log.reading import Log, write_log
-from seaid.view.ellipsoids import ellipsoids_of
+from seaid.view.shapes import ellipsoids_of
 from seaid.view.window import View, view_robot
 from tests.report_pages import arm_found
 

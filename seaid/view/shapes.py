@@ -1,0 +1,236 @@
+"""Shapes: visual meshes of a URDF as triangles with a colour, and inertias as ellipsoids."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from seaid._arrays import Array, IndexArray, frozen, safely
+from seaid._progress import counted
+from seaid.errors import RobotError
+from seaid.robot import (
+    Robot,
+    UrdfTree,
+    find_mesh,
+    inconsistency,
+    pseudo_inertia,
+    search_folders,
+)
+
+Color = tuple[int, int, int]
+
+GREY: Color = (168, 174, 182)
+"""Colour of shapes without one in their files."""
+
+_SHARP_RAD = 0.6
+"""Angle between faces of STL files above which shading keeps the edge."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """Triangles of one colour on a link: `vertices` (V, 3) [m] in its body's frame, `faces` (F, 3).
+
+    `body` is 0 for the base, i + 1 for the body of joint i; `color` is red, green, blue, 0 to 255.
+    """
+
+    link: str
+    body: int
+    vertices: Array
+    faces: IndexArray
+    color: Color
+
+
+def shapes_of(
+    urdf: Path,
+    tree: UrdfTree,
+    places: Mapping[str, tuple[int, pin.SE3]],
+    package_dirs: str | Path | Sequence[str | Path] = (),
+) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
+    """Return the visual shapes of a valid URDF, and notes on missing or unreadable meshes.
+
+    `places` has the body of every link and its placement there. Meshes are searched in
+    `package_dirs`, the folder of the file and those above it. Raises RobotError for a missing
+    folder.
+    """
+    folders = search_folders(urdf, package_dirs)
+    materials = tree.elements.materials
+    palette = {one.name: _rgb(one) for one in materials if one.color is not None}
+    shapes: list[Shape] = []
+    missing: dict[str, list[str]] = {}
+    for link in tree.elements.links:
+        body, placement = places[link.name]
+        for visual in link.visuals:
+            wanted = _own_color(visual.material, palette)
+            try:
+                parts = list(_parts(visual.geometry, folders))
+            except _NoMeshError as problem:
+                missing.setdefault(problem.remedy, []).append(f"{problem} (link '{link.name}')")
+                continue
+            origin = np.eye(4) if visual.origin is None else visual.origin
+            whole = placement.homogeneous @ origin
+            for mesh, painted in parts:
+                moved = mesh.apply_transform(whole)
+                shapes.append(_shape(link.name, body, moved, painted or wanted))
+    return tuple(shapes), tuple(_missing_text(*one) for one in missing.items())
+
+
+class _NoMeshError(Exception):
+    """A mesh is missing or cannot be read."""
+
+    def __init__(self, text: str, remedy: str) -> None:
+        super().__init__(text)
+        self.remedy = remedy
+
+
+def _missing_text(remedy: str, problems: list[str]) -> str:
+    """Return one note on the meshes with the same remedy."""
+    others = len(dict.fromkeys(problems)) - 1
+    more = f", and {counted(others, 'other')} likewise" if others else ""
+    return f"{problems[0]}{more}: {remedy}"
+
+
+def _not_found(name: str) -> _NoMeshError:
+    scheme, _, rest = name.rpartition("://")
+    option = "with --package-dir (package_dirs=)"
+    if scheme == "package":
+        package = rest.partition("/")[0]
+        remedy = f"name the folder that contains the package '{package}' {option}"
+        remedy += ", or set ROS_PACKAGE_PATH"
+    elif scheme == "file":
+        remedy = "put the file there, or correct the path in the URDF"
+    else:
+        remedy = f"put it in the folder of the URDF, or name the folder of its path {option}"
+    return _NoMeshError(f"mesh '{name}' is not found", remedy)
+
+
+def _shape(link: str, body: int, mesh: Any, color: Color) -> Shape:
+    vertices = np.array(mesh.vertices, dtype=np.float64)
+    faces = np.array(mesh.faces, dtype=np.intp)
+    vertices.setflags(write=False)
+    faces.setflags(write=False)
+    return Shape(link, body, vertices, faces, color)
+
+
+_CONVERT = "replace it by an STL, OBJ, PLY, glTF or Collada file with triangles"
+
+
+def _parts(geometry: Any, folders: Sequence[Path]) -> Iterator[tuple[Any, Color | None]]:
+    """Yield the meshes of a geometry, each with the colour of its file."""
+    import trimesh
+
+    if geometry.box is not None:
+        yield trimesh.creation.box(np.asarray(geometry.box.size, dtype=float)), None
+    elif geometry.sphere is not None:
+        yield trimesh.creation.icosphere(3, radius=geometry.sphere.radius), None
+    elif geometry.cylinder is not None:
+        cylinder = geometry.cylinder
+        yield trimesh.creation.cylinder(radius=cylinder.radius, height=cylinder.length), None
+    elif geometry.mesh is not None:
+        yield from _loaded(geometry.mesh, folders)
+
+
+def _loaded(named: Any, folders: Sequence[Path]) -> Iterator[tuple[Any, Color | None]]:
+    import trimesh
+
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # a damaged file makes a note
+    path = find_mesh(named.filename, folders)
+    if path is None:
+        raise _not_found(named.filename)
+    try:
+        parts = [one for one in trimesh.load_scene(path).dump() if isinstance(one, trimesh.Trimesh)]
+    except Exception as problem:  # readers of a dozen formats raise any exception
+        reason = f"{type(problem).__name__}: {problem}"
+        raise _NoMeshError(f"mesh '{path}' cannot be read, {reason}", _CONVERT) from None
+    if not any(len(part.faces) for part in parts):
+        raise _NoMeshError(f"mesh '{path}' has no triangles", _CONVERT)
+    scale = np.eye(4)
+    scale[:3, :3] *= 1.0 if named.scale is None else named.scale
+    for part in parts:
+        painted = _painted(part.visual)
+        if path.suffix.lower() == ".stl":  # it has no normals, and its edges were merged
+            part = trimesh.graph.smooth_shade(part, angle=_SHARP_RAD)
+        yield part.apply_transform(scale), painted
+
+
+def _painted(visual: Any) -> Color | None:
+    """Return the main colour of a mesh, None if its file has none."""
+    if not visual.defined:
+        return None
+    material = getattr(visual, "material", None)
+    color = visual.main_color if material is None else material.main_color
+    return None if color is None else _color(color[:3])
+
+
+def _own_color(material: Any, palette: Mapping[str, Color]) -> Color:
+    if material is None:
+        return GREY
+    return _rgb(material) if material.color is not None else palette.get(material.name, GREY)
+
+
+def _rgb(material: Any) -> Color:
+    return _color(np.clip(np.asarray(material.color.rgba[:3], dtype=float), 0.0, 1.0) * 255)
+
+
+def _color(values: Any) -> Color:
+    red, green, blue = (round(float(value)) for value in values)
+    return red, green, blue
+
+
+@dataclass(frozen=True, eq=False)
+class Ellipsoid:
+    """The solid ellipsoid of uniform density with the mass and the inertia of a body.
+
+    In the body's frame: `center` of mass (3,) [m], `semi_axes` (3,) [m], and their directions as
+    columns of `rotation` (3, 3). With the pseudo-inertia [[S, h], [h^T, m]] the second moments
+    about the centre of mass are S_c = S - h h^T / m, and those of a uniform solid ellipsoid are
+    S_c = m/5 R diag(a^2) R^T. The semi-axes are therefore a_i = sqrt(5 lambda_i / m), where
+    lambda_i are the eigenvalues of S_c; by principal moments, a_i^2 = 5/(2m) (I_j + I_k - I_i).
+
+    A physically inconsistent body has no such ellipsoid: `problem` says why, and `semi_axes` are
+    zero. Its `center` is the origin of the body if its mass is not positive.
+    """
+
+    body: int
+    name: str
+    mass: float
+    center: Array
+    rotation: Array
+    semi_axes: Array
+    problem: str | None = None
+
+
+def ellipsoids_of(robot: Robot) -> tuple[Ellipsoid, ...]:
+    """Return the ellipsoids of the bodies with known parameters, without payloads."""
+    bodies = zip(robot.body_names, robot.parameters.reshape(-1, 10), strict=True)
+    return tuple(
+        _ellipsoid(index, name, ten)
+        for index, (name, ten) in enumerate(bodies, 1)
+        if np.all(np.isfinite(ten)) and np.any(ten)
+    )
+
+
+def _ellipsoid(body: int, name: str, parameters: Array) -> Ellipsoid:
+    mass, problem = float(parameters[0]), inconsistency(parameters)
+    center = parameters[1:4] / mass if mass > 0 else np.zeros(3)
+    rotation, semi_axes = np.eye(3), np.zeros(3)
+    if problem is None:
+        second = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(center, center)
+        what = f"the inertia of '{name}'"
+        moments, rotation = safely(np.linalg.eigh, second, what=what, error=RobotError)
+        semi_axes = np.sqrt(5.0 * np.maximum(moments, 0.0) / mass)
+        rotation[:, 2] = np.cross(rotation[:, 0], rotation[:, 1])  # no mirror image
+    return Ellipsoid(
+        body,
+        name,
+        mass,
+        frozen("center", center, (3,)),
+        frozen("rotation", rotation, (3, 3)),
+        frozen("semi_axes", semi_axes, (3,)),
+        problem,
+    )
