@@ -5,6 +5,7 @@ from . import excitation as excitation
 from . import export as export
 from . import identification as identification
 from . import log as log
+from . import project as project
 from . import regressor as regressor
 from . import report as report
 from . import robot as robot
@@ -69,6 +70,15 @@ from .log import open_long_log as open_long_log
 from .log import read_log as read_log
 from .log import reconstruct_motion as reconstruct_motion
 from .log import write_log as write_log
+from .project import FirstProject as FirstProject
+from .project import Project as Project
+from .project import ProjectRun as ProjectRun
+from .project import Run as Run
+from .project import load_project as load_project
+from .project import load_run as load_run
+from .project import run_project as run_project
+from .project import save_run as save_run
+from .project import write_first_project as write_first_project
 from .regressor import BaseParameters as BaseParameters
 from .regressor import CrossCheck as CrossCheck
 from .regressor import Identifiability as Identifiability

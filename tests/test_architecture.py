@@ -40,7 +40,7 @@ def imported(nodes: Iterable[ast.AST], within: bool) -> Iterator[str]:
 
 FLOORS = (
     *("symbolic", "drives", "robot", "log", "regressor", "estimation", "excitation"),
-    *("simulation", "identification", "export", "report", "view", "cli"),
+    *("simulation", "identification", "export", "report", "project", "view", "cli"),
 )
 """The packages along the way of the data: each imports only from those before it."""
 

@@ -3,6 +3,7 @@ from .covariance import newey_west as newey_west
 from .diagnostics import POORLY_DETERMINED as POORLY_DETERMINED
 from .diagnostics import ModelChecks as ModelChecks
 from .diagnostics import TermTest as TermTest
+from .diagnostics import Whiteness as Whiteness
 from .diagnostics import independent_rows as independent_rows
 from .diagnostics import term_test as term_test
 from .estimate import Estimate as Estimate

@@ -20,6 +20,7 @@ from .motion import POSITION_BAND as POSITION_BAND
 from .motion import SHORTEST_STRETCH as SHORTEST_STRETCH
 from .motion import Motion as Motion
 from .motion import Processing as Processing
+from .motion import decimated as decimated
 from .motion import has_holes as has_holes
 from .motion import reconstruct_motion as reconstruct_motion
 from .motion import reconstruct_motions as reconstruct_motions

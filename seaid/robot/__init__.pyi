@@ -12,6 +12,8 @@ from .inertia import out_of_range as out_of_range
 from .inertia import parameter_names as parameter_names
 from .inertia import pseudo_inertia as pseudo_inertia
 from .pinocchio_model import Payload as Payload
+from .pinocchio_model import joints_of as joints_of
+from .pinocchio_model import model_of as model_of
 from .robot import Robot as Robot
 from .robot import check_kind as check_kind
 from .robot import load_robot as load_robot

@@ -6,8 +6,9 @@ Pinocchio's own reader gives two to a continuous joint.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -184,7 +185,66 @@ def assemble(
     return Assembly(model, tuple(order), own, loads)
 
 
-def _add_joint(model: pin.Model, parent: int, placement: pin.SE3, joint: UrdfJoint) -> int:
+def joints_of(model: pin.Model) -> tuple[dict[str, Any], ...]:
+    """Return the joints of an assembled model as plain data, from which `model_of` makes it again.
+
+    Inertias are not part of it: `Robot.with_values` sets them.
+    """
+    return tuple(
+        {
+            "name": model.names[place],
+            "parent": model.parents[place],
+            "placement": model.jointPlacements[place].homogeneous.copy(),
+            "type": "prismatic" if "JointModelP" in joint.shortname() else "revolute",
+            "axis": _axis(joint),
+            **{key: float(getattr(model, name)[place - 1]) for key, name in _LIMITS.items()},
+        }
+        for place, joint in enumerate(model.joints)
+        if place
+    )
+
+
+_LIMITS = {
+    "effort": "effortLimit",
+    "velocity": "velocityLimit",
+    "lower": "lowerPositionLimit",
+    "upper": "upperPositionLimit",
+}
+
+
+def _axis(joint: Any) -> Array:
+    """Return the axis (3,) of a joint: that of its name (RX, PY, ...), or its own."""
+    aligned = joint.shortname().removeprefix("JointModel")[1:]
+    if aligned in ("X", "Y", "Z"):
+        return np.eye(3)["XYZ".index(aligned)]
+    return np.array(joint.extract().axis)
+
+
+def model_of(name: str, gravity: Array, joints: Sequence[Mapping[str, Any]]) -> pin.Model:
+    """Return a model without inertias from its joints; see `joints_of`."""
+    model = pin.Model()
+    model.name = name
+    model.gravity.linear = np.array(gravity)
+    for one in joints:
+        given = {key: one[key] for key in ("name", "type", "axis", *_LIMITS)}
+        _add_joint(model, one["parent"], pin.SE3(np.array(one["placement"])), _Joint(**given))
+    return model
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """What a joint of a URDF and one of a saved model have in common."""
+
+    name: str
+    type: str
+    axis: Array
+    effort: float
+    velocity: float
+    lower: float
+    upper: float
+
+
+def _add_joint(model: pin.Model, parent: int, placement: pin.SE3, joint: UrdfJoint | _Joint) -> int:
     prismatic = joint.type == "prismatic"
     aligned = (
         (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)

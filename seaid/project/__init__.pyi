@@ -1,0 +1,16 @@
+from .first_project import FirstProject as FirstProject
+from .first_project import write_first_project as write_first_project
+from .project import FILE_NAME as FILE_NAME
+from .project import Project as Project
+from .project import ProjectLog as ProjectLog
+from .project import load_project as load_project
+from .provenance import facts_of as facts_of
+from .provenance import provenance_of as provenance_of
+from .run import LATEST as LATEST
+from .run import ProjectRun as ProjectRun
+from .run import run_project as run_project
+from .run import summary_of as summary_of
+from .saved import FILE as FILE
+from .saved import Run as Run
+from .saved import load_run as load_run
+from .saved import save_run as save_run

@@ -1,0 +1,322 @@
+"""A first project file for a robot and its logs, with each doubt as a comment."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid._files import write_whole
+from seaid._progress import Display
+from seaid.drives import drives_from_mapping, read_drives, write_drives
+from seaid.errors import LogError, SeaidError, checked
+from seaid.log import Log, describe_log, low_pass, read_log
+from seaid.project.project import FILE_NAME
+from seaid.robot import Payload, Robot, load_robot
+
+_OWN_PART = 0.7
+"""Part of a single log that is used to identify; the rest validates."""
+
+_SHORTEST_S = 40.0
+"""Duration from which a single log is divided: its first part then has about half a minute."""
+
+_SPRING = 0.5
+"""Part of the difference of the encoders that follows the torque from which it is a spring."""
+
+_MOVES_RAD = 0.05
+
+_BAND_HZ, _WIDTH = 5.0, 0.05
+"""Low pass of the signals from which a gear ratio is inferred, and width of the dry friction over
+the standard deviation of the speed."""
+
+
+@dataclass(frozen=True, repr=False)
+class FirstProject(Display):
+    """What `write_first_project` wrote.
+
+    Attributes
+    ----------
+    files : tuple of Path
+        The project file, and descriptions and drives that did not exist.
+    doubts : tuple of str
+        What was inferred and has to be checked; in the files as comments too.
+    """
+
+    files: tuple[Path, ...]
+    doubts: tuple[str, ...]
+
+
+@checked(SeaidError)
+def write_first_project(
+    urdf: str | Path,
+    logs: Sequence[str | Path],
+    *,
+    drives: str | Path | None = None,
+    payloads: Sequence[Payload] = (),
+    folder: str | Path = ".",
+) -> FirstProject:
+    """Write a project file for a robot and its logs, and what it needs besides.
+
+    Logs with custom columns get a description (`describe_log`). Without `drives` the drives are
+    those of the file next to the URDF, or are inferred: from both encoders the gear ratio, and
+    whether a spring lies between them. One log is divided into a part to identify from and one to
+    validate on; of several the last validates. Existing files are not changed.
+
+    Parameters
+    ----------
+    urdf : str or Path
+    logs : sequence of str or Path
+    drives : str or Path, optional
+    payloads : sequence of Payload, optional
+        Payloads of all logs.
+    folder : str or Path
+        The folder of the project.
+
+    Returns
+    -------
+    FirstProject
+
+    Raises
+    ------
+    SeaidError
+        If the project file exists, and for files that cannot be read.
+
+    Examples
+    --------
+    >>> print(seaid.write_first_project("leg.urdf", ["run.csv", "other.csv"]).doubts)
+    """
+    folder = Path(folder)
+    file = folder / FILE_NAME
+    if file.exists():
+        raise SeaidError(f"'{file}' is there already: change it, or remove it first")
+    if not logs:
+        raise SeaidError("a project needs a log: give the URDF and at least one log")
+    doubts: list[str] = []
+    known = _known_drives(urdf, drives, doubts)
+    robot = load_robot(urdf, known, payloads=payloads)
+    read = [_read(Path(path), robot, folder) for path in logs]
+    doubts += [doubt for one in read for doubt in one.doubts]
+    texts = {one.description_file: one.text for one in read if one.description_file and one.text}
+    if known is None:
+        tables, found = inferred_drives(robot, [one.log for one in read])
+        doubts += found
+        if tables:
+            known = folder / f"{Path(urdf).stem}_drives.toml"
+            if known.exists():
+                raise SeaidError(f"'{known}' is there already: give it as drives")
+            write_drives(drives_from_mapping(tables), known)
+            texts[known] = _as_comments(found) + known.read_text(encoding="utf-8")
+    text = _project_text(urdf, known, payloads, read, folder)
+    for path, content in {**texts, file: _as_comments(doubts) + text}.items():
+        write_whole(path, content)
+    return FirstProject((file, *texts), tuple(doubts))
+
+
+@dataclass(frozen=True)
+class _ReadLog:
+    """A log with the description it needs, if any; `text` where that was inferred."""
+
+    path: Path
+    log: Log
+    description_file: Path | None = None
+    text: str = ""
+    doubts: tuple[str, ...] = ()
+
+
+def _known_drives(
+    urdf: str | Path, drives: str | Path | None, doubts: list[str]
+) -> str | Path | None:
+    """Return the file of the drives: the given one, or the one next to the URDF."""
+    beside = Path(urdf).with_suffix(".toml")
+    if drives is not None or not beside.is_file():
+        return drives
+    try:
+        read_drives(beside)
+    except SeaidError:
+        return None
+    doubts.append(f"drives: '{beside.name}' lies next to the URDF and is used")
+    return beside
+
+
+def _read(path: Path, robot: Robot, folder: Path) -> _ReadLog:
+    """Read a log by its own column names, its description, or an inferred one."""
+    try:
+        return _ReadLog(path, read_log(path, robot))
+    except LogError as problem:
+        if path.with_suffix(".toml").is_file() or not path.exists():
+            raise
+        plain = problem
+    try:
+        guess = describe_log(path, robot)
+    except LogError:
+        raise plain from None
+    target = folder / f"{path.stem}_columns.toml"
+    if target.exists():
+        return _ReadLog(path, read_log(path, robot, description=target), target)
+    log = read_log(path, robot, description=guess.description)
+    doubts = tuple(f"{path.name}: {one}" for one in guess.unsure)
+    return _ReadLog(path, log, target, guess.to_toml(), doubts)
+
+
+def inferred_drives(
+    robot: Robot, logs: Sequence[Log]
+) -> tuple[dict[str, dict[str, object]], list[str]]:
+    """Return drive tables of joints with a motor encoder, and what is doubtful about them."""
+    tables: dict[str, dict[str, object]] = {}
+    doubts = []
+    for index, joint in enumerate(robot.joint_names):
+        own = [_sensors(log, index) for log in logs]
+        places = [place for place, one in enumerate(own) if "motor_position" in one]
+        if not places:
+            doubts.append(f"{joint}: no motor encoder in the logs: its torque counts as known")
+            continue
+        found = own[places[0]]
+        if "joint_position" not in found:
+            tables[joint] = {"type": "stiff", "gear_ratio": 1.0}
+            doubts.append(f"{joint}: gear_ratio = 1.0 is a placeholder: no joint encoder shows it")
+            continue
+        table, doubt = _of_both_encoders(robot, index, logs[places[0]].time, found)
+        if table is not None:
+            tables[joint] = table
+        doubts.append(f"{joint}: {doubt}")
+    return tables, doubts
+
+
+def _sensors(log: Log, index: int) -> dict[str, Array]:
+    """Return the sensors {name: samples} of a joint that are logged and change."""
+    found = {name: values[:, index] for name, values in log.sensors().items()}
+    return {
+        name: one for name, one in found.items() if np.all(np.isfinite(one)) and np.ptp(one) > 0
+    }
+
+
+def _of_both_encoders(
+    robot: Robot, index: int, time: Array, sensors: Mapping[str, Array]
+) -> tuple[dict[str, object] | None, str]:
+    """Return the drive of a joint with two encoders, and the doubt about it."""
+    motor, joint = sensors["motor_position"], sensors["joint_position"]
+    torque = sensors.get("joint_torque", sensors.get("motor_torque"))
+    if np.array_equal(motor, joint):
+        return None, "both encoders have the same values: its torque counts as known"
+    if np.ptp(joint) < _MOVES_RAD:
+        return None, "it hardly moves: its torque counts as known at the joint"
+    ratio, explained = _ratio(time, motor, joint, torque)
+    key = "gear_ratio_rad_per_m" if robot.is_prismatic[index] else "gear_ratio"
+    table: dict[str, object] = {"type": "stiff", key: float(f"{ratio:.5g}")}
+    spread = float(np.std(motor / ratio - joint))
+    text = f"{key} = {ratio:.5g} from both encoders, which differ by {spread:.2g} rad (rms)"
+    is_spring = explained > _SPRING or "deflection" in sensors
+    if robot.is_prismatic[index] or not is_spring:
+        return table, f"{text}; taken for stiff: compare with the data sheet"
+    more = f"{explained:.0%} of that follows the torque: taken for a spring"
+    return {**table, "type": "series_elastic"}, f"{text}; {more}; compare with the data sheet"
+
+
+def _ratio(time: Array, motor: Array, joint: Array, torque: Array | None) -> tuple[float, float]:
+    """Return the gear ratio from both encoders, and how much of their difference is a spring's.
+
+    motor / N - joint is the torque on the spring over its stiffness, and that is the torque of the
+    motor less its inertia and friction, (7): motor = N joint + c_1 torque + c_2 w + c_3 sign(w) +
+    c_4 w' + c_5.
+    """
+    rate_hz = (len(time) - 1) / float(time[-1] - time[0])
+    logged = [motor, joint, *([] if torque is None else [torque])]
+    signals = low_pass(np.column_stack(logged), rate_hz, _BAND_HZ)
+    columns = [signals[:, 1], np.ones(len(time))]
+    if torque is not None:
+        speed = np.gradient(signals[:, 0], time)
+        width = _WIDTH * max(float(np.std(speed)), np.finfo(float).tiny)
+        columns += [signals[:, 2], speed, np.tanh(speed / width), np.gradient(speed, time)]
+    end = min(int(rate_hz / _BAND_HZ), len(time) // 4)
+    rows, turned = np.column_stack(columns)[end : len(time) - end], signals[end : -end or None, 0]
+    found = np.linalg.lstsq(rows, turned, rcond=None)[0]
+    difference = turned - found[0] * rows[:, 0]
+    left = float(np.var(turned - rows @ found) / max(float(np.var(difference)), 1e-300))
+    return float(found[0]), 1 - left
+
+
+def _as_comments(doubts: Sequence[str]) -> str:
+    return "".join(f"# unsure: {' '.join(one.split())}\n" for one in doubts) + "\n" * bool(doubts)
+
+
+def _project_text(
+    urdf: str | Path,
+    drives: str | Path | None,
+    payloads: Sequence[Payload],
+    logs: Sequence[_ReadLog],
+    folder: Path,
+) -> str:
+    """Return the project file."""
+    lines = [f"urdf = {_quoted(_relative(urdf, folder))}"]
+    if drives is not None:
+        lines.append(f"drives = {_quoted(_relative(drives, folder))}")
+    else:
+        lines.append('# drives = "drives.toml"  # without it all torques are known at the joints')
+    lines += ["", "# A known test mass makes masses and motor constants observable:"]
+    for one in payloads:
+        lines += ["[[payload]]", f"link = {_quoted(one.link)}", f"mass_kg = {one.mass!r}"]
+        lines += [f"com_m = {list(map(float, one.com))}", ""]
+    if not payloads:
+        lines += ["# [[payload]]", '# link = "foot"', "# mass_kg = 2.0", "# com_m = [0.15, 0, 0]"]
+        lines.append("")
+    lines += _log_lines(logs, folder)
+    return "\n".join([*lines, _OPTIONS]) + "\n"
+
+
+_OPTIONS = """\
+[identify]
+method = "two-step"  # or "simultaneous": both sides of the springs in one regression
+estimator = "wls"    # or "ols", "huber", "tukey", "iv"
+feasible = true      # physically consistent bodies
+# known_std = { torque = 0.03, payload = 0.01 }  # how well the given constants are known
+
+[run]
+folder = "runs"
+write = ["parameters", "report", "urdf"]  # and "mjcf"
+# fail_on = "wrong"  # exit code 3 of seaid run"""
+
+
+def _log_lines(logs: Sequence[_ReadLog], folder: Path) -> Iterator[str]:
+    """Yield the lines of the logs: the last validates, or the last part of the only one."""
+    first = logs[0].log
+    duration = float(first.time[-1] - first.time[0])
+    if len(logs) == 1 and duration > _SHORTEST_S:
+        start, end = float(np.floor(first.time[0])), float(np.ceil(first.time[-1] + 1))
+        middle = float(np.round(first.time[0] + _OWN_PART * duration, 1))
+        yield from _one_log(logs[0], folder, "identify", (start, middle))
+        yield from _one_log(logs[0], folder, "validate", (middle, end))
+        return
+    for place, one in enumerate(logs):
+        last = len(logs) > 1 and place == len(logs) - 1
+        yield from _one_log(one, folder, "validate" if last else "identify", None)
+    if len(logs) == 1:
+        yield '# Another motion, for the validation:\n# [[log]]\n# file = "other.csv"'
+        yield '# use = "validate"\n'
+
+
+def _one_log(
+    one: _ReadLog, folder: Path, use: str, part: tuple[float, float] | None
+) -> Iterator[str]:
+    yield f"[[log]]\nfile = {_quoted(_relative(one.path, folder))}"
+    if one.description_file is not None:
+        yield f"description = {_quoted(_relative(one.description_file, folder))}"
+    yield f'use = "{use}"'
+    if part is not None:
+        yield f"between_s = [{part[0]:g}, {part[1]:g}]"
+    yield ""
+
+
+def _relative(path: str | Path, folder: Path) -> str:
+    """Return a path relative to the folder of the project; the name of a robot stays."""
+    is_name = not Path(path).suffix and not Path(path).exists()
+    return str(path) if is_name else os.path.relpath(path, folder)
+
+
+def _quoted(text: str) -> str:
+    import tomli_w
+
+    return tomli_w.dumps({"a": text}).removeprefix("a = ").rstrip("\n")

@@ -1,0 +1,399 @@
+"""The project file seaid.toml: robot, logs, options and results in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from seaid._arrays import FrozenMapping
+from seaid._files import read_toml
+from seaid._progress import Display, counted
+from seaid.errors import SEVERITIES, SeaidError, Severity, checked, listed, shown, unknown_name
+from seaid.estimation import EstimatorName
+from seaid.identification import Method
+from seaid.log import Log, Repairs, read_log
+from seaid.robot import Payload, Robot, load_robot
+
+FILE_NAME = "seaid.toml"
+
+Use = Literal["identify", "validate"]
+Output = Literal["parameters", "report", "urdf", "mjcf"]
+
+OUTPUTS: tuple[Output, ...] = get_args(Output)
+
+
+@dataclass(frozen=True)
+class ProjectLog:
+    """A log of a project.
+
+    Attributes
+    ----------
+    files : tuple of Path
+        The file, or several files of one motion.
+    use : {"identify", "validate"}
+    description : Path or None
+        The description of its custom columns; None: the file of its name (run.toml for run.csv).
+    repair : bool
+        Whether faults are repaired within the usual limits.
+    condition : str
+        The condition of the robot, such as "cold"; logs of one condition share all parameters.
+    between_s : tuple (start, end) or None
+        The part of the log's time [s] that is used.
+    """
+
+    files: tuple[Path, ...]
+    use: Use = "identify"
+    description: Path | None = None
+    repair: bool = False
+    condition: str = ""
+    between_s: tuple[float, float] | None = None
+
+    @property
+    def name(self) -> str:
+        """The name of its first file, with the part that is used."""
+        part = "" if self.between_s is None else " {:g} to {:g} s".format(*self.between_s)
+        return self.files[0].name + part
+
+    def read(self, robot: Robot, description: Path | None = None, repair: bool = False) -> Log:
+        """Read the log; a `description` that is given takes precedence."""
+        limits = Repairs() if repair or self.repair else None
+        files = self.files[0] if len(self.files) == 1 else list(self.files)
+        log = read_log(files, robot, description=description or self.description, repair=limits)
+        return log if self.between_s is None else log.between(*self.between_s)
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a project is identified: the options of `seaid.identify`, and whether to refine."""
+
+    method: Method = "two-step"
+    estimator: EstimatorName = "wls"
+    feasible: bool = True
+    torque_joints: tuple[str, ...] | None = None
+    cutoff_hz: float | None = None
+    encoder_offset_std: float = 0.0
+    known_std: Mapping[str, float] = field(default_factory=lambda: FrozenMapping({}))
+    refine: bool = False
+    condition_specific: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Project(Display):
+    """A project, as `load_project` reads it.
+
+    Attributes
+    ----------
+    file : Path
+        The project file.
+    urdf : Path or str
+        The robot file, or the name of a robot.
+    drives : Path or None
+    joints : tuple of str or None
+    payloads : mapping {condition: tuple of Payload}
+        Those of the condition "" are in all logs.
+    known_bodies : tuple of str
+    gravity : tuple of 3 floats
+    logs : tuple of ProjectLog
+    options : Options
+    write : tuple of {"parameters", "report", "urdf", "mjcf"}
+        The results of a run.
+    folder : Path
+        The folder of the runs.
+    fail_on : {"wrong", "doubtful", "note"} or None
+        Severity of warnings from which `seaid run` ends with exit code 3.
+    experiment : mapping {name: text}
+        Experiment metadata for the report.
+    """
+
+    file: Path
+    urdf: Path | str
+    drives: Path | None = None
+    joints: tuple[str, ...] | None = None
+    payloads: Mapping[str, tuple[Payload, ...]] = field(default_factory=dict)
+    known_bodies: tuple[str, ...] = ()
+    gravity: tuple[float, ...] = (0.0, 0.0, -9.81)
+    logs: tuple[ProjectLog, ...] = ()
+    options: Options = Options()
+    write: tuple[Output, ...] = ("parameters", "report", "urdf")
+    folder: Path = Path("runs")
+    fail_on: Severity | None = None
+    experiment: Mapping[str, str] = field(default_factory=dict)
+
+    def _in_short(self) -> str:
+        return f"'{self.file}': {Path(self.urdf).name}, {counted(len(self.logs), 'log')}"
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """The conditions of the logs to identify from, in the order of the file."""
+        return tuple(dict.fromkeys(one.condition for one in self.logs_for("identify")))
+
+    def logs_for(self, use: Use, condition: str | None = None) -> tuple[ProjectLog, ...]:
+        """Return the logs of a use, and of one condition if it is given."""
+        mine = (one for one in self.logs if one.use == use)
+        return tuple(one for one in mine if condition in (None, one.condition))
+
+    def robot(self, condition: str = "") -> Robot:
+        """Load the robot with the payloads of a condition."""
+        general = self.payloads.get("", ())
+        return load_robot(
+            self.urdf,
+            self.drives,
+            joints=self.joints,
+            payloads=general + (self.payloads.get(condition, ()) if condition else ()),
+            known_bodies=self.known_bodies,
+            gravity=self.gravity,
+        )
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files that the project reads: itself, robot, drives, logs and descriptions."""
+        found = [self.file, *([self.urdf] if isinstance(self.urdf, Path) else [])]
+        found += [one for log in self.logs for one in (*log.files, log.description) if one]
+        if self.drives is not None:
+            found.insert(2, self.drives)
+        return tuple(dict.fromkeys(found))
+
+
+@checked(SeaidError)
+def load_project(path: str | Path = FILE_NAME) -> Project:
+    """Read a project file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file, or its folder. Paths in it are relative to its folder.
+
+    Returns
+    -------
+    Project
+
+    Raises
+    ------
+    SeaidError
+        For a file that is missing or invalid, with the table and the key.
+
+    Examples
+    --------
+    >>> project = seaid.load_project()
+    >>> robot = project.robot()
+    >>> logs = [log.read(robot) for log in project.logs_for("identify")]
+    >>> found = seaid.identify(robot, logs)
+    """
+    path = Path(path)
+    file = path / FILE_NAME if path.is_dir() else path
+    content = read_toml(file, "the project", SeaidError)
+    table = _Table(f"'{file}'", content, file.parent)
+    table.check(_TOP)
+    if "urdf" not in content:
+        raise SeaidError(f"'{file}': the key 'urdf' is missing; give the robot's file")
+    logs = tuple(map(_log, table.tables("log")))
+    options, run = table.table("identify"), table.table("run")
+    run.check(("folder", "write", "fail_on"))
+    write = run.texts("write")
+    return Project(
+        file=file,
+        urdf=table.robot(),
+        drives=table.path("drives"),
+        joints=table.texts("joints"),
+        payloads=FrozenMapping(_payloads(table.tables("payload"), logs)),
+        known_bodies=table.texts("known_bodies") or (),
+        gravity=table.numbers("gravity", 3) or (0.0, 0.0, -9.81),
+        logs=logs,
+        options=_options(options),
+        write=("parameters", "report", "urdf")
+        if write is None
+        else tuple(run.one_of("write", one, OUTPUTS) for one in write),
+        folder=run.path("folder") or file.parent / "runs",
+        fail_on=run.choice("fail_on", SEVERITIES),
+        experiment=FrozenMapping(
+            {name: str(one) for name, one in table.table("experiment").content.items()}
+        ),
+    )
+
+
+_TOP = (
+    *("urdf", "drives", "joints", "gravity", "known_bodies"),
+    *("payload", "log", "identify", "run", "experiment"),
+)
+
+
+@dataclass(frozen=True)
+class _Table:
+    """A table of the file with its place for messages; paths are relative to `folder`."""
+
+    where: str
+    content: Mapping[str, Any]
+    folder: Path
+
+    def check(self, allowed: Iterable[str]) -> None:
+        for key in self.content:
+            if key not in allowed:
+                raise SeaidError(f"{self.where}: {unknown_name('key', key, allowed)}")
+
+    def refuse(self, key: str, wanted: str) -> SeaidError:
+        found = shown(self.content[key])
+        return SeaidError(f"{self.where}: '{key}' must be {wanted}, found {found}")
+
+    def text(self, key: str) -> str | None:
+        value = self.content.get(key)
+        if value is not None and not (isinstance(value, str) and value):
+            raise self.refuse(key, "a text")
+        return value
+
+    def choice(self, key: str, allowed: Sequence[Any]) -> Any:
+        value = self.text(key)
+        return None if value is None else self.one_of(key, value, allowed)
+
+    def one_of(self, key: str, value: str, allowed: Sequence[Any]) -> Any:
+        if value not in allowed:
+            raise SeaidError(f"{self.where}: '{key}': {unknown_name('value', value, allowed)}")
+        return value
+
+    def path(self, key: str) -> Path | None:
+        value = self.text(key)
+        return None if value is None else self.folder / value
+
+    def robot(self) -> Path | str:
+        """Return the path of the robot's file, or its name if it is no path."""
+        value = self.text("urdf") or ""
+        path = self.folder / value
+        return path if path.exists() or Path(value).suffix or "/" in value else value
+
+    def flag(self, key: str, default: bool) -> bool:
+        value = self.content.get(key, default)
+        if not isinstance(value, bool):
+            raise self.refuse(key, "true or false")
+        return value
+
+    def texts(self, key: str) -> tuple[str, ...] | None:
+        value = self.content.get(key)
+        if value is None:
+            return None
+        if not isinstance(value, list) or not all(isinstance(one, str) for one in value):
+            raise self.refuse(key, f'a list of texts, as {key} = ["a", "b"]')
+        return tuple(value)
+
+    def number(self, key: str) -> float | None:
+        value = self.content.get(key)
+        if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
+            raise self.refuse(key, "a number")
+        return None if value is None else float(value)
+
+    def numbers(self, key: str, count: int) -> tuple[float, ...] | None:
+        value = self.content.get(key)
+        if value is None:
+            return None
+        is_list = isinstance(value, list) and len(value) == count
+        if not is_list or not all(type(one) in (int, float) for one in value):
+            raise self.refuse(key, f"a list of {count} numbers")
+        return tuple(map(float, value))
+
+    def table(self, key: str) -> _Table:
+        value = self.content.get(key, {})
+        if not isinstance(value, Mapping):
+            raise self.refuse(key, f"a table [{key}]")
+        return _Table(f"{self.where} [{key}]", value, self.folder)
+
+    def tables(self, key: str) -> list[_Table]:
+        value = self.content.get(key, [])
+        if not isinstance(value, list) or not all(isinstance(one, Mapping) for one in value):
+            raise self.refuse(key, f"tables [[{key}]], one each")
+        return [
+            _Table(f"{self.where} [[{key}]] {place}", one, self.folder)
+            for place, one in enumerate(value, 1)
+        ]
+
+
+def _log(table: _Table) -> ProjectLog:
+    table.check(("file", "files", "use", "description", "repair", "condition", "between_s"))
+    one, several = table.path("file"), table.texts("files")
+    if (one is None) == (not several):
+        raise SeaidError(f"{table.where}: give either 'file' or 'files' of one motion")
+    part = table.numbers("between_s", 2)
+    if part is not None and not part[0] < part[1]:
+        raise table.refuse("between_s", "[start, end] with the end after the start")
+    files = (one,) if one is not None else tuple(table.folder / each for each in several or ())
+    return ProjectLog(
+        files=files,
+        use=table.choice("use", get_args(Use)) or "identify",
+        description=table.path("description"),
+        repair=table.flag("repair", False),
+        condition=table.text("condition") or "",
+        between_s=None if part is None else (part[0], part[1]),
+    )
+
+
+def _payloads(
+    tables: Sequence[_Table], logs: Sequence[ProjectLog]
+) -> dict[str, tuple[Payload, ...]]:
+    """Return {condition: payloads}; "" for those in all logs."""
+    found: dict[str, tuple[Payload, ...]] = {}
+    conditions = {one.condition for one in logs} - {""}
+    for table in tables:
+        table.check(("link", "mass_kg", "com_m", "inertia_kg_m2", "condition"))
+        link, mass = table.text("link"), table.number("mass_kg")
+        if link is None or mass is None:
+            raise SeaidError(f"{table.where}: a payload needs 'link' and 'mass_kg'")
+        condition = table.text("condition") or ""
+        if condition and condition not in conditions:
+            name = unknown_name("condition of a log", condition, sorted(conditions))
+            raise SeaidError(f"{table.where}: {name}")
+        com = table.numbers("com_m", 3) or (0.0, 0.0, 0.0)
+        found[condition] = (
+            *found.get(condition, ()),
+            Payload(link, mass, (com[0], com[1], com[2]), _inertia(table)),
+        )
+    return found
+
+
+def _inertia(table: _Table) -> tuple[tuple[float, ...], ...]:
+    """Return the inertia of a payload at its centre of mass: xx, yy, zz, xy, xz, yz in the file."""
+    xx, yy, zz, xy, xz, yz = table.numbers("inertia_kg_m2", 6) or np.zeros(6).tolist()
+    return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
+
+
+def _options(table: _Table) -> Options:
+    table.check(Options.__dataclass_fields__)
+    known = table.table("known_std")
+    return Options(
+        method=table.choice("method", get_args(Method)) or "two-step",
+        estimator=table.choice("estimator", get_args(EstimatorName)) or "wls",
+        feasible=table.flag("feasible", True),
+        torque_joints=table.texts("torque_joints"),
+        cutoff_hz=table.number("cutoff_hz"),
+        encoder_offset_std=table.number("encoder_offset_std") or 0.0,
+        known_std=FrozenMapping({name: known.number(name) or 0.0 for name in known.content}),
+        refine=table.flag("refine", False),
+        condition_specific=table.texts("condition_specific"),
+    )
+
+
+def check_logs(project: Project) -> None:
+    """Raise SeaidError unless there is a log to identify from and none is used twice."""
+    if not project.logs_for("identify"):
+        raise SeaidError(
+            f"'{project.file}' has no log to identify from: add [[log]] with file = \"run.csv\""
+        )
+    for one in project.logs_for("validate"):
+        for other in project.logs_for("identify"):
+            if one.files == other.files and _overlap(one.between_s, other.between_s):
+                raise SeaidError(
+                    f"'{project.file}': the log '{one.name}' is used to identify and to validate: "
+                    "validate on another log, or give both a part, as between_s = [0, 20]"
+                )
+    strange = {one.condition for one in project.logs_for("validate")} - {*project.conditions, ""}
+    if strange:
+        raise SeaidError(
+            f"'{project.file}': no log identifies the condition {listed(sorted(strange))} of a "
+            f"validation; conditions are {listed(project.conditions)}"
+        )
+
+
+def _overlap(one: tuple[float, float] | None, other: tuple[float, float] | None) -> bool:
+    if one is None or other is None:
+        return True
+    return one[0] < other[1] and other[0] < one[1]

@@ -1,0 +1,289 @@
+"""A run of a project: identify, validate, report and export, into a folder of its own."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from seaid._arrays import FrozenMapping
+from seaid._files import result_folder, write_json, write_whole
+from seaid._progress import Display
+from seaid.errors import SeaidError, by_severity, checked
+from seaid.export import write_mjcf, write_urdf
+from seaid.identification import (
+    Conditions,
+    Identification,
+    Validation,
+    identify,
+    identify_conditions,
+    refine,
+    validate,
+)
+from seaid.project.project import Project, check_logs
+from seaid.project.provenance import facts_of, provenance_of
+from seaid.project.saved import FILE, Run, save_run
+from seaid.report import write_report
+from seaid.robot import Robot
+
+LATEST = "latest"
+"""The link to the folder of the newest run."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ProjectRun(Display):
+    """A finished run of a project.
+
+    Attributes
+    ----------
+    folder : Path
+        The folder with all results.
+    runs : mapping {condition: Run}
+        One run if the project has no conditions, by "".
+    conditions : Conditions or None
+        The comparison of the conditions, where there are several.
+    files : tuple of Path
+        The results.
+    notes : tuple of str
+        Results that could not be written, with the reason.
+    """
+
+    folder: Path
+    runs: Mapping[str, Run]
+    conditions: Conditions | None
+    files: tuple[Path, ...]
+    notes: tuple[str, ...]
+
+    def _in_short(self) -> str:
+        return f"'{self.folder}': {', '.join(repr(one) for one in self.runs.values())}"
+
+    @property
+    def warnings(self) -> tuple[Any, ...]:
+        """The warnings of all conditions, the worst first."""
+        return by_severity(
+            [one for run in self.runs.values() for one in run.identification.warnings]
+        )
+
+
+@checked(SeaidError)
+def run_project(
+    project: Project, *, command: Sequence[str] = (), progress: bool = False
+) -> ProjectRun:
+    """Identify, validate, report and export a project, into a new folder of its runs.
+
+    The folder has the name of the time; the link `latest` points to the newest. It appears when it
+    is complete. Logs of several conditions are identified together, and each condition has a
+    folder of its own.
+
+    Parameters
+    ----------
+    project : Project
+        A project of `load_project`.
+    command : sequence of str
+        The command line, for the provenance.
+    progress : bool
+        Show progress bars.
+
+    Returns
+    -------
+    ProjectRun
+
+    Raises
+    ------
+    SeaidError
+        As `load_robot`, `read_log` and `identify`, and if the folder cannot be written.
+
+    Examples
+    --------
+    >>> done = seaid.run_project(seaid.load_project())
+    >>> print(done.runs[""].identification.summary())
+    """
+    check_logs(project)
+    result_folder(project.folder)
+    found, together = _identified(project, progress)
+    validations = {name: _validated(project, one, name) for name, one in found.items()}
+    provenance = provenance_of(project.files, _options(project), command)
+    folder = project.folder / f".seaid-{secrets.token_hex(8)}"
+    try:
+        result_folder(folder)
+        names: list[Path] = []
+        notes: list[str] = []
+        for name, one in found.items():
+            place = Path(_folder_name(name)) if together else Path()
+            result_folder(folder / place)
+            written, refused = _write(
+                project, Run(one, validations[name], provenance), folder / place
+            )
+            names += [place / each for each in written]
+            notes += refused
+        _copy_inputs(project, folder)
+        target = _renamed(folder, project.folder)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    _point_to(target)
+    runs = {name: Run(one, validations[name], provenance, target) for name, one in found.items()}
+    files = tuple(target / name for name in names)
+    return ProjectRun(target, FrozenMapping(runs), together, files, tuple(notes))
+
+
+def _folder_name(condition: str) -> str:
+    """Return a condition as the name of a folder."""
+    kept = "".join(one if one.isalnum() or one in "-_." else "_" for one in condition)
+    return kept.strip(".") or "without_condition"
+
+
+def _identified(
+    project: Project, progress: bool
+) -> tuple[dict[str, Identification], Conditions | None]:
+    """Return the identification of each condition, and their comparison if there are several."""
+    given = project.options
+    read = {
+        name: (robot, [one.read(robot) for one in project.logs_for("identify", name)])
+        for name in project.conditions
+        for robot in [project.robot(name)]
+    }
+    common = {
+        "torque_joints": given.torque_joints,
+        "estimator": given.estimator,
+        "cutoff_hz": given.cutoff_hz,
+        "progress": progress,
+    }
+    if len(read) > 1:
+        _check_conditions(project)
+        specific = given.condition_specific
+        more = {} if specific is None else {"condition_specific": specific}
+        together = identify_conditions(read, **common, **more)
+        return dict(together.identifications), together
+    ((name, (robot, logs)),) = read.items()
+    known = dict(given.known_std)
+    offset = given.encoder_offset_std
+    found = identify(
+        robot,
+        logs,
+        method=given.method,
+        feasible=given.feasible,
+        encoder_offset_std=offset,
+        known_std=known,
+        **common,
+    )
+    if given.refine:
+        found = refine(found, logs, encoder_offset_std=offset, progress=progress)
+    return {name: found}, None
+
+
+def _check_conditions(project: Project) -> None:
+    """Raise SeaidError for options that several conditions do not have."""
+    default = type(project.options)()
+    names = ("method", "encoder_offset_std", "known_std", "refine")
+    for name in names:
+        if getattr(project.options, name) != getattr(default, name):
+            raise SeaidError(
+                f"'{project.file}' [identify]: '{name}' is for logs of one condition; remove it, "
+                f"or give all logs the same condition"
+            )
+
+
+def _validated(project: Project, found: Identification, condition: str) -> dict[str, Validation]:
+    """Return {log: validation} of the logs of a condition, and of those without any."""
+    wanted, robot = {condition, ""}, project.robot(condition)
+    return {
+        one.name: validate(found, one.read(robot))
+        for one in project.logs_for("validate")
+        if one.condition in wanted
+    }
+
+
+def _options(project: Project) -> dict[str, Any]:
+    """Return the options that differ from their defaults, with payloads and gravity."""
+    given = project.options
+    found = {
+        one.name: _text(getattr(given, one.name))
+        for one in fields(given)
+        if getattr(given, one.name) != getattr(type(given)(), one.name)
+    }
+    for condition, payloads in project.payloads.items():
+        at = f" ({condition})" if condition else ""
+        for payload in payloads:
+            found[f"payload on {payload.link}{at}"] = f"{payload.mass:g} kg at {payload.com} m"
+    return found | {"gravity": " ".join(f"{one:g}" for one in project.gravity) + " m/s^2"}
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {one:g}" for name, one in value.items())
+    return ", ".join(value) if isinstance(value, tuple) else str(value)
+
+
+def _write(project: Project, run: Run, folder: Path) -> tuple[list[str], list[str]]:
+    """Write the results of one condition; return their names, and what could not be written."""
+    found, robot = run.identification, run.identification.robot
+    save_run(found, folder / FILE, validations=run.validations, provenance=run.provenance)
+    write_json(folder / "provenance.json", run.provenance)
+    write_whole(folder / "summary.txt", summary_of(run) + "\n")
+    names, notes = [FILE, "provenance.json", "summary.txt"], []
+    if "parameters" in project.write:
+        last = next(iter(run.validations.values()), None)
+        found.save(folder / "parameters.json", last)
+        names.append("parameters.json")
+    if "report" in project.write:
+        facts = {**project.experiment, **facts_of(run.provenance)}
+        write_report(found, list(run.validations.values()), folder / "report.html", facts=facts)
+        names.append("report.html")
+    stem = _folder_name(robot.name)
+    for kind, name in (("urdf", f"{stem}.urdf"), ("mjcf", f"{stem}.xml")):
+        if kind in project.write:
+            try:
+                names += _exported(kind, robot, folder / name)
+            except SeaidError as problem:
+                notes.append(f"{name} was not written: {problem}")
+    return names, notes
+
+
+def _exported(kind: str, robot: Robot, path: Path) -> list[str]:
+    """Write a robot file, and return its name and that of its drives."""
+    if kind == "mjcf":
+        write_mjcf(robot, path)
+        return [path.name]
+    drives = write_urdf(robot, path).drives
+    return [path.name] + ([drives.name] if drives is not None else [])
+
+
+def summary_of(run: Run) -> str:
+    """Return the tables of an identification and its validations as text."""
+    parts = [run.identification.summary()]
+    parts += [f"Log {name}\n{one.summary()}" for name, one in run.validations.items()]
+    return "\n\n".join(parts)
+
+
+def _copy_inputs(project: Project, folder: Path) -> None:
+    """Copy the project file, the robot and its drives: small texts that a run rests on."""
+    inputs = result_folder(folder / "inputs")
+    for path in (project.file, project.urdf, project.drives):
+        if isinstance(path, Path) and path.is_file():
+            shutil.copyfile(path, inputs / path.name)
+
+
+def _renamed(folder: Path, parent: Path) -> Path:
+    """Give a complete folder the name of the time, and return it."""
+    stamp = datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
+    for number in range(1, 1000):
+        target = parent / (stamp if number == 1 else f"{stamp}_{number}")
+        if not target.exists():
+            os.rename(folder, target)
+            return target
+    raise SeaidError(f"'{parent}' has too many runs of the same second")
+
+
+def _point_to(target: Path) -> None:
+    """Make the link `latest` point to a folder of runs; a real file of that name stays."""
+    link = target.parent / LATEST
+    if link.exists() and not link.is_symlink():
+        return
+    temporary = target.parent / f".seaid-{secrets.token_hex(8)}"
+    os.symlink(target.name, temporary)
+    os.replace(temporary, link)

@@ -1,0 +1,244 @@
+"""Saved runs: an identification with its validations and origin, whole in one file.
+
+Results are frozen dataclasses. The file is an NPZ archive of their arrays and one JSON text of all
+the rest, in which an object names its class; only the classes listed here are made again. Nothing
+is pickled or evaluated.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from seaid._arrays import Array, FrozenMapping
+from seaid._files import whole_file
+from seaid._progress import Display
+from seaid.drives import IDEAL_DRIVE, JointParameter, drive_table, drives_from_mapping
+from seaid.errors import Finding, SeaidError, checked, listed
+from seaid.estimation import Estimate, ModelChecks, TermTest, Whiteness
+from seaid.identification import (
+    FeasibleParameters,
+    Fit,
+    Identification,
+    JointFit,
+    Validation,
+)
+from seaid.log import CutoffSelection, Motion, Processing, Repair, decimated
+from seaid.regressor import BaseParameters, LoadModel
+from seaid.robot import Robot, joints_of, model_of
+
+FILE = "identification.npz"
+"""The name of the saved run in the folder of a run."""
+
+_FORMAT = "seaid run 1"
+_CLASSES = {
+    kind.__name__: kind
+    for kind in (
+        *(Identification, Estimate, BaseParameters, LoadModel, ModelChecks, TermTest, Whiteness),
+        *(FeasibleParameters, JointFit, Finding, Processing, CutoffSelection, Repair, Motion),
+        *(Validation, Fit, Robot),
+    )
+}
+_RATE_PER_CUTOFF = 25.0
+"""Least sampling rate of a saved motion over its cutoff; positions have five times the cutoff."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(Display):
+    """A saved run.
+
+    Attributes
+    ----------
+    identification : Identification
+        With motions of `thinned` samples.
+    validations : mapping {log: Validation}
+        Validations by the names of their logs.
+    provenance : mapping
+        Versions, inputs with their digests, options and command line, as plain data.
+    folder : Path or None
+        The folder of the run, if it was read from one.
+    """
+
+    identification: Identification
+    validations: Mapping[str, Validation] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    folder: Path | None = None
+
+    def _in_short(self) -> str:
+        logs = f", validated on {listed(list(self.validations))}" if self.validations else ""
+        return f"{self.identification!r}{logs}"
+
+
+@checked(SeaidError)
+def save_run(
+    identification: Identification,
+    path: str | Path,
+    *,
+    validations: Mapping[str, Validation] | None = None,
+    provenance: Mapping[str, Any] | None = None,
+) -> None:
+    """Save an identification whole, so that nothing has to be identified again.
+
+    Parameters
+    ----------
+    identification : Identification
+    path : str or Path
+        The file to write, ending in .npz. Motions of high rate are thinned to 25 times the cutoff;
+        a measured torque is low-passed before.
+    validations : mapping {log: Validation}, optional
+        Validations of it, by the names of their logs.
+    provenance : mapping, optional
+        Where it comes from, as plain data.
+
+    Raises
+    ------
+    SeaidError
+        For another suffix, and if the file cannot be written.
+
+    Examples
+    --------
+    >>> seaid.save_run(result, "leg.npz", validations={"other.csv": validation})
+    >>> seaid.load_run("leg.npz").identification.summary()
+    """
+    path = Path(path)
+    if path.suffix != ".npz":
+        raise SeaidError(f"'{path}': a saved run must end in .npz")
+    thinned = tuple(map(_thinned, identification.motions))
+    arrays: dict[str, Array] = {}
+    content = {
+        "format": _FORMAT,
+        "identification": _plain(replace(identification, motions=thinned), arrays),
+        "validations": _plain(dict(validations or {}), arrays),
+        "provenance": _plain(dict(provenance or {}), arrays),
+    }
+    text = np.frombuffer(json.dumps(content).encode(), dtype=np.uint8)
+    with whole_file(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, content=text, **arrays)
+
+
+@checked(SeaidError)
+def load_run(path: str | Path) -> Run:
+    """Load a saved run.
+
+    Parameters
+    ----------
+    path : str or Path
+        The folder of a run of `seaid run`, or a file of `save_run`.
+
+    Returns
+    -------
+    Run
+
+    Raises
+    ------
+    SeaidError
+        If there is no saved run, and for a damaged file or one of another version.
+
+    Examples
+    --------
+    >>> run = seaid.load_run("runs/latest")
+    >>> run.identification.drives["knee_pitch"].value("stiffness")
+    """
+    path = Path(path)
+    file = path / FILE if path.is_dir() else path
+    try:
+        with np.load(file, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        content = json.loads(arrays.pop("content").tobytes())
+        if content["format"] != _FORMAT:
+            raise SeaidError(f"'{file}' has the format {content['format']!r}, not {_FORMAT!r}")
+        identification, validations, provenance = (
+            _restored(content[name], arrays)
+            for name in ("identification", "validations", "provenance")
+        )
+        return Run(identification, validations, provenance, path if path.is_dir() else None)
+    except FileNotFoundError:
+        raise SeaidError(
+            f"no saved run at '{path}': name a folder of `seaid run`, such as runs/latest, or a "
+            "file of save_run"
+        ) from None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile) as one:
+        raise SeaidError(f"'{file}' is no saved run, or damaged: {one}") from None
+
+
+def _thinned(motion: Motion) -> Motion:
+    """Return the motion with the least rate that is `_RATE_PER_CUTOFF` times the cutoff."""
+    factor = int(motion.rate_hz / (_RATE_PER_CUTOFF * motion.cutoff_hz))
+    return decimated(motion, factor) if factor > 1 else motion
+
+
+def _plain(value: Any, arrays: dict[str, Array]) -> Any:
+    """Return a value as JSON data; its arrays are added to `arrays`."""
+    plain = partial(_plain, arrays=arrays)
+    if isinstance(value, np.ndarray):
+        name = f"a{len(arrays)}"
+        arrays[name] = value
+        return {"is": "array", "name": name}
+    if isinstance(value, Robot):
+        return {"is": "Robot", "fields": plain(_robot_fields(value))}
+    if type(value).__name__ in _CLASSES:
+        own = {one.name: getattr(value, one.name) for one in fields(value)}
+        return {"is": type(value).__name__, "fields": plain(own)}
+    if isinstance(value, JointParameter):
+        return {"is": "JointParameter", "parameter": value.parameter, "joint": value.joint}
+    if isinstance(value, Path):
+        return {"is": "Path", "path": str(value)}
+    if isinstance(value, Mapping):
+        return {"is": "mapping", "items": [[key, plain(one)] for key, one in value.items()]}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [plain(one) for one in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _restored(value: Any, arrays: Mapping[str, Array]) -> Any:
+    """Return the value of `_plain`."""
+    restored = partial(_restored, arrays=arrays)
+    if isinstance(value, list):
+        return tuple(map(restored, value))
+    if not isinstance(value, dict):
+        return value
+    kind = value["is"]
+    if kind == "array":
+        return arrays[value["name"]]
+    if kind == "mapping":
+        return FrozenMapping({key: restored(one) for key, one in value["items"]})
+    if kind == "JointParameter":
+        return JointParameter(value["parameter"], value["joint"])
+    if kind == "Path":
+        return Path(value["path"])
+    found = restored(value["fields"])
+    return _robot(found) if kind == "Robot" else _CLASSES[kind](**found)
+
+
+def _robot_fields(robot: Robot) -> dict[str, Any]:
+    """Return the fields of a robot, its model as joints and its drives as tables."""
+    found = {one.name: getattr(robot, one.name) for one in fields(robot)}
+    model = {"gravity": robot.model.gravity.linear.copy(), "joints": joints_of(robot.model)}
+    tables = {joint: drive_table(drive) for joint, drive in robot.drives.items()}
+    return {**found, "model": model, "drives": tables}
+
+
+def _robot(found: Mapping[str, Any]) -> Robot:
+    """Return the robot of `_robot_fields`."""
+    model = model_of(found["name"], found["model"]["gravity"], found["model"]["joints"])
+    tables = {joint: _table(one) for joint, one in found["drives"].items()}
+    drives = {
+        joint: IDEAL_DRIVE if drive == IDEAL_DRIVE else drive
+        for joint, drive in drives_from_mapping(tables).items()
+    }
+    robot = Robot(**{**found, "model": model, "drives": drives})
+    return robot.with_values(robot.parameters, drives)
+
+
+def _table(value: Any) -> Any:
+    """Return a restored table with the lists and mappings that a reader of TOML gives."""
+    if isinstance(value, Mapping):
+        return {key: _table(one) for key, one in value.items()}
+    return list(map(_table, value)) if isinstance(value, tuple) else value
