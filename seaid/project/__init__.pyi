@@ -4,6 +4,8 @@ from .project import FILE_NAME as FILE_NAME
 from .project import Project as Project
 from .project import ProjectLog as ProjectLog
 from .project import load_project as load_project
+from .project import log_at as log_at
+from .provenance import changed_inputs as changed_inputs
 from .provenance import facts_of as facts_of
 from .provenance import provenance_of as provenance_of
 from .run import LATEST as LATEST

@@ -54,16 +54,40 @@ class ProjectLog:
 
     @property
     def name(self) -> str:
-        """The name of its first file, with the part that is used."""
-        part = "" if self.between_s is None else " {:g} to {:g} s".format(*self.between_s)
-        return self.files[0].name + part
+        """The name of its first file, with the part that is used, as "run.csv@0:20"."""
+        return self.files[0].name + self._part
+
+    @property
+    def path(self) -> Path:
+        """Its first file and the part that is used, as the command line has it."""
+        return self.files[0].with_name(self.name)
+
+    @property
+    def _part(self) -> str:
+        return "" if self.between_s is None else "@{:g}:{:g}".format(*self.between_s)
 
     def read(self, robot: Robot, description: Path | None = None, repair: bool = False) -> Log:
         """Read the log; a `description` that is given takes precedence."""
         limits = Repairs() if repair or self.repair else None
-        files = self.files[0] if len(self.files) == 1 else list(self.files)
-        log = read_log(files, robot, description=description or self.description, repair=limits)
+        log = read_log(
+            self.files[0], robot, description=description or self.description, repair=limits
+        )
         return log if self.between_s is None else log.between(*self.between_s)
+
+
+def log_at(path: Path) -> ProjectLog:
+    """Return the log of a path, or a part of it: "run.csv@0:20" is its first 20 s."""
+    file, at, part = str(path).rpartition("@")
+    start, colon, end = part.partition(":")
+    if not (at and colon) or path.exists():
+        return ProjectLog((path,))
+    try:
+        between = float(start or "-inf"), float(end or "inf")
+    except ValueError:
+        return ProjectLog((path,))
+    if not between[0] < between[1]:
+        raise SeaidError(f"'{path}': the part of a log must end after its start, as run.csv@0:20")
+    return ProjectLog((Path(file),), between_s=between)
 
 
 @dataclass(frozen=True)
@@ -350,7 +374,7 @@ def _payloads(
     return found
 
 
-def _inertia(table: _Table) -> tuple[tuple[float, ...], ...]:
+def _inertia(table: _Table) -> tuple[tuple[float, float, float], ...]:
     """Return the inertia of a payload at its centre of mass: xx, yy, zz, xy, xz, yz in the file."""
     xx, yy, zz, xy, xz, yz = table.numbers("inertia_kg_m2", 6) or np.zeros(6).tolist()
     return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)

@@ -61,3 +61,13 @@ def facts_of(provenance: Mapping[str, Any]) -> dict[str, str]:
     for name, value in provenance.get("options", {}).items():
         facts[name.replace("_", " ").capitalize()] = str(value)
     return facts
+
+
+def changed_inputs(provenance: Mapping[str, Any]) -> list[str]:
+    """Return the inputs whose content is another now than when the result was made."""
+    return [
+        one["path"]
+        for one in provenance.get("inputs", ())
+        if one["sha256"] is not None
+        and one["sha256"] != next(_digests(Path(one["path"])), {}).get("sha256")
+    ]

@@ -17,6 +17,7 @@ from seaid._progress import Display
 from seaid.errors import SeaidError, by_severity, checked
 from seaid.export import write_mjcf, write_urdf
 from seaid.identification import (
+    CONDITION_SPECIFIC,
     Conditions,
     Identification,
     Validation,
@@ -25,7 +26,8 @@ from seaid.identification import (
     refine,
     validate,
 )
-from seaid.project.project import Project, check_logs
+from seaid.log import Log
+from seaid.project.project import Options, Project, check_logs
 from seaid.project.provenance import facts_of, provenance_of
 from seaid.project.saved import FILE, Run, save_run
 from seaid.report import write_report
@@ -147,45 +149,49 @@ def _identified(
         for name in project.conditions
         for robot in [project.robot(name)]
     }
-    common = {
-        "torque_joints": given.torque_joints,
-        "estimator": given.estimator,
-        "cutoff_hz": given.cutoff_hz,
-        "progress": progress,
-    }
     if len(read) > 1:
-        _check_conditions(project)
-        specific = given.condition_specific
-        more = {} if specific is None else {"condition_specific": specific}
-        together = identify_conditions(read, **common, **more)
+        together = _together(project, read, progress)
         return dict(together.identifications), together
     ((name, (robot, logs)),) = read.items()
-    known = dict(given.known_std)
     offset = given.encoder_offset_std
     found = identify(
         robot,
         logs,
+        torque_joints=given.torque_joints,
         method=given.method,
+        estimator=given.estimator,
         feasible=given.feasible,
+        cutoff_hz=given.cutoff_hz,
         encoder_offset_std=offset,
-        known_std=known,
-        **common,
+        known_std=given.known_std,
+        progress=progress,
     )
     if given.refine:
         found = refine(found, logs, encoder_offset_std=offset, progress=progress)
     return {name: found}, None
 
 
-def _check_conditions(project: Project) -> None:
-    """Raise SeaidError for options that several conditions do not have."""
-    default = type(project.options)()
-    names = ("method", "encoder_offset_std", "known_std", "refine")
-    for name in names:
-        if getattr(project.options, name) != getattr(default, name):
+def _together(
+    project: Project, read: Mapping[str, tuple[Robot, Sequence[Log]]], progress: bool
+) -> Conditions:
+    """Identify several conditions together."""
+    given, default = project.options, Options()
+    for name in ("method", "encoder_offset_std", "known_std", "refine"):
+        if getattr(given, name) != getattr(default, name):
             raise SeaidError(
-                f"'{project.file}' [identify]: '{name}' is for logs of one condition; remove it, "
-                f"or give all logs the same condition"
+                f"'{project.file}' [identify]: '{name}' is for logs of one condition: remove it, "
+                "or give all logs the same condition"
             )
+    if given.estimator == "iv":
+        raise SeaidError(f"'{project.file}' [identify]: estimator \"iv\" is for one condition")
+    return identify_conditions(
+        read,
+        condition_specific=given.condition_specific or CONDITION_SPECIFIC,
+        torque_joints=given.torque_joints,
+        estimator=given.estimator,
+        cutoff_hz=given.cutoff_hz,
+        progress=progress,
+    )
 
 
 def _validated(project: Project, found: Identification, condition: str) -> dict[str, Validation]:

@@ -216,8 +216,8 @@ def _axis(joint: Any) -> Array:
     """Return the axis (3,) of a joint: that of its name (RX, PY, ...), or its own."""
     aligned = joint.shortname().removeprefix("JointModel")[1:]
     if aligned in ("X", "Y", "Z"):
-        return np.eye(3)["XYZ".index(aligned)]
-    return np.array(joint.extract().axis)
+        return np.asarray(np.eye(3)["XYZ".index(aligned)])
+    return np.asarray(joint.extract().axis, dtype=float)
 
 
 def model_of(name: str, gravity: Array, joints: Sequence[Mapping[str, Any]]) -> pin.Model:
