@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 from inspect import cleandoc, signature
 from typing import Any
@@ -9,12 +10,15 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from seaid.cli.defaults import PROJECT_FILE, set_defaults
 from seaid.cli.messages import begin, reported
 
 _HELP = """Identify robots with springs in their joints: from a URDF and a log to motor friction,
 spring stiffness and inertias, each with its standard error.
 
 \b
+  seaid init leg.urdf run.csv other.csv              a project file, inferred
+  seaid run                                          identify, validate, report, export
   seaid inspect leg.urdf --drives leg.toml           which parameters are identifiable
   seaid excite leg.urdf -o plan.json                 a motion that excites them
   seaid simulate leg.urdf plan.json --drives leg.toml -o run.csv
@@ -26,12 +30,15 @@ spring stiffness and inertias, each with its standard error.
   seaid report leg.urdf --from run.csv --validate other.csv --drives leg.toml
   seaid export leg.urdf --from run.csv --drives leg.toml -o found.urdf
 
-Each command has its own --help with examples. Results go to stdout; notes, errors and progress go
-to stderr. Exit codes: 0 success, 1 failure (one line states the reason and the remedy), 2 wrong
-usage, 3 warnings of --fail-on. Files are written completely or not at all, and overwritten only
-with --force."""
+A seaid.toml in the working folder has the robot, logs and options of every command; the command
+line takes precedence. Each command has its own --help with examples. Results go to stdout; notes,
+errors and progress go to stderr. Exit codes: 0 success, 1 failure (one line states the reason and
+the remedy), 2 wrong usage, 3 warnings of --fail-on. Files are written completely or not at all,
+and overwritten only with --force."""
 
 COMMANDS = {
+    "init": "Write a first project file for a robot and its logs, with each doubt as a comment.",
+    "run": "Identify, validate, report and export the project of the working folder.",
     "inspect": "Show a robot: tree, drives, base parameters, and the identifiability by sensors.",
     "crosscheck": "Compare numeric base parameters with exact ones, computed over the rationals.",
     "excite": "Plan a motion within limits that excites the parameters.",
@@ -120,8 +127,10 @@ def _version(asked: bool) -> None:
 
 @app.callback()
 def _options(
+    context: typer.Context,
     version: bool = typer.Option(
         False, "--version", callback=_version, is_eager=True, help="Print the version."
     ),
 ) -> None:
-    pass
+    if context.invoked_subcommand not in ("init", "run") and os.path.isfile(PROJECT_FILE):
+        set_defaults(context, [*COMMANDS])

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-from click.core import ParameterSource
+import typer
 
 if TYPE_CHECKING:
     from seaid.project import Project
@@ -16,10 +16,12 @@ if TYPE_CHECKING:
 
 PROJECT_FILE = "seaid.toml"
 
+_CONTEXT: ContextVar[typer.Context | None] = ContextVar("the running command", default=None)
+
 _ROBOT_SUFFIXES = (".urdf", ".xacro", ".sdf", ".xml", ".mjcf")
 
 
-def set_defaults(context: click.Context, commands: Sequence[str]) -> None:
+def set_defaults(context: typer.Context, commands: Sequence[str]) -> None:
     """Take the project file of the working folder as defaults, if there is one."""
     from seaid.project import load_project
 
@@ -31,7 +33,7 @@ def set_defaults(context: click.Context, commands: Sequence[str]) -> None:
 
 def project_here() -> Project | None:
     """Return the project whose values are the defaults of the running command."""
-    context = click.get_current_context(silent=True)
+    context = _CONTEXT.get()
     found: Project | None = None if context is None else context.obj
     return found
 
@@ -87,21 +89,22 @@ def payload_text(payload: Payload) -> str:
     return ":".join([payload.link, f"{payload.mass:.17g}", *numbers])
 
 
-def with_project(values: dict[str, Any], positional: Sequence[str]) -> dict[str, Any]:
+def with_project(
+    context: typer.Context, values: dict[str, Any], positional: Sequence[str]
+) -> dict[str, Any]:
     """Return the arguments of a command with the robot of the project, if the line names none.
 
     `seaid identify run.csv` has the log where `seaid identify leg.urdf run.csv` has the robot: what
     is no robot moves on by one place.
     """
-    context = click.get_current_context()
+    _CONTEXT.set(context)
     first = values.get("urdf")
-    is_given = context.get_parameter_source("urdf") is ParameterSource.COMMANDLINE
-    moves = is_given and first is not None and len(positional) > 1 and not _is_robot(first)
+    moves = is_typed("urdf") and first is not None and len(positional) > 1 and not _is_robot(first)
     if not moves or not (context.obj or values.get("run")):
         return values
     after = positional[1]
     later = values[after]
-    if context.get_parameter_source(after) is not ParameterSource.COMMANDLINE:
+    if not is_typed(after):
         later = None
     if isinstance(later, list | tuple) or after.endswith("s"):
         later = [first, *(later or ())]
@@ -119,10 +122,9 @@ def _is_robot(path: Path) -> bool:
 
 def is_typed(*names: str) -> bool:
     """Return whether one of these parameters is on the command line."""
-    context = click.get_current_context()
-    return any(
-        context.get_parameter_source(name) is ParameterSource.COMMANDLINE for name in names
-    )
+    context = _CONTEXT.get()
+    sources = (context.get_parameter_source(name) for name in names) if context else ()
+    return any(source is not None and source.name == "COMMANDLINE" for source in sources)
 
 
 def warn_of_changes(run: Path, provenance: Mapping[str, Any]) -> None:
@@ -131,5 +133,8 @@ def warn_of_changes(run: Path, provenance: Mapping[str, Any]) -> None:
     from seaid.project import changed_inputs
 
     if changed := changed_inputs(provenance):
-        text = f"since '{run}' was made, {listed(changed)} changed: repeat seaid run, or give --from"
-        warnings.warn(text, SeaidWarning, stacklevel=2)
+        warnings.warn(
+            f"{listed(changed)} changed since '{run}' was made: repeat seaid run, or give --from",
+            SeaidWarning,
+            stacklevel=2,
+        )

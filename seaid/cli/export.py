@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Option
 
+from seaid.cli.defaults import is_typed
 from seaid.cli.messages import is_stdout, note, option_of, written
 from seaid.cli.options import (
     FEASIBLE,
-    FROM,
-    IdentifyOptions,
+    IdentifiedOptions,
     ResultOptions,
     checked_suffix,
     facts_of,
@@ -23,12 +23,11 @@ if TYPE_CHECKING:
 
 
 def export(
-    given: IdentifyOptions,
+    given: IdentifiedOptions,
     *,
     output: Annotated[
         Path, Option("--output", "-o", help="File to write: .urdf, or .xml for MuJoCo.")
     ],
-    from_logs: Annotated[list[Path] | None, FROM] = None,
     parameters: Annotated[
         Path | None, Option(help="Parameters of seaid identify, used unchanged in place of --from.")
     ] = None,
@@ -40,31 +39,30 @@ def export(
 ) -> None:
     """Write the identified robot as URDF or MuJoCo model.
 
-    The bodies are physically consistent: with --from those nearest to the estimate, with
-    --parameters those in the file, which needs identify --feasible. A URDF gets its drives as TOML
-    next to it and keeps everything else (comments, meshes, unknown tags); payloads are not written.
-    A MuJoCo model contains the springs and the payloads.
+    The bodies are physically consistent: with --from those nearest to the estimate; with --run and
+    --parameters those of the run and the file, which needs identify --feasible. A URDF gets its
+    drives as TOML next to it and keeps everything else (comments, meshes, unknown tags); payloads
+    are not written. A MuJoCo model contains the springs and the payloads.
 
     seaid export leg.urdf --from run.csv --drives leg.toml -o found.urdf
+    seaid export --run runs/latest -o found.xml
     seaid export leg.urdf --parameters parameters.json -o found.urdf
     seaid export leg.urdf --from run.csv --drives leg.toml -o found.xml
     """
     from seaid.report import warning_lines
 
     checked_suffix(output, *_WRITERS)
-    if (parameters is None) == (not from_logs):
-        raise typer.BadParameter("give one of the two", param_hint="--from, --parameters")
+    if parameters is not None and is_typed("from_logs", "run"):
+        raise typer.BadParameter("give one of them", param_hint="--from, --run, --parameters")
     toml = output.with_suffix(".toml") if output.suffix.lower() == ".urdf" else None
-    result.check(output, toml, read=(*given.files, parameters, *(from_logs or ())))
-    robot = given.robot(given.known_body or ())
-    facts: dict[str, Any] = {"robot": robot.name}
+    result.check(output, toml, read=(*given.files, parameters))
     if parameters is not None:
         from seaid.export import read_parameters
 
-        robot = read_parameters(parameters, robot)
+        robot = read_parameters(parameters, given.robot(given.known_body or ()))
+        facts: dict[str, Any] = {"robot": robot.name}
     else:
-        logs = given.logs(from_logs or [], robot)
-        found = given.identify(robot, logs, feasible=feasible)
+        found = given.result(feasible=feasible).identification
         robot, facts = found.robot, facts_of(found)
     kind = ".urdf" if is_stdout(output) else output.suffix.lower()
     with written(output, kind) as file:

@@ -18,6 +18,7 @@ from seaid.cli.options import (
     Output,
     ResultOptions,
     check_fail_on,
+    command_line,
     facts_of,
     fail_on_warnings,
 )
@@ -41,11 +42,13 @@ def identify(
     Of the files only geometry, ratios, radii, rotor inertias and the parameters named as known are
     used; other numbers are nominal. The first line says whether to use the result. Then follow the
     warnings with their remedies ('!' wrong, '?' doubtful, '-' for information), the drives with
-    their nominal values, and how much of the torque of each joint is unexplained.
+    their nominal values, and how much of the torque of each joint is unexplained. An output
+    that ends in .npz is the whole result, for --run of other commands.
 
     seaid identify leg.urdf run.csv --drives leg.toml --payload foot:2.0:0.15,0,0
     seaid identify arm.urdf a.csv b.csv --drives arm.toml --method simultaneous -o arm.json
     seaid identify arm.urdf bag/ --description arm_log.toml --estimator huber
+    seaid identify leg.urdf run.csv --drives leg.toml -o leg.npz
     seaid identify arm.urdf day.parquet --drives arm.toml --in-pieces
     """
     if in_pieces and (given.repair or given.description is not None):
@@ -60,7 +63,14 @@ def identify(
     robot = given.robot(given.known_body or ())
     known = logs if in_pieces else given.logs(logs, robot)
     found = given.identify(robot, known, feasible=feasible)
-    with written(output, ".json") as file:
-        found.save(file)
+    if output.suffix == ".npz":
+        from seaid.project import provenance_of, save_run
+
+        options = {"in_pieces": in_pieces, "feasible": feasible}
+        origin = provenance_of(filter(None, (*given.files, *logs)), options, command_line())
+        save_run(found, output, provenance=origin)
+    else:
+        with written(output, ".json") as file:
+            found.save(file)
     result.show(short_text(found, robot, verbose), found.to_dict(), output, **facts_of(found))
     fail_on_warnings(found.warnings, fail_on)

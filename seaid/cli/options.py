@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
@@ -22,15 +23,21 @@ if TYPE_CHECKING:
     from seaid.errors import Finding
     from seaid.identification import Identification, Source
     from seaid.log import Log
+    from seaid.project import Run as SavedRun
     from seaid.robot import Payload, Robot
 
 
 Urdf = Annotated[Path, Argument(help="The robot, with its base fixed.", metavar="URDF")]
-Logs = Annotated[
-    list[Path], Argument(help="Logs to identify from: docs/logs.md.", metavar="LOG...")
-]
+Logs = Annotated[list[Path], Argument(help="Logs to identify from: docs/logs.md.", metavar="LOG")]
 FROM = Option("--from", help="Log to identify from. May be repeated.", metavar="LOG")
-FromLogs = Annotated[list[Path], FROM]
+Run = Annotated[
+    Path | None,
+    Option(
+        "--run",
+        help="Saved run in place of URDF and --from: nothing is identified again.",
+        metavar="RUN",
+    ),
+]
 Drives = Annotated[
     Path | None, Option(help="Its drives, one table per joint; default: all stiff.", metavar="TOML")
 ]
@@ -91,9 +98,10 @@ class RobotOptions:
         Option(
             "--payload",
             help=(
-                "Known body on a link: mass [kg] at x,y,z [m] in the link's frame. May be repeated."
+                "Known body on a link: mass [kg] at x,y,z [m] in the link's frame, and its inertia "
+                "there [kg m^2]; without it a point mass. May be repeated."
             ),
-            metavar="LINK:MASS:X,Y,Z",
+            metavar="LINK:MASS:X,Y,Z[:IXX,IYY,IZZ,IXY,IXZ,IYZ]",
         ),
     ] = None
 
@@ -198,6 +206,42 @@ class IdentifyOptions(LogOptions):
 
 
 @dataclass(frozen=True)
+class IdentifiedOptions(IdentifyOptions):
+    """The identification of a command: a saved run, or logs to identify from."""
+
+    from_logs: Annotated[list[Path] | None, FROM] = None
+    run: Run = None
+
+    @property
+    def files(self) -> tuple[Path | None, ...]:
+        """The files of these options, which a command reads."""
+        return *super().files, *(self.from_logs or ())
+
+    def result(self, *, feasible: bool = False) -> SavedRun:
+        """Load the saved run, or identify.
+
+        The run of a project file gives way to logs and options of the command line.
+        """
+        from seaid.cli.defaults import is_typed, warn_of_changes
+        from seaid.project import Run, load_run, provenance_of
+
+        options = {one.name: getattr(self, one.name) for one in fields(IdentifyOptions)}
+        if self.run is not None and is_typed("run") and is_typed("from_logs"):
+            raise typer.BadParameter("give one of the two", param_hint="--from, --run")
+        if self.run is not None and (is_typed("run") or not is_typed(*options, "from_logs")):
+            saved = load_run(self.run)
+            warn_of_changes(self.run, saved.provenance)
+            return saved
+        if not self.from_logs:
+            raise typer.BadParameter("give one of the two", param_hint="--from, --run")
+        robot = self.robot(self.known_body or ())
+        found = self.identify(robot, self.logs(self.from_logs, robot), feasible=feasible)
+        options = {name: value for name, value in options.items() if value not in (None, False)}
+        origin = provenance_of(filter(None, self.files), options, command_line())
+        return Run(found, {}, origin)
+
+
+@dataclass(frozen=True)
 class ResultOptions:
     """How a command writes and prints its results."""
 
@@ -227,14 +271,47 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
         else:
             parameters.append(parameter.replace(annotation=annotations[name]))
 
-    def run(**values: Any) -> None:
-        for name, fields in groups.items():
-            values[name] = annotations[name](**{field: values.pop(field) for field in fields})
+    required = {one.name: metavar for one in parameters if (metavar := _required(one))}
+    positional = [one.name for one in parameters if _argument(one) is not None]
+
+    def run(context: typer.Context, **values: Any) -> None:
+        from seaid.cli.defaults import with_project
+
+        values = with_project(context, values, positional)
+        for name, metavar in required.items():
+            if not values[name] and not (name == "urdf" and values.get("run")):
+                raise typer.BadParameter(
+                    "it is missing: name it, or have a seaid.toml here (seaid init)",
+                    param_hint=metavar,
+                )
+        for name, group in groups.items():
+            values[name] = annotations[name](**{field: values.pop(field) for field in group})
         command(**values)
 
     keyword = Parameter.KEYWORD_ONLY
-    run.__signature__ = Signature([one.replace(kind=keyword) for one in parameters])  # type: ignore[attr-defined]
+    optional = [one.replace(default=None) if one.name in required else one for one in parameters]
+    own = Parameter("context", Parameter.POSITIONAL_OR_KEYWORD, annotation=typer.Context)
+    run.__signature__ = Signature([own, *(one.replace(kind=keyword) for one in optional)])  # type: ignore[attr-defined]
     return run
+
+
+def _argument(parameter: Parameter) -> Any:
+    """Return the `Argument` of a positional parameter, None for an option."""
+    parts = getattr(parameter.annotation, "__metadata__", ())
+    return next((one for one in parts if isinstance(one, typer.models.ArgumentInfo)), None)
+
+
+def _required(parameter: Parameter) -> str | None:
+    """Return the name of an argument that the line or a project file must have, else None."""
+    found = _argument(parameter)
+    if found is None or parameter.default is not Parameter.empty:
+        return None
+    return str(found.metavar).removesuffix("...")
+
+
+def command_line() -> tuple[str, ...]:
+    """Return the words of the running command."""
+    return "seaid", *sys.argv[1:]
 
 
 def check_fail_on(fail_on: str | None) -> None:
@@ -283,30 +360,37 @@ def _vector(option: str, text: str) -> list[float]:
 
 
 def payload_of(text: str) -> Payload:
-    """Return the payload of 'link:mass:x,y,z', or of 'link:mass' at the link's origin."""
+    """Return the payload of a text: link:mass, and then :x,y,z and :ixx,iyy,izz,ixy,ixz,iyz."""
     from seaid.robot import Payload
 
     link, *parts = text.split(":")
     try:
-        mass = float(parts[0])
-        x, y, z = map(float, parts[1].split(",")) if len(parts) > 1 else (0.0, 0.0, 0.0)
-        if len(parts) > 2:
-            raise ValueError
+        numbers = [list(map(float, part.split(","))) for part in parts]
+        (mass,), (x, y, z), (xx, yy, zz, xy, xz, yz) = numbers + _POINT_MASS[len(numbers) :]
     except (ValueError, IndexError):
         raise typer.BadParameter(
             f"'{text}' is not link:mass:x,y,z, as foot:2.0:0.15,0,0", param_hint="--payload"
         ) from None
-    return Payload(link, mass, (x, y, z))
+    return Payload(link, mass, (x, y, z), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
+
+
+_POINT_MASS: list[list[float]] = [[], [0.0] * 3, [0.0] * 6]
+"""What follows the link in the text of a payload, where it is left out; the mass never is."""
 
 
 def logs_of(
     paths: Sequence[Path], robot: Robot, description: Path | None = None, repair: bool = False
 ) -> list[Log]:
-    """Return the logs of a robot, read with one description or with that of each log."""
-    from seaid.log import Repairs, read_log
+    """Return the logs of a robot: as the project file has them, or as a path says.
 
-    limits = Repairs() if repair else None
-    return [read_log(path, robot, description=description, repair=limits) for path in paths]
+    A description or a repair of the command line takes precedence.
+    """
+    from seaid.cli.defaults import project_here
+    from seaid.project import log_at
+
+    project = project_here()
+    known = {one.path: one for one in (project.logs if project else ())}
+    return [(known.get(path) or log_at(path)).read(robot, description, repair) for path in paths]
 
 
 def check_validation_logs(unseen: Sequence[Path], from_logs: Sequence[Path]) -> None:

@@ -7,23 +7,20 @@ from typing import Annotated
 
 from typer import Option
 
+from seaid.cli.defaults import is_typed
 from seaid.cli.messages import written
 from seaid.cli.options import (
     FEASIBLE,
-    FromLogs,
-    IdentifyOptions,
+    IdentifiedOptions,
     ResultOptions,
     check_validation_logs,
     checked_suffix,
     facts_of,
 )
 
-_DIGEST = 12
-
 
 def report(
-    given: IdentifyOptions,
-    from_logs: FromLogs,
+    given: IdentifiedOptions,
     *,
     output: Annotated[
         Path, Option("--output", "-o", help="The page to write.", metavar="HTML")
@@ -43,54 +40,25 @@ def report(
 
     seaid report leg.urdf --from run.csv --validate other.csv --drives leg.toml -o report.html
     seaid report arm.urdf --from a.csv --from b.csv --validate c.csv --feasible
+    seaid report --run runs/latest --validate third.csv
     """
     from seaid.identification import validate as validated
+    from seaid.project import facts_of as origin_facts
     from seaid.report import warning_lines, write_report
 
     checked_suffix(output, ".html", ".htm")
     unseen = validation or []
-    check_validation_logs(unseen, from_logs)
-    result.check(output, read=(*given.files, *from_logs, *unseen))
-    robot = given.robot(given.known_body or ())
-    own, others = (given.logs(paths, robot) for paths in (from_logs, unseen))
-    found = given.identify(robot, own, feasible=feasible)
-    results = [validated(found, log) for log in others]
-    facts = _facts(given, from_logs, unseen)
-    offsets = f"{given.encoder_offset_std:g} rad or m"
-    options = {"Estimator": given.estimator, "Standard deviation of encoder offsets": offsets}
+    check_validation_logs(unseen, given.from_logs or ())
+    result.check(output, read=(*given.files, *unseen))
+    run = given.result(feasible=feasible)
+    found = run.identification
+    results = {} if is_typed("validation") else dict(run.validations)
+    if not results:
+        logs = zip(unseen, given.logs(unseen, found.known), strict=True)
+        results = {path.name: validated(found, log) for path, log in logs}
     with written(output, ".html") as file:
-        write_report(found, results, file, facts={**facts, **options})
-    content = {"validations": [one.to_dict() for one in results]}
-    text = [f"{robot.name}: {len(found.load.values)} base parameters and its drives reported"]
+        write_report(found, list(results.values()), file, facts=origin_facts(run.provenance))
+    content = {"validations": [one.to_dict() for one in results.values()]}
+    text = [f"{found.robot.name}: {len(found.load.values)} base parameters and its drives reported"]
     text += warning_lines(found.warnings)
     result.show("\n".join(text), content, output, **facts_of(found))
-
-
-def _facts(given: IdentifyOptions, from_logs: list[Path], unseen: list[Path]) -> dict[str, str]:
-    """Return {kind of file: name, size and digest} of the files that were read."""
-    named: dict[str, list[Path | None]] = {
-        "Robot": [given.urdf],
-        "Drives": [given.drives],
-        "Description of logs": [given.description],
-        "Identified from": [*from_logs],
-        "Validated on": [*unseen],
-    }
-    found = {}
-    for what, paths in named.items():
-        there = [path for path in paths if path is not None]
-        for place, path in enumerate(there):
-            name = f"{what}, {place + 1}" if len(there) > 1 else what
-            found[name] = _file_text(path)
-    return found
-
-
-def _file_text(path: Path) -> str:
-    """Return a file's name with size and SHA-256; for a folder (a bag) its path only."""
-    import hashlib
-
-    try:
-        with path.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-        return f"{path.name}, {path.stat().st_size} bytes, SHA-256 {digest[:_DIGEST]}…"
-    except OSError:  # a folder, or removed since it was read
-        return str(path)

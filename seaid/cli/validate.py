@@ -9,8 +9,7 @@ from typer import Argument, Option
 
 from seaid.cli.messages import written
 from seaid.cli.options import (
-    FromLogs,
-    IdentifyOptions,
+    IdentifiedOptions,
     ResultOptions,
     check_validation_logs,
     facts_of,
@@ -18,28 +17,27 @@ from seaid.cli.options import (
 
 
 def validate(
-    given: IdentifyOptions,
+    given: IdentifiedOptions,
     log: Annotated[Path, Argument(help="A log not identified from.", metavar="LOG")],
-    from_logs: FromLogs,
     *,
     output: Annotated[
         Path | None, Option("--output", "-o", help="File for parameters with their validation.")
     ] = None,
     result: ResultOptions,
 ) -> None:
-    """Identify from some logs, and predict the torques of another one.
+    """Identify from some logs, or load a run, and predict the torques of another log.
 
     seaid validate leg.urdf other.csv --from run.csv --drives leg.toml
     seaid validate arm.urdf c.csv --from a.csv --from b.csv -o parameters.json
+    seaid validate other.csv --run runs/latest
     """
     from seaid.identification import validate as validated
     from seaid.report import warning_lines
 
-    check_validation_logs([log], from_logs)
-    result.check(output, read=(*given.files, log, *from_logs))
-    robot = given.robot(given.known_body or ())
-    *known, unseen = given.logs([*from_logs, log], robot)
-    found = given.identify(robot, known)
+    check_validation_logs([log], given.from_logs or ())
+    result.check(output, read=(*given.files, log))
+    found = given.result().identification
+    (unseen,) = given.logs([log], found.known)
     validation = validated(found, unseen)
     if output is not None:
         with written(output, ".json") as file:

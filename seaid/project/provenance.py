@@ -44,7 +44,7 @@ def _digests(path: Path) -> Iterator[dict[str, Any]]:
         try:
             with member.open("rb") as file:
                 digest = hashlib.file_digest(file, "sha256").hexdigest()
-            yield {"path": str(member), "bytes": member.stat().st_size, "sha256": digest}
+            yield {"path": str(member.resolve()), "bytes": member.stat().st_size, "sha256": digest}
         except OSError:  # the name of a robot, or removed since it was read
             yield {"path": str(member), "bytes": None, "sha256": None}
 
@@ -64,10 +64,11 @@ def facts_of(provenance: Mapping[str, Any]) -> dict[str, str]:
 
 
 def changed_inputs(provenance: Mapping[str, Any]) -> list[str]:
-    """Return the inputs whose content is another now than when the result was made."""
+    """Return the names of inputs whose content is another now than when the result was made."""
     return [
-        one["path"]
+        Path(one["path"]).name
         for one in provenance.get("inputs", ())
         if one["sha256"] is not None
-        and one["sha256"] != next(_digests(Path(one["path"])), {}).get("sha256")
+        and Path(one["path"]).is_file()
+        and one["sha256"] != next(_digests(Path(one["path"])))["sha256"]
     ]

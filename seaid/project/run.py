@@ -30,7 +30,7 @@ from seaid.log import Log
 from seaid.project.project import Options, Project, check_logs
 from seaid.project.provenance import facts_of, provenance_of
 from seaid.project.saved import FILE, Run, save_run
-from seaid.report import write_report
+from seaid.report import short_text, write_report
 from seaid.robot import Robot
 
 LATEST = "latest"
@@ -259,9 +259,10 @@ def _exported(kind: str, robot: Robot, path: Path) -> list[str]:
     return [path.name] + ([drives.name] if drives is not None else [])
 
 
-def summary_of(run: Run) -> str:
-    """Return the tables of an identification and its validations as text."""
-    parts = [run.identification.summary()]
+def summary_of(run: Run, details: bool = True) -> str:
+    """Return an identification and its validations as text, with all tables or the first ones."""
+    found = run.identification
+    parts = [str(short_text(found, found.known, details))]
     parts += [f"Log {name}\n{one.summary()}" for name, one in run.validations.items()]
     return "\n\n".join(parts)
 

@@ -28,6 +28,8 @@ def parameters(arm: Path) -> None:
 KEYS = ["format", "command", "robot", "verdict", "warnings", "notes", "result", "files", "error"]
 
 ARGUMENTS = {
+    "init": "arm.urdf run.csv --drives arm.toml --folder FOLDER",
+    "run": "arm_project.toml --folder FOLDER",
     "inspect": "arm.urdf --drives arm.toml",
     "crosscheck": "arm.urdf",
     "excite": "arm.urdf --duration 2 --starts 1 --iterations 3",

@@ -1,0 +1,82 @@
+"""Command run: everything that a project file asks for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer import Argument, Option
+
+from seaid.cli.defaults import PROJECT_FILE
+from seaid.cli.identify import VERBOSE
+from seaid.cli.messages import is_terminal, note, show
+from seaid.cli.options import AsJson, FailOn, check_fail_on, command_line, fail_on_warnings
+
+if TYPE_CHECKING:
+    from seaid.project import ProjectRun
+
+
+def run(
+    project: Annotated[
+        Path, Argument(help="The project file, or its folder.", metavar="[PROJECT]")
+    ] = Path(PROJECT_FILE),
+    *,
+    fail_on: FailOn = None,
+    open_report: Annotated[bool, Option("--open", help="Open the report in the browser.")] = False,
+    verbose: Annotated[bool, Option("--verbose", "-v", help=VERBOSE)] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Identify, validate, report and export the project of the working folder.
+
+    The results go into a new folder of runs/, to which runs/latest points: report.html, parameters,
+    robot files, and the saved run, from which `validate`, `report`, `export` and `compare` start.
+
+    seaid run
+    seaid run --open
+    seaid run leg/seaid.toml --fail-on wrong
+    """
+    from seaid.project import load_project, run_project
+
+    check_fail_on(fail_on)
+    given = load_project(project)
+    done = run_project(given, command=command_line(), progress=is_terminal())
+    for text in done.notes:
+        note(text)
+    show(_text(done, verbose), _content(done), as_json, done.folder, **_facts(done))
+    report = done.folder / "report.html"
+    if open_report and report.exists():
+        typer.launch(report.resolve().as_uri())
+    fail_on_warnings(done.warnings, fail_on or given.fail_on)
+
+
+def _text(done: ProjectRun, verbose: bool) -> str:
+    from seaid.project import summary_of
+
+    parts = [
+        f"Condition {name}\n" * bool(name) + summary_of(one, verbose)
+        for name, one in done.runs.items()
+    ]
+    return "\n\n".join(parts + ([] if done.conditions is None else [done.conditions.summary()]))
+
+
+def _facts(done: ProjectRun) -> dict[str, Any]:
+    """Return robot and warnings, and the verdict of a project without conditions."""
+    found = [one.identification for one in done.runs.values()]
+    verdict = found[0].verdict if len(found) == 1 else None
+    return {"robot": found[0].robot.name, "verdict": verdict, "warnings": done.warnings}
+
+
+def _content(done: ProjectRun) -> dict[str, Any]:
+    return {
+        "folder": done.folder,
+        "files": done.files,
+        "not_written": done.notes,
+        "conditions": {
+            name: {
+                "parameters": one.identification.to_dict(),
+                "validations": {log: each.to_dict() for log, each in one.validations.items()},
+            }
+            for name, one in done.runs.items()
+        },
+    }
