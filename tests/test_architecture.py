@@ -120,7 +120,7 @@ ONE_IMPORTER = {
         *("regressor.exact.lagrangian", "regressor.exact.recursion", "symbolic.independence"),
     ),
     "functions that users call": (
-        *("identification.physical.consistency", "log.long_log"),
+        *("identification.conditions", "log.infer_columns", "log.long_log", "project.saved"),
         *("regressor.exact.base", "report.figures", "symbolic.expression_text"),
     ),
     "one part of the page or window each": (
@@ -129,11 +129,10 @@ ONE_IMPORTER = {
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (
         *("excitation.run_in", "excitation.search", "export.mjcf_drives"),
-        *("identification.adequacy", "identification.checking", "identification.setup_hypotheses"),
+        *("identification.checking", "identification.setup_hypotheses", "project.provenance"),
         *("identification.physical.problem", "log.repair.channels"),
         "identification.known_constants",
         *("regressor.structural.arithmetic", "regressor.structural.equations"),
-        "robot.pinocchio_model",
     ),
     "one stage of reading each, which most logs do not pass": (
         *("log.column_meaning", "log.custom_columns", "log.repair.repair"),

@@ -120,9 +120,12 @@ def test_commands_that_are_not_run_exist(block: Block) -> None:
 
 
 @pytest.mark.parametrize("block", of_language("toml"))
-def test_toml_is_drives_or_a_log_description(block: Block) -> None:
+def test_toml_is_a_project_drives_or_a_log_description(block: Block, tmp_path: Path) -> None:
     table = tomllib.loads(block.code)
-    if all("type" in value for value in table.values() if isinstance(value, dict)) and table:
+    if "urdf" in table:
+        (tmp_path / "seaid.toml").write_text(block.code)
+        assert seaid.load_project(tmp_path).logs
+    elif all("type" in value for value in table.values() if isinstance(value, dict)) and table:
         assert drives_from_mapping(table)
     else:
         table.setdefault("joints", {"elbow": {"joint_position": "q"}})

@@ -82,6 +82,11 @@ viscous_friction_Nms_per_rad = 1e-4
 coulomb_friction_Nm = 0.01
 stiffness_Nm_per_rad = 300.0
 """
+PROJECT = """[[log]]
+file = "run.csv"
+[run]
+folder = "out"
+"""
 FUNCTIONS = [name for name in seaid.__all__ if inspect.isfunction(getattr(seaid, name))]
 CLASSES = [name for name in seaid.__all__ if inspect.isclass(getattr(seaid, name))]
 
@@ -127,6 +132,11 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
         view_robot=partial(seaid.view_robot, port=0),
     )
     names = {"seaid": quick, "np": np, "Path": Path, "robot": robot, "result": result}
+    names["validation"] = seaid.validate(result, logs[1])
+    seaid.save_run(result, place / "saved.npz")
+    (place / "runs" / "latest").mkdir(parents=True)
+    (place / "saved.npz").rename(place / "runs" / "latest" / "identification.npz")
+    (place / "seaid.toml").write_text('urdf = "leg.urdf"\ndrives = "leg.toml"\n' + PROJECT)
     names |= {"log": logs[0], "cold_log": logs[0], "warm_log": logs[1]}
     names |= {"estimate": result.drives["knee"], **{name: getattr(seaid, name) for name in CLASSES}}
     return place, names

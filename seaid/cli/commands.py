@@ -49,7 +49,7 @@ COMMANDS = {
     "gear-ratio": "Estimate the gear ratios from the angles on both sides of the gears.",
     "check": "Check units, signs, ratios, gravity and payloads of an experiment before a fit.",
     "identify": "Identify drives and bodies from one log or several.",
-    "validate": "Identify from some logs, and predict the torques of another one.",
+    "validate": "Identify from some logs, or load a run, and predict the torques of another log.",
     "refine": "Refine an identification to the maximum-likelihood estimate of both sides at once.",
     "cross-validate": "Validate each log on the model identified from all the others.",
     "conditions": "Identify several conditions together, such as cold and warm.",

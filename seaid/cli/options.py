@@ -217,6 +217,13 @@ class IdentifiedOptions(IdentifyOptions):
         """The files of these options, which a command reads."""
         return *super().files, *(self.from_logs or ())
 
+    def _has_other_robot(self) -> bool:
+        """Return whether the line names another robot than the project."""
+        from seaid.cli.defaults import project_here
+
+        project = project_here()
+        return project is not None and self.urdf != Path(project.urdf)
+
     def result(self, *, feasible: bool = False) -> SavedRun:
         """Load the saved run, or identify.
 
@@ -228,7 +235,8 @@ class IdentifiedOptions(IdentifyOptions):
         options = {one.name: getattr(self, one.name) for one in fields(IdentifyOptions)}
         if self.run is not None and is_typed("run") and is_typed("from_logs"):
             raise typer.BadParameter("give one of the two", param_hint="--from, --run")
-        if self.run is not None and (is_typed("run") or not is_typed(*options, "from_logs")):
+        asked = is_typed(*(name for name in options if name != "urdf"), "from_logs")
+        if self.run is not None and (is_typed("run") or not (asked or self._has_other_robot())):
             saved = load_run(self.run)
             warn_of_changes(self.run, saved.provenance)
             return saved
@@ -375,7 +383,7 @@ def payload_of(text: str) -> Payload:
 
 
 _POINT_MASS: list[list[float]] = [[], [0.0] * 3, [0.0] * 6]
-"""What follows the link in the text of a payload, where it is left out; the mass never is."""
+"""Defaults of what follows the link in the text of a payload; the mass has none."""
 
 
 def logs_of(

@@ -9,9 +9,8 @@ import typer
 from typer import Argument, Option
 
 from seaid.cli.defaults import PROJECT_FILE
-from seaid.cli.identify import VERBOSE
 from seaid.cli.messages import is_terminal, note, show
-from seaid.cli.options import AsJson, FailOn, check_fail_on, command_line, fail_on_warnings
+from seaid.cli.options import VERBOSE, AsJson, FailOn, check_fail_on, command_line, fail_on_warnings
 
 if TYPE_CHECKING:
     from seaid.project import ProjectRun
@@ -32,7 +31,6 @@ def run(
     The results go into a new folder of runs/, to which runs/latest points: report.html, parameters,
     robot files, and the saved run, from which `validate`, `report`, `export` and `compare` start.
 
-    seaid run
     seaid run --open
     seaid run leg/seaid.toml --fail-on wrong
     """

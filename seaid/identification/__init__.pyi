@@ -6,6 +6,7 @@ from .checking import check as check
 from .conditions import CONDITION_SPECIFIC as CONDITION_SPECIFIC
 from .conditions import Conditions as Conditions
 from .conditions import identify_conditions as identify_conditions
+from .cross_validation import cross_validate as cross_validate
 from .cutoff_sweep import CutoffSensitivity as CutoffSensitivity
 from .cutoff_sweep import cutoff_sensitivity as cutoff_sensitivity
 from .datasets import Source as Source
@@ -24,5 +25,4 @@ from .term_columns import TermComparison as TermComparison
 from .validation import Fit as Fit
 from .validation import Validation as Validation
 from .validation import compared as compared
-from .validation import cross_validate as cross_validate
 from .validation import validate as validate

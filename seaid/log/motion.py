@@ -187,25 +187,17 @@ class Motion(Display):
         return replace(self, **cut, fastest=self.largest_speeds)
 
 
-_UNFILTERED = ("motor_torque", "joint_torque", "motor_current", "motor_voltage")
-
-
 def decimated(motion: Motion, factor: int) -> Motion:
-    """Return every `factor`-th sample of a motion, of its torques and inputs behind a low pass.
-
-    The positions are low-passed already, at `POSITION_BAND` times the cutoff.
-    """
+    """Return every `factor`-th sample of a motion, of its signals behind a low pass."""
     highest_hz = 0.4 * motion.rate_hz / factor
     found: dict[str, Any] = {}
     for one in fields(motion):
         values = getattr(motion, one.name)
         if not isinstance(values, np.ndarray) or one.name == "fastest":
             continue
-        if one.name in _UNFILTERED:
-            known = np.flatnonzero(np.isfinite(values[0]))
+        if values.ndim == 2 and len(known := np.flatnonzero(np.isfinite(values[0]))):
             values = values.copy()
-            if len(known):
-                values[:, known] = low_pass(values[:, known], motion.rate_hz, highest_hz)
+            values[:, known] = low_pass(values[:, known], motion.rate_hz, highest_hz)
         found[one.name] = values[::factor]
     return replace(motion, fastest=motion.largest_speeds, **found)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from seaid._arrays import Array
+from seaid._arrays import Array, safely
 from seaid._files import write_whole
 from seaid._progress import Display
 from seaid.drives import drives_from_mapping, read_drives, write_drives
@@ -59,7 +59,7 @@ def write_first_project(
     payloads: Sequence[Payload] = (),
     folder: str | Path = ".",
 ) -> FirstProject:
-    """Write a project file for a robot and its logs, and what it needs besides.
+    """Write a project file for a robot and its logs, and the files that it needs.
 
     Logs with custom columns get a description (`describe_log`). Without `drives` the drives are
     those of the file next to the URDF, or are inferred: from both encoders the gear ratio, and
@@ -87,7 +87,8 @@ def write_first_project(
 
     Examples
     --------
-    >>> print(seaid.write_first_project("leg.urdf", ["run.csv", "other.csv"]).doubts)
+    >>> made = seaid.write_first_project("leg.urdf", ["run.csv", "other.csv"], folder="leg")
+    >>> made.doubts
     """
     folder = Path(folder)
     file = folder / FILE_NAME
@@ -131,15 +132,15 @@ def _known_drives(
     urdf: str | Path, drives: str | Path | None, doubts: list[str]
 ) -> str | Path | None:
     """Return the file of the drives: the given one, or the one next to the URDF."""
-    beside = Path(urdf).with_suffix(".toml")
-    if drives is not None or not beside.is_file():
+    neighbour = Path(urdf).with_suffix(".toml")
+    if drives is not None or not neighbour.is_file():
         return drives
     try:
-        read_drives(beside)
+        read_drives(neighbour)
     except SeaidError:
         return None
-    doubts.append(f"drives: '{beside.name}' lies next to the URDF and is used")
-    return beside
+    doubts.append(f"drives: '{neighbour.name}' lies next to the URDF and is used")
+    return neighbour
 
 
 def _read(path: Path, robot: Robot, folder: Path) -> _ReadLog:
@@ -233,7 +234,7 @@ def _ratio(time: Array, motor: Array, joint: Array, torque: Array | None) -> tup
         columns += [signals[:, 2], speed, np.tanh(speed / width), np.gradient(speed, time)]
     end = min(int(rate_hz / _BAND_HZ), len(time) // 4)
     rows, turned = np.column_stack(columns)[end : len(time) - end], signals[end : -end or None, 0]
-    found = np.linalg.lstsq(rows, turned, rcond=None)[0]
+    found = safely(np.linalg.lstsq, rows, turned, rcond=None, what="a ratio", error=LogError)[0]
     difference = turned - found[0] * rows[:, 0]
     left = float(np.var(turned - rows @ found) / max(float(np.var(difference)), 1e-300))
     return float(found[0]), 1 - left

@@ -15,7 +15,6 @@ from seaid._arrays import FrozenMapping
 from seaid._files import result_folder, write_json, write_whole
 from seaid._progress import Display
 from seaid.errors import SeaidError, by_severity, checked
-from seaid.export import write_mjcf, write_urdf
 from seaid.identification import (
     CONDITION_SPECIFIC,
     Conditions,
@@ -23,14 +22,12 @@ from seaid.identification import (
     Validation,
     identify,
     identify_conditions,
-    refine,
     validate,
 )
 from seaid.log import Log
 from seaid.project.project import Options, Project, check_logs
 from seaid.project.provenance import facts_of, provenance_of
 from seaid.project.saved import FILE, Run, save_run
-from seaid.report import short_text, write_report
 from seaid.robot import Robot
 
 LATEST = "latest"
@@ -167,6 +164,8 @@ def _identified(
         progress=progress,
     )
     if given.refine:
+        from seaid.identification import refine
+
         found = refine(found, logs, encoder_offset_std=offset, progress=progress)
     return {name: found}, None
 
@@ -227,6 +226,8 @@ def _text(value: Any) -> str:
 
 def _write(project: Project, run: Run, folder: Path) -> tuple[list[str], list[str]]:
     """Write the results of one condition; return their names, and what could not be written."""
+    from seaid.report import write_report
+
     found, robot = run.identification, run.identification.robot
     save_run(found, folder / FILE, validations=run.validations, provenance=run.provenance)
     write_json(folder / "provenance.json", run.provenance)
@@ -252,6 +253,8 @@ def _write(project: Project, run: Run, folder: Path) -> tuple[list[str], list[st
 
 def _exported(kind: str, robot: Robot, path: Path) -> list[str]:
     """Write a robot file, and return its name and that of its drives."""
+    from seaid.export import write_mjcf, write_urdf
+
     if kind == "mjcf":
         write_mjcf(robot, path)
         return [path.name]
@@ -261,6 +264,8 @@ def _exported(kind: str, robot: Robot, path: Path) -> list[str]:
 
 def summary_of(run: Run, details: bool = True) -> str:
     """Return an identification and its validations as text, with all tables or the first ones."""
+    from seaid.report import short_text
+
     found = run.identification
     parts = [str(short_text(found, found.known, details))]
     parts += [f"Log {name}\n{one.summary()}" for name, one in run.validations.items()]

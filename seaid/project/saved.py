@@ -144,12 +144,12 @@ def load_run(path: str | Path) -> Run:
     Examples
     --------
     >>> run = seaid.load_run("runs/latest")
-    >>> run.identification.drives["knee_pitch"].value("stiffness")
+    >>> print(run.identification.verdict.sentence)
     """
     path = Path(path)
     file = path / FILE if path.is_dir() else path
     try:
-        with np.load(file, allow_pickle=False) as archive:
+        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         content = json.loads(arrays.pop("content").tobytes())
         if content["format"] != _FORMAT:
@@ -158,14 +158,25 @@ def load_run(path: str | Path) -> Run:
             _restored(content[name], arrays)
             for name in ("identification", "validations", "provenance")
         )
-        return Run(identification, validations, provenance, path if path.is_dir() else None)
+        found = _with_copies(identification, file.parent / "inputs")
+        return Run(found, validations, provenance, path if path.is_dir() else None)
     except FileNotFoundError:
         raise SeaidError(
             f"no saved run at '{path}': name a folder of `seaid run`, such as runs/latest, or a "
             "file of save_run"
         ) from None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile) as one:
+    except (OSError, EOFError, LookupError, TypeError, ValueError, zipfile.BadZipFile) as one:
         raise SeaidError(f"'{file}' is no saved run, or damaged: {one}") from None
+
+
+def _with_copies(found: Identification, inputs: Path) -> Identification:
+    """Return the identification with the copy of its URDF in the run, if the file is gone."""
+    path = found.robot.urdf
+    if path is None or path.exists() or not (inputs / path.name).exists():
+        return found
+    robots = {name: getattr(found, name) for name in ("robot", "known")}
+    moved = {name: replace(one, urdf=inputs / path.name) for name, one in robots.items()}
+    return replace(found, **moved)
 
 
 def _thinned(motion: Motion) -> Motion:
@@ -222,7 +233,8 @@ def _robot_fields(robot: Robot) -> dict[str, Any]:
     found = {one.name: getattr(robot, one.name) for one in fields(robot)}
     model = {"gravity": robot.model.gravity.linear.copy(), "joints": joints_of(robot.model)}
     tables = {joint: drive_table(drive) for joint, drive in robot.drives.items()}
-    return {**found, "model": model, "drives": tables}
+    urdf = None if robot.urdf is None else robot.urdf.absolute()
+    return {**found, "model": model, "drives": tables, "urdf": urdf}
 
 
 def _robot(found: Mapping[str, Any]) -> Robot:

@@ -453,7 +453,7 @@ def test_what_cannot_be_done_is_said_in_one_line(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ("inspect", "Missing argument"),
+        ("inspect", "URDF: it is missing: name it, or have a seaid.toml here"),
         ("identify arm.urdf run.csv --in-pieces --repair", "no --repair, no --description"),
         ("nothing", "No such command 'nothing'"),
         ("inspect arm.urdf --payload lower", "is not link:mass:x,y,z"),
@@ -464,9 +464,9 @@ def test_what_cannot_be_done_is_said_in_one_line(
         ("excite arm.urdf -o plan.csv", "must end in .json"),
         ("simulate arm.urdf run_plan.json -o run.mat", "must end in .csv or .npz"),
         ("export arm.urdf --from run.csv -o found.toml", "must end in .urdf or .xml"),
-        ("validate arm.urdf run.csv", "Missing option '--from'"),
-        ("export arm.urdf -o found.urdf", "--from, --parameters: give one of the two"),
-        ("export arm.urdf --from run.csv --parameters p -o found.urdf", "give one of the two"),
+        ("validate arm.urdf run.csv", "--from, --run: give one of the two"),
+        ("export arm.urdf -o found.urdf", "--from, --run: give one of the two"),
+        ("export arm.urdf --from run.csv --parameters p -o found.urdf", "give one of them"),
     ],
 )
 def test_wrong_usage_has_its_own_exit_code(

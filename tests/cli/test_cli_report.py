@@ -68,7 +68,7 @@ def test_report_does_not_validate_on_what_it_is_identified_from(arm: Path, tmp_p
     ("arguments", "words"),
     [
         ("report arm.urdf --from run.csv -o report.pdf", "must end in .html or .htm"),
-        ("report arm.urdf", "Missing option '--from'"),
+        ("report arm.urdf", "--from, --run: give one of the two"),
     ],
 )
 def test_wrong_usage_of_report(

@@ -28,8 +28,6 @@ def parameters(arm: Path) -> None:
 KEYS = ["format", "command", "robot", "verdict", "warnings", "notes", "result", "files", "error"]
 
 ARGUMENTS = {
-    "init": "arm.urdf run.csv --drives arm.toml --folder FOLDER",
-    "run": "arm_project.toml --folder FOLDER",
     "inspect": "arm.urdf --drives arm.toml",
     "crosscheck": "arm.urdf",
     "excite": "arm.urdf --duration 2 --starts 1 --iterations 3",
@@ -51,6 +49,9 @@ ARGUMENTS = {
 }
 """A line for each command, without its output."""
 
+OF_PROJECTS = ("init", "run")
+"""Commands that are tried in tests/project."""
+
 SUFFIX = {"excite": "json", "simulate": "csv", "identify": "json", "report": "html"}
 READ: dict[str, Callable[[str], object]] = {
     "json": json.loads,
@@ -65,7 +66,7 @@ SUFFIX |= {"refine": "json", "delays": "csv", "conditions": "json", "codegen": "
 
 
 def test_every_command_but_the_view_is_tried_here() -> None:
-    assert {*ARGUMENTS} == {*COMMANDS} - {"view"}
+    assert {*ARGUMENTS} == {*COMMANDS} - {"view", *OF_PROJECTS}
     outputs = {
         name for name in ARGUMENTS if any("--output" in one.opts for one in command_of(name).params)
     }
@@ -114,7 +115,7 @@ def test_a_dash_writes_the_result_to_stdout_and_the_text_to_stderr(
     [
         ("inspect no.urdf", 1, "no URDF file at 'no.urdf'"),
         ("identify arm.urdf run.csv --method both", 1, "--method: no method is named 'both'"),
-        ("identify arm.urdf", 2, "Missing argument"),
+        ("identify arm.urdf", 2, "LOG: it is missing"),
         ("inspect arm.urdf --payload lower", 2, "is not link:mass:x,y,z"),
         ("check arm.urdf run.csv --colour", 2, "No such option: --colour"),
     ],

@@ -1,0 +1,114 @@
+"""A first project: what is inferred is right, or a doubt."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import seaid
+from seaid.errors import SeaidError
+from seaid.project.first_project import write_first_project
+from seaid.project.project import load_project
+from seaid.project.run import run_project
+from tests import experiments
+from tests.measured import LOGS
+
+MODELS = experiments.MODELS
+
+
+@pytest.fixture
+def leg_folder(tmp_path: Path) -> Path:
+    """The leg's URDF, without its drives, and two logs."""
+    robot = experiments.leg(experiments.TEST_MASS)
+    shutil.copy(MODELS / "tulip_leg.urdf", tmp_path / "leg.urdf")
+    for seed in range(2):
+        motion = experiments.leg_motion(experiments.TEST_MASS, seed=seed)
+        log = seaid.simulation.simulation.measure(robot, motion, experiments.LEG_SENSORS, seed)
+        seaid.write_log(log, tmp_path / f"run{seed}.npz")
+    return tmp_path
+
+
+@pytest.mark.slow  # simulates the leg twice
+def test_gear_ratios_and_springs_come_from_both_encoders(leg_folder: Path) -> None:
+    logs = [leg_folder / "run0.npz", leg_folder / "run1.npz"]
+    made = write_first_project(leg_folder / "leg.urdf", logs, folder=leg_folder)
+    project = load_project(leg_folder)
+    drives = project.robot().drives
+    truth = experiments.leg().drives
+    for joint, drive in truth.items():
+        given = drives[joint]
+        total = drive.ratio * drive.load_radius / drive.motor_radius if drive.is_elastic else None
+        ratio = drive.ratio if total is None else total
+        assert given.ratio == pytest.approx(ratio, rel=6e-3 if drive.is_elastic else 1e-4)
+        assert given.is_elastic == drive.is_elastic
+    assert [one.use for one in project.logs] == ["identify", "validate"]
+    assert any(one.startswith("knee_pitch: gear_ratio = ") for one in made.doubts)
+    text = (leg_folder / "seaid.toml").read_text()
+    assert text.count("# unsure: ") == len(made.doubts)
+
+
+@pytest.mark.slow  # an identification of a measured log
+def test_a_log_with_custom_columns_gets_a_description(tmp_path: Path) -> None:
+    shutil.copy(MODELS / "hebi_arm_2.urdf", tmp_path / "arm.urdf")
+    shutil.copy(LOGS / "hebi_arms/grav_comp_bad.npz", tmp_path / "run.npz")
+    made = write_first_project(tmp_path / "arm.urdf", [tmp_path / "run.npz"], folder=tmp_path)
+    names = [one.name for one in made.files]
+    assert names == ["seaid.toml", "run_columns.toml", "arm_drives.toml"]
+    found = run_project(load_project(tmp_path)).runs[""].identification
+    # the firmware has 762.222 and 70 N m/rad
+    ratio = float(re.findall(r"gear_ratio = ([\d.]+)", made.files[2].read_text())[-2])
+    assert ratio == pytest.approx(762.222, rel=2e-3)
+    spring = found.drives["joint_0"]
+    error = spring.value("stiffness") - 70.0
+    assert abs(error) < 3 * spring.standard_error("stiffness")
+
+
+@pytest.mark.slow  # simulates the leg
+def test_drives_next_to_the_robot_and_payloads_are_taken(tmp_path: Path) -> None:
+    shutil.copy(MODELS / "tulip_leg.urdf", tmp_path / "leg.urdf")
+    shutil.copy(MODELS / "tulip_leg.toml", tmp_path / "leg.toml")
+    robot = experiments.leg()
+    seaid.write_log(experiments.perfect_log(robot, experiments.leg_motion()), tmp_path / "a.npz")
+    payload = seaid.Payload("foot", 2.0, (0.15, 0.0, 0.0))
+    made = write_first_project(
+        tmp_path / "leg.urdf", [tmp_path / "a.npz"], payloads=[payload], folder=tmp_path
+    )
+    assert made.doubts == ("drives: 'leg.toml' lies next to the URDF and is used",)
+    project = load_project(tmp_path)
+    assert project.drives == tmp_path / "leg.toml"
+    assert project.payloads[""] == (payload,)
+    with pytest.raises(SeaidError, match=r"seaid.toml' is there already: change it, or remove"):
+        write_first_project(tmp_path / "leg.urdf", [tmp_path / "a.npz"], folder=tmp_path)
+
+
+def test_one_long_log_is_divided(tmp_path: Path) -> None:
+    shutil.copy(MODELS / "tulip_leg.urdf", tmp_path / "leg.urdf")
+    log = experiments.perfect_log(experiments.leg(), experiments.leg_motion())
+    slow = seaid.Log(
+        **{
+            **{name: getattr(log, name) for name in log.__dataclass_fields__},
+            "time": 10 * np.asarray(log.time),
+        }
+    )
+    seaid.write_log(slow, tmp_path / "a.npz")
+    write_first_project(
+        tmp_path / "leg.urdf",
+        [tmp_path / "a.npz"],
+        drives=MODELS / "tulip_leg.toml",
+        folder=tmp_path,
+    )
+    own, unseen = load_project(tmp_path).logs
+    end = float(slow.time[-1])
+    assert own.between_s == pytest.approx((0, 0.7 * end), abs=0.1)
+    assert unseen.between_s is not None
+    assert unseen.between_s[0] == pytest.approx(0.7 * end, abs=0.1)
+    assert unseen.between_s[1] > end
+
+
+def test_no_log(tmp_path: Path) -> None:
+    with pytest.raises(SeaidError, match="a project needs a log"):
+        write_first_project(MODELS / "tulip_leg.urdf", [], folder=tmp_path)

@@ -1,0 +1,143 @@
+"""init, run, and the project file and the saved run as defaults of all other commands."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+import seaid
+from tests.cli.test_cli import arm, done, refused
+from tests.cli.test_cli import run as run_command
+from tests.cli.test_json import KEYS
+
+__all__ = ["arm"]
+
+
+@pytest.fixture(scope="module")
+def project(arm: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a project that was run."""
+    folder = tmp_path_factory.mktemp("project")
+    for name in ("arm.urdf", "arm.toml", "run.csv", "other.csv"):
+        shutil.copy(arm / name, folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        made = json.loads(done("init", "arm.urdf", "run.csv", "other.csv", "--json").out)
+        ran = json.loads(done("run", "--json").out)
+    assert [*made] == [*ran] == KEYS
+    assert made["files"] == ["seaid.toml"]
+    assert made["result"]["doubts"] == ["drives: 'arm.toml' lies next to the URDF and is used"]
+    assert ran["robot"] == "small_arm"
+    assert ran["verdict"]["level"].startswith("good")
+    assert "runs/latest" not in ran["files"]
+    return folder
+
+
+@pytest.fixture
+def here(project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(project)
+    return tmp_path
+
+
+def test_three_words_are_enough(here: Path) -> None:
+    text = done("run").out
+    assert text.startswith("small_arm: ")
+    assert "Log other.csv" in text
+    assert Path("runs/latest/report.html").stat().st_size > 1e5
+
+
+def test_every_command_has_the_robot_and_logs_of_the_project(here: Path) -> None:
+    assert "elbow" in done("inspect").out
+    assert done("check").out
+    own = json.loads(done("identify", "-o", here / "a.json", "--json").out)
+    named = ["arm.urdf", "run.csv", "--drives", "arm.toml", "--feasible"]
+    other = json.loads(done("identify", *named, "-o", here / "b.json", "--json").out)
+    assert own["result"] == other["result"]
+    assert (here / "a.json").read_bytes() == (here / "b.json").read_bytes()
+
+
+def test_a_log_alone_goes_with_the_robot_of_the_project(here: Path) -> None:
+    own = json.loads(done("identify", "other.csv", "-o", here / "a.json", "--json").out)
+    first = json.loads(done("identify", "run.csv", "-o", here / "b.json", "--json").out)
+    assert own["robot"] == first["robot"] == "small_arm"
+    assert own["result"]["drives"] != first["result"]["drives"]
+    both = done("identify", "run.csv", "other.csv", "-o", here / "c.json", "--json").out
+    assert json.loads(both)["result"]["drives"] != first["result"]["drives"]
+
+
+def test_options_of_the_line_win(here: Path) -> None:
+    own = json.loads(done("identify", "--estimator", "ols", "-o", here / "a.json", "--json").out)
+    default = json.loads(done("identify", "-o", here / "b.json", "--json").out)
+    assert own["result"]["load"] != default["result"]["load"]
+
+
+def test_nothing_is_identified_again(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("identified again")
+
+    monkeypatch.setattr("seaid.identification.identification.identify", never)
+    monkeypatch.setattr(seaid.identification, "identify", never, raising=False)
+    assert "Unseen motion" in done("validate").out
+    assert "Unseen motion" in done("validate", "other.csv").out
+    done("report", "-o", here / "report.html")
+    assert "other.csv" in (here / "report.html").read_text()
+    done("export", "-o", here / "found.urdf")
+    written = (here / "found.urdf").read_text()
+    assert written == Path("runs/latest/small_arm.urdf").read_text()
+
+
+def test_a_run_outlives_its_robot_file(project: Path, tmp_path: Path) -> None:
+    moved = tmp_path / "moved"
+    shutil.copytree((project / "runs" / "latest").resolve(), moved)
+    before = seaid.load_run(moved)
+    assert before.identification.robot.urdf == project / "arm.urdf"
+    (project / "arm.urdf").rename(project / "gone.urdf")
+    try:
+        after = seaid.load_run(moved).identification
+        assert after.robot.urdf == after.known.urdf == moved / "inputs" / "arm.urdf"
+        seaid.write_urdf(after.robot, tmp_path / "found.urdf")
+    finally:
+        (project / "gone.urdf").rename(project / "arm.urdf")
+
+
+def test_a_saved_run_needs_no_project(
+    project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = (project / "runs" / "latest").resolve()
+    monkeypatch.chdir(tmp_path)
+    assert "Unseen motion" in done("validate", project / "other.csv", "--run", run).out
+    done("export", "--run", run / "identification.npz", "-o", "found.urdf")
+    twice = run_command("export", "--run", run, "--parameters", "p.json", "-o", "a.urdf")
+    assert twice.code == 2
+    assert "give one of them" in twice.err
+    assert "no saved run at 'none'" in refused("report", "--run", "none")
+
+
+def test_what_changed_since_a_run_is_said(here: Path, project: Path) -> None:
+    copy = here / "copy"
+    shutil.copytree(project, copy, symlinks=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(copy)
+        done("run")
+        with (copy / "arm.toml").open("a") as file:
+            file.write("# changed\n")
+        said = done("report")
+        assert "arm.toml changed since 'runs/latest' was made: repeat seaid run" in said.err
+        assert done("report", "--force", "--from", "run.csv").err == ""
+
+
+def test_identify_saves_the_whole_result(here: Path) -> None:
+    done("identify", "-o", here / "whole.npz")
+    found = seaid.load_run(here / "whole.npz").identification
+    assert found.robot.name == "small_arm"
+
+
+def test_without_project_and_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    said = run_command("identify")
+    assert said.code == 2
+    assert "URDF: it is missing: name it, or have a seaid.toml here (seaid init)" in said.err
+    assert "cannot read the project 'seaid.toml'" in refused("run")
+    assert "no URDF file at 'run.csv'" in refused("identify", "run.csv", "other.csv")

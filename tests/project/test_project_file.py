@@ -1,0 +1,214 @@
+"""seaid.toml: what it means, what is wrong in it, and where."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import seaid
+from seaid.errors import SeaidError
+from seaid.project.project import load_project, log_at
+from seaid.project.run import run_project
+from tests import experiments
+from tests.measured import LOGS
+
+MODELS = experiments.MODELS
+PROJECT = """urdf = "arm.urdf"
+drives = "arm.toml"
+gravity = [0, 0, -9.8]
+
+[[payload]]
+link = "forearm"
+mass_kg = 0.5
+com_m = [0.1, 0, 0]
+inertia_kg_m2 = [0.01, 0.02, 0.03, 0.001, 0.002, 0.003]
+
+[[log]]
+file = "run.npz"
+description = "columns.toml"
+between_s = [0, 20]
+
+[[log]]
+file = "run.npz"
+description = "columns.toml"
+use = "validate"
+between_s = [20, 100]
+
+[identify]
+estimator = "huber"
+known_std = { torque = 0.03 }
+torque_joints = ["joint_0"]
+
+[run]
+folder = "results"
+write = ["parameters", "report", "urdf", "mjcf"]
+fail_on = "wrong"
+
+[experiment]
+place = "Eindhoven"
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name, source in {
+        "arm.urdf": MODELS / "hebi_arm_2.urdf",
+        "arm.toml": MODELS / "hebi_arm_2.toml",
+        "columns.toml": LOGS / "hebi_csv_2.toml",
+        "run.npz": LOGS / "hebi_arms/grav_comp_bad.npz",
+    }.items():
+        (tmp_path / name).symlink_to(source)
+    (tmp_path / "seaid.toml").write_text(PROJECT)
+    return tmp_path
+
+
+def test_a_project_is_read_from_anywhere(folder: Path) -> None:
+    project = load_project(folder)
+    assert load_project(folder / "seaid.toml").urdf == project.urdf == folder / "arm.urdf"
+    robot = project.robot()
+    payload = seaid.Payload(
+        "forearm",
+        0.5,
+        (0.1, 0.0, 0.0),
+        ((0.01, 0.001, 0.002), (0.001, 0.02, 0.003), (0.002, 0.003, 0.03)),
+    )
+    assert np.allclose(robot.payload_parameters[10:], payload.parameters)
+    assert robot.model.gravity.linear.tolist() == [0, 0, -9.8]
+    assert project.options.estimator == "huber"
+    assert dict(project.options.known_std) == {"torque": 0.03}
+    (own,), (unseen,) = project.logs_for("identify"), project.logs_for("validate")
+    assert own.read(robot).time[-1] < 20 <= unseen.read(robot).time[0]
+    assert (own.name, unseen.name) == ("run.npz@0:20", "run.npz@20:100")
+    assert dict(project.experiment) == {"place": "Eindhoven"}
+
+
+@pytest.mark.slow  # three identifications
+def test_a_run_has_a_folder_with_everything(folder: Path) -> None:
+    project = load_project(folder)
+    done = run_project(project, command=["seaid", "run"])
+    assert done.folder.parent == folder / "results"
+    assert (folder / "results" / "latest").resolve() == done.folder.resolve()
+    names = {one.name for one in done.files}
+    assert names == {one.name for one in done.folder.iterdir()} - {"inputs"}
+    assert {"report.html", "parameters.json", "identification.npz", "hebi_arm_2.urdf"} <= names
+    assert {one.name for one in (done.folder / "inputs").iterdir()} == {
+        *("seaid.toml", "arm.urdf", "arm.toml")
+    }
+    (note,) = done.notes
+    assert note.startswith("hebi_arm_2.xml was not written: joint 'joint_0': 'motor_inertia_kg_m2'")
+    found = done.runs[""].identification
+    direct = seaid.identify(
+        project.robot(),
+        [one.read(project.robot()) for one in project.logs_for("identify")],
+        estimator="huber",
+        torque_joints=["joint_0"],
+        known_std={"torque": 0.03},
+        feasible=True,
+    )
+    assert np.array_equal(found.load.values, direct.load.values)
+    saved = seaid.load_run(folder / "results" / "latest")
+    assert saved.identification.summary() == found.summary()
+    assert [*saved.validations] == ["run.npz@20:100"]
+    inputs = {Path(one["path"]).name: one["sha256"] for one in saved.provenance["inputs"]}
+    assert len(inputs) == 5
+    assert all(inputs.values())
+    page = (done.folder / "report.html").read_text()
+    assert "Eindhoven" in page
+    assert "seaid run" in page
+    again = run_project(project)
+    assert again.folder != done.folder
+    assert (folder / "results" / "latest").resolve() == again.folder.resolve()
+
+
+def test_a_run_that_fails_leaves_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise SeaidError("the disk is full")
+
+    monkeypatch.setattr("seaid.project.run.save_run", full)
+    with pytest.raises(SeaidError, match="the disk is full"):
+        run_project(load_project(folder))
+    assert [*(folder / "results").iterdir()] == []
+
+
+@pytest.mark.slow  # simulates the leg
+def test_conditions_are_identified_together(tmp_path: Path) -> None:
+    robot = experiments.leg(experiments.TEST_MASS)
+    motion = experiments.leg_motion(experiments.TEST_MASS)
+    for seed, name in enumerate(("cold", "warm")):
+        log = seaid.simulation.simulation.measure(robot, motion, experiments.LEG_SENSORS, seed)
+        seaid.write_log(log, tmp_path / f"{name}.npz")
+    text = f"""urdf = "{MODELS / "tulip_leg.urdf"}"
+drives = "{MODELS / "tulip_leg.toml"}"
+[[payload]]
+link = "foot"
+mass_kg = 2.0
+com_m = [0.15, 0, 0]
+[[log]]
+file = "cold.npz"
+condition = "cold"
+[[log]]
+file = "warm.npz"
+condition = "warm"
+[run]
+write = []
+"""
+    (tmp_path / "seaid.toml").write_text(text)
+    project = load_project(tmp_path)
+    done = run_project(project)
+    assert [*done.runs] == ["cold", "warm"]
+    assert done.conditions is not None
+    cold, warm = (seaid.load_run(done.folder / name).identification for name in done.runs)
+    assert np.array_equal(cold.load.values, warm.load.values)
+    offsets = [one.drives["knee_pitch"].value("spring_offset") for one in (cold, warm)]
+    assert offsets[0] != offsets[1]
+    (tmp_path / "seaid.toml").write_text(text + '[identify]\nmethod = "simultaneous"\n')
+    with pytest.raises(SeaidError, match=r"\[identify\]: 'method' is for logs of one condition"):
+        run_project(load_project(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('urdf = "arm.urdf"', "", r"seaid.toml': the key 'urdf' is missing"),
+        ('drives = "arm.toml"', "drive = 1", r"no key is named 'drive'; did you mean 'drives'"),
+        ('drives = "arm.toml"', "drives = 1", r"'drives' must be a text, found 1"),
+        ("[0, 0, -9.8]", "[0, 9.8]", r"'gravity' must be a list of 3 numbers, found \[0, 9.8\]"),
+        ("[[log]]", "[log]", r"cannot read|not valid TOML|is not valid"),
+        ('use = "validate"', 'use = "test"', r"\[\[log\]\] 2: 'use': no value is named 'test'"),
+        ('use = "validate"', "", r"'run.npz@20:100'|no|validate"),
+        ("between_s = [0, 20]", "between_s = [20, 0]", r"\[\[log\]\] 1: 'between_s' must be"),
+        ("between_s = [0, 20]", "", r"'run.npz@20:100' is used to identify and to validate"),
+        ('file = "run.npz"', "files = []", r"\[\[log\]\] 1: give either 'file' or 'files'"),
+        ('estimator = "huber"', 'estimator = "best"', r"\[identify\]: 'estimator': no value is"),
+        ("torque = 0.03", 'torque = "3%"', r"\[known_std\]: 'torque' must be a number"),
+        ('link = "forearm"', "", r"\[\[payload\]\] 1: a payload needs 'link' and 'mass_kg'"),
+        ("mass_kg = 0.5", "mass = 0.5", r"\[\[payload\]\] 1: no key is named 'mass'; did you"),
+        ('fail_on = "wrong"', 'fail_on = "bad"', r"\[run\]: 'fail_on': no value is named 'bad'"),
+        ('["joint_0"]', '"joint_0"', r"'torque_joints' must be a list of texts, as torque_joints"),
+        ("mass_kg = 0.5", 'mass_kg = 0.5\ncondition = "hot"', r"\[\[payload\]\] 1: no condition"),
+    ],
+)
+def test_what_is_wrong_in_it_is_said_with_its_place(
+    old: str, new: str, words: str, folder: Path
+) -> None:
+    file = folder / "seaid.toml"
+    assert old in PROJECT
+    file.write_text(PROJECT.replace(old, new, 1))
+    if (old, new) == ('use = "validate"', ""):
+        file.write_text(PROJECT.replace(old, 'condition = "x"\nuse = "validate"'))
+        words = r"no log identifies the condition x of a validation"
+    with pytest.raises(SeaidError, match=words):
+        run_project(load_project(folder))
+
+
+def test_parts_of_logs_on_the_command_line(tmp_path: Path) -> None:
+    part = log_at(Path("a/run.csv@1.5:20"))
+    assert (part.files, part.between_s) == ((Path("a/run.csv"),), (1.5, 20.0))
+    assert log_at(Path("run.csv@5:")).between_s == (5.0, np.inf)
+    (tmp_path / "odd@1:2").write_text("")
+    assert log_at(tmp_path / "odd@1:2").between_s is None
+    assert log_at(Path("me@home.csv")).between_s is None
+    with pytest.raises(SeaidError, match="must end after its start"):
+        log_at(Path("run.csv@20:10"))

@@ -1,0 +1,140 @@
+"""Saved runs: what is loaded is what was identified, and nothing else is loaded."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import seaid
+from seaid.errors import SeaidError
+from seaid.identification import compared, identify, validate
+from seaid.identification.identification import Identification
+from seaid.project.saved import FILE, load_run, save_run
+from seaid.robot import load_robot
+from seaid.simulation import simulate
+from tests import experiments
+from tests.measured import LOGS
+
+MODELS = experiments.MODELS
+
+
+@cache
+def measured() -> tuple[Identification, seaid.Log]:
+    robot = load_robot(MODELS / "hebi_arm_2.urdf", MODELS / "hebi_arm_2.toml")
+    log = seaid.read_log(
+        LOGS / "hebi_arms/grav_comp_bad.npz", robot, description=LOGS / "hebi_csv_2.toml"
+    )
+    return identify(robot, log, method="simultaneous", feasible=True), log
+
+
+@cache
+def leg() -> tuple[Identification, seaid.Log]:
+    robot = experiments.leg(experiments.TEST_MASS)
+    log = simulate(robot, experiments.leg_trajectory(), noise=experiments.LEG_SENSORS, seed=1)
+    return identify(robot, log), log
+
+
+@pytest.mark.parametrize("case", [measured, leg])
+def test_what_is_loaded_is_what_was_saved(case, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    found, log = case()
+    validation = validate(found, log)
+    origin = {"command": ["seaid", "run"], "inputs": []}
+    save_run(found, tmp_path / "a.npz", validations={"x.csv": validation}, provenance=origin)
+    run = load_run(tmp_path / "a.npz")
+    again = run.identification
+    assert again.summary() == found.summary()
+    assert again.to_dict(run.validations["x.csv"]) == found.to_dict(validation)
+    assert str(again.verdict) == str(found.verdict)
+    assert [str(one) for one in again.warnings] == [str(one) for one in found.warnings]
+    assert np.array_equal(again.load.covariance, found.load.covariance)
+    assert np.array_equal(again.load.correlation, found.load.correlation)
+    assert dict(run.provenance) == {"command": ("seaid", "run"), "inputs": ()}
+
+
+@pytest.mark.parametrize("case", [measured, leg])
+def test_a_loaded_identification_predicts_and_is_written_alike(  # type: ignore[no-untyped-def]
+    case, tmp_path: Path
+) -> None:
+    found, log = case()
+    save_run(found, tmp_path / "a.npz")
+    again = load_run(tmp_path / "a.npz").identification
+    one, other = validate(found, log), validate(again, log)
+    assert np.array_equal(one.load.computed, other.load.computed, equal_nan=True)
+    assert np.array_equal(one.actuator.computed, other.actuator.computed, equal_nan=True)
+    seaid.write_urdf(found.robot, tmp_path / "found.urdf", force=True)
+    seaid.write_urdf(again.robot, tmp_path / "again.urdf", force=True)
+    assert (tmp_path / "found.urdf").read_bytes() == (tmp_path / "again.urdf").read_bytes()
+    q = np.linspace(-0.3, 0.4, found.robot.n)
+    frames = [robot.model.jointPlacements[-1].homogeneous for robot in (found.robot, again.robot)]
+    assert np.array_equal(*frames)
+    assert len(q) == again.robot.model.nq
+
+
+def test_motions_are_thinned_without_a_change_of_the_fit(tmp_path: Path) -> None:
+    found, _ = leg()
+    save_run(found, tmp_path / "a.npz")
+    again = load_run(tmp_path / "a.npz").identification
+    (whole,), (thinned,) = found.motions, again.motions
+    assert 25 * found.cutoff_hz <= thinned.rate_hz < 0.5 * whole.rate_hz
+    before, after = compared(found, whole), compared(again, thinned)
+    # the noise below the cutoff stays, up to the samples at which the transients end
+    for side in ("actuator", "load"):
+        errors = [getattr(one, side).rms_error for one in (before, after)]
+        known = np.isfinite(errors[0])
+        assert np.allclose(errors[1][known], errors[0][known], rtol=0.08)
+
+
+def test_the_axes_and_limits_of_a_robot_stay(tmp_path: Path) -> None:
+    (tmp_path / "odd.urdf").write_text(
+        '<robot name="odd"><link name="base"/>'
+        '<link name="a"><inertial><mass value="1"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1"'
+        ' iyz="0" izz="0.1"/></inertial></link><joint name="j" type="continuous"><parent '
+        'link="base"/><child link="a"/><axis xyz="0.6 -0.8 0"/></joint></robot>'
+    )
+    robot = load_robot(tmp_path / "odd.urdf")
+    found, _ = measured()
+    save_run(replace(found, robot=robot), tmp_path / "a.npz")
+    again = load_run(tmp_path / "a.npz").identification.robot
+    assert again.model.joints[1].extract().axis.tolist() == pytest.approx(
+        [0.6, -0.8, 0.0], abs=1e-15
+    )
+    assert np.isinf(again.upper_limits[0])
+    assert again.urdf == robot.urdf
+
+
+def test_a_folder_without_a_run(tmp_path: Path) -> None:
+    with pytest.raises(SeaidError, match=r"no saved run at .*: name a folder of `seaid run`"):
+        load_run(tmp_path)
+    with pytest.raises(SeaidError, match=r"must end in \.npz"):
+        save_run(measured()[0], tmp_path / "run.json")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "damaged"),
+        (b"PK\x03\x04 no archive", "damaged"),
+        ({"format": "seaid run 0"}, "has the format 'seaid run 0', not 'seaid run 1'"),
+        ({"format": "seaid run 1"}, "damaged"),
+        (
+            {"format": "seaid run 1", "identification": {"is": "Popen", "fields": {}}},
+            "damaged",
+        ),
+    ],
+)
+def test_a_damaged_file_and_a_foreign_class_are_refused(
+    content: bytes | dict[str, object], words: str, tmp_path: Path
+) -> None:
+    file = tmp_path / FILE
+    if isinstance(content, bytes):
+        file.write_bytes(content)
+    else:
+        text = np.frombuffer(json.dumps(content).encode(), dtype=np.uint8)
+        np.savez(file, content=text)
+    with pytest.raises(SeaidError, match=words):
+        load_run(tmp_path)
