@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from typer import Option
-
 from seaid.cli.messages import show
-from seaid.cli.options import AsJson, Drives, Logs, Urdf, payload_of
+from seaid.cli.options import AsJson, Logs, RobotOptions, names, payload_of, vector
 
 
 def init(
-    urdf: Urdf,
+    given: RobotOptions,
     logs: Logs,
     *,
-    drives: Drives = None,
-    payload: Annotated[
-        list[str] | None,
-        Option("--payload", help="Known body in all logs.", metavar="LINK:MASS:X,Y,Z"),
-    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Write a first project file for a robot and its logs, with each doubt as a comment.
@@ -31,8 +22,14 @@ def init(
     """
     from seaid.project import write_first_project
 
-    payloads = [payload_of(text) for text in payload or ()]
-    found = write_first_project(urdf, logs, drives=drives, payloads=payloads)
+    found = write_first_project(
+        given.urdf,
+        logs,
+        drives=given.drives,
+        joints=names(given.joints),
+        payloads=[payload_of(text) for text in given.payload or ()],
+        gravity=vector("--gravity", given.gravity),
+    )
     text = [f"unsure: {one}" for one in found.doubts]
     text.append("Check what is unsure, then: seaid run")
     content = {"files": found.files, "doubts": found.doubts}

@@ -124,7 +124,7 @@ class RobotOptions:
             joints=names(self.joints),
             payloads=[payload_of(text) for text in self.payload or ()],
             known_bodies=known_bodies,
-            gravity=_vector("--gravity", self.gravity),
+            gravity=vector("--gravity", self.gravity),
         )
 
 
@@ -357,7 +357,7 @@ def values(option: str, text: str | None) -> float | dict[str, float] | None:
         ) from None
 
 
-def _vector(option: str, text: str) -> list[float]:
+def vector(option: str, text: str) -> list[float]:
     """Return the three numbers of 'x,y,z'."""
     try:
         x, y, z = map(float, text.split(","))

@@ -56,7 +56,9 @@ def write_first_project(
     logs: Sequence[str | Path],
     *,
     drives: str | Path | None = None,
+    joints: Sequence[str] | None = None,
     payloads: Sequence[Payload] = (),
+    gravity: Sequence[float] = (0.0, 0.0, -9.81),
     folder: str | Path = ".",
 ) -> FirstProject:
     """Write a project file for a robot and its logs, and the files that it needs.
@@ -71,8 +73,12 @@ def write_first_project(
     urdf : str or Path
     logs : sequence of str or Path
     drives : str or Path, optional
+    joints : sequence of str, optional
+        The joints that move.
     payloads : sequence of Payload, optional
         Payloads of all logs.
+    gravity : sequence of 3 floats
+        Gravity in the base frame [m/s^2].
     folder : str or Path
         The folder of the project.
 
@@ -98,7 +104,7 @@ def write_first_project(
         raise SeaidError("a project needs a log: give the URDF and at least one log")
     doubts: list[str] = []
     known = _known_drives(urdf, drives, doubts)
-    robot = load_robot(urdf, known, payloads=payloads)
+    robot = load_robot(urdf, known, joints=joints, payloads=payloads, gravity=gravity)
     read = [_read(Path(path), robot, folder) for path in logs]
     doubts += [doubt for one in read for doubt in one.doubts]
     texts = {one.description_file: one.text for one in read if one.description_file and one.text}
@@ -111,8 +117,11 @@ def write_first_project(
                 raise SeaidError(f"'{known}' is there already: give it as drives")
             write_drives(drives_from_mapping(tables), known)
             texts[known] = _as_comments(found) + known.read_text(encoding="utf-8")
-    text = _project_text(urdf, known, payloads, read, folder)
-    for path, content in {**texts, file: _as_comments(doubts) + text}.items():
+    head = _robot_lines(_relative(urdf, folder), robot, joints)
+    if known is not None:
+        head.insert(1, f"drives = {_quoted(_relative(known, folder))}")
+    text = "\n".join([*head, *_payload_lines(payloads), *_log_lines(read, folder), _OPTIONS])
+    for path, content in {**texts, file: f"{_as_comments(doubts)}{text}\n"}.items():
         write_whole(path, content)
     return FirstProject((file, *texts), tuple(doubts))
 
@@ -244,28 +253,25 @@ def _as_comments(doubts: Sequence[str]) -> str:
     return "".join(f"# unsure: {' '.join(one.split())}\n" for one in doubts) + "\n" * bool(doubts)
 
 
-def _project_text(
-    urdf: str | Path,
-    drives: str | Path | None,
-    payloads: Sequence[Payload],
-    logs: Sequence[_ReadLog],
-    folder: Path,
-) -> str:
-    """Return the project file."""
-    lines = [f"urdf = {_quoted(_relative(urdf, folder))}"]
-    if drives is not None:
-        lines.append(f"drives = {_quoted(_relative(drives, folder))}")
-    else:
-        lines.append('# drives = "drives.toml"  # without it all torques are known at the joints')
-    lines += ["", "# A known test mass makes masses and motor constants observable:"]
+def _robot_lines(urdf: str, robot: Robot, joints: Sequence[str] | None) -> list[str]:
+    lines = [f"urdf = {_quoted(urdf)}"]
+    gravity = robot.model.gravity.linear.tolist()
+    if gravity != [0.0, 0.0, -9.81]:
+        lines.append(f"gravity = {gravity}  # [m/s^2] in the base frame")
+    if joints is not None:
+        lines.append(f"joints = [{', '.join(map(_quoted, joints))}]")
+    return lines
+
+
+def _payload_lines(payloads: Sequence[Payload]) -> Iterator[str]:
+    yield "\n# A known test mass determines masses and motor constants:"
     for one in payloads:
-        lines += ["[[payload]]", f"link = {_quoted(one.link)}", f"mass_kg = {one.mass!r}"]
-        lines += [f"com_m = {list(map(float, one.com))}", ""]
+        yield f"[[payload]]\nlink = {_quoted(one.link)}\nmass_kg = {one.mass!r}"
+        yield f"com_m = {list(map(float, one.com))}"
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = one.inertia
+        yield f"inertia_kg_m2 = {[float(each) for each in (xx, yy, zz, xy, xz, yz)]}\n"
     if not payloads:
-        lines += ["# [[payload]]", '# link = "foot"', "# mass_kg = 2.0", "# com_m = [0.15, 0, 0]"]
-        lines.append("")
-    lines += _log_lines(logs, folder)
-    return "\n".join([*lines, _OPTIONS]) + "\n"
+        yield '# [[payload]]\n# link = "hand"\n# mass_kg = 2.0\n# com_m = [0.15, 0, 0]\n'
 
 
 _OPTIONS = """\
