@@ -71,8 +71,9 @@ class Source:
     Attributes
     ----------
     column, unit : str or None
-        The column and its unit; None: SI, "counts" with `counts_per_turn` or `counts_per_m`, "A" or
-        "mA" for a torque with `torque_constant_Nm_per_A`.
+        The column, in a file without header its number from 1 on, and its unit; None: SI, "counts"
+        with `counts_per_turn` or `counts_per_m`, "A" or "mA" for a torque with
+        `torque_constant_Nm_per_A`.
     sign, scale, offset : int, float, float
         1 or -1, a factor, and an offset in SI units.
     wraps : float or None
@@ -367,7 +368,7 @@ def _joint(where: str, table: Any) -> dict[str, Source]:
 def _source(where: str, quantity: str, value: Any, clock: Clock | None) -> Source:
     if isinstance(value, Source):
         return value
-    table: Mapping[str, Any] = {"column": value} if isinstance(value, str) else value
+    table = _with_column(value)
     _check_table(where, Source, table)
     built: dict[str, Any] = {"time": _clock(f"{where} time", table.get("time")) or clock}
     if "servo" in table:
@@ -376,6 +377,14 @@ def _source(where: str, quantity: str, value: Any, clock: Clock | None) -> Sourc
     source = Source(**{**table, **built})
     _check_source(where, quantity, source)
     return source
+
+
+def _with_column(value: Any) -> Any:
+    """Return a table; a column alone makes one, and its number is its name in such a file."""
+    table = {"column": value} if isinstance(value, str | int) else value
+    if isinstance(table, Mapping) and type(table.get("column")) is int:
+        return {**table, "column": str(table["column"])}
+    return table
 
 
 def _check_source(where: str, quantity: str, source: Source) -> None:
@@ -411,7 +420,7 @@ def _check_source(where: str, quantity: str, source: Source) -> None:
 def _clock(where: str, value: Any) -> Clock | None:
     if value is None or isinstance(value, Clock):
         return value
-    table = {"column": value} if isinstance(value, str) else value
+    table = _with_column(value)
     _check_table(where, Clock, table)
     try:
         return Clock(**table)

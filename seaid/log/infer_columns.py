@@ -370,7 +370,7 @@ def describe_log(path: str | Path, robot: Robot | None = None) -> Description:
     if not tags:
         raise LogError(
             f"'{path}': no column looks like the position of a joint; columns are "
-            f"{listed(table.names)}"
+            f"{listed(table.names)}{'; ' if table.notice else ''}{table.notice}"
         )
     names = _joint_names(tags, robot, inference)
     _label_by_joint(inference, names)

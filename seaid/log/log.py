@@ -98,6 +98,7 @@ def wanted_columns(
         raise LogError(
             f"'{path}' has no column of this robot; expected names as '{allowed[1]}' (or map "
             f"custom columns with columns=), found: {listed(table.names)}"
+            f"{near_names(allowed[1:], (), table.names)}"
         )
     return wanted
 
@@ -109,7 +110,12 @@ _COMPARED = 1_000
 def near_names(missing: list[str], picked: Iterable[str], file_names: Sequence[str]) -> str:
     """Return a hint on columns of the file whose names are similar to missing names."""
     free = [name for name in file_names if name not in picked][:_COMPARED]
-    pairs = [(name, near) for name in missing for near in get_close_matches(name, free, 1, 0.9)]
+    small = {name.lower(): name for name in reversed(free)}
+    pairs = [
+        (name, small[near])
+        for name in missing
+        for near in get_close_matches(name.lower(), small, 1, 0.9)
+    ]
     return "".join(f"; '{near}' in the file is similar to '{name}'" for name, near in pairs)
 
 

@@ -26,6 +26,7 @@ import pyarrow as arrow
 import pyarrow.parquet as parquet
 import tomli_w
 from lxml import etree
+from scipy.io import savemat
 from typer.testing import CliRunner
 
 import seaid
@@ -241,6 +242,20 @@ def npz_log(rng: Random, folder: Path) -> Check:
     """An NPZ file: with damaged members, or damaged as bytes."""
     content = _npz(rng, _columns(rng), rng.choice((0.0, 0.0, 0.3)))
     return _log_check(rng, folder / "log.npz", _maybe_damaged(rng, content, 0.3))
+
+
+def mat_log(rng: Random, folder: Path) -> Check:
+    """A MATLAB file."""
+    file, tree = io.BytesIO(), dict[str, Any]()
+    for name, values in _columns(rng).items():
+        joint, _, field = name.rpartition(".")
+        if np.asarray(values).dtype.kind in "biuf" and name.replace(".", "_").isidentifier():
+            place = tree.setdefault(joint, {}) if joint else tree
+            if isinstance(place, dict):
+                place[field] = values
+    savemat(file, tree, do_compression=rng.random() < 0.5, long_field_names=True)
+    content = b"MATLAB 5.0 MAT-file".ljust(116) + file.getvalue()[116:]  # without the date
+    return _log_check(rng, folder / "log.mat", _maybe_damaged(rng, content, 0.5))
 
 
 def json_log(rng: Random, folder: Path) -> Check:
@@ -536,6 +551,7 @@ TARGETS: dict[str, Target] = {
     "mesh": mesh,
     "csv": csv_log,
     "npz": npz_log,
+    "mat": mat_log,
     "json": json_log,
     "hdf5": hdf5_log,
     "parquet": parquet_log,

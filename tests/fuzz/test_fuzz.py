@@ -21,10 +21,11 @@ from tests.fuzz import seeds
 from tests.fuzz.targets import TARGETS, run_case
 from tests.fuzz.unruly import work
 
-CASES = {"mesh": 5, "bag": 4, "hebilog": 5, "command": 6, "identify": 12}
+CASES = {"mesh": 5, "bag": 4, "mat": 10, "hebilog": 5, "command": 6, "identify": 12}
 """Cases of the slow targets; of the others 25."""
 
-CHILDREN = ("mesh", "bag", "hebilog", "identify")  # a process for each file, or an identification
+CHILDREN = ("mesh", "bag", "mat", "hebilog", "identify")
+"""Targets with a process for each file, or an identification."""
 
 
 @pytest.mark.parametrize(

@@ -265,10 +265,27 @@ def test_wrong_mapping_of_columns_is_named(
 def test_missing_file_and_unknown_format_are_named(arm: Robot, tmp_path: Path) -> None:
     path = tmp_path / "no.csv"
     assert read_error(path, arm) == f"no log file at '{path}' (working folder {Path.cwd()})"
-    path = tmp_path / "log.mat"
+    path = tmp_path / "log.out"
     assert (
-        read_error(path, arm) == f"'{path}': cannot read '.mat' logs; allowed: {', '.join(READERS)}"
+        read_error(path, arm) == f"'{path}': cannot read '.out' logs; allowed: {', '.join(READERS)}"
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "remedy"),
+    [
+        ("run.xlsx", "save the sheet as CSV in UTF-8"),
+        ("run.csv.gz", "unpack it first"),
+        ("run.pkl", "it could run any code; write it as .npz or .parquet"),
+        ("run.tdms", "export it as CSV, .parquet or .h5"),
+    ],
+)
+def test_files_of_other_programs_are_named_with_the_way_out(
+    arm: Robot, tmp_path: Path, name: str, remedy: str
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(b"PK")
+    assert read_error(path, arm) == f"'{path}': cannot read '{path.suffix}' logs; {remedy}"
 
 
 @pytest.mark.parametrize(
@@ -278,7 +295,17 @@ def test_missing_file_and_unknown_format_are_named(arm: Robot, tmp_path: Path) -
         (b"\n\n", "is empty; a log starts with a line of column names"),
         (",".join(NAMES).encode() + b"\n", "has column names but no samples"),
         (bytes(range(256)), "is not a text file in UTF-8"),
-        (b"1,2,3\n4,5,6\n", "no column is named 'time_s'; allowed: 1, 2, 3"),
+        (
+            b"1,2.5,3\n4,5,6\n",
+            "no column is named 'time_s'; allowed: 1, 2, 3; the first line is numbers: no header? "
+            "Name the columns by their numbers, from 1 on, in the description of the log (time = 1",
+        ),
+        (
+            b"time_s,Arm.Motor_Position_rad\n0,1\n1,2\n",
+            "'Arm.Motor_Position_rad' in the file is similar to 'arm.motor_position_rad'",
+        ),
+        (b"PK\x03\x04junk", "not a text file in UTF-8 but a spreadsheet or an archive; save the"),
+        (b"\x1f\x8bjunk", "is not a text file in UTF-8 but compressed; unpack it first"),
         (b"some words\nand more\n", "no column is named 'time_s'; allowed: some words"),
         (
             b"time_s,x\n0,1\n",
@@ -290,8 +317,8 @@ def test_missing_file_and_unknown_format_are_named(arm: Robot, tmp_path: Path) -
             "is not a table: line 3 has 1 cells, the first line 2 column names",
         ),
         (
-            b"time_s;arm.motor_position_rad\n0,5;1\n",
-            "line 2: column 'time_s' has '0,5', which is not a number",
+            b"time_s,arm.motor_position_rad\n0,5,1,2\n",
+            "line 2 has 4 cells, the first line 2 column names; decimal commas? Delimit",
         ),
         (
             b"time_s,arm.motor_position_rad\n0,1\n\n1,off\n",

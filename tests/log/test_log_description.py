@@ -439,8 +439,9 @@ def test_description_survives_its_toml(
         ({"joint_velocity": "c"}, "; velocities are differentiated from positions"),
         ({"motor_torque": {"colum": "c"}}, "no key is named 'colum'; did you mean 'column'?"),
         ({"motor_torque": {"unit": "Nm"}}, "motor_torque: needs column"),
-        ({"motor_torque": 3}, "motor_torque: must be a table, found 3"),
-        ({"motor_torque": {"column": 3}}, "column must be a text, found 3"),
+        ({"motor_torque": 3.5}, "motor_torque: must be a table, found 3.5"),
+        ({"motor_torque": 3}, "motor_torque: no column is named '3'"),
+        ({"motor_torque": {"column": 3.5}}, "column must be a text, found 3.5"),
         (
             {"motor_torque": {"column": "c", "unit": "deg"}},
             "no unit of this quantity is named 'deg'; allowed",

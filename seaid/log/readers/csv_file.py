@@ -1,8 +1,9 @@
-"""CSV: a line of column names, then lines of samples."""
+"""CSV and other tables of text: a line of column names, if any, then lines of samples."""
 
 from __future__ import annotations
 
 import csv
+import re
 import sys
 from collections import Counter
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
-from typing import TextIO
+from typing import NamedTuple, TextIO
 
 import numpy as np
 
@@ -27,13 +28,34 @@ _LINES, _TEXT = 50_000, 50_000_000
 """Most lines, and characters in them, that are held as text at a time."""
 
 
+_MOST_HEAD = 200
+"""Most lines of comments and blank lines before the column names."""
+
+_MARKS = {
+    b"PK\x03\x04": "a spreadsheet or an archive; save the sheet as CSV in UTF-8",
+    b"\x1f\x8b": "compressed; unpack it first",
+}
+"""First bytes of files that are no text: {bytes: what it is, and what to do}."""
+
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_DATE = re.compile(r"\d{4}-\d\d?-\d\d?|\d\d?:\d\d")
+
+NO_HEADER = "the first line is numbers: no header?"
+
+
 @dataclass(frozen=True)
 class _Header:
-    """The first line of a file: the names of its columns, and the delimiter."""
+    """The names of the columns of a file, and its format; `skipped` lines are before the samples.
+
+    `has_names` is False if the first line is numbers: the names are then 1, 2, 3, ...
+    """
 
     path: Path
     names: list[str]
     delimiter: str
+    decimal: str
+    skipped: int
+    has_names: bool
 
     @cached_property
     def places(self) -> dict[str, int]:
@@ -49,15 +71,23 @@ class _Header:
                 raise LogError(f"'{self.path}': column named twice: {listed(twice)}")
         return [self.places[name] for name in wanted]
 
+    def cleaned(self, lines: list[str]) -> list[str]:
+        """Return lines with decimal points, and with single spaces if these delimit the cells."""
+        if self.decimal == ",":
+            lines = [line.replace(",", ".") for line in lines]
+        return [" ".join(line.split()) for line in lines] if self.delimiter == " " else lines
+
 
 def open_csv(path: Path) -> Table:
-    """Return the columns of a CSV file delimited by commas, semicolons or tabs.
+    """Return the columns of a file delimited by commas, semicolons, tabs or spaces.
 
-    A header behind # or % may be delimited by spaces, as NumPy and MATLAB write it. Raises LogError
-    for an invalid file, and for one too large to be loaded at once.
+    Numbers may have decimal commas where commas do not delimit. Comments behind # or % may come
+    first; the last one is the header if it has as many names as the samples. Without a header the
+    columns are 1, 2, 3, ... Raises LogError for an invalid file, and for one too large to be loaded
+    at once.
     """
     with _opened(path) as file:
-        header = _header(path, next(_lines(path, file), ""))
+        header = _header(path, _lines(path, file))
 
     def load(wanted: list[str]) -> Block:
         check_memory(path, path.stat().st_size)
@@ -65,19 +95,30 @@ def open_csv(path: Path) -> Table:
 
     def blocks(wanted: list[str], size: int) -> Blocks:
         with _opened(path) as file:
-            lines, line = _lines(path, file), 2
-            next(lines, "")
+            lines, line = _lines(path, file), header.skipped + 1
+            list(islice(lines, header.skipped))
             while parts := _parts(header, lines, wanted, line, size):
                 line += sum(count for count, _ in parts)
                 found = [part for _, part in parts if part]
                 if found:
                     yield {name: np.concatenate([one[name] for one in found]) for name in wanted}
 
-    return Table(header.names, load, blocks)
+    notice = (
+        ""
+        if header.has_names
+        else f"{NO_HEADER} Name the columns by their numbers, from 1 on, in the description of the "
+        "log (time = 1, joint_position = 2, ...), or write a line of names on top"
+    )
+    return Table(header.names, load, blocks, notice=notice)
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[TextIO]:
+    with path.open("rb") as raw:
+        start = raw.read(4)
+    for mark, what in _MARKS.items():
+        if start.startswith(mark):
+            raise LogError(f"'{path}' is not a text file in UTF-8 but {what}")
     try:
         with path.open(encoding="utf-8-sig") as file:
             yield file
@@ -107,7 +148,7 @@ def _parts(
         parts.append((len(some), _columns(header, some, wanted, first + count)))
         count += len(some)
         check_memory(header.path, 8.0 * count * len(wanted), pieces=most < sys.maxsize)
-    if first == 2 and not any(part for _, part in parts):
+    if first == header.skipped + 1 and not any(part for _, part in parts):
         raise LogError(f"'{header.path}' has column names but no samples")
     return parts
 
@@ -124,21 +165,97 @@ def _some(lines: Iterator[str], most: int) -> list[str]:
     return found
 
 
-def _header(path: Path, header: str) -> _Header:
-    """Return the names and the delimiter in the first line of a file."""
-    header = header.rstrip("\r\n")
-    if "\0" in header:
-        raise LogError(f"'{path}' is not a text file in UTF-8 (it has zero bytes); save it as such")
-    is_comment = header[:1] in "#%"
-    header = header.lstrip("#% ") if is_comment else header
-    delimiter = max(",;\t", key=header.count)
-    if is_comment and delimiter not in header:
-        delimiter, header = " ", " ".join(header.split())
+def _header(path: Path, lines: Iterator[str]) -> _Header:
+    """Return the names and the format of a file, from its comments and first two other lines."""
+    comments, others, skipped = list[str](), list[str](), 0
+    for line in islice(lines, _MOST_HEAD):
+        if "\0" in line and not others:
+            raise LogError(
+                f"'{path}' is not a text file in UTF-8 (it has zero bytes); save it as such"
+            )
+        if line.strip() and (others or line[0] not in "#%"):
+            others.append(line.rstrip("\r\n"))
+        elif line.strip():
+            comments.append(line.rstrip("\r\n").lstrip("#% "))
+        if len(others) == 2:
+            break
+        skipped += not others
+    comments = [one for one in comments if one]
+    if not comments and not any(one.strip(',;\t "') for one in others):
+        raise LogError(f"'{path}' is empty; a log starts with a line of column names")
+    if not others or (comments and _format_of(others[0])):
+        names = comments.pop()
+        found = _named(path, names, others[0] if others else "", skipped, is_comment=True)
+        numbers = _format_of([*others, ""][0])
+        if numbers and (
+            len(found.names) != numbers.cells
+            or (numbers.cells > 1 and found.delimiter != numbers.delimiter)
+        ):
+            return _numbered(path, others[0], skipped)  # a text, no names
+        return found
+    if _format_of(others[0]) and not _counts_from_zero(others[0]):
+        return _numbered(path, others[0], skipped)
+    return _named(path, others[0], [*others, ""][1], skipped + 1)
+
+
+class _Format(NamedTuple):
+    """The format of a line of numbers: delimiter, decimal sign, and number of cells."""
+
+    delimiter: str
+    decimal: str
+    cells: int
+
+
+def _format_of(line: str) -> _Format | None:
+    """Return the format of a line of numbers, None for another line."""
+    for delimiter in ";\t, ":
+        cells = line.split() if delimiter == " " else line.split(delimiter)
+        for decimal in "." if delimiter == "," else ".,":
+            if all(map(_is_number, (one.replace(decimal, ".") for one in cells))) and any(
+                one.strip() for one in cells
+            ):
+                return _Format(delimiter, decimal, len(cells))
+    return None
+
+
+def _is_number(cell: str) -> bool:
+    """Return whether a cell is a number or blank."""
+    try:
+        return not cell.strip() or float(cell) is not None
+    except ValueError:
+        return False
+
+
+def _counts_from_zero(line: str) -> bool:
+    """Return whether a line is 0,1,2,...: the names that pandas gives to columns without one."""
+    cells = re.split(r"[,;\t]", line)
+    return len(cells) > 2 and [one.strip() for one in cells] == [*map(str, range(len(cells)))]
+
+
+def _numbered(path: Path, line: str, skipped: int) -> _Header:
+    """Return the header of a file without one."""
+    delimiter, decimal, count = _format_of(line) or _Format(",", ".", 0)
+    names = [str(number) for number in range(1, count + 1)]
+    return _Header(path, names, delimiter, decimal, skipped, has_names=False)
+
+
+def _named(path: Path, header: str, sample: str, skipped: int, is_comment: bool = False) -> _Header:
+    """Return the header in a line of names; the first sample helps to find the delimiter."""
+    counts = {one: header.count(one) for one in ",;\t" if one in header}
+    ranked = sorted(counts, key=lambda one: -counts[one])
+    fitting = [one for one in ranked if sample.count(one) == counts[one]]
+    delimiter = next(iter(fitting or ranked), "")
+    if not delimiter:
+        in_both = _format_of(sample) in [_Format(" ", one, len(header.split())) for one in ".,"]
+        delimiter = " " if is_comment or in_both else ","
+    if delimiter == " ":
+        header = " ".join(header.split())
     cells = next(_cells(path, [header], delimiter, 1), (1, []))[1]
     names = [name.strip() for name in cells]
-    if not any(names):
-        raise LogError(f"'{path}' is empty; a log starts with a line of column names")
-    return _Header(path, names, delimiter)
+    is_decimal = delimiter != "," and any(
+        _DECIMAL_COMMA.fullmatch(one.strip()) for one in sample.split(delimiter)
+    )
+    return _Header(path, names, delimiter, "," if is_decimal else ".", skipped, has_names=True)
 
 
 def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -> Block:
@@ -146,8 +263,7 @@ def _columns(header: _Header, lines: list[str], wanted: list[str], first: int) -
     if not any(line.strip() for line in lines):
         return {}
     places, delimiter = header.places_of(wanted), header.delimiter
-    if delimiter == " ":
-        lines = [" ".join(line.split()) for line in lines]
+    lines = header.cleaned(lines)
     if all(line.count(delimiter) == len(header.names) - 1 for line in lines):
         with suppress(ValueError):
             values = np.loadtxt(
@@ -164,9 +280,12 @@ def _parsed_cells(header: _Header, lines: list[str], places: list[int], first: i
         if not cells:
             continue
         if len(cells) != len(names):
+            commas = header.delimiter == "," and len(cells) > len(names)
+            hint = "; decimal commas? Delimit the columns by semicolons, or write decimal points"
             raise LogError(
                 f"'{path}' is not a table: line {line} has {len(cells)} cells, the first line "
-                f"{len(names)} column names"
+                f"{len(names)} {'column names' if header.has_names else 'numbers'}"
+                f"{hint if commas else ''}"
             )
         rows.append([_number(path, line, names[place], cells[place]) for place in places])
     values: Array = np.array(rows)
@@ -193,6 +312,6 @@ def _number(path: Path, line: int, column: str, cell: str) -> float:
     if truth is None:
         raise LogError(
             f"'{path}', line {line}: column '{shortened(column)}' has '{shortened(cell)}', which "
-            "is not a number"
+            f"is not a number{'; write the time as seconds' if _DATE.search(cell) else ''}"
         )
     return truth

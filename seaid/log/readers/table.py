@@ -27,7 +27,8 @@ class Table:
 
     `load(names)` returns {name: samples (T,)}; `blocks(names, size)` yields the same in pieces,
     None if the format cannot be read in pieces. `clocks` is {column: its time column [s]} if the
-    file defines it. `sparse`: NaN marks values that a message lacks.
+    file defines it. `sparse`: NaN marks values that a message lacks. `notice` is what messages on
+    its columns add.
     """
 
     names: Sequence[str]
@@ -35,6 +36,7 @@ class Table:
     blocks: Callable[[list[str], int], Blocks] | None = None
     clocks: Mapping[str, str] = field(default_factory=dict)
     sparse: bool = False
+    notice: str = ""
 
     def start(self, names: list[str], samples: int) -> Block:
         """Return the first samples of columns, all if the format cannot be read in pieces."""
@@ -47,7 +49,8 @@ class Table:
         """
         topics = _topics(self)
         if not topics:
-            return unknown_name("column", name, self.names)
+            more = f"; {self.notice}" if self.notice else ""
+            return unknown_name("column", name, self.names) + more
         topic = next((one for one in topics if name.startswith(f"{one}/")), None)
         if topic is None:
             return unknown_name("topic", name, topics)

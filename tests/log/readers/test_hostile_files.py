@@ -159,6 +159,7 @@ def test_arguments_of_another_kind_are_named(
         (b"a,b\n1,2,3\n", "line 2 has 3 cells, the first line 2 column names"),
         (b"a,b\n" + b"y" * 5_000 + b",1\n", "has 'yyy"),
         (b"a,b\n1\x00,2\n", "is not a number"),
+        (b"a,b\n2024-05-01 12:00:00,2\n", "is not a number; write the time as seconds"),
     ],
 )
 def test_csv(tmp_path: Path, content: bytes, words: str) -> None:

@@ -1,0 +1,112 @@
+"""MATLAB files (.mat), read with scipy, from version 7.3 on with h5py; and Matrix Market (.mtx).
+
+The readers run in a child process, since a compressed part of a file may request any memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from seaid.errors import LogError, listed
+from seaid.log.readers.child_process import Answer, run_in_child
+from seaid.log.readers.memory import check_columns
+from seaid.log.readers.table import Block, Table, damaged, is_number, optional
+
+_SECONDS, _BYTES_PER_SECOND = 15.0, 2e6
+"""Smallest limit of processor time of the child, and the slowest rate of reading."""
+
+_DEEPEST = 20
+"""Most levels of structures."""
+
+_HINT = "save arrays of numbers, or a structure of them (save('run.mat', 't', 'q'))"
+
+
+def open_mat(path: Path) -> Table:
+    """Return the arrays of a MATLAB file as columns, with "q[0]", "q[1]", ... for a matrix.
+
+    A field of a structure is "log.q". The longer side of a matrix is time. Raises LogError for an
+    invalid file, one without an array of numbers, and from version 7.3 on if h5py is not installed.
+    """
+    names, data = _in_child(mat_columns, path, "a MATLAB file")
+    if not data:
+        raise LogError(
+            f"'{path}' has no array of numbers, found: {listed(names) or 'none'}; {_HINT}"
+        )
+    return Table(list(data), lambda wanted: {name: data[name] for name in wanted})
+
+
+def open_mtx(path: Path) -> Table:
+    """Return the columns of a matrix in the format Matrix Market, 1, 2, 3, ...
+
+    Raises LogError for an invalid file.
+    """
+    _, data = _in_child(mtx_columns, path, "a Matrix Market file")
+    return Table(list(data), lambda wanted: {name: data[name] for name in wanted})
+
+
+def _in_child(function: Callable[..., Answer], path: Path, kind: str) -> tuple[Any, Block]:
+    seconds = _SECONDS + path.stat().st_size / _BYTES_PER_SECOND
+    with damaged(path, kind):
+        names, data = run_in_child(function, {"path": str(path)}, seconds=seconds)
+    check_columns(path, len(data))
+    return names, dict(data)
+
+
+def mat_columns(path: str) -> Answer:
+    """Return the names of the variables and the columns of a file; runs in the child."""
+    from scipy import io
+
+    try:
+        content = io.loadmat(path, simplify_cells=True)
+    except NotImplementedError:  # version 7.3 is HDF5
+        h5py = optional("h5py", "hdf5", Path(path))
+        with h5py.File(path, "r") as file:
+            content = _of_group(file, 0)
+    arrays = dict(_arrays("", content, 0))
+    longest = max((max(one.shape) for one in arrays.values()), default=0)
+    found: Block = {}
+    for name, values in arrays.items():
+        rows = values.T if values.shape[1] == longest != values.shape[0] else values
+        many = rows.shape[1] > 1
+        check_columns(Path(path), len(found) + rows.shape[1])
+        for place, column in enumerate(rows.T):
+            found[f"{name}[{place}]" if many else name] = column.astype(np.float64)
+    return [name for name in content if not name.startswith("_")], found
+
+
+def _of_group(group: Any, depth: int) -> dict[str, Any]:
+    """Return the arrays of a group of HDF5, which has the dimensions in reverse, and its groups."""
+    found: dict[str, Any] = {}
+    for name, one in group.items():
+        if name.startswith("#") or depth > _DEEPEST:
+            continue
+        is_array = hasattr(one, "shape")
+        found[name] = np.asarray(one).T if is_array else _of_group(one, depth + 1)
+    return found
+
+
+def _arrays(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
+    """Yield the vectors and matrices of numbers in a variable, as matrices."""
+    if isinstance(value, Mapping) and depth < _DEEPEST:
+        for key, one in value.items():
+            if not key.startswith("__"):
+                yield from _arrays(f"{name}.{key}".removeprefix("."), one, depth + 1)
+    elif isinstance(value, np.ndarray) and value.size > 1 and value.ndim <= 2:
+        values = value.reshape(len(value), -1)
+        yield from [(name, values)] if is_number(value.dtype) else []
+
+
+def mtx_columns(path: str) -> Answer:
+    """Return the columns of a dense matrix; runs in the child."""
+    from scipy import io
+
+    matrix = io.mmread(path)
+    if not isinstance(matrix, np.ndarray) or not is_number(matrix.dtype):
+        raise LogError(f"'{path}' has a sparse or complex matrix; write it as 'array real'")
+    check_columns(Path(path), matrix.shape[1])
+    columns = {str(place): column.astype(np.float64) for place, column in enumerate(matrix.T, 1)}
+    return list(columns), columns

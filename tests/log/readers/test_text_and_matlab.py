@@ -1,0 +1,154 @@
+"""Tables of text in any of their formats, MATLAB files, and columns by number."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import io
+
+from seaid._arrays import Array
+from seaid.errors import LogError
+from seaid.log import describe_log, read_log
+from seaid.log.readers.opening import open_table
+from seaid.robot import Robot
+from tests.one_joint import one_joint
+
+TIME: Array = np.linspace(0.0, 1.99, 200)
+ROWS: Array = np.column_stack([TIME, np.sin(3 * TIME), np.cos(2 * TIME)])
+NAMES = ["t", "q", "tau"]
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Robot:
+    return one_joint(tmp_path)
+
+
+def text_of(delimiter: str, decimal: str = ".", head: str = "") -> str:
+    lines = (delimiter.join(f"{one:.6f}" for one in row) for row in ROWS)
+    return head + "\n".join(lines).replace(".", decimal) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "names"),
+    [
+        (text_of(",", head="t,q,tau\n"), NAMES),
+        (text_of(";", ",", head="t;q;tau\n"), NAMES),
+        (text_of("\t", ",", head="t\tq\ttau\n"), NAMES),
+        (text_of(" ", ",", head="t q tau\n"), NAMES),
+        (text_of("  ", head="t   q tau\n"), NAMES),
+        (text_of(" ", head="# t q tau\n"), NAMES),
+        (text_of(",", head="% t, q, tau\n"), NAMES),
+        (text_of(",", head="\n# ramp\n# kp=1,kd=2\nt,q,tau\n"), NAMES),
+        (text_of(" ", head="# made by a bench\n# t q tau\n"), NAMES),
+        (text_of(";", ",", head='"t";"q";"tau"\n'), NAMES),
+        (text_of(";", head="t, in s;q;tau\n"), ["t, in s", "q", "tau"]),
+        (text_of(",", head="0,1,2\n"), ["0", "1", "2"]),
+        (text_of(","), ["1", "2", "3"]),
+        (text_of(";", ","), ["1", "2", "3"]),
+        (text_of("\t"), ["1", "2", "3"]),
+        (text_of("   "), ["1", "2", "3"]),
+        (text_of(" ", ","), ["1", "2", "3"]),
+        (text_of(",", head="# made by a bench\n# on a Monday\n"), ["1", "2", "3"]),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".csv", ".txt"])
+def test_a_table_of_text_is_read_in_its_own_format(
+    tmp_path: Path, content: str, names: list[str], suffix: str
+) -> None:
+    path = tmp_path / f"log{suffix}"
+    path.write_text(content)
+    table = open_table(path)
+    assert table.names == names
+    assert table.blocks is not None
+    parts = list(table.blocks(names, 60))
+    assert [len(one[names[0]]) for one in parts] == [60, 60, 60, 20]
+    for place, name in enumerate(names):
+        np.testing.assert_allclose(table.load([name])[name], ROWS[:, place], atol=1e-6)
+        np.testing.assert_allclose(
+            np.concatenate([one[name] for one in parts]), ROWS[:, place], atol=1e-6
+        )
+
+
+def test_one_number_a_line_is_one_column(tmp_path: Path) -> None:
+    (tmp_path / "q.txt").write_text("\n".join(map(str, ROWS[:, 1])))
+    np.testing.assert_allclose(open_table(tmp_path / "q.txt").load(["1"])["1"], ROWS[:, 1])
+
+
+def test_columns_of_a_file_without_header_are_described_by_their_numbers(
+    arm: Robot, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(text_of(";", ","))
+    description = {
+        "time": 1,
+        "joints": {"arm": {"joint_position": {"column": 2, "unit": "deg"}, "motor_torque": 3}},
+    }
+    log = read_log(path, arm, description=description)
+    np.testing.assert_allclose(log.joint_position[:, 0], np.deg2rad(ROWS[:, 1]), atol=1e-6)
+    (tmp_path / "log.toml").write_text(
+        'time = { column = 1 }\n[joints.arm]\njoint_position = { column = 2, unit = "deg" }\n'
+        "motor_torque = 3\n"
+    )
+    np.testing.assert_array_equal(read_log(path, arm).motor_torque, log.motor_torque)
+    with pytest.raises(LogError, match=r"no column is named '4'.*the first line is numbers: no he"):
+        read_log(path, arm, description={**description, "time": 4})
+    with pytest.raises(
+        LogError, match=r"no column looks like.*the first line is numbers: no heade"
+    ):
+        describe_log(path)
+
+
+def test_a_line_with_a_number_too_many_is_named_without_a_header(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("1.5,2\n3,4,5\n")
+    with pytest.raises(LogError, match="line 2 has 3 cells, the first line 2 numbers"):
+        open_table(tmp_path / "log.csv").load(["1"])
+
+
+@pytest.mark.parametrize("version", ["5", "4", "7.3"])
+def test_a_matlab_file_is_read(arm: Robot, tmp_path: Path, version: str) -> None:
+    path = tmp_path / "run.mat"
+    if version == "7.3":
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(path, "w", userblock_size=512) as file:
+            file["t"] = TIME[None, :]
+            file["log/q"] = ROWS.T
+            file["#refs#/a"] = 1.0
+        content = path.read_bytes()
+        head = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
+        path.write_bytes(head.ljust(512, b"\0") + content[512:])
+    elif version == "5":
+        io.savemat(path, {"t": TIME, "log": {"q": ROWS}, "name": "a text", "n": 3})
+    else:
+        io.savemat(path, {"t": TIME[:, None], "log": ROWS}, format="4")
+    names = open_table(path).names
+    q = "log" if version == "4" else "log.q"
+    assert set(names) == {"t", f"{q}[0]", f"{q}[1]", f"{q}[2]"}
+    description = {
+        "time": "t",
+        "joints": {"arm": {"joint_position": f"{q}[1]", "motor_torque": f"{q}[2]"}},
+    }
+    log = read_log(path, arm, description=description)
+    np.testing.assert_allclose(log.joint_position[:, 0], ROWS[:, 1])
+
+
+def test_a_matlab_file_without_numbers_or_damaged_is_named(tmp_path: Path) -> None:
+    io.savemat(tmp_path / "run.mat", {"name": "a text"})
+    with pytest.raises(LogError, match=r"has no array of numbers, found: name; save arrays of num"):
+        open_table(tmp_path / "run.mat")
+    (tmp_path / "run.mat").write_bytes(b"junk" * 100)
+    with pytest.raises(LogError, match="is not a MATLAB file, or a damaged one"):
+        open_table(tmp_path / "run.mat")
+
+
+def test_a_matrix_of_one_number_a_line_says_its_shape(tmp_path: Path) -> None:
+    path = tmp_path / "run.mtx"
+    io.mmwrite(path, ROWS)
+    assert len(path.read_text().splitlines()[-1].split()) == 1
+    table = open_table(path)
+    assert table.names == ["1", "2", "3"]
+    np.testing.assert_allclose(table.load(["3"])["3"], ROWS[:, 2])
+    path.write_text("%%MatrixMarket matrix coordinate real general\n2 2 1\n1 1 3.0\n")
+    with pytest.raises(LogError, match="has a sparse or complex matrix; write it as 'array real'"):
+        open_table(path)
