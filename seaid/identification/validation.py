@@ -71,6 +71,9 @@ class Validation(Result):
         Cutoff of the comparison.
     actuator, load : Fit
         Torques and error measures of both sides.
+    motions : tuple of Motion
+        The motions of the log, several if it has gaps in time: for figures over the motion, and to
+        predict the same torques with other values.
     """
 
     table_name = "validation_table"
@@ -80,6 +83,7 @@ class Validation(Result):
     cutoff_hz: float
     actuator: Fit
     load: Fit
+    motions: tuple[Motion, ...] = ()
 
     def _in_short(self) -> str:
         sides = {"motor": self.actuator.relative_error, "load": self.load.relative_error}
@@ -124,20 +128,18 @@ def validate(identification: Identification, log: Log) -> Validation:
     --------
     >>> seaid.validate(result, seaid.read_log("other.csv", robot)).load.relative_error
     """
-    return _compared(
-        identification, reconstruct_motions(identification.robot, log, identification.cutoff_hz)
+    return compared(
+        identification, *reconstruct_motions(identification.robot, log, identification.cutoff_hz)
     )
 
 
-def compared(identification: Identification, motion: Motion) -> Validation:
-    """Compare the torques of a motion; with one of `identification.motions`: the fit itself."""
-    return _compared(identification, [motion])
+def compared(identification: Identification, *given: Motion) -> Validation:
+    """Compare the torques of the motions of one log, several if it has gaps in time.
 
-
-def _compared(identification: Identification, motions: Sequence[Motion]) -> Validation:
-    """Compare the torques of the motions of one log, several if it has gaps in time."""
-    identification, _ = for_sensors(identification, motions[0])
-    motions = [for_sensors(identification, motion)[1] for motion in motions]
+    With one of `identification.motions` it is the fit itself.
+    """
+    identification, _ = for_sensors(identification, given[0])
+    motions = [for_sensors(identification, motion)[1] for motion in given]
     robot = identification.robot
     if under_load(identification.known, identification.model.torque_joints):
         theta = identification.load_side.values
@@ -165,6 +167,7 @@ def _compared(identification: Identification, motions: Sequence[Motion]) -> Vali
         cutoff_hz=motions[0].cutoff_hz,
         actuator=_fit(actuator),
         load=_fit(load),
+        motions=given,
     )
 
 

@@ -4,6 +4,7 @@ from .comparison import comparison_of as comparison_of
 from .comparison import comparison_of_parameters as comparison_of_parameters
 from .figures import save_sensitivity_figure as save_sensitivity_figure
 from .figures import sensitivity_table as sensitivity_table
+from .html import write_comparison as write_comparison
 from .html import write_report as write_report
 from .text import base_table as base_table
 from .text import comparison_table as comparison_table

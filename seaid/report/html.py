@@ -1,7 +1,9 @@
-"""write_report: one self-contained HTML page with results, warnings and checks."""
+"""write_report and write_comparison: self-contained HTML pages with results, warnings and checks."""
 
 from __future__ import annotations
 
+import base64
+import gzip
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
@@ -13,35 +15,52 @@ import numpy as np
 from seaid._files import plain, write_whole
 from seaid.errors import SeaidError, checked
 from seaid.identification import Identification, Validation, compared
+from seaid.report.comparison import comparison_of
+from seaid.report.html_actuators import actuator_figures
 from seaid.report.html_experiment import (
-    known_rows,
+    excitation_table,
+    known_table,
     log_facts,
-    motion_ranges,
     settings_facts,
+    setup_rows,
     versions,
 )
 from seaid.report.html_maps import (
     cells_of,
     correlation_map,
-    dot_chart,
-    figures_of,
     packed_correlations,
+    printed_traces,
+    singular_chart,
     singular_values,
 )
+from seaid.report.html_nominal import Nominal, before_and_after, nominal_values
+from seaid.report.html_robot import Label, bodies_picture, posture_of, robot_picture
 from seaid.report.html_tables import (
-    base_rows,
-    condition_rows,
-    drive_tables,
+    base_table,
+    bodies_table,
+    condition_table,
+    difference_table,
+    drive_table,
     error_rows,
-    has_white,
-    residual_rows,
-    term_rows,
-    worst_rows,
+    error_table,
+    probability,
+    residual_table,
+    share,
+    short,
+    table_of,
+    term_table,
 )
 from seaid.report.html_traces import Run, traces_of
-from seaid.report.html_verdict import verdict, warnings_of
+from seaid.report.html_verdict import explained_as, notices_of, page_verdict
+from seaid.robot import Robot
 
 Fact = str | int | float
+
+_LARGEST_GROUPING = 300_000
+"""Coefficients of the groupings up to which a page contains parameters.json."""
+
+_FEW_BARS = 8
+"""Bars of before and after on the first screen; the others open on a click."""
 
 
 @checked(SeaidError)
@@ -51,12 +70,15 @@ def write_report(
     path: str | Path,
     *,
     facts: Mapping[str, Fact] | None = None,
+    nominal: Robot | None = None,
 ) -> None:
     """Write the report of an identification as one HTML file that opens offline.
 
-    The page has a verdict, warnings, tables with confidence intervals, checks, interactive traces
-    with residual and spectrum, figures, singular values, correlations and versions. Its size is
-    below 6 MB for any logs; traces are thinned if necessary, and the page says so.
+    The first screen has the verdict, the robot with its joints coloured by how well each is
+    explained, the errors before and after the identification, and the warnings with their
+    remedies. Then come figures of each actuator, tables with confidence intervals, interactive
+    traces, and checks. The size is below 6 MB for any logs; traces are thinned if necessary, and
+    the page says so.
 
     Parameters
     ----------
@@ -67,7 +89,10 @@ def write_report(
     path : path
         The file to write, ending in .html.
     facts : dict, optional
-        Experiment metadata {name: text or number}, as seeds, files, people and places.
+        Experiment metadata {name: text or number}, as seeds, files, people and places; "Command"
+        is shown as code.
+    nominal : Robot, optional
+        The robot with the nominal values to compare with. Default: those of the identified one.
 
     Raises
     ------
@@ -80,12 +105,95 @@ def write_report(
     >>> checked = seaid.validate(result, seaid.read_log("other.csv", robot))
     >>> seaid.write_report(result, checked, "report.html", facts={"place": "Eindhoven"})
     """
+    path = _page_path(path)
+    given = found.known if nominal is None else nominal
+    if given.joint_names != found.robot.joint_names:
+        raise SeaidError(
+            f"nominal=: the joints {', '.join(given.joint_names)}, but the identified robot has "
+            f"{', '.join(found.robot.joint_names)}: give the same robot with nominal values"
+        )
+    results = _checked(found, results)
+    runs = runs_of(found, results)
+    content = {
+        **_parameters(found, given),
+        **_experiment(found, _checked_facts(facts or {})),
+        **_motions(found, runs, given),
+        "parameters": _packed_parameters(found, results),
+    }
+    write_whole(path, _rendered("report.html.j2", robot=found.robot.name, **content))
+
+
+@checked(SeaidError)
+def write_comparison(
+    first: Identification,
+    second: Identification,
+    path: str | Path,
+    *,
+    names: tuple[str, str] = ("first", "second"),
+) -> None:
+    """Write the comparison of two identifications as one HTML file that opens offline.
+
+    Parameters
+    ----------
+    first, second : Identification
+        Two identifications of one robot: cold and warm, before and after a repair.
+    path : path
+        The file to write, ending in .html.
+    names : (str, str)
+        How the page names them.
+
+    Raises
+    ------
+    SeaidError
+        For another suffix, identifications without a common parameter, and if the file cannot be
+        written.
+
+    Examples
+    --------
+    >>> seaid.write_comparison(cold, warm, "comparison.html", names=("cold", "warm"))
+    """
+    path = _page_path(path)
+    result = comparison_of(first, second, names=names)
+    labels = {}
+    for joint in first.robot.joint_names:
+        own = [one for one in result.differences if one.joint == joint]
+        differs = [one for one in own if one.is_significant]
+        said = ", ".join(one.name.replace("_", " ") for one in differs)
+        colour = "none" if not own else "poor" if differs else "good"
+        labels[joint] = Label(joint, said or ("no difference" if own else "no drive"), colour)
+    tests = [
+        (
+            "base parameters" if group == "load" else f"drive of {group}",
+            short(one.chi_square),
+            one.freedom,
+            probability(one.p_value),
+        )
+        for group, one in result.groups.items()
+    ]
+    page = _rendered(
+        "comparison.html.j2",
+        robot=first.robot.name,
+        result=result,
+        picture=robot_picture(posture_of(first), labels, "The robot: which drives differ"),
+        tests=tests,
+        table=difference_table(result),
+        numbers=[(name, _identified_from(one)) for name, one in zip(names, (first, second), strict=True)],
+    )
+    write_whole(path, page)
+
+
+def _identified_from(found: Identification) -> str:
+    motions = len(found.motions)
+    length = sum(float(one.time[-1] - one.time[0]) for one in found.motions)
+    logs = f"{length:.4g} s in {motions} motions" if motions else "logs read in pieces"
+    return f"{logs}, below {found.cutoff_hz:.3g} Hz: {found.verdict.sentence}"
+
+
+def _page_path(path: str | Path) -> Path:
     path = Path(path)
     if path.suffix.lower() not in (".html", ".htm"):
         raise SeaidError(f"a report is an HTML page: '{path}' must end in .html")
-    runs = runs_of(found, _checked(found, results))
-    page = _page(found, runs, _checked_facts(facts or {}))
-    write_whole(path, page)
+    return path
 
 
 def runs_of(found: Identification, results: Sequence[Validation]) -> list[Run]:
@@ -138,8 +246,8 @@ def _checked_facts(facts: Mapping[str, Fact]) -> list[tuple[str, str]]:
     return [(name, str(value)) for name, value in facts.items()]
 
 
-def _page(found: Identification, runs: Sequence[Run], facts: list[tuple[str, str]]) -> str:
-    """Return the page as text."""
+def _rendered(template: str, **content: Any) -> str:
+    """Return a page as text."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
@@ -149,26 +257,25 @@ def _page(found: Identification, runs: Sequence[Run], facts: list[tuple[str, str
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("report.html.j2").render(
-        robot=found.robot.name,
-        **_parameters(found),
-        **_experiment(found, facts),
-        **_motions(found, runs),
-        heads=_heads,
-        asset=_asset,
-    )
+    return environment.get_template(template).render(asset=_asset, **content)
 
 
-def _parameters(found: Identification) -> dict[str, Any]:
+def _parameters(found: Identification, given: Robot) -> dict[str, Any]:
     """Return the template values of the estimates."""
+    nominal = nominal_values(found, given)
+    posture = posture_of(found)
     return {
-        "drives": drive_tables(found),
-        "base": base_rows(found),
-        "has_white": has_white(found),
+        "drives": drive_table(found, given),
+        "actuators": actuator_figures(found, given),
+        "base": base_table(found, nominal),
+        "links": bodies_table(found, given),
+        "bodies": bodies_picture(
+            posture, given.parameters, found.robot.parameters, "Ellipsoids of inertia of the links"
+        ),
         "feasible": found.feasible,
-        "terms": term_rows(found),
-        "residuals": residual_rows(found),
-        "conditions": condition_rows(found),
+        "terms": term_table(found),
+        "residuals": residual_table(found),
+        "conditions": condition_table(found),
         "singular": _singular(found),
         "correlations": _correlations(found),
     }
@@ -180,25 +287,34 @@ def _experiment(found: Identification, facts: list[tuple[str, str]]) -> dict[str
         "cutoff": f"{found.cutoff_hz:.3g}",
         "logs": log_facts(found),
         "used": settings_facts(found),
-        "known": known_rows(found),
-        "reached": motion_ranges(found),
-        "facts": facts,
+        "known": known_table(found),
+        "setup": setup_rows(found),
+        "excitation": excitation_table(found),
+        "command": [text for name, text in facts if name.lower() == "command"],
+        "facts": [one for one in facts if one[0].lower() != "command"],
         "versions": versions(),
     }
 
 
-def _motions(found: Identification, runs: Sequence[Run]) -> dict[str, Any]:
-    """Return the template values of the motions, and the verdict."""
-    warnings, errors = warnings_of(found, runs), error_rows(found, runs)
+def _motions(found: Identification, runs: Sequence[Run], given: Robot) -> dict[str, Any]:
+    """Return the template values of the first screen and of the motions."""
+    errors = error_rows(found, runs)
     traces = traces_of(found, runs)
     pictured = ([run for run in runs if run.is_unseen] or list(runs))[:1]
+    notices = notices_of(found, runs)
+    labels = _labels(found, pictured, {one.joint for one in notices if one.severity != "note"})
     return {
-        "verdict": verdict(found, runs, warnings),
-        "warnings": warnings,
-        "errors": worst_rows(errors),
-        "all_errors": len(errors),
-        "pictures": [picture for run in pictured for picture in figures_of(run)],
+        "verdict": page_verdict(found, runs),
+        "notices": notices,
+        "picture": robot_picture(
+            posture_of(found), labels, "The robot: how well the torque of each joint is explained"
+        ),
+        "bars": _bars(found, pictured, nominal_values(found, given)),
         "pictured": [run.name for run in pictured],
+        "is_unseen": any(run.is_unseen for run in pictured),
+        "errors": error_table(errors),
+        "all_errors": len(errors),
+        "printed": [one for run in pictured for one in printed_traces(run)],
         "has_own": bool(found.motions),
         "has_runs": bool(runs),
         "traces": _as_json(traces),
@@ -206,10 +322,67 @@ def _motions(found: Identification, runs: Sequence[Run]) -> dict[str, Any]:
     }
 
 
-def _heads(first: str, white: bool) -> list[str]:
-    """Return the header of a parameter table, with or without errors for white noise."""
-    textbook = ["S.e. if white"] if white else []
-    return [first, "Value", "Std. error", "95 % interval", "Unit", "Relative s.e.", "", *textbook]
+def _labels(
+    found: Identification, pictured: Sequence[Run], flagged: set[str]
+) -> dict[str, Label]:
+    """Return how well each joint is explained: on the load side, else on the actuator side."""
+    errors = np.full(found.robot.n, np.nan)
+    for run in pictured:
+        load, actuator = run.result.load.relative_error, run.result.actuator.relative_error
+        errors = np.where(np.isfinite(load), load, actuator)
+    return {
+        joint: Label(
+            joint,
+            f"{share(error)} error" if np.isfinite(error) else "no torque",
+            explained_as(error),
+            joint in flagged,
+        )
+        for joint, error in zip(found.robot.joint_names, errors.tolist(), strict=True)
+    }
+
+
+def _bars(found: Identification, pictured: Sequence[Run], nominal: Nominal) -> dict[str, Any]:
+    """Return the errors before and after: bars of each side, as parts of the largest shown."""
+    rows = [row for run in pictured for row in before_and_after(found, nominal, run.result)]
+    known = [x for row in rows for x in (row.before, row.after) if np.isfinite(x)]
+    full = min(max(known, default=1.0), 1.0) or 1.0
+    reasons = {row.reason for row in rows}
+    shown = [
+        {
+            "joint": row.joint,
+            "side": row.side,
+            "after": share(row.after),
+            "before": share(row.before) if np.isfinite(row.before) else "",
+            "reason": row.reason,
+            "colour": explained_as(row.after),
+            "after_length": round(100 * min(row.after / full, 1.0), 2),
+            "before_length": round(100 * min(np.nan_to_num(row.before) / full, 1.0), 2),
+        }
+        for row in sorted(rows, key=lambda row: -row.after)
+    ]
+    sides = [
+        (name, [one for one in shown if one["side"] == side])
+        for side, name in (("load", "Torque on the load"), ("actuator", "Torque of the motor"))
+    ]
+    return {
+        "sides": [
+            {"name": name, "few": every[:_FEW_BARS], "more": every[_FEW_BARS:]}
+            for name, every in sides
+            if every
+        ],
+        "full": share(full),
+        "reason": reasons.pop() if len(reasons) == 1 else "",
+        "has_nominal": any(np.isfinite(row.before) for row in rows),
+    }
+
+
+def _packed_parameters(found: Identification, results: Sequence[Validation]) -> str:
+    """Return parameters.json, compressed, as base64; empty if its groupings are too large."""
+    if found.base.grouping.size > _LARGEST_GROUPING:
+        return ""
+    content = found.to_dict(results[0] if results else None)
+    text = json.dumps(plain(content), indent=2, allow_nan=False)
+    return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
 
 
 def _singular(found: Identification) -> dict[str, Any] | None:
@@ -217,19 +390,26 @@ def _singular(found: Identification) -> dict[str, Any] | None:
     if values is None:
         return None
     return {
-        "chart": dot_chart(values),
+        "chart": singular_chart(values),
         "condition": f"{1 / values.shares[-1]:.3g}",
         "combinations": values.combinations,
-        "threshold": f"{values.threshold:g}",
     }
 
 
 def _correlations(found: Identification) -> dict[str, Any]:
     shown = correlation_map(found)
+    strongest = [(one, other, short(value, 2)) for one, other, value in shown.strongest]
     return {
         "map": shown,
         "cells": cells_of(shown),
-        "strongest": [(one, other, f"{value:+.2f}") for one, other, value in shown.strongest],
+        "strongest": table_of(
+            "correlations",
+            "The strongest correlations: such parameters are better identifiable in combination "
+            "than individually.",
+            ("Parameter", "Parameter ", "Correlation"),
+            strongest,
+            2,
+        ),
         "data": _as_json({"names": shown.names, "data": packed_correlations(shown)}),
     }
 

@@ -13,12 +13,22 @@ import numpy as np
 
 from seaid.drives import IDEAL_DRIVE, JointParameter, drive_table, readable
 from seaid.log import has_holes, row_samples
-from seaid.report.html_tables import seconds, short
+from seaid.report.html_tables import (
+    NONE,
+    Cell,
+    Table,
+    readable_unit,
+    rounded,
+    seconds,
+    short,
+    table_of,
+)
 from seaid.report.text import exact_text
 from seaid.robot import at_drives
 
 if TYPE_CHECKING:
     from seaid.drives import Drive
+    from seaid.estimation import Estimate
     from seaid.identification import Identification
     from seaid.log import Motion, Processing
     from seaid.robot import Robot
@@ -42,14 +52,6 @@ class LogFacts:
     name: str
     facts: tuple[tuple[str, str], ...]
     repairs: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class MotionRange:
-    """The range of motion of a joint over all motions used for identification, as text."""
-
-    joint: str
-    cells: tuple[str, ...]
 
 
 def log_facts(found: Identification) -> list[LogFacts]:
@@ -146,7 +148,7 @@ def _payloads(robot: Robot) -> Iterator[str]:
             yield f"{parameters[0]:.4g} kg on {body} at ({x:.4g}, {y:.4g}, {z:.4g}) m"
 
 
-def known_rows(found: Identification) -> list[tuple[str, str, str]]:
+def known_table(found: Identification) -> Table:
     """Return for each joint the known and the identified parameters of its drive."""
     rows = []
     for joint in found.known.joint_names:
@@ -155,7 +157,8 @@ def known_rows(found: Identification) -> list[tuple[str, str, str]]:
         names = () if estimate is None else estimate.names
         identified = ", ".join(name.replace("_", " ") for name in names)
         rows.append((joint, _known_text(drive), identified or "nothing"))
-    return rows
+    caption = "Known and identified parameters of each drive."
+    return table_of("known", caption, ("Joint", "Known", "Identified"), rows, 3)
 
 
 def _known_text(drive: Drive) -> str:
@@ -175,30 +178,119 @@ def _plain(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def motion_ranges(found: Identification) -> list[MotionRange]:
-    """Return the range of motion of every joint, empty for long logs."""
+def excitation_table(found: Identification) -> Table | None:
+    """Return the motion of every joint within its limits, None for long logs."""
     if not found.motions:
-        return []
-    limits = zip(found.known.lower_limits, found.known.upper_limits, strict=True)
+        return None
+    robot = found.known
     rows = []
-    for index, (joint, (lower, upper)) in enumerate(
-        zip(found.known.joint_names, limits, strict=True)
-    ):
+    for index, joint in enumerate(robot.joint_names):
         q, v, a = (
-            np.concatenate(
-                [getattr(motion, f"joint_{state}")[:, index] for motion in found.motions]
-            )
+            np.concatenate([getattr(one, f"joint_{state}")[:, index] for one in found.motions])
             for state in ("position", "velocity", "acceleration")
         )
-        unit = "m" if found.known.is_prismatic[index] else "rad"
-        cells = (
-            f"{short(float(np.min(q)))} … {short(float(np.max(q)))} {unit}",
-            f"{short(float(lower))} … {short(float(upper))} {unit}",
-            f"{short(float(np.max(np.abs(v))))} {unit}/s",
-            f"{short(float(np.max(np.abs(a))))} {unit}/s²",
+        unit = "m" if robot.is_prismatic[index] else "rad"
+        lower, upper = float(robot.lower_limits[index]), float(robot.upper_limits[index])
+        low, high = float(np.min(q)), float(np.max(q))
+        span = upper - lower
+        inside = ((low - lower) / span, (high - lower) / span) if 0 < span < np.inf else None
+        limits = f" of {short(lower)} … {short(upper)}" if inside else ""
+        effort = max(_largest_torque(robot, one, index) for one in found.motions)
+        rows.append(
+            [
+                joint,
+                Cell(f"{short(low)} … {short(high)}{limits} {unit}", bar=inside),
+                _part(float(np.max(np.abs(v))), float(robot.velocity_limits[index]), f"{unit}/s"),
+                f"{short(float(np.max(np.abs(a))))} {unit}/s²",
+                _part(
+                    effort, float(robot.effort_limits[index]), robot.drives[joint].joint_units[0]
+                ),
+            ]
         )
-        rows.append(MotionRange(joint, cells))
-    return rows
+    heads = ("Joint", "Position", "Largest speed", "Largest acceleration", "Largest torque")
+    caption = (
+        "Motions used for identification; bars are parts of the limits of the robot file. The torque "
+        "is that of the motor, reflected to the joint."
+    )
+    return table_of("excitation", caption, heads, rows)
+
+
+def _part(value: float, limit: float, unit: str) -> Cell:
+    """Return a value with its limit, if there is one, and a bar."""
+    if not np.isfinite(value):
+        return Cell(NONE)
+    if not 0 < limit < np.inf:
+        return Cell(f"{short(value)} {unit}")
+    return Cell(f"{short(value)} of {short(limit)} {unit}", bar=(0.0, min(value / limit, 1.0)))
+
+
+def _largest_torque(robot: Robot, motion: Motion, index: int) -> float:
+    """Return the largest torque of a motor at its joint, or of the sensor there; NaN without."""
+    drive = robot.drives[robot.joint_names[index]]
+    lever = drive.ratio * drive.load_radius / drive.motor_radius
+    both = lever * motion.motor_torque[:, index], motion.joint_torque[:, index]
+    known = [float(np.nanmax(np.abs(one))) for one in both if np.any(np.isfinite(one))]
+    return known[0] if known else np.nan
+
+
+_SETUP = ("delay", "gear-ratio", "encoder-offsets-differ", "torque-offset", "gear-compliance")
+
+
+def setup_rows(found: Identification) -> Table:
+    """Return what was found about the set-up: encoder offsets, gears, delays, gear ratios."""
+    rows: list[tuple[str, ...]] = []
+    for joint, estimate in found.drive_side.items():
+        drive = found.known.drives[joint]
+        if "spring_offset" in estimate.names and "stiffness" in estimate.names:
+            k, f = estimate.value("stiffness"), estimate.value("spring_offset")
+            if k and "preload" not in drive.spring:
+                both = [estimate.names.index(one) for one in ("spring_offset", "stiffness")]
+                slope = np.array([-1 / k, f / k**2])  # of -f / k
+                error = float(np.sqrt(slope @ estimate.covariance[np.ix_(both, both)] @ slope))
+                text = rounded(-f / k, error, 0.0, 0.0)
+                unit = drive.spring_units[1]
+                rows.append(
+                    (joint, "encoder offset in the deflection", text.value, text.error, unit)
+                )
+        for name in ("deflection_zero", "torque_offset"):
+            rows += _setup_row(joint, estimate, name)
+    for joint, gear in found.gears.items():
+        for name in gear.names:
+            rows += _setup_row(joint, gear, name)
+    for joint, drive in found.known.drives.items():
+        if drive != IDEAL_DRIVE:
+            unit = "rad/m" if getattr(drive, "gear_ratio_rad_per_m", None) else ""
+            rows.append((joint, "gear ratio, as given", short(drive.ratio, 7), NONE, unit))
+    for joint, quantity, delay_s in dict.fromkeys(_delays(found.processing)):
+        what = f"delay of {quantity.replace('_', ' ')}, corrected as described"
+        rows.append((joint, what, short(1e3 * delay_s), NONE, "ms"))
+    rows += [
+        (one.joint or "all", f"{one.code}: {one.message}", "", "", "")
+        for one in found.warnings
+        if one.code in _SETUP
+    ]
+    caption = "Found about sensors and gears, beside what was given."
+    return table_of(
+        "set-up", caption, ("Joint", "Quantity", "Value", "Std. error", "Unit"), rows, 2
+    )
+
+
+def _setup_row(joint: str, estimate: Estimate, name: str) -> Iterator[tuple[str, ...]]:
+    if name in estimate.names:
+        value, error = estimate.value(name), estimate.standard_error(name)
+        text, place = rounded(value, error, 0.0, 0.0), estimate.names.index(name)
+        unit = readable_unit(estimate.units[place])
+        yield joint, name.replace("_", " "), text.value, text.error, unit
+
+
+def _delays(processing: Sequence[Processing]) -> Iterator[tuple[str, str, float]]:
+    """Yield (joint, quantity, delay) of the descriptions by which the logs were read."""
+    for one in processing:
+        for joint, quantities in dict((one.description or {}).get("joints", {})).items():
+            for quantity, source in dict(quantities).items():
+                delay = source.get("delay_s", 0.0) if hasattr(source, "get") else 0.0
+                if delay:
+                    yield joint, quantity, float(delay)
 
 
 def versions() -> list[tuple[str, str]]:

@@ -1,14 +1,11 @@
-"""Charts of a page: singular values, correlations, and Fig. 3 and Fig. 4 of the paper as SVG."""
+"""Charts of a page: singular values, correlations, and copies of the traces for paper."""
 
 from __future__ import annotations
 
 import base64
 import math
-import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from io import StringIO
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,12 +20,11 @@ from seaid.estimation import (
     settled_weights,
 )
 from seaid.regressor import load_regression, stacked, under_load, with_gear_torque
-from seaid.report.figures import UNSEEN, actuator_figure, load_figure
+from seaid.report.html_charts import Axis, Layer, chart
+from seaid.report.html_traces import SIDES
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from seaid.identification import Fit, Identification, Validation
+    from seaid.identification import Identification
     from seaid.log import Motion
     from seaid.report.html_traces import Run
 
@@ -54,7 +50,7 @@ def singular_values(found: Identification) -> SingularValues | None:
     """
     if not found.motions or not found.model.names:
         return None
-    motions = [_with_gear_torque(found, motion) for motion in found.motions]
+    motions = fitted_motions(found)
     qr_factor = qr_factor_of(
         stacked([load_regression(found.known, m, found.model, found.springs) for m in motions])
     )
@@ -68,11 +64,15 @@ def singular_values(found: Identification) -> SingularValues | None:
     )
 
 
-def _with_gear_torque(found: Identification, motion: Motion) -> Motion:
+def fitted_motions(found: Identification) -> list[Motion]:
+    """Return the motions used, with the torque through the gears where friction depends on it."""
     if not under_load(found.known, found.model.torque_joints):
-        return motion
-    theta = found.load_side.values
-    return with_gear_torque(found.known, motion, found.model, found.springs, theta)
+        return list(found.motions)
+    model, theta = found.model, found.load_side.values
+    return [
+        with_gear_torque(found.known, motion, model, found.springs, theta)
+        for motion in found.motions
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,108 +173,76 @@ def packed_correlations(shown: CorrelationMap) -> str:
     return base64.b64encode(steps.astype(np.int8).tobytes()).decode("ascii")
 
 
-@dataclass(frozen=True)
-class DotChart:
-    """Points of a chart with a logarithmic axis, in a box of `width` times `height`.
-
-    `dots` are (x, y, text), `decades` (y, exponent) of the grid lines, `threshold` is a y.
-    """
-
-    width: float
-    height: float
-    dots: tuple[tuple[float, float, str], ...]
-    decades: tuple[tuple[float, int], ...]
-    threshold: float
-
-
-def dot_chart(found: SingularValues, width: float = 640.0, height: float = 200.0) -> DotChart:
-    """Return singular values over their index as points of a chart."""
+def singular_chart(found: SingularValues) -> Any:
+    """Return the singular values over their number as a chart with a logarithmic axis."""
     shares = np.maximum(found.shares, 1e-16)
-    lowest = math.floor(math.log10(min(float(shares.min()), POORLY_DETERMINED)))
-
-    def y_of(share: float) -> float:
-        return round(height * math.log10(share) / lowest, 2)
-
-    step = width / len(shares)
-    dots = (
-        (round((k + 0.5) * step, 2), y_of(float(share)), f"{k + 1}: {share:.2g}")
-        for k, share in enumerate(shares)
+    lowest = min(float(shares.min()), POORLY_DETERMINED)
+    count = np.arange(1.0, len(shares) + 1.0)
+    ends = np.array([0.0, len(shares) + 1.0])
+    layers = [
+        Layer(count, shares, "singular"),
+        Layer(ends, np.full(2, found.threshold), "threshold", "line"),
+    ]
+    return chart(
+        layers,
+        Axis("number of the combination, best determined first", "", 0.0, len(shares) + 1.0),
+        Axis(
+            "singular value over the largest", "", 10.0 ** math.floor(math.log10(lowest)), 1.3, True
+        ),
+        title="Singular values of the load side",
+        width=760.0,
+        height=260.0,
     )
-    return DotChart(
-        width=width,
-        height=height,
-        dots=tuple(dots),
-        decades=tuple((y_of(10.0**power), power) for power in range(0, lowest - 1, -1)),
-        threshold=y_of(found.threshold),
-    )
 
 
-_COLOURS = {"#000000": "ink", "#ffffff": "paper", "#9e9e9e": "measured-static", "#e6e6e6": "grid"}
-_MOST_JOINTS, _MOST_SAMPLES = 8, 1500
+_PRINTED_JOINTS, _PRINTED_SAMPLES = 8, 700
 
 
 @dataclass(frozen=True)
 class Picture:
-    """An SVG with its caption."""
+    """A static copy of the traces of a joint, for paper, with its caption."""
 
     svg: Any
     caption: str
 
 
-def figures_of(run: Run) -> list[Picture]:
-    """Return Fig. 3 and Fig. 4 of the paper for a run, for the sides that it has."""
-    result, pictures = _thinned(run.result), []
-    motion = UNSEEN if run.is_unseen else f"the {run.name}"
-    if np.any(np.isfinite(result.actuator.relative_error)):
-        svg = _svg(partial(actuator_figure, result, motion), "actuator")
-        pictures.append(Picture(svg, "Motor torques: the elastic joints predicted best and worst."))
-    joints = np.flatnonzero(np.isfinite(result.load.relative_error))
-    if len(joints):
-        order = joints[np.argsort(result.load.relative_error[joints], kind="stable")]
-        few = order[np.unique(np.linspace(0, len(order) - 1, _MOST_JOINTS).round().astype(int))]
-        shown = joints if len(joints) <= _MOST_JOINTS else np.sort(few)
-        more = f" {len(shown)} of {len(joints)} joints, from best to worst." * (
-            len(joints) > len(shown)
-        )
-        svg = _svg(partial(load_figure, result, motion, shown.tolist()), "load")
-        pictures.append(Picture(svg, f"Torques on the load, measured and computed.{more}"))
-    return pictures
+def printed_traces(run: Run) -> list[Picture]:
+    """Return the traces of some joints of a run from the best to the worst predicted, by side."""
+    return [
+        _printed(run, side, index)
+        for side in SIDES
+        for index in _from_best_to_worst(getattr(run.result, side).relative_error)
+    ]
 
 
-def _thinned(result: Validation) -> Validation:
-    """Return the validation with fewer samples, enough for the size of the figure."""
-    step = max(1, len(result.time) // _MOST_SAMPLES)
+def _from_best_to_worst(errors: Array) -> list[int]:
+    joints = np.flatnonzero(np.isfinite(errors))
+    if not len(joints):
+        return []
+    order = joints[np.argsort(errors[joints], kind="stable")]
+    few = np.unique(np.linspace(0, len(order) - 1, _PRINTED_JOINTS).round().astype(int))
+    return sorted(order[few].tolist())
 
-    def thin(fit: Fit) -> Fit:
-        return replace(fit, measured=fit.measured[::step], computed=fit.computed[::step])
 
-    return replace(
-        result, time=result.time[::step], actuator=thin(result.actuator), load=thin(result.load)
+def _printed(run: Run, side: str, index: int) -> Picture:
+    result = run.result
+    fit, joint = getattr(result, side), result.joints[index]
+    step = max(1, len(result.time) // _PRINTED_SAMPLES)
+    layers = [
+        Layer(result.time[::step], trace[::step, index], name, "line")
+        for name, trace in (("measured", fit.measured), ("computed", fit.computed))
+    ]
+    of = "motor torque" if side == "actuator" else "torque on the load"
+    svg = chart(
+        layers,
+        Axis("time", "s"),
+        Axis(of, "N m"),
+        title=f"{joint}: {of}, measured and computed",
+        width=760.0,
+        height=230.0,
     )
-
-
-def _svg(draw: Callable[[], Figure], name: str) -> Any:
-    """Return a figure as SVG for a page: with text elements, named colours and unique ids."""
-    import matplotlib
-    from markupsafe import Markup
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-
-    text = StringIO()
-    settings: dict[Any, Any] = {
-        "svg.fonttype": "none",
-        "svg.hashsalt": name,
-        "path.simplify_threshold": 0.2,
-        "text.parse_math": False,
-    }
-    with matplotlib.rc_context(settings):
-        figure = draw()
-        FigureCanvasSVG(figure)
-        figure.savefig(text, format="svg", metadata={"Date": None})
-    svg = text.getvalue()
-    svg = svg[svg.index("<svg") :]
-    svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", svg, flags=re.DOTALL)
-    svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), svg)
-    svg = re.sub(r'(<[^<>]*?(?: id="|href="#|url\(#))', rf"\g<1>{name}-", svg)
-    for colour, variable in _COLOURS.items():
-        svg = svg.replace(colour, f"var(--{variable})")
-    return Markup(svg.replace("<svg ", '<svg role="img" ', 1))
+    error = f"{fit.relative_error[index]:.1%}".replace("%", "\N{NO-BREAK SPACE}%")
+    caption = (
+        f"{joint}, {side} side, {run.name}: measured (wide) and computed (thin), error {error}."
+    )
+    return Picture(svg, caption)

@@ -1,4 +1,4 @@
-"""Tables of a page: drives, base parameters, checks and prediction errors, with rounded numbers."""
+"""Tables of a page: parameters before and after, checks and prediction errors, rounded."""
 
 from __future__ import annotations
 
@@ -12,12 +12,60 @@ import numpy as np
 from seaid._arrays import Array
 from seaid.drives import JointParameter, readable
 from seaid.identification import POORLY_IDENTIFIED
+from seaid.report.html_charts import powers_of_ten
+from seaid.report.html_robot import center_of_mass, principal_moments
 from seaid.report.html_traces import SIDES
 
 if TYPE_CHECKING:
     from seaid.estimation import Estimate, TermTest
     from seaid.identification import Fit, Identification
+    from seaid.report.comparison import Comparison
+    from seaid.report.html_nominal import Nominal
     from seaid.report.html_traces import Run
+    from seaid.robot import Robot
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell: its text, its exact value for copies, a bar, and what a click opens.
+
+    `bar` is (start, end) as parts of the width of its track.
+    """
+
+    text: str
+    exact: float | None = None
+    bar: tuple[float, float] | None = None
+    more: str = ""
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether a narrow page leaves the cell out."""
+        return not self.text
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of the page; the first `words` columns, and all in `texts`, are left-aligned."""
+
+    name: str
+    caption: str
+    heads: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    words: int = 1
+    texts: tuple[str, ...] = ("Unit", "Note")
+
+
+def table_of(
+    name: str,
+    caption: str,
+    heads: Sequence[str],
+    rows: Sequence[Sequence[Cell | str]],
+    words: int = 1,
+) -> Table:
+    """Return a table of texts and cells."""
+    cells = tuple(tuple(one if isinstance(one, Cell) else Cell(one) for one in row) for row in rows)
+    return Table(name, caption, tuple(heads), cells, words)
+
 
 _ERROR_DIGITS, _VALUE_DIGITS, _WITHOUT_ERROR = 2, 2, 6
 _FIXED = (-4, 6)
@@ -30,37 +78,34 @@ NONE = "–"
 
 @dataclass(frozen=True)
 class Rounded:
-    """A value with its standard errors and 95 % interval as text, all with the same last digit."""
+    """A value with its standard error and 95 % interval as text, all with the same last digit."""
 
     value: str
     error: str
     lower: str
     upper: str
-    white: str
 
 
-def rounded(
-    value: float, error: float, lower: float, upper: float, white: float = math.nan
-) -> Rounded:
+def rounded(value: float, error: float, lower: float, upper: float) -> Rounded:
     """Return numbers rounded at the second digit of the error, or of the value if finer."""
     if not math.isfinite(value):
-        return Rounded(NONE, NONE, NONE, NONE, NONE)
+        return Rounded(NONE, NONE, NONE, NONE)
     last = _last_place(value, error)
     size = max(abs(value), error if math.isfinite(error) else 0.0)
     top = _power(size) if size > 0 else 0
     shift = 0 if _FIXED[0] <= top < _FIXED[1] else top
-    texts = (_fixed(one, last, shift) for one in (value, error, lower, upper, white))
+    texts = (_fixed(one, last, shift) for one in (value, error, lower, upper))
     return Rounded(*texts)
 
 
 def short(value: float, digits: int = 3) -> str:
     """Return a number with a given number of digits, a dash for NaN."""
-    return f"{value:.{digits}g}".replace("-", "−") if math.isfinite(value) else NONE
+    return powers_of_ten(f"{value:.{digits}g}") if math.isfinite(value) else NONE
 
 
 def probability(value: float) -> str:
     """Return a probability with two digits, or as below 1e-16."""
-    return short(value, 2) if not value < _TINY else "< 1e−16"
+    return short(value, 2) if not value < _TINY else "< 10⁻¹⁶"
 
 
 def share(value: float) -> str:
@@ -102,7 +147,7 @@ def _fixed(value: float, last: int, shift: int) -> str:
     decimals = max(shift - last, 0)
     text = f"{value / 10.0**shift:.{decimals}f}"
     text = text.removeprefix("-") if float(text) == 0 else text
-    return text.replace("-", "−") + (f"e{shift:+d}".replace("-", "−") if shift else "")
+    return powers_of_ten(f"{text}e{shift}" if shift else text)
 
 
 _LONG_GROUPING = 64
@@ -113,62 +158,51 @@ CORRELATED = 0.9
 """Autocorrelation at lag 1 above which a term is missing; a low-pass filter alone causes 0.5."""
 
 _UNITS = {"^2": "²", "^3": "³", "^5": "⁵"}
+_HEADS = (
+    "Nominal",
+    "Identified",
+    "Std. error",
+    "95 % interval",
+    "Unit",
+    "Change",
+    "Rel. s.e.",
+    "Note",
+)
 
 
-@dataclass(frozen=True)
-class ParameterRow:
-    """One parameter: numbers as text, its exact value, and its relative error as `bar` (0 to 1).
-
-    `mark` is "unidentifiable", "may be zero" if the 95 % interval contains zero, or "poorly
-    determined" if the standard error exceeds a tenth of the value.
-    """
-
-    name: str
-    more: str
-    numbers: Rounded
-    exact: float
-    relative: str
-    bar: float
-    mark: str
-    unit: str
+def drive_table(found: Identification, nominal: Robot) -> Table:
+    """Return the parameters of all drives, nominal and identified."""
+    rows = []
+    for joint, estimate in found.drives.items():
+        given = nominal.drives[joint].own_values
+        before = np.array([given.get(name, np.nan) for name in estimate.names])
+        for name, cells in zip(estimate.names, _parameter_cells(estimate, before), strict=True):
+            rows.append([joint, name.replace("_", " "), *cells])
+    caption = "Parameters of the drives; friction and rotor inertia are at the motor."
+    return table_of("drives", caption, ("Joint", "Parameter", *_HEADS), rows, 2)
 
 
-@dataclass(frozen=True)
-class DriveTable:
-    """The parameters of one joint's drive."""
-
-    joint: str
-    rows: tuple[ParameterRow, ...]
-
-
-@dataclass(frozen=True)
-class CheckRow:
-    """A row of a table of checks: its cells as text, and whether it is a warning."""
-
-    cells: tuple[str, ...]
-    is_warning: bool
-
-
-def drive_tables(found: Identification) -> list[DriveTable]:
-    """Return a table for every joint whose drive has parameters."""
-    return [
-        DriveTable(joint, tuple(_rows(estimate, lambda name: name.replace("_", " "))))
-        for joint, estimate in found.drives.items()
-    ]
-
-
-def base_rows(found: Identification) -> list[ParameterRow]:
+def base_table(found: Identification, nominal: Nominal) -> Table:
     """Return the base parameters with their groupings, shortened if the page has no room."""
     names = found.load.names
     room = max(_LONG_GROUPING, _GROUPINGS_ROOM // max(len(names), 1))
+    before = np.where(np.isnan(nominal.load[: len(names)]), np.nan, nominal.load[: len(names)])
 
-    def cut(name: str) -> str:
-        if sum(map(len, names)) <= _GROUPINGS_ROOM or len(name) <= room:
-            return name
-        kept = name[:room].rsplit(" ", 2)[0]
-        return f"{kept} … ({terms_in(name)} terms; parameters.json has them all)"
+    def grouping(name: str) -> Cell:
+        text = name
+        if sum(map(len, names)) > _GROUPINGS_ROOM and len(name) > room:
+            kept = name[:room].rsplit(" ", 2)[0]
+            text = f"{kept} … ({terms_in(name)} terms; parameters.json has them all)"
+        if len(text) <= _LONG_GROUPING:
+            return Cell(text)
+        head = text[:_LONG_GROUPING].rsplit(" + ", 1)[0].rsplit(" - ", 1)[0]
+        return Cell(f"{head} + …", more=text)
 
-    return list(_rows(found.load, cut))
+    rows = [
+        [grouping(name), *cells]
+        for name, cells in zip(names, _parameter_cells(found.load, before), strict=True)
+    ]
+    return table_of("base parameters", "Base parameters of the load.", ("Grouping", *_HEADS), rows)
 
 
 def terms_in(expression: str) -> int:
@@ -176,42 +210,30 @@ def terms_in(expression: str) -> int:
     return 1 + expression.count(" + ") + expression.count(" - ")
 
 
-def _rows(estimate: Estimate, text: Callable[[str], str]) -> Iterator[ParameterRow]:
-    white, intervals = _white(estimate), estimate.interval()
-    errors, relative = estimate.standard_errors, estimate.relative_standard_errors
-    for place, name in enumerate(estimate.names):
-        value, error, ends = float(estimate.values[place]), float(errors[place]), intervals[place]
-        head, more = _head(text(name))
-        yield ParameterRow(
-            name=head,
-            more=more,
-            numbers=rounded(value, error, float(ends[0]), float(ends[1]), float(white[place])),
-            exact=value,
-            relative=share(float(relative[place])),
-            bar=bar(float(relative[place])),
-            mark=_mark(value, error, ends[0] <= 0 <= ends[1]),
-            unit=readable_unit(estimate.units[place]),
+def _parameter_cells(estimate: Estimate, nominal: Array) -> Iterator[tuple[Cell | str, ...]]:
+    """Yield the cells of every parameter under `_HEADS`."""
+    intervals, relative = estimate.interval(), estimate.relative_standard_errors
+    numbers = zip(estimate.values, estimate.standard_errors, intervals, nominal, strict=True)
+    for place, (value, error, (lower, upper), before) in enumerate(numbers):
+        texts = rounded(float(value), float(error), float(lower), float(upper))
+        yield (
+            short(float(before), 4),
+            Cell(texts.value, exact=float(value)),
+            Cell(texts.error, exact=float(error)),
+            f"{texts.lower} … {texts.upper}",
+            readable_unit(estimate.units[place]),
+            change(float(before), float(value)),
+            Cell(share(float(relative[place])), bar=(0.0, bar(float(relative[place])))),
+            _mark(float(value), float(error), lower <= 0 <= upper),
         )
 
 
-def _white(estimate: Estimate) -> Array:
-    """Return the standard errors for white noise, NaN if the estimator gave none."""
-    white = estimate.white_standard_errors
-    return np.full(len(estimate.names), np.nan) if white is None else white
-
-
-def has_white(found: Identification) -> bool:
-    """Return whether any estimate has standard errors for white noise."""
-    every = (found.load, *found.drives.values())
-    return any(one.white_standard_errors is not None for one in every)
-
-
-def _head(text: str) -> tuple[str, str]:
-    """Return the visible start of a grouping, and the whole if it is longer."""
-    if len(text) <= _LONG_GROUPING:
-        return text, ""
-    terms = text[:_LONG_GROUPING].rsplit(" + ", 1)[0].rsplit(" - ", 1)[0]
-    return f"{terms} + …", text
+def change(before: float, after: float) -> str:
+    """Return the change of a value in percent, with its sign."""
+    if not (math.isfinite(before) and math.isfinite(after)) or before == 0:
+        return NONE
+    text = share(after / before - 1)
+    return text if text[0] in "-−>" else f"+{text}"
 
 
 def _mark(value: float, error: float, contains_zero: bool) -> str:
@@ -234,23 +256,64 @@ def readable_unit(unit: str) -> str:
     return "" if unit == "1" else unit
 
 
-def term_rows(found: Identification) -> list[CheckRow]:
+def bodies_table(found: Identification, nominal: Robot) -> Table:
+    """Return mass and centre of mass of every body, nominal and identified."""
+    rows = []
+    pairs = zip(
+        found.robot.body_names,
+        nominal.parameters.reshape(-1, 10),
+        found.robot.parameters.reshape(-1, 10),
+        strict=True,
+    )
+    for name, before, after in pairs:
+        masses = float(before[0]), float(after[0])
+        rows.append(
+            [
+                name,
+                short(masses[0], 4),
+                Cell(short(masses[1], 4), exact=masses[1]),
+                change(*masses),
+                *(_center(one) for one in (before, after)),
+                *(_moments(one) for one in (before, after)),
+            ]
+        )
+    heads = ("Link", "Mass [kg]", "Identified", "Change", "Centre of mass [m]", "Identified ")
+    heads += ("Principal moments [kg m²]", "Identified  ")
+    return table_of("links", "Links in the robot file and as exported.", heads, rows)
+
+
+def _center(body: Array) -> str:
+    center = center_of_mass(body) if np.all(np.isfinite(body)) else None
+    return NONE if center is None else " ".join(short(float(one)) for one in center)
+
+
+def _moments(body: Array) -> str:
+    """Return the principal moments of inertia about the centre of mass."""
+    if not np.all(np.isfinite(body)) or body[0] <= 0:
+        return NONE
+    return " ".join(short(float(one)) for one in principal_moments(body))
+
+
+def term_table(found: Identification) -> Table:
     """Return each tested term of the drives, and whether the data support it."""
-    return [
-        CheckRow(
-            (
-                term_name(side, term),
-                f"× {math.sqrt(term.growth):.4g}",
-                short(term.F),
-                probability(term.p_value),
-                short(term.bic),
-                "yes" if term.bic > 0 else "no",
-            ),
-            term.bic <= 0,
+    rows = [
+        (
+            term_name(side, term),
+            f"× {math.sqrt(term.growth):.4g}",
+            short(term.F),
+            probability(term.p_value),
+            short(term.bic),
+            "yes" if term.bic > 0 else "no",
         )
         for side, checks in found.checks.items()
         for term in checks.terms
     ]
+    caption = (
+        "Model comparison: growth of the residual without each term of the drives. The data support "
+        "a term if the difference of the Bayesian information criterion is above zero."
+    )
+    heads = ("Term", "Residual without", "F", "p", "BIC", "Supported")
+    return table_of("terms", caption, heads, rows)
 
 
 def term_name(side: str, term: TermTest) -> str:
@@ -259,19 +322,23 @@ def term_name(side: str, term: TermTest) -> str:
     return readable(name if side in ("load", "both") else JointParameter(name, side))
 
 
-def residual_rows(found: Identification) -> list[CheckRow]:
+def residual_table(found: Identification) -> Table:
     """Return the autocorrelation of the residual of every equation."""
-    return [
-        CheckRow(
-            (joint, side_name(side), short(white.first), short(white.durbin_watson)),
-            white.first > CORRELATED,
-        )
+    rows = [
+        (joint, side_name(side), short(white.first), short(white.durbin_watson))
         for side, checks in found.checks.items()
         for joint, white in checks.whiteness.items()
     ]
+    caption = (
+        "Autocorrelation of the residuals at lag 1. A low-pass filter causes some even for a "
+        "complete model, which the standard errors account for; a Durbin-Watson number near 0 "
+        "indicates a missing term."
+    )
+    heads = ("Joint", "Side", "Autocorrelation", "Durbin-Watson")
+    return table_of("residuals", caption, heads, rows, 2)
 
 
-def condition_rows(found: Identification) -> list[CheckRow]:
+def condition_table(found: Identification) -> Table:
     """Return condition number, residual and number of excluded instants per regression."""
     rows = []
     for side, checks in found.checks.items():
@@ -279,14 +346,20 @@ def condition_rows(found: Identification) -> list[CheckRow]:
         estimate = found.drives[side] if elastic else found.load_side
         unit = "" if not elastic and any(found.robot.is_prismatic) else "N m"
         excluded = sum(found.excluded.values()) if side == "both" else found.excluded.get(side)
-        cells = (
-            f"actuator side of {side}" if elastic else side_name(side),
-            short(checks.condition_number),
-            f"{short(estimate.residual_std)} {unit}".strip(),
-            "–" if excluded is None else str(excluded),
+        rows.append(
+            (
+                f"actuator side of {side}" if elastic else side_name(side),
+                short(checks.condition_number),
+                f"{short(estimate.residual_std)} {unit}".strip(),
+                NONE if excluded is None else str(excluded),
+            )
         )
-        rows.append(CheckRow(cells, False))
-    return rows
+    caption = (
+        "Each regression: condition number of its columns (unit norm), standard deviation of its "
+        "residual below the cutoff, and excluded instants near standstill."
+    )
+    heads = ("Regression", "Condition number", "Residual", "Excluded")
+    return table_of("regressions", caption, heads, rows)
 
 
 def side_name(side: str) -> str:
@@ -328,10 +401,15 @@ def error_rows(found: Identification, runs: Sequence[Run]) -> list[ErrorRow]:
     ]
 
 
-def worst_rows(rows: Sequence[ErrorRow]) -> list[ErrorRow]:
-    """Return the rows with the 1500 largest errors, in their order."""
+def error_table(rows: Sequence[ErrorRow]) -> Table:
+    """Return the table of the 1500 largest errors, in their order."""
     largest = sorted(range(len(rows)), key=lambda k: -rows[k].relative_error)[:_MOST_ERRORS]
-    return [rows[k] for k in sorted(largest)]
+    kept = [rows[k] for k in sorted(largest)]
+    heads = ("Motion", "Joint", "Side", "Error", "While moving", "Unfiltered", "RMS error", "R²")
+    cells = [
+        (f"{one.run}{' (unseen)' * one.is_unseen}", one.joint, one.side, *one.cells) for one in kept
+    ]
+    return table_of("predictions", "Prediction errors of the torques.", heads, cells, 3)
 
 
 def _torque_unit(found: Identification, side: str, index: int) -> str:
@@ -344,5 +422,55 @@ def _error_cells(fit: Fit, index: int, unit: str) -> tuple[str, ...]:
         share(float(fit.moving_relative_error[index])),
         share(float(fit.raw_relative_error[index])),
         f"{short(float(fit.rms_error[index]))} {unit}",
-        f"{float(fit.r_squared[index]):.4f}",
+        f"{float(fit.r_squared[index]):.4f}".replace("-", "−"),
     )
+
+
+def difference_table(result: Comparison, room: int = _LONG_GROUPING) -> Table:
+    """Return the parameters of two identifications side by side."""
+    first, second = result.names
+    largest = max((abs(one.significance) for one in result.differences), default=1.0)
+    rows = []
+    for one in result.differences:
+        values = [
+            rounded(x, e, x, x)
+            for x, e in ((one.first, one.first_error), (one.second, one.second_error))
+        ]
+        rows.append(
+            [
+                one.joint or "load",
+                one.name.replace("_", " ") if one.joint else _shortened(one.name, room),
+                *(
+                    Cell(f"{text.value} ± {text.error}", exact=x)
+                    for text, x in zip(values, (one.first, one.second), strict=True)
+                ),
+                readable_unit(one.unit),
+                change(one.first, one.second),
+                Cell(
+                    _signed(one.significance),
+                    one.significance,
+                    _diverging(one.significance, largest),
+                ),
+                probability(one.p_value),
+                "differs" if one.is_significant else "",
+            ]
+        )
+    heads = ("Joint", "Parameter", first, second, "Unit", "Change", "Change / s.e.", "p", "Note")
+    caption = "All parameters that both identifications have: value ± standard error."
+    return table_of("comparison", caption, heads, rows, 2)
+
+
+def _shortened(name: str, room: int) -> Cell:
+    return Cell(name) if len(name) <= room else Cell(f"{name[:room]}…", more=name)
+
+
+def _signed(value: float) -> str:
+    return powers_of_ten(f"{value:+.1f}") if math.isfinite(value) else NONE
+
+
+def _diverging(value: float, largest: float) -> tuple[float, float] | None:
+    """Return a bar from the middle of its track to the side of the sign of a value."""
+    if not math.isfinite(value) or not largest > 0:
+        return None
+    end = 0.5 + 0.5 * value / max(largest, 1.0)
+    return (min(0.5, end), max(0.5, end))

@@ -1,4 +1,4 @@
-"""Traces of a page: measured, computed and residual, thinned and packed, and their spectra.
+"""Traces of a page: measured, computed and residual, thinned and packed, spectra, autocorrelation.
 
 Low-pass filtered traces are decimated without visible loss. If the page has no room for all joints,
 the smallest and largest sample of every interval are kept instead, which preserves peaks.
@@ -15,17 +15,19 @@ import numpy as np
 
 from seaid._arrays import Array, IndexArray
 from seaid.drives import IDEAL_DRIVE
+from seaid.log import low_pass
 
 if TYPE_CHECKING:
     from seaid.identification import Fit, Identification, Validation
+    from seaid.log import Motion
 
 SIDES = ("actuator", "load")
 
 _ROOM = 2_000_000
 """Bytes of the page for all traces together, and as base64."""
 
-_SAMPLE_BYTES = 8.0
-"""Three 16-bit integers, as base64."""
+_SAMPLE_BYTES = 12.0
+"""Three 16-bit integers per trace and two per joint, as base64."""
 
 _PER_PERIOD = 24
 """Samples kept per period of the cutoff frequency, if there is room."""
@@ -35,6 +37,9 @@ _MOST_TRACES = 1300
 
 _FEWEST, _LINES, _FEW_LINES, _MANY = 120, 220, 100, 80
 _HIGHEST, _DEEPEST = 8.0, 1e-9
+_LAGS, _LONGEST_LAG = 60, 4.0
+"""Lags of an autocorrelation, and the longest in periods of the cutoff."""
+
 _MISSING = -32768
 
 
@@ -124,7 +129,10 @@ def _packed_run(run: Run, room: int, lines: int) -> dict[str, Any]:
     step = max(1, int(rate_hz / (_PER_PERIOD * result.cutoff_hz)))
     count = len(range(*inside.indices(len(result.time))))
     stretch = 0 if -(-count // step) <= room else -(-2 * count // room)
-    bands = _bands(count, rate_hz, result.cutoff_hz, lines)
+    bands, lags = (
+        _bands(count, rate_hz, result.cutoff_hz, lines),
+        _lags(count, rate_hz, result.cutoff_hz),
+    )
     return {
         "name": run.name,
         "unseen": run.is_unseen,
@@ -134,10 +142,46 @@ def _packed_run(run: Run, room: int, lines: int) -> dict[str, Any]:
         "thinned": _thinned_text(step, stretch, rate_hz, result.cutoff_hz),
         "frequencies": [float(f"{one:.4g}") for one in bands.frequency],
         **{
-            side: _packed_side(getattr(result, side), inside, step, stretch, bands)
+            side: _packed_side(getattr(result, side), inside, (step, stretch), bands, lags)
             for side in SIDES
         },
+        **_packed_motion(result.motions, result.time[inside][::step], bool(stretch)),
+        "lags": [float(f"{one:.4g}") for one in lags / rate_hz],
+        "noise": packed(_noise_correlation(count, rate_hz, result.cutoff_hz, lags)),
     }
+
+
+def _packed_motion(motions: Sequence[Motion], time: Array, is_thinned: bool) -> dict[str, Any]:
+    """Return joint positions and velocities at the samples of the traces, null without room."""
+    if is_thinned or not motions:
+        return {"position": None, "velocity": None}
+    own = np.concatenate([motion.time for motion in motions])
+    return {
+        state: [packed(np.interp(time, own, column)) for column in whole.T]
+        for state in ("position", "velocity")
+        for whole in [np.concatenate([getattr(one, f"joint_{state}") for one in motions])]
+    }
+
+
+def _lags(count: int, rate_hz: float, cutoff_hz: float) -> IndexArray:
+    """Return the lags of autocorrelations in samples."""
+    longest = min(_LONGEST_LAG * rate_hz / cutoff_hz, count / 2)
+    return np.unique(np.linspace(0, longest, _LAGS).astype(np.intp))
+
+
+def autocorrelation(trace: Array, lags: IndexArray) -> Array:
+    """Return the autocorrelation of a trace without its mean at lags in samples."""
+    there = np.nan_to_num(trace - np.nanmean(trace))
+    spectrum = np.abs(np.fft.rfft(there, 2 * len(there))) ** 2  # Wiener and Khinchin
+    found = np.fft.irfft(spectrum)[lags]
+    return np.asarray(found / max(float(there @ there), 1e-300))
+
+
+def _noise_correlation(count: int, rate_hz: float, cutoff_hz: float, lags: IndexArray) -> Array:
+    """Return the autocorrelation of white noise behind the low pass of the comparison."""
+    impulse = np.zeros((count, 1))
+    impulse[count // 2] = 1.0
+    return autocorrelation(low_pass(impulse, rate_hz, cutoff_hz)[:, 0], lags)
 
 
 def _inside(result: Validation) -> slice:
@@ -163,11 +207,11 @@ def _thinned_text(step: int, stretch: int, rate_hz: float, cutoff_hz: float) -> 
 
 
 def _packed_side(
-    fit: Fit, inside: slice, step: int, stretch: int, bands: Bands
+    fit: Fit, inside: slice, thinning: tuple[int, int], bands: Bands, lags: IndexArray
 ) -> list[dict[str, Any] | None]:
     joints = set(_joints_with_traces(fit))
     return [
-        _packed_trace(fit.measured[inside, j], fit.computed[inside, j], step, stretch, bands)
+        _packed_trace(fit.measured[inside, j], fit.computed[inside, j], thinning, bands, lags)
         if j in joints
         else None
         for j in range(fit.measured.shape[1])
@@ -175,8 +219,9 @@ def _packed_side(
 
 
 def _packed_trace(
-    measured: Array, computed: Array, step: int, stretch: int, bands: Bands
+    measured: Array, computed: Array, thinning: tuple[int, int], bands: Bands, lags: IndexArray
 ) -> dict[str, Any]:
+    step, stretch = thinning
     traces = {"measured": measured, "computed": computed, "residual": measured - computed}
     thin = {
         name: envelope(trace, stretch) if stretch else trace[::step]
@@ -185,6 +230,7 @@ def _packed_trace(
     return {
         **{name: packed(trace) for name, trace in thin.items()},
         "spectra": {name: packed(np.log10(bands.amplitude(one))) for name, one in traces.items()},
+        "autocorrelation": packed(autocorrelation(traces["residual"], lags)),
     }
 
 

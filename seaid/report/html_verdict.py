@@ -1,4 +1,4 @@
-"""The verdict of a page in one sentence, and its warnings."""
+"""The verdict of a page in words, and its notices: warnings with their remedies, by severity."""
 
 from __future__ import annotations
 
@@ -9,9 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seaid._arrays import Array
+from seaid.errors import SEVERITIES, Severity
 from seaid.identification import POORLY_IDENTIFIED
 from seaid.log import row_samples
-from seaid.report.html_tables import CORRELATED, error_rows, share, short, side_name, term_name
+from seaid.report.html_tables import (
+    CORRELATED,
+    error_rows,
+    seconds,
+    share,
+    short,
+    side_name,
+    term_name,
+)
 from seaid.robot import THIN, is_physical
 
 if TYPE_CHECKING:
@@ -23,37 +32,64 @@ if TYPE_CHECKING:
 
 _LARGE_EXCLUDED_SHARE = 0.5
 _BADLY_PREDICTED = 0.2
+"""Relative error of an unseen torque from which a prediction is doubtful, and a joint poor."""
+
+_WELL_PREDICTED = 0.05
+"""Relative error below which a joint is explained well: friction at reversals alone leaves 1 to 5 %
+on the measured robots of docs/results.md."""
 
 NOT_VALIDATED = (
     "Not validated on an unseen motion: how well the model fits its own motion says little about "
     "how well it predicts another."
 )
 
+_WORDS = {"good": "Good", "good but": "Usable with care", "do not use": "Do not use"}
+
 
 @dataclass(frozen=True)
-class Warnings:
-    """Warnings on one subject, which is their heading."""
+class Notice:
+    """A warning on the page: its code or subject, and a remedy in words and as text to copy."""
 
     subject: str
-    sentences: tuple[str, ...]
+    severity: Severity
+    message: str
+    joint: str = ""
+    remedy: str = ""
+    snippet: str = ""
 
 
-def verdict(found: Identification, runs: Sequence[Run], warnings: Sequence[Warnings]) -> str:
-    """Return one sentence on the estimates, their prediction errors and the number of warnings."""
-    counted = (
-        (_relative_errors(found.drives.values()), "drive parameter"),
-        (_relative_errors([found.load]), "base parameter"),
-    )
-    estimated = [
-        f"{_count(len(errors), name)} identified, {int(np.sum(errors < POORLY_IDENTIFIED))} with a "
-        "standard error below 10\N{NO-BREAK SPACE}%"
-        for errors, name in counted
-        if len(errors)
-    ]
-    unseen = _prediction(error_rows(found, [run for run in runs if run.is_unseen]))
-    count = sum(len(one.sentences) for one in warnings)
-    raised = f"{_count(count, 'warning')} below" if count else "no warnings"
-    return "; ".join([found.verdict.sentence, *estimated, unseen, raised]) + "."
+@dataclass(frozen=True)
+class PageVerdict:
+    """The verdict: level for its colour, words, sentence, and (name, value, note) of its numbers."""
+
+    level: str
+    words: str
+    sentence: str
+    numbers: tuple[tuple[str, str, str], ...]
+
+
+def page_verdict(found: Identification, runs: Sequence[Run]) -> PageVerdict:
+    """Return the verdict on an identification with its numbers."""
+    verdict = found.verdict
+    said = verdict.sentence.partition(": ")
+    is_repeated = said[0] in ("good", "usable with care", "do not use this result")
+    sentence = said[2] if is_repeated else verdict.sentence
+    unseen = error_rows(found, [run for run in runs if run.is_unseen])
+    rows = unseen or error_rows(found, runs)
+    counted = (("Drive parameters", found.drives.values()), ("Base parameters", [found.load]))
+    numbers = [_prediction(rows, bool(unseen))]
+    for name, estimates in counted:
+        errors = _relative_errors(estimates)
+        if len(errors):
+            good = int(np.sum(errors < POORLY_IDENTIFIED))
+            note = "with a standard error below 10\N{NO-BREAK SPACE}%"
+            numbers.append((name, f"{good} of {len(errors)}", note))
+    if found.motions:
+        length = sum(float(one.time[-1] - one.time[0]) for one in found.motions)
+        note = f"in {_count(len(found.motions), 'motion')}, below {found.cutoff_hz:.3g} Hz"
+        numbers.append(("Data", seconds(length), note))
+    level = verdict.level.replace(" ", "-")
+    return PageVerdict(level, _WORDS[verdict.level], _sentence(sentence), tuple(numbers))
 
 
 def _relative_errors(estimates: Iterable[Estimate]) -> Array:
@@ -61,56 +97,62 @@ def _relative_errors(estimates: Iterable[Estimate]) -> Array:
     return np.concatenate([np.zeros(0), *(one.relative_standard_errors for one in estimates)])
 
 
-def _prediction(rows: Sequence[ErrorRow]) -> str:
-    """Return the prediction error of unseen motions: median and worst torque."""
+def _prediction(rows: Sequence[ErrorRow], is_unseen: bool) -> tuple[str, str, str]:
+    """Return the error of the predicted torques: median, and the worst."""
+    motion = "Unseen motion" if is_unseen else "Own motion, not validated"
     if not rows:
-        return "not validated on an unseen motion"
+        return motion, "–", "no torque to compare"
     errors = [row.relative_error for row in rows]
     worst = max(rows, key=lambda row: row.relative_error)
-    if len(rows) == 1:
-        return f"the torque of an unseen motion is predicted with {share(errors[0])} error"
-    return (
-        f"the torques of unseen motions are predicted with a median error of "
-        f"{share(float(np.median(errors)))}, {share(worst.relative_error)} at the worst joint "
-        f"({worst.joint}, {worst.side} side)"
-    )
+    note = f"worst {share(worst.relative_error)}: {worst.joint}, {worst.side} side"
+    return motion, share(float(np.median(errors))), f"median error of the torques; {note}"
 
 
-def warnings_of(found: Identification, runs: Sequence[Run]) -> list[Warnings]:
-    """Return the warnings by subject, without empty subjects."""
-    every = (
-        Warnings("Identification", tuple(_with_code(one) for one in found.warnings)),
-        Warnings("Validation", tuple(_of_validation(found, runs))),
-        Warnings("Bodies", tuple(_of_bodies(found))),
-        Warnings("Poorly determined combinations", tuple(_poorly_determined(found))),
-        Warnings("Terms that the data do not support", tuple(_unsupported_terms(found))),
-        Warnings("Residuals", tuple(_autocorrelated(found))),
-        Warnings("Standstill", tuple(_excluded(found))),
-    )
-    return [one for one in every if one.sentences]
+def explained_as(error: float) -> str:
+    """Return how well a torque with a relative error is explained: a class of report.css."""
+    if not np.isfinite(error):
+        return "none"
+    return "good" if error < _WELL_PREDICTED else "fair" if error < _BADLY_PREDICTED else "poor"
 
 
-def _with_code(one: Finding) -> str:
-    """Return a warning with its code and its remedy as a sentence."""
-    remedy = f" {' '.join(one.remedy.split())}" if one.remedy else ""
-    return f"{one.code}: {_sentence(one.message)}{remedy}"
+def notices_of(found: Identification, runs: Sequence[Run]) -> list[Notice]:
+    """Return the notices of a page, the worst first."""
+    every = [
+        *map(_notice, found.warnings),
+        *_of_validation(found, runs),
+        *(Notice("inconsistent-inertia", "note", text) for text in _of_bodies(found)),
+        *(Notice("poorly-determined", "note", text) for text in _poorly_determined(found)),
+        *(Notice("needless-term", "note", text) for text in _unsupported_terms(found)),
+        *(Notice("residual", "note", text) for text in _autocorrelated(found)),
+        *(Notice("standstill", "note", text) for text in _excluded(found)),
+    ]
+    return sorted(every, key=lambda one: SEVERITIES.index(one.severity))
 
 
-def _of_validation(found: Identification, runs: Sequence[Run]) -> Iterator[str]:
+def _notice(one: Finding) -> Notice:
+    """Return a finding as a notice; a remedy of several lines has a text to copy."""
+    first, _, rest = one.remedy.strip().partition("\n")
+    remedy = first if rest else (_sentence(first) if first else "")
+    return Notice(one.code, one.severity, _sentence(one.message), one.joint, remedy, rest)
+
+
+def _of_validation(found: Identification, runs: Sequence[Run]) -> Iterator[Notice]:
     if not any(run.is_unseen for run in runs):
-        yield NOT_VALIDATED
+        yield Notice("not-validated", "note", NOT_VALIDATED)
     for run in runs:
         if not run.is_unseen and run.name.startswith("validation"):
-            yield (
+            message = (
                 f"The {run.name} is of a motion that was used for identification: it is not an "
                 "unseen one."
             )
+            yield Notice("not-validated", "doubtful", message)
     for row in error_rows(found, [run for run in runs if run.is_unseen]):
         if row.relative_error > _BADLY_PREDICTED:
-            yield (
+            message = (
                 f"The torque of {row.joint} ({row.side} side) is poorly predicted in the "
                 f"{row.run}: relative error {share(row.relative_error)}."
             )
+            yield Notice("badly-predicted", "doubtful", message, row.joint)
 
 
 def _of_bodies(found: Identification) -> Iterator[str]:

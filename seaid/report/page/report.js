@@ -1,5 +1,5 @@
 "use strict";
-// Charts of the page: traces and spectrum of one motion, joint and side; the map's values; the theme.
+// Charts of one motion, joint and side; values of the map; copies of tables and texts; the theme.
 (() => {
   const at = (id) => document.getElementById(id);
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).replaceAll(" ", "");
@@ -17,7 +17,7 @@
 
   const traces = stored("traces-data");
   const charts = {};
-  const hidden = { torque: new Set(), residual: new Set(), spectrum: new Set() };
+  const hidden = Object.fromEntries(["torque", "residual", "spectrum", "autocorrelation", "over-velocity", "over-position"].map((name) => [name, new Set()]));
   let zoom = null;
   let zooming = false;
 
@@ -55,15 +55,46 @@
       hidden[name][one.show ? "delete" : "add"](one.label);
     }] };
     charts[name] = new uPlot({ width: Math.max(place.clientWidth, 260), ...options, series, hooks }, data, place);
-    charts[name].over.addEventListener("dblclick", () => { if (name !== "spectrum") zoomTo(null); });
+    charts[name].over.addEventListener("dblclick", () => { if (name === "torque" || name === "residual") zoomTo(null); });
   };
 
-  const overTime = (name, height, label, series, data) => draw(name, {
+  const reversals = (time, velocity) => {  // the sign changes between two speeds above 1 % of the largest
+    const least = 0.01 * Math.max(...velocity.map(Math.abs));
+    const found = [];
+    let last = 0;
+    velocity.forEach((speed, place) => {
+      if (Math.abs(speed) < least) return;
+      if (last && Math.sign(speed) !== last) found.push(time[place]);
+      last = Math.sign(speed);
+    });
+    return found;
+  };
+
+  const markReversals = (times) => (chart) => {
+    const { left, top, width, height } = chart.bbox;
+    chart.ctx.save();
+    chart.ctx.beginPath();
+    chart.ctx.rect(left, top, width, height);
+    chart.ctx.clip();
+    chart.ctx.strokeStyle = colour("line");
+    chart.ctx.setLineDash([2 * devicePixelRatio, 3 * devicePixelRatio]);
+    chart.ctx.lineWidth = devicePixelRatio;
+    chart.ctx.beginPath();
+    for (const one of times) {
+      const x = Math.round(chart.valToPos(one, "x", true));
+      chart.ctx.moveTo(x, top);
+      chart.ctx.lineTo(x, top + height);
+    }
+    chart.ctx.stroke();
+    chart.ctx.restore();
+  };
+
+  const overTime = (name, height, label, series, data, turns) => draw(name, {
     height, series: [{ label: "t [s]", value: (_, value) => (value == null ? "–" : value.toFixed(3)) }, ...series],
     scales: { x: { time: false } },
     axes: [name === "residual" ? axis("time [s]") : axis(undefined, { size: 34 }), axis(label, { size: 66 })],
     cursor: { y: false, sync: { key: "time" }, drag: { x: true, y: false, setScale: false } },
-    hooks: { setSelect: [(chart) => {
+    hooks: { drawClear: [markReversals(turns)], setSelect: [(chart) => {
       if (chart.select.width < 4) return;
       const min = chart.posToVal(chart.select.left, "x");
       const max = chart.posToVal(chart.select.left + chart.select.width, "x");
@@ -84,13 +115,36 @@
   };
 
   const overFrequency = (unit, cutoff, data) => draw("spectrum", {
-    height: 300, series: [{ label: "f [Hz]", value: (_, value) => digits(value) },
-      line("measured", "measured", 2.4), line("computed", "computed", 1.2), line("residual", "residual", 1.2)],
+    height: 250, series: [{ label: "f [Hz]", value: (_, value) => digits(value) },
+      line("measured", "measured", 4), line("computed", "computed", 1.2), line("residual", "residual", 1.2)],
     scales: { x: { time: false, distr: 3 }, y: { distr: 3 } },
     cursor: { y: false },
     axes: [axis("frequency [Hz]", { values: powers }), axis(`amplitude [${unit}]`, { size: 66, values: powers })],
     hooks: { drawClear: [shadeBand(cutoff)] },
   }, data);
+
+  const overLag = (lags, residual, noise) => draw("autocorrelation", {
+    height: 250, series: [{ label: "lag [s]", value: (_, value) => digits(value) },
+      line("residual", "residual", 1.4), line("filtered noise", "measured", 3)],
+    scales: { x: { time: false }, y: { range: [-1, 1.05] } }, cursor: { y: false },
+    axes: [axis("lag [s]"), axis("autocorrelation", { size: 66 })],
+  }, [lags, residual, noise]);
+
+  const scatter = (name, label, unit, x, y) => {  // points in the order of x, and the means of 24 bins
+    const order = x.map((_, place) => place).filter((place) => y[place] != null).sort((a, b) => x[a] - x[b]);
+    const [low, high] = [x[order[0]], x[order[order.length - 1]]];
+    const bins = Array.from({ length: 24 }, () => []);
+    for (const place of order) bins[Math.min(23, Math.floor(24 * (x[place] - low) / (high - low || 1)))].push(place);
+    const means = new Map(bins.filter((one) => one.length > 4).map((one) => [one[one.length >> 1], one.reduce((sum, place) => sum + y[place], 0) / one.length]));
+    const points = { show: true, size: 3, width: 0, stroke: colour("sample"), fill: colour("sample") };
+    draw(name, {
+      height: 250, series: [{ label, value: (_, value) => digits(value) },
+        { label: "residual", stroke: colour("sample"), paths: () => null, points, value: (_, value) => digits(value) },
+        { ...line("mean", "residual", 2), spanGaps: true }],
+      scales: { x: { time: false } }, cursor: { y: false },
+      axes: [axis(label), axis(`residual [${unit}]`, { size: 66 })],
+    }, [order.map((place) => x[place]), order.map((place) => y[place]), order.map((place) => means.get(place) ?? null)]);
+  };
 
   const shown = () => {
     const run = traces.runs[+at("run").value];
@@ -105,12 +159,22 @@
     zoom = null;
     const measured = unpacked(trace.measured);
     const time = measured.map((_, place) => run.start + run.step * place);
+    const motion = run.velocity && { velocity: unpacked(run.velocity[joint]), position: unpacked(run.position[joint]) };
+    const turns = motion ? reversals(time, motion.velocity) : [];
+    const residual = unpacked(trace.residual);
     overTime("torque", 300, `torque [${unit}]`,
-      [line("measured", "measured", 2.4), line("computed", "computed", 1.2)], [time, measured, unpacked(trace.computed)]);
-    overTime("residual", 190, `residual [${unit}]`, [line("measured − computed", "residual", 1.2)], [time, unpacked(trace.residual)]);
+      [line("measured", "measured", 5), line("computed", "computed", 1.4)], [time, measured, unpacked(trace.computed)], turns);
+    overTime("residual", 190, `residual [${unit}]`, [line("measured − computed", "residual", 1.2)], [time, residual], turns);
     if (kept) zoomTo(kept);
     const spectra = ["measured", "computed", "residual"].map((one) => unpacked(trace.spectra[one]).map((power) => 10 ** power));
     overFrequency(unit, run.cutoff, [run.frequencies, ...spectra]);
+    overLag(run.lags, unpacked(trace.autocorrelation), unpacked(run.noise));
+    for (const figure of document.querySelectorAll(".scatter")) figure.hidden = !motion;
+    if (motion) {
+      const length = traces.units.load[joint] === "N" ? "m" : "rad";
+      scatter("over-velocity", `velocity [${length}/s]`, unit, motion.velocity, residual);
+      scatter("over-position", `position [${length}]`, unit, motion.position, residual);
+    }
     const seen = run.unseen ? "unseen" : "used for identification";
     at("shown").textContent = `${traces.joints[joint]}, ${side} side, ${run.name} (${seen}); below ${run.cutoff.toPrecision(3)} Hz.`;
     at("source").textContent = `Measured is ${traces.sources[side][joint]}.`;
@@ -190,11 +254,74 @@
     settle();
   };
 
+  const save = (name, content, type) => {
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(content instanceof Blob ? content : new Blob([content], { type }));
+    link.download = name;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+  };
+
+  const cellsOf = (row) => [...row.cells].map((cell) => {
+    const exact = cell.querySelector("data");
+    const more = cell.querySelector("details");
+    const text = more ? more.lastChild.textContent : cell.textContent;
+    return { text: text.trim(), exact: exact ? exact.value : null };
+  });
+  const csv = (rows) => rows.map((row) => row.map(({ text, exact }) => {
+    const plain = exact ?? text.replaceAll("−", "-").replace(/·10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)/g, (_, raised) => `e${lowered(raised)}`);
+    return /[",\n;]/.test(plain) ? `"${plain.replaceAll('"', '""')}"` : plain;
+  }).join(",")).join("\r\n") + "\r\n";
+  const lowered = (raised) => [...raised].map((one) => "-0123456789"["⁻⁰¹²³⁴⁵⁶⁷⁸⁹".indexOf(one)]).join("");
+  const SIGNS = { "\\": "\\textbackslash{}", "{": "\\{", "}": "\\}", "_": "\\_", "&": "\\&", "%": "\\%", "#": "\\#", "$": "\\$", "^": "\\textasciicircum{}", "~": "\\textasciitilde{}",
+    "−": "$-$", "±": "$\\pm$", "×": "$\\times$", "…": "\\dots{}", "²": "$^2$", "³": "$^3$", "⁵": "$^5$", "–": "--", "<": "$<$", ">": "$>$", "\u00a0": "~" };
+  const tex = (text) => text.split(/(·?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)/).map((part, place) => (place % 2
+    ? `$${part[0] === "·" ? "\\cdot " : ""}10^{${lowered(part.replace(/^·?10/, ""))}}$` : part.replace(/[\\{}_&%#$^~−±×…²³⁵–<>\u00a0]/g, (one) => SIGNS[one]))).join("");
+  const latex = ([head, ...rows], table) => {
+    const sides = [...table.tHead.rows[0].cells].map((cell, place) => (place === 0 || cell.className === "text" ? "l" : "r")).join("");
+    const line = (row) => `  ${row.map(({ text }) => tex(text)).join(" & ")} \\\\`;
+    return [`% ${table.caption.textContent.trim()}`, `\\begin{tabular}{${sides}}`, "  \\toprule", line(head), "  \\midrule", ...rows.map(line), "  \\bottomrule", "\\end{tabular}", ""].join("\n");
+  };
+
+  const startCopies = () => {
+    for (const place of document.querySelectorAll(".table")) {
+      const table = place.querySelector("table");
+      const name = `${document.querySelector("h1").textContent.trim()} ${place.dataset.name}`.replace(/[^\w-]+/g, "_");
+      place.querySelector(".copies").hidden = false;
+      place.querySelector(".copies").addEventListener("click", ({ target }) => {
+        const rows = [...table.rows].map(cellsOf);
+        if (target.dataset.copy === "csv") save(`${name}.csv`, "\ufeff" + csv(rows), "text/csv");
+        if (target.dataset.copy === "latex") save(`${name}.tex`, latex(rows, table), "text/x-tex");
+      });
+    }
+    for (const button of document.querySelectorAll(".code .copy")) {
+      const code = button.parentElement.querySelector("code");
+      button.hidden = false;
+      button.addEventListener("click", async () => {
+        try {
+          await navigator.clipboard.writeText(code.textContent);
+          button.textContent = "Copied";
+        } catch {  // a page from a file may have no clipboard
+          getSelection().selectAllChildren(code);
+          button.textContent = document.execCommand("copy") ? "Copied" : "Selected";
+        }
+      });
+    }
+    const packed = at("parameters-data");
+    if (!packed) return;
+    at("parameters").hidden = false;
+    at("parameters").addEventListener("click", async () => {
+      const stream = new Blob([bytes(packed.textContent)]).stream().pipeThrough(new DecompressionStream("gzip"));
+      save("parameters.json", new Blob([await new Response(stream).arrayBuffer()], { type: "application/json" }));
+    });
+  };
+
   let opened = [];
   addEventListener("beforeprint", () => { opened = [...document.querySelectorAll("details:not([open])")]; opened.forEach((one) => { one.open = true; }); });
   addEventListener("afterprint", () => { opened.forEach((one) => { one.open = false; }); });
 
   if (traces) startTraces();
   startMap();
+  startCopies();
   startTheme();
 })();

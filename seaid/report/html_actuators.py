@@ -1,0 +1,259 @@
+"""Figures of each actuator: friction over velocity, spring torque over deflection.
+
+A sample of the friction is what the motor equation (7) leaves when inertia and spring are taken
+away as identified; a sample of the spring force is what remains without inertia and friction. All
+are below the cutoff, without standstill.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from seaid._arrays import Array
+from seaid.drives import (
+    PARAMETERS_OF,
+    Drive,
+    friction_curve,
+    parameter_named,
+    spring_curve,
+)
+from seaid.errors import SeaidError
+from seaid.log import Motion, in_band, standstill
+from seaid.regressor import actuator_columns, load_columns, signals
+from seaid.report.html_charts import Axis, Layer, chart
+from seaid.report.html_maps import fitted_motions
+
+if TYPE_CHECKING:
+    from seaid.identification import Identification
+    from seaid.robot import Robot
+
+_MOST_SAMPLES, _ROOM = 420, 40_000
+"""Samples of a figure, and of all figures of the page."""
+
+_CURVE = 161
+_SIGN_WIDTH = 1e-6
+"""Speed, over the fastest, within which a drawn curve changes its sign."""
+
+_FRICTION = {name for terms in PARAMETERS_OF["friction"].values() for name in terms}
+_SPRING = {name for terms in PARAMETERS_OF["spring"].values() for name in terms}
+_SPRING |= {"spring_offset", "deflection_zero"}
+
+
+@dataclass(frozen=True)
+class ActuatorFigures:
+    """The figures of a joint; None for what its drive does not have or its log does not show."""
+
+    joint: str
+    kind: str
+    friction: Any | None
+    spring: Any | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Samples:
+    """Motor speed, and what remains of the torque: (P,) of friction; `x`, `force` of the spring."""
+
+    speed: Array
+    friction: Array
+    x: Array
+    force: Array
+
+
+def actuator_figures(found: Identification, nominal: Robot) -> list[ActuatorFigures]:
+    """Return the figures of every joint with friction or a spring, none for long logs."""
+    motions = fitted_motions(found)
+    most = max(60, min(_MOST_SAMPLES, _ROOM // max(2 * found.robot.n, 1)))
+    figures = []
+    for joint in found.known.joint_names if motions else ():
+        drive = found.known.drives[joint]
+        parts = [one for motion in motions for one in _samples(found, motion, joint)]
+        if not parts:
+            continue
+        samples = _thinned(parts, most)
+        identified = _identified(found, joint)
+        friction = spring = None
+        if drive.friction:
+            friction = _friction_figure(joint, samples, identified, nominal.drives[joint])
+        if drive.is_elastic:
+            spring = _spring_figure(joint, samples, identified, nominal.drives[joint])
+        kind = "series elastic" if drive.is_elastic else "stiff"
+        if friction is not None or spring is not None:
+            figures.append(ActuatorFigures(joint, kind, friction, spring))
+    return figures
+
+
+def _identified(found: Identification, joint: str) -> Drive:
+    """Return the drive with the values of its equations, as they were identified."""
+    drive = found.known.drives[joint]
+    estimate = found.drive_side.get(joint)
+    if estimate is None:
+        return drive
+    values = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
+    own = {
+        name: max(value, 0.0) if parameter_named(name).is_positive else value
+        for name, value in values.items()
+        if name in drive.parameter_names
+    }
+    return drive.with_values(own)
+
+
+def _thinned(parts: Sequence[_Samples], most: int) -> _Samples:
+    whole = [
+        np.concatenate([getattr(one, name) for one in parts])
+        for name in ("speed", "friction", "x", "force")
+    ]
+    kept = np.unique(np.linspace(0, len(whole[0]) - 1, most).astype(int)) if len(whole[0]) else []
+    return _Samples(*(one[kept] for one in whole))
+
+
+def _samples(found: Identification, motion: Motion, joint: str) -> Iterator[_Samples]:
+    """Yield the samples of a joint in a motion, if a torque of it was logged."""
+    index, drive = found.known.index(joint), found.known.drives[joint]
+    side = _elastic_side if drive.is_elastic else _stiff_side
+    sides = side(found, motion, joint)
+    if sides is None:
+        return
+    lost = round(motion.transient_s * motion.rate_hz)
+    inside = np.zeros(len(motion.time), dtype=bool)
+    inside[lost : len(inside) - lost] = True
+    if motion.bridged is not None:
+        inside &= ~motion.bridged
+    kept = inside & ~standstill(motion, index)
+    speed = motion.motor_velocity[:, index]
+    yield _Samples(*(one[kept] for one in (in_band(motion, speed), *sides)))
+
+
+def _elastic_side(
+    found: Identification, motion: Motion, joint: str
+) -> tuple[Array, Array, Array] | None:
+    """Return friction at the motor, deflection from the spring's zero, and spring force (T,)."""
+    estimate, drive = found.drive_side[joint], found.known.drives[joint]
+    regressor, zeta, R = actuator_columns(found.known, motion, joint)
+    if not set(regressor.names) <= set(estimate.names):
+        return None
+    values = np.array([estimate.value(name) for name in regressor.names])
+    offset = estimate.value("torque_offset") if "torque_offset" in estimate.names else 0.0
+    parts = R * values
+    is_motor = bool(regressor.signals & {"tau_M", "i_M", "u_M"})
+    left = zeta - np.sum(parts, axis=1) - (offset if is_motor else 0.0)
+    own = {
+        kind: left + np.sum(parts[:, [name in names for name in regressor.names]], axis=1)
+        for kind, names in (("friction", _FRICTION), ("spring", _SPRING))
+    }
+    lever = drive.ratio / drive.motor_radius if is_motor else 1.0
+    by_name = signals(found.known, motion, found.known.index(joint))
+    turned = by_name["theta_M"] * drive.motor_radius / drive.ratio
+    stretch = turned - drive.load_radius * by_name["theta_L"]
+    friction = in_band(motion, own["friction"]) if is_motor else np.full_like(left, np.nan)
+    zero = _spring_zero(drive, dict(zip(estimate.names, estimate.values.tolist(), strict=True)))
+    return friction, in_band(motion, stretch) - zero, lever * in_band(motion, own["spring"])
+
+
+def _spring_zero(drive: Drive, values: Mapping[str, float]) -> float:
+    """Return the measured deflection at which the spring is relaxed, by its encoder offsets."""
+    if drive.is_nonlinear_spring:
+        return values.get("deflection_zero", 0.0)
+    if "preload" in drive.spring or not values.get("stiffness"):
+        return 0.0
+    return -values.get("spring_offset", 0.0) / values["stiffness"]
+
+
+def _stiff_side(
+    found: Identification, motion: Motion, joint: str
+) -> tuple[Array, Array, Array] | None:
+    """Return the friction of a stiff drive at its motor (T,), by the load side (8)."""
+    model = found.model
+    if joint not in model.torque_joints:
+        return None
+    torque, payload, H, _ = load_columns(found.known, motion, model, found.springs)
+    row = model.torque_joints.index(joint)
+    bodies = len(model.expressions)
+    friction = [
+        bodies + place
+        for place, (of, name, _) in enumerate(model.drives)
+        if of == joint and name in _FRICTION
+    ]
+    if not friction:
+        return None
+    others = np.setdiff1d(np.arange(H.shape[2]), friction)
+    theta = found.load_side.values[: H.shape[2]]
+    left = torque[:, row] - payload[:, row] - H[:, row][:, others] @ theta[others]
+    left = in_band(motion, left) / found.known.drives[joint].ratio
+    nothing = np.full_like(left, np.nan)
+    return left, nothing, nothing
+
+
+def _friction_figure(joint: str, samples: _Samples, identified: Drive, nominal: Drive) -> Any:
+    if not np.any(np.isfinite(samples.friction)):
+        return None
+    fastest = float(np.max(np.abs(samples.speed)))
+    speed = np.linspace(-fastest, fastest, _CURVE - 1)  # without zero, where the sign jumps
+    layers = [Layer(samples.speed, samples.friction, "sample")]
+    for name, drive in (("nominal", nominal), ("identified", identified)):
+        curve = _friction_curve(joint, drive, speed)
+        if curve is not None:
+            layers.append(Layer(speed, curve, name, "line"))
+    low, high = _range([one.y for one in layers if one.name != "nominal"])
+    return chart(
+        layers,
+        Axis("motor speed", "rad/s"),
+        Axis("friction torque", "N m", low, high),
+        title=f"Friction of {joint} over the speed of its motor",
+    )
+
+
+def _friction_curve(joint: str, drive: Drive, speed: Array) -> Array | None:
+    """Return the friction (P,) without load, None if a value is missing."""
+    try:
+        curve = friction_curve(joint, drive.without_harmonics())
+        width = _SIGN_WIDTH * float(np.max(np.abs(speed)))
+        return curve.torque(speed, np.zeros_like(speed), sign_width=width)[0]
+    except SeaidError:
+        return None
+
+
+def _range(values: Sequence[Array], room: float = 0.08) -> tuple[float, float]:
+    """Return the ends of an axis that shows samples and model whole; the nominal may leave it."""
+    known = np.concatenate([one[np.isfinite(one)] for one in values])
+    low, high = float(np.min(known)), float(np.max(known))
+    if low == high:
+        return low - 1.0, high + 1.0
+    return low - room * (high - low), high + room * (high - low)
+
+
+def _spring_figure(joint: str, samples: _Samples, identified: Drive, nominal: Drive) -> Any:
+    if not np.any(np.isfinite(samples.force)):
+        return None
+    is_up = samples.speed > 0
+    layers = [
+        Layer(samples.x[is_up], samples.force[is_up], "sample up"),
+        Layer(samples.x[~is_up], samples.force[~is_up], "sample down"),
+    ]
+    x = np.linspace(float(np.min(samples.x)), float(np.max(samples.x)), _CURVE)
+    for name, drive in (("nominal", nominal), ("identified", identified)):
+        curve = _spring_force(drive, x)
+        if curve is not None:
+            layers.append(Layer(x, curve, name, "line"))
+    force, length = identified.spring_units
+    low, high = _range([one.y for one in layers if one.name != "nominal"])
+    return chart(
+        layers,
+        Axis("deflection", length),
+        Axis(f"spring {'force' if force == 'N' else 'torque'}", force, low, high),
+        title=f"Spring of {joint}: torque over deflection",
+    )
+
+
+def _spring_force(drive: Drive, x: Array) -> Array | None:
+    """Return the force (P,) of a relaxed spring's deflections x, None if a value is missing."""
+    try:
+        plain = drive.without_harmonics()
+        if "deflection_zero" in plain.values:
+            plain = replace(plain, nominal={**plain.nominal, "deflection_zero": 0.0})
+        return spring_curve(plain).force(x)
+    except SeaidError:
+        return None

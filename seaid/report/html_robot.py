@@ -1,0 +1,369 @@
+"""Pictures of the robot as SVG: its joints in colours, its bodies as ellipsoids of inertia.
+
+Pinocchio places the joints; they are seen in parallel projection from the side that shows most of
+the links. A cylinder is a revolute joint, a box on a rail a prismatic one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+
+from seaid._arrays import Array, safely
+from seaid.robot import THIN, is_physical, pseudo_inertia
+
+if TYPE_CHECKING:
+    from seaid.identification import Identification
+    from seaid.robot import Robot
+
+_WIDTH, _HEIGHT, _LABELS = 640.0, 420.0, 165.0
+_MOST_LABELS = 6
+"""Labels on each side of the picture; other joints have a name under the pointer only."""
+
+_ELEVATION, _TURNED = np.radians(18.0), np.radians(24.0)
+"""Height of the eye, and angle away from the view that shows most, so that joints look round."""
+
+_JOINT, _NEAR = 0.055, 0.6
+"""Size of a joint over that of the robot; joints closer than so many sizes move apart."""
+
+_LONGEST = 17
+
+
+@dataclass(frozen=True)
+class Label:
+    """Text and colour of a joint in a picture: classes of report.css."""
+
+    name: str
+    value: str
+    colour: str
+    is_flagged: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Posture:
+    """A robot in the middle of its motion, in the frame of the base.
+
+    `origins`, `axes` and `turns` (n, 3 or 3 x 3) are of joints and bodies; `parents` (n,) are
+    joints, -1 for the base; `up` is against gravity.
+    """
+
+    robot: Robot
+    origins: Array
+    axes: Array
+    turns: Array
+    parents: tuple[int, ...]
+    up: Array
+
+    @cached_property
+    def ends(self) -> Array:
+        """The visible ends (n, 3) of the links: of the last ones, beyond their centres of mass."""
+        found = np.full_like(self.origins, np.nan)
+        leaves = set(range(len(self.origins))) - set(self.parents)
+        for joint in leaves:
+            center = center_of_mass(self.robot.parameters[10 * joint : 10 * joint + 10])
+            if center is not None and np.linalg.norm(center) > 0:
+                found[joint] = self.origins[joint] + 1.6 * self.turns[joint] @ center
+        return found
+
+    @cached_property
+    def points(self) -> Array:
+        """All points (., 3) of the skeleton."""
+        ends = self.ends[np.isfinite(self.ends[:, 0])]
+        return np.concatenate([np.zeros((1, 3)), self.origins, ends])
+
+    @cached_property
+    def size(self) -> float:
+        """The diagonal of the skeleton [m]."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=0))) or 1.0
+
+
+def posture_of(found: Identification) -> Posture:
+    """Return the robot in the middle of the motion that was used, else of its limits."""
+    robot, model = found.robot, found.robot.model
+    lower, upper = robot.lower_limits, robot.upper_limits
+    if found.motions:
+        positions = np.concatenate([motion.joint_position for motion in found.motions])
+        lower, upper = positions.min(axis=0), positions.max(axis=0)
+    bounded = np.isfinite(lower) & np.isfinite(upper)
+    q = np.where(bounded, 0.5 * (np.nan_to_num(lower) + np.nan_to_num(upper)), 0.0)
+    data, order = model.createData(), list(robot.model_order)
+    pin.forwardKinematics(model, data, q[order])
+    jacobian = pin.computeJointJacobians(model, data, q[order])
+    origins, axes, turns = np.empty((robot.n, 3)), np.empty((robot.n, 3)), np.empty((robot.n, 3, 3))
+    parents = [-1] * robot.n
+    for place, index in enumerate(order):
+        frame = data.oMi[place + 1]
+        origins[index], turns[index] = frame.translation, frame.rotation
+        column = jacobian[:, model.joints[place + 1].idx_v]
+        axes[index] = column[:3] if robot.is_prismatic[index] else column[3:]
+        above = model.parents[place + 1]
+        parents[index] = order[above - 1] if above else -1
+    gravity = model.gravity.linear
+    size = float(np.linalg.norm(gravity))
+    up = -gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
+    return Posture(robot, origins, axes, turns, tuple(parents), up)
+
+
+def center_of_mass(parameters: Array) -> Array | None:
+    """Return the centre of mass (3,) of ten parameters, None without a mass."""
+    return parameters[1:4] / parameters[0] if parameters[0] > 0 else None
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A parallel projection into the middle of a picture: rows right, up, towards the eye."""
+
+    rows: Array
+    middle: Array
+    scale: float
+
+    def places(self, points: Array) -> Array:
+        """Return places (., 2) in the picture."""
+        flat = (points - self.middle) @ self.rows[:2].T * self.scale
+        return np.asarray([_WIDTH / 2, _HEIGHT / 2] + flat * [1.0, -1.0])
+
+
+def _view(posture: Posture, points: Array, room: float) -> _View:
+    """Return the view of points (., 3) that shows most of the links, a little turned.
+
+    `room` is what remains free at both sides.
+    """
+    helper = np.eye(3)[int(np.argmin(np.abs(posture.up)))]
+    front = np.cross(posture.up, np.cross(helper, posture.up))
+    front = front / np.linalg.norm(front)
+    starts = [posture.origins[one] if one >= 0 else np.zeros(3) for one in posture.parents]
+    links = np.concatenate([posture.origins - starts, posture.ends - posture.origins])
+    links = links[np.isfinite(links[:, 0])]
+
+    def rows_at(angle: float) -> Array:
+        turned = pin.exp3(angle * posture.up) @ front
+        eye = np.cos(_ELEVATION) * turned + np.sin(_ELEVATION) * posture.up
+        right = np.cross(posture.up, turned)
+        return np.array([right, np.cross(eye, right), eye])
+
+    angles = np.radians(np.arange(0.0, 360.0, 15.0))
+    seen = [float(np.linalg.norm(links @ rows_at(angle)[:2].T)) for angle in angles]
+    rows = rows_at(angles[int(np.argmax(np.round(seen, 9)))] + _TURNED)
+    flat = points @ rows[:2].T
+    margin = 2.0 * _JOINT * posture.size
+    low, high = flat.min(axis=0) - margin, flat.max(axis=0) + margin
+    scale = float(np.min([_WIDTH - 2 * room, _HEIGHT - 30.0] / (high - low)))
+    return _View(rows, rows[:2].T @ (0.5 * (low + high)), scale)
+
+
+def robot_picture(posture: Posture, labels: Mapping[str, Label], title: str) -> Any:
+    """Return the robot with its joints in the colours of their labels, as SVG."""
+    view = _view(posture, posture.points, _LABELS)
+    centers = _apart(posture)
+    parts = [_ground(posture, view), _links(posture, view, "link")]
+    depth = np.argsort(centers @ view.rows[2], kind="stable")
+    for joint in depth.tolist():
+        name = posture.robot.joint_names[joint]
+        parts.append(_joint(posture, view, joint, centers[joint], labels[name]))
+    parts += _labelled(posture, view.places(centers), labels)
+    return _svg("robot", title, parts)
+
+
+def _svg(name: str, title: str, parts: Sequence[str]) -> Any:
+    from markupsafe import Markup
+
+    return Markup(
+        f'<svg class="{name}" role="img" viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}" '
+        f'aria-label="{escape(title)}">{"".join(parts)}</svg>'
+    )
+
+
+def _apart(posture: Posture) -> Array:
+    """Return the centres (n, 3) of the drawn joints: joints at one place move along their axes."""
+    size, centers = _JOINT * posture.size, posture.origins.copy()
+    for joint in range(len(centers)):
+        near = np.linalg.norm(posture.origins - posture.origins[joint], axis=1) < _NEAR * size
+        if np.sum(near) > 1:
+            place = int(np.sum(near[:joint]))
+            centers[joint] += (1.5 if place % 2 else -1.5) * size * posture.axes[joint]
+    return centers
+
+
+def _path(points: Array) -> str:
+    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
+
+
+def _ground(posture: Posture, view: _View) -> str:
+    """Return the base as a plate perpendicular to gravity, with the direction of gravity."""
+    turn = np.linspace(0, 2 * np.pi, 40)
+    helper = np.eye(3)[int(np.argmin(np.abs(posture.up)))]
+    one = np.cross(posture.up, helper)
+    one = one / np.linalg.norm(one)
+    other = np.cross(posture.up, one)
+    rim = (
+        2.2 * _JOINT * posture.size * (np.outer(np.cos(turn), one) + np.outer(np.sin(turn), other))
+    )
+    return f'<path class="ground" d="{_path(view.places(rim))}Z"/>'
+
+
+def _links(posture: Posture, view: _View, name: str) -> str:
+    places, ends = view.places(posture.origins), view.places(posture.ends)
+    base = view.places(np.zeros((1, 3)))[0]
+    lines = ""
+    for joint, parent in enumerate(posture.parents):
+        start = base if parent < 0 else places[parent]
+        lines += _path(np.array([start, places[joint]]))
+        if np.isfinite(ends[joint, 0]):
+            lines += _path(np.array([places[joint], ends[joint]]))
+    return f'<path class="{name} edge" d="{lines}"/><path class="{name}" d="{lines}"/>'
+
+
+def _joint(posture: Posture, view: _View, joint: int, center: Array, label: Label) -> str:
+    """Return a cylinder along the axis of a revolute joint, a box on a rail of a prismatic one."""
+    size, axis = _JOINT * posture.size, posture.axes[joint]
+    axis = axis if float(axis @ view.rows[2]) >= 0 else -axis
+    text = f"{posture.robot.joint_names[joint]}: {label.value}"
+    head = f'<g class="joint {label.colour}"><title>{escape(text)}</title>'
+    if posture.robot.is_prismatic[joint]:
+        rail, box = (
+            _path(view.places(center + np.array([[-k], [k]]) * size * axis)) for k in (1.8, 0.8)
+        )
+        width = 1.3 * size * view.scale
+        return (
+            f'{head}<path class="rail" d="{rail}"/>'
+            f'<path class="box" stroke-width="{width:.1f}" d="{box}"/></g>'
+        )
+    turn = np.linspace(0, 2 * np.pi, 48)
+    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    one = np.cross(axis, helper)
+    one = one / np.linalg.norm(one)
+    rim = np.outer(np.cos(turn), one) + np.outer(np.sin(turn), np.cross(axis, one))
+    near, far = (view.places(center + size * (0.62 * rim + k * axis)) for k in (0.75, -0.75))
+    body = _hull(np.concatenate([near, far]))
+    dot = view.places((center + 0.75 * size * axis)[None])[0]
+    return (
+        f'{head}<path class="side" d="{_path(body)}Z"/><path class="face" d="{_path(near)}Z"/>'
+        f'<circle class="axle" cx="{dot[0]:.1f}" cy="{dot[1]:.1f}" r="2.2"/></g>'
+    )
+
+
+def _hull(points: Array) -> Array:
+    """Return the convex hull of points (., 2), by the chains of Andrew."""
+    ordered = points[np.lexsort((points[:, 1], points[:, 0]))]
+
+    def chain(points: Array) -> list[Array]:
+        kept: list[Array] = []
+        for point in points:
+            while len(kept) > 1 and _turn(kept[-2], kept[-1], point) <= 0:
+                kept.pop()
+            kept.append(point)
+        return kept[:-1]
+
+    return np.array([*chain(ordered), *chain(ordered[::-1])])
+
+
+def _turn(a: Array, b: Array, c: Array) -> float:
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+
+def _labelled(posture: Posture, places: Array, labels: Mapping[str, Label]) -> list[str]:
+    """Return labels in a column on each side with lines to their joints, the flagged ones first."""
+    names = posture.robot.joint_names
+    order = {"poor": 0, "fair": 1, "good": 2, "none": 3}
+    ranked = sorted(
+        range(len(names)),
+        key=lambda k: (not labels[names[k]].is_flagged, order[labels[names[k]].colour]),
+    )[: 2 * _MOST_LABELS]
+    across = sorted(ranked, key=lambda k: float(places[k, 0]))
+    half = -(-len(across) // 2)
+    parts = []
+    for is_left, mine in ((True, across[:half]), (False, across[half:])):
+        mine = sorted(mine, key=lambda k: float(places[k, 1]))
+        for joint, y in zip(mine, _spread(places[mine, 1]), strict=True):
+            label = labels[names[joint]]
+            edge, anchor = (_LABELS - 22, "end") if is_left else (_WIDTH - _LABELS + 22, "start")
+            x, own = places[joint]
+            near = edge + (14 if is_left else -14)
+            line = f"M{edge + (5 if is_left else -5):.1f} {y:.1f}H{near:.1f}L{x:.1f} {own:.1f}"
+            name = label.name if len(label.name) <= _LONGEST else f"{label.name[: _LONGEST - 1]}…"
+            flag = '<tspan class="flag"> !</tspan>' if label.is_flagged else ""
+            parts.append(
+                f'<path class="leader" d="{line}"/><text class="of-joint" x="{edge:.1f}" y="{y:.1f}" '
+                f'text-anchor="{anchor}"><title>{escape(label.name)}</title>{escape(name)}{flag}'
+                f'<tspan class="value {label.colour}" x="{edge:.1f}" dy="1.15em">'
+                f"{escape(label.value)}</tspan></text>"
+            )
+    return parts
+
+
+def _spread(wanted: Array, step: float = 62.0) -> list[float]:
+    """Return heights near the wanted ones, in order, that are at least a label apart."""
+    count = len(wanted)
+    step = min(step, (_HEIGHT - 50.0) / max(count - 1, 1))
+    free = np.clip(wanted - step * np.arange(count), 24.0, None)
+    heights = np.maximum.accumulate(free) + step * np.arange(count)
+    over = max(float(heights[-1]) - (_HEIGHT - 32.0), 0.0) if count else 0.0
+    least = 24.0 + step * np.arange(count)
+    return np.maximum(heights - over, least).tolist()
+
+
+def bodies_picture(posture: Posture, nominal: Array, identified: Array, title: str) -> Any | None:
+    """Return the ellipsoids of inertia of both sets of parameters (10n,) over the skeleton.
+
+    An ellipsoid has the inertia of its body if it is filled evenly with its mass. None without any.
+    """
+    drawn, points = [], [posture.points]
+    for name, parameters in (("nominal", nominal), ("identified", identified)):
+        for joint, body in enumerate(parameters.reshape(-1, 10)):
+            center = center_of_mass(body) if np.all(np.isfinite(body)) else None
+            if center is None:
+                continue
+            place = posture.origins[joint] + posture.turns[joint] @ center
+            second = _second_moment(body) if is_physical(body, THIN) else None
+            drawn.append((name, joint, body, place, second))
+            reach = 0.0 if second is None else float(np.sqrt(max(5.0 * np.trace(second), 0.0)))
+            points.append(place + reach * np.concatenate([np.eye(3), -np.eye(3)]))
+    view = _view(posture, np.concatenate(points), 20.0)
+    parts = [_ground(posture, view), _links(posture, view, "bone")]
+    for name, joint, body, place, second in drawn:
+        x, y = view.places(place[None])[0]
+        text = f"{posture.robot.body_names[joint]}, {name}: {body[0]:.4g} kg"
+        parts.append(f'<g class="body {name}"><title>{escape(text)}</title>')
+        if second is not None:
+            parts.append(_ellipse(view, posture.turns[joint], second, (x, y)))
+        parts.append(f'<path class="center" d="M{x - 4:.1f} {y:.1f}h8M{x:.1f} {y - 4:.1f}v8"/></g>')
+    return _svg("robot bodies", title, parts) if any(one[-1] is not None for one in drawn) else None
+
+
+def _second_moment(body: Array) -> Array:
+    """Return the second moment per mass (3, 3) about the centre of mass [m^2]."""
+    pseudo = pseudo_inertia(body)
+    return np.asarray(
+        pseudo[:3, :3] / body[0] - np.outer(pseudo[:3, 3], pseudo[:3, 3]) / body[0] ** 2
+    )
+
+
+def principal_moments(body: Array) -> Array:
+    """Return the principal moments of inertia (3,) about the centre of mass [kg m^2]."""
+    second = body[0] * _second_moment(body)
+    inertia = np.trace(second) * np.eye(3) - second
+    return np.asarray(safely(np.linalg.eigvalsh, inertia, what="the inertia of a body"))
+
+
+def _ellipse(view: _View, turn: Array, second: Array, center: tuple[float, float]) -> str:
+    """Return the outline of x^T (5 S_c / m)^-1 x = 1, an ellipsoid with the inertia of the body.
+
+    S_c / m is the `second` moment; the outline in the picture has the matrix of the ellipsoid
+    between the rows of the projection.
+    """
+    flat = view.rows[:2] @ turn
+    (a, b), (_, c) = view.scale**2 * flat @ (5.0 * second) @ flat.T
+    middle, half = 0.5 * (a + c), float(np.hypot(0.5 * (a - c), b))
+    radii = np.sqrt(np.maximum([middle + half, middle - half], 1.0))
+    angle = -np.degrees(0.5 * np.arctan2(2 * b, a - c))
+    x, y = center
+    return (
+        f'<ellipse rx="{radii[0]:.1f}" ry="{radii[1]:.1f}" '
+        f'transform="translate({x:.1f} {y:.1f}) rotate({angle:.1f})"/>'
+    )
