@@ -1,4 +1,4 @@
-"""write_report and write_comparison: self-contained HTML pages with results, warnings and checks."""
+"""write_report and write_comparison: self-contained HTML pages of results and their checks."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from seaid._files import plain, write_whole
+from seaid._progress import counted
 from seaid.errors import SeaidError, checked
 from seaid.identification import Identification, Validation, compared
 from seaid.report.comparison import comparison_of
@@ -34,7 +35,7 @@ from seaid.report.html_maps import (
     singular_values,
 )
 from seaid.report.html_nominal import Nominal, before_and_after, nominal_values
-from seaid.report.html_robot import Label, bodies_picture, posture_of, robot_picture
+from seaid.report.html_robot import Label, Posture, bodies_picture, posture_of, robot_picture
 from seaid.report.html_tables import (
     base_table,
     bodies_table,
@@ -114,10 +115,11 @@ def write_report(
         )
     results = _checked(found, results)
     runs = runs_of(found, results)
+    values, posture = nominal_values(found, given), posture_of(found)
     content = {
-        **_parameters(found, given),
+        **_parameters(found, given, values, posture),
         **_experiment(found, _checked_facts(facts or {})),
-        **_motions(found, runs, given),
+        **_motions(found, runs, values, posture),
         "parameters": _packed_parameters(found, results),
     }
     write_whole(path, _rendered("report.html.j2", robot=found.robot.name, **content))
@@ -177,7 +179,9 @@ def write_comparison(
         picture=robot_picture(posture_of(first), labels, "The robot: which drives differ"),
         tests=tests,
         table=difference_table(result),
-        numbers=[(name, _identified_from(one)) for name, one in zip(names, (first, second), strict=True)],
+        numbers=[
+            (name, _identified_from(one)) for name, one in zip(names, (first, second), strict=True)
+        ],
     )
     write_whole(path, page)
 
@@ -185,7 +189,7 @@ def write_comparison(
 def _identified_from(found: Identification) -> str:
     motions = len(found.motions)
     length = sum(float(one.time[-1] - one.time[0]) for one in found.motions)
-    logs = f"{length:.4g} s in {motions} motions" if motions else "logs read in pieces"
+    logs = f"{length:.4g} s in {counted(motions, 'motion')}" if motions else "logs read in pieces"
     return f"{logs}, below {found.cutoff_hz:.3g} Hz: {found.verdict.sentence}"
 
 
@@ -260,10 +264,10 @@ def _rendered(template: str, **content: Any) -> str:
     return environment.get_template(template).render(asset=_asset, **content)
 
 
-def _parameters(found: Identification, given: Robot) -> dict[str, Any]:
+def _parameters(
+    found: Identification, given: Robot, nominal: Nominal, posture: Posture
+) -> dict[str, Any]:
     """Return the template values of the estimates."""
-    nominal = nominal_values(found, given)
-    posture = posture_of(found)
     return {
         "drives": drive_table(found, given),
         "actuators": actuator_figures(found, given),
@@ -296,20 +300,24 @@ def _experiment(found: Identification, facts: list[tuple[str, str]]) -> dict[str
     }
 
 
-def _motions(found: Identification, runs: Sequence[Run], given: Robot) -> dict[str, Any]:
+def _motions(
+    found: Identification, runs: Sequence[Run], nominal: Nominal, posture: Posture
+) -> dict[str, Any]:
     """Return the template values of the first screen and of the motions."""
     errors = error_rows(found, runs)
     traces = traces_of(found, runs)
     pictured = ([run for run in runs if run.is_unseen] or list(runs))[:1]
     notices = notices_of(found, runs)
-    labels = _labels(found, pictured, {one.joint for one in notices if one.severity != "note"})
+    labels = _labels(
+        found, pictured, {x for one in notices if one.severity != "note" for x in one.joints}
+    )
     return {
         "verdict": page_verdict(found, runs),
         "notices": notices,
         "picture": robot_picture(
-            posture_of(found), labels, "The robot: how well the torque of each joint is explained"
+            posture, labels, "The robot: how well the torque of each joint is explained"
         ),
-        "bars": _bars(found, pictured, nominal_values(found, given)),
+        "bars": _bars(found, pictured, nominal),
         "pictured": [run.name for run in pictured],
         "is_unseen": any(run.is_unseen for run in pictured),
         "errors": error_table(errors),
@@ -322,9 +330,7 @@ def _motions(found: Identification, runs: Sequence[Run], given: Robot) -> dict[s
     }
 
 
-def _labels(
-    found: Identification, pictured: Sequence[Run], flagged: set[str]
-) -> dict[str, Label]:
+def _labels(found: Identification, pictured: Sequence[Run], flagged: set[str]) -> dict[str, Label]:
     """Return how well each joint is explained: on the load side, else on the actuator side."""
     errors = np.full(found.robot.n, np.nan)
     for run in pictured:
@@ -346,7 +352,6 @@ def _bars(found: Identification, pictured: Sequence[Run], nominal: Nominal) -> d
     rows = [row for run in pictured for row in before_and_after(found, nominal, run.result)]
     known = [x for row in rows for x in (row.before, row.after) if np.isfinite(x)]
     full = min(max(known, default=1.0), 1.0) or 1.0
-    reasons = {row.reason for row in rows}
     shown = [
         {
             "joint": row.joint,
@@ -360,20 +365,14 @@ def _bars(found: Identification, pictured: Sequence[Run], nominal: Nominal) -> d
         }
         for row in sorted(rows, key=lambda row: -row.after)
     ]
-    sides = [
-        (name, [one for one in shown if one["side"] == side])
-        for side, name in (("load", "Torque on the load"), ("actuator", "Torque of the motor"))
-    ]
-    return {
-        "sides": [
-            {"name": name, "few": every[:_FEW_BARS], "more": every[_FEW_BARS:]}
-            for name, every in sides
-            if every
-        ],
-        "full": share(full),
-        "reason": reasons.pop() if len(reasons) == 1 else "",
-        "has_nominal": any(np.isfinite(row.before) for row in rows),
-    }
+    sides = []
+    for side, name in (("load", "Torque on the load"), ("actuator", "Torque of the motor")):
+        every = [one for one in shown if one["side"] == side]
+        reasons = {one["reason"] for one in every}
+        reason = reasons.pop() if len(reasons) == 1 else ""
+        parts = {"few": every[:_FEW_BARS], "more": every[_FEW_BARS:]}
+        sides += [{"name": name, "reason": reason, **parts}] if every else []
+    return {"sides": sides, "full": share(full)}
 
 
 def _packed_parameters(found: Identification, results: Sequence[Validation]) -> str:

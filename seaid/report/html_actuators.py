@@ -71,7 +71,7 @@ def actuator_figures(found: Identification, nominal: Robot) -> list[ActuatorFigu
     for joint in found.known.joint_names if motions else ():
         drive = found.known.drives[joint]
         parts = [one for motion in motions for one in _samples(found, motion, joint)]
-        if not parts:
+        if not any(len(one.speed) for one in parts):
             continue
         samples = _thinned(parts, most)
         identified = _identified(found, joint)
@@ -96,7 +96,7 @@ def _identified(found: Identification, joint: str) -> Drive:
     own = {
         name: max(value, 0.0) if parameter_named(name).is_positive else value
         for name, value in values.items()
-        if name in drive.parameter_names
+        if name in drive.parameter_names and (value > 0 or name != "stiffness")
     }
     return drive.with_values(own)
 
@@ -106,7 +106,7 @@ def _thinned(parts: Sequence[_Samples], most: int) -> _Samples:
         np.concatenate([getattr(one, name) for one in parts])
         for name in ("speed", "friction", "x", "force")
     ]
-    kept = np.unique(np.linspace(0, len(whole[0]) - 1, most).astype(int)) if len(whole[0]) else []
+    kept = np.unique(np.linspace(0, len(whole[0]) - 1, most).astype(int))
     return _Samples(*(one[kept] for one in whole))
 
 

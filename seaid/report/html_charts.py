@@ -1,4 +1,4 @@
-"""Small charts as SVG text: axes with round ticks, points, lines, bands; no script, no picture file.
+"""Small charts as SVG text: axes with round ticks, points and lines; without a script.
 
 Colours are classes of report.css, so that a chart follows the theme and the printer.
 """
@@ -23,17 +23,15 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Points x, y (P,) of a chart; `name` is its class of report.css and, with `label`, its key.
+    """Points x, y (P,) of a chart; `name` is their class of report.css.
 
-    Lines are interrupted at NaN; "stems" are vertical lines from zero; "band" is the area between
-    -y and y.
+    Lines are interrupted at NaN.
     """
 
     x: Array
     y: Array
     name: str
-    kind: Literal["points", "line", "stems", "band"] = "points"
-    label: str = ""
+    kind: Literal["points", "line"] = "points"
 
 
 @dataclass(frozen=True)
@@ -65,8 +63,11 @@ def chart(
         f'<svg class="plot" role="img" viewBox="0 0 {width:g} {height:g}" '
         f'aria-label="{escape(title)}">',
         *_grid(across, up, width, height),
+        f'<svg x="{_LEFT:g}" y="{_TOP:g}" width="{width - _LEFT - _RIGHT:g}" '
+        f'height="{height - _TOP - _BOTTOM:g}" viewBox="{_LEFT:g} {_TOP:g} '
+        f'{width - _LEFT - _RIGHT:g} {height - _TOP - _BOTTOM:g}">',  # cuts what is outside
         *(_drawn(one, across, up) for one in layers),
-        "</svg>",
+        "</svg></svg>",
     ]
     return Markup("".join(parts))
 
@@ -101,11 +102,11 @@ class _Scale:
         return f"{self.axis.label} [{unit}]" if unit else self.axis.label
 
     def places(self, values: Array) -> Array:
-        """Return the places (P,) of values, inside the axis."""
+        """Return the places (P,) of values, at most one length of the axis outside."""
         low, high = self.ends
         if self.axis.is_log:
             values, (low, high) = np.log10(np.maximum(values, 1e-300)), np.log10(self.ends)
-        shares = np.clip((values - low) / (high - low), -0.02, 1.02)
+        shares = np.clip((values - low) / (high - low), -1.0, 2.0)
         return np.asarray(self.start + shares * (self.stop - self.start))
 
     def ticks(self) -> list[tuple[float, str]]:
@@ -184,13 +185,6 @@ def _drawn(layer: Layer, across: _Scale, up: _Scale) -> str:
     pairs = [f"{a:.1f} {b:.1f}" for a, b in zip(x[there], y[there], strict=True)]
     if layer.kind == "points":
         path = "".join(f"M{pair}h0" for pair in pairs)
-    elif layer.kind == "stems":
-        zero = float(up.places(np.zeros(1))[0])
-        path = "".join(f"M{pair}V{zero:.1f}" for pair in pairs)
-    elif layer.kind == "band":
-        below = up.places(-layer.y)[there][::-1]
-        back = [f"{a:.1f} {b:.1f}" for a, b in zip(x[there][::-1], below, strict=True)]
-        path = "M" + "L".join([*pairs, *back]) + "Z"
     else:
         starts = np.diff(np.flatnonzero(there), prepend=-2) > 1
         path = "".join(

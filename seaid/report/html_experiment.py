@@ -183,7 +183,7 @@ def excitation_table(found: Identification) -> Table | None:
     if not found.motions:
         return None
     robot = found.known
-    rows = []
+    rows: list[list[Cell | str]] = []
     for index, joint in enumerate(robot.joint_names):
         q, v, a = (
             np.concatenate([getattr(one, f"joint_{state}")[:, index] for one in found.motions])
@@ -196,21 +196,20 @@ def excitation_table(found: Identification) -> Table | None:
         inside = ((low - lower) / span, (high - lower) / span) if 0 < span < np.inf else None
         limits = f" of {short(lower)} … {short(upper)}" if inside else ""
         effort = max(_largest_torque(robot, one, index) for one in found.motions)
+        torque = robot.drives[joint].joint_units[0]
         rows.append(
             [
                 joint,
                 Cell(f"{short(low)} … {short(high)}{limits} {unit}", bar=inside),
                 _part(float(np.max(np.abs(v))), float(robot.velocity_limits[index]), f"{unit}/s"),
                 f"{short(float(np.max(np.abs(a))))} {unit}/s²",
-                _part(
-                    effort, float(robot.effort_limits[index]), robot.drives[joint].joint_units[0]
-                ),
+                _part(effort, float(robot.effort_limits[index]), torque),
             ]
         )
     heads = ("Joint", "Position", "Largest speed", "Largest acceleration", "Largest torque")
     caption = (
-        "Motions used for identification; bars are parts of the limits of the robot file. The torque "
-        "is that of the motor, reflected to the joint."
+        "Motions used for identification; bars are parts of the limits of the robot file. The "
+        "torque is that of the motor, reflected to the joint."
     )
     return table_of("excitation", caption, heads, rows)
 
@@ -231,9 +230,6 @@ def _largest_torque(robot: Robot, motion: Motion, index: int) -> float:
     both = lever * motion.motor_torque[:, index], motion.joint_torque[:, index]
     known = [float(np.nanmax(np.abs(one))) for one in both if np.any(np.isfinite(one))]
     return known[0] if known else np.nan
-
-
-_SETUP = ("delay", "gear-ratio", "encoder-offsets-differ", "torque-offset", "gear-compliance")
 
 
 def setup_rows(found: Identification) -> Table:
@@ -264,11 +260,6 @@ def setup_rows(found: Identification) -> Table:
     for joint, quantity, delay_s in dict.fromkeys(_delays(found.processing)):
         what = f"delay of {quantity.replace('_', ' ')}, corrected as described"
         rows.append((joint, what, short(1e3 * delay_s), NONE, "ms"))
-    rows += [
-        (one.joint or "all", f"{one.code}: {one.message}", "", "", "")
-        for one in found.warnings
-        if one.code in _SETUP
-    ]
     caption = "Found about sensors and gears, beside what was given."
     return table_of(
         "set-up", caption, ("Joint", "Quantity", "Value", "Std. error", "Unit"), rows, 2

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from seaid.identification import Identification, Validation
     from seaid.robot import Robot
 
+_ZEROS = ("spring_offset", "deflection_zero", "torque_offset")
+"""What no file can have; a spring offset follows from the stiffness."""
+
 NO_BODIES = "the robot file has no inertial values"
 
 
@@ -43,7 +46,9 @@ def nominal_values(found: Identification, robot: Robot) -> Nominal:
     drives = {}
     for joint, estimate in found.drive_side.items():
         drives[joint] = _of_drive(estimate, robot.drives[joint])
-        _note(missing, "actuator", joint, estimate.names, drives[joint])
+        own_names = [name for name in estimate.names if name not in _ZEROS]
+        own = drives[joint][[estimate.names.index(name) for name in own_names]]
+        _note(missing, "actuator", joint, own_names, own)
     model = found.model
     tables = [robot.drives[joint].values for joint, _, _ in (*model.drives, *model.absorbed)]
     names = [name for _, name, _ in (*model.drives, *model.absorbed)]
@@ -71,8 +76,8 @@ def _note(
 
 def _of_drive(estimate: Estimate, drive: Drive) -> Array:
     """Return the nominal values (p,) of a drive, its encoder zeros as identified."""
-    found = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
-    kept = {name: found[name] for name in ("torque_offset", "deflection_zero") if name in found}
+    found: dict[str, float] = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
+    kept = {name: found[name] for name in _ZEROS[1:] if name in found}
     if "spring_offset" in found and "preload" not in drive.spring:
         zero = found["spring_offset"] / found["stiffness"] if found.get("stiffness") else np.nan
         kept["spring_offset"] = zero * drive.values.get("stiffness", np.nan)

@@ -97,12 +97,13 @@ def posture_of(found: Identification) -> Posture:
     jacobian = pin.computeJointJacobians(model, data, q[order])
     origins, axes, turns = np.empty((robot.n, 3)), np.empty((robot.n, 3)), np.empty((robot.n, 3, 3))
     parents = [-1] * robot.n
+    frames, joints, links = data.oMi, model.joints, list(model.parents)  # each is made anew
     for place, index in enumerate(order):
-        frame = data.oMi[place + 1]
+        frame = frames[place + 1]
         origins[index], turns[index] = frame.translation, frame.rotation
-        column = jacobian[:, model.joints[place + 1].idx_v]
+        column = jacobian[:, joints[place + 1].idx_v]
         axes[index] = column[:3] if robot.is_prismatic[index] else column[3:]
-        above = model.parents[place + 1]
+        above = links[place + 1]
         parents[index] = order[above - 1] if above else -1
     gravity = model.gravity.linear
     size = float(np.linalg.norm(gravity))
@@ -270,11 +271,11 @@ def _turn(a: Array, b: Array, c: Array) -> float:
 def _labelled(posture: Posture, places: Array, labels: Mapping[str, Label]) -> list[str]:
     """Return labels in a column on each side with lines to their joints, the flagged ones first."""
     names = posture.robot.joint_names
-    order = {"poor": 0, "fair": 1, "good": 2, "none": 3}
-    ranked = sorted(
-        range(len(names)),
-        key=lambda k: (not labels[names[k]].is_flagged, order[labels[names[k]].colour]),
-    )[: 2 * _MOST_LABELS]
+    rank = [
+        (not labels[name].is_flagged, ("poor", "fair", "good", "none").index(labels[name].colour))
+        for name in names
+    ]
+    ranked = sorted(range(len(names)), key=rank.__getitem__)[: 2 * _MOST_LABELS]
     across = sorted(ranked, key=lambda k: float(places[k, 0]))
     half = -(-len(across) // 2)
     parts = []
@@ -289,7 +290,7 @@ def _labelled(posture: Posture, places: Array, labels: Mapping[str, Label]) -> l
             name = label.name if len(label.name) <= _LONGEST else f"{label.name[: _LONGEST - 1]}…"
             flag = '<tspan class="flag"> !</tspan>' if label.is_flagged else ""
             parts.append(
-                f'<path class="leader" d="{line}"/><text class="of-joint" x="{edge:.1f}" y="{y:.1f}" '
+                f'<path class="leader" d="{line}"/><text x="{edge:.1f}" y="{y:.1f}" '
                 f'text-anchor="{anchor}"><title>{escape(label.name)}</title>{escape(name)}{flag}'
                 f'<tspan class="value {label.colour}" x="{edge:.1f}" dy="1.15em">'
                 f"{escape(label.value)}</tspan></text>"
@@ -305,7 +306,7 @@ def _spread(wanted: Array, step: float = 62.0) -> list[float]:
     heights = np.maximum.accumulate(free) + step * np.arange(count)
     over = max(float(heights[-1]) - (_HEIGHT - 32.0), 0.0) if count else 0.0
     least = 24.0 + step * np.arange(count)
-    return np.maximum(heights - over, least).tolist()
+    return [float(one) for one in np.maximum(heights - over, least)]
 
 
 def bodies_picture(posture: Posture, nominal: Array, identified: Array, title: str) -> Any | None:

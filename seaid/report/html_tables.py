@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -51,8 +51,8 @@ class Table:
     caption: str
     heads: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
-    words: int = 1
-    texts: tuple[str, ...] = ("Unit", "Note")
+    words: int
+    texts: tuple[str, ...]
 
 
 def table_of(
@@ -61,14 +61,15 @@ def table_of(
     heads: Sequence[str],
     rows: Sequence[Sequence[Cell | str]],
     words: int = 1,
+    texts: Sequence[str] = ("Unit", "Note"),
 ) -> Table:
     """Return a table of texts and cells."""
     cells = tuple(tuple(one if isinstance(one, Cell) else Cell(one) for one in row) for row in rows)
-    return Table(name, caption, tuple(heads), cells, words)
+    return Table(name, caption, tuple(heads), cells, words, tuple(texts))
 
 
 _ERROR_DIGITS, _VALUE_DIGITS, _WITHOUT_ERROR = 2, 2, 6
-_FIXED = (-4, 6)
+_FIXED = (-2, 6)
 """Range of powers of ten in which a number is written without an exponent."""
 
 _TINY = 1e-16
@@ -114,13 +115,11 @@ def share(value: float) -> str:
         return NONE
     per_cent = 100 * value
     if abs(per_cent) >= 99.5:
-        return (
-            f"{per_cent:.0f}\N{NO-BREAK SPACE}%"
-            if abs(per_cent) < 1e4
-            else "> 10⁴\N{NO-BREAK SPACE}%"
-        )
-    decimals = 0 if per_cent == 0 else max(0, 1 - _power(abs(per_cent)))
-    return f"{per_cent:.{min(decimals, 6)}f}\N{NO-BREAK SPACE}%"
+        text = f"{per_cent:.0f}" if abs(per_cent) < 1e4 else "> 10⁴"
+    else:
+        decimals = 0 if per_cent == 0 else max(0, 1 - _power(abs(per_cent)))
+        text = f"{per_cent:.{min(decimals, 6)}f}"
+    return f"{text.replace('-', '−')}\N{NO-BREAK SPACE}%"
 
 
 def seconds(value: float) -> str:
@@ -172,7 +171,7 @@ _HEADS = (
 
 def drive_table(found: Identification, nominal: Robot) -> Table:
     """Return the parameters of all drives, nominal and identified."""
-    rows = []
+    rows: list[list[Cell | str]] = []
     for joint, estimate in found.drives.items():
         given = nominal.drives[joint].own_values
         before = np.array([given.get(name, np.nan) for name in estimate.names])
@@ -233,7 +232,7 @@ def change(before: float, after: float) -> str:
     if not (math.isfinite(before) and math.isfinite(after)) or before == 0:
         return NONE
     text = share(after / before - 1)
-    return text if text[0] in "-−>" else f"+{text}"
+    return text if text[0] in "−>" else f"+{text}"
 
 
 def _mark(value: float, error: float, contains_zero: bool) -> str:
@@ -253,12 +252,12 @@ def readable_unit(unit: str) -> str:
     """Return a unit with superscript exponents, empty for 1."""
     for plain, raised in _UNITS.items():
         unit = unit.replace(plain, raised)
-    return "" if unit == "1" else unit
+    return "" if unit == "1" else unit.replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def bodies_table(found: Identification, nominal: Robot) -> Table:
     """Return mass and centre of mass of every body, nominal and identified."""
-    rows = []
+    rows: list[list[Cell | str]] = []
     pairs = zip(
         found.robot.body_names,
         nominal.parameters.reshape(-1, 10),
@@ -277,21 +276,34 @@ def bodies_table(found: Identification, nominal: Robot) -> Table:
                 *(_moments(one) for one in (before, after)),
             ]
         )
-    heads = ("Link", "Mass [kg]", "Identified", "Change", "Centre of mass [m]", "Identified ")
-    heads += ("Principal moments [kg m²]", "Identified  ")
-    return table_of("links", "Links in the robot file and as exported.", heads, rows)
+    heads = (
+        *("Link", "Mass in the file [kg]", "Mass identified [kg]", "Change"),
+        *("Centre in the file [m]", "Centre identified [m]"),
+        *("Moments in the file [kg m²]", "Moments identified [kg m²]"),
+    )
+    caption = (
+        "Links in the robot file and as exported: mass, centre of mass, principal moments of "
+        "inertia about it."
+    )
+    return table_of("links", caption, heads, rows, texts=heads[4:])
 
 
 def _center(body: Array) -> str:
     center = center_of_mass(body) if np.all(np.isfinite(body)) else None
-    return NONE if center is None else " ".join(short(float(one)) for one in center)
+    return NONE if center is None else _vector(center)
 
 
 def _moments(body: Array) -> str:
     """Return the principal moments of inertia about the centre of mass."""
     if not np.all(np.isfinite(body)) or body[0] <= 0:
         return NONE
-    return " ".join(short(float(one)) for one in principal_moments(body))
+    return _vector(principal_moments(body))
+
+
+def _vector(values: Array) -> str:
+    """Return numbers with three digits, and those that are nothing but rounding as 0."""
+    least = 1e-9 * float(np.max(np.abs(values)))
+    return " ".join(short(float(one) if abs(one) > least else 0.0) for one in values)
 
 
 def term_table(found: Identification) -> Table:
@@ -309,8 +321,8 @@ def term_table(found: Identification) -> Table:
         for term in checks.terms
     ]
     caption = (
-        "Model comparison: growth of the residual without each term of the drives. The data support "
-        "a term if the difference of the Bayesian information criterion is above zero."
+        "Model comparison: growth of the residual without each term of the drives. The data "
+        "support a term if the difference of the Bayesian information criterion is above zero."
     )
     heads = ("Term", "Residual without", "F", "p", "BIC", "Supported")
     return table_of("terms", caption, heads, rows)
@@ -430,27 +442,17 @@ def difference_table(result: Comparison, room: int = _LONG_GROUPING) -> Table:
     """Return the parameters of two identifications side by side."""
     first, second = result.names
     largest = max((abs(one.significance) for one in result.differences), default=1.0)
-    rows = []
+    rows: list[list[Cell | str]] = []
     for one in result.differences:
-        values = [
-            rounded(x, e, x, x)
-            for x, e in ((one.first, one.first_error), (one.second, one.second_error))
-        ]
+        pairs = (one.first, one.first_error), (one.second, one.second_error)
         rows.append(
             [
                 one.joint or "load",
                 one.name.replace("_", " ") if one.joint else _shortened(one.name, room),
-                *(
-                    Cell(f"{text.value} ± {text.error}", exact=x)
-                    for text, x in zip(values, (one.first, one.second), strict=True)
-                ),
+                *(_with_error(*pair) for pair in pairs),
                 readable_unit(one.unit),
                 change(one.first, one.second),
-                Cell(
-                    _signed(one.significance),
-                    one.significance,
-                    _diverging(one.significance, largest),
-                ),
+                _significance(one.significance, largest),
                 probability(one.p_value),
                 "differs" if one.is_significant else "",
             ]
@@ -464,8 +466,14 @@ def _shortened(name: str, room: int) -> Cell:
     return Cell(name) if len(name) <= room else Cell(f"{name[:room]}…", more=name)
 
 
-def _signed(value: float) -> str:
-    return powers_of_ten(f"{value:+.1f}") if math.isfinite(value) else NONE
+def _with_error(value: float, error: float) -> Cell:
+    text = rounded(value, error, value, value)
+    return Cell(f"{text.value} ± {text.error}", exact=value)
+
+
+def _significance(value: float, largest: float) -> Cell:
+    text = powers_of_ten(f"{value:+.1f}") if math.isfinite(value) else NONE
+    return Cell(text, value, _diverging(value, largest))
 
 
 def _diverging(value: float, largest: float) -> tuple[float, float] | None:

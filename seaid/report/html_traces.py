@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy import fft
 
 from seaid._arrays import Array, IndexArray
 from seaid.drives import IDEAL_DRIVE
@@ -129,10 +130,8 @@ def _packed_run(run: Run, room: int, lines: int) -> dict[str, Any]:
     step = max(1, int(rate_hz / (_PER_PERIOD * result.cutoff_hz)))
     count = len(range(*inside.indices(len(result.time))))
     stretch = 0 if -(-count // step) <= room else -(-2 * count // room)
-    bands, lags = (
-        _bands(count, rate_hz, result.cutoff_hz, lines),
-        _lags(count, rate_hz, result.cutoff_hz),
-    )
+    bands = _bands(count, rate_hz, result.cutoff_hz, lines)
+    lags = _lags(count // step, rate_hz / step, result.cutoff_hz)
     return {
         "name": run.name,
         "unseen": run.is_unseen,
@@ -146,8 +145,8 @@ def _packed_run(run: Run, room: int, lines: int) -> dict[str, Any]:
             for side in SIDES
         },
         **_packed_motion(result.motions, result.time[inside][::step], bool(stretch)),
-        "lags": [float(f"{one:.4g}") for one in lags / rate_hz],
-        "noise": packed(_noise_correlation(count, rate_hz, result.cutoff_hz, lags)),
+        "lags": [float(f"{one:.4g}") for one in lags * step / rate_hz],
+        "noise": packed(_noise_correlation(count, rate_hz, result.cutoff_hz, lags * step)),
     }
 
 
@@ -172,8 +171,8 @@ def _lags(count: int, rate_hz: float, cutoff_hz: float) -> IndexArray:
 def autocorrelation(trace: Array, lags: IndexArray) -> Array:
     """Return the autocorrelation of a trace without its mean at lags in samples."""
     there = np.nan_to_num(trace - np.nanmean(trace))
-    spectrum = np.abs(np.fft.rfft(there, 2 * len(there))) ** 2  # Wiener and Khinchin
-    found = np.fft.irfft(spectrum)[lags]
+    spectrum = np.abs(fft.rfft(there, fft.next_fast_len(2 * len(there)))) ** 2
+    found = fft.irfft(spectrum)[lags]  # Wiener and Khinchin
     return np.asarray(found / max(float(there @ there), 1e-300))
 
 
@@ -230,7 +229,7 @@ def _packed_trace(
     return {
         **{name: packed(trace) for name, trace in thin.items()},
         "spectra": {name: packed(np.log10(bands.amplitude(one))) for name, one in traces.items()},
-        "autocorrelation": packed(autocorrelation(traces["residual"], lags)),
+        "autocorrelation": packed(autocorrelation(traces["residual"][::step], lags)),
     }
 
 

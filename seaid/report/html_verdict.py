@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,19 +48,19 @@ _WORDS = {"good": "Good", "good but": "Usable with care", "do not use": "Do not 
 
 @dataclass(frozen=True)
 class Notice:
-    """A warning on the page: its code or subject, and a remedy in words and as text to copy."""
+    """Warnings of one code with one remedy, which is in words and, as `snippet`, text to copy."""
 
     subject: str
     severity: Severity
-    message: str
-    joint: str = ""
+    messages: tuple[str, ...]
+    joints: tuple[str, ...] = ()
     remedy: str = ""
     snippet: str = ""
 
 
 @dataclass(frozen=True)
 class PageVerdict:
-    """The verdict: level for its colour, words, sentence, and (name, value, note) of its numbers."""
+    """The verdict: level for its colour, words, sentence; `numbers` are (name, value, note)."""
 
     level: str
     words: str
@@ -116,43 +116,51 @@ def explained_as(error: float) -> str:
 
 
 def notices_of(found: Identification, runs: Sequence[Run]) -> list[Notice]:
-    """Return the notices of a page, the worst first."""
+    """Return the notices of a page, the worst first; those that differ in their joint are one."""
     every = [
         *map(_notice, found.warnings),
         *_of_validation(found, runs),
-        *(Notice("inconsistent-inertia", "note", text) for text in _of_bodies(found)),
-        *(Notice("poorly-determined", "note", text) for text in _poorly_determined(found)),
-        *(Notice("needless-term", "note", text) for text in _unsupported_terms(found)),
-        *(Notice("residual", "note", text) for text in _autocorrelated(found)),
-        *(Notice("standstill", "note", text) for text in _excluded(found)),
+        *(Notice("inconsistent-inertia", "note", (text,)) for text in _of_bodies(found)),
+        *(Notice("poorly-determined", "note", (text,)) for text in _poorly_determined(found)),
+        *(Notice("needless-term", "note", (text,)) for text in _unsupported_terms(found)),
+        *(Notice("residual", "note", (text,)) for text in _autocorrelated(found)),
+        *(Notice("standstill", "note", (text,)) for text in _excluded(found)),
     ]
-    return sorted(every, key=lambda one: SEVERITIES.index(one.severity))
+    together: dict[tuple[str, ...], Notice] = {}
+    for one in every:
+        key = one.subject, one.severity, one.remedy, one.snippet
+        first = together.get(key, replace(one, messages=(), joints=()))
+        together[key] = replace(
+            first, messages=first.messages + one.messages, joints=first.joints + one.joints
+        )
+    return sorted(together.values(), key=lambda one: SEVERITIES.index(one.severity))
 
 
 def _notice(one: Finding) -> Notice:
     """Return a finding as a notice; a remedy of several lines has a text to copy."""
     first, _, rest = one.remedy.strip().partition("\n")
     remedy = first if rest else (_sentence(first) if first else "")
-    return Notice(one.code, one.severity, _sentence(one.message), one.joint, remedy, rest)
+    joints = (one.joint,) if one.joint else ()
+    return Notice(one.code, one.severity, (_sentence(one.message),), joints, remedy, rest)
 
 
 def _of_validation(found: Identification, runs: Sequence[Run]) -> Iterator[Notice]:
     if not any(run.is_unseen for run in runs):
-        yield Notice("not-validated", "note", NOT_VALIDATED)
+        yield Notice("not-validated", "note", (NOT_VALIDATED,))
     for run in runs:
         if not run.is_unseen and run.name.startswith("validation"):
             message = (
                 f"The {run.name} is of a motion that was used for identification: it is not an "
                 "unseen one."
             )
-            yield Notice("not-validated", "doubtful", message)
+            yield Notice("not-validated", "doubtful", (message,))
     for row in error_rows(found, [run for run in runs if run.is_unseen]):
         if row.relative_error > _BADLY_PREDICTED:
             message = (
                 f"The torque of {row.joint} ({row.side} side) is poorly predicted in the "
                 f"{row.run}: relative error {share(row.relative_error)}."
             )
-            yield Notice("badly-predicted", "doubtful", message, row.joint)
+            yield Notice("badly-predicted", "doubtful", (message,), (row.joint,))
 
 
 def _of_bodies(found: Identification) -> Iterator[str]:
