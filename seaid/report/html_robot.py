@@ -29,8 +29,9 @@ _MOST_LABELS = 6
 _ELEVATION, _TURNED = np.radians(18.0), np.radians(24.0)
 """Height of the eye, and angle away from the view that shows most, so that joints look round."""
 
-_JOINT, _NEAR = 0.055, 0.6
-"""Size of a joint over that of the robot; joints closer than so many sizes move apart."""
+_JOINT, _OF_LINK, _NEAR = 0.055, 0.4, 0.6
+"""Largest size of a joint over that of the robot, and over the median link; joints closer than so
+many sizes move apart."""
 
 _LONGEST = 17
 
@@ -82,6 +83,15 @@ class Posture:
         """The diagonal of the skeleton [m]."""
         return float(np.linalg.norm(np.ptp(self.points, axis=0))) or 1.0
 
+    @cached_property
+    def joint_size(self) -> float:
+        """The size of a drawn joint [m]."""
+        starts = [self.origins[one] if one >= 0 else np.zeros(3) for one in self.parents]
+        links = np.linalg.norm(self.origins - starts, axis=1)
+        links = links[links > 1e-3 * self.size]
+        typical = float(np.median(links)) if len(links) else self.size
+        return min(_JOINT * self.size, _OF_LINK * typical)
+
 
 def posture_of(found: Identification) -> Posture:
     """Return the robot in the middle of the motion that was used, else of its limits."""
@@ -93,8 +103,7 @@ def posture_of(found: Identification) -> Posture:
     bounded = np.isfinite(lower) & np.isfinite(upper)
     q = np.where(bounded, 0.5 * (np.nan_to_num(lower) + np.nan_to_num(upper)), 0.0)
     data, order = model.createData(), list(robot.model_order)
-    pin.forwardKinematics(model, data, q[order])
-    jacobian = pin.computeJointJacobians(model, data, q[order])
+    jacobian = pin.computeJointJacobians(model, data, q[order]).reshape(6, -1)
     origins, axes, turns = np.empty((robot.n, 3)), np.empty((robot.n, 3)), np.empty((robot.n, 3, 3))
     parents = [-1] * robot.n
     frames, joints, links = data.oMi, model.joints, list(model.parents)  # each is made anew
@@ -182,7 +191,7 @@ def _svg(name: str, title: str, parts: Sequence[str]) -> Any:
 
 def _apart(posture: Posture) -> Array:
     """Return the centres (n, 3) of the drawn joints: joints at one place move along their axes."""
-    size, centers = _JOINT * posture.size, posture.origins.copy()
+    size, centers = posture.joint_size, posture.origins.copy()
     for joint in range(len(centers)):
         near = np.linalg.norm(posture.origins - posture.origins[joint], axis=1) < _NEAR * size
         if np.sum(near) > 1:
@@ -222,7 +231,7 @@ def _links(posture: Posture, view: _View, name: str) -> str:
 
 def _joint(posture: Posture, view: _View, joint: int, center: Array, label: Label) -> str:
     """Return a cylinder along the axis of a revolute joint, a box on a rail of a prismatic one."""
-    size, axis = _JOINT * posture.size, posture.axes[joint]
+    size, axis = posture.joint_size, posture.axes[joint]
     axis = axis if float(axis @ view.rows[2]) >= 0 else -axis
     text = f"{posture.robot.joint_names[joint]}: {label.value}"
     head = f'<g class="joint {label.colour}"><title>{escape(text)}</title>'

@@ -131,7 +131,9 @@ def notices_of(found: Identification, runs: Sequence[Run]) -> list[Notice]:
         key = one.subject, one.severity, one.remedy, one.snippet
         first = together.get(key, replace(one, messages=(), joints=()))
         together[key] = replace(
-            first, messages=first.messages + one.messages, joints=first.joints + one.joints
+            first,
+            messages=first.messages + one.messages,
+            joints=tuple(dict.fromkeys(first.joints + one.joints)),
         )
     return sorted(together.values(), key=lambda one: SEVERITIES.index(one.severity))
 
@@ -139,9 +141,8 @@ def notices_of(found: Identification, runs: Sequence[Run]) -> list[Notice]:
 def _notice(one: Finding) -> Notice:
     """Return a finding as a notice; a remedy of several lines has a text to copy."""
     first, _, rest = one.remedy.strip().partition("\n")
-    remedy = first if rest else (_sentence(first) if first else "")
     joints = (one.joint,) if one.joint else ()
-    return Notice(one.code, one.severity, (_sentence(one.message),), joints, remedy, rest)
+    return Notice(one.code, one.severity, (_sentence(one.message),), joints, first, rest)
 
 
 def _of_validation(found: Identification, runs: Sequence[Run]) -> Iterator[Notice]:

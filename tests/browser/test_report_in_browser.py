@@ -5,8 +5,11 @@
 
 from __future__ import annotations
 
+import csv
+import json
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +17,17 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, sync_playwright
 
-from seaid.report.html import write_report
+from seaid.errors import Finding
+from seaid.report.html import write_comparison, write_report
+from tests.experiments import arm
 from tests.report_pages import HOSTILE, arm_found, arm_result, made_up
 
 pytestmark = pytest.mark.browser
 
 PICTURES = Path(__file__).parents[2] / "out" / "browser"
 LOAD_MS, PAGE_BYTES, PHONE_PX = 2000.0, 6_000_000, 390
+WIDTHS = (320, 390, 600, 768, 900, 1040, 1100, 1280, 1600)
+REMEDY = 'in the drives file:\n[shoulder]\ngear_ratio = 100.0\nspring = ["linear"]'
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 
@@ -96,7 +103,21 @@ def browser() -> Iterator[Browser]:
 @pytest.fixture(scope="module")
 def arm_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("arm") / "report.html"
-    write_report(arm_found(), [arm_result()], path, facts={"seed": 1})
+    facts = {"seed": 1, "Command": "seaid report arm.urdf --from run.csv"}
+    write_report(arm_found(), [arm_result()], path, facts=facts, nominal=arm())
+    return path
+
+
+@pytest.fixture(scope="module")
+def doubtful_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a report with a wrong gear ratio and a doubtful fit."""
+    findings = (
+        Finding("gear-ratio", "the ratio is off", "shoulder", "wrong", remedy=REMEDY),
+        Finding("no-fit", "nothing fits", "wrist", "doubtful", remedy="record a longer motion"),
+        Finding("holes", "samples are excluded", severity="note"),
+    )
+    path = tmp_path_factory.mktemp("doubtful") / "report.html"
+    write_report(replace(arm_found(), findings=findings), [arm_result()], path, nominal=arm())
     return path
 
 
@@ -105,7 +126,9 @@ def opened(browser: Browser, arm_page: Path) -> Iterator[Opened]:
     """Return the arm's report on a desk; what went wrong in it fails the test."""
     context = browser.new_context(viewport={"width": 1200, "height": 900}, color_scheme="light")
     one = Opened(context, arm_page)
-    one.page.locator("#viewer").scroll_into_view_if_needed()
+    one.find("document.querySelector('#viewer').scrollIntoView({ behavior: 'instant' })")
+    one.settle()  # the sections above get their true height
+    one.find("document.querySelector('#viewer').scrollIntoView({ behavior: 'instant' })")
     yield one
     assert one.wrong == []
     assert one.requests == [arm_page.as_uri()]
@@ -120,8 +143,11 @@ def load_ms(opened: Opened) -> float:
 def test_page_opens_fast_without_error_or_request(opened: Opened, arm_page: Path) -> None:
     assert load_ms(opened) < LOAD_MS
     assert arm_page.stat().st_size < PAGE_BYTES
-    for chart in ("torque", "residual", "spectrum"):
+    charts = "torque", "residual", "spectrum", "autocorrelation", "over-velocity", "over-position"
+    for chart in charts:
         assert opened.page.locator(f"#{chart} canvas").count() == 1
+    for chart in charts[3:]:
+        assert opened.ink(chart, "residual") > 50
     assert opened.ink("torque", "computed") > 100
     assert opened.ink("residual", "residual") > 100
     assert opened.ink("spectrum", "residual") > 50
@@ -213,14 +239,154 @@ def test_dark_is_dark_and_the_button_turns_it(browser: Browser, arm_page: Path) 
     context.close()
 
 
+def top(opened: Opened, selector: str) -> float:
+    """Return where an element begins, in pixels from the top of the page."""
+    found: float = opened.find(
+        "(one) => document.querySelector(one).getBoundingClientRect().top + scrollY", selector
+    )
+    return found
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_first_screen_has_verdict_robot_before_and_after_and_warnings(
+    browser: Browser, doubtful_page: Path, scheme: Any
+) -> None:
+    context = browser.new_context(viewport={"width": 1280, "height": 800}, color_scheme=scheme)
+    opened = Opened(context, doubtful_page)
+    for selector in (".verdict .words", "svg.robot .joint", ".bars li", "#warnings h2"):
+        assert top(opened, selector) < 800
+    assert opened.page.locator(".verdict .words").inner_text() == "Do not use"
+    for name, variable in ((".verdict .words", "bad"), (".notice.doubtful", "care-paper")):
+        kind = "color" if name.startswith(".verdict") else "backgroundColor"
+        found = opened.find(
+            """([name, kind, variable]) => {
+              const one = getComputedStyle(document.querySelector(name))[kind];
+              const own = getComputedStyle(document.documentElement);
+              const [r, g, b] = own.getPropertyValue("--" + variable).match(/\\w\\w/g);
+              return [one, `rgb(${[r, g, b].map((part) => parseInt(part, 16)).join(", ")})`];
+            }""",
+            [name, kind, variable],
+        )
+        assert found[0] == found[1]
+    assert opened.page.locator("svg.robot .joint").count() == 4
+    assert opened.page.locator("svg.robot tspan.flag").count() == 2  # shoulder and wrist
+    before = opened.page.locator(".bars .before")
+    assert before.count() == 6
+    opened.page.screenshot(path=PICTURES / f"first_{scheme}.png")
+    assert opened.wrong == []
+    context.close()
+
+
+def test_remedy_is_copied_as_it_stands(browser: Browser, doubtful_page: Path) -> None:
+    context = browser.new_context(permissions=["clipboard-read", "clipboard-write"])
+    opened = Opened(context, doubtful_page)
+    opened.page.locator(".notice.wrong .copy").click()
+    assert opened.page.locator(".notice.wrong .copy").inner_text() == "Copied"
+    copied = opened.find("navigator.clipboard.readText()")
+    assert copied == REMEDY.partition("\n")[2]
+    assert opened.wrong == []
+    context.close()
+
+
+def test_what_is_harmless_has_no_colour(opened: Opened) -> None:
+    """Rows of tables with a note look like those without, and notes have no background."""
+    colours = opened.find(
+        """() => [...document.querySelectorAll(".table tr, .table td, .notice.note")].map(
+          (one) => getComputedStyle(one).backgroundColor)"""
+    )
+    assert set(colours) == {"rgba(0, 0, 0, 0)"}
+    assert opened.page.get_by_text("may be zero").count() > 0
+
+
+def test_tables_are_copied_as_csv_and_latex_and_parameters_as_json(
+    opened: Opened, tmp_path: Path
+) -> None:
+    """The CSV has the exact values; the page shows rounded ones."""
+    table = opened.page.locator(".table[data-name=drives]")
+    with opened.page.expect_download() as waiting:
+        table.get_by_text("CSV").click()
+    waiting.value.save_as(tmp_path / "drives.csv")
+    assert waiting.value.suggested_filename == "mixed_arm_drives.csv"
+    with (tmp_path / "drives.csv").open(encoding="utf-8-sig", newline="") as file:
+        rows = list(csv.DictReader(file))
+    found = arm_found()
+    expected = [
+        (joint, name.replace("_", " "), value, error)
+        for joint, one in found.drives.items()
+        for name, value, error in zip(one.names, one.values, one.standard_errors, strict=True)
+    ]
+    read = [
+        (row["Joint"], row["Parameter"], float(row["Identified"]), float(row["Std. error"]))
+        for row in rows
+    ]
+    assert read == expected
+    with opened.page.expect_download() as waiting:
+        table.get_by_text("LaTeX").click()
+    waiting.value.save_as(tmp_path / "drives.tex")
+    text = (tmp_path / "drives.tex").read_text(encoding="utf-8")
+    assert "\\begin{tabular}{llrrrrlrrl}" in text
+    assert text.count(r"\\") == len(rows) + 1
+    assert r"95 \% interval" in text
+    assert r"$\cdot 10^{-5}$" in text
+    assert text.isascii()
+    with opened.page.expect_download() as waiting:
+        opened.page.locator("#parameters").click()
+    waiting.value.save_as(tmp_path / "parameters.json")
+    content = json.loads((tmp_path / "parameters.json").read_text())
+    assert content["joints"] == list(found.robot.joint_names)
+
+
+def cut(opened: Opened) -> list[str]:
+    """Return what is wider than the page, or than its place."""
+    found: list[str] = opened.find(
+        """() => {
+          const room = document.documentElement.clientWidth + 0.5;
+          const kinds = "table, .table th, .table td, .bars li, .notice, .code, .plot, dl, h1, h2";
+          const wrong = [...document.querySelectorAll(`${kinds}, svg.robot`)].filter((one) => {
+            const head = getComputedStyle(one.closest("thead") ?? one);
+            const box = one.getBoundingClientRect();
+            if (head.position === "absolute" || !box.width || one.closest(".uplot")) return false;
+            return box.right > room || box.left < -0.5 || one.scrollWidth > box.width + 1.5;
+          });
+          return wrong.map((one) => `${one.tagName} ${one.textContent.slice(0, 40)}`);
+        }"""
+    )
+    return found
+
+
+@pytest.mark.parametrize("kind", ["arm", "hostile"])
+def test_nothing_is_cut_at_any_width(
+    browser: Browser, arm_page: Path, tmp_path: Path, kind: str
+) -> None:
+    path = arm_page
+    if kind == "hostile":
+        path = tmp_path / "report.html"
+        found, result = made_up(tmp_path, (*HOSTILE, "long_" * 60), 1000)
+        write_report(found, [result], path, facts={"x" * 200: "y" * 400})
+    context = browser.new_context(viewport={"width": 1280, "height": 800})
+    opened = Opened(context, path)
+    opened.page.add_style_tag(content="main > section { content-visibility: visible !important; }")
+    for width in WIDTHS:
+        opened.page.set_viewport_size({"width": width, "height": 800})
+        opened.settle()
+        assert opened.find("document.documentElement.scrollWidth") <= width
+        assert cut(opened) == [], width
+    assert opened.wrong == []
+    context.close()
+
+
 def test_phone_needs_no_sideways_scrolling(browser: Browser, arm_page: Path) -> None:
     context = browser.new_context(
         viewport={"width": PHONE_PX, "height": 844}, is_mobile=True, has_touch=True
     )
     opened = Opened(context, arm_page)
+    assert top(opened, ".verdict .words") < 300
+    assert top(opened, "svg.robot") < 600
     assert opened.find("document.documentElement.scrollWidth") <= PHONE_PX
+    opened.page.locator("#torque").scroll_into_view_if_needed()
     assert opened.find("document.querySelector('#torque canvas').clientWidth") <= PHONE_PX
-    opened.page.locator("#map").tap(position={"x": 255, "y": 25})
+    opened.page.locator("#map").scroll_into_view_if_needed()
+    opened.page.locator("#map").tap(position={"x": 155, "y": 15})
     assert "shoulder" in opened.page.locator("#correlation").inner_text()
     opened.page.screenshot(path=PICTURES / "phone.png", full_page=True)
     assert opened.wrong == []
@@ -230,15 +396,20 @@ def test_phone_needs_no_sideways_scrolling(browser: Browser, arm_page: Path) -> 
 def test_paper_has_everything_open_black_on_white(browser: Browser, arm_page: Path) -> None:
     context = browser.new_context(color_scheme="dark")
     opened = Opened(context, arm_page)
+    assert not opened.page.locator(".static").is_visible()  # copies of traces are for paper only
     opened.page.pdf(path=PICTURES / "report.pdf", format="A4")
     assert (PICTURES / "report.pdf").read_bytes().startswith(b"%PDF")
     opened.page.emulate_media(media="print")
+    opened.page.set_viewport_size({"width": 700, "height": 1000})  # that of A4 between margins
     assert opened.find("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
     assert opened.find("getComputedStyle(document.body).color") == "rgb(0, 0, 0)"
     assert not opened.page.locator("#viewer").is_visible()
-    assert opened.page.locator(".picture svg").first.is_visible()
+    assert opened.page.locator(".static figure").count() == 6
+    assert opened.page.locator(".static svg").first.is_visible()
+    assert opened.page.locator("button:visible").count() == 0
     opened.find("dispatchEvent(new Event('beforeprint'))")
     assert opened.page.locator("details:not([open])").count() == 0
+    assert cut(opened) == []
     opened.find("dispatchEvent(new Event('afterprint'))")
     assert opened.page.locator("details[open]").count() == 0
     assert opened.wrong == []
@@ -251,8 +422,33 @@ def test_without_javascript_all_but_the_traces_is_there(browser: Browser, arm_pa
     page.goto(arm_page.as_uri())
     assert page.get_by_text("Interactive traces need JavaScript").is_visible()
     assert not page.locator("#viewer").is_visible()
-    assert page.locator(".picture svg").count() == 2
+    assert page.locator(".static svg").first.is_visible()
     assert page.locator("table").count() > 5
+    assert page.locator(".actuator svg.plot").count() == 6
+    assert page.locator("button:visible").count() == 0
+    context.close()
+
+
+@pytest.mark.parametrize("width", [1280, PHONE_PX])
+def test_comparison_opens_without_error_or_request(
+    browser: Browser, tmp_path: Path, width: int
+) -> None:
+    path = tmp_path / "comparison.html"
+    values = 1.2 * arm_found().load.values
+    other = replace(arm_found(), load=replace(arm_found().load, values=values))
+    write_comparison(arm_found(), other, path, names=("cold", "warm"))
+    context = browser.new_context(viewport={"width": width, "height": 800})
+    opened = Opened(context, path)
+    assert "parameters differ" in opened.page.locator(".verdict .words").inner_text()
+    assert opened.page.locator("svg.robot .joint").count() == 4
+    assert opened.find("document.documentElement.scrollWidth") <= width
+    assert cut(opened) == []
+    assert opened.requests == [path.as_uri()]
+    with opened.page.expect_download() as waiting:
+        opened.page.locator("[data-copy=csv]").click()
+    assert waiting.value.suggested_filename == "mixed_arm_comparison.csv"
+    opened.page.screenshot(path=PICTURES / f"comparison_{width}.png", full_page=True)
+    assert opened.wrong == []
     context.close()
 
 

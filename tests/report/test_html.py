@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import gzip
 import json
 import os
 import re
@@ -17,16 +18,20 @@ import numpy as np
 import pytest
 
 from seaid._arrays import Array, FrozenMapping
+from seaid._files import plain
 from seaid.drives import JointParameter
-from seaid.errors import SeaidError
+from seaid.errors import Finding, SeaidError
 from seaid.estimation.diagnostics import ModelChecks, TermTest, Whiteness
+from seaid.estimation.estimate import Estimate
 from seaid.identification.identification import Identification
 from seaid.identification.validation import Validation, compared
 from seaid.report import html_tables, html_traces
-from seaid.report.figures import UNSEEN
-from seaid.report.html import runs_of, write_report
+from seaid.report.html import runs_of, write_comparison, write_report
+from seaid.report.html_actuators import actuator_figures
 from seaid.report.html_maps import cells_of, correlation_map, packed_correlations, singular_values
-from seaid.report.html_verdict import NOT_VALIDATED, verdict, warnings_of
+from seaid.report.html_nominal import NO_BODIES, before_and_after, nominal_values
+from seaid.report.html_verdict import NOT_VALIDATED, Notice, notices_of, page_verdict
+from tests.experiments import arm, leg
 from tests.report_pages import HOSTILE, arm_found, arm_result, made_up, prediction
 
 PAGE_BYTES = 6_000_000
@@ -102,10 +107,10 @@ def unpacked(trace: dict[str, Any]) -> Array:
 
 def test_page_has_every_parameter_with_its_exact_value_and_interval(page: Page) -> None:
     found = arm_found()
-    values = [float(value) for name, value in page.attributes if name == "value" and "." in value]
+    values = {float(value) for name, value in page.attributes if name == "value" and "." in value}
     every = [*found.drives.values(), found.load]
-    expected = np.concatenate([one.values for one in every])
-    assert values == expected.tolist()
+    for one in every:
+        assert set(one.values.tolist()) | set(one.standard_errors.tolist()) <= values
     for joint, estimate in found.drives.items():
         assert joint in page.words
         for name in estimate.names:
@@ -114,20 +119,22 @@ def test_page_has_every_parameter_with_its_exact_value_and_interval(page: Page) 
         assert expression in page.words
 
 
-def test_page_says_how_well_the_unseen_motion_is_predicted(page: Page) -> None:
+def test_first_screen_says_how_well_the_unseen_motion_is_predicted(page: Page) -> None:
     result = arm_result()
     errors = np.concatenate([result.actuator.relative_error, result.load.relative_error])
     errors = errors[np.isfinite(errors)]
-    runs = runs_of(arm_found(), [result])
-    said = verdict(arm_found(), runs, warnings_of(arm_found(), runs))
-    assert said in page.text
-    percents = [
-        float(one) / 100 for one in re.findall(r"([\d.]+)\N{NO-BREAK SPACE}%(?:,| at)", said)
-    ]
-    assert percents == [
-        pytest.approx(float(np.median(errors)), rel=0.051),
-        pytest.approx(float(np.max(errors)), rel=0.051),
-    ]
+    verdict = page_verdict(arm_found(), runs_of(arm_found(), [result]))
+    assert (verdict.level, verdict.words) == ("good", "Good")
+    assert verdict.sentence in page.words
+    name, median, worst = verdict.numbers[0]
+    assert name == "Unseen motion"
+    assert float(median.split("\N{NO-BREAK SPACE}")[0]) / 100 == pytest.approx(
+        float(np.median(errors)), rel=0.051
+    )
+    (said,) = re.findall(r"worst ([\d.]+)\N{NO-BREAK SPACE}%", worst)
+    assert float(said) / 100 == pytest.approx(float(np.max(errors)), rel=0.051)
+    assert page.words.index("Good") < page.words.index("Before and after")
+    assert page.words.index("Before and after") < page.words.index("Warnings")
 
 
 def test_page_has_logs_known_drives_conditions_facts_and_versions(page: Page) -> None:
@@ -140,7 +147,7 @@ def test_page_has_logs_known_drives_conditions_facts_and_versions(page: Page) ->
     for name in ("seaid", "numpy", "scipy", "Pinocchio", "Python"):
         assert re.search(rf"{name} \d+\.\d+", page.words)
     position = arm_found().motions[0].joint_position[:, 0]
-    assert f"{position.min():.3g} … {position.max():.3g} m".replace("-", "−") in page.words
+    assert f"{position.min():.3g} … {position.max():.3g} of ".replace("-", "−") in page.words
 
 
 def test_page_is_whole_html_that_fetches_nothing(page: Page) -> None:
@@ -242,7 +249,7 @@ def test_hostile_names_are_text(tmp_path: Path) -> None:
     for name in (*HOSTILE, "<i>who</i>", "</script>\"'&", "chain <i>"):
         assert name in page.text
     assert "b" not in page.tags
-    assert page.tags.count("script") == 4
+    assert page.tags.count("script") == 5
     assert json.loads(page.scripts["traces-data"])["joints"] == list(HOSTILE)
     assert "<" not in page.scripts["traces-data"] + page.scripts["correlations-data"]
 
@@ -251,7 +258,7 @@ def test_hostile_names_are_text(tmp_path: Path) -> None:
 def test_three_hundred_joints_are_a_page(tmp_path: Path) -> None:
     found, result = made_up(tmp_path, tuple(f"joint_{k:03d}" for k in range(300)), 2000)
     page = page_of(tmp_path, found, [result, result])
-    assert "600 drive parameters identified" in page.words
+    assert re.search(r"Drive parameters \d+ of 600", page.words)
     assert page.words.count("joint_299") > 3
     assert "The 110 most correlated of 2100 parameters" in page.words
 
@@ -259,24 +266,24 @@ def test_three_hundred_joints_are_a_page(tmp_path: Path) -> None:
 # Doubts
 
 
-def warnings(found: Identification, *results: Validation) -> dict[str, tuple[str, ...]]:
-    return {one.subject: one.sentences for one in warnings_of(found, runs_of(found, list(results)))}
+def notices(found: Identification, *results: Validation) -> dict[str, Notice]:
+    return {one.subject: one for one in notices_of(found, runs_of(found, list(results)))}
 
 
 def test_report_without_validation_says_so_at_its_top(tmp_path: Path) -> None:
     page = page_of(tmp_path, arm_found(), [])
-    assert "not validated on an unseen motion" in page.words
+    assert "Own motion, not validated" in page.words
     assert NOT_VALIDATED in page.words
-    assert warnings(arm_found())["Validation"] == (NOT_VALIDATED,)
-    assert UNSEEN not in page.words
+    assert notices(arm_found())["not-validated"].messages == (NOT_VALIDATED,)
+    assert "Error of the torque on its own motion" in page.words
 
 
 def test_own_motion_given_as_validation_does_not_count(tmp_path: Path) -> None:
     found = arm_found()
     own = compared(found, found.motions[0])
-    said = warnings(found, own)["Validation"]
-    assert said[0] == NOT_VALIDATED
-    assert "is of a motion that was used for identification" in said[1]
+    said = [one for one in notices_of(found, runs_of(found, [own])) if "validated" in one.subject]
+    assert [one.severity for one in said] == ["doubtful", "note"]
+    assert "is of a motion that was used for identification" in said[0].messages[0]
     assert "not validated" in page_of(tmp_path, found, own).words
 
 
@@ -285,10 +292,10 @@ def test_physically_inconsistent_bodies_are_named() -> None:
     inconsistent[0] = -1.0
     robot = arm_found().robot
     found = replace(arm_found(), robot=robot.with_values(inconsistent, robot.drives))
-    (sentence,) = warnings(found, arm_result())["Bodies"]
+    (sentence,) = notices(found, arm_result())["inconsistent-inertia"].messages
     assert sentence.startswith(robot.body_names[0])
     consistent = replace(found, robot=arm_found().known.with_values(_bodies(), robot.drives))
-    assert "Bodies" not in warnings(consistent, arm_result())
+    assert "inconsistent-inertia" not in notices(consistent, arm_result())
 
 
 @cache
@@ -306,26 +313,173 @@ def test_checks_that_fail_are_flagged() -> None:
         checks=FrozenMapping({"load": bad}),
         excluded=FrozenMapping({"load": 10**6}),
     )
-    said = warnings(found, arm_result())
-    assert said["Poorly determined combinations"] == (
+    said = notices(found, arm_result())
+    assert said["poorly-determined"].messages == (
         "Load side: the data tell 1e-03 of the combination a - b.",
     )
-    (term_said,) = said["Terms that the data do not support"]
+    (term_said,) = said["needless-term"].messages
     assert term_said.startswith("Viscous friction of wrist: not supported by the data (BIC −4)")
-    (residual,) = said["Residuals"]
+    (residual,) = said["residual"].messages
     assert "wrist (load side)" in residual
-    assert "Standstill" in said
+    assert "standstill" in said
+    assert {one.severity for one in said.values()} == {"note"}
 
 
 def test_bad_predictions_are_flagged_and_good_ones_not() -> None:
     result = arm_result()
     bad = replace(result.load, relative_error=np.array([0.01, 0.35, 0.01, 0.01]))
-    said = warnings(arm_found(), replace(result, load=bad))["Validation"]
-    assert said == (
+    said = notices(arm_found(), replace(result, load=bad))["badly-predicted"]
+    assert said.messages == (
         "The torque of shoulder (load side) is poorly predicted in the validation: "
         "relative error 35\N{NO-BREAK SPACE}%.",
     )
-    assert "Validation" not in warnings(arm_found(), result)
+    assert (said.joints, said.severity) == (("shoulder",), "doubtful")
+    assert "badly-predicted" not in notices(arm_found(), result)
+
+
+def test_findings_of_one_code_are_one_notice_and_their_remedy_is_text_to_copy(
+    tmp_path: Path,
+) -> None:
+    remedy = "in the drives file:\n[shoulder]\ngear_ratio = 100.0"
+    findings = (
+        Finding("gear-ratio", "the ratio is off", "shoulder", "wrong", remedy=remedy),
+        Finding("no-fit", "nothing fits", "wrist", "doubtful", remedy="record a longer motion"),
+        Finding("no-fit", "nothing fits here", "rail", "doubtful", remedy="record a longer motion"),
+        Finding("holes", "samples are excluded", severity="note"),
+    )
+    found = replace(arm_found(), findings=findings)
+    ratio, fit, *notes = notices_of(found, runs_of(found, [arm_result()]))
+    assert (ratio.remedy, ratio.snippet) == (
+        "in the drives file:",
+        "[shoulder]\ngear_ratio = 100.0",
+    )
+    assert fit.messages == ("Nothing fits.", "Nothing fits here.")
+    assert fit.joints == ("wrist", "rail")
+    assert {one.severity for one in notes} == {"note"}
+    page = page_of(tmp_path, found, [arm_result()])
+    assert "Do not use" in page.words
+    assert "gear-ratio shoulder The ratio is off." in page.words
+    classes = [value for name, value in page.attributes if name == "class"]
+    assert "verdict do-not-use" in classes
+    assert {"notice wrong", "notice doubtful", "notice note"} <= set(classes)
+
+
+# Before and after
+
+
+def test_wrong_nominal_values_predict_worse_and_absent_ones_are_said(tmp_path: Path) -> None:
+    """The truth predicts as well as the estimate; 30 % too heavy bodies do not."""
+    found, result = arm_found(), arm_result()
+    truth = before_and_after(found, nominal_values(found, arm()), result)
+    heavy = arm().with_values(1.3 * arm().parameters, arm().drives)
+    worse = before_and_after(found, nominal_values(found, heavy), result)
+    assert len(truth) == len(worse) == 6
+    for one, other in zip(truth, worse, strict=True):
+        assert one.before < 0.05
+        if one.side == "load" and one.joint != "rail":
+            assert other.before > 0.2
+        assert one.after == other.after
+        assert not one.reason
+    absent = before_and_after(found, nominal_values(found, found.known), result)
+    reasons = {(one.side, one.joint): one.reason for one in absent}
+    assert reasons["load", "wrist"] == NO_BODIES
+    assert (
+        "no nominal viscous friction, coulomb friction, stiffness"
+        in (reasons["actuator", "shoulder"])
+    )
+    page = page_of(tmp_path, found, result)
+    assert f"before: {NO_BODIES}" in page.words
+
+
+def test_a_soft_nominal_spring_errs_on_the_actuator_side_alone() -> None:
+    found, result = arm_found(), arm_result()
+    drive = arm().drives["shoulder"]
+    soft = arm().with_drives({"shoulder": drive.with_values({"stiffness": 200.0})})
+    rows = before_and_after(found, nominal_values(found, soft), result)
+    errors = {(one.side, one.joint): one.before for one in rows}
+    assert errors["actuator", "shoulder"] == pytest.approx(0.2, abs=0.03)  # 20 % too soft
+    assert errors["load", "shoulder"] < 0.01
+
+
+def test_validation_without_its_motion_has_no_before() -> None:
+    kept = replace(arm_result(), motions=())
+    rows = before_and_after(arm_found(), nominal_values(arm_found(), arm()), kept)
+    assert {one.reason for one in rows} == {"the motion of this validation is not kept"}
+
+
+# Actuators
+
+
+def samples_of(figure: str, name: str) -> Array:
+    """Return the places (P, 2) of the points of a class in a chart."""
+    (path,) = re.findall(rf'<path class="points {name}" d="([^"]*)"', figure)
+    return np.array([[float(x) for x in one.split()] for one in re.findall(r"M([^Mh]*)h0", path)])
+
+
+def line_of(figure: str, name: str) -> Array:
+    (path,) = re.findall(rf'<path class="line {name}" d="([^"]*)"', figure)
+    return np.array([[float(x) for x in one.split()] for one in re.split("[ML]", path)[1:]])
+
+
+def test_samples_of_friction_and_spring_lie_on_the_identified_lines() -> None:
+    figures = {one.joint: one for one in actuator_figures(arm_found(), arm())}
+    assert [one.kind for one in figures.values()] == [
+        *("stiff", "series elastic", "series elastic", "stiff")
+    ]
+    assert figures["rail"].spring is None
+    spring = str(figures["shoulder"].spring)
+    line = line_of(spring, "identified")
+    for name in ("sample up", "sample down"):
+        points = samples_of(spring, name)
+        assert len(points) > 50
+        off = points[:, 1] - np.interp(points[:, 0], line[:, 0], line[:, 1])
+        assert np.max(np.abs(off)) < 4.0  # of 246 high
+    for one in figures.values():
+        friction = str(one.friction)
+        points, line = samples_of(friction, "sample"), line_of(friction, "identified")
+        middle = np.mean(line[:, 0])
+        fast = points[np.abs(points[:, 0] - middle) > 60]
+        off = fast[:, 1] - np.interp(fast[:, 0], line[:, 0], line[:, 1])
+        assert np.sqrt(np.mean(off**2)) < 8.0
+        assert line_of(friction, "nominal").shape == line.shape  # the truth has values
+
+
+def test_without_nominal_values_no_nominal_line_is_drawn() -> None:
+    for one in actuator_figures(arm_found(), arm_found().known):
+        assert "line nominal" not in str(one.friction)
+        assert "line nominal" not in str(one.spring)
+
+
+def test_parameters_json_of_the_page_is_that_of_the_identification(page: Page) -> None:
+    packed = base64.b64decode(page.scripts["parameters-data"])
+    content = json.loads(gzip.decompress(packed))
+    assert content == json.loads(json.dumps(plain(arm_found().to_dict(arm_result()))))
+
+
+def test_nominal_robot_must_have_the_same_joints(tmp_path: Path) -> None:
+    with pytest.raises(SeaidError, match=r"nominal=: the joints hip_yaw.*give the same robot"):
+        write_report(arm_found(), [], tmp_path / "page.html", nominal=leg())
+
+
+# Comparison
+
+
+def test_comparison_is_a_page_with_its_differences(tmp_path: Path) -> None:
+    other = replace(arm_found(), load=_shifted(arm_found()), motions=())
+    write_comparison(arm_found(), other, tmp_path / "page.html", names=("<b>cold</b>", "it's warm"))
+    page = Page((tmp_path / "page.html").read_text(encoding="utf-8"))
+    assert "1 of 28 parameters differ" in page.words
+    assert f"{arm_found().load.names[0]} (+10.0 standard errors)" in page.words
+    assert "<b>cold</b>" in page.words
+    assert "b" not in page.tags
+    with pytest.raises(SeaidError, match=r"'a.pdf' must end in .html"):
+        write_comparison(arm_found(), other, "a.pdf")
+
+
+def _shifted(found: Identification) -> Estimate:
+    values = found.load.values.copy()
+    values[0] += 10 * np.sqrt(2) * found.load.standard_errors[0]
+    return replace(found.load, values=values)
 
 
 # Identifiability
@@ -367,7 +521,7 @@ def test_stiff_robot_of_one_joint_has_no_actuator_side(tmp_path: Path) -> None:
     page = page_of(tmp_path, found, [result])
     run = json.loads(page.scripts["traces-data"])["runs"][0]
     assert run["actuator"] == [None]
-    assert "is predicted with" in page.words
+    assert "median error of the torques" in page.words
 
 
 def test_logs_that_are_not_kept_are_mentioned(tmp_path: Path) -> None:

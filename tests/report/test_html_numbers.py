@@ -16,9 +16,10 @@ from seaid.report.html_tables import probability, rounded, seconds, share, short
     [
         (83097.04, 95.7, ("83097", "96")),
         (0.0241512, 0.0015861, ("0.0242", "0.0016")),
-        (8.079e-5, 8.711e-7, ("8.079e−5", "0.087e−5")),
+        (0.0041512, 0.0015861, ("4.2·10⁻³", "1.6·10⁻³")),
+        (8.079e-5, 8.711e-7, ("8.079·10⁻⁵", "0.087·10⁻⁵")),
         (-0.1447, 0.005479, ("−0.1447", "0.0055")),
-        (-0.0001548, 0.001133, ("−0.00015", "0.00113")),
+        (-0.0001548, 0.001133, ("−0.15·10⁻³", "1.13·10⁻³")),
         (0.0, 0.012, ("0.000", "0.012")),
         (3.0, 0.0, ("3.00000", "0.00000")),
         (math.nan, 1.0, ("–", "–")),
@@ -39,9 +40,14 @@ finite = st.floats(-1e9, 1e9, allow_nan=False).filter(lambda x: x == 0 or abs(x)
 def test_text_says_the_number_to_a_tenth_of_its_error(value: float, relative: float) -> None:
     error = relative * (abs(value) or 1.0)
     found = rounded(value, error, value - error, value + error)
-    said = float(found.value.replace("−", "-"))
-    assert abs(said - value) <= 0.051 * error * (1 + 1e-9)
-    assert abs(float(found.error.replace("−", "-")) - error) <= 0.051 * error * (1 + 1e-9)
+    assert abs(read(found.value) - value) <= 0.051 * error * (1 + 1e-9)
+    assert abs(read(found.error) - error) <= 0.051 * error * (1 + 1e-9)
+
+
+def read(text: str) -> float:
+    """Return the number that a text such as 8.1·10⁻⁵ says."""
+    raised = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
+    return float(text.replace("·10", "e").translate(raised))
 
 
 @pytest.mark.parametrize(
@@ -56,6 +62,7 @@ def test_other_numbers() -> None:
     assert share(math.nan) == short(math.inf) == "–"
     assert share(1e6).startswith("> 10⁴")
     assert short(-0.00012345) == "−0.000123"
-    assert probability(0.0) == "< 1e−16"
+    assert short(-1.2345e-7) == "−1.23·10⁻⁷"
+    assert probability(0.0) == "< 10⁻¹⁶"
     assert probability(0.034) == "0.034"
     assert (seconds(10.0), seconds(600.0)) == ("10 s", "10 min")
