@@ -85,6 +85,7 @@ from .regressor import Identifiability as Identifiability
 from .regressor import base_parameters as base_parameters
 from .regressor import cross_check as cross_check
 from .regressor import identifiability as identifiability
+from .report import write_comparison as write_comparison
 from .report import write_report as write_report
 from .robot import Payload as Payload
 from .robot import Robot as Robot

@@ -121,10 +121,10 @@ ONE_IMPORTER = {
     ),
     "functions that users call": (
         *("identification.conditions", "log.infer_columns", "log.long_log", "project.saved"),
-        *("regressor.exact.base", "report.figures", "symbolic.expression_text"),
+        *("regressor.exact.base", "report.comparison", "symbolic.expression_text"),
     ),
     "one part of the page or window each": (
-        *("report.html_experiment", "report.html_maps", "report.html_verdict"),
+        *("report.html_actuators", "report.html_experiment", "report.html_verdict"),
         *("view.panel", "view.playback", "view.plots"),
     ),
     "one step of a long way, which would make its importer longer than 400 lines": (

@@ -3,7 +3,8 @@
 `Identification` and `Validation` come in; tables for the terminal, figures and an HTML page go out.
 The page is one file that opens offline; its charts are drawn in the browser.
 
-- `write_report` writes the page;
+- `write_report` writes the page, `write_comparison` that of two identifications;
+- `comparison_of` compares the parameters of two identifications;
 - the `..._table` functions make the text that `summary()` and `print` show of each result.
 
 >>> import seaid

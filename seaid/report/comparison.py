@@ -166,6 +166,7 @@ def comparison_of(
 
     Examples
     --------
+    >>> cold, warm = (seaid.identify(robot, log) for log in (cold_log, warm_log))
     >>> for one in seaid.report.comparison_of(cold, warm).differences:
     ...     print(one.text, one.first, one.second, one.significance)
     """

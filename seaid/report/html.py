@@ -34,7 +34,6 @@ from seaid.report.html_maps import (
     singular_chart,
     singular_values,
 )
-from seaid.report.html_nominal import Nominal, before_and_after, nominal_values
 from seaid.report.html_robot import Label, Posture, bodies_picture, posture_of, robot_picture
 from seaid.report.html_tables import (
     base_table,
@@ -52,7 +51,16 @@ from seaid.report.html_tables import (
     term_table,
 )
 from seaid.report.html_traces import Run, traces_of
-from seaid.report.html_verdict import explained_as, notices_of, page_verdict
+from seaid.report.html_verdict import (
+    BeforeAfter,
+    Nominal,
+    before_and_after,
+    explained_as,
+    nominal_values,
+    notices_of,
+    page_verdict,
+    with_nominal_values,
+)
 from seaid.robot import Robot
 
 Fact = str | int | float
@@ -152,6 +160,7 @@ def write_comparison(
 
     Examples
     --------
+    >>> cold, warm = (seaid.identify(robot, log) for log in (cold_log, warm_log))
     >>> seaid.write_comparison(cold, warm, "comparison.html", names=("cold", "warm"))
     """
     path = _page_path(path)
@@ -349,7 +358,7 @@ def _labels(found: Identification, pictured: Sequence[Run], flagged: set[str]) -
 
 def _bars(found: Identification, pictured: Sequence[Run], nominal: Nominal) -> dict[str, Any]:
     """Return the errors before and after: bars of each side, as parts of the largest shown."""
-    rows = [row for run in pictured for row in before_and_after(found, nominal, run.result)]
+    rows = [row for run in pictured for row in _before_and_after(found, nominal, run.result)]
     known = [x for row in rows for x in (row.before, row.after) if np.isfinite(x)]
     full = min(max(known, default=1.0), 1.0) or 1.0
     shown = [
@@ -373,6 +382,15 @@ def _bars(found: Identification, pictured: Sequence[Run], nominal: Nominal) -> d
         parts = {"few": every[:_FEW_BARS], "more": every[_FEW_BARS:]}
         sides += [{"name": name, "reason": reason, **parts}] if every else []
     return {"sides": sides, "full": share(full)}
+
+
+def _before_and_after(
+    found: Identification, nominal: Nominal, result: Validation
+) -> list[BeforeAfter]:
+    """Return the errors of the nominal and of the identified values on one motion."""
+    given = with_nominal_values(found, nominal)
+    before = compared(given, *result.motions) if result.motions else None
+    return before_and_after(nominal, before, result)
 
 
 def _packed_parameters(found: Identification, results: Sequence[Validation]) -> str:
@@ -405,7 +423,7 @@ def _correlations(found: Identification) -> dict[str, Any]:
             "correlations",
             "The strongest correlations: such parameters are better identifiable in combination "
             "than individually.",
-            ("Parameter", "Parameter ", "Correlation"),
+            ("Parameter", "With", "Correlation"),
             strongest,
             2,
         ),

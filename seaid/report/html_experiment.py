@@ -260,7 +260,7 @@ def setup_rows(found: Identification) -> Table:
     for joint, quantity, delay_s in dict.fromkeys(_delays(found.processing)):
         what = f"delay of {quantity.replace('_', ' ')}, corrected as described"
         rows.append((joint, what, short(1e3 * delay_s), NONE, "ms"))
-    caption = "Found about sensors and gears, beside what was given."
+    caption = "Found about sensors and gears, next to what was given."
     return table_of(
         "set-up", caption, ("Joint", "Quantity", "Value", "Std. error", "Unit"), rows, 2
     )

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from seaid.estimation import Estimate, TermTest
     from seaid.identification import Fit, Identification
     from seaid.report.comparison import Comparison
-    from seaid.report.html_nominal import Nominal
     from seaid.report.html_traces import Run
+    from seaid.report.html_verdict import Nominal
     from seaid.robot import Robot
 
 

@@ -103,7 +103,7 @@ def browser() -> Iterator[Browser]:
 @pytest.fixture(scope="module")
 def arm_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("arm") / "report.html"
-    facts = {"seed": 1, "Command": "seaid report arm.urdf --from run.csv"}
+    facts = {"seed": "1", "Command": "seaid report arm.urdf --from run.csv"}
     write_report(arm_found(), [arm_result()], path, facts=facts, nominal=arm())
     return path
 

@@ -29,8 +29,18 @@ from seaid.report import html_tables, html_traces
 from seaid.report.html import runs_of, write_comparison, write_report
 from seaid.report.html_actuators import actuator_figures
 from seaid.report.html_maps import cells_of, correlation_map, packed_correlations, singular_values
-from seaid.report.html_nominal import NO_BODIES, before_and_after, nominal_values
-from seaid.report.html_verdict import NOT_VALIDATED, Notice, notices_of, page_verdict
+from seaid.report.html_verdict import (
+    NO_BODIES,
+    NOT_VALIDATED,
+    BeforeAfter,
+    Notice,
+    before_and_after,
+    nominal_values,
+    notices_of,
+    page_verdict,
+    with_nominal_values,
+)
+from seaid.robot.robot import Robot
 from tests.experiments import arm, leg
 from tests.report_pages import HOSTILE, arm_found, arm_result, made_up, prediction
 
@@ -367,12 +377,19 @@ def test_findings_of_one_code_are_one_notice_and_their_remedy_is_text_to_copy(
 # Before and after
 
 
+def errors_of(found: Identification, nominal: Robot, result: Validation) -> list[BeforeAfter]:
+    values = nominal_values(found, nominal)
+    given = with_nominal_values(found, values)
+    before = compared(given, *result.motions) if result.motions else None
+    return before_and_after(values, before, result)
+
+
 def test_wrong_nominal_values_predict_worse_and_absent_ones_are_said(tmp_path: Path) -> None:
     """The truth predicts as well as the estimate; 30 % too heavy bodies do not."""
     found, result = arm_found(), arm_result()
-    truth = before_and_after(found, nominal_values(found, arm()), result)
+    truth = errors_of(found, arm(), result)
     heavy = arm().with_values(1.3 * arm().parameters, arm().drives)
-    worse = before_and_after(found, nominal_values(found, heavy), result)
+    worse = errors_of(found, heavy, result)
     assert len(truth) == len(worse) == 6
     for one, other in zip(truth, worse, strict=True):
         assert one.before < 0.05
@@ -380,7 +397,7 @@ def test_wrong_nominal_values_predict_worse_and_absent_ones_are_said(tmp_path: P
             assert other.before > 0.2
         assert one.after == other.after
         assert not one.reason
-    absent = before_and_after(found, nominal_values(found, found.known), result)
+    absent = errors_of(found, found.known, result)
     reasons = {(one.side, one.joint): one.reason for one in absent}
     assert reasons["load", "wrist"] == NO_BODIES
     assert (
@@ -395,7 +412,7 @@ def test_a_soft_nominal_spring_errs_on_the_actuator_side_alone() -> None:
     found, result = arm_found(), arm_result()
     drive = arm().drives["shoulder"]
     soft = arm().with_drives({"shoulder": drive.with_values({"stiffness": 200.0})})
-    rows = before_and_after(found, nominal_values(found, soft), result)
+    rows = errors_of(found, soft, result)
     errors = {(one.side, one.joint): one.before for one in rows}
     assert errors["actuator", "shoulder"] == pytest.approx(0.2, abs=0.03)  # 20 % too soft
     assert errors["load", "shoulder"] < 0.01
@@ -403,7 +420,7 @@ def test_a_soft_nominal_spring_errs_on_the_actuator_side_alone() -> None:
 
 def test_validation_without_its_motion_has_no_before() -> None:
     kept = replace(arm_result(), motions=())
-    rows = before_and_after(arm_found(), nominal_values(arm_found(), arm()), kept)
+    rows = errors_of(arm_found(), arm(), kept)
     assert {one.reason for one in rows} == {"the motion of this validation is not kept"}
 
 

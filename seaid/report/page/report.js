@@ -262,11 +262,12 @@
     setTimeout(() => URL.revokeObjectURL(link.href), 10000);
   };
 
+  const stripped = (text) => text.replace(/^\s+|\s+$/g, "");
   const cellsOf = (row) => [...row.cells].map((cell) => {
     const exact = cell.querySelector("data");
     const more = cell.querySelector("details");
     const text = more ? more.lastChild.textContent : cell.textContent;
-    return { text: text.trim(), exact: exact ? exact.value : null };
+    return { text: stripped(text), exact: exact ? exact.value : null };
   });
   const csv = (rows) => rows.map((row) => row.map(({ text, exact }) => {
     const plain = exact ?? text.replaceAll("−", "-").replace(/·10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)/g, (_, raised) => `e${lowered(raised)}`);
@@ -280,13 +281,13 @@
   const latex = ([head, ...rows], table) => {
     const sides = [...table.tHead.rows[0].cells].map((cell, place) => (place === 0 || cell.className === "text" ? "l" : "r")).join("");
     const line = (row) => `  ${row.map(({ text }) => tex(text)).join(" & ")} \\\\`;
-    return [`% ${table.caption.textContent.trim()}`, `\\begin{tabular}{${sides}}`, "  \\toprule", line(head), "  \\midrule", ...rows.map(line), "  \\bottomrule", "\\end{tabular}", ""].join("\n");
+    return [`% ${stripped(table.caption.textContent)}`, `\\begin{tabular}{${sides}}`, "  \\toprule", line(head), "  \\midrule", ...rows.map(line), "  \\bottomrule", "\\end{tabular}", ""].join("\n");
   };
 
   const startCopies = () => {
     for (const place of document.querySelectorAll(".table")) {
       const table = place.querySelector("table");
-      const name = `${document.querySelector("h1").textContent.trim()} ${place.dataset.name}`.replace(/[^\w-]+/g, "_");
+      const name = `${stripped(document.querySelector("h1").textContent)} ${place.dataset.name}`.replace(/[^\w-]+/g, "_");
       place.querySelector(".copies").hidden = false;
       place.querySelector(".copies").addEventListener("click", ({ target }) => {
         const rows = [...table.rows].map(cellsOf);
