@@ -3,7 +3,7 @@
 The robot is a bench with one series elastic joint. For each row `seaid.design_excitation` plans a
 motion, a simulation makes logs with other draws of the torque noise and of the encoder offsets, and
 `seaid.identify` estimates the drive and the link. The script prints the median of the stated
-standard errors and, in brackets, the rms of the true errors, both relative to the true values.
+standard errors and, in brackets, the rms of the true errors, both in percent of the true values.
 """
 
 from __future__ import annotations
@@ -147,14 +147,14 @@ def main(draws: int, only: str) -> None:
     for title, (field, benches) in TABLES.items():
         if only not in title:
             continue
-        print(f"\n| {title} | deflection [steps] | k | F_v | F_C | inertia |")
+        print(f"\n| {title} | deflection [steps] | k [%] | F_v [%] | F_C [%] | inertia [%] |")
         print("|---:|---:|---:|---:|---:|---:|")
         for bench in track(benches, title, True):
             if bench not in done:
                 done[bench] = errors_of(bench, draws)
             steps, stated, true = done[bench]
             median, rms = np.median(stated, axis=0), np.sqrt(np.mean(true**2, axis=0))
-            cells = [f"{a:.2g} % ({b:.2g} %)" for a, b in zip(100 * median, 100 * rms, strict=True)]
+            cells = [f"{a:.2g} ({b:.2g})" for a, b in zip(100 * median, 100 * rms, strict=True)]
             value = f"{getattr(bench, field):g}"
             print(f"| {value} | {steps:.2g} | {' | '.join(cells)} |", flush=True)
 
