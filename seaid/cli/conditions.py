@@ -10,6 +10,7 @@ import typer
 from typer import Option
 
 from seaid.cli.messages import is_terminal, written
+from seaid.cli.mistakes import check_log_files
 from seaid.cli.options import LogOptions, ResultOptions, names
 from seaid.errors import by_severity
 
@@ -48,6 +49,7 @@ def conditions(
 
     paths = _logs_by_condition(condition)
     every = [path for found in paths.values() for path in found]
+    check_log_files(every, given.description)
     result.check(output, read=(*given.files, *every))
     robot = given.robot(given.known_body or ())
     found = identify_conditions(

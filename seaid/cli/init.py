@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from seaid.cli.messages import show
+from seaid.cli.mistakes import check_log_files, check_robot_files
 from seaid.cli.options import AsJson, Logs, RobotOptions, names, payload_of, vector
 
 
@@ -22,6 +23,8 @@ def init(
     """
     from seaid.project import write_first_project
 
+    check_robot_files(given.urdf, given.drives)
+    check_log_files(logs)
     found = write_first_project(
         given.urdf,
         logs,

@@ -9,6 +9,7 @@ import errno
 import io
 import json
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -144,7 +145,13 @@ def error_text(problem: BaseException | None) -> str:
 
 
 def option_of(argument: str) -> str:
-    """Return the option for an argument: '--method "two-step"' for 'method="two-step"'."""
+    """Return the option for an argument: '--method "two-step"' for 'method="two-step"'.
+
+    'Limits(velocity={'knee': ...})' is '--velocity knee=...'.
+    """
+    if "={'" in argument:
+        each = re.findall(r"(\w+)=\{'(.+?)': \.\.\.\}", argument)
+        return ", ".join(f"--{name.replace('_', '-')} {joint}=..." for name, joint in each)
     name, _, value = argument.removeprefix("Limits(").partition("=")
     option = f"--{name.replace('_', '-')}"
     has_value = value.startswith(("'", '"'))

@@ -17,6 +17,7 @@ from typer import Argument, Option
 
 import seaid
 from seaid.cli.messages import check_outputs, is_stdout, is_terminal, show
+from seaid.cli.mistakes import check_log_files, check_robot_files
 from seaid.errors import SEVERITIES, SeaidError, unknown_name
 
 if TYPE_CHECKING:
@@ -118,6 +119,7 @@ class RobotOptions:
         """Load the robot."""
         from seaid.robot import load_robot
 
+        check_robot_files(self.urdf, self.drives)
         return load_robot(
             self.urdf,
             self.drives,
@@ -154,6 +156,7 @@ class LogOptions(RobotOptions):
 
     def logs(self, paths: Sequence[Path], robot: Robot) -> list[Log]:
         """Read logs."""
+        check_joints("--torque-joints", names(self.torque_joints), robot)
         return logs_of(paths, robot, self.description, self.repair)
 
 
@@ -194,7 +197,7 @@ class IdentifyOptions(LogOptions):
 
     def keywords(self) -> dict[str, Any]:
         """Return the keyword arguments of `seaid.identify`."""
-        known_std = values("--known-std", self.known_std)
+        known_std = values("--known-std", self.known_std, "torque=0.03,payload=0.01")
         return {
             "torque_joints": names(self.torque_joints),
             "method": self.method,
@@ -342,7 +345,9 @@ def names(text: str | None) -> list[str] | None:
     return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
 
 
-def values(option: str, text: str | None) -> float | dict[str, float] | None:
+def values(
+    option: str, text: str | None, example: str = "knee=2,hip=1"
+) -> float | dict[str, float] | None:
     """Return one number, or {joint: number} of 'knee=2,hip=1'."""
     if text is None:
         return None
@@ -353,8 +358,15 @@ def values(option: str, text: str | None) -> float | dict[str, float] | None:
         return {joint.strip(): float(value) for joint, value in pairs}
     except ValueError:
         raise typer.BadParameter(
-            f"'{text}' is neither a number nor a list as knee=2,hip=1", param_hint=option
+            f"'{text}' is neither a number nor a list as {example}", param_hint=option
         ) from None
+
+
+def check_joints(option: str, joints: Iterable[str] | None, robot: Robot) -> None:
+    """Raise SeaidError for a joint that the robot has not."""
+    for joint in joints or ():
+        if joint not in robot.joint_names:
+            raise SeaidError(f"{option}: {unknown_name('joint', joint, robot.joint_names)}")
 
 
 def vector(option: str, text: str) -> list[float]:
@@ -396,6 +408,7 @@ def logs_of(
     from seaid.cli.defaults import project_here
     from seaid.project import log_at
 
+    check_log_files(paths, description)
     project = project_here()
     known = {one.path: one for one in (project.logs if project else ())}
     return [(known.get(path) or log_at(path)).read(robot, description, repair) for path in paths]

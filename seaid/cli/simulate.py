@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from seaid.cli.messages import is_terminal, written
-from seaid.cli.options import Output, ResultOptions, RobotOptions, checked_suffix, values
+from seaid.cli.options import (
+    Output,
+    ResultOptions,
+    RobotOptions,
+    check_joints,
+    checked_suffix,
+    values,
+)
 
 if TYPE_CHECKING:
     from seaid.robot import Robot
@@ -33,7 +40,6 @@ class NoiseOptions:
 
     def noise(self, robot: Robot) -> Noise:
         """Return the errors, with zero for joints that are not named."""
-        from seaid.errors import SeaidError, unknown_name
         from seaid.simulation import Noise
 
         found: dict[str, tuple[float, ...]] = {}
@@ -41,10 +47,7 @@ class NoiseOptions:
             option = f"--{name.replace('_', '-')}"
             number = values(option, text)
             given = number if isinstance(number, dict) else dict.fromkeys(robot.joint_names, number)
-            for joint in given:
-                if joint not in robot.joint_names:
-                    wrong = unknown_name("joint", joint, robot.joint_names)
-                    raise SeaidError(f"{option}: {wrong}")
+            check_joints(option, given, robot)
             unit = "Nm" if name == "torque_std" else "rad"
             found[f"{name}_{unit}"] = tuple(given.get(one) or 0.0 for one in robot.joint_names)
         return Noise(**found)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Option
 
 from seaid.cli.messages import is_terminal, written
-from seaid.cli.options import LogOptions, Logs, ResultOptions, names
+from seaid.cli.options import LogOptions, Logs, ResultOptions, check_joints, names
 
 if TYPE_CHECKING:
     from seaid.identification import TermComparison
@@ -37,6 +37,7 @@ def terms(
 
     result.check(output, read=(*given.files, *logs))
     robot = given.robot(given.known_body or ())
+    check_joints("--of", names(of), robot)
     selection = compare_terms(
         robot,
         given.logs(logs, robot),

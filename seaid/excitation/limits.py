@@ -143,9 +143,11 @@ def joint_limits(robot: Robot, limits: Limits | None = None) -> JointLimits:
     acceleration = positive_values(robot, "acceleration", limits.acceleration, default)
     for joint, low, high in zip(robot.joint_names, lower, upper, strict=True):
         if not low < high:
+            others = f"Limits(lower={{'{joint}': ...}}, upper={{'{joint}': ...}})"
             raise ExcitationError(
                 f"joint '{joint}': lower limit {low:.6g} must be less than upper limit {high:.6g}; "
-                f"give others by Limits(lower={{'{joint}': ...}}, upper={{'{joint}': ...}})"
+                f"give others by {others}",
+                others,
             )
     return JointLimits(lower, upper, velocity, acceleration)
 
@@ -193,7 +195,7 @@ def limit_values(
     wanted: Any = default if given is None else given
     if isinstance(given, Mapping):
         wanted = dict(zip(robot.joint_names, default, strict=True)) | dict(given)
-    wanted = per_joint(f"{name} limit", wanted, robot.joint_names)
+    wanted = per_joint(f"{name} limit", wanted, robot.joint_names, f"{name} limit")
     values = frozen(f"{name} limit", wanted, (robot.n,), ExcitationError)
     for joint, value in zip(robot.joint_names, values, strict=True):
         if not (np.isfinite(value) or (unlimited and value == np.inf)):
@@ -207,19 +209,23 @@ def limit_values(
         if np.isfinite(value) and abs(value) > _LARGEST:
             raise ExcitationError(
                 f"joint '{joint}': {name} limit must be from -{_LARGEST:g} to {_LARGEST:g}, found "
-                f"{value:.6g}; give another by "
-                f"Limits({name}={{'{joint}': ...}})"
+                f"{value:.6g}; give another by Limits({name}={{'{joint}': ...}})",
+                f"Limits({name}={{'{joint}': ...}})",
             )
     return values
 
 
-def per_joint(name: str, given: Any, joint_names: Sequence[str]) -> Any:
-    """Return the values of {joint: value} in the order of the joints, or the same for all."""
+def per_joint(name: str, given: Any, joint_names: Sequence[str], *arguments: str) -> Any:
+    """Return the values of {joint: value} in the order of the joints, or the same for all.
+
+    `arguments` are those of the error for an unknown joint.
+    """
     if not isinstance(given, Mapping):
         return [given] * len(joint_names) if np.ndim(given) == 0 else given
     for joint in given:
         if joint not in joint_names:
-            raise ExcitationError(f"{name}: " + unknown_name("joint", joint, joint_names))
+            wrong = unknown_name("joint", joint, joint_names)
+            raise ExcitationError(f"{name}: {wrong}", *arguments)
     missing = [joint for joint in joint_names if joint not in given]
     if missing:
         raise ExcitationError(
@@ -239,7 +245,8 @@ def positive_values(
             least = "zero" if value <= 0 else f"{_SMALLEST:g}"
             raise ExcitationError(
                 f"joint '{joint}': {name} limit must be more than {least}, found {value:.6g}; "
-                f"give another by Limits({name}={{'{joint}': ...}})"
+                f"give another by Limits({name}={{'{joint}': ...}})",
+                f"Limits({name}={{'{joint}': ...}})",
             )
     return values
 

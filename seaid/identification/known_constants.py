@@ -69,7 +69,8 @@ def check_known_std(known_std: Mapping[str, float]) -> None:
     """Raise IdentificationError for an unknown name or a standard deviation outside [0, 1]."""
     for name, std in known_std.items():
         if name not in KNOWN_STD:
-            raise IdentificationError(unknown_name("constant", name, KNOWN_STD), "known_std=")
+            wrong = unknown_name("constant", name, KNOWN_STD)
+            raise IdentificationError(f"known_std=: {wrong}", "known_std=")
         if not 0 <= std <= 1:
             raise IdentificationError(
                 f"known_std of '{name}' must be a relative standard deviation from 0 to 1, found "

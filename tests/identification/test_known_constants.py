@@ -77,7 +77,7 @@ def test_a_payload_of_uncertain_mass_moves_the_foot() -> None:
 @pytest.mark.parametrize(
     ("known_std", "message"),
     [
-        ({"mass": 0.1}, "no constant is named 'mass'"),
+        ({"mass": 0.1}, "known_std=: no constant is named 'mass'"),
         ({"torque": 2.0}, "known_std of 'torque' must be a relative standard deviation from 0 to"),
     ],
 )
