@@ -34,6 +34,8 @@ FILES = {
     "description": (".toml",),
     **dict.fromkeys(("logs", "log", "from_logs", "validation", "previous_logs"), LOGS),
     **dict.fromkeys(("trajectory", "parameters", "first", "second"), (".json",)),
+    "project": (".toml",),
+    "run": (".npz",),
     "package_dir": (),
 }
 """{argument: suffixes of its files}; folders are offered too."""

@@ -17,7 +17,7 @@ def check_robot_files(urdf: Path, drives: Path | None) -> None:
     if urdf.suffix.lower() in LOGS:
         raise SeaidError(
             f"'{urdf}' stands where the URDF belongs, and is a log by its name: the URDF comes "
-            "first, and then the logs"
+            "first, and then the logs; or have a seaid.toml here, which names it (seaid init)"
         )
     if urdf.suffix.lower() == ".toml":
         raise SeaidError(

@@ -291,10 +291,8 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
         values = with_project(context, values, positional)
         for name, metavar in required.items():
             if not values[name] and not (name == "urdf" and values.get("run")):
-                raise typer.BadParameter(
-                    "it is missing: name it, or have a seaid.toml here (seaid init)",
-                    param_hint=metavar,
-                )
+                here = ", or have a seaid.toml here (seaid init)" * (metavar in ("URDF", "LOG"))
+                raise typer.BadParameter(f"it is missing: name it{here}", param_hint=metavar)
         for name, group in groups.items():
             values[name] = annotations[name](**{field: values.pop(field) for field in group})
         command(**values)

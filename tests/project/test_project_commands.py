@@ -140,4 +140,6 @@ def test_without_project_and_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert said.code == 2
     assert "URDF: it is missing: name it, or have a seaid.toml here (seaid init)" in said.err
     assert "cannot read the project 'seaid.toml'" in refused("run")
-    assert "no URDF file at 'run.csv'" in refused("identify", "run.csv", "other.csv")
+    message = refused("identify", "run.csv", "other.csv")
+    assert "'run.csv' stands where the URDF belongs, and is a log by its name" in message
+    assert "have a seaid.toml here" in message
