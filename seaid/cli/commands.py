@@ -10,6 +10,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from seaid.cli.completion import completer_of
 from seaid.cli.defaults import PROJECT_FILE, set_defaults
 from seaid.cli.messages import begin, reported
 
@@ -91,7 +92,6 @@ class _Commands(TyperGroup):
 
 def command_of(name: str) -> Any:
     """Load a command; its help is the docstring, with one line per example."""
-    from seaid.cli.completion import completer_of
     from seaid.cli.options import with_groups
 
     word = name.replace("-", "_")
